@@ -1,0 +1,44 @@
+# `make demo` and `make test` install what they need, ROS 2 included, into .venv.
+VENV := .venv
+BIN := $(VENV)/bin
+RUN := runs/demo_$(shell date +%Y%m%d_%H%M%S)
+PYTHON ?= python3
+# Stay on this machine, so that demos on one network do not meet.
+export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
+
+.PHONY: demo test lint bench clean
+
+demo: $(VENV)/installed
+	$(BIN)/sparse_coord run env1 --steps 10000 --seed 7 --out $(RUN)
+	@echo
+	@$(BIN)/sparse_coord evaluate $(RUN) --trials 10000
+
+test: $(VENV)/installed
+	$(BIN)/python -m pytest
+
+lint: $(VENV)/installed
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+bench: $(VENV)/installed
+	$(BIN)/sparse_coord bench
+
+clean:
+	rm -rf $(VENV) build install log .pytest_cache .ruff_cache *.egg-info
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# Where ROS 2 is there already (rclpy imports), the environment uses it; elsewhere ROS 2 comes from PyPI.
+$(VENV)/installed: setup.py pyproject.toml Makefile
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "Python 3.11 or newer is needed; '$(PYTHON)' is older. Try: make PYTHON=python3.12 ..."; exit 2; }
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || \
+	  { echo "python3-venv is missing. Install it: sudo apt install python3-venv"; exit 2; }
+	@echo "installing into $(VENV) ..."
+	@if $(PYTHON) -c 'import rclpy' 2>/dev/null; then \
+	  $(PYTHON) -m venv --clear --system-site-packages $(VENV) && \
+	  $(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[test,lint]'; \
+	else \
+	  $(PYTHON) -m venv --clear $(VENV) && \
+	  $(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[ros,test,lint]'; \
+	fi
+	@touch $@

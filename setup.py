@@ -1,0 +1,43 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+from glob import glob
+
+from setuptools import find_packages, setup
+
+PACKAGE = "sparse_coord_ros"
+
+setup(
+    name=PACKAGE,
+    version="0.1.0",
+    description="Robots that learn when and how to coordinate (Melo & Veloso 2009), on ROS 2",
+    author="The sparse_coord_ros authors",
+    maintainer="The sparse_coord_ros authors",
+    maintainer_email="maintainers@users.noreply.h-seed-a49e4d57.example",
+    license="Apache-2.0",
+    python_requires=">=3.11",
+    packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (f"share/{PACKAGE}", ["package.xml"]),
+        (f"share/{PACKAGE}/config", glob("config/*.yaml")),
+        (f"share/{PACKAGE}/maps", glob("maps/*.txt")),
+        (f"share/{PACKAGE}/launch", glob("launch/*.launch.py")),
+    ],
+    zip_safe=False,
+    install_requires=["setuptools", "numpy", "PyYAML", "mcap>=1.6"],
+    extras_require={
+        # ROS 2 from PyPI, for machines that have none; never needed beside an installed ROS 2.
+        "ros": ["ros-jazzy-rclpy[fastrtps]", "ros-jazzy-common-interfaces"],
+        "test": ["pytest", "rosbags", "mcap-ros2-support"],
+        "lint": ["ruff"],
+    },
+    entry_points={
+        "console_scripts": [
+            "world_simulator = sparse_coord_ros.nodes.world_simulator:main",
+            "robot = sparse_coord_ros.nodes.robot:main",
+            "recorder = sparse_coord_ros.nodes.recorder:main",
+            "team = sparse_coord_ros.nodes.team:main",
+            "sparse_coord = sparse_coord_ros.cli.main:main",
+        ]
+    },
+)

@@ -1,0 +1,103 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`sparse_coord evaluate`: what learned tables are worth, beside the paper and the optimum."""
+
+import argparse
+from pathlib import Path
+
+from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.core.evaluation import Evaluation, Measure, evaluate
+from sparse_coord_ros.core.optimum import Optimum, joint_optimum
+from sparse_coord_ros.core.run_config import RUN_SETTINGS, RunConfig, load_run
+from sparse_coord_ros.core.settings import Setting
+from sparse_coord_ros.core.tables import load_team
+
+TRIALS = Setting("trials", int, 1000, "Monte-Carlo trials", low=1, high=10_000_000)
+PAPER_PENALTY = -20.0
+LEARNER_NAMES = {"coop": "Coop.", "noncoop": "Non-coop.", "indiv": "Indiv."}
+
+
+def add_parser(verbs) -> None:
+    """Add the verb."""
+    parser = shared.add_verb(
+        verbs,
+        "evaluate",
+        help="evaluate learned tables by Monte-Carlo trials, as in the paper",
+        example="sparse_coord train env1 --out runs/a && sparse_coord evaluate runs/a",
+    )
+    parser.add_argument("directory", metavar="DIR", type=Path, help="output of run or train")
+    parser.add_argument("--trials", default="1000", help="Monte-Carlo trials (default: 1000)")
+    parser.add_argument("--seed", default="0", help="seed of the trials (default: 0)")
+    shared.add_json(parser)
+    parser.set_defaults(execute=execute)
+
+
+def execute(options: argparse.Namespace) -> int:
+    """Run the verb."""
+    trials = TRIALS.parse(options.trials)
+    seed = RUN_SETTINGS["seed"].parse(options.seed)
+    run = load_run(options.directory)
+    tables = load_team(options.directory, run.scenario)
+    result = evaluate(run.scenario, tables, trials=trials, seed=seed)
+    optimum = joint_optimum(run.scenario)
+    bag = options.directory / "bag"
+    if options.json:
+        shared.print_json(
+            {
+                "scenario": run.scenario.name,
+                "learner": run.learner,
+                **result.to_dict(),
+                "paper": paper_row(run),
+                "optimum": optimum.value,
+                "optimum_exact": optimum.exact,
+            }
+        )
+        return 0
+    print(result_table(run, result, optimum))
+    if result.not_arrived:
+        print(f"in {result.not_arrived} of {trials} trials some robot did not arrive")
+    if bag.is_dir():
+        print(f"bag: {bag}")
+    return 0
+
+
+def paper_row(run: RunConfig) -> dict:
+    """Return what the paper prints for this run's learner, or nothing where it ran another game."""
+    return dict(run.scenario.paper.get(run.learner, {})) if same_game_as_paper(run) else {}
+
+
+def same_game_as_paper(run: RunConfig) -> bool:
+    """Whether the run's rewards are those of the paper's Tables 1 to 3."""
+    return run.scenario.penalty == PAPER_PENALTY
+
+
+def result_table(run: RunConfig, result: Evaluation, optimum: Optimum) -> str:
+    """Return the table that `evaluate` prints: ours, the paper's, the optimum."""
+    learner = LEARNER_NAMES[run.learner]
+    rows = [
+        [
+            f"{learner}, {result.trials} trials",
+            _pair(result.reward),
+            _pair(result.time_to_goal),
+            _pair(result.miscoordinations),
+            f"{result.asks.mean:.2f}",
+            f"{result.trials - result.not_arrived} of {result.trials}",
+        ]
+    ]
+    paper = paper_row(run)
+    if paper:
+        measures = ("reward", "time_to_goal", "miscoordinations")
+        cells = [
+            "{:.2f} ± {:.2f}".format(*paper[measure]) if measure in paper else "-"
+            for measure in measures
+        ]
+        rows.append([f"{learner}, paper", *cells, "-", "-"])
+    name = "exact joint optimum" if optimum.exact else "bound (robots alone)"
+    rows.append([name, f"{optimum.value:.2f}", "-", "-", "-", "-"])
+    head = ["reward", "time to goal", "miscoordinations", "asks", "all arrived"]
+    penalty = f"penalty {run.scenario.penalty:g}"
+    return shared.format_table([f"{run.scenario.name}, {penalty}", *head], rows)
+
+
+def _pair(measure: Measure) -> str:
+    return f"{measure.mean:.2f} ± {measure.spread:.2f}"

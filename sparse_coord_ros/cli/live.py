@@ -1,0 +1,119 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Starts the nodes of a live run: in this process, or each in its own."""
+
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+from rclpy.logging import LoggingSeverity, set_logger_level
+
+from sparse_coord_ros.core.run_config import create_output
+from sparse_coord_ros.errors import EXIT_BAD_INPUT, RunError
+from sparse_coord_ros.nodes.outputs import gather
+from sparse_coord_ros.nodes.parameters import (
+    RECORDER_PARAMETERS,
+    ROBOT_PARAMETERS,
+    TEAM_PARAMETERS,
+    WORLD_PARAMETERS,
+)
+from sparse_coord_ros.nodes.spin import Stop, ros_context, signals
+from sparse_coord_ros.nodes.team import BAG, run_team
+from sparse_coord_ros.nodes.world_simulator import run_from_parameters
+
+POLL_SECONDS = 0.05
+GRACE_SECONDS = 15.0
+"""How long a stopped process may take to save and close before it is killed."""
+
+
+def run(values: Mapping[str, Any], *, processes: bool, quiet: bool = False) -> dict[str, Any]:
+    """Run a team and return its summary.
+
+    Args:
+        values: some of `TEAM_PARAMETERS`, as texts or typed.
+        processes: every node in its own process instead of all in this one.
+        quiet: no progress lines.
+
+    Raises:
+        SparseCoordError: bad input.
+    """
+    values = {**TEAM_PARAMETERS.defaults(), **TEAM_PARAMETERS.parse(values)}
+    with signals() as stop:
+        if processes:
+            return _run_processes(values, stop, quiet)
+        with ros_context() as context:
+            if quiet:
+                set_logger_level("", LoggingSeverity.WARN)
+            return run_team(values, context=context, stop=lambda: bool(stop))
+
+
+def _run_processes(values: dict[str, Any], stop: Stop, quiet: bool) -> dict[str, Any]:
+    values["recorded"] = values["record"]
+    run = run_from_parameters(values)
+    out = create_output(Path(values["out"]))
+    world = {name: values[name] for name in WORLD_PARAMETERS}
+    robot = {name: values[name] for name in ROBOT_PARAMETERS}
+    recorder = {name: values[name] for name in RECORDER_PARAMETERS} | {"out": str(out / BAG)}
+    nodes = [("robot", r.name, robot) for r in run.scenario.robots]
+    nodes.insert(0, ("world_simulator", "world_simulator", world))
+    if values["record"]:
+        nodes.append(("recorder", "recorder", recorder))
+    with tempfile.TemporaryDirectory(prefix="sparse_coord_") as folder:
+        processes = []
+        try:
+            for module, name, parameters in nodes:
+                processes.append(_start(Path(folder), module, name, parameters, quiet))
+            interrupted = _wait(processes, stop)
+        finally:
+            _end(processes)
+    return gather(out, run.scenario, interrupted=interrupted)
+
+
+def _start(folder: Path, module: str, name: str, parameters: Mapping[str, Any], quiet: bool):
+    """Start a node in a session of its own: a Ctrl-C reaches it once, through this process."""
+    file = folder / f"{name}.yaml"
+    file.write_text(yaml.safe_dump({"/**": {"ros__parameters": dict(parameters)}}))
+    command = [sys.executable, "-m", f"sparse_coord_ros.nodes.{module}", "--ros-args"]
+    command += ["-r", f"__node:={name}", "--params-file", str(file)]
+    command += ["--log-level", "warn"] if quiet else []
+    return subprocess.Popen(command, start_new_session=True)
+
+
+def _wait(processes: list[subprocess.Popen], stop: Stop) -> bool:
+    """Wait for all processes; return whether they were stopped early."""
+    while any(process.poll() is None for process in processes):
+        if any(process.poll() == EXIT_BAD_INPUT for process in processes):
+            raise RunError("a node stopped because of bad input (see its line above)")
+        failed = [process for process in processes if process.poll() not in (None, 0)]
+        if failed:
+            raise RunError(
+                f"{failed[0].args[2]} ended with exit code {failed[0].returncode}; the others "
+                "were stopped, what they had is saved"
+            )
+        if stop:
+            _end(processes)
+            return True
+        time.sleep(POLL_SECONDS)
+    if any(process.returncode for process in processes):
+        raise RunError("a node ended with an error (see its line above)")
+    return False
+
+
+def _end(processes: list[subprocess.Popen]) -> None:
+    """Ask the processes that still run to end, the world first; kill what does not."""
+    deadline = time.monotonic() + GRACE_SECONDS
+    for process in processes:
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+    for process in processes:
+        try:
+            process.wait(max(0.1, deadline - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()

@@ -1,0 +1,51 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`sparse_coord maps`: the maps that the package ships, or one of them."""
+
+import argparse
+
+from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.core.grid import GridMap, load_map, map_names
+
+
+def add_parser(verbs) -> None:
+    """Add the verb."""
+    parser = shared.add_verb(
+        verbs, "maps", help="list the maps, or show one", example="sparse_coord maps env1"
+    )
+    parser.add_argument("name", metavar="NAME", nargs="?", help="a map's name or a map file")
+    shared.add_json(parser)
+    parser.set_defaults(execute=execute)
+
+
+def execute(options: argparse.Namespace) -> int:
+    """Run the verb."""
+    grids = [load_map(name) for name in ([options.name] if options.name else map_names())]
+    if options.json:
+        shared.print_json([_facts(grid) for grid in grids])
+    elif options.name:
+        grid = grids[0]
+        rows, columns = grid.shape
+        print(f"{grid.name}: {grid.title}\nsource: {grid.source}\nprovenance: {grid.provenance}")
+        print(f"{rows} x {columns}, {len(grid.cells)} cells, {len(grid.doorways)} doorways\n")
+        print("\n".join(grid.rows))
+    else:
+        rows = [
+            [g.name, str(len(g.cells)), str(len(g.doorways)), str(len(g.starts)), g.title]
+            for g in grids
+        ]
+        print(shared.format_table(["map", "cells", "doorways", "starts", "title"], rows))
+    return 0
+
+
+def _facts(grid: GridMap) -> dict:
+    return {
+        "name": grid.name,
+        "title": grid.title,
+        "source": grid.source,
+        "provenance": grid.provenance,
+        "rows": list(grid.rows),
+        "cells": len(grid.cells),
+        "doorways": [list(grid.cells[x]) for x in sorted(grid.doorways)],
+        "starts": {digit: list(grid.cells[x]) for digit, x in sorted(grid.starts.items())},
+    }

@@ -1,0 +1,39 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`sparse_coord optimum`: the exact joint optimum of a scenario."""
+
+import argparse
+from dataclasses import asdict
+
+from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.core.optimum import LARGEST, independent_bound, joint_optimum
+
+
+def add_parser(verbs) -> None:
+    """Add the verb."""
+    parser = shared.add_verb(
+        verbs,
+        "optimum",
+        help="compute the exact joint optimum: full joint state and action, no cost of asking",
+        example="sparse_coord optimum env1 --penalty -100",
+    )
+    shared.add_scenario(parser)
+    shared.add_json(parser)
+    parser.set_defaults(execute=execute)
+
+
+def execute(options: argparse.Namespace) -> int:
+    """Run the verb."""
+    scenario = shared.scenario_of(options)
+    optimum = joint_optimum(scenario)
+    bound = independent_bound(scenario)
+    if options.json:
+        shared.print_json({"scenario": scenario.name, **asdict(optimum), "robots_alone": bound})
+        return 0
+    print(f"{scenario.name}, penalty {scenario.penalty:g}, {optimum.joint_states} joint states")
+    if optimum.exact:
+        print(f"exact joint optimum  {optimum.value:.2f}")
+    else:
+        print(f"exact joint optimum  not computed: more than {LARGEST} joint states")
+    print(f"bound (robots alone) {bound:.2f}")
+    return 0

@@ -1,0 +1,102 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Options and output that several verbs share."""
+
+import argparse
+import json
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from sparse_coord_ros.core.scenario import Scenario, load_scenario, scenario_names
+from sparse_coord_ros.core.settings import parse_assignments
+
+
+def add_verb(verbs, name: str, *, help: str, example: str) -> argparse.ArgumentParser:
+    """Add a verb's parser, with a working example below its help."""
+    return verbs.add_parser(
+        name,
+        help=help,
+        description=f"{help[0].upper()}{help[1:]}.",
+        epilog=f"example:\n  {example}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+
+
+def add_scenario(parser: argparse.ArgumentParser) -> None:
+    """Add SCENARIO and the options that change it."""
+    parser.add_argument(
+        "scenario",
+        metavar="SCENARIO",
+        help=f"path of a scenario file, or one of: {', '.join(scenario_names())}",
+    )
+    parser.add_argument("--penalty", help="r^C of a miscoordination, e.g. -20")
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        dest="assignments",
+        help="change a scenario setting, e.g. perception=probability:0.7; may be repeated",
+    )
+
+
+def add_learning(parser: argparse.ArgumentParser) -> None:
+    """Add the options of a learning run."""
+    parser.add_argument("--steps", help="step budget in transitions (default: the scenario's)")
+    parser.add_argument("--seed", default="0", help="seed of every random draw (default: 0)")
+    parser.add_argument(
+        "--out", type=Path, help="output directory, must not exist (default: runs/<name>_<time>)"
+    )
+
+
+def add_json(parser: argparse.ArgumentParser) -> None:
+    """Add --json."""
+    parser.add_argument("--json", action="store_true", help="print one JSON object for machines")
+
+
+def settings_of(options: argparse.Namespace) -> dict[str, str]:
+    """Return the scenario settings that the options change.
+
+    Raises:
+        SettingError: a --set without '='.
+    """
+    values = parse_assignments(options.assignments)
+    for name in ("penalty", "steps"):
+        if getattr(options, name, None) is not None:
+            values[name] = getattr(options, name)
+    return values
+
+
+def scenario_of(options: argparse.Namespace) -> Scenario:
+    """Return the scenario that the options describe.
+
+    Raises:
+        ScenarioError: no such scenario, or a malformed one.
+        SettingError: a bad --set, --penalty or --steps.
+    """
+    return load_scenario(options.scenario).with_settings(settings_of(options))
+
+
+def output_directory(options: argparse.Namespace, name: str) -> Path:
+    """Return the output directory: --out, or one with a time stamp."""
+    return options.out or Path("runs") / f"{name}_{datetime.now():%Y%m%d_%H%M%S}"
+
+
+def print_json(data: Any) -> None:
+    """Print one JSON object."""
+    print(json.dumps(data, indent=2))
+
+
+def format_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a text table, first column left, others right."""
+    table = [list(head), *[list(row) for row in rows]]
+    widths = [max(len(row[column]) for row in table) for column in range(len(head))]
+    lines = []
+    for row in table:
+        cells = [row[0].ljust(widths[0])]
+        cells += [cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True)]
+        lines.append("  ".join(cells).rstrip())
+    lines.insert(1, "  ".join("-" * width for width in widths))
+    return "\n".join(lines)

@@ -1,0 +1,86 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`sparse_coord run`: a team learns live over ROS 2."""
+
+import argparse
+
+from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.core.run_config import RUN_SETTINGS
+from sparse_coord_ros.errors import RunError
+
+
+def add_parser(verbs) -> None:
+    """Add the verb."""
+    parser = shared.add_verb(
+        verbs,
+        "run",
+        help="let a team learn live over ROS 2 nodes, topics and services, recorded to MCAP",
+        example="sparse_coord run env1 --steps 2000 --seed 7",
+    )
+    shared.add_scenario(parser)
+    shared.add_learning(parser)
+    parser.add_argument(
+        "--learner", choices=("coop", "noncoop"), default="coop", help="default: coop, Algorithm 1"
+    )
+    parser.add_argument(
+        "--executor",
+        choices=("events", "single"),
+        default="events",
+        help="what runs the callbacks (default: events)",
+    )
+    parser.add_argument("--processes", action="store_true", help="every node in its own process")
+    parser.add_argument("--rate", default="0", metavar="HZ", help="time steps a second, to watch")
+    parser.add_argument("--no-record", action="store_true", help="write no bag")
+    parser.add_argument("--tables", metavar="DIR", help="begin with the tables of that run")
+    parser.add_argument("--greedy", action="store_true", help="act on --tables without learning")
+    shared.add_json(parser)
+    parser.set_defaults(execute=execute)
+
+
+def execute(options: argparse.Namespace) -> int:
+    """Run the verb."""
+    try:
+        import rclpy  # noqa: F401
+    except ImportError as error:
+        raise RunError(
+            f"ROS 2 is not there ({error}); source a ROS 2 Jazzy installation, install this "
+            "package with the extra 'ros' (pip install '.[ros]'), or use 'sparse_coord train'"
+        ) from None
+    from sparse_coord_ros.cli import live
+
+    scenario = shared.scenario_of(options)
+    if options.greedy and not options.tables:
+        raise RunError("--greedy needs --tables DIR, the output directory of a run to act on")
+    RUN_SETTINGS.parse({"seed": options.seed})
+    out = shared.output_directory(options, scenario.name)
+    values = {
+        "scenario": options.scenario,
+        "set": [f"{name}={value}" for name, value in shared.settings_of(options).items()] or [""],
+        "seed": options.seed,
+        "learner": options.learner,
+        "executor": options.executor,
+        "rate": options.rate,
+        "out": str(out),
+        "record": not options.no_record,
+        "tables": options.tables or "",
+        "greedy": options.greedy,
+    }
+    summary = live.run(values, processes=options.processes, quiet=options.json)
+    if options.json:
+        shared.print_json({"directory": str(out), **summary})
+    else:
+        _print(out, summary, recorded=not options.no_record)
+    return 130 if summary["interrupted"] else 0
+
+
+def _print(out, summary, *, recorded: bool) -> None:
+    print(
+        f"\n{summary.get('transitions', 0)} steps in {summary.get('seconds', 0)} s: "
+        f"{summary.get('steps_per_second', 0)} steps/s, {summary.get('episodes', 0)} episodes, "
+        f"{summary.get('timeouts', 0)} timeouts"
+    )
+    for robot, asks in summary.get("asks", {}).items():
+        print(f"{robot} asked: " + ", ".join(f"{count} {how}" for how, count in asks.items()))
+    print(f"tables  {out / 'tables.npz'}\nrun     {out / 'run.yaml'}")
+    if recorded:
+        print(f"bag     {out / 'bag'}")

@@ -1,0 +1,186 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""One agent of Algorithm 1: its two tables and what it does with them.
+
+The robot node and the simulation without ROS drive this same object; the numbers come from the
+functions of `algorithm`.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from sparse_coord_ros.core.algorithm import (
+    ACTIONS,
+    COORDINATE,
+    PRIMITIVES,
+    epsilon_greedy,
+    greatest,
+    greedy,
+    updated,
+)
+from sparse_coord_ros.core.scenario import Scenario
+from sparse_coord_ros.core.schedules import exploration, step_sizes
+from sparse_coord_ros.core.streams import (
+    EXPLORE,
+    EXPLORED_ACTION,
+    LEARNING,
+    PEER,
+    POLICY,
+    PRIMITIVE_TIE,
+    TIE,
+    Stream,
+)
+from sparse_coord_ros.core.world import Action
+
+LEARNERS = ("coop", "noncoop", "indiv")
+"""Algorithm 1 and the paper's two baselines: Q-learning of all robots at once, and of one alone."""
+
+NOBODY = -1
+
+
+class Tables(NamedTuple):
+    """What one agent has learned.
+
+    Attributes:
+        q_star: Q*_k, shape (cells, 5), float64; column 4 (COORDINATE) is NaN for a baseline.
+        q_coord: Q^C_k, shape (cells, cells, 4), float64; first index the own cell.
+    """
+
+    q_star: np.ndarray
+    q_coord: np.ndarray
+
+
+def initial_tables(scenario: Scenario, learner: str) -> Tables:
+    """Return the tables before learning (Algorithm 1, line 1)."""
+    cells = len(scenario.map.cells)
+    q_star = np.full((cells, len(ACTIONS)), scenario.q_star_init)
+    if learner != "coop":
+        q_star[:, COORDINATE] = np.nan
+    return Tables(q_star, np.full((cells, cells, PRIMITIVES), scenario.q_coord_init))
+
+
+class Decision(NamedTuple):
+    """An agent's choice at a time step, before active perception.
+
+    Attributes:
+        action: A_k(t), 0 to 4.
+        peer: the agent to ask where the action is COORDINATE, else -1.
+    """
+
+    action: int
+    peer: int
+
+
+class Agent:
+    """Agent k: chooses by pi_epsilon and pi_g, learns by QLUpdate.
+
+    Args:
+        scenario: the problem; of it the agent uses the sizes, the learning protocol and which
+            cell ends its episodes.
+        number: k, from 0.
+        seed: the run's seed.
+        learner: "coop" (Algorithm 1), "noncoop" or "indiv" (four actions).
+        tables: tables to go on from; initial ones where None.
+        learning: False: act greedily and never update.
+        phase: LEARNING or EVALUATION: which random draws the agent uses.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        number: int,
+        seed: int,
+        *,
+        learner: str = "coop",
+        tables: Tables | None = None,
+        learning: bool = True,
+        phase: int = LEARNING,
+    ) -> None:
+        self.number = number
+        self.learning = learning
+        self.goal = scenario.robots[number].goal
+        self.actions = len(ACTIONS) if learner == "coop" else PRIMITIVES
+        self.tables = initial_tables(scenario, learner) if tables is None else tables
+        self._peers = [k for k in range(len(scenario.robots)) if k != number]
+        self._draws = Stream(seed, number, POLICY, phase)
+        self._epsilon = exploration(scenario.epsilon, scenario.steps).tolist()
+        self._step_sizes = step_sizes(scenario.step_size, scenario.steps).tolist()
+        self._discount = scenario.discount
+        self._goal_value = scenario.goal_value
+        self._star_updates = np.zeros(self.tables.q_star.shape, dtype=np.int64)
+        self._coord_updates = np.zeros(self.tables.q_coord.shape, dtype=np.int64)
+
+    def epsilon(self, step: int) -> float:
+        """Return the probability of exploring at a time step; 0 without learning."""
+        if not self.learning:
+            return 0.0
+        return self._epsilon[min(step, len(self._epsilon) - 1)]
+
+    def decide(self, step: int, cell: int) -> Decision:
+        """Choose A_k(t) (Algorithm 1, line 4)."""
+        draws = self._draws.at(step)
+        values = self.tables.q_star[cell].tolist()
+        action = epsilon_greedy(
+            values,
+            self.actions,
+            self.epsilon(step),
+            draws[EXPLORE],
+            draws[EXPLORED_ACTION],
+            draws[TIE],
+        )
+        if action != COORDINATE or not self._peers:
+            return Decision(action, NOBODY)
+        return Decision(action, self._peers[int(draws[PEER] * len(self._peers))])
+
+    def act(self, step: int, cell: int, decision: Decision, peer_cell: int | None) -> Action:
+        """Turn the decision into a primitive action (Algorithm 1, lines 5 to 10).
+
+        Args:
+            step: t.
+            cell: X_k(t).
+            decision: what `decide` returned for this step.
+            peer_cell: the perceived local state of the peer; None where ActivePercept is FALSE.
+        """
+        if decision.action != COORDINATE:
+            return Action(decision.action, False, NOBODY, False)
+        tie = self._draws.at(step)[PRIMITIVE_TIE]
+        if peer_cell is None:
+            move = greedy(self.tables.q_star[cell].tolist(), PRIMITIVES, tie)
+        else:
+            move = greedy(self.tables.q_coord[cell, peer_cell].tolist(), PRIMITIVES, tie)
+        return Action(move, True, decision.peer, peer_cell is not None)
+
+    def learn(
+        self, cell: int, decision: Decision, action: Action, peer_cell, reward: float, next_cell: int
+    ) -> None:
+        """Update Q^C, then Q* (Algorithm 1, lines 12 to 14 and 18).
+
+        Both bootstrap on max_b Q*(y, b) over all actions, or on the goal's value.
+
+        Args:
+            cell: X_k(t).
+            decision: A_k(t).
+            action: the primitive action that it became.
+            peer_cell: the perceived local state of the peer, or None.
+            reward: R_k(t), all parts together.
+            next_cell: X_k(t+1).
+        """
+        if not self.learning:
+            return
+        q_star, q_coord = self.tables
+        if next_cell == self.goal:
+            bootstrap = self._goal_value
+        else:
+            bootstrap = greatest(q_star[next_cell].tolist(), self.actions)
+        if peer_cell is not None:
+            self._update(
+                q_coord, self._coord_updates, (cell, peer_cell, action.move), reward, bootstrap
+            )
+        self._update(q_star, self._star_updates, (cell, decision.action), reward, bootstrap)
+
+    def _update(self, table, updates, entry, reward, bootstrap) -> None:
+        count = int(updates[entry]) + 1
+        updates[entry] = count
+        alpha = self._step_sizes[min(count, len(self._step_sizes) - 1)]
+        table[entry] = updated(float(table[entry]), alpha, reward, self._discount, bootstrap)

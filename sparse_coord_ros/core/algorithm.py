@@ -1,0 +1,79 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Algorithm 1 of Melo & Veloso (AAMAS 2009): its choices and its update, once for every user.
+
+Plain functions over NumPy arrays: the robot node, the simulation without ROS and whatever checks
+them call these same objects. Q* has shape (cells, 5), Q^C shape (cells, cells, 4); for the
+baselines, which know no COORDINATE, Q* uses its first four columns.
+"""
+
+NORTH, SOUTH, EAST, WEST, COORDINATE = range(5)
+ACTIONS = ("north", "south", "east", "west", "coordinate")
+PRIMITIVES = 4
+"""Number of primitive actions; COORDINATE comes after them."""
+
+
+def greedy(values, count, tie):
+    """Return the greedy action pi_g: uniform among the exact maxima of the first `count` values.
+
+    Args:
+        values: one row of a table.
+        count: how many actions compete.
+        tie: draw in [0, 1) that decides between ties.
+    """
+    best = values[0]
+    ties = 1
+    for action in range(1, count):
+        value = values[action]
+        if value > best:
+            best = value
+            ties = 1
+        elif value == best:
+            ties += 1
+    chosen = int(tie * ties)
+    for action in range(count):
+        if values[action] == best:
+            if chosen == 0:
+                return action
+            chosen -= 1
+    return 0
+
+
+def epsilon_greedy(values, count, epsilon, explore, explored_action, tie):
+    """Return the action of the learning policy pi_epsilon (Algorithm 1, line 4).
+
+    Args:
+        values: Q*(x, .).
+        count: 5 with COORDINATE, 4 for the baselines.
+        epsilon: probability of a uniformly drawn action.
+        explore: draw in [0, 1): below epsilon the agent explores.
+        explored_action: draw in [0, 1) that picks the explored action.
+        tie: draw in [0, 1) that decides between ties.
+    """
+    if explore < epsilon:
+        return int(explored_action * count)
+    return greedy(values, count, tie)
+
+
+def greatest(values, count):
+    """Return the maximum of the first `count` values: max_b Q'(y, b) of QLUpdate."""
+    best = values[0]
+    for action in range(1, count):
+        if values[action] > best:
+            best = values[action]
+    return best
+
+
+def updated(value, step_size, reward, discount, bootstrap):
+    """Return the new table entry of QLUpdate (paper, Section 3.2; equation 3).
+
+    Q(x, a) = (1 - alpha) Q(x, a) + alpha (r + gamma max_b Q'(y, b))
+
+    Args:
+        value: Q(x, a).
+        step_size: alpha.
+        reward: r.
+        discount: gamma.
+        bootstrap: max_b Q'(y, b), or the goal's value where y is the goal.
+    """
+    return (1.0 - step_size) * value + step_size * (reward + discount * bootstrap)

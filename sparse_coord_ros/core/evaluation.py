@@ -1,0 +1,142 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Monte-Carlo evaluation of learned tables: the paper's three measures (Section 4).
+
+All policies are evaluated greedily "in the original problem", all robots moving at once.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from sparse_coord_ros.core.agent import Agent, Tables
+from sparse_coord_ros.core.scenario import Scenario
+from sparse_coord_ros.core.simulation import Team
+from sparse_coord_ros.core.streams import EVALUATION
+from sparse_coord_ros.core.world import World
+from sparse_coord_ros.errors import TablesError
+
+
+@dataclass(frozen=True)
+class Measure:
+    """Mean, spread over single robots and trials (the paper's ±), and standard error of the mean.
+
+    The standard error treats trials as independent and the robots of one trial as dependent.
+    """
+
+    mean: float
+    spread: float
+    standard_error: float
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What a team is worth.
+
+    Attributes:
+        trials: Monte-Carlo trials.
+        reward: total discounted reward a robot: goal paid from arrival on for ever, penalties,
+            costs of asking.
+        time_to_goal: steps until arrival; the horizon for a robot that does not arrive.
+        miscoordinations: steps of a trial that end in a miscoordination.
+        asks: how often a robot chose COORDINATE in a trial.
+        not_arrived: trials in which some robot did not arrive within the horizon.
+    """
+
+    trials: int
+    reward: Measure
+    time_to_goal: Measure
+    miscoordinations: Measure
+    asks: Measure
+    not_arrived: int
+
+    def to_dict(self) -> dict:
+        """Return plain data."""
+        return asdict(self)
+
+
+def evaluate(
+    scenario: Scenario, tables: Sequence[Tables], *, trials: int, seed: int
+) -> Evaluation:
+    """Play greedy trials from the scenario's starts.
+
+    Args:
+        scenario: the problem.
+        tables: the tables of every robot; a NaN COORDINATE column marks a baseline.
+        trials: how many trials, >= 1.
+        seed: seed of the trials' draws, independent of the draws of learning.
+
+    Raises:
+        TablesError: the tables do not fit the scenario.
+    """
+    check_tables(scenario, tables)
+    agents = [
+        Agent(
+            scenario,
+            k,
+            seed,
+            learner="noncoop" if np.isnan(table.q_star[0, -1]) else "coop",
+            tables=table,
+            learning=False,
+            phase=EVALUATION,
+        )
+        for k, table in enumerate(tables)
+    ]
+    world = World(scenario, seed, phase=EVALUATION, max_steps=scenario.horizon)
+    team = Team(scenario, seed, agents, phase=EVALUATION)
+    shape = (trials, len(tables))
+    reward, times, asks = np.zeros(shape), np.full(shape, float(scenario.horizon)), np.zeros(shape)
+    conflicts, not_arrived = np.zeros(trials), 0
+    for trial in range(trials):
+        world.begin_episode()
+        over, discount, elapsed = False, 1.0, 0
+        while not over:
+            _, actions = team.act(world)
+            outcome = world.advance(actions)
+            elapsed += 1
+            for k, parts in enumerate(outcome.rewards):
+                reward[trial, k] += discount * (parts.common + parts.ask_cost)
+                asks[trial, k] += actions[k] is not None and actions[k].asked
+            for k in outcome.arrived:
+                times[trial, k] = elapsed
+                reward[trial, k] += discount * scenario.goal_reward / (1.0 - scenario.discount)
+            conflicts[trial] += outcome.miscoordination
+            discount *= scenario.discount
+            over = outcome.episode_over
+        not_arrived += not all(world.arrived)
+    return Evaluation(
+        trials=trials,
+        reward=_measure(reward),
+        time_to_goal=_measure(times),
+        miscoordinations=_measure(conflicts[:, None]),
+        asks=_measure(asks),
+        not_arrived=not_arrived,
+    )
+
+
+def check_tables(scenario: Scenario, tables: Sequence[Tables]) -> None:
+    """Raise `TablesError` unless there is one pair of tables of the right shapes for each robot."""
+    cells = len(scenario.map.cells)
+    if len(tables) != len(scenario.robots):
+        raise TablesError(
+            f"tables of {len(tables)} robots for scenario {scenario.name}, which has "
+            f"{len(scenario.robots)}; use the tables of a run of this scenario"
+        )
+    for k, table in enumerate(tables, start=1):
+        for name, array, shape in (
+            (f"q_star_{k}", table.q_star, (cells, 5)),
+            (f"q_coord_{k}", table.q_coord, (cells, cells, 4)),
+        ):
+            if array.shape != shape:
+                raise TablesError(
+                    f"{name} has shape {array.shape}, scenario {scenario.name} needs {shape}; use "
+                    "the tables of a run on the same map"
+                )
+
+
+def _measure(values: np.ndarray) -> Measure:
+    means = values.mean(axis=1)
+    error = means.std(ddof=1) / math.sqrt(len(means)) if len(means) > 1 else math.nan
+    return Measure(float(values.mean()), float(values.std()), float(error))

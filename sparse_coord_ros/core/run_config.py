@@ -1,0 +1,159 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a run is: scenario, seed, learner and timing, as one object and as `run.yaml`.
+
+The world simulator publishes this text once, latched, on the topic `run`; robots and recorder
+need nothing else, and the log holds it too.
+"""
+
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from sparse_coord_ros import __version__
+from sparse_coord_ros.core.agent import LEARNERS
+from sparse_coord_ros.core.scenario import Scenario, parse_yaml, scenario_from_dict
+from sparse_coord_ros.core.settings import Setting, SettingTable
+from sparse_coord_ros.errors import RunError, SettingError
+
+RUN_SETTINGS = SettingTable(
+    [
+        Setting("seed", int, 0, "seed of every random draw", low=0, high=2**63 - 1),
+        Setting(
+            "learner",
+            str,
+            "coop",
+            "coop: Algorithm 1; noncoop: Q-learning of all robots at once",
+            choices=LEARNERS,
+        ),
+        Setting("greedy", bool, False, "act on learned tables, without exploring or learning"),
+        Setting("step_period", float, 0.1, "simulated seconds a time step", low=1e-3, high=3600),
+        Setting("resolution", float, 1.0, "metres a cell", low=1e-3, high=1000),
+        Setting("step_timeout", float, 5.0, "seconds until a silent robot is left out", low=0.1),
+        Setting(
+            "percept_timeout",
+            float,
+            2.0,
+            "seconds until an unanswered request is a failed percept",
+            low=0.05,
+        ),
+        Setting("recorded", bool, False, "do not start before a recorder listens"),
+    ]
+)
+"""Parameters of a run that belong to no scenario."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunConfig:
+    """A run; its fields are described in `RUN_SETTINGS`.
+
+    `versions` names what computed it.
+    """
+
+    scenario: Scenario
+    seed: int = 0
+    learner: str = "coop"
+    greedy: bool = False
+    step_period: float = 0.1
+    resolution: float = 1.0
+    step_timeout: float = 5.0
+    percept_timeout: float = 2.0
+    recorded: bool = False
+    versions: Mapping[str, str]
+
+    def to_yaml(self) -> str:
+        """Return the text of `run.yaml`; `run_from_yaml` reads it back."""
+        data: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
+        data["scenario"] = self.scenario.to_dict()
+        data["versions"] = dict(self.versions)
+        return yaml.safe_dump(data, sort_keys=False, allow_unicode=True)
+
+
+def make_run(scenario: Scenario, values: Mapping[str, object]) -> RunConfig:
+    """Build a run of this software's versions.
+
+    Args:
+        scenario: the problem.
+        values: some of `RUN_SETTINGS`; the others take their defaults.
+
+    Raises:
+        SettingError: an unknown name or a bad value.
+    """
+    settings = {**RUN_SETTINGS.defaults(), **RUN_SETTINGS.parse(values)}
+    if settings["percept_timeout"] >= settings["step_timeout"]:
+        raise SettingError(
+            f"setting percept_timeout: value is {settings['percept_timeout']:g}, allowed: less "
+            f"than step_timeout ({settings['step_timeout']:g})"
+        )
+    return RunConfig(scenario=scenario, versions=versions(), **settings)
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of what a run's numbers depend on."""
+    return {
+        "sparse_coord_ros": __version__,
+        "numpy": np.__version__,
+        "python": platform.python_version(),
+    }
+
+
+def run_from_yaml(text: str, *, where: str) -> RunConfig:
+    """Read a run back.
+
+    Raises:
+        RunError: a field is missing or unknown.
+        ScenarioError: not YAML, or the scenario in it is malformed.
+        SettingError: a bad value.
+    """
+    data = parse_yaml(text, where=where)
+    known = {f.name for f in fields(RunConfig)}
+    if set(data) != known or not all(isinstance(data[n], dict) for n in ("scenario", "versions")):
+        raise RunError(
+            f"{where}: is not a run.yaml of this version: fields {sorted(set(data) ^ known)} are "
+            "missing or unknown; use the file that run or train wrote"
+        )
+    scenario = scenario_from_dict(data["scenario"], where=f"{where} (scenario)", name="scenario")
+    settings = RUN_SETTINGS.parse({n: data[n] for n in RUN_SETTINGS})
+    return RunConfig(scenario=scenario, versions=data["versions"], **settings)
+
+
+def load_run(directory: Path) -> RunConfig:
+    """Read `run.yaml` of a run's output directory.
+
+    Raises:
+        RunError: there is none, or it is not one of this version.
+    """
+    path = directory / "run.yaml"
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        raise RunError(
+            f"{directory}: no readable run.yaml there; give the output directory of "
+            "'sparse_coord run' or 'sparse_coord train'"
+        ) from None
+    return run_from_yaml(text, where=str(path))
+
+
+def create_output(directory: Path) -> Path:
+    """Create a run's output directory and return it.
+
+    Raises:
+        RunError: it exists already (nothing is overwritten) or cannot be created.
+    """
+    try:
+        directory.mkdir(parents=True)
+    except FileExistsError:
+        raise RunError(
+            f"output directory {directory}: exists already, nothing is overwritten; choose "
+            "another one or remove it"
+        ) from None
+    except OSError as error:
+        raise RunError(
+            f"output directory {directory}: cannot be created ({error.strerror}); choose another"
+        ) from None
+    return directory

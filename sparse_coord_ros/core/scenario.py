@@ -1,0 +1,290 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Scenarios: map, robots, rewards, dynamics, perception and learning protocol as one object."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from sparse_coord_ros.core.grid import UNREACHABLE, GridMap, load_map, parse_map
+from sparse_coord_ros.core.perception import PERCEPTION
+from sparse_coord_ros.core.schedules import EPSILON, STEP_SIZE
+from sparse_coord_ros.core.settings import Setting, SettingTable
+from sparse_coord_ros.core.share import share_file, share_names
+from sparse_coord_ros.core.specs import Number, Spec, SpecFamily
+from sparse_coord_ros.errors import MapError, ScenarioError, SettingError, did_you_mean
+
+STARTS = SpecFamily("starts", {"fixed": (), "random": (), "mixed": (Number("p_random", 0, 1),)})
+"""Where learning episodes begin: the scenario's starts, any free cell, or a mix by robot."""
+
+SETTINGS = SettingTable(
+    [
+        Setting("steps", int, 10_000, "step budget of learning, in transitions", low=1),
+        Setting("goal_reward", float, 10.0, "r^I paid on arrival and each step after it", low=0),
+        Setting("penalty", float, -20.0, "r^C of one miscoordination, paid to all", high=0),
+        Setting("ask_cost", float, 1.0, "cost of choosing COORDINATE, answered or not", low=0),
+        Setting("discount", float, 0.95, "gamma", low=0, high=0.999999),
+        Setting("move_success", float, 0.8, "probability that a move succeeds", low=0.01, high=1),
+        Setting(
+            "conflict",
+            str,
+            "same_cell",
+            "when a step is a miscoordination: two robots in the same doorway, or in any doorways",
+            choices=("same_cell", "any_doorway"),
+        ),
+        Setting("perception", PERCEPTION, "always", "when the percept of COORDINATE succeeds"),
+        Setting("max_steps", int, 1000, "a learning episode ends after as many steps", low=1),
+        Setting("horizon", int, 100, "an evaluation trial ends after as many steps", low=1),
+        Setting("starts", STARTS, "random", "start cells of learning episodes"),
+        Setting("step_size", STEP_SIZE, "power:0.6", "alpha of QLUpdate"),
+        Setting("epsilon", EPSILON, "linear:1:0.05:0.8", "exploration of pi_epsilon"),
+        Setting("q_star_init", float, 0.0, "initial value of Q*"),
+        Setting("q_coord_init", float, 200.0, "initial value of Q^C"),
+        Setting(
+            "goal_value",
+            float,
+            200.0,
+            "value of being at the goal while learning: 200 = absorbing goal that pays 10 a "
+            "step for ever, 0 = a single payment",
+        ),
+    ]
+)
+"""Every setting of a scenario that `--set` and the `set` parameter can change."""
+
+
+@dataclass(frozen=True)
+class Robot:
+    """One robot of a scenario: its name, start cell and goal cell (cell numbers)."""
+
+    name: str
+    start: int
+    goal: int
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One learning problem and its protocol; the settings are described in `SETTINGS`."""
+
+    name: str
+    map: GridMap
+    robots: tuple[Robot, ...]
+    paper: Mapping[str, Mapping[str, Any]] = field(compare=False)
+    steps: int
+    goal_reward: float
+    penalty: float
+    ask_cost: float
+    discount: float
+    move_success: float
+    conflict: str
+    perception: Spec
+    max_steps: int
+    horizon: int
+    starts: Spec
+    step_size: Spec
+    epsilon: Spec
+    q_star_init: float
+    q_coord_init: float
+    goal_value: float
+
+    def with_settings(self, values: Mapping[str, object]) -> "Scenario":
+        """Return a copy with some settings changed; values may be texts.
+
+        Raises:
+            SettingError: an unknown name or a bad value.
+        """
+        return replace(self, **SETTINGS.parse(values))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data, the map's text included; `scenario_from_dict` reads it back."""
+        place = {x: list(position) for x, position in enumerate(self.map.cells)}
+        settings = {name: getattr(self, name) for name in SETTINGS}
+        return {
+            "name": self.name,
+            "map": {"name": self.map.name, "text": self.map.to_text()},
+            "robots": {r.name: {"start": place[r.start], "goal": place[r.goal]} for r in self.robots},
+            **{n: str(v) if isinstance(v, Spec) else v for n, v in settings.items()},
+            "paper": {learner: dict(row) for learner, row in self.paper.items()},
+        }
+
+
+PAPER_LEARNERS = ("indiv", "noncoop", "coop")
+PAPER_MEASURES = ("reward", "time_to_goal", "miscoordinations")
+FILE_KEYS = ("name", "map", "robots", "paper", *SETTINGS)
+
+
+def scenario_names() -> list[str]:
+    """Return the names of the scenarios that the package ships, sorted."""
+    return share_names("config", ".yaml")
+
+
+def load_scenario(name: str) -> Scenario:
+    """Read a scenario by the name of a shipped one or by the path of a scenario file.
+
+    Raises:
+        ScenarioError: there is no such scenario, or it is malformed.
+        MapError: its map is missing or malformed.
+    """
+    path = Path(name)
+    if not path.is_file():
+        shipped = share_file("config", f"{name}.yaml")
+        if shipped is None:
+            raise ScenarioError(
+                f"scenario {name!r}: no such scenario{did_you_mean(name, scenario_names())}; give "
+                f"the path of a scenario file or one of: {', '.join(scenario_names())}"
+            )
+        path = shipped
+    return scenario_from_dict(read_yaml(path), where=str(path), name=path.stem, beside=path.parent)
+
+
+def read_yaml(path: Path) -> dict[str, Any]:
+    """Read a YAML file whose top level is a mapping.
+
+    Raises:
+        ScenarioError: not readable, not YAML, or not a mapping.
+    """
+    try:
+        return parse_yaml(path.read_text(encoding="utf-8"), where=str(path))
+    except (OSError, UnicodeDecodeError) as error:
+        raise ScenarioError(f"{path}: cannot be read as UTF-8 text: {error}") from None
+
+
+def parse_yaml(text: str, *, where: str) -> dict[str, Any]:
+    """Read YAML text whose top level is a mapping.
+
+    Raises:
+        ScenarioError: not YAML, or not a mapping.
+    """
+    try:
+        data = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        line = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
+        problem = getattr(error, "problem", None) or " ".join(str(error).split())
+        raise ScenarioError(f"{where}{line}: not YAML: {problem}; mend that line") from None
+    if not isinstance(data, dict):
+        raise ScenarioError(f"{where}: must be 'key: value' lines, is {type(data).__name__}")
+    return data
+
+
+def scenario_from_dict(
+    data: Mapping[str, Any], *, where: str, name: str, beside: Path | None = None
+) -> Scenario:
+    """Build a scenario from plain data (a parsed scenario file or `Scenario.to_dict`).
+
+    Args:
+        data: the mapping.
+        where: what error messages call it.
+        name: the scenario's name where the data has none.
+        beside: folder for a relative map path.
+
+    Raises:
+        ScenarioError: a field is missing, unknown or bad.
+        MapError: the map is missing or malformed.
+    """
+    for key in data:
+        if key not in FILE_KEYS:
+            raise ScenarioError(
+                f"{where}: unknown field {key!r}{did_you_mean(str(key), FILE_KEYS)}; "
+                f"allowed: {', '.join(FILE_KEYS)}"
+            )
+    if "map" not in data:
+        raise ScenarioError(f"{where}: field 'map' is missing; name a shipped map or a map file")
+    grid = _map(data["map"], where, beside)
+    try:
+        given = SETTINGS.parse({k: v for k, v in data.items() if k in SETTINGS})
+    except SettingError as error:
+        raise ScenarioError(f"{where}: {error}") from None
+    return Scenario(
+        name=str(data.get("name", name)),
+        map=grid,
+        robots=_robots(data.get("robots"), grid, where),
+        paper=_paper(data.get("paper", {}), where),
+        **{**SETTINGS.defaults(), **given},
+    )
+
+
+def _map(value: object, where: str, beside: Path | None) -> GridMap:
+    if isinstance(value, dict) and set(value) == {"name", "text"}:
+        return parse_map(str(value["text"]), name=str(value["name"]), where=f"{where} (map)")
+    if not isinstance(value, str):
+        raise ScenarioError(f"{where}: field 'map' is {value!r}, allowed: a map's name or path")
+    try:
+        return load_map(value, beside=beside)
+    except MapError as error:
+        raise MapError(f"{where}: {error}") from None
+
+
+def _robots(value: object, grid: GridMap, where: str) -> tuple[Robot, ...]:
+    if not isinstance(value, dict) or not value:
+        raise ScenarioError(
+            f"{where}: field 'robots' has no robot; add e.g. robot_1: {{start: 1, goal: 2}}"
+        )
+    robots = []
+    for name, entry in value.items():
+        if not isinstance(entry, dict) or set(entry) != {"start", "goal"}:
+            raise ScenarioError(
+                f"{where}: robot {name}: is {entry!r}, must be {{start: ..., goal: ...}}"
+            )
+        if not str(name).isidentifier() or not str(name).isascii():
+            raise ScenarioError(
+                f"{where}: robot name {str(name)!r} is no ROS name; use letters, digits and _"
+            )
+        start = _cell(entry["start"], grid, f"{where}: robot {name}: start")
+        goal = _cell(entry["goal"], grid, f"{where}: robot {name}: goal")
+        if start == goal:
+            raise ScenarioError(f"{where}: robot {name}: start and goal are the same cell")
+        if grid.distances_to(goal)[start] == UNREACHABLE:
+            raise ScenarioError(
+                f"{where}: robot {name}: its goal {entry['goal']} cannot be reached from its "
+                f"start {entry['start']} on map {grid.name}; open a way or choose another goal"
+            )
+        robots.append(Robot(str(name), start, goal))
+    return tuple(robots)
+
+
+def _cell(value: object, grid: GridMap, where: str) -> int:
+    """Return the cell number of a start digit of the map or of [row, column]."""
+    if isinstance(value, int) and not isinstance(value, bool):
+        if value in grid.starts:
+            return grid.starts[value]
+        raise ScenarioError(
+            f"{where} is {value}, but map {grid.name} has the starts "
+            f"{sorted(grid.starts) or 'none'}; name one of them or give [row, column]"
+        )
+    if (
+        isinstance(value, list | tuple)
+        and len(value) == 2
+        and all(isinstance(v, int) and not isinstance(v, bool) for v in value)
+    ):
+        position = (value[0], value[1])
+        if position in grid.number:
+            return grid.number[position]
+        rows, columns = grid.shape
+        inside = 0 <= position[0] < rows and 0 <= position[1] < columns
+        problem = "is a wall" if inside else f"is outside the {rows} x {columns} grid"
+        raise ScenarioError(
+            f"{where} {list(position)} {problem} of map {grid.name}; choose a free cell "
+            "(row and column count from 0 at the top left)"
+        )
+    raise ScenarioError(f"{where} is {value!r}, allowed: a start digit of the map or [row, column]")
+
+
+def _paper(value: object, where: str) -> dict[str, dict[str, Any]]:
+    """Check the paper's rows: learner -> measure -> [mean, spread]."""
+    if not isinstance(value, dict):
+        raise ScenarioError(f"{where}: field 'paper' must map learners to measures")
+    for learner, row in value.items():
+        if learner not in PAPER_LEARNERS or not isinstance(row, dict):
+            raise ScenarioError(
+                f"{where}: paper: unknown learner {learner!r}; allowed: {', '.join(PAPER_LEARNERS)}"
+            )
+        for measure, pair in row.items():
+            if measure not in PAPER_MEASURES or not isinstance(pair, list) or len(pair) != 2:
+                raise ScenarioError(
+                    f"{where}: paper: {learner}: {measure} is {pair!r}; allowed: "
+                    f"{', '.join(PAPER_MEASURES)}, each [mean, spread]"
+                )
+    return value

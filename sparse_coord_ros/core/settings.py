@@ -1,0 +1,154 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Typed settings with ranges: one table serves YAML files, `--set key=value` and ROS parameters."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from sparse_coord_ros.core.specs import SpecFamily
+from sparse_coord_ros.errors import SettingError, did_you_mean
+
+TRUE, FALSE = ("true", "yes", "on", "1"), ("false", "no", "off", "0")
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One named, typed and bounded value.
+
+    Attributes:
+        name: its name in files, on the command line and as a ROS parameter.
+        kind: bool, int, float, str, list (of str) or a `SpecFamily`.
+        default: the value where none is given.
+        help: one line: meaning and unit.
+        low: smallest number allowed; None: no bound.
+        high: largest number allowed; None: no bound.
+        choices: the strings allowed; empty: any.
+    """
+
+    name: str
+    kind: type | SpecFamily
+    default: Any
+    help: str
+    low: float | None = None
+    high: float | None = None
+    choices: tuple[str, ...] = ()
+
+    @property
+    def allowed(self) -> str:
+        """What the setting accepts, in words."""
+        if isinstance(self.kind, SpecFamily):
+            return self.kind.usage
+        if self.choices:
+            return " or ".join(self.choices)
+        if self.kind is bool:
+            return "true or false"
+        if self.kind not in (int, float):
+            return {str: "a text", list: "a list of texts"}[self.kind]
+        words = "a whole number" if self.kind is int else "a number"
+        if self.low is not None and self.high is not None:
+            return f"{words} from {self.low:g} to {self.high:g}"
+        if self.low is not None:
+            return f"{words} of at least {self.low:g}"
+        return words if self.high is None else f"{words} of at most {self.high:g}"
+
+    def parse(self, value: object) -> Any:
+        """Return the value in the setting's type; texts are read as on the command line.
+
+        Raises:
+            SettingError: the value has another type or lies out of range.
+        """
+        if isinstance(self.kind, SpecFamily):
+            return self.kind.parse(value)
+        try:
+            parsed = self._converted(value)
+        except (TypeError, ValueError, OverflowError):
+            raise self._error(value) from None
+        if self.choices and parsed not in self.choices:
+            raise self._error(value)
+        if self.kind in (int, float) and not (
+            (self.low is None or parsed >= self.low) and (self.high is None or parsed <= self.high)
+        ):
+            raise self._error(value)
+        return parsed
+
+    def _error(self, value: object) -> SettingError:
+        return SettingError(f"setting {self.name}: value is {value!r}, allowed: {self.allowed}")
+
+    def _converted(self, value: object) -> Any:
+        if self.kind is list:
+            if not isinstance(value, list | tuple) or not all(isinstance(v, str) for v in value):
+                raise TypeError
+            return list(value)
+        if self.kind is str:
+            if not isinstance(value, str | int | float) or isinstance(value, bool):
+                raise TypeError
+            return str(value)
+        if self.kind is bool:
+            text = str(value).lower()
+            if text not in TRUE + FALSE:
+                raise ValueError
+            return text in TRUE
+        if isinstance(value, bool):
+            raise TypeError
+        number = float(value)
+        if number != number or number in (float("inf"), float("-inf")):
+            raise ValueError
+        if self.kind is float:
+            return number
+        whole = int(value) if isinstance(value, str) else int(number)
+        if whole != number and not isinstance(value, int):
+            raise ValueError
+        return int(value) if isinstance(value, int) else whole
+
+
+class SettingTable(Mapping[str, Setting]):
+    """Settings by name; parses whole sets of values."""
+
+    def __init__(self, settings: Iterable[Setting]) -> None:
+        self._settings = {setting.name: setting for setting in settings}
+
+    def __getitem__(self, name: str) -> Setting:
+        """Return the setting of that name."""
+        return self._settings[name]
+
+    def __iter__(self):
+        """Iterate over the names, in the table's order."""
+        return iter(self._settings)
+
+    def __len__(self) -> int:
+        """Return the number of settings."""
+        return len(self._settings)
+
+    def defaults(self) -> dict[str, Any]:
+        """Return every setting's default, parsed."""
+        return {s.name: s.parse(s.default) for s in self.values()}
+
+    def parse(self, values: Mapping[str, object]) -> dict[str, Any]:
+        """Return the given values, each in its setting's type.
+
+        Raises:
+            SettingError: an unknown name or a bad value.
+        """
+        for name in values:
+            if name not in self:
+                raise SettingError(
+                    f"unknown setting {name!r}{did_you_mean(str(name), self)}; "
+                    f"allowed: {', '.join(self)}"
+                )
+        return {name: self[name].parse(value) for name, value in values.items()}
+
+
+def parse_assignments(texts: Iterable[str]) -> dict[str, str]:
+    """Split `key=value` texts, the last of equal keys winning.
+
+    Raises:
+        SettingError: a text without '='.
+    """
+    values = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise SettingError(f"setting {text!r}: write it as key=value, e.g. penalty=-20")
+        values[name.strip()] = value.strip()
+    return values

@@ -1,0 +1,115 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A learning run without ROS: the same world and the same agents, one after the other."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from sparse_coord_ros.core.agent import Agent, Decision, Tables
+from sparse_coord_ros.core.algorithm import COORDINATE
+from sparse_coord_ros.core.perception import percept_probabilities
+from sparse_coord_ros.core.scenario import Scenario
+from sparse_coord_ros.core.streams import LEARNING, PERCEPT, Stream
+from sparse_coord_ros.core.world import Action, Outcome, World
+
+
+class Team:
+    """Agents that act in one process: active perception is a look at the world's joint state.
+
+    Args:
+        scenario: the problem.
+        seed: the run's seed.
+        agents: the agents, one for each robot of the scenario.
+        phase: LEARNING or EVALUATION.
+    """
+
+    def __init__(
+        self, scenario: Scenario, seed: int, agents: list[Agent], *, phase: int = LEARNING
+    ) -> None:
+        self.agents = agents
+        self._percepts = [Stream(seed, agent.number, PERCEPT, phase) for agent in agents]
+        self._probabilities = percept_probabilities(scenario.perception, scenario.map).tolist()
+
+    def act(self, world: World) -> tuple[list, list[Action | None]]:
+        """Let every agent that has not arrived choose.
+
+        Returns:
+            What each agent decided and perceived, as `(cell, decision, action, peer_cell)`, and
+            the joint action; None in both for agents that do not act.
+        """
+        choices: list = [None] * len(world.cells)
+        actions: list[Action | None] = [None] * len(world.cells)
+        for agent in self.agents:
+            k = agent.number
+            if world.arrived[k]:
+                continue
+            cell = world.cells[k]
+            decision = agent.decide(world.step, cell)
+            peer_cell = self._perceive(world, k, decision)
+            action = agent.act(world.step, cell, decision, peer_cell)
+            choices[k] = (cell, decision, action, peer_cell)
+            actions[k] = action
+        return choices, actions
+
+    def learn(self, choices: list, world: World, outcome: Outcome) -> None:
+        """Let every agent that acted learn from the step that the world just made."""
+        for agent in self.agents:
+            choice = choices[agent.number]
+            if choice is not None:
+                reward = outcome.rewards[agent.number].total
+                agent.learn(*choice, reward, world.cells[agent.number])
+
+    def _perceive(self, world: World, k: int, decision: Decision) -> int | None:
+        if decision.action != COORDINATE or decision.peer < 0:
+            return None
+        peer_cell = world.cells[decision.peer]
+        draw = self._percepts[k].at(world.step)[0]
+        return peer_cell if draw < self._probabilities[world.cells[k]][peer_cell] else None
+
+
+def learn(
+    scenario: Scenario,
+    learner: str,
+    seed: int,
+    *,
+    progress: Callable[[int, int], None] = lambda done, budget: None,
+) -> list[Tables]:
+    """Run one learner for the scenario's budget and return the tables of every robot.
+
+    "coop" and "noncoop" learn all at once; "indiv" learns with one robot at a time, each for the
+    whole budget, so that no robot ever meets another (paper, Section 4).
+
+    Args:
+        scenario: the problem and its protocol.
+        learner: "coop", "noncoop" or "indiv".
+        seed: the run's seed.
+        progress: called with transitions done and to be done, about every hundredth.
+    """
+    everyone = range(len(scenario.robots))
+    teams = [[k] for k in everyone] if learner == "indiv" else [list(everyone)]
+    budget = scenario.steps * len(teams)
+    tables: list[Tables] = []
+    for members in teams:
+        agents = [Agent(scenario, k, seed, learner=learner) for k in members]
+        team = Team(scenario, seed, agents)
+        world = World(scenario, seed, agents=members)
+        while world.transitions < scenario.steps:
+            choices, actions = team.act(world)
+            outcome = world.advance(actions)
+            team.learn(choices, world, outcome)
+            if outcome.episode_over:
+                world.begin_episode()
+            if world.transitions % max(1, budget // 100) == 0:
+                progress(len(tables) * scenario.steps + world.transitions, budget)
+        tables += [agent.tables for agent in agents]
+    return tables
+
+
+def tables_equal(one: list[Tables], other: list[Tables]) -> bool:
+    """Whether two teams' tables agree bit for bit (NaN columns included)."""
+    return len(one) == len(other) and all(
+        np.array_equal(a.view(np.int64), b.view(np.int64))
+        for mine, theirs in zip(one, other, strict=True)
+        for a, b in zip(mine, theirs, strict=True)
+    )

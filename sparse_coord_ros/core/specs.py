@@ -1,0 +1,90 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Settings that name a kind and its numbers, written `kind` or `kind:number[:number ...]`.
+
+`perception=probability:0.7`, `step_size=power:0.6` and `epsilon=linear:1:0.05:0.5` are such
+settings. A family of them (the perception models, the schedules) is one `SpecFamily`.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from sparse_coord_ros.errors import SettingError, did_you_mean
+
+
+@dataclass(frozen=True)
+class Number:
+    """One number of a spec.
+
+    Attributes:
+        name: what error messages and help call it.
+        low: smallest value allowed.
+        high: largest value allowed.
+    """
+
+    name: str
+    low: float = -math.inf
+    high: float = math.inf
+
+
+@dataclass(frozen=True)
+class Spec:
+    """A parsed setting: the kind and its numbers; `str()` writes it as it was read."""
+
+    kind: str
+    numbers: tuple[float, ...] = ()
+
+    def __str__(self) -> str:
+        """Return `kind[:number ...]`."""
+        return ":".join([self.kind, *(f"{number:g}" for number in self.numbers)])
+
+
+@dataclass(frozen=True)
+class SpecFamily:
+    """The kinds that one setting allows, each with its numbers."""
+
+    setting: str
+    kinds: Mapping[str, tuple[Number, ...]]
+
+    @property
+    def usage(self) -> str:
+        """The allowed forms, for help and error texts."""
+        forms = []
+        for kind, numbers in self.kinds.items():
+            forms.append(":".join([kind, *(number.name.upper() for number in numbers)]))
+        return ", ".join(forms)
+
+    def parse(self, value: object) -> Spec:
+        """Read a setting's value.
+
+        Raises:
+            SettingError: unknown kind, wrong count of numbers, or a number out of range.
+        """
+        if isinstance(value, Spec):
+            return value
+        kind, *texts = str(value).split(":")
+        if kind not in self.kinds:
+            raise SettingError(
+                f"setting {self.setting}: unknown value {str(value)!r}"
+                f"{did_you_mean(kind, self.kinds)}; allowed: {self.usage}"
+            )
+        wanted = self.kinds[kind]
+        if len(texts) != len(wanted):
+            raise SettingError(
+                f"setting {self.setting}: {str(value)!r} has {len(texts)} numbers, {kind!r} takes "
+                f"{len(wanted)}; allowed: {self.usage}"
+            )
+        return Spec(kind, tuple(self._number(n, t) for n, t in zip(wanted, texts, strict=True)))
+
+    def _number(self, number: Number, text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not number.low <= value <= number.high:
+            raise SettingError(
+                f"setting {self.setting}: {number.name} is {text!r}, allowed: a number from "
+                f"{number.low:g} to {number.high:g}"
+            )
+        return value

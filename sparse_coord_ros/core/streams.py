@@ -1,0 +1,56 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Random streams: every draw is a function of (seed, robot, role, time step).
+
+Nothing depends on the order in which messages arrive. A stream is one NumPy PCG64 generator,
+keyed by (seed; phase, agent, role); each time step owns a fixed number of its draws, whether
+they are used or not, and `advance` finds the draws of any step.
+"""
+
+import numpy as np
+
+LEARNING, EVALUATION = 0, 1
+"""Phases of a run: the same seed gives independent draws in each."""
+
+POLICY, MOTION, PERCEPT, START = 0, 1, 2, 3
+"""Roles of a stream."""
+
+DRAWS = {POLICY: 5, MOTION: 1, PERCEPT: 1, START: 2}
+"""Draws a time step owns, by role."""
+
+EXPLORE, EXPLORED_ACTION, TIE, PRIMITIVE_TIE, PEER = range(5)
+"""Columns of the POLICY stream: explore or not, which action, the tie draw of pi_epsilon's greedy
+choice, the tie draw of pi_g (Algorithm 1, lines 7 and 9), which peer to perceive."""
+
+BLOCK = 256
+
+
+class Stream:
+    """Uniform draws in [0, 1) of one agent in one role, by time step.
+
+    Args:
+        seed: the run's seed, >= 0.
+        agent: the agent's number, from 0.
+        role: POLICY, MOTION, PERCEPT or START.
+        phase: LEARNING or EVALUATION.
+    """
+
+    def __init__(self, seed: int, agent: int, role: int, phase: int = LEARNING) -> None:
+        self._sequence = np.random.SeedSequence(seed, spawn_key=(phase, agent, role))
+        self._width = DRAWS[role]
+        self._first = self._last = 0
+        self._rows: list[list[float]] = []
+
+    def at(self, step: int) -> list[float]:
+        """Return the draws of a time step (>= 0), a list of as many floats as the role owns."""
+        if not self._first <= step < self._last:
+            self._fill(step)
+        return self._rows[step - self._first]
+
+    def _fill(self, step: int) -> None:
+        block = step // BLOCK
+        bits = np.random.PCG64(self._sequence)
+        bits.advance(block * BLOCK * self._width)
+        draws = np.random.Generator(bits).random((BLOCK, self._width))
+        self._first, self._last = block * BLOCK, (block + 1) * BLOCK
+        self._rows = draws.tolist()

@@ -1,0 +1,102 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Learned tables on disk: `tables.npz` of a team, one file a robot while robots are apart.
+
+For robot k (1-based): `q_star_k`, shape (cells, 5), columns north, south, east, west, COORDINATE;
+`q_coord_k`, shape (cells, cells, 4), first index the own cell. Cells are numbered row by row from
+the top left, free cells only.
+"""
+
+import os
+import zipfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from sparse_coord_ros.core.agent import Tables
+from sparse_coord_ros.core.scenario import Scenario
+from sparse_coord_ros.errors import TablesError
+
+TEAM_FILE = "tables.npz"
+
+
+def robot_file(directory: Path, robot: str) -> Path:
+    """Return where a robot node saves its own tables."""
+    return directory / f"tables_{robot}.npz"
+
+
+def save_tables(
+    path: Path, tables: Mapping[int, Tables], *, counts: Mapping[str, int] | None = None
+) -> None:
+    """Write the tables of some robots (numbers from 1) into one file, whole or not at all.
+
+    Args:
+        path: the file.
+        tables: what each robot learned.
+        counts: numbers to store beside them, as arrays `count_<name>`.
+    """
+    arrays = {f"count_{name}": np.int64(count) for name, count in (counts or {}).items()}
+    for number, pair in tables.items():
+        arrays[f"q_star_{number}"] = pair.q_star
+        arrays[f"q_coord_{number}"] = pair.q_coord
+    partial = path.with_suffix(".partial")
+    with partial.open("wb") as file:
+        np.savez_compressed(file, **arrays)
+    os.replace(partial, path)
+
+
+def save_team(directory: Path, tables: Sequence[Tables]) -> None:
+    """Write `tables.npz` of a whole team."""
+    save_tables(directory / TEAM_FILE, dict(enumerate(tables, start=1)))
+
+
+def load_tables(path: Path, numbers: Sequence[int]) -> list[Tables]:
+    """Read the tables of the given robots (numbers from 1) from one file.
+
+    Raises:
+        TablesError: no such file, not a tables file, or a robot is not in it.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            return [
+                Tables(
+                    np.ascontiguousarray(file[f"q_star_{k}"], dtype=np.float64),
+                    np.ascontiguousarray(file[f"q_coord_{k}"], dtype=np.float64),
+                )
+                for k in numbers
+            ]
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise TablesError(f"{path}: cannot be read as tables: {error}") from None
+    except KeyError as error:
+        raise TablesError(
+            f"{path}: holds no {error.args[0]}; use a file that run or train wrote"
+        ) from None
+
+
+def load_counts(path: Path) -> dict[str, int]:
+    """Return the numbers stored beside a robot's tables."""
+    with np.load(path, allow_pickle=False) as file:
+        names = [name for name in file.files if name.startswith("count_")]
+        return {name.removeprefix("count_"): int(file[name]) for name in names}
+
+
+def load_team(directory: Path, scenario: Scenario) -> list[Tables]:
+    """Read a team's tables from an output directory.
+
+    They are in `tables.npz`, or in one file a robot where the robot nodes were started by hand.
+
+    Raises:
+        TablesError: neither is there, or a file is malformed.
+    """
+    numbers = range(1, len(scenario.robots) + 1)
+    if (directory / TEAM_FILE).exists():
+        return load_tables(directory / TEAM_FILE, numbers)
+    parts = [robot_file(directory, robot.name) for robot in scenario.robots]
+    missing = [part.name for part in parts if not part.exists()]
+    if missing:
+        raise TablesError(
+            f"{directory}: neither {TEAM_FILE} nor {', '.join(missing)} is there; give the output "
+            "directory of a finished run"
+        )
+    return [load_tables(part, [k])[0] for k, part in zip(numbers, parts, strict=True)]

@@ -1,0 +1,180 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The Markov game in progress: dynamics, r^I_k, r^C, episodes and time steps.
+
+The world simulator node, the simulation without ROS and the evaluation all step this one object.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from sparse_coord_ros.core.scenario import Scenario
+from sparse_coord_ros.core.specs import Spec
+from sparse_coord_ros.core.streams import LEARNING, MOTION, START, Stream
+
+FIRST_STEP = 1
+"""The first time step; 0 is left for requests of people, who do not know the step."""
+
+EPISODE_GAP = 2
+"""Time steps from an episode's last state to the next one's first: nobody learns across it."""
+
+
+class Reward(NamedTuple):
+    """R_k(t) and its parts: total = individual + common + ask_cost."""
+
+    individual: float
+    common: float
+    ask_cost: float
+    total: float
+
+
+class Action(NamedTuple):
+    """What an agent does at a time step.
+
+    Attributes:
+        move: the primitive action, 0 to 3 (the hatted A_k(t) of Algorithm 1 after COORDINATE).
+        asked: whether the agent chose COORDINATE.
+        peer: the agent whose local state it asked for; -1 where it asked nobody.
+        perceived: whether the percept succeeded.
+    """
+
+    move: int
+    asked: bool
+    peer: int
+    perceived: bool
+
+
+class Outcome(NamedTuple):
+    """What one step of the world brought.
+
+    Attributes:
+        rewards: R_k(t) of every agent.
+        miscoordination: whether the step ended in a miscoordination.
+        arrived: the agents that reached their goals with this step.
+        episode_over: all agents that act have arrived, or the episode's steps are used up.
+    """
+
+    rewards: tuple[Reward, ...]
+    miscoordination: bool
+    arrived: tuple[int, ...]
+    episode_over: bool
+
+
+def _random_share(starts: Spec) -> float:
+    """Return the probability that an agent's learning episode begins at a random cell."""
+    return {"fixed": 0.0, "random": 1.0, "mixed": sum(starts.numbers)}[starts.kind]
+
+
+class World:
+    """The joint state of a team on its map, stepped by joint actions.
+
+    Args:
+        scenario: the problem.
+        seed: the run's seed.
+        phase: LEARNING or EVALUATION: which random draws the world uses. Episodes of LEARNING begin
+            as the learning protocol says, those of EVALUATION at the scenario's starts.
+        max_steps: steps after which an episode ends; the scenario's where None.
+        agents: the agents that move (numbers from 0); all where None. Others stay out of the game.
+
+    Attributes:
+        step: the current time step t.
+        cells: the local state X_k(t) of every agent.
+        arrived: whether each agent has reached its goal in this episode.
+        episode: number of the current episode, from 0.
+        transitions: steps made so far.
+        miscoordinations: how many of them ended in a miscoordination.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        seed: int,
+        *,
+        phase: int = LEARNING,
+        max_steps: int | None = None,
+        agents: Sequence[int] | None = None,
+    ) -> None:
+        self.scenario = scenario
+        self.agents = tuple(range(len(scenario.robots))) if agents is None else tuple(agents)
+        self.max_steps = scenario.max_steps if max_steps is None else max_steps
+        self.step = FIRST_STEP
+        self.episode = 0
+        self.transitions = 0
+        self.miscoordinations = 0
+        numbers = range(len(scenario.robots))
+        self.cells = [robot.start for robot in scenario.robots]
+        self.arrived = [k not in self.agents for k in numbers]
+        self._goals = [robot.goal for robot in scenario.robots]
+        self._next_cell = scenario.map.next_cell.tolist()
+        self._doorways = scenario.map.doorways
+        self._motion = [Stream(seed, k, MOTION, phase) for k in numbers]
+        self._start = [Stream(seed, k, START, phase) for k in numbers]
+        self._random_start = _random_share(scenario.starts) if phase == LEARNING else 0.0
+        self._any_doorway = scenario.conflict == "any_doorway"
+        self._episode_start = self.step
+        self._place()
+
+    def begin_episode(self) -> None:
+        """Put every agent at a start; the new episode's first step lies `EPISODE_GAP` later."""
+        self.episode += 1
+        self.step += EPISODE_GAP
+        self._episode_start = self.step
+        self.cells = [robot.start for robot in self.scenario.robots]
+        self.arrived = [k not in self.agents for k in range(len(self.cells))]
+        self._place()
+
+    def advance(self, actions: Sequence[Action | None]) -> Outcome:
+        """Make one time step.
+
+        Args:
+            actions: one entry an agent; None where it does not act (arrived, or missing).
+
+        Returns:
+            The outcome; `step` and `cells` are then those of the next time step.
+        """
+        scenario = self.scenario
+        cells, goals = self.cells, self._goals
+        arrivals = []
+        for k in self.agents:
+            action = actions[k]
+            if action is None or self.arrived[k]:
+                continue
+            if self._motion[k].at(self.step)[0] < scenario.move_success:
+                cells[k] = self._next_cell[cells[k]][action.move]
+            if cells[k] == goals[k]:
+                arrivals.append(k)
+        miscoordination = self.in_conflict()
+        common = scenario.penalty if miscoordination else 0.0
+        rewards = []
+        for k, action in enumerate(actions):
+            individual = scenario.goal_reward if k in arrivals else 0.0
+            cost = -scenario.ask_cost if action is not None and action.asked else 0.0
+            rewards.append(Reward(individual, common, cost, individual + common + cost))
+        for k in arrivals:
+            self.arrived[k] = True
+        self.step += 1
+        self.transitions += 1
+        self.miscoordinations += miscoordination
+        over = all(self.arrived) or self.step - self._episode_start >= self.max_steps
+        return Outcome(tuple(rewards), miscoordination, tuple(arrivals), over)
+
+    def in_conflict(self) -> bool:
+        """Whether the joint state is a miscoordination: r^C falls on every agent."""
+        occupied = [self.cells[k] for k in self.agents if self.cells[k] in self._doorways]
+        if self._any_doorway:
+            return len(occupied) > 1
+        return len(set(occupied)) < len(occupied)
+
+    def _place(self) -> None:
+        """Draw random starts where the protocol asks for them; never the goal itself."""
+        if self._random_start == 0.0:
+            return
+        for k in self.agents:
+            coin, place = self._start[k].at(self.step)
+            if coin < self._random_start:
+                free = self._reachable(k)
+                self.cells[k] = free[int(place * len(free))]
+
+    def _reachable(self, k: int) -> list[int]:
+        distances = self.scenario.map.distances_to(self._goals[k])
+        return [x for x, distance in enumerate(distances.tolist()) if distance > 0]

@@ -1,0 +1,47 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The package's exceptions: one class a role, all of them `SparseCoordError`.
+
+Every message is one line that names the thing, its value, what is allowed and the remedy; the
+command line and the nodes print it and exit with `EXIT_BAD_INPUT`.
+"""
+
+import difflib
+from collections.abc import Iterable
+
+EXIT_BAD_INPUT = 2
+"""Exit code of every executable that stops because of bad input."""
+
+
+class SparseCoordError(Exception):
+    """Base of all errors that a user can mend; its text is one line."""
+
+
+class MapError(SparseCoordError):
+    """A map file is missing or malformed."""
+
+
+class ScenarioError(SparseCoordError):
+    """A scenario file is missing or malformed."""
+
+
+class SettingError(SparseCoordError):
+    """A setting (scenario field, `--set`, ROS parameter) is unknown or out of range."""
+
+
+class RunError(SparseCoordError):
+    """A run cannot start or go on: a robot is missing, a name is taken, a directory exists."""
+
+
+class TablesError(SparseCoordError):
+    """Learned tables are missing, malformed or do not fit the scenario."""
+
+
+class BagError(SparseCoordError):
+    """A bag cannot be created or written, or a message type's definition is not installed."""
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Return `" (did you mean 'x'?)"` for the nearest known name, or an empty string."""
+    near = difflib.get_close_matches(name, list(known), n=1)
+    return f" (did you mean {near[0]!r}?)" if near else ""

@@ -1,0 +1,99 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The ROS interface in one place: names, types and QoS of every topic and service.
+
+Names are relative (except /clock and what ROS itself makes absolute), so a whole team moves into
+a namespace together. A robot's topics lie under its name.
+"""
+
+from dataclasses import dataclass
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import OccupancyGrid, Path
+from nav_msgs.srv import GetPlan
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from visualization_msgs.msg import MarkerArray
+
+MAP_FRAME = "map"
+STEP_DEPTH = 100
+RECORDER_DEPTH = 10_000
+
+
+def _qos(depth: int, durability: DurabilityPolicy = DurabilityPolicy.VOLATILE) -> QoSProfile:
+    return QoSProfile(
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=durability,
+        history=HistoryPolicy.KEEP_LAST,
+        depth=depth,
+    )
+
+
+STEP_QOS = _qos(STEP_DEPTH)
+"""Reliable, volatile. The lock step needs a depth of 2; the rest is for a recorder that lags."""
+
+EVENT_QOS = _qos(10)
+"""Reliable, volatile, for what comes seldom."""
+
+LATCHED_QOS = _qos(1, DurabilityPolicy.TRANSIENT_LOCAL)
+"""Reliable, transient local: a late subscriber gets the last message."""
+
+RECORDER_QOS = _qos(RECORDER_DEPTH)
+RECORDER_LATCHED_QOS = _qos(RECORDER_DEPTH, DurabilityPolicy.TRANSIENT_LOCAL)
+"""What the recorder asks for: nothing is overwritten before it is written down."""
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One topic.
+
+    Attributes:
+        name: relative to the team's namespace, or to the robot's name.
+        type: message class.
+        qos: the publisher's profile.
+        stamped: the message begins with its time (a header or a clock).
+    """
+
+    name: str
+    type: type
+    qos: QoSProfile
+    stamped: bool = False
+
+    def of(self, robot: str) -> str:
+        """Return the name of a robot's topic."""
+        return f"{robot}/{self.name}"
+
+
+RUN = Topic("run", String, LATCHED_QOS)
+STATUS = Topic("status", DiagnosticStatus, LATCHED_QOS)
+CLOCK = Topic("/clock", Clock, EVENT_QOS, stamped=True)
+MAP = Topic("map", OccupancyGrid, LATCHED_QOS, stamped=True)
+MARKERS = Topic("markers", MarkerArray, LATCHED_QOS)
+DIAGNOSTICS = Topic("diagnostics", DiagnosticArray, EVENT_QOS, stamped=True)
+
+LOCAL_STATE = Topic("local_state", PoseStamped, STEP_QOS, stamped=True)
+REWARD = Topic("reward", JointState, STEP_QOS, stamped=True)
+ACTION = Topic("action", JointState, STEP_QOS, stamped=True)
+PERCEPT = Topic("percept", Path, STEP_QOS, stamped=True)
+COORDINATION_MAP = Topic("coordination_map", OccupancyGrid, LATCHED_QOS, stamped=True)
+
+TEAM_TOPICS = (RUN, STATUS, CLOCK, MAP, MARKERS, DIAGNOSTICS)
+ROBOT_TOPICS = (LOCAL_STATE, REWARD, ACTION, PERCEPT, COORDINATION_MAP)
+
+ACTIVE_PERCEPTION = "active_perception"
+ACTIVE_PERCEPTION_TYPE = GetPlan
+
+REWARD_LABELS = ("individual", "common", "ask_cost", "total")
+ACTION_LABELS = ("east", "north", "coordinate", "peer", "perceived")
+
+WAITING, LEARNING, PAUSED, FINISHED, STOPPED = (
+    "waiting",
+    "learning",
+    "paused",
+    "finished",
+    "stopped",
+)
+"""The states that `status` can name."""

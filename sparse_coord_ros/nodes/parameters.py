@@ -1,0 +1,170 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""ROS parameters from the typed tables of `core.settings`."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from sparse_coord_ros.core.run_config import RUN_SETTINGS
+from sparse_coord_ros.core.settings import Setting, SettingTable
+from sparse_coord_ros.errors import SettingError
+
+EXECUTOR = Setting(
+    "executor",
+    str,
+    "events",
+    "what runs the callbacks: rclpy's EventsExecutor or its SingleThreadedExecutor",
+    choices=("events", "single"),
+)
+STARTUP_TIMEOUT = Setting(
+    "startup_timeout", float, 60.0, "seconds to wait for the other nodes; 0: for ever", low=0
+)
+CLAIM_WINDOW = Setting(
+    "claim_window",
+    float,
+    0.5,
+    "seconds in which a starting node looks for another one of its name",
+    low=0,
+    high=60,
+)
+
+WORLD_PARAMETERS = SettingTable(
+    [
+        Setting("scenario", str, "", "name of a shipped scenario or path of a scenario file"),
+        Setting("set", list, [""], "changed scenario settings, each key=value"),
+        Setting("rate", float, 0.0, "time steps a second; 0: as fast as the team acts", low=0),
+        Setting("out", str, "", "directory for run.yaml and summary.yaml; empty: none"),
+        STARTUP_TIMEOUT,
+        CLAIM_WINDOW,
+        EXECUTOR,
+        *RUN_SETTINGS.values(),
+    ]
+)
+ROBOT_PARAMETERS = SettingTable(
+    [
+        Setting("out", str, "", "directory for the learned tables; empty: they are not saved"),
+        Setting("tables", str, "", "directory of a run whose tables to go on from; empty: none"),
+        STARTUP_TIMEOUT,
+        CLAIM_WINDOW,
+        EXECUTOR,
+    ]
+)
+RECORDER_PARAMETERS = SettingTable(
+    [
+        Setting("out", str, "", "directory for the bag; empty: bag_<date>_<time>"),
+        STARTUP_TIMEOUT,
+        EXECUTOR,
+    ]
+)
+TEAM_PARAMETERS = SettingTable(
+    {
+        **WORLD_PARAMETERS,
+        **ROBOT_PARAMETERS,
+        "out": Setting("out", str, "", "output directory; empty: <scenario>_<date>_<time>"),
+        "record": Setting("record", bool, True, "record the run to MCAP"),
+    }.values()
+)
+
+CHANGEABLE = ("rate",)
+"""Parameters that can be set while the node runs; all others are read once."""
+
+ROS_OWN = ("use_sim_time", "start_type_description_service")
+ROS_OWN_PREFIX = "qos_overrides."
+
+
+class ParameterNode(Node):
+    """A node whose parameters come from one table and are checked at once.
+
+    Args:
+        name: the node's name unless it is remapped.
+        table: its parameters.
+        context: the ROS context.
+        namespace: the team's namespace.
+        values: values given by the program; None: those of the command line count.
+
+    Attributes:
+        values: every parameter, typed.
+
+    Raises:
+        SettingError: an unknown parameter or a bad value.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        table: SettingTable,
+        *,
+        context: Context | None = None,
+        namespace: str = "",
+        values: Mapping[str, Any] | None = None,
+    ) -> None:
+        given = [Parameter(key, value=value) for key, value in (values or {}).items()]
+        super().__init__(
+            name,
+            context=context,
+            namespace=namespace,
+            use_global_arguments=values is None,
+            parameter_overrides=given,
+            automatically_declare_parameters_from_overrides=True,
+        )
+        self._table = table
+        try:
+            self.values = self._declare()
+        except BaseException:
+            self.destroy_node()
+            raise
+        self.add_on_set_parameters_callback(self._check_change)
+
+    def _declare(self) -> dict[str, Any]:
+        overrides = {
+            key: parameter.value
+            for key, parameter in self.get_parameters_by_prefix("").items()
+            if key not in ROS_OWN and not key.startswith(ROS_OWN_PREFIX)
+        }
+        try:
+            values = {**self._table.defaults(), **self._table.parse(overrides)}
+        except SettingError as error:
+            text = str(error).replace("setting", "parameter", 1)
+            raise SettingError(f"node {self.get_name()}: {text}") from None
+        for name in overrides:
+            self.undeclare_parameter(name)
+        for name, setting in self._table.items():
+            self.declare_parameter(
+                name, values[name], _descriptor(setting), ignore_override=True
+            )
+        return values
+
+    def _check_change(self, parameters: list[Parameter]) -> SetParametersResult:
+        try:
+            changed = {p.name: p.value for p in parameters if p.name in self._table}
+            self.values.update(self._table.parse(changed))
+        except SettingError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+
+def _descriptor(setting: Setting) -> ParameterDescriptor:
+    descriptor = ParameterDescriptor(
+        name=setting.name,
+        description=setting.help,
+        additional_constraints=f"allowed: {setting.allowed}",
+        read_only=setting.name not in CHANGEABLE,
+    )
+    if setting.low is not None and setting.high is not None:
+        if setting.kind is float:
+            span = FloatingPointRange(from_value=float(setting.low), to_value=float(setting.high))
+            descriptor.floating_point_range = [span]
+        if setting.kind is int:
+            span = IntegerRange(from_value=int(setting.low), to_value=int(setting.high), step=1)
+            descriptor.integer_range = [span]
+    return descriptor

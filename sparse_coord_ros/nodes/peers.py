@@ -1,0 +1,96 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A robot's side of asking one peer: requests, answers, and a peer that fell silent."""
+
+from collections.abc import Callable
+
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Path
+from nav_msgs.srv import GetPlan
+from rclpy.client import Client
+from rclpy.node import Node
+from rclpy.service import Service
+from rclpy.service_introspection import ServiceIntrospectionState
+from rclpy.task import Future
+
+from sparse_coord_ros.nodes.interface import (
+    ACTIVE_PERCEPTION,
+    ACTIVE_PERCEPTION_TYPE,
+    STEP_QOS,
+)
+
+
+class Peer:
+    """The client of one peer's `active_perception`.
+
+    Args:
+        node: the asking robot; its name goes into the requests.
+        name: the peer's name.
+        answered: called with the request's step and the answer's path.
+    """
+
+    def __init__(self, node: Node, name: str, answered: Callable[[int, Path], None]) -> None:
+        self._answered = answered
+        self._client: Client = node.create_client(
+            ACTIVE_PERCEPTION_TYPE, f"{name}/{ACTIVE_PERCEPTION}"
+        )
+        self.introspect(node, self._client)
+        self._request = GetPlan.Request()
+        self._request.goal.header.frame_id = node.get_name()
+        self._seen = False
+        self._silent = False
+        self._unsent: int | None = None
+        self._open: Future | None = None
+
+    @staticmethod
+    def introspect(node: Node, endpoint: Client | Service) -> None:
+        """Publish the dialogue of a client or service, so that it can be recorded."""
+        endpoint.configure_introspection(
+            node.get_clock(), STEP_QOS, ServiceIntrospectionState.CONTENTS
+        )
+
+    def ready(self) -> bool:
+        """Whether the peer's service has been there."""
+        self._seen = self._seen or self._client.service_is_ready()
+        return self._seen
+
+    def request(self, pose: PoseStamped, step: int) -> bool:
+        """Ask for the peer's local state of a time step.
+
+        Returns:
+            Whether to wait for the answer; False for a peer that let the last deadline pass and
+            has not answered since: it is asked all the same, so that its return is noticed.
+        """
+        self._request.start = pose
+        self._unsent = step
+        self.send_what_waits()
+        return not self._silent
+
+    def send_what_waits(self) -> None:
+        """Send the request as soon as the peer's service is there."""
+        if self._unsent is None or not self.ready():
+            return
+        step, self._unsent = self._unsent, None
+        self._forget()
+        self._open = self._client.call_async(self._request)
+        self._open.add_done_callback(lambda future: self._on_done(step, future))
+
+    def gave_up(self) -> None:
+        """Note that the deadline passed without an answer."""
+        self._silent = True
+        self._unsent = None
+
+    def _on_done(self, step: int, future: Future) -> None:
+        if future.cancelled() or future.result() is None:
+            return
+        if future is self._open:
+            self._open = None
+        self._silent = False
+        self._answered(step, future.result().plan)
+
+    def _forget(self) -> None:
+        """Drop the last request where it was never answered: rclpy would keep it for ever."""
+        if self._open is not None:
+            self._client.remove_pending_request(self._open)
+            self._open.cancel()
+            self._open = None

@@ -1,0 +1,200 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The recorder node: every topic of the team and the service events, as CDR, into a bag."""
+
+import struct
+import sys
+import time
+from collections.abc import Mapping
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rcl_interfaces.msg import Log, ParameterEvent
+from rclpy.context import Context
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.serialization import deserialize_message
+from std_msgs.msg import String
+
+from sparse_coord_ros.core.run_config import RunConfig, run_from_yaml
+from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.nodes import interface
+from sparse_coord_ros.nodes.messages import Converter, status
+from sparse_coord_ros.nodes.parameters import RECORDER_PARAMETERS, ParameterNode
+from sparse_coord_ros.nodes.spin import run_node
+from sparse_coord_ros.recording import BagWriter, QoS
+
+TICK_SECONDS = 0.02
+REPORT_SECONDS = 1.0
+STAMP, ENCAPSULATION = struct.Struct("<iI"), 4
+"""Seconds and nanoseconds, which follow the four bytes that begin every CDR message."""
+QUIET_SECONDS = 0.3
+"""After the run's end, the bag is closed when nothing has come for so long."""
+
+
+class Recorder(ParameterNode):
+    """Writes raw messages with the simulated time as log time and the wall clock as publish time.
+
+    A message that begins with a stamp is logged at that time, any other at the newest stamp seen:
+    the bag's time line is the world's, however fast the run went.
+
+    Args:
+        context: the ROS context.
+        namespace: the team's namespace.
+        values: parameters given by the program; None: by the command line.
+
+    Raises:
+        SparseCoordError: a bad parameter, an existing directory, no world simulator, a full disk.
+    """
+
+    def __init__(
+        self,
+        *,
+        context: Context,
+        namespace: str = "",
+        values: Mapping[str, Any] | None = None,
+    ) -> None:
+        super().__init__(
+            "recorder", RECORDER_PARAMETERS, context=context, namespace=namespace, values=values
+        )
+        out = self.values["out"] or datetime.now().strftime("bag_%Y%m%d_%H%M%S")
+        self.directory = Path(out)
+        if self.directory.exists():
+            raise RunError(
+                f"output directory {self.directory}: exists already, nothing is overwritten; "
+                "choose another one for parameter 'out'"
+            )
+        self.bag = BagWriter(self.directory)
+        self.done = False
+        self._run: RunConfig | None = None
+        self._ended = False
+        self._now_ns = 0
+        self._born = self._last = self._reported = time.monotonic()
+        self._count = 0
+        self._diagnostics_publisher = self.create_publisher(
+            interface.DIAGNOSTICS.type, interface.DIAGNOSTICS.name, interface.DIAGNOSTICS.qos
+        )
+        for topic in interface.TEAM_TOPICS:
+            if topic not in (interface.RUN, interface.STATUS):
+                self._record(topic.type, topic.name, topic.qos, stamped=topic.stamped)
+        self._record(Log, "/rosout", interface.EVENT_QOS, stamped=False)
+        self._record(ParameterEvent, "/parameter_events", interface.EVENT_QOS, stamped=False)
+        for topic, then in ((interface.STATUS, self._on_status), (interface.RUN, self._on_run)):
+            self._record(topic.type, topic.name, topic.qos, stamped=False, then=then)
+        self.create_timer(TICK_SECONDS, self._tick)
+
+    def _record(self, message_type, name, qos: QoSProfile, *, stamped: bool, then=None) -> None:
+        """Write down a topic; `then` sees each message's bytes too."""
+        channel = self.bag.add_topic(
+            self.resolve_topic_name(name), _type_name(message_type), _bag_qos(qos)
+        )
+        write, clock_ns, unpack_stamp = self.bag.write, time.time_ns, STAMP.unpack_from
+
+        def stamped_message(data: bytes) -> None:
+            self._count += 1
+            sec, nanosec = unpack_stamp(data, ENCAPSULATION)
+            at = sec * 1_000_000_000 + nanosec
+            if at > self._now_ns:
+                self._now_ns = at
+            write(channel, data, at, clock_ns())
+
+        def other_message(data: bytes) -> None:
+            self._count += 1
+            write(channel, data, self._now_ns, clock_ns())
+            if then is not None:
+                then(data)
+
+        latched = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
+        self.create_subscription(
+            message_type,
+            name,
+            stamped_message if stamped else other_message,
+            interface.RECORDER_LATCHED_QOS if latched else interface.RECORDER_QOS,
+            raw=True,
+        )
+
+    def _on_run(self, data: bytes) -> None:
+        if self._run is not None:
+            return
+        text = deserialize_message(data, String).data
+        self._run = run_from_yaml(text, where="topic run")
+        self.bag.add_metadata(
+            "sparse_coord_ros",
+            {
+                "scenario": self._run.scenario.name,
+                "seed": str(self._run.seed),
+                "learner": self._run.learner,
+                **{f"version_{name}": value for name, value in self._run.versions.items()},
+            },
+        )
+        self.bag.attach("run.yaml", text.encode(), "application/yaml")
+        for robot in self._run.scenario.robots:
+            for topic in interface.ROBOT_TOPICS:
+                self._record(topic.type, topic.of(robot.name), topic.qos, stamped=topic.stamped)
+            events = f"{robot.name}/{interface.ACTIVE_PERCEPTION}/_service_event"
+            self._record(interface.ACTIVE_PERCEPTION_TYPE.Event, events, interface.STEP_QOS, stamped=False)
+
+    def _on_status(self, data: bytes) -> None:
+        message = deserialize_message(data, DiagnosticStatus)
+        if message.message in (interface.FINISHED, interface.STOPPED):
+            self._ended = True
+
+    def _tick(self) -> None:
+        now = time.monotonic()
+        if self._count:
+            self._count, self._last = 0, now
+        if self._run is None:
+            limit = self.values["startup_timeout"]
+            if 0 < limit < now - self._born:
+                raise RunError(
+                    f"startup_timeout: the recorder heard of no world simulator on "
+                    f"{self.resolve_topic_name(interface.RUN.name)} within {limit:g} s; start one: "
+                    "ros2 run sparse_coord_ros world_simulator --ros-args -p scenario:=env1"
+                )
+        elif self._ended and now - self._last >= QUIET_SECONDS:
+            self.done = True
+        elif now - self._reported >= REPORT_SECONDS and not self._ended:
+            self._report(now)
+
+    def _report(self, now: float) -> None:
+        self._reported = now
+        values = {"messages": self.bag.message_count, "bytes": self.bag.bytes_written}
+        message = DiagnosticArray()
+        if self._run is not None:
+            convert = Converter(self._run)
+            message.header = convert.header(self._now_ns // convert.period)
+        message.status = [status(self.get_name(), "recording", values)]
+        self._diagnostics_publisher.publish(message)
+
+    def finish(self, *, interrupted: bool) -> None:
+        """Close the bag: its index and `metadata.yaml` are written."""
+        self.bag.close()
+        self.get_logger().info(
+            f"closed {self.directory}: {self.bag.message_count} messages, "
+            f"{self.bag.bytes_written} bytes"
+        )
+
+
+def _type_name(message_type: type) -> str:
+    """Return `package/msg/Type`, or `package/srv/Service_Event`."""
+    package, kind = message_type.__module__.split(".")[:2]
+    return f"{package}/{kind}/{message_type.__name__}"
+
+
+def _bag_qos(qos: QoSProfile) -> QoS:
+    return QoS(
+        reliability="reliable",
+        durability=qos.durability.name.lower(),
+        history="keep_last",
+        depth=qos.depth,
+    )
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node `recorder`."""
+    return run_node(lambda context: Recorder(context=context), args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

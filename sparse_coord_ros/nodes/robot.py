@@ -1,0 +1,362 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The robot node: one agent of Algorithm 1, which knows of its peers only what they answer."""
+
+import sys
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from nav_msgs.msg import Path as PathMessage
+from nav_msgs.srv import GetPlan
+from rclpy.context import Context
+from rclpy.duration import Duration
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from sparse_coord_ros.core.agent import Agent
+from sparse_coord_ros.core.evaluation import check_tables
+from sparse_coord_ros.core.run_config import RunConfig, load_run, run_from_yaml
+from sparse_coord_ros.core.tables import load_team, robot_file, save_tables
+from sparse_coord_ros.core.world import Action
+from sparse_coord_ros.errors import RunError, TablesError, did_you_mean
+from sparse_coord_ros.nodes import interface
+from sparse_coord_ros.nodes.claim import Claim
+from sparse_coord_ros.nodes.messages import Converter, status, status_values
+from sparse_coord_ros.nodes.parameters import ROBOT_PARAMETERS, ParameterNode
+from sparse_coord_ros.nodes.peers import Peer
+from sparse_coord_ros.nodes.spin import run_node
+from sparse_coord_ros.protocol.robot import Answer, RobotProtocol
+
+TICK_SECONDS = 0.02
+REPORT_SECONDS = 1.0
+PEER_PATIENCE_SECONDS = 2.0
+"""How long a robot that is ready itself waits for its peers' services before it says so."""
+LAST_WORDS_SECONDS = 2.0
+"""How long a robot waits for its last reward after the run's end."""
+ACKNOWLEDGE = Duration(seconds=2)
+
+
+class RobotNode(ParameterNode):
+    """Holds Q*_k and Q^C_k, acts and learns; the node's name is the robot's name.
+
+    Args:
+        context: the ROS context.
+        name: the robot's name unless the command line remaps it.
+        namespace: the team's namespace.
+        values: parameters given by the program; None: by the command line.
+
+    Raises:
+        SparseCoordError: a bad parameter, a name that is taken or that the scenario does not have,
+            no world simulator.
+    """
+
+    def __init__(
+        self,
+        *,
+        context: Context,
+        name: str = "robot",
+        namespace: str = "",
+        values: Mapping[str, Any] | None = None,
+    ) -> None:
+        super().__init__(
+            name, ROBOT_PARAMETERS, context=context, namespace=namespace, values=values
+        )
+        self.name = self.get_name()
+        self.done = False
+        self.protocol: RobotProtocol | None = None
+        self._convert: Converter | None = None
+        self._run_text: str | None = None
+        self._run: RunConfig | None = None
+        self._last_step: int | None = None
+        self._ended: float | None = None
+        self._joined = False
+        self._waiting: tuple | None = None
+        self._waiting_since = 0.0
+        self._born = self._reported = time.monotonic()
+        self._ready_since: float | None = None
+        self._peers: dict[int, Peer] = {}
+        self._claim = Claim(
+            self,
+            interface.ACTION.of(self.name),
+            f"{self.name}/{interface.ACTIVE_PERCEPTION}",
+            f"the name {self.name}",
+        )
+        self._action_publisher = self._publisher(interface.ACTION)
+        self._claim.published()
+        self._percept_publisher = self._publisher(interface.PERCEPT)
+        self._map_publisher = self._publisher(interface.COORDINATION_MAP)
+        self._diagnostics_publisher = self.create_publisher(
+            interface.DIAGNOSTICS.type, interface.DIAGNOSTICS.name, interface.DIAGNOSTICS.qos
+        )
+        self._listen(interface.RUN, self._on_run)
+        self._listen(interface.STATUS, self._on_status)
+        self.create_timer(TICK_SECONDS, self._tick)
+
+    # Outgoing: the port of the protocol.
+
+    def act(self, step: int, action: Action) -> None:
+        """Publish the action that answers the local state of a time step."""
+        self._action_publisher.publish(self._convert.pack_action(step, action))
+
+    def percept(self, step: int, cell: int, peer_cell: int | None) -> None:
+        """Publish what came of COORDINATE."""
+        self._percept_publisher.publish(self._convert.path(step, (cell, peer_cell)))
+
+    def ask(self, peer: int, step: int, cell: int) -> None:
+        """Request the peer's local state; a peer that fell silent is not waited for."""
+        if not self._peers[peer].request(self._convert.pose(step, cell), step):
+            self.protocol.expire()
+
+    # Incoming.
+
+    def _on_run(self, message: String) -> None:
+        if self._run_text is not None and message.data != self._run_text:
+            raise RunError(
+                f"robot {self.name}: the world simulator was restarted with another run; restart "
+                "this robot too"
+            )
+        if self._run_text is None:
+            self._run = run_from_yaml(message.data, where="topic run")
+            self._run_text = message.data
+
+    def _on_status(self, message: DiagnosticStatus) -> None:
+        if message.message in (interface.FINISHED, interface.STOPPED):
+            self._last_step = int(status_values(message)["step"])
+            self._ended = time.monotonic()
+
+    def _on_state(self, data: bytes) -> None:
+        try:
+            step, cell = self._convert.unpack_state(data)
+        except ValueError as error:
+            self._ignore(interface.LOCAL_STATE, error)
+            return
+        self.protocol.state(step, cell)
+
+    def _on_reward(self, data: bytes) -> None:
+        try:
+            step, total = self._convert.unpack_reward(data)
+        except ValueError as error:
+            self._ignore(interface.REWARD, error)
+            return
+        self.protocol.reward(step, total)
+
+    def _on_asked(self, request: GetPlan.Request, response: GetPlan.Response):
+        """Answer a peer (or a person, who gives no stamp and no name)."""
+        stamp, position = request.start.header.stamp, request.start.pose.position
+        step = self._convert.step(stamp.sec, stamp.nanosec)
+        names = [robot.name for robot in self._run.scenario.robots]
+        asker = request.goal.header.frame_id
+        if step and asker not in names:
+            self.get_logger().warning(
+                f"active_perception: asker {asker!r} is no robot of the scenario; refused",
+                throttle_duration_sec=5.0,
+            )
+            answer = Answer(self.protocol.newest[0], None)
+        else:
+            number = names.index(asker) if asker in names else 0
+            answer = self.protocol.asked(number, step, self._convert.cell(position.x, position.y))
+        response.plan = self._convert.path(answer.step, (answer.cell,))
+        return response
+
+    def _on_answer(self, request_step: int, plan: PathMessage) -> None:
+        step = self._convert.step(plan.header.stamp.sec, plan.header.stamp.nanosec)
+        cell = None
+        if plan.poses:
+            position = plan.poses[0].pose.position
+            cell = self._convert.cell(position.x, position.y)
+        self.protocol.answer(request_step, Answer(step, cell))
+
+    def _on_save(self, request: Trigger.Request, response: Trigger.Response):
+        response.success = self._out is not None and self.protocol is not None
+        response.message = "no parameter 'out' was given: nowhere to save"
+        if response.success:
+            response.message = f"saved {self._save()}"
+        return response
+
+    # The course of the run.
+
+    def _tick(self) -> None:
+        now = time.monotonic()
+        if self._claim is not None:
+            if now - self._born >= self.values["claim_window"]:
+                self._claim.check()
+                self._claim = None
+            return
+        if self._run is None:
+            self._complain_without_world(now)
+            return
+        if self.protocol is None:
+            self._prepare()
+        if not self._joined:
+            self._join_when_ready(now)
+        elif self._ended is not None:
+            self._end_when_learned(now)
+        else:
+            self._watch_the_deadline(now)
+        if now - self._reported >= REPORT_SECONDS:
+            self._report(now)
+
+    def _complain_without_world(self, now: float) -> None:
+        limit = self.values["startup_timeout"]
+        if 0 < limit < now - self._born:
+            raise RunError(
+                f"startup_timeout: robot {self.name} heard of no world simulator on "
+                f"{self.resolve_topic_name(interface.RUN.name)} within {limit:g} s; start one: "
+                "ros2 run sparse_coord_ros world_simulator --ros-args -p scenario:=env1"
+            )
+
+    def _prepare(self) -> None:
+        """Become an agent of the run: tables, service, clients."""
+        names = [robot.name for robot in self._run.scenario.robots]
+        if self.name not in names:
+            raise RunError(
+                f"robot {self.name!r}: scenario {self._run.scenario.name} has no such robot"
+                f"{did_you_mean(self.name, names)}; its robots are {', '.join(names)}; name the "
+                f"node with --ros-args -r __node:={names[0]}"
+            )
+        number = names.index(self.name)
+        self._convert = Converter(self._run)
+        self._out = self._prepare_out()
+        agent = Agent(
+            self._run.scenario,
+            number,
+            self._run.seed,
+            learner=self._run.learner,
+            tables=self._initial_tables(number),
+            learning=not self._run.greedy,
+        )
+        self.protocol = RobotProtocol(self._run, agent, self)
+        service = f"{self.name}/{interface.ACTIVE_PERCEPTION}"
+        Peer.introspect(
+            self, self.create_service(interface.ACTIVE_PERCEPTION_TYPE, service, self._on_asked)
+        )
+        self.create_service(Trigger, "~/save", self._on_save)
+        self._peers = {
+            k: Peer(self, name, self._on_answer) for k, name in enumerate(names) if k != number
+        }
+
+    def _prepare_out(self) -> Path | None:
+        if not self.values["out"]:
+            return None
+        out = Path(self.values["out"])
+        out.mkdir(parents=True, exist_ok=True)
+        path = robot_file(out, self.name)
+        if path.exists():
+            raise RunError(
+                f"output file {path}: exists already, nothing is overwritten; choose another "
+                "directory for parameter 'out'"
+            )
+        if not (out / "run.yaml").exists():
+            (out / "run.yaml").write_text(self._run_text, encoding="utf-8")
+        return out
+
+    def _initial_tables(self, number: int):
+        if not self.values["tables"]:
+            if self._run.greedy:
+                raise TablesError(
+                    f"robot {self.name}: the run is greedy but parameter 'tables' names no "
+                    "learned tables; give the output directory of a run"
+                )
+            return None
+        directory = Path(self.values["tables"])
+        tables = load_team(directory, load_run(directory).scenario)
+        check_tables(self._run.scenario, tables)
+        return tables[number]
+
+    def _join_when_ready(self, now: float) -> None:
+        """Listen to the world once everybody who should hear this robot does.
+
+        The world waits for these subscriptions: with them the robot says that it is ready.
+        """
+        listeners = 2 if self._run.recorded else 1
+        if self._action_publisher.get_subscription_count() < listeners:
+            return
+        self._ready_since = self._ready_since or now
+        if now - self._ready_since < PEER_PATIENCE_SECONDS and not all(
+            peer.ready() for peer in self._peers.values()
+        ):
+            return
+        self._joined = True
+        self._listen(interface.REWARD, self._on_reward, self.name, raw=True)
+        self._listen(interface.LOCAL_STATE, self._on_state, self.name, raw=True)
+        self._publish_map()
+
+    def _watch_the_deadline(self, now: float) -> None:
+        waiting = self.protocol.waiting
+        if waiting is None or waiting != self._waiting:
+            self._waiting, self._waiting_since = waiting, now
+        elif now - self._waiting_since >= self._run.percept_timeout:
+            self._waiting = None
+            if waiting[0] == "percept":
+                self._peers[self.protocol.asking].gave_up()
+            self.protocol.expire()
+        for peer in self._peers.values():
+            peer.send_what_waits()
+
+    def _end_when_learned(self, now: float) -> None:
+        learned = self.protocol.waiting is None and self.protocol.newest[0] >= self._last_step
+        if learned or now - self._ended > LAST_WORDS_SECONDS:
+            self.done = True
+
+    def finish(self, *, interrupted: bool) -> None:
+        """Save the tables, publish the last coordination map and let it arrive."""
+        if self.protocol is None:
+            return
+        if self._out is not None:
+            self.get_logger().info(f"saved {self._save()}")
+        self._report(time.monotonic())
+        self._publish_map()
+        for publisher in (self._action_publisher, self._percept_publisher, self._map_publisher):
+            publisher.wait_for_all_acked(ACKNOWLEDGE)
+
+    def _save(self) -> Path:
+        path = robot_file(self._out, self.name)
+        agent = self.protocol.agent
+        counts = {**self.protocol.asks, "dropped": self.protocol.dropped}
+        save_tables(path, {agent.number + 1: agent.tables}, counts=counts)
+        return path
+
+    # Reports.
+
+    def _report(self, now: float) -> None:
+        self._reported = now
+        step = self.protocol.newest[0]
+        values = {
+            **{f"asks_{how}": count for how, count in self.protocol.asks.items()},
+            "epsilon": f"{self.protocol.agent.epsilon(step):.4f}",
+            "transitions_dropped": self.protocol.dropped,
+        }
+        message = DiagnosticArray(header=self._convert.header(step))
+        message.status = [
+            status(self.name, "learning" if self.protocol.agent.learning else "greedy", values)
+        ]
+        self._diagnostics_publisher.publish(message)
+        self._publish_map()
+
+    def _publish_map(self) -> None:
+        step, tables = self.protocol.newest[0], self.protocol.agent.tables
+        self._map_publisher.publish(self._convert.coordination_map(step, tables))
+
+    def _ignore(self, topic: interface.Topic, error: ValueError) -> None:
+        self.get_logger().warning(
+            f"{topic.of(self.name)}: {error}; message ignored", throttle_duration_sec=5.0
+        )
+
+    def _publisher(self, topic: interface.Topic):
+        return self.create_publisher(topic.type, topic.of(self.name), topic.qos)
+
+    def _listen(self, topic: interface.Topic, callback, robot: str = "", *, raw: bool = False):
+        name = topic.of(robot) if robot else topic.name
+        self.create_subscription(topic.type, name, callback, topic.qos, raw=raw)
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node `robot`."""
+    return run_node(lambda context: RobotNode(context=context), args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,137 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Contexts, executors, signals and exit codes of every executable."""
+
+import signal
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+from sparse_coord_ros.errors import EXIT_BAD_INPUT, RunError, SparseCoordError
+
+SPIN_SECONDS = 0.1
+"""Longest wait of one spin: how soon a signal is noticed."""
+
+
+class Stop:
+    """Whether SIGINT or SIGTERM has come; a second one interrupts at once."""
+
+    def __init__(self) -> None:
+        self.signal: int | None = None
+
+    def __bool__(self) -> bool:
+        """Whether to stop."""
+        return self.signal is not None
+
+    def handle(self, number: int, frame: object) -> None:
+        """Note a signal."""
+        if self.signal is not None:
+            raise KeyboardInterrupt
+        self.signal = number
+
+
+@contextmanager
+def signals() -> Iterator[Stop]:
+    """Catch SIGINT and SIGTERM, so that nodes can say good-bye while ROS still works."""
+    stop = Stop()
+    before = {n: signal.signal(n, stop.handle) for n in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def ros_context(args: Sequence[str] | None = None, *, domain_id: int | None = None):
+    """Open a ROS context of its own, without ROS's signal handlers.
+
+    Args:
+        args: command line with `--ros-args`; None: no arguments.
+        domain_id: the ROS domain; None: that of the environment.
+    """
+    context = Context()
+    rclpy.init(
+        args=list(args) if args is not None else [],
+        context=context,
+        domain_id=domain_id,
+        signal_handler_options=SignalHandlerOptions.NO,
+    )
+    try:
+        yield context
+    finally:
+        rclpy.try_shutdown(context=context)
+
+
+def make_executor(kind: str, context: Context) -> Executor:
+    """Return an executor.
+
+    Args:
+        kind: "events" or "single".
+        context: the nodes' context.
+
+    Raises:
+        RunError: this rclpy has no EventsExecutor.
+    """
+    if kind == "single":
+        return SingleThreadedExecutor(context=context)
+    try:
+        from rclpy.experimental.events_executor import EventsExecutor
+    except ImportError:
+        raise RunError(
+            "executor 'events': this rclpy has none (it came with 7.1.2); update ROS 2 Jazzy or "
+            "use 'single'"
+        ) from None
+    return EventsExecutor(context=context)
+
+
+def spin_nodes(
+    nodes: Sequence[Node], kind: str, context: Context, until: Callable[[], bool]
+) -> None:
+    """Run nodes until a condition holds.
+
+    Exceptions of callbacks come through.
+    """
+    executor = make_executor(kind, context)
+    try:
+        for node in nodes:
+            executor.add_node(node)
+        while not until():
+            executor.spin_once(timeout_sec=SPIN_SECONDS)
+    finally:
+        for node in nodes:
+            executor.remove_node(node)
+        executor.shutdown()
+
+
+def run_node(make: Callable[[Context], Node], args: Sequence[str] | None = None) -> int:
+    """Run one node as a process: until it is `done`, or SIGINT or SIGTERM comes.
+
+    The node's `finish(interrupted)` is called at the end, while ROS still works.
+
+    Returns:
+        The exit code: 0 after the run and after SIGINT or SIGTERM, 2 after bad input.
+    """
+    with signals() as stop:
+        try:
+            with ros_context(sys.argv if args is None else args) as context:
+                node = make(context)
+                try:
+                    spin_nodes(
+                        [node], node.values["executor"], context, lambda: stop or node.done
+                    )
+                    node.finish(interrupted=not node.done)
+                finally:
+                    node.destroy_node()
+        except SparseCoordError as error:
+            print(f"error: {error}", file=sys.stderr, flush=True)
+            return EXIT_BAD_INPUT
+        except KeyboardInterrupt:
+            return 128 + signal.SIGINT
+    return 0

@@ -1,0 +1,121 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A whole team in one process: world simulator, robots and recorder on one executor."""
+
+import sys
+import time
+from collections.abc import Callable, Mapping
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from rclpy.context import Context
+
+from sparse_coord_ros.core.run_config import create_output
+from sparse_coord_ros.errors import EXIT_BAD_INPUT, SparseCoordError
+from sparse_coord_ros.nodes.outputs import gather
+from sparse_coord_ros.nodes.parameters import (
+    RECORDER_PARAMETERS,
+    ROBOT_PARAMETERS,
+    TEAM_PARAMETERS,
+    WORLD_PARAMETERS,
+    ParameterNode,
+)
+from sparse_coord_ros.nodes.recorder import Recorder
+from sparse_coord_ros.nodes.robot import RobotNode
+from sparse_coord_ros.nodes.spin import ros_context, signals, spin_nodes
+from sparse_coord_ros.nodes.world_simulator import WorldSimulator, run_from_parameters
+
+BAG = "bag"
+"""Name of the bag's directory in the output directory."""
+
+LAST_WORDS_SECONDS = 0.3
+
+
+def run_team(
+    values: Mapping[str, Any],
+    *,
+    context: Context,
+    namespace: str = "",
+    stop: Callable[[], bool] = lambda: False,
+) -> dict[str, Any]:
+    """Run a team until its step budget is used up or `stop` says so.
+
+    Args:
+        values: some of `TEAM_PARAMETERS`; `out` is the output directory, which must not exist.
+        context: the ROS context.
+        namespace: the team's namespace.
+        stop: asked several times a second.
+
+    Returns:
+        The summary, as in `summary.yaml`; `interrupted` says whether the run was stopped early.
+
+    Raises:
+        SparseCoordError: bad input.
+    """
+    values = {**TEAM_PARAMETERS.defaults(), **TEAM_PARAMETERS.parse(values)}
+    values["recorded"] = values["record"]
+    run = run_from_parameters(values)
+    now = datetime.now().strftime("%Y%m%d_%H%M%S")
+    out = create_output(Path(values["out"] or f"{run.scenario.name}_{now}"))
+    place = {"context": context, "namespace": namespace}
+    nodes: list[ParameterNode] = []
+    try:
+        if values["record"]:
+            own = {name: values[name] for name in RECORDER_PARAMETERS}
+            nodes.append(Recorder(values={**own, "out": str(out / BAG)}, **place))
+        own = {name: values[name] for name in WORLD_PARAMETERS}
+        nodes.append(WorldSimulator(values={**own, "out": str(out)}, **place))
+        for robot in run.scenario.robots:
+            own = {name: values[name] for name in ROBOT_PARAMETERS}
+            nodes.append(RobotNode(name=robot.name, values={**own, "out": str(out)}, **place))
+        interrupted = _spin(nodes, values["executor"], context, stop)
+    finally:
+        for node in nodes:
+            if isinstance(node, Recorder):
+                node.bag.close()
+            node.destroy_node()
+    return gather(out, run.scenario, interrupted=interrupted)
+
+
+def _spin(nodes, kind: str, context: Context, stop: Callable[[], bool]) -> bool:
+    """Spin until every node is done; return whether they were stopped before."""
+    finished: set[int] = set()
+
+    def settle(*, interrupted: bool = False) -> bool:
+        for number, node in enumerate(nodes):
+            speaks = not isinstance(node, Recorder)
+            if number not in finished and (node.done or (interrupted and speaks)):
+                finished.add(number)
+                node.finish(interrupted=not node.done)
+        return len(finished) == len(nodes)
+
+    spin_nodes(nodes, kind, context, lambda: settle() or stop())
+    if len(finished) == len(nodes):
+        return False
+    settle(interrupted=True)
+    recorders = [node for node in nodes if isinstance(node, Recorder)]
+    deadline = time.monotonic() + LAST_WORDS_SECONDS
+    spin_nodes(recorders, kind, context, lambda: time.monotonic() >= deadline)
+    for recorder in recorders:
+        recorder.finish(interrupted=True)
+    return True
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the executable `team`: exit code 0 after the run and after a signal, 2 on bad input."""
+    with signals() as stop:
+        try:
+            with ros_context(sys.argv if args is None else args) as context:
+                node = ParameterNode("team", TEAM_PARAMETERS, context=context)
+                values, namespace = node.values, node.get_namespace()
+                node.destroy_node()
+                run_team(values, context=context, namespace=namespace, stop=lambda: bool(stop))
+        except SparseCoordError as error:
+            print(f"error: {error}", file=sys.stderr, flush=True)
+            return EXIT_BAD_INPUT
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,385 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The world simulator node: local states, rewards and time for a team of robot nodes."""
+
+import sys
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.context import Context
+from rclpy.duration import Duration
+from std_msgs.msg import String
+from std_srvs.srv import SetBool, Trigger
+
+from sparse_coord_ros.core.run_config import RUN_SETTINGS, RunConfig, make_run
+from sparse_coord_ros.core.scenario import load_scenario, scenario_names
+from sparse_coord_ros.core.settings import parse_assignments
+from sparse_coord_ros.core.world import Reward
+from sparse_coord_ros.errors import RunError, SettingError
+from sparse_coord_ros.nodes import interface
+from sparse_coord_ros.nodes.claim import Claim
+from sparse_coord_ros.nodes.messages import CLOCK_LAYOUT, Converter, status
+from sparse_coord_ros.nodes.parameters import WORLD_PARAMETERS, ParameterNode
+from sparse_coord_ros.nodes.spin import run_node
+from sparse_coord_ros.protocol.world import WorldProtocol
+
+TICK_SECONDS = 0.02
+REPORT_SECONDS = 1.0
+REPEAT_SECONDS = 0.5
+"""After this silence the world publishes again what a missing robot may have lost."""
+ACKNOWLEDGE = Duration(seconds=2)
+
+
+def run_from_parameters(values: Mapping[str, Any]) -> RunConfig:
+    """Build the run that a world simulator's parameters describe.
+
+    Raises:
+        SparseCoordError: of the kind that fits the bad parameter.
+    """
+    if not values["scenario"]:
+        raise SettingError(
+            "parameter scenario: none is given; start the node with --ros-args -p "
+            f"scenario:=NAME, NAME a scenario file or one of: {', '.join(scenario_names())}"
+        )
+    assignments = parse_assignments(text for text in values["set"] if text)
+    scenario = load_scenario(values["scenario"]).with_settings(assignments)
+    if values["learner"] == "indiv":
+        raise SettingError(
+            "parameter learner: value is 'indiv', allowed here: coop or noncoop; one robot at a "
+            "time is 'sparse_coord train --learner indiv'"
+        )
+    return make_run(scenario, {name: values[name] for name in RUN_SETTINGS})
+
+
+class WorldSimulator(ParameterNode):
+    """Publishes X_k(t) and R_k(t), waits for the team's actions, owns /clock.
+
+    Args:
+        context: the ROS context.
+        namespace: the team's namespace.
+        values: parameters given by the program; None: by the command line.
+
+    Raises:
+        SparseCoordError: a bad parameter, a taken name, robots that do not come.
+    """
+
+    def __init__(
+        self,
+        *,
+        context: Context,
+        namespace: str = "",
+        values: Mapping[str, Any] | None = None,
+    ) -> None:
+        super().__init__(
+            "world_simulator",
+            WORLD_PARAMETERS,
+            context=context,
+            namespace=namespace,
+            values=values,
+        )
+        self.run = run_from_parameters(self.values)
+        self._out = _prepare_out(self.values["out"], self.run)
+        self._convert = Converter(self.run)
+        self._names = [robot.name for robot in self.run.scenario.robots]
+        self.protocol = WorldProtocol(self.run, self)
+        self._state = interface.WAITING
+        self._paused = self._started = self.done = False
+        self._clock_step = -1
+        self._since = self._born = self._reported = time.monotonic()
+        self._seconds = 0.0
+        self._reported_transitions = 0
+        self._repeated = 0.0
+        self._slow = [0.0] * len(self._names)
+        self._claim = Claim(self, interface.RUN.name, "~/pause", "this team's world")
+        self._run_publisher = self._publisher(interface.RUN)
+        self._claim.published()
+        self._create_publishers()
+        self._tick_timer = self.create_timer(TICK_SECONDS, self._tick)
+        self._rate_timer = None
+
+    # Outgoing: the port of the protocol.
+
+    def state(self, robot: int, step: int, cell: int) -> None:
+        """Publish a robot's local state, and the clock when a step begins."""
+        if step != self._clock_step:
+            self._clock_step = step
+            self._since = time.monotonic()
+            self._clock_publisher.publish(CLOCK_LAYOUT.pack(*self._convert.stamp(step)))
+        self._state_publishers[robot].publish(self._convert.pack_state(step, cell))
+
+    def reward(self, robot: int, step: int, reward: Reward) -> None:
+        """Publish the reward of a robot's action at a time step."""
+        self._reward_publishers[robot].publish(self._convert.pack_reward(step, reward))
+
+    # Incoming.
+
+    def _on_action(self, robot: int, data: bytes) -> None:
+        try:
+            step, action = self._convert.unpack_action(data)
+        except ValueError as error:
+            self.get_logger().warning(
+                f"{self._names[robot]}/action: {error}; message ignored",
+                throttle_duration_sec=5.0,
+            )
+            return
+        if not self._started:
+            return
+        opened = self.protocol.action(robot, step, action)
+        self._slow[robot] = max(self._slow[robot], time.monotonic() - self._since)
+        if opened and not self._paused and self.values["rate"] == 0:
+            self._advance()
+
+    def _on_pause(self, request: SetBool.Request, response: SetBool.Response):
+        self._paused = request.data
+        self._since = time.monotonic()
+        self._say_state(interface.PAUSED if self._paused else self._running_state())
+        if not self._paused and self.protocol.complete and self.values["rate"] == 0:
+            self._advance()
+        response.success, response.message = True, self._state
+        return response
+
+    def _on_reset(self, request: Trigger.Request, response: Trigger.Response):
+        response.success = self._started and not self.protocol.finished
+        response.message = "the run is not under way"
+        if response.success:
+            self.protocol.new_episode()
+            response.message = f"episode {self.protocol.world.episode} begins"
+        return response
+
+    # The course of the run.
+
+    def _tick(self) -> None:
+        now = time.monotonic()
+        if self._claim is not None:
+            if now - self._born >= self.values["claim_window"]:
+                self._claim.check()
+                self._claim = None
+                self._open()
+            return
+        if not self._started:
+            self._start_when_complete(now)
+        elif not self._paused and not self.protocol.finished:
+            self._watch_the_barrier(now)
+        if now - self._reported >= REPORT_SECONDS:
+            self._report(now)
+
+    def _open(self) -> None:
+        """Offer the services and tell everybody what the run is."""
+        self.create_service(SetBool, "~/pause", self._on_pause)
+        self.create_service(Trigger, "~/reset", self._on_reset)
+        self._run_publisher.publish(String(data=self.run.to_yaml()))
+        self._map_publisher.publish(self._convert.map())
+        self._publish_markers()
+        self._say_state(interface.WAITING)
+
+    def _start_when_complete(self, now: float) -> None:
+        missing = [name for k, name in enumerate(self._names) if not self._matched(k)]
+        if missing:
+            limit = self.values["startup_timeout"]
+            if 0 < limit < now - self._born:
+                recorder = " (or the recorder)" if self.run.recorded else ""
+                raise RunError(
+                    f"startup_timeout: after {limit:g} s still no node for {', '.join(missing)}"
+                    f"{recorder}; start each robot with: ros2 run sparse_coord_ros robot "
+                    f"--ros-args -r __node:={missing[0]}"
+                )
+            return
+        self._started = True
+        self._seconds = -now
+        self._since = self._reported = now
+        self._say_state(self._running_state())
+        self.get_logger().info(
+            f"{self.run.scenario.name}: {len(self._names)} robots, {self.run.scenario.steps} "
+            f"steps, seed {self.run.seed}"
+        )
+        self.protocol.start()
+
+    def _matched(self, robot: int) -> bool:
+        """Whether a robot (and the recorder, where one is to be) listens and speaks."""
+        listeners = 2 if self.run.recorded else 1
+        return (
+            self._state_publishers[robot].get_subscription_count() >= listeners
+            and self._reward_publishers[robot].get_subscription_count() >= listeners
+            and self._action_subscriptions[robot].get_publisher_count() >= 1
+        )
+
+    def _watch_the_barrier(self, now: float) -> None:
+        if self.values["rate"] > 0:
+            self._keep_the_rate()
+        silent = now - self._since
+        if self.protocol.complete or silent < REPEAT_SECONDS:
+            return
+        if now - self._repeated >= REPEAT_SECONDS:
+            self._repeated = now
+            self.protocol.repeat()
+        gone = all(
+            self._action_subscriptions[k].get_publisher_count() == 0
+            for k in self.protocol.missing()
+        )
+        if silent >= self.run.step_timeout or (gone and self.protocol.missing()):
+            late = [self._names[k] for k in self.protocol.expire()]
+            self._since = now
+            self.get_logger().warning(
+                f"step {self.protocol.world.step}: {', '.join(late)} gone or silent for "
+                f"{silent:.1f} s; going on without",
+                throttle_duration_sec=5.0,
+            )
+            self._end_when_finished()
+
+    def _keep_the_rate(self) -> None:
+        if self._rate_timer is None or self._rate_timer.timer_period_ns != _period(self.values):
+            if self._rate_timer is not None:
+                self.destroy_timer(self._rate_timer)
+            self._rate_timer = self.create_timer(_period(self.values) / 1e9, self._on_rate)
+
+    def _on_rate(self) -> None:
+        if self.values["rate"] > 0 and self.protocol.complete and not self._paused:
+            self._advance()
+            self._publish_markers()
+
+    def _advance(self) -> None:
+        self.protocol.advance()
+        self._end_when_finished()
+
+    def _end_when_finished(self) -> None:
+        if self.protocol.finished and not self.done:
+            self._seconds += time.monotonic()
+            self._report(time.monotonic())
+            self._publish_markers()
+            self._say_state(interface.FINISHED)
+            self.done = True
+
+    def finish(self, *, interrupted: bool) -> None:
+        """Say good-bye, write `summary.yaml` and let the last messages arrive."""
+        if interrupted:
+            if self._started:
+                self._seconds += time.monotonic()
+            self._say_state(interface.STOPPED)
+        if self._out is not None:
+            text = yaml.safe_dump(self.summary(), sort_keys=False)
+            (self._out / "summary.yaml").write_text(text, encoding="utf-8")
+        for publisher in self.publishers:
+            publisher.wait_for_all_acked(ACKNOWLEDGE)
+
+    def summary(self) -> dict[str, Any]:
+        """Return what happened, as plain data."""
+        world = self.protocol.world
+        seconds = self._seconds if self._seconds > 0 else 0.0
+        return {
+            "transitions": world.transitions,
+            "episodes": world.episode + 1,
+            "last_step": world.step,
+            "miscoordinations": world.miscoordinations,
+            "timeouts": self.protocol.timeouts,
+            "stale_actions": self.protocol.stale,
+            "seconds": round(seconds, 3),
+            "steps_per_second": round(world.transitions / seconds, 1) if seconds else 0.0,
+        }
+
+    # Reports.
+
+    def _running_state(self) -> str:
+        return interface.LEARNING if self._started else interface.WAITING
+
+    def _say_state(self, state: str) -> None:
+        self._state = state
+        values = {
+            "step": self.protocol.world.step,
+            "transitions": self.protocol.world.transitions,
+            "timeouts": self.protocol.timeouts,
+        }
+        self._status_publisher.publish(status(self.run.scenario.name, state, values))
+
+    def _report(self, now: float) -> None:
+        world = self.protocol.world
+        rate = (world.transitions - self._reported_transitions) / (now - self._reported + 1e-9)
+        self._reported, self._reported_transitions = now, world.transitions
+        slowest = max(range(len(self._names)), key=self._slow.__getitem__)
+        values = {
+            "transitions": world.transitions,
+            "budget": self.run.scenario.steps,
+            "steps_per_second": f"{rate:.0f}",
+            "episode": world.episode,
+            "miscoordinations": world.miscoordinations,
+            "slowest_robot": self._names[slowest],
+            "slowest_seconds": f"{self._slow[slowest]:.4f}",
+            "timeouts": self.protocol.timeouts,
+        }
+        self._slow = [0.0] * len(self._names)
+        message = DiagnosticArray(header=self._convert.header(world.step))
+        message.status = [
+            status(self.get_name(), self._state, values, warn=bool(self.protocol.absent))
+        ]
+        self._diagnostics_publisher.publish(message)
+        if self._started:
+            share = world.transitions / self.run.scenario.steps
+            self.get_logger().info(
+                f"{share:4.0%}  {world.transitions} of {self.run.scenario.steps} steps, "
+                f"{rate:.0f} steps/s, {world.episode} episodes, "
+                f"{world.miscoordinations} miscoordinations"
+            )
+        self._publish_markers()
+
+    def _publish_markers(self) -> None:
+        world = self.protocol.world
+        self._marker_publisher.publish(
+            self._convert.markers(world.step, self.run.scenario, world.cells)
+        )
+
+    def _publisher(self, topic: interface.Topic, robot: str = ""):
+        name = topic.of(robot) if robot else topic.name
+        return self.create_publisher(topic.type, name, topic.qos)
+
+    def _create_publishers(self) -> None:
+        self._status_publisher = self._publisher(interface.STATUS)
+        self._clock_publisher = self._publisher(interface.CLOCK)
+        self._map_publisher = self._publisher(interface.MAP)
+        self._marker_publisher = self._publisher(interface.MARKERS)
+        self._diagnostics_publisher = self._publisher(interface.DIAGNOSTICS)
+        self._state_publishers = [self._publisher(interface.LOCAL_STATE, n) for n in self._names]
+        self._reward_publishers = [self._publisher(interface.REWARD, n) for n in self._names]
+        self._action_subscriptions = [
+            self.create_subscription(
+                interface.ACTION.type,
+                interface.ACTION.of(name),
+                lambda data, robot=robot: self._on_action(robot, data),
+                interface.ACTION.qos,
+                raw=True,
+            )
+            for robot, name in enumerate(self._names)
+        ]
+
+
+def _period(values: Mapping[str, Any]) -> int:
+    """Return the nanoseconds between two steps at the wanted rate."""
+    return round(1e9 / values["rate"])
+
+
+def _prepare_out(text: str, run: RunConfig) -> Path | None:
+    """Create the output directory and write `run.yaml`; None where there is to be none."""
+    if not text:
+        return None
+    path = Path(text)
+    path.mkdir(parents=True, exist_ok=True)
+    try:
+        with (path / "run.yaml").open("x", encoding="utf-8") as file:
+            file.write(run.to_yaml())
+    except FileExistsError:
+        raise RunError(
+            f"output directory {path}: holds a run already (run.yaml), nothing is overwritten; "
+            "choose another one"
+        ) from None
+    return path
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node `world_simulator`."""
+    return run_node(lambda context: WorldSimulator(context=context), args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

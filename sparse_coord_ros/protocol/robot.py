@@ -1,0 +1,228 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""One robot's side of the lock step, as a state machine without ROS.
+
+Messages come in by `state`, `reward` and `answer`, in any order between topics, each perhaps
+twice; what the robot does goes out through `RobotPort`. The result depends on what the messages
+say, never on when they come.
+"""
+
+from collections import deque
+from typing import NamedTuple, Protocol
+
+from sparse_coord_ros.core.agent import Agent, Decision
+from sparse_coord_ros.core.algorithm import COORDINATE
+from sparse_coord_ros.core.perception import percept_probabilities
+from sparse_coord_ros.core.run_config import RunConfig
+from sparse_coord_ros.core.streams import PERCEPT, Stream
+from sparse_coord_ros.core.world import Action
+
+NO_STEP = 0
+"""The step of a request by a person, who does not know the time step."""
+
+BEFORE_ANY_STEP = -1
+
+
+class RobotPort(Protocol):
+    """What a robot can do to the outside."""
+
+    def ask(self, peer: int, step: int, cell: int) -> None:
+        """Request the peer's local state of a time step; `cell` is the asker's own."""
+
+    def act(self, step: int, action: Action) -> None:
+        """Publish the action that answers the local state of a time step."""
+
+    def percept(self, step: int, cell: int, peer_cell: int | None) -> None:
+        """Publish what came of COORDINATE: the peer's cell, or None for a failed percept."""
+
+
+class Answer(NamedTuple):
+    """The asked robot's side of COORDINATE.
+
+    Attributes:
+        step: the time step that the asked robot is at; older than the request: not there yet.
+        cell: its local state, or None: not perceived.
+    """
+
+    step: int
+    cell: int | None
+
+
+class Pending(NamedTuple):
+    """An action whose outcome is still to come."""
+
+    step: int
+    cell: int
+    decision: Decision
+    action: Action
+    peer_cell: int | None
+
+
+class RobotProtocol:
+    """Drives one `Agent` by messages.
+
+    Args:
+        run: the run.
+        agent: the agent; its number is the robot's place in the scenario.
+        port: what the robot can do.
+
+    Attributes:
+        newest: the last local state received, as (step, cell); step 0 before the first.
+        asks: how its own requests ended: "answered", "refused", "late" (no answer by the
+            deadline) and "repeated" (asked again because the peer was a step behind).
+        dropped: transitions not learned from because the reward did not come.
+    """
+
+    def __init__(self, run: RunConfig, agent: Agent, port: RobotPort) -> None:
+        self.agent = agent
+        self.newest = (NO_STEP, -1)
+        self.asks = {"answered": 0, "refused": 0, "late": 0, "repeated": 0}
+        self.dropped = 0
+        self._port = port
+        self._max_steps = run.scenario.max_steps
+        self._budget = run.scenario.steps
+        self._states: deque[tuple[int, int]] = deque()
+        self._rewards: dict[int, float] = {}
+        self._pending: Pending | None = None
+        self._asking: tuple[int, int, Decision] | None = None
+        self._handled = BEFORE_ANY_STEP
+        self._episode_start = NO_STEP
+        self._transitions = 0
+        self._percepts = [Stream(run.seed, k, PERCEPT) for k in range(len(run.scenario.robots))]
+        self._probabilities = percept_probabilities(
+            run.scenario.perception, run.scenario.map
+        ).tolist()
+
+    @property
+    def waiting(self) -> tuple[str, int] | None:
+        """What the robot waits for from outside the world's rhythm: ("percept" or "reward", step).
+
+        A deadline runs on it; when it passes, call `expire`.
+        """
+        if self._asking is not None:
+            return ("percept", self._asking[0])
+        if self._states and self._pending is not None:
+            return ("reward", self._pending.step)
+        return None
+
+    @property
+    def asking(self) -> int:
+        """The peer that it waits for, or -1."""
+        return -1 if self._asking is None else self._asking[2].peer
+
+    def state(self, step: int, cell: int) -> None:
+        """Take in the own local state X_k of a time step."""
+        if step <= self.newest[0]:
+            self._repeat(step, cell)
+            return
+        self.newest = (step, cell)
+        self._states.append((step, cell))
+        if self._asking is not None:  # the world went on without this robot
+            self._asking = None
+            self.asks["late"] += 1
+        self._go_on()
+
+    def reward(self, step: int, total: float) -> None:
+        """Take in R_k of the action at a time step."""
+        if self._pending is not None and step == self._pending.step:
+            self._rewards[step] = total
+            self._go_on()
+
+    def answer(self, request_step: int, answer: Answer) -> None:
+        """Take in a peer's answer to the request of a time step."""
+        if self._asking is None or self._asking[0] != request_step:
+            return
+        step, cell, decision = self._asking
+        if answer.step < step:
+            self.asks["repeated"] += 1
+            self._port.ask(decision.peer, step, cell)
+            return
+        perceived = answer.cell if answer.step == step else None
+        self.asks["refused" if perceived is None else "answered"] += 1
+        self._act(perceived)
+
+    def expire(self) -> None:
+        """The deadline on `waiting` has passed: a failed percept, or a transition unlearned."""
+        if self._asking is not None:
+            self.asks["late"] += 1
+            self._act(None)
+        elif self.waiting is not None:
+            self.dropped += 1
+            self._pending = None
+            self._go_on()
+
+    def asked(self, asker: int, step: int, asker_cell: int | None) -> Answer:
+        """Answer a peer's request; the environment's perception model decides.
+
+        Args:
+            asker: the asking agent's number.
+            step: the time step of the request; 0 from a person, who gets the newest state.
+            asker_cell: where the asker is; None where that is no free cell.
+        """
+        own_step, own_cell = self.newest
+        if step == NO_STEP:
+            return Answer(own_step, own_cell if own_step != NO_STEP else None)
+        if own_step != step or asker_cell is None:
+            return Answer(own_step, None)
+        draw = self._percepts[asker].at(step)[0]
+        seen = draw < self._probabilities[asker_cell][own_cell]
+        return Answer(own_step, own_cell if seen else None)
+
+    def _go_on(self) -> None:
+        """Work off the states that have come, as far as what belongs to them is there."""
+        while self._states:
+            step, cell = self._states[0]
+            pending = self._pending
+            if pending is not None and step == pending.step + 1:
+                if pending.step not in self._rewards:
+                    return
+                self.agent.learn(
+                    pending.cell,
+                    pending.decision,
+                    pending.action,
+                    pending.peer_cell,
+                    self._rewards[pending.step],
+                    cell,
+                )
+            self._pending = None
+            self._rewards.clear()
+            self._states.popleft()
+            if step == self._handled + 1:
+                self._transitions += 1
+            else:
+                self._episode_start = step
+            self._handled = step
+            if not self._states and not self._rests(step, cell):
+                self._choose(step, cell)
+
+    def _repeat(self, step: int, cell: int) -> None:
+        """The world says a state again because it misses the action: say it, or choose it now."""
+        if self._pending is not None and self._pending.step == step:
+            self._port.act(step, self._pending.action)
+        elif self._asking is None and self._handled == step and cell != self.agent.goal:
+            self._choose(step, cell)
+
+    def _rests(self, step: int, cell: int) -> bool:
+        """Whether no action is due: arrived, end of the episode, or end of the run."""
+        return (
+            cell == self.agent.goal
+            or step - self._episode_start >= self._max_steps
+            or self._transitions >= self._budget
+        )
+
+    def _choose(self, step: int, cell: int) -> None:
+        decision = self.agent.decide(step, cell)
+        self._asking = (step, cell, decision)
+        if decision.action == COORDINATE and decision.peer >= 0:
+            self._port.ask(decision.peer, step, cell)
+        else:
+            self._act(None)
+
+    def _act(self, peer_cell: int | None) -> None:
+        step, cell, decision = self._asking
+        self._asking = None
+        action = self.agent.act(step, cell, decision, peer_cell)
+        self._pending = Pending(step, cell, decision, action, peer_cell)
+        if action.asked:
+            self._port.percept(step, cell, peer_cell)
+        self._port.act(step, action)

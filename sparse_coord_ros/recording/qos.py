@@ -1,0 +1,112 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Quality of service of a recorded topic, and the text in which rosbag2 stores it.
+
+A player offers what the recording says: without `transient_local` in the bag a replayed `map` is
+no longer latched.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+from typing import Any
+
+import yaml
+
+from sparse_coord_ros.errors import BagError
+
+# rmw's RMW_DURATION_INFINITE, 2**63 - 1 ns: what rosbag2 records for a publisher without a
+# deadline, lifespan or lease.
+_INFINITE = {"sec": 9223372036, "nsec": 854775807}
+
+_ALLOWED = {
+    "reliability": ("reliable", "best_effort"),
+    "durability": ("volatile", "transient_local"),
+    "history": ("keep_last", "keep_all"),
+}
+
+
+@dataclass(frozen=True)
+class QoS:
+    """The quality of service that a topic's publisher offers.
+
+    Attributes:
+        reliability: `reliable` or `best_effort`.
+        durability: `volatile`, or `transient_local` for a latched topic.
+        history: `keep_last` or `keep_all`.
+        depth: messages kept with `keep_last`, 0 or more; ignored with `keep_all`.
+
+    Raises:
+        BagError: a policy is not one of the names above, or the depth is negative.
+    """
+
+    reliability: str = "reliable"
+    durability: str = "volatile"
+    history: str = "keep_last"
+    depth: int = 10
+
+    def __post_init__(self) -> None:
+        """Refuse values that rosbag2 could not read back."""
+        for field in fields(self):
+            value = getattr(self, field.name)
+            allowed = _ALLOWED.get(field.name)
+            if allowed is None:
+                if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+                    raise BagError(f"QoS depth is {value!r}: give a whole number, 0 or more")
+            elif value not in allowed:
+                raise BagError(f"QoS {field.name} is {value!r}: give one of {', '.join(allowed)}")
+
+    def as_mapping(self) -> dict[str, Any]:
+        """Return the profile with the keys, order and policy names of rosbag2 version 9."""
+        return {
+            "history": self.history,
+            "depth": self.depth,
+            "reliability": self.reliability,
+            "durability": self.durability,
+            "deadline": dict(_INFINITE),
+            "lifespan": dict(_INFINITE),
+            "liveliness": "automatic",
+            "liveliness_lease_duration": dict(_INFINITE),
+            "avoid_ros_namespace_conventions": False,
+        }
+
+
+def offered_qos_profiles(profiles: Iterable[QoS]) -> str:
+    """Return the profiles as the YAML text of a channel's `offered_qos_profiles`.
+
+    Args:
+        profiles: one profile for each publisher of the topic; none gives `[]`.
+
+    Returns:
+        A YAML sequence as rosbag2 (metadata version 9) writes it, without a final newline.
+    """
+    return yaml_text([profile.as_mapping() for profile in profiles])
+
+
+class _Dumper(yaml.SafeDumper):
+    """PyYAML laid out as yaml-cpp does, so that bags compare equal to rosbag2's as text."""
+
+    def increase_indent(self, flow: bool = False, indentless: bool = False) -> None:
+        """Indent sequences below their key."""
+        super().increase_indent(flow, False)
+
+    def ignore_aliases(self, data: Any) -> bool:
+        """Write equal parts out in full: rosbag2 knows no anchors."""
+        return True
+
+
+_Dumper.add_representer(
+    type(None), lambda dumper, _: dumper.represent_scalar("tag:yaml.org,2002:null", "~")
+)
+_Dumper.add_representer(
+    str,
+    lambda dumper, text: dumper.represent_scalar(
+        "tag:yaml.org,2002:str", text, style=None if text else '"'
+    ),
+)
+
+
+def yaml_text(value: Any) -> str:
+    """Return a plain value as YAML in rosbag2's layout, without a final newline."""
+    layout = {"sort_keys": False, "default_flow_style": False, "width": 2**31}
+    text = yaml.dump(value, Dumper=_Dumper, allow_unicode=True, **layout)
+    return text.rstrip("\n")

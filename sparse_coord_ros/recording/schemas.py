@@ -1,0 +1,160 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Message definitions and type hashes, read from the interface files that ROS 2 installs.
+
+A bag carries the definition of every type in it. The text is the one rosbag2 writes: the type's
+own `.msg` text, then every type it depends on, once, depth first and in alphabetical order.
+"""
+
+import functools
+import importlib.util
+import json
+import os
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from sparse_coord_ros.errors import BagError
+
+_SEPARATOR = "=" * 80
+_TYPE_NAME = re.compile(
+    r"(?P<package>\w+)/"
+    r"(?:msg/(?P<message>\w+)|srv/(?P<service>\w+)_(?P<part>Request|Response|Event))",
+    re.ASCII,
+)
+_FIELD = re.compile(r"^([ \t]*)([A-Za-z][A-Za-z0-9_/]*)(?=(?:\[[^\]]*\])?[ \t]+\w)", re.MULTILINE)
+_PRIMITIVES = frozenset(
+    "bool byte char float32 float64 int8 uint8 int16 uint16 int32 uint32 int64 uint64 "
+    "string wstring".split()
+)
+
+
+@functools.cache
+def schema_text(type_name: str) -> str:
+    """Return the complete `ros2msg` schema of a message type.
+
+    A service's event type has no file of its own. rosbag2 stores the `.srv` text in its place,
+    which is no message definition, and rosbags refuses the whole bag; here the event message is
+    written out, its request and response as sections of their own. mcap_ros2 takes no `srv` types
+    in either form: with it, read the other topics by name.
+
+    Args:
+        type_name: `package/msg/Type`, or `package/srv/Service_Event` (`_Request`, `_Response`).
+
+    Returns:
+        The type's definition, then each dependency after a line of 80 `=` and `MSG: name`.
+
+    Raises:
+        BagError: the name has another form, or a definition is not installed.
+    """
+    seen: set[str] = set()
+
+    def with_dependencies(name: str) -> str:
+        text = _definition(name)
+        sections = [text]
+        for dependency in _dependencies(text, name.partition("/")[0]):
+            if dependency not in seen:
+                seen.add(dependency)
+                sections.append(f"\n{_SEPARATOR}\nMSG: {dependency}\n")
+                short = dependency.count("/") == 1
+                sections.append(
+                    with_dependencies(dependency.replace("/", "/msg/") if short else dependency)
+                )
+        return "".join(sections)
+
+    return with_dependencies(type_name)
+
+
+@functools.cache
+def type_hash(type_name: str) -> str:
+    """Return a type's `RIHS01_...` hash (REP-2011), or an empty text if none is installed.
+
+    Args:
+        type_name: `package/msg/Type`, or `package/srv/Service_Event` (`_Request`, `_Response`).
+
+    Raises:
+        BagError: the name has another form.
+    """
+    package, kind, stem, _ = _parse(type_name)
+    path = _interface_file(package, kind, f"{stem}.json")
+    if path is None:
+        return ""
+    hashes = json.loads(path.read_text(encoding="utf-8"))["type_hashes"]
+    return next((h["hash_string"] for h in hashes if h["type_name"] == type_name), "")
+
+
+def _parse(type_name: str) -> tuple[str, str, str, str]:
+    """Return package, `msg` or `srv`, the interface file's stem, and the part of a service."""
+    match = _TYPE_NAME.fullmatch(type_name)
+    if match is None:
+        raise BagError(
+            f"message type {type_name!r} is not understood: give it as package/msg/Type, for "
+            "example nav_msgs/msg/Path, or as package/srv/Service_Event"
+        )
+    if match["message"]:
+        return match["package"], "msg", match["message"], ""
+    return match["package"], "srv", match["service"], match["part"]
+
+
+def _definition(name: str) -> str:
+    """Return one type's own text."""
+    package, kind, stem, part = _parse(name)
+    text = _read(package, kind, stem)
+    if kind == "msg":
+        return text
+    if part == "Event":
+        return (
+            "service_msgs/ServiceEventInfo info\n"
+            f"{package}/srv/{stem}_Request[<=1] request\n"
+            f"{package}/srv/{stem}_Response[<=1] response\n"
+        )
+    request, response = re.split(r"^---[ \t\r]*\n?", text, maxsplit=1, flags=re.MULTILINE)
+    return _qualified(request if part == "Request" else response, package)
+
+
+def _qualified(text: str, package: str) -> str:
+    """Give every field type its package: in a `srv` type a reader takes a bare one for `srv`."""
+
+    def qualify(match: re.Match[str]) -> str:
+        indent, name = match.groups()
+        return match[0] if name in _PRIMITIVES or "/" in name else f"{indent}{package}/{name}"
+
+    return _FIELD.sub(qualify, text)
+
+
+def _dependencies(text: str, package: str) -> list[str]:
+    names = {match[2] for match in _FIELD.finditer(text)} - _PRIMITIVES
+    return sorted(name if "/" in name else f"{package}/{name}" for name in names)
+
+
+def _read(package: str, kind: str, stem: str) -> str:
+    path = _interface_file(package, kind, f"{stem}.{kind}")
+    if path is None:
+        raise BagError(
+            f"no definition of {package}/{kind}/{stem}: share/{package}/{kind}/{stem}.{kind} is "
+            f"neither in AMENT_PREFIX_PATH ({os.environ.get('AMENT_PREFIX_PATH', '')!r}) nor "
+            f"where Python finds {package}; install the package {package}, or add its prefix"
+        )
+    # Bytes, not text mode: the schema is the file as it is, line ends included.
+    return path.read_bytes().decode("utf-8")
+
+
+def _interface_file(package: str, kind: str, file_name: str) -> Path | None:
+    for prefix in _prefixes(package):
+        path = prefix / "share" / package / kind / file_name
+        if path.is_file():
+            return path
+    return None
+
+
+def _prefixes(package: str) -> Iterator[Path]:
+    """Yield the prefixes a package may be installed in: ament's, its module's, Python's."""
+    for entry in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):
+        if entry:
+            yield Path(entry)
+    spec = importlib.util.find_spec(package)
+    for location in (spec.submodule_search_locations or []) if spec else []:
+        # <prefix>/lib/python3.12/site-packages/<package>
+        yield from list(Path(location).parents)[:4]
+    yield Path(sys.prefix)
