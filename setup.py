@@ -12,7 +12,7 @@ setup(
     description="Robots that learn when and how to coordinate (Melo & Veloso 2009), on ROS 2",
     author="The sparse_coord_ros authors",
     maintainer="The sparse_coord_ros authors",
-    maintainer_email="maintainers@users.noreply.h-seed-a49e4d57.example",
+    maintainer_email="sparse_coord_ros@users.noreply.github.com",
     license="Apache-2.0",
     python_requires=">=3.11",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),

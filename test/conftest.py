@@ -1,0 +1,32 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What all tests share: a ROS domain of their own, and nothing left behind."""
+
+import os
+import tempfile
+
+import pytest
+
+DOMAIN_ID = 1 + os.getpid() % 100
+"""Of this test run; the subprocesses that tests start are in it too."""
+
+
+@pytest.fixture(autouse=True, scope="session")
+def ros_environment():
+    """Keep ROS on this machine, in the tests' own domain, with logs that vanish."""
+    with tempfile.TemporaryDirectory(prefix="sparse_coord_test_") as folder:
+        settings = {
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+            "ROS_DOMAIN_ID": str(DOMAIN_ID),
+            "ROS_LOG_DIR": folder,
+            # A killed process would leave shared memory behind.
+            "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",
+        }
+        before = {name: os.environ.get(name) for name in settings}
+        os.environ.update(settings)
+        yield
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name)
+            else:
+                os.environ[name] = value
