@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """A team, every node in its own process: `ros2 launch sparse_coord_ros team.launch.py`."""
 
-from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
+from launch import LaunchDescription
 from sparse_coord_ros.core.scenario import load_scenario
 
 PACKAGE = "sparse_coord_ros"

@@ -62,7 +62,7 @@ def execute(options: argparse.Namespace) -> int:
 
 
 def paper_row(run: RunConfig) -> dict:
-    """Return what the paper prints for this run's learner, or nothing where it ran another game."""
+    """Return what the paper prints for this run's learner; nothing for another game."""
     return dict(run.scenario.paper.get(run.learner, {})) if same_game_as_paper(run) else {}
 
 

@@ -34,7 +34,7 @@ from sparse_coord_ros.core.streams import (
 from sparse_coord_ros.core.world import Action
 
 LEARNERS = ("coop", "noncoop", "indiv")
-"""Algorithm 1 and the paper's two baselines: Q-learning of all robots at once, and of one alone."""
+"""Algorithm 1 and the paper's baselines: Q-learning of all robots at once, and of one alone."""
 
 NOBODY = -1
 
@@ -152,7 +152,13 @@ class Agent:
         return Action(move, True, decision.peer, peer_cell is not None)
 
     def learn(
-        self, cell: int, decision: Decision, action: Action, peer_cell, reward: float, next_cell: int
+        self,
+        cell: int,
+        decision: Decision,
+        action: Action,
+        peer_cell,
+        reward: float,
+        next_cell: int,
     ) -> None:
         """Update Q^C, then Q* (Algorithm 1, lines 12 to 14 and 18).
 

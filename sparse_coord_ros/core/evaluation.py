@@ -117,7 +117,7 @@ def evaluate(
 
 
 def check_tables(scenario: Scenario, tables: Sequence[Tables]) -> None:
-    """Raise `TablesError` unless there is one pair of tables of the right shapes for each robot."""
+    """Raise `TablesError` unless each robot has one pair of tables of the right shapes."""
     cells = len(scenario.map.cells)
     if len(tables) != len(scenario.robots):
         raise TablesError(

@@ -148,7 +148,7 @@ def parse_map(text: str, *, name: str, where: str) -> GridMap:
         where: what error messages call the file.
 
     Raises:
-        MapError: malformed header, unequal rows, unknown symbol, a start given twice, no free cell.
+        MapError: malformed header, unequal rows, unknown symbol, start given twice, no free cell.
     """
     lines = text.splitlines()
     if "---" not in lines:
@@ -169,7 +169,9 @@ def _header(text: str, where: str) -> dict[str, str]:
     try:
         header = yaml.safe_load(text) or {}
     except yaml.YAMLError as error:
-        raise MapError(f"map {where}: header is not YAML: {' '.join(str(error).split())}") from None
+        raise MapError(
+            f"map {where}: header is not YAML: {' '.join(str(error).split())}"
+        ) from None
     if not isinstance(header, dict):
         raise MapError(f"map {where}: the header must be 'key: value' lines of {allowed}")
     for key in header:
@@ -183,7 +185,9 @@ def _header(text: str, where: str) -> dict[str, str]:
 
 def _check_rows(rows: tuple[str, ...], first_line: int, where: str) -> None:
     if not rows:
-        raise MapError(f"map {where}: no grid after the line '---'; add one line a row ({SYMBOLS})")
+        raise MapError(
+            f"map {where}: no grid after the line '---'; add one line a row ({SYMBOLS})"
+        )
     seen: dict[str, int] = {}
     for line, row in enumerate(rows, start=first_line):
         if len(row) != len(rows[0]):

@@ -66,10 +66,10 @@ def independent_bound(scenario: Scenario) -> float:
     worth = [
         scenario.goal_reward
         / (1.0 - gamma)
-        * (gamma * p / (1.0 - gamma * (1.0 - p)))
-        ** int(scenario.map.distances_to(robot.goal)[robot.start])
-        / gamma
+        * (p / (1.0 - gamma * (1.0 - p))) ** moves
+        * gamma ** (moves - 1)
         for robot in scenario.robots
+        for moves in [int(scenario.map.distances_to(robot.goal)[robot.start])]
     ]
     return float(np.mean(worth))
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Active-perception models: does the percept of COORDINATE succeed? (paper, Section 3.2)
+"""Active-perception models: whether the percept of COORDINATE succeeds (paper, Section 3.2).
 
 "Whether or not it actually succeeds is environment-dependent." A model is a matrix of success
 probabilities over the asker's and the asked robot's cells; the percept succeeds when the draw of

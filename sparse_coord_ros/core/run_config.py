@@ -113,9 +113,10 @@ def run_from_yaml(text: str, *, where: str) -> RunConfig:
     data = parse_yaml(text, where=where)
     known = {f.name for f in fields(RunConfig)}
     if set(data) != known or not all(isinstance(data[n], dict) for n in ("scenario", "versions")):
+        odd = sorted(map(str, set(data) ^ known))
         raise RunError(
-            f"{where}: is not a run.yaml of this version: fields {sorted(set(data) ^ known)} are "
-            "missing or unknown; use the file that run or train wrote"
+            f"{where}: is not a run.yaml of this version: fields {odd} are missing or unknown; "
+            "use the file that run or train wrote"
         )
     scenario = scenario_from_dict(data["scenario"], where=f"{where} (scenario)", name="scenario")
     settings = RUN_SETTINGS.parse({n: data[n] for n in RUN_SETTINGS})

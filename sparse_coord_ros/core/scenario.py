@@ -104,7 +104,9 @@ class Scenario:
         return {
             "name": self.name,
             "map": {"name": self.map.name, "text": self.map.to_text()},
-            "robots": {r.name: {"start": place[r.start], "goal": place[r.goal]} for r in self.robots},
+            "robots": {
+                r.name: {"start": place[r.start], "goal": place[r.goal]} for r in self.robots
+            },
             **{n: str(v) if isinstance(v, Spec) else v for n, v in settings.items()},
             "paper": {learner: dict(row) for learner, row in self.paper.items()},
         }
@@ -159,7 +161,7 @@ def parse_yaml(text: str, *, where: str) -> dict[str, Any]:
     """
     try:
         data = yaml.safe_load(text)
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, ValueError) as error:  # ValueError: e.g. a date with month 13
         mark = getattr(error, "problem_mark", None)
         line = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
         problem = getattr(error, "problem", None) or " ".join(str(error).split())
@@ -269,7 +271,9 @@ def _cell(value: object, grid: GridMap, where: str) -> int:
             f"{where} {list(position)} {problem} of map {grid.name}; choose a free cell "
             "(row and column count from 0 at the top left)"
         )
-    raise ScenarioError(f"{where} is {value!r}, allowed: a start digit of the map or [row, column]")
+    raise ScenarioError(
+        f"{where} is {value!r}, allowed: a start digit of the map or [row, column]"
+    )
 
 
 def _paper(value: object, where: str) -> dict[str, dict[str, Any]]:
@@ -279,7 +283,8 @@ def _paper(value: object, where: str) -> dict[str, dict[str, Any]]:
     for learner, row in value.items():
         if learner not in PAPER_LEARNERS or not isinstance(row, dict):
             raise ScenarioError(
-                f"{where}: paper: unknown learner {learner!r}; allowed: {', '.join(PAPER_LEARNERS)}"
+                f"{where}: paper: unknown learner {learner!r}; "
+                f"allowed: {', '.join(PAPER_LEARNERS)}"
             )
         for measure, pair in row.items():
             if measure not in PAPER_MEASURES or not isinstance(pair, list) or len(pair) != 2:

@@ -43,11 +43,11 @@ def step_sizes(schedule: Spec, updates: int) -> np.ndarray:
     Returns:
         Shape (updates + 1,), float64: entry n is the step size of the n-th update; entry 0 unused.
     """
-    n = np.arange(updates + 1, dtype=np.float64)
     if schedule.kind == "constant":
         return np.full(updates + 1, schedule.numbers[0])
-    n[0] = 1.0
-    return n ** -schedule.numbers[0]
+    exponent = -schedule.numbers[0]
+    # Python's power, not NumPy's: the last bit of NumPy's depends on the processor (AVX-512).
+    return np.array([1.0, *(float(n) ** exponent for n in range(1, updates + 1))])
 
 
 def exploration(schedule: Spec, steps: int) -> np.ndarray:

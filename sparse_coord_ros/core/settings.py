@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Typed settings with ranges: one table serves YAML files, `--set key=value` and ROS parameters."""
+"""Typed settings with ranges: one table for YAML files, `--set key=value` and ROS parameters."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -96,10 +96,11 @@ class Setting:
             raise ValueError
         if self.kind is float:
             return number
-        whole = int(value) if isinstance(value, str) else int(number)
-        if whole != number and not isinstance(value, int):
+        if isinstance(value, str | int):  # exact: a float cannot hold every 64-bit seed
+            return int(value)
+        if int(number) != number:
             raise ValueError
-        return int(value) if isinstance(value, int) else whole
+        return int(number)
 
 
 class SettingTable(Mapping[str, Setting]):

@@ -37,7 +37,8 @@ class Spec:
 
     def __str__(self) -> str:
         """Return `kind[:number ...]`."""
-        return ":".join([self.kind, *(f"{number:g}" for number in self.numbers)])
+        # repr() and not :g, which would round: the robots of a run read this text.
+        return ":".join([self.kind, *(repr(n).removesuffix(".0") for n in self.numbers)])
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,6 @@ the top left, free cells only.
 """
 
 import os
-import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -66,11 +65,12 @@ def load_tables(path: Path, numbers: Sequence[int]) -> list[Tables]:
                 )
                 for k in numbers
             ]
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise TablesError(f"{path}: cannot be read as tables: {error}") from None
     except KeyError as error:
+        raise TablesError(f"{path}: {error.args[0]}; use a file that run or train wrote") from None
+    except Exception as error:  # zip, zlib and NumPy's parser raise what a broken file makes them
+        problem = " ".join(str(error).split())
         raise TablesError(
-            f"{path}: holds no {error.args[0]}; use a file that run or train wrote"
+            f"{path}: cannot be read as tables ({problem}); use a file that run or train wrote"
         ) from None
 
 

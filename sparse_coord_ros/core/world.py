@@ -71,8 +71,8 @@ class World:
     Args:
         scenario: the problem.
         seed: the run's seed.
-        phase: LEARNING or EVALUATION: which random draws the world uses. Episodes of LEARNING begin
-            as the learning protocol says, those of EVALUATION at the scenario's starts.
+        phase: LEARNING or EVALUATION: which random draws the world uses. Episodes of LEARNING
+            begin as the learning protocol says, those of EVALUATION at the scenario's starts.
         max_steps: steps after which an episode ends; the scenario's where None.
         agents: the agents that move (numbers from 0); all where None. Others stay out of the game.
 
@@ -110,6 +110,7 @@ class World:
         self._motion = [Stream(seed, k, MOTION, phase) for k in numbers]
         self._start = [Stream(seed, k, START, phase) for k in numbers]
         self._random_start = _random_share(scenario.starts) if phase == LEARNING else 0.0
+        self._random_cells: dict[int, list[int]] = {}
         self._any_doorway = scenario.conflict == "any_doorway"
         self._episode_start = self.step
         self._place()
@@ -172,9 +173,12 @@ class World:
         for k in self.agents:
             coin, place = self._start[k].at(self.step)
             if coin < self._random_start:
-                free = self._reachable(k)
+                free = self._cells_with_a_way(k)
                 self.cells[k] = free[int(place * len(free))]
 
-    def _reachable(self, k: int) -> list[int]:
-        distances = self.scenario.map.distances_to(self._goals[k])
-        return [x for x, distance in enumerate(distances.tolist()) if distance > 0]
+    def _cells_with_a_way(self, k: int) -> list[int]:
+        """Return the cells from which agent k's goal can be reached, the goal itself left out."""
+        if k not in self._random_cells:
+            distances = self.scenario.map.distances_to(self._goals[k]).tolist()
+            self._random_cells[k] = [x for x, moves in enumerate(distances) if moves > 0]
+        return self._random_cells[k]

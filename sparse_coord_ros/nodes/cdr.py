@@ -7,6 +7,9 @@ messages differ only in their stamp and a few numbers, so their bytes are rclpy'
 of one message with the numbers put in place. Where those bytes lie is found by serialising
 probes, not assumed; a message with another layout (another frame, other labels, another
 byte order) is read by rclpy.
+
+Between the fields lie bytes that only align them. rclpy leaves there what was in memory; here they
+are zeros, so that every process packs and expects the same bytes.
 """
 
 import struct
@@ -17,6 +20,8 @@ from rclpy.serialization import deserialize_message, serialize_message
 PROBE_SECONDS, PROBE_NANOSECONDS = 0x5A17C3E1, 0x2B94D0F7
 PROBE_NUMBER = 7.313131e77
 LITTLE_ENDIAN_CDR = b"\x00\x01"
+ENCAPSULATION = 4
+SIZES = {"int32": 4, "uint32": 4, "double": 8}
 
 
 class FixedLayout:
@@ -34,10 +39,12 @@ class FixedLayout:
         self.message_type = message_type
         self._build, self._read = build, read
         probes = [PROBE_NUMBER * (1 + index) for index in range(numbers)]
-        data = serialize_message(build(PROBE_SECONDS, PROBE_NANOSECONDS, *probes))
+        message = build(PROBE_SECONDS, PROBE_NANOSECONDS, *probes)
+        data = serialize_message(message)
         if data[:2] != LITTLE_ENDIAN_CDR:  # a big-endian machine: leave it all to rclpy
             self._layout = None
             return
+        data = _padded_with_zeros(data, message)
         marks = [struct.pack("<II", PROBE_SECONDS, PROBE_NANOSECONDS)]
         marks += [struct.pack("<d", probe) for probe in probes]
         self._fixed, parts, end = [], ["<"], 0
@@ -73,3 +80,33 @@ class FixedLayout:
             if [values[0], *values[3::2]] == self._fixed:
                 return (*values[1:3], *values[4::2])
         return self._read(deserialize_message(data, self.message_type))
+
+
+def _padded_with_zeros(data: bytes, message) -> bytes:
+    """Return a message's CDR with zeros where none of its fields lies."""
+    clean = bytearray(len(data))
+
+    def keep(at: int, size: int, alignment: int = 1) -> int:
+        start = at + (ENCAPSULATION - at) % alignment
+        clean[start : start + size] = data[start : start + size]
+        return start + size
+
+    def walk(value, kind: str, at: int) -> int:
+        if kind in SIZES:
+            return keep(at, SIZES[kind], SIZES[kind])
+        if kind == "string":
+            return keep(keep(at, 4, 4), len(value.encode()) + 1)
+        if kind.startswith("sequence<"):
+            at = keep(at, 4, 4)
+            for item in value:
+                at = walk(item, kind.removeprefix("sequence<").removesuffix(">"), at)
+            return at
+        for name, field in value.get_fields_and_field_types().items():
+            at = walk(getattr(value, name), field, at)
+        return at
+
+    keep(0, ENCAPSULATION)
+    walk(message, "message", ENCAPSULATION)
+    if deserialize_message(bytes(clean), type(message)) != message:
+        raise RuntimeError(f"{type(message).__name__}: its CDR is not as expected")
+    return bytes(clean)

@@ -160,12 +160,15 @@ class Converter:
         """Return (step, action).
 
         Raises:
-            ValueError: labels are missing, or (east, north) is no primitive action.
+            ValueError: labels are missing, (east, north) is no primitive action, or peer is no
+                number.
         """
         sec, nanosec, east, north, asked, peer, perceived = ACTION_LAYOUT.unpack(data)
         move = MOVE_OF.get((east, north))
         if move is None:
             raise ValueError(f"(east, north) is ({east:g}, {north:g}), no primitive action")
+        if not np.isfinite(peer):
+            raise ValueError(f"peer is {peer:g}, no robot's number")
         action = Action(move, bool(asked), int(peer) - 1, bool(perceived))
         return self.step(sec, nanosec), action
 
@@ -220,7 +223,9 @@ class Converter:
     def _marker(self, step, namespace, number, cell, colour, shape, height) -> Marker:
         marker = Marker(header=self.header(step), ns=namespace, id=number, type=shape)
         marker.pose = self.pose(step, cell).pose
-        marker.scale.x = marker.scale.y = (0.5 if shape == Marker.SPHERE else 0.9) * self.resolution
+        marker.scale.x = marker.scale.y = (
+            0.5 if shape == Marker.SPHERE else 0.9
+        ) * self.resolution
         marker.scale.z = height * self.resolution
         marker.color = ColorRGBA(r=colour[0], g=colour[1], b=colour[2], a=0.8)
         return marker

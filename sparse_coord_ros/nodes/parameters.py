@@ -139,9 +139,7 @@ class ParameterNode(Node):
         for name in overrides:
             self.undeclare_parameter(name)
         for name, setting in self._table.items():
-            self.declare_parameter(
-                name, values[name], _descriptor(setting), ignore_override=True
-            )
+            self.declare_parameter(name, values[name], _descriptor(setting), ignore_override=True)
         return values
 
     def _check_change(self, parameters: list[Parameter]) -> SetParametersResult:

@@ -133,7 +133,9 @@ class Recorder(ParameterNode):
             for topic in interface.ROBOT_TOPICS:
                 self._record(topic.type, topic.of(robot.name), topic.qos, stamped=topic.stamped)
             events = f"{robot.name}/{interface.ACTIVE_PERCEPTION}/_service_event"
-            self._record(interface.ACTIVE_PERCEPTION_TYPE.Event, events, interface.STEP_QOS, stamped=False)
+            self._record(
+                interface.ACTIVE_PERCEPTION_TYPE.Event, events, interface.STEP_QOS, stamped=False
+            )
 
     def _on_status(self, data: bytes) -> None:
         message = deserialize_message(data, DiagnosticStatus)
@@ -149,8 +151,8 @@ class Recorder(ParameterNode):
             if 0 < limit < now - self._born:
                 raise RunError(
                     f"startup_timeout: the recorder heard of no world simulator on "
-                    f"{self.resolve_topic_name(interface.RUN.name)} within {limit:g} s; start one: "
-                    "ros2 run sparse_coord_ros world_simulator --ros-args -p scenario:=env1"
+                    f"{self.resolve_topic_name(interface.RUN.name)} within {limit:g} s; start "
+                    "one: ros2 run sparse_coord_ros world_simulator --ros-args -p scenario:=env1"
                 )
         elif self._ended and now - self._last >= QUIET_SECONDS:
             self.done = True

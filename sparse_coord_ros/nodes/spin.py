@@ -18,6 +18,9 @@ from sparse_coord_ros.errors import EXIT_BAD_INPUT, RunError, SparseCoordError
 SPIN_SECONDS = 0.1
 """Longest wait of one spin: how soon a signal is noticed."""
 
+BATCH = 20
+"""Further callbacks between two looks at the condition, which cost as much as a callback."""
+
 
 class Stop:
     """Whether SIGINT or SIGTERM has come; a second one interrupts at once."""
@@ -104,6 +107,8 @@ def spin_nodes(
             executor.add_node(node)
         while not until():
             executor.spin_once(timeout_sec=SPIN_SECONDS)
+            for _ in range(BATCH):
+                executor.spin_once(timeout_sec=0)
     finally:
         for node in nodes:
             executor.remove_node(node)
@@ -123,9 +128,7 @@ def run_node(make: Callable[[Context], Node], args: Sequence[str] | None = None)
             with ros_context(sys.argv if args is None else args) as context:
                 node = make(context)
                 try:
-                    spin_nodes(
-                        [node], node.values["executor"], context, lambda: stop or node.done
-                    )
+                    spin_nodes([node], node.values["executor"], context, lambda: stop or node.done)
                     node.finish(interrupted=not node.done)
                 finally:
                     node.destroy_node()

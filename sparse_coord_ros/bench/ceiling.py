@@ -1,0 +1,181 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The ceiling: bare rclpy nodes that pass a team's messages in lock step and do nothing else.
+
+Same topics, types, QoS and sizes as a run of env1; the bytes are made once and never read; every
+robot asks its peer at a tenth of the steps. No learning, no recording, no deadlines.
+"""
+
+import select
+import subprocess
+import sys
+import time
+
+from nav_msgs.srv import GetPlan
+from rclpy.context import Context
+from rclpy.node import Node
+
+from sparse_coord_ros.core.run_config import make_run
+from sparse_coord_ros.core.scenario import load_scenario
+from sparse_coord_ros.core.world import Action, Reward
+from sparse_coord_ros.nodes import interface
+from sparse_coord_ros.nodes.messages import CLOCK_LAYOUT, Converter
+from sparse_coord_ros.nodes.spin import ros_context, spin_nodes
+
+ROBOTS = ("robot_1", "robot_2")
+ASK_EVERY = 10
+CONVERT = Converter(make_run(load_scenario("env1"), {}))
+
+
+class BareWorld(Node):
+    """Publishes clock, rewards and states as soon as every robot has acted, `steps` times."""
+
+    def __init__(self, context: Context, steps: int) -> None:
+        super().__init__("bare_world", context=context)
+        self._left, self._acted = steps, 0
+        self.started = 0.0
+        self.seconds = 0.0
+        self._messages = [(self._publisher(interface.CLOCK), CLOCK_LAYOUT.pack(1, 0))]
+        for robot in ROBOTS:
+            self._messages += [
+                (
+                    self._publisher(interface.REWARD, robot),
+                    CONVERT.pack_reward(1, Reward(0, 0, 0, 0)),
+                ),
+                (self._publisher(interface.LOCAL_STATE, robot), CONVERT.pack_state(1, 0)),
+            ]
+            self.create_subscription(
+                interface.ACTION.type,
+                interface.ACTION.of(robot),
+                self._on_action,
+                interface.ACTION.qos,
+                raw=True,
+            )
+        self.create_timer(0.02, self._start)
+
+    @property
+    def done(self) -> bool:
+        """Whether all steps are made."""
+        return self.seconds > 0
+
+    def _start(self) -> None:
+        actions = [self.count_publishers(interface.ACTION.of(robot)) for robot in ROBOTS]
+        listeners = [publisher.get_subscription_count() for publisher, _ in self._messages[1:]]
+        if not self.started and all(actions) and all(listeners):
+            self.started = time.perf_counter()
+            self._publish()
+
+    def _on_action(self, data: bytes) -> None:
+        self._acted += 1
+        if self._acted == len(ROBOTS):
+            self._acted = 0
+            self._left -= 1
+            if self._left > 0:
+                self._publish()
+            else:
+                self.seconds = time.perf_counter() - self.started
+
+    def _publish(self) -> None:
+        for publisher, data in self._messages:
+            publisher.publish(data)
+
+    def _publisher(self, topic: interface.Topic, robot: str = ""):
+        return self.create_publisher(
+            topic.type, topic.of(robot) if robot else topic.name, topic.qos
+        )
+
+
+class BareRobot(Node):
+    """Answers every state with an action, every tenth after asking its peer."""
+
+    def __init__(self, context: Context, number: int) -> None:
+        name, peer = ROBOTS[number], ROBOTS[1 - number]
+        super().__init__(name, context=context)
+        self._count = 0
+        self._action = CONVERT.pack_action(1, Action(0, False, -1, False))
+        self._publisher = self.create_publisher(
+            interface.ACTION.type, interface.ACTION.of(name), interface.ACTION.qos
+        )
+        self._path = CONVERT.path(1, (0,))
+        self.create_service(GetPlan, f"{name}/{interface.ACTIVE_PERCEPTION}", self._on_asked)
+        self._client = self.create_client(GetPlan, f"{peer}/{interface.ACTIVE_PERCEPTION}")
+        self._request = GetPlan.Request()
+        self._timer = self.create_timer(0.02, self._start)
+
+    def _start(self) -> None:
+        if self._client.service_is_ready() and self._publisher.get_subscription_count():
+            self.destroy_timer(self._timer)
+            for topic, callback in (
+                (interface.REWARD, lambda data: None),
+                (interface.LOCAL_STATE, self._on_state),
+            ):
+                self.create_subscription(
+                    topic.type, topic.of(self.get_name()), callback, topic.qos, raw=True
+                )
+
+    def _on_state(self, data: bytes) -> None:
+        self._count += 1
+        if self._count % ASK_EVERY:
+            self._publisher.publish(self._action)
+        else:
+            future = self._client.call_async(self._request)
+            future.add_done_callback(lambda _: self._publisher.publish(self._action))
+
+    def _on_asked(self, request, response):
+        response.plan = self._path
+        return response
+
+
+def one_process(steps: int) -> float:
+    """Return the bare steps a second with all nodes in this process, on the events executor."""
+    with ros_context() as context:
+        world = BareWorld(context, steps)
+        nodes = [world, *(BareRobot(context, number) for number in range(len(ROBOTS)))]
+        try:
+            spin_nodes(nodes, "events", context, lambda: world.done)
+        finally:
+            for node in nodes:
+                node.destroy_node()
+    return steps / world.seconds
+
+
+def separate_processes(steps: int) -> float:
+    """Return the bare steps a second with every node in its own process."""
+    command = [sys.executable, "-m", "sparse_coord_ros.bench.ceiling"]
+    robots = [
+        subprocess.Popen([*command, "robot", str(number)], stdin=subprocess.PIPE)
+        for number in range(len(ROBOTS))
+    ]
+    try:
+        world = subprocess.run(
+            [*command, "world", str(steps)], stdout=subprocess.PIPE, text=True, check=True
+        )
+    finally:
+        for robot in robots:
+            robot.stdin.close()
+            robot.wait()
+    return float(world.stdout)
+
+
+def main() -> int:
+    """Run one bare node as a process: `robot NUMBER`, or `world STEPS`, which prints the rate."""
+    role, number = sys.argv[1], int(sys.argv[2])
+    with ros_context() as context:
+        if role == "robot":
+            node = BareRobot(context, number)
+            spin_nodes([node], "events", context, _stdin_closed)
+        else:
+            node = BareWorld(context, number)
+            spin_nodes([node], "events", context, lambda: node.done)
+            print(number / node.seconds)
+        node.destroy_node()
+    return 0
+
+
+def _stdin_closed() -> bool:
+    """Whether the starter has closed standard input: the world is done."""
+    return bool(select.select([sys.stdin], [], [], 0)[0])
+
+
+if __name__ == "__main__":
+    sys.exit(main())
