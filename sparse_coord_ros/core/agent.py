@@ -104,8 +104,8 @@ class Agent:
         self.tables = initial_tables(scenario, learner) if tables is None else tables
         self._peers = [k for k in range(len(scenario.robots)) if k != number]
         self._draws = Stream(seed, number, POLICY, phase)
-        self._epsilon = exploration(scenario.epsilon, scenario.steps).tolist()
-        self._step_sizes = step_sizes(scenario.step_size, scenario.steps).tolist()
+        self._epsilon = exploration(scenario.epsilon, scenario.steps)
+        self._step_sizes = step_sizes(scenario.step_size, scenario.steps)
         self._discount = scenario.discount
         self._goal_value = scenario.goal_value
         self._star_updates = np.zeros(self.tables.q_star.shape, dtype=np.int64)
@@ -115,7 +115,7 @@ class Agent:
         """Return the probability of exploring at a time step; 0 without learning."""
         if not self.learning:
             return 0.0
-        return self._epsilon[min(step, len(self._epsilon) - 1)]
+        return float(self._epsilon[min(step, len(self._epsilon) - 1)])
 
     def decide(self, step: int, cell: int) -> Decision:
         """Choose A_k(t) (Algorithm 1, line 4)."""
@@ -188,5 +188,5 @@ class Agent:
     def _update(self, table, updates, entry, reward, bootstrap) -> None:
         count = int(updates[entry]) + 1
         updates[entry] = count
-        alpha = self._step_sizes[min(count, len(self._step_sizes) - 1)]
+        alpha = float(self._step_sizes[min(count, len(self._step_sizes) - 1)])
         table[entry] = updated(float(table[entry]), alpha, reward, self._discount, bootstrap)

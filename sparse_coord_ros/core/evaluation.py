@@ -65,7 +65,7 @@ def evaluate(
     Args:
         scenario: the problem.
         tables: the tables of every robot; a NaN COORDINATE column marks a baseline.
-        trials: how many trials, >= 1.
+        trials: how many trials, >= 2.
         seed: seed of the trials' draws, independent of the draws of learning.
 
     Raises:
@@ -138,5 +138,5 @@ def check_tables(scenario: Scenario, tables: Sequence[Tables]) -> None:
 
 def _measure(values: np.ndarray) -> Measure:
     means = values.mean(axis=1)
-    error = means.std(ddof=1) / math.sqrt(len(means)) if len(means) > 1 else math.nan
+    error = means.std(ddof=1) / math.sqrt(len(means))
     return Measure(float(values.mean()), float(values.std()), float(error))

@@ -180,7 +180,7 @@ def _header(text: str, where: str) -> dict[str, str]:
                 f"map {where}: unknown header key {key!r}{did_you_mean(str(key), allowed)}; "
                 f"allowed: {', '.join(allowed)}"
             )
-    return {key: str(value).strip() for key, value in header.items()}
+    return {key: str(value or "").strip() for key, value in header.items()}
 
 
 def _check_rows(rows: tuple[str, ...], first_line: int, where: str) -> None:

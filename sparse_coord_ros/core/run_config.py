@@ -66,6 +66,14 @@ class RunConfig:
     recorded: bool = False
     versions: Mapping[str, str]
 
+    def __post_init__(self) -> None:
+        """Raise `SettingError` where the deadlines contradict each other."""
+        if self.percept_timeout >= self.step_timeout:
+            raise SettingError(
+                f"setting percept_timeout: value is {self.percept_timeout:g}, allowed: less than "
+                f"step_timeout ({self.step_timeout:g})"
+            )
+
     def to_yaml(self) -> str:
         """Return the text of `run.yaml`; `run_from_yaml` reads it back."""
         data: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
@@ -85,11 +93,6 @@ def make_run(scenario: Scenario, values: Mapping[str, object]) -> RunConfig:
         SettingError: an unknown name or a bad value.
     """
     settings = {**RUN_SETTINGS.defaults(), **RUN_SETTINGS.parse(values)}
-    if settings["percept_timeout"] >= settings["step_timeout"]:
-        raise SettingError(
-            f"setting percept_timeout: value is {settings['percept_timeout']:g}, allowed: less "
-            f"than step_timeout ({settings['step_timeout']:g})"
-        )
     return RunConfig(scenario=scenario, versions=versions(), **settings)
 
 

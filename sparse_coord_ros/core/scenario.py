@@ -22,7 +22,9 @@ STARTS = SpecFamily("starts", {"fixed": (), "random": (), "mixed": (Number("p_ra
 
 SETTINGS = SettingTable(
     [
-        Setting("steps", int, 10_000, "step budget of learning, in transitions", low=1),
+        Setting(
+            "steps", int, 10_000, "step budget of learning, in transitions", low=1, high=10**7
+        ),
         Setting("goal_reward", float, 10.0, "r^I paid on arrival and each step after it", low=0),
         Setting("penalty", float, -20.0, "r^C of one miscoordination, paid to all", high=0),
         Setting("ask_cost", float, 1.0, "cost of choosing COORDINATE, answered or not", low=0),

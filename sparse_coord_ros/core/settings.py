@@ -46,11 +46,15 @@ class Setting:
         if self.kind not in (int, float):
             return {str: "a text", list: "a list of texts"}[self.kind]
         words = "a whole number" if self.kind is int else "a number"
+        low, high = (
+            f"{bound}" if self.kind is int else f"{bound:g}" if bound is not None else ""
+            for bound in (self.low, self.high)
+        )
         if self.low is not None and self.high is not None:
-            return f"{words} from {self.low:g} to {self.high:g}"
+            return f"{words} from {low} to {high}"
         if self.low is not None:
-            return f"{words} of at least {self.low:g}"
-        return words if self.high is None else f"{words} of at most {self.high:g}"
+            return f"{words} of at least {low}"
+        return words if self.high is None else f"{words} of at most {high}"
 
     def parse(self, value: object) -> Any:
         """Return the value in the setting's type; texts are read as on the command line.

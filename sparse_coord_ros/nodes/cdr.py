@@ -9,7 +9,9 @@ probes, not assumed; a message with another layout (another frame, other labels,
 byte order) is read by rclpy.
 
 Between the fields lie bytes that only align them. rclpy leaves there what was in memory; here they
-are zeros, so that every process packs and expects the same bytes.
+are zeros, so that every process packs and expects the same bytes. What rclpy reserves after the
+last field (eight bytes of a JointState) is left out: rosbags reads no message with more than it
+expects.
 """
 
 import struct
@@ -44,7 +46,7 @@ class FixedLayout:
         if data[:2] != LITTLE_ENDIAN_CDR:  # a big-endian machine: leave it all to rclpy
             self._layout = None
             return
-        data = _padded_with_zeros(data, message)
+        data = _without_garbage(data, message)
         marks = [struct.pack("<II", PROBE_SECONDS, PROBE_NANOSECONDS)]
         marks += [struct.pack("<d", probe) for probe in probes]
         self._fixed, parts, end = [], ["<"], 0
@@ -82,8 +84,8 @@ class FixedLayout:
         return self._read(deserialize_message(data, self.message_type))
 
 
-def _padded_with_zeros(data: bytes, message) -> bytes:
-    """Return a message's CDR with zeros where none of its fields lies."""
+def _without_garbage(data: bytes, message) -> bytes:
+    """Return a message's CDR with zeros between its fields and nothing after the last one."""
     clean = bytearray(len(data))
 
     def keep(at: int, size: int, alignment: int = 1) -> int:
@@ -106,7 +108,7 @@ def _padded_with_zeros(data: bytes, message) -> bytes:
         return at
 
     keep(0, ENCAPSULATION)
-    walk(message, "message", ENCAPSULATION)
-    if deserialize_message(bytes(clean), type(message)) != message:
+    end = walk(message, "message", ENCAPSULATION)
+    if deserialize_message(bytes(clean[:end]), type(message)) != message:
         raise RuntimeError(f"{type(message).__name__}: its CDR is not as expected")
-    return bytes(clean)
+    return bytes(clean[:end])

@@ -1,51 +1,45 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""One holder a name: a starting node finds out whether its name is taken.
+"""One holder a name: of two nodes of the same name, the later one stops.
 
-Names are claimed by publishing on a topic that only the holder publishes on, and held by
-offering a service. A starter that sees the service loses; two starters who see each other's
-publishers compare endpoint identifiers. Nobody who holds a name ever gives way.
+Every node says on its latched topic `~/claim` since when it has been there. Discovery may take
+seconds, so a claim is never settled for good: whenever two nodes of one name learn of each other,
+the later one gives way.
 """
+
+import time
+import uuid
 
 from rclpy.node import Node
 
 from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.nodes.interface import CLAIM, CLAIMS_QOS
 
 
 class Claim:
-    """A claim to a name.
-
-    Create it before the publisher on `topic`; call `check` when the claim window has passed and
-    before creating `service`.
+    """A node's claim to its name.
 
     Args:
-        node: the claiming node.
-        topic: the topic that only the holder publishes on.
-        service: the service that the holder offers.
-        what: what an error message calls the name.
+        node: the claiming node; its `fail` is called where an earlier node has the name.
     """
 
-    def __init__(self, node: Node, topic: str, service: str, what: str) -> None:
-        self._node, self._what = node, what
-        self._topic = node.resolve_topic_name(topic)
-        self._service = node.resolve_service_name(service)
-        self._before = self._publishers()
-        self._mine: set[tuple] = set()
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._id = uuid.uuid4().hex
+        self._since = divmod(time.time_ns(), 1_000_000_000)
+        node.create_subscription(CLAIM.type, CLAIM.name, self._on_claim, CLAIMS_QOS)
+        self._publisher = node.create_publisher(CLAIM.type, CLAIM.name, CLAIM.qos)
+        header = CLAIM.type(frame_id=self._id)
+        header.stamp.sec, header.stamp.nanosec = self._since
+        self._publisher.publish(header)
 
-    def published(self) -> None:
-        """Note one's own publisher; call it right after creating it."""
-        self._mine = self._publishers() - self._before
-
-    def check(self) -> None:
-        """Raise `RunError` where the name is taken."""
-        others = self._publishers() - self._mine
-        held = self._node.count_services(self._service) > 0
-        if held or (others and min(others) < min(self._mine)):
-            raise RunError(
-                f"{self._what} is taken: another node publishes on {self._topic}; stop that node, "
-                "or start this one under another name or namespace"
+    def _on_claim(self, header) -> None:
+        theirs = (header.stamp.sec, header.stamp.nanosec, header.frame_id)
+        if theirs < (*self._since, self._id):
+            name = self._node.get_fully_qualified_name()
+            self._node.fail(
+                RunError(
+                    f"node {name}: the name is taken, a node that was there before has it; stop "
+                    "that one, or start this one under another name or namespace"
+                )
             )
-
-    def _publishers(self) -> set[tuple]:
-        infos = self._node.get_publishers_info_by_topic(self._topic)
-        return {tuple(info.endpoint_gid) for info in infos}

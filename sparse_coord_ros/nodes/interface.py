@@ -15,7 +15,7 @@ from nav_msgs.srv import GetPlan
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String
+from std_msgs.msg import Header, String
 from visualization_msgs.msg import MarkerArray
 
 MAP_FRAME = "map"
@@ -82,6 +82,12 @@ COORDINATION_MAP = Topic("coordination_map", OccupancyGrid, LATCHED_QOS, stamped
 
 TEAM_TOPICS = (RUN, STATUS, CLOCK, MAP, MARKERS, DIAGNOSTICS)
 ROBOT_TOPICS = (LOCAL_STATE, REWARD, ACTION, PERCEPT, COORDINATION_MAP)
+
+CLAIM = Topic("~/claim", Header, LATCHED_QOS, stamped=True)
+"""Of every node: since when it has its name."""
+
+CLAIMS_QOS = _qos(100, DurabilityPolicy.TRANSIENT_LOCAL)
+"""For reading claims: with a depth of 1, one's own would push out that of another node."""
 
 ACTIVE_PERCEPTION = "active_perception"
 ACTIVE_PERCEPTION_TYPE = GetPlan

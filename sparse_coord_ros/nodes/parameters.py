@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """ROS parameters from the typed tables of `core.settings`."""
 
-from collections.abc import Mapping
+import functools
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from rcl_interfaces.msg import (
@@ -17,7 +18,7 @@ from rclpy.parameter import Parameter
 
 from sparse_coord_ros.core.run_config import RUN_SETTINGS
 from sparse_coord_ros.core.settings import Setting, SettingTable
-from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.errors import SettingError, SparseCoordError
 
 EXECUTOR = Setting(
     "executor",
@@ -33,7 +34,7 @@ CLAIM_WINDOW = Setting(
     "claim_window",
     float,
     0.5,
-    "seconds in which a starting node looks for another one of its name",
+    "seconds that a starting node waits for a sign of an earlier one of its name",
     low=0,
     high=60,
 )
@@ -82,6 +83,20 @@ ROS_OWN = ("use_sim_time", "start_type_description_service")
 ROS_OWN_PREFIX = "qos_overrides."
 
 
+def stops_on_bad_input(callback: Callable) -> Callable:
+    """Wrap a node's callback method: bad input fails the node instead of the executor."""
+
+    @functools.wraps(callback)
+    def wrapped(node: "ParameterNode", *args: Any) -> Any:
+        try:
+            return callback(node, *args)
+        except SparseCoordError as error:
+            node.fail(error)
+            return None
+
+    return wrapped
+
+
 class ParameterNode(Node):
     """A node whose parameters come from one table and are checked at once.
 
@@ -94,6 +109,7 @@ class ParameterNode(Node):
 
     Attributes:
         values: every parameter, typed.
+        failure: why the node must stop, or None.
 
     Raises:
         SettingError: an unknown parameter or a bad value.
@@ -117,6 +133,7 @@ class ParameterNode(Node):
             parameter_overrides=given,
             automatically_declare_parameters_from_overrides=True,
         )
+        self.failure: SparseCoordError | None = None
         self._table = table
         try:
             self.values = self._declare()
@@ -124,6 +141,10 @@ class ParameterNode(Node):
             self.destroy_node()
             raise
         self.add_on_set_parameters_callback(self._check_change)
+
+    def fail(self, error: SparseCoordError) -> None:
+        """Stop the node because of bad input: whoever spins it raises the error."""
+        self.failure = self.failure or error
 
     def _declare(self) -> dict[str, Any]:
         overrides = {

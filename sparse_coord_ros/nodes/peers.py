@@ -19,6 +19,9 @@ from sparse_coord_ros.nodes.interface import (
     STEP_QOS,
 )
 
+AT_ONCE = 10
+"""How often a peer that is a step behind is asked again at once; after that with each tick."""
+
 
 class Peer:
     """The client of one peer's `active_perception`.
@@ -39,6 +42,7 @@ class Peer:
         self._request.goal.header.frame_id = node.get_name()
         self._seen = False
         self._silent = False
+        self._step = self._repeats = 0
         self._unsent: int | None = None
         self._open: Future | None = None
 
@@ -62,12 +66,14 @@ class Peer:
             has not answered since: it is asked all the same, so that its return is noticed.
         """
         self._request.start = pose
-        self._unsent = step
-        self.send_what_waits()
+        self._repeats = self._repeats + 1 if step == self._step else 0
+        self._step = self._unsent = step
+        if self._repeats < AT_ONCE:
+            self.send_what_waits()
         return not self._silent
 
     def send_what_waits(self) -> None:
-        """Send the request as soon as the peer's service is there."""
+        """Send the request once the peer's service is there; the node's timer calls this too."""
         if self._unsent is None or not self.ready():
             return
         step, self._unsent = self._unsent, None

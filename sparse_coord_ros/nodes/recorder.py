@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The recorder node: every topic of the team and the service events, as CDR, into a bag."""
 
+import functools
 import struct
 import sys
 import time
@@ -21,7 +22,11 @@ from sparse_coord_ros.core.run_config import RunConfig, run_from_yaml
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.messages import Converter, status
-from sparse_coord_ros.nodes.parameters import RECORDER_PARAMETERS, ParameterNode
+from sparse_coord_ros.nodes.parameters import (
+    RECORDER_PARAMETERS,
+    ParameterNode,
+    stops_on_bad_input,
+)
 from sparse_coord_ros.nodes.spin import run_node
 from sparse_coord_ros.recording import BagWriter, QoS
 
@@ -91,7 +96,8 @@ class Recorder(ParameterNode):
         )
         write, clock_ns, unpack_stamp = self.bag.write, time.time_ns, STAMP.unpack_from
 
-        def stamped_message(data: bytes) -> None:
+        @stops_on_bad_input
+        def stamped_message(self, data: bytes) -> None:
             self._count += 1
             sec, nanosec = unpack_stamp(data, ENCAPSULATION)
             at = sec * 1_000_000_000 + nanosec
@@ -99,7 +105,8 @@ class Recorder(ParameterNode):
                 self._now_ns = at
             write(channel, data, at, clock_ns())
 
-        def other_message(data: bytes) -> None:
+        @stops_on_bad_input
+        def other_message(self, data: bytes) -> None:
             self._count += 1
             write(channel, data, self._now_ns, clock_ns())
             if then is not None:
@@ -109,7 +116,7 @@ class Recorder(ParameterNode):
         self.create_subscription(
             message_type,
             name,
-            stamped_message if stamped else other_message,
+            functools.partial(stamped_message if stamped else other_message, self),
             interface.RECORDER_LATCHED_QOS if latched else interface.RECORDER_QOS,
             raw=True,
         )
@@ -142,6 +149,7 @@ class Recorder(ParameterNode):
         if message.message in (interface.FINISHED, interface.STOPPED):
             self._ended = True
 
+    @stops_on_bad_input
     def _tick(self) -> None:
         now = time.monotonic()
         if self._count:

@@ -12,7 +12,6 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Path as PathMessage
 from nav_msgs.srv import GetPlan
 from rclpy.context import Context
-from rclpy.duration import Duration
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
@@ -25,9 +24,9 @@ from sparse_coord_ros.errors import RunError, TablesError, did_you_mean
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.claim import Claim
 from sparse_coord_ros.nodes.messages import Converter, status, status_values
-from sparse_coord_ros.nodes.parameters import ROBOT_PARAMETERS, ParameterNode
+from sparse_coord_ros.nodes.parameters import ROBOT_PARAMETERS, ParameterNode, stops_on_bad_input
 from sparse_coord_ros.nodes.peers import Peer
-from sparse_coord_ros.nodes.spin import run_node
+from sparse_coord_ros.nodes.spin import run_node, wait_for_readers
 from sparse_coord_ros.protocol.robot import Answer, RobotProtocol
 
 TICK_SECONDS = 0.02
@@ -36,7 +35,6 @@ PEER_PATIENCE_SECONDS = 2.0
 """How long a robot that is ready itself waits for its peers' services before it says so."""
 LAST_WORDS_SECONDS = 2.0
 """How long a robot waits for its last reward after the run's end."""
-ACKNOWLEDGE = Duration(seconds=2)
 
 
 class RobotNode(ParameterNode):
@@ -68,6 +66,7 @@ class RobotNode(ParameterNode):
         self.done = False
         self.protocol: RobotProtocol | None = None
         self._convert: Converter | None = None
+        self._out: Path | None = None
         self._run_text: str | None = None
         self._run: RunConfig | None = None
         self._last_step: int | None = None
@@ -78,14 +77,8 @@ class RobotNode(ParameterNode):
         self._born = self._reported = time.monotonic()
         self._ready_since: float | None = None
         self._peers: dict[int, Peer] = {}
-        self._claim = Claim(
-            self,
-            interface.ACTION.of(self.name),
-            f"{self.name}/{interface.ACTIVE_PERCEPTION}",
-            f"the name {self.name}",
-        )
+        self._claim = Claim(self)
         self._action_publisher = self._publisher(interface.ACTION)
-        self._claim.published()
         self._percept_publisher = self._publisher(interface.PERCEPT)
         self._map_publisher = self._publisher(interface.COORDINATION_MAP)
         self._diagnostics_publisher = self.create_publisher(
@@ -112,15 +105,16 @@ class RobotNode(ParameterNode):
 
     # Incoming.
 
+    @stops_on_bad_input
     def _on_run(self, message: String) -> None:
-        if self._run_text is not None and message.data != self._run_text:
-            raise RunError(
-                f"robot {self.name}: the world simulator was restarted with another run; restart "
-                "this robot too"
+        if self._run is not None:  # a world announces its run once
+            self.get_logger().warning(
+                "another world simulator has started; this robot stays with the run that it is "
+                "in, restart it to join the other"
             )
-        if self._run_text is None:
-            self._run = run_from_yaml(message.data, where="topic run")
-            self._run_text = message.data
+            return
+        self._run = run_from_yaml(message.data, where="topic run")
+        self._run_text = message.data
 
     def _on_status(self, message: DiagnosticStatus) -> None:
         if message.message in (interface.FINISHED, interface.STOPPED):
@@ -178,12 +172,10 @@ class RobotNode(ParameterNode):
 
     # The course of the run.
 
+    @stops_on_bad_input
     def _tick(self) -> None:
         now = time.monotonic()
-        if self._claim is not None:
-            if now - self._born >= self.values["claim_window"]:
-                self._claim.check()
-                self._claim = None
+        if now - self._born < self.values["claim_window"]:
             return
         if self._run is None:
             self._complain_without_world(now)
@@ -309,8 +301,7 @@ class RobotNode(ParameterNode):
             self.get_logger().info(f"saved {self._save()}")
         self._report(time.monotonic())
         self._publish_map()
-        for publisher in (self._action_publisher, self._percept_publisher, self._map_publisher):
-            publisher.wait_for_all_acked(ACKNOWLEDGE)
+        wait_for_readers((self._action_publisher, self._percept_publisher, self._map_publisher))
 
     def _save(self) -> Path:
         path = robot_file(self._out, self.name)

@@ -4,16 +4,21 @@
 
 import signal
 import sys
-from collections.abc import Callable, Iterator, Sequence
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 
 import rclpy
 from rclpy.context import Context
+from rclpy.duration import Duration
 from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.signals import SignalHandlerOptions
 
 from sparse_coord_ros.errors import EXIT_BAD_INPUT, RunError, SparseCoordError
+
+READERS_SECONDS = 2.0
 
 SPIN_SECONDS = 0.1
 """Longest wait of one spin: how soon a signal is noticed."""
@@ -60,12 +65,15 @@ def ros_context(args: Sequence[str] | None = None, *, domain_id: int | None = No
         domain_id: the ROS domain; None: that of the environment.
     """
     context = Context()
-    rclpy.init(
-        args=list(args) if args is not None else [],
-        context=context,
-        domain_id=domain_id,
-        signal_handler_options=SignalHandlerOptions.NO,
-    )
+    try:
+        rclpy.init(
+            args=list(args) if args is not None else [],
+            context=context,
+            domain_id=domain_id,
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
+    except RuntimeError as error:  # of rcl: malformed or unknown ROS arguments
+        raise RunError(f"ROS: {' '.join(str(error).split())}") from None
     try:
         yield context
     finally:
@@ -99,13 +107,14 @@ def spin_nodes(
 ) -> None:
     """Run nodes until a condition holds.
 
-    Exceptions of callbacks come through.
+    Raises:
+        SparseCoordError: why a node failed.
     """
     executor = make_executor(kind, context)
     try:
         for node in nodes:
             executor.add_node(node)
-        while not until():
+        while not _failed(nodes) and not until():
             executor.spin_once(timeout_sec=SPIN_SECONDS)
             for _ in range(BATCH):
                 executor.spin_once(timeout_sec=0)
@@ -113,6 +122,23 @@ def spin_nodes(
         for node in nodes:
             executor.remove_node(node)
         executor.shutdown()
+
+
+def _failed(nodes: Sequence[Node]) -> bool:
+    for node in nodes:
+        if getattr(node, "failure", None) is not None:
+            raise node.failure
+    return False
+
+
+def wait_for_readers(publishers: Iterable[Publisher]) -> None:
+    """Wait until all readers have what was published, but no longer than `READERS_SECONDS`.
+
+    A killed reader never says so.
+    """
+    deadline = time.monotonic() + READERS_SECONDS
+    for publisher in publishers:
+        publisher.wait_for_all_acked(Duration(seconds=max(0.0, deadline - time.monotonic())))
 
 
 def run_node(make: Callable[[Context], Node], args: Sequence[str] | None = None) -> int:

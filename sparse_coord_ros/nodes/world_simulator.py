@@ -11,7 +11,6 @@ from typing import Any
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
-from rclpy.duration import Duration
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
@@ -23,15 +22,14 @@ from sparse_coord_ros.errors import RunError, SettingError
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.claim import Claim
 from sparse_coord_ros.nodes.messages import CLOCK_LAYOUT, Converter, status
-from sparse_coord_ros.nodes.parameters import WORLD_PARAMETERS, ParameterNode
-from sparse_coord_ros.nodes.spin import run_node
+from sparse_coord_ros.nodes.parameters import WORLD_PARAMETERS, ParameterNode, stops_on_bad_input
+from sparse_coord_ros.nodes.spin import run_node, wait_for_readers
 from sparse_coord_ros.protocol.world import WorldProtocol
 
 TICK_SECONDS = 0.02
 REPORT_SECONDS = 1.0
 REPEAT_SECONDS = 0.5
 """After this silence the world publishes again what a missing robot may have lost."""
-ACKNOWLEDGE = Duration(seconds=2)
 
 
 def run_from_parameters(values: Mapping[str, Any]) -> RunConfig:
@@ -87,16 +85,15 @@ class WorldSimulator(ParameterNode):
         self._names = [robot.name for robot in self.run.scenario.robots]
         self.protocol = WorldProtocol(self.run, self)
         self._state = interface.WAITING
-        self._paused = self._started = self.done = False
+        self._opened = self._paused = self._started = self.done = False
         self._clock_step = -1
         self._since = self._born = self._reported = time.monotonic()
         self._seconds = 0.0
         self._reported_transitions = 0
         self._repeated = 0.0
         self._slow = [0.0] * len(self._names)
-        self._claim = Claim(self, interface.RUN.name, "~/pause", "this team's world")
+        self._claim = Claim(self)
         self._run_publisher = self._publisher(interface.RUN)
-        self._claim.published()
         self._create_publishers()
         self._tick_timer = self.create_timer(TICK_SECONDS, self._tick)
         self._rate_timer = None
@@ -152,23 +149,23 @@ class WorldSimulator(ParameterNode):
 
     # The course of the run.
 
+    @stops_on_bad_input
     def _tick(self) -> None:
         now = time.monotonic()
-        if self._claim is not None:
+        if not self._opened:
             if now - self._born >= self.values["claim_window"]:
-                self._claim.check()
-                self._claim = None
                 self._open()
             return
         if not self._started:
             self._start_when_complete(now)
-        elif not self._paused and not self.protocol.finished:
+        elif not self.protocol.finished:
             self._watch_the_barrier(now)
         if now - self._reported >= REPORT_SECONDS:
             self._report(now)
 
     def _open(self) -> None:
         """Offer the services and tell everybody what the run is."""
+        self._opened = True
         self.create_service(SetBool, "~/pause", self._on_pause)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self._run_publisher.publish(String(data=self.run.to_yaml()))
@@ -208,14 +205,18 @@ class WorldSimulator(ParameterNode):
         )
 
     def _watch_the_barrier(self, now: float) -> None:
-        if self.values["rate"] > 0:
+        if self.values["rate"] > 0 and not self._paused:
             self._keep_the_rate()
         silent = now - self._since
+        if self.protocol.complete and self.values["rate"] == 0 and not self._paused:
+            self._advance()  # the rate was set to 0 while the team waited for its next step
         if self.protocol.complete or silent < REPEAT_SECONDS:
             return
         if now - self._repeated >= REPEAT_SECONDS:
             self._repeated = now
             self.protocol.repeat()
+        if self._paused:
+            return
         gone = all(
             self._action_subscriptions[k].get_publisher_count() == 0
             for k in self.protocol.missing()
@@ -262,8 +263,7 @@ class WorldSimulator(ParameterNode):
         if self._out is not None:
             text = yaml.safe_dump(self.summary(), sort_keys=False)
             (self._out / "summary.yaml").write_text(text, encoding="utf-8")
-        for publisher in self.publishers:
-            publisher.wait_for_all_acked(ACKNOWLEDGE)
+        wait_for_readers(self.publishers)
 
     def summary(self) -> dict[str, Any]:
         """Return what happened, as plain data."""
@@ -296,7 +296,8 @@ class WorldSimulator(ParameterNode):
 
     def _report(self, now: float) -> None:
         world = self.protocol.world
-        rate = (world.transitions - self._reported_transitions) / (now - self._reported + 1e-9)
+        before = self._reported_transitions
+        rate = (world.transitions - before) / (now - self._reported + 1e-9)
         self._reported, self._reported_transitions = now, world.transitions
         slowest = max(range(len(self._names)), key=self._slow.__getitem__)
         values = {
@@ -315,7 +316,8 @@ class WorldSimulator(ParameterNode):
             status(self.get_name(), self._state, values, warn=bool(self.protocol.absent))
         ]
         self._diagnostics_publisher.publish(message)
-        if self._started:
+        self._say_state(self._state)
+        if self._started and world.transitions != before:
             share = world.transitions / self.run.scenario.steps
             self.get_logger().info(
                 f"{share:4.0%}  {world.transitions} of {self.run.scenario.steps} steps, "

@@ -107,14 +107,17 @@ class WorldProtocol:
     def expire(self) -> list[int]:
         """The deadline has passed: leave the missing robots out and return them.
 
-        Advances where at least one robot has acted; without any, the world goes on waiting.
+        The others go on: with the next step, or with a new episode where all of them have
+        arrived. Without any other, the world goes on waiting.
         """
         missing = self.missing()
-        if len(missing) + len(self.absent) < len(self._robots) - sum(self.world.arrived):
+        if missing and len(self.absent.union(missing)) < len(self._robots):
             self.timeouts += len(missing)
             self.absent.update(missing)
             if self.complete:
                 self.advance()
+            else:
+                self.new_episode()
         return missing
 
     def repeat(self) -> None:

@@ -1,0 +1,124 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`sparse_coord evaluate`: the measures beside paper and optimum, and bad input."""
+
+import json
+
+import numpy as np
+import pytest
+
+from sparse_coord_ros.core.evaluation import evaluate
+from sparse_coord_ros.core.scenario import load_scenario
+from sparse_coord_ros.core.tables import load_team
+
+
+@pytest.fixture
+def trained(sparse_coord):
+    """Return a function that makes a short run and returns its directory's name."""
+
+    def train(*arguments):
+        assert sparse_coord("train", *arguments, "--steps", 300, "--out", "a")[0] == 0
+        return "a"
+
+    return train
+
+
+def test_table(sparse_coord, trained):
+    trained("env1", "--learner", "indiv")
+    code, out, err = sparse_coord("evaluate", "a", "--trials", 50)
+    assert (code, err) == (0, "")
+    for words in ("env1, penalty -20", "Indiv., 50 trials", "Indiv., paper", "119.50 ± 12.50"):
+        assert words in out
+    assert "exact joint optimum" in out
+    assert "121.89" in out
+
+
+def test_json_holds_the_numbers_of_the_core(sparse_coord, trained, folder):
+    trained("env1", "--learner", "noncoop", "--seed", "3")
+    code, out, err = sparse_coord("evaluate", "a", "--trials", 40, "--seed", 9, "--json")
+    assert (code, err) == (0, "")
+    data = json.loads(out)
+    scenario = load_scenario("env1")
+    result = evaluate(scenario, load_team(folder / "a", scenario), trials=40, seed=9)
+    assert {name: data[name] for name in result.to_dict()} == result.to_dict()
+    assert (data["scenario"], data["learner"]) == ("env1", "noncoop")
+    assert data["paper"]["reward"] == [119.3, 12.2]
+    assert data["optimum"] == pytest.approx(121.89, abs=0.01)
+    assert data["optimum_exact"] is True
+
+
+def test_another_penalty_is_not_compared_with_the_paper(sparse_coord, trained):
+    trained("env1", "--penalty", "-100")
+    data = json.loads(sparse_coord("evaluate", "a", "--trials", 5, "--json")[1])
+    assert data["paper"] == {}
+    assert data["optimum"] == pytest.approx(120.6, abs=0.1)
+    out = sparse_coord("evaluate", "a", "--trials", 5)[1]
+    assert "env1, penalty -100" in out
+    assert "paper" not in out
+
+
+def test_four_robots_have_a_bound(sparse_coord, trained):
+    trained("env2-4r")
+    out = sparse_coord("evaluate", "a", "--trials", 2)[1]
+    assert "bound (robots alone)" in out
+    assert "111.32" in out
+
+
+def test_robots_that_do_not_arrive_are_counted(sparse_coord, trained):
+    trained("env1", "--set", "horizon=3")
+    out = sparse_coord("evaluate", "a", "--trials", 7)[1]
+    assert "0 of 7" in out
+    assert "in 7 of 7 trials some robot did not arrive" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["b"], ["b: no readable run.yaml", "sparse_coord train"]),
+        (["a", "--trials", "0"], ["setting trials: value is '0'", "from 2"]),
+        (["a", "--trials", "x"], ["setting trials: value is 'x'", "whole number"]),
+        (["a", "--seed", "-1"], ["setting seed: value is '-1'"]),
+    ],
+)
+def test_bad_input(refused, trained, arguments, words):
+    trained("env1")
+    message = refused("evaluate", *arguments)
+    assert [word for word in words if word not in message] == []
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("scenario: [\n", ["run.yaml, line 2", "not YAML"]),
+        ("seed: 1\n", ["run.yaml", "not a run.yaml of this version"]),
+        ("", ["run.yaml", "'key: value'"]),
+    ],
+)
+def test_malformed_run_yaml(refused, trained, folder, text, words):
+    trained("env1")
+    (folder / "a" / "run.yaml").write_text(text)
+    message = refused("evaluate", "a")
+    assert [word for word in words if word not in message] == []
+
+
+def test_tables_missing(refused, trained, folder):
+    trained("env1")
+    (folder / "a" / "tables.npz").unlink()
+    message = refused("evaluate", "a")
+    assert "neither tables.npz nor tables_robot_1.npz, tables_robot_2.npz is there" in message
+
+
+def test_tables_malformed(refused, trained, folder):
+    trained("env1")
+    (folder / "a" / "tables.npz").write_bytes(b"no tables")
+    assert "tables.npz: cannot be read as tables" in refused("evaluate", "a")
+
+
+def test_tables_of_another_map(refused, trained, folder):
+    trained("env1")
+    arrays = {f"q_star_{k}": np.zeros((43, 5)) for k in (1, 2)}
+    arrays |= {f"q_coord_{k}": np.zeros((43, 43, 4)) for k in (1, 2)}
+    np.savez(folder / "a" / "tables.npz", **arrays)
+    message = refused("evaluate", "a")
+    assert "q_star_1 has shape (43, 5), scenario env1 needs (21, 5)" in message
+    assert "same map" in message

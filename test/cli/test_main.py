@@ -1,0 +1,74 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What all verbs share: exit codes, help, bad input without a traceback."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+import sparse_coord_ros
+from sparse_coord_ros.cli import main as module
+
+VERBS = ("run", "train", "evaluate", "optimum", "maps", "bench")
+
+
+def test_version(sparse_coord):
+    assert sparse_coord("--version") == (0, f"sparse_coord {sparse_coord_ros.__version__}\n", "")
+
+
+def test_help_names_every_verb(sparse_coord):
+    code, out, _ = sparse_coord("--help")
+    assert code == 0
+    assert [verb for verb in VERBS if verb not in out] == []
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_verb_has_help_with_an_example(sparse_coord, verb):
+    code, out, _ = sparse_coord(verb, "--help")
+    assert code == 0
+    assert f"example:\n  sparse_coord {'train' if verb == 'evaluate' else verb}" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ((), "VERB"),
+        (("trian", "env1"), "invalid choice: 'trian'"),
+        (("train",), "SCENARIO"),
+        (("train", "env1", "--learner", "best"), "invalid choice: 'best'"),
+        (("run", "env1", "--learner", "indiv"), "invalid choice: 'indiv'"),
+        (("maps", "--colour"), "unrecognized arguments: --colour"),
+    ],
+)
+def test_usage_errors(sparse_coord, folder, arguments, words):
+    code, out, err = sparse_coord(*arguments)
+    assert (code, out) == (2, "")
+    assert words in err.splitlines()[-1]
+    assert list(folder.iterdir()) == []
+
+
+def test_interrupted(sparse_coord, monkeypatch):
+    def interrupt(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("sparse_coord_ros.cli.maps.load_map", interrupt)
+    assert sparse_coord("maps", "env1") == (module.INTERRUPTED, "", "interrupted\n")
+
+
+def test_as_a_process_bad_input_is_one_line(tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-m", "sparse_coord_ros.cli.main", "train", "env11"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith(
+        "error: scenario 'env11': no such scenario (did you mean 'env1'?)"
+    )
+    assert done.stderr.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,60 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`sparse_coord maps`: the list, one map, JSON, and bad input."""
+
+import json
+
+import pytest
+
+from sparse_coord_ros.core.grid import load_map, map_names
+
+
+def test_list(sparse_coord):
+    code, out, err = sparse_coord("maps")
+    assert (code, err) == (0, "")
+    rows = {line.split()[0]: line.split()[1:4] for line in out.splitlines()[2:]}
+    assert list(rows) == map_names()
+    assert rows["env1"] == ["21", "1", "2"]
+    assert rows["cmu"] == ["133", "2", "2"]
+
+
+def test_one_map(sparse_coord):
+    code, out, err = sparse_coord("maps", "env1")
+    assert (code, err) == (0, "")
+    assert "\n".join(load_map("env1").rows) in out
+    for words in (
+        "env1: Two rooms",
+        "source: Melo",
+        "provenance: ",
+        "5 x 5, 21 cells, 1 doorways",
+    ):
+        assert words in out
+
+
+def test_json(sparse_coord):
+    (env1,) = json.loads(sparse_coord("maps", "env1", "--json")[1])
+    assert (env1["cells"], env1["doorways"]) == (21, [[2, 2]])
+    assert env1["starts"] == {"1": [0, 0], "2": [0, 4]}
+    assert tuple(env1["rows"]) == load_map("env1").rows
+    assert [m["name"] for m in json.loads(sparse_coord("maps", "--json")[1])] == map_names()
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("---\n1.\n.\n", ["m.txt, line 3", "1 symbols", "equally long"]),
+        ("---\n1.\n.x\n", ["m.txt, line 3, column 2", "unknown symbol 'x'"]),
+        ("---\n1.\n.1\n", ["m.txt, line 3", "start 1 is there twice"]),
+        ("title: [\n---\n1.\n", ["m.txt", "header is not YAML"]),
+        ("..\n..\n", ["m.txt", "no line '---'"]),
+    ],
+)
+def test_malformed_map(refused, folder, text, words):
+    (folder / "m.txt").write_text(text)
+    message = refused("maps", "m.txt")
+    assert [word for word in words if word not in message] == []
+
+
+def test_unknown_map(refused):
+    message = refused("maps", "sunny")
+    assert "map 'sunny': no such map (did you mean 'suny'?)" in message

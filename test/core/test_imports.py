@@ -1,0 +1,80 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The ROS-free parts import, and work, where ROS is not installed; imports point down only."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+WITHOUT_ROS = """
+import importlib, pkgutil, sys
+ROS = ("rclpy", "rcl_interfaces", "std_msgs", "std_srvs", "geometry_msgs", "nav_msgs",
+       "sensor_msgs", "visualization_msgs", "diagnostic_msgs", "rosgraph_msgs",
+       "builtin_interfaces", "ament_index_python", "launch", "launch_ros")
+for name in ROS:
+    sys.modules[name] = None  # importing it raises ImportError
+
+def load(package):
+    module = importlib.import_module(f"sparse_coord_ros.{package}")
+    names = [m.name for m in pkgutil.walk_packages(module.__path__, module.__name__ + ".")]
+    for name in names:
+        importlib.import_module(name)
+    return names
+"""
+
+
+def python(code):
+    """Run code in a fresh interpreter without ROS and return what it printed."""
+    done = subprocess.run(
+        [sys.executable, "-c", WITHOUT_ROS + code],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.mark.parametrize(
+    ("package", "modules", "may_use"),
+    [
+        ("core", 14, {"core"}),
+        ("protocol", 2, {"core", "protocol"}),
+        ("recording", 5, {"recording"}),
+    ],
+)
+def test_imports_without_ros_and_nothing_from_above(package, modules, may_use):
+    out = python(
+        f"print(len(load({package!r})))\n"
+        "used = {n.split('.')[1] for n in sys.modules if n.startswith('sparse_coord_ros.')}\n"
+        "print(*used - {'errors'})"
+    )
+    count, used = out.splitlines()
+    assert int(count) >= modules
+    assert set(used.split()) <= may_use
+
+
+def test_core_needs_numpy_and_yaml_only():
+    out = python(
+        "before = {n.split('.')[0] for n in sys.modules}  # site hooks\n"
+        "load('core')\n"
+        "known = sys.stdlib_module_names | {'sparse_coord_ros'}\n"
+        "used = {n.split('.')[0] for n, m in sys.modules.items() if getattr(m, '__file__', '')}\n"
+        "print(*sorted(n for n in used - known - before if n[0] != '_'))"
+    )
+    assert out.split() == ["numpy", "yaml"]
+
+
+def test_command_line_without_ros():
+    out = python(
+        "from sparse_coord_ros.cli.main import main\n"
+        "assert main(['maps', 'env1']) == 0\n"
+        "assert main(['optimum', 'env1']) == 0\n"
+        "assert main(['run', 'env1', '--out', '/nonexistent/out']) == 2\n"
+        "assert not [n for n in sys.modules if n.startswith('sparse_coord_ros.nodes')]"
+    )
+    assert "21 cells" in out
+    assert "121.89" in out

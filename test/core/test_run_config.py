@@ -1,0 +1,150 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`run.yaml` and output directories: nothing lost, nothing overwritten, bad ones refused."""
+
+import pytest
+import yaml
+
+from sparse_coord_ros.core.run_config import (
+    RUN_SETTINGS,
+    create_output,
+    load_run,
+    make_run,
+    run_from_yaml,
+)
+from sparse_coord_ros.core.scenario import load_scenario, scenario_names
+from sparse_coord_ros.errors import RunError, ScenarioError, SettingError, SparseCoordError
+
+
+@pytest.fixture
+def run():
+    """Return a run none of whose settings is a default."""
+    scenario = load_scenario("env1").with_settings({"perception": "probability:0.123456789"})
+    values = {
+        "seed": str(2**63 - 1),
+        "learner": "noncoop",
+        "greedy": True,
+        "step_period": 0.05,
+        "resolution": 0.25,
+        "step_timeout": 7,
+        "percept_timeout": 1 / 3,
+        "recorded": "yes",
+    }
+    return make_run(scenario, values)
+
+
+def refusal(text, error):
+    with pytest.raises(error) as refused:
+        run_from_yaml(text, where="d/run.yaml")
+    assert "d/run.yaml" in str(refused.value) or error is SettingError
+    assert "\n" not in str(refused.value)
+    return str(refused.value)
+
+
+def test_round_trip(run):
+    assert run.seed == 2**63 - 1
+    assert run_from_yaml(run.to_yaml(), where="text") == run
+
+
+@pytest.mark.parametrize("name", scenario_names())
+def test_round_trip_of_every_scenario(name):
+    run = make_run(load_scenario(name), {})
+    assert run_from_yaml(run.to_yaml(), where="text") == run
+
+
+def test_versions_say_what_computed_it(run):
+    assert set(run.versions) == {"sparse_coord_ros", "numpy", "python"}
+
+
+def test_load_run(tmp_path, run):
+    (tmp_path / "run.yaml").write_text(run.to_yaml(), encoding="utf-8")
+    assert load_run(tmp_path) == run
+
+
+def test_missing_run_yaml(tmp_path):
+    with pytest.raises(RunError) as error:
+        load_run(tmp_path / "nothing")
+    for words in (str(tmp_path / "nothing"), "no readable run.yaml", "sparse_coord train"):
+        assert words in str(error.value)
+
+
+def spoiled(run, **changes):
+    """Return the run's text with fields changed; None removes one."""
+    data = {**yaml.safe_load(run.to_yaml()), **changes}
+    return yaml.safe_dump({key: value for key, value in data.items() if value is not None})
+
+
+def test_missing_and_unknown_fields(run):
+    message = refusal(spoiled(run, seed=None, colour="red"), RunError)
+    assert "['colour', 'seed'] are missing or unknown" in message
+    message = refusal(spoiled(run, seed=None) + "1: 2\n", RunError)
+    assert "['1', 'seed']" in message
+
+
+@pytest.mark.parametrize(
+    ("text", "error", "words"),
+    [
+        ("scenario: [\n", ScenarioError, "line 2"),
+        ("", ScenarioError, "'key: value'"),
+        ("just text", ScenarioError, "is str"),
+        ("seed: 1\n", RunError, "scenario"),
+    ],
+)
+def test_malformed_run_yaml(text, error, words):
+    assert words in refusal(text, error)
+
+
+def test_bad_values_in_run_yaml(run):
+    assert "seed: value is -1" in refusal(spoiled(run, seed=-1), SettingError)
+    assert "coop or noncoop or indiv" in refusal(spoiled(run, learner="best"), SettingError)
+    assert "not a run.yaml" in refusal(spoiled(run, scenario="env1"), RunError)
+    scenario = {**run.scenario.to_dict(), "penalty": 20.0}
+    assert "(scenario): setting penalty" in refusal(spoiled(run, scenario=scenario), ScenarioError)
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"seed": "-1"}, "setting seed: value is '-1', allowed: a whole number from 0"),
+        ({"seed": "1.5"}, "setting seed"),
+        ({"learner": "indi"}, "coop or noncoop or indiv"),
+        ({"sed": 1}, "unknown setting 'sed' (did you mean 'seed'?)"),
+        ({"step_period": 0}, "from 0.001 to 3600"),
+        (
+            {"percept_timeout": 5},
+            "percept_timeout: value is 5, allowed: less than step_timeout (5)",
+        ),
+        ({"step_timeout": 1}, "percept_timeout: value is 2, allowed: less than step_timeout (1)"),
+    ],
+)
+def test_bad_run_settings(values, words):
+    with pytest.raises(SettingError) as error:
+        make_run(load_scenario("env1"), values)
+    assert words in str(error.value)
+
+
+def test_defaults():
+    run = make_run(load_scenario("env1"), {})
+    assert {name: getattr(run, name) for name in RUN_SETTINGS} == RUN_SETTINGS.defaults()
+
+
+def test_output_directory_is_created_with_its_parents(tmp_path):
+    assert create_output(tmp_path / "a" / "b").is_dir()
+
+
+def test_existing_output_directory_is_not_touched(tmp_path):
+    (tmp_path / "old.txt").write_text("precious")
+    with pytest.raises(RunError) as error:
+        create_output(tmp_path)
+    for words in (str(tmp_path), "exists already", "nothing is overwritten", "remove it"):
+        assert words in str(error.value)
+    assert [path.name for path in tmp_path.iterdir()] == ["old.txt"]
+    assert (tmp_path / "old.txt").read_text() == "precious"
+
+
+def test_output_that_cannot_be_a_directory(tmp_path):
+    (tmp_path / "file").write_text("precious")
+    for out in (tmp_path / "file", tmp_path / "file" / "below"):
+        with pytest.raises(SparseCoordError, match=f"output directory {out}: "):
+            create_output(out)
+    assert (tmp_path / "file").read_text() == "precious"

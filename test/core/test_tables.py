@@ -1,0 +1,131 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Tables on disk: bits kept, broken files refused with a line, nothing half written."""
+
+import numpy as np
+import pytest
+
+from sparse_coord_ros.core.agent import Tables
+from sparse_coord_ros.core.scenario import load_scenario
+from sparse_coord_ros.core.simulation import tables_equal
+from sparse_coord_ros.core.tables import (
+    TEAM_FILE,
+    load_counts,
+    load_tables,
+    load_team,
+    robot_file,
+    save_tables,
+    save_team,
+)
+from sparse_coord_ros.errors import TablesError
+
+
+@pytest.fixture
+def team():
+    """Return tables of two robots on env1, with NaN columns."""
+    draws = np.random.default_rng(0)
+    pairs = [Tables(draws.random((21, 5)), draws.random((21, 21, 4))) for _ in range(2)]
+    for pair in pairs:
+        pair.q_star[:, 4] = np.nan
+    return pairs
+
+
+def refusal(call, *arguments):
+    with pytest.raises(TablesError) as error:
+        call(*arguments)
+    assert "\n" not in str(error.value)
+    return str(error.value)
+
+
+def test_team_round_trip(tmp_path, team):
+    save_team(tmp_path, team)
+    assert [path.name for path in tmp_path.iterdir()] == [TEAM_FILE]
+    assert tables_equal(load_team(tmp_path, load_scenario("env1")), team)
+
+
+def test_names_and_shapes_in_the_file(tmp_path, team):
+    save_team(tmp_path, team)
+    with np.load(tmp_path / TEAM_FILE) as file:
+        shapes = {name: file[name].shape for name in file.files}
+    assert shapes == {
+        **{f"q_star_{k}": (21, 5) for k in (1, 2)},
+        **{f"q_coord_{k}": (21, 21, 4) for k in (1, 2)},
+    }
+
+
+def test_robots_files_apart(tmp_path, team):
+    scenario = load_scenario("env1")
+    for k, robot in enumerate(scenario.robots):
+        counts = {"answered": k, "late": 0}
+        save_tables(robot_file(tmp_path, robot.name), {k + 1: team[k]}, counts=counts)
+    assert tables_equal(load_team(tmp_path, scenario), team)
+    assert load_counts(robot_file(tmp_path, "robot_2")) == {"answered": 1, "late": 0}
+    (tmp_path / "tables_robot_2.npz").unlink()
+    message = refusal(load_team, tmp_path, scenario)
+    assert "neither tables.npz nor tables_robot_2.npz" in message
+
+
+def test_saving_replaces_the_file_as_a_whole(tmp_path, team):
+    path = tmp_path / TEAM_FILE
+    save_tables(path, {1: team[0]})
+    save_tables(path, {1: team[1]})
+    assert [p.name for p in tmp_path.iterdir()] == [TEAM_FILE]
+    assert tables_equal(load_tables(path, [1]), team[1:])
+
+
+def test_no_tables_at_all(tmp_path):
+    message = refusal(load_team, tmp_path, load_scenario("env1"))
+    for words in (str(tmp_path), "tables.npz", "tables_robot_1.npz", "finished run"):
+        assert words in message
+
+
+def test_a_robot_that_is_not_in_the_file(tmp_path, team):
+    save_team(tmp_path, team)
+    message = refusal(load_team, tmp_path, load_scenario("env2-4r"))
+    for words in (TEAM_FILE, "q_star_3", "run or train"):
+        assert words in message
+
+
+@pytest.mark.parametrize("content", [b"", b"just text", b"PK\x03\x04 no zip"])
+def test_not_a_tables_file(tmp_path, content):
+    path = tmp_path / TEAM_FILE
+    path.write_bytes(content)
+    message = refusal(load_team, tmp_path, load_scenario("env1"))
+    assert f"{path}: cannot be read as tables" in message
+
+
+def test_an_array_file_is_no_tables_file(tmp_path):
+    with (tmp_path / TEAM_FILE).open("wb") as file:
+        np.save(file, np.zeros(3))
+    assert "cannot be read as tables" in refusal(load_team, tmp_path, load_scenario("env1"))
+
+
+@pytest.mark.parametrize("array", [np.array([None]), np.array(["x"])])
+def test_entries_that_are_no_numbers(tmp_path, array):
+    np.savez(tmp_path / TEAM_FILE, q_star_1=array, q_coord_1=array)
+    assert "cannot be read as tables" in refusal(load_tables, tmp_path / TEAM_FILE, [1])
+
+
+def test_a_truncated_file(tmp_path, team):
+    save_team(tmp_path, team)
+    path = tmp_path / TEAM_FILE
+    whole = path.read_bytes()
+    for length in (10, len(whole) // 2, len(whole) - 1):
+        path.write_bytes(whole[:length])
+        assert "cannot be read as tables" in refusal(load_tables, path, [1, 2])
+
+
+def test_a_spoiled_byte_is_refused_or_without_effect(tmp_path, team):
+    """Whatever byte is wrong: never a traceback, never other numbers (a zip has checksums)."""
+    save_team(tmp_path, team)
+    path = tmp_path / TEAM_FILE
+    whole = path.read_bytes()
+    refused = 0
+    for place in range(0, len(whole), 89):
+        path.write_bytes(whole[:place] + bytes([whole[place] ^ 0xFF]) + whole[place + 1 :])
+        try:
+            assert tables_equal(load_tables(path, [1, 2]), team)
+        except TablesError as error:
+            assert str(path) in str(error)
+            refused += 1
+    assert refused > 100

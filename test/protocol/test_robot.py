@@ -1,0 +1,331 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""One robot's side of the lock step, message by message."""
+
+import numpy as np
+import pytest
+
+from sparse_coord_ros.core.agent import Agent, Tables
+from sparse_coord_ros.core.run_config import make_run
+from sparse_coord_ros.core.scenario import load_scenario
+from sparse_coord_ros.core.streams import PERCEPT, Stream
+from sparse_coord_ros.core.world import Action
+from sparse_coord_ros.protocol.robot import Answer, RobotProtocol
+
+SOUTH, EAST = 1, 2
+ASKING_CELL, GOAL = 5, 20
+SETTINGS = {"step_size": "constant:0.5", "epsilon": "constant:0", "max_steps": 50, "steps": 100}
+
+
+class Port:
+    """Writes down what the robot does."""
+
+    def __init__(self):
+        self.done = []
+
+    def ask(self, peer, step, cell):
+        self.done.append(("ask", peer, step, cell))
+
+    def act(self, step, action):
+        self.done.append(("act", step, action))
+
+    def percept(self, step, cell, peer_cell):
+        self.done.append(("percept", step, cell, peer_cell))
+
+    def take(self):
+        done, self.done = self.done, []
+        return done
+
+
+def make_robot(**settings):
+    """Return robot 1 of env1 (goal: cell 20): it goes south, and asks in cell 5."""
+    scenario = load_scenario("env1").with_settings({**SETTINGS, **settings})
+    q_star = np.tile([0.0, 9.0, 1.0, 2.0, 3.0], (21, 1))
+    q_star[ASKING_CELL] = [0, 1, 2, 3, 50]
+    q_coord = np.zeros((21, 21, 4))
+    q_coord[ASKING_CELL, :, EAST] = 7.0
+    agent = Agent(scenario, 0, 0, tables=Tables(q_star, q_coord))
+    return RobotProtocol(make_run(scenario, {}), agent, Port())
+
+
+@pytest.fixture
+def robot():
+    return make_robot()
+
+
+@pytest.fixture
+def port(robot):
+    return robot._port
+
+
+GO = Action(SOUTH, False, -1, False)
+
+
+def q_star(robot, cell, action):
+    return float(robot.agent.tables.q_star[cell, action])
+
+
+LEARNED = 0.5 * 9 + 0.5 * (4 + 0.95 * 9)
+"""Q*(x, south) after the reward 4 on the way to a cell where it is 9."""
+
+
+def test_a_state_is_answered_once(robot, port):
+    robot.state(1, 0)
+    assert port.take() == [("act", 1, GO)]
+    assert robot.newest == (1, 0)
+    assert robot.waiting is None
+
+
+def test_a_repeated_state_repeats_the_action(robot, port):
+    robot.state(1, 0)
+    port.take()
+    robot.state(1, 0)
+    robot.state(1, 0)
+    assert port.take() == [("act", 1, GO)] * 2
+
+
+def test_an_older_state_is_ignored(robot, port):
+    robot.state(4, 0)
+    port.take()
+    robot.state(3, 7)
+    assert port.take() == []
+    assert robot.newest == (4, 0)
+
+
+@pytest.mark.parametrize("order", ["reward first", "state first", "all twice"])
+def test_learning_takes_reward_and_state_in_any_order(robot, port, order):
+    robot.state(1, 0)
+    messages = [lambda: robot.reward(1, 4.0), lambda: robot.state(2, 1)]
+    if order == "state first":
+        messages.reverse()
+    for message in messages * (2 if order == "all twice" else 1):
+        message()
+    assert q_star(robot, 0, SOUTH) == LEARNED
+    assert [done for done in port.take() if done[0] == "act"][:2] == [
+        ("act", 1, GO),
+        ("act", 2, GO),
+    ]
+
+
+def test_no_action_before_the_reward(robot, port):
+    robot.state(1, 0)
+    port.take()
+    robot.state(2, 1)
+    assert port.take() == []
+    assert robot.waiting == ("reward", 1)
+    robot.reward(1, 4.0)
+    assert port.take() == [("act", 2, GO)]
+    assert robot.waiting is None
+
+
+def test_rewards_of_other_steps_are_ignored(robot, port):
+    robot.reward(1, 99.0)
+    robot.state(1, 0)
+    robot.reward(0, 99.0)
+    robot.reward(2, 99.0)
+    robot.state(2, 1)
+    assert robot.waiting == ("reward", 1)
+    robot.reward(1, 4.0)
+    robot.reward(1, 99.0)
+    assert q_star(robot, 0, SOUTH) == LEARNED
+
+
+@pytest.mark.parametrize("gap", [2, 3, 50])
+def test_nothing_is_learned_across_a_gap(robot, port, gap):
+    before = robot.agent.tables.q_star.copy()
+    robot.state(1, 0)
+    robot.reward(1, 4.0)
+    robot.state(1 + gap, 1)
+    assert (robot.agent.tables.q_star == before).all()
+    assert port.take() == [("act", 1, GO), ("act", 1 + gap, GO)]
+    assert robot.dropped == 0
+
+
+def test_an_arrived_robot_learns_rests_and_answers(robot, port):
+    robot.state(1, 0)
+    robot.reward(1, 10.0)
+    robot.state(2, GOAL)
+    assert q_star(robot, 0, SOUTH) == 0.5 * 9 + 0.5 * (10 + 0.95 * 200)
+    robot.state(3, GOAL)
+    robot.state(3, GOAL)
+    assert [done[1] for done in port.take()] == [1]
+    assert robot.asked(1, 3, 4) == Answer(3, GOAL)
+    robot.state(5, 0)
+    assert port.take() == [("act", 5, GO)]
+
+
+def walk(robot, first, steps):
+    """Let a robot make so many transitions between free cells."""
+    robot.state(first, 0)
+    for step in range(first, first + steps):
+        robot.reward(step, 0.0)
+        robot.state(step + 1, 1)
+
+
+def test_no_action_after_the_episode_s_last_step():
+    robot = make_robot(max_steps=3)
+    walk(robot, 1, 3)
+    assert [done[1] for done in robot._port.take()] == [1, 2, 3]
+    walk(robot, 6, 2)
+    assert [done[1] for done in robot._port.take()] == [6, 7, 8]
+
+
+def test_no_action_after_the_budget():
+    robot = make_robot(steps=3)
+    walk(robot, 1, 3)
+    assert [done[1] for done in robot._port.take()] == [1, 2, 3]
+    assert robot.agent.tables.q_star[1, SOUTH] != 9.0  # the last transition is learned
+
+
+def test_a_missed_end_is_mended_by_repetition():
+    """A robot that believes the episode over acts when the world asks again."""
+    robot = make_robot(max_steps=3)
+    walk(robot, 1, 3)
+    robot._port.take()
+    robot.state(4, 1)
+    assert robot._port.take() == [("act", 4, GO)]
+
+
+# Asking.
+
+
+def asking(robot, port, step=1):
+    robot.state(step, ASKING_CELL)
+    assert port.take() == [("ask", 1, step, ASKING_CELL)]
+    assert robot.waiting == ("percept", step)
+    assert robot.asking == 1
+
+
+def test_an_answer_becomes_the_percept(robot, port):
+    asking(robot, port)
+    robot.answer(1, Answer(1, 17))
+    action = Action(EAST, True, 1, True)
+    assert port.take() == [("percept", 1, ASKING_CELL, 17), ("act", 1, action)]
+    assert robot.asks == {"answered": 1, "refused": 0, "late": 0, "repeated": 0}
+    assert (robot.waiting, robot.asking) == (None, -1)
+    robot.reward(1, 4.0)
+    robot.state(2, 1)
+    assert robot.agent.tables.q_coord[ASKING_CELL, 17, EAST] == 0.5 * 7 + 0.5 * (4 + 0.95 * 9)
+    assert q_star(robot, ASKING_CELL, 4) == 0.5 * 50 + 0.5 * (4 + 0.95 * 9)
+
+
+@pytest.mark.parametrize("answer", [Answer(1, None), Answer(2, 17), Answer(2, None)])
+def test_a_refusal_is_a_failed_percept(robot, port, answer):
+    """So is the state of a later step: only states of the same step are a joint state."""
+    asking(robot, port)
+    robot.answer(1, answer)
+    action = Action(3, True, 1, False)
+    assert port.take() == [("percept", 1, ASKING_CELL, None), ("act", 1, action)]
+    assert robot.asks == {"answered": 0, "refused": 1, "late": 0, "repeated": 0}
+
+
+@pytest.mark.parametrize("cell", [None, 17])
+def test_a_peer_behind_is_asked_again(robot, port, cell):
+    asking(robot, port, step=3)
+    robot.answer(3, Answer(2, cell))
+    assert port.take() == [("ask", 1, 3, ASKING_CELL)]
+    assert robot.asks["repeated"] == 1
+    assert robot.waiting == ("percept", 3)
+    robot.answer(3, Answer(3, 17))
+    assert port.take()[0] == ("percept", 3, ASKING_CELL, 17)
+
+
+def test_answers_to_other_requests_are_ignored(robot, port):
+    robot.answer(1, Answer(1, 17))
+    asking(robot, port, step=3)
+    robot.answer(2, Answer(3, 17))
+    assert port.take() == []
+    robot.answer(3, Answer(3, 17))
+    robot.answer(3, Answer(3, 16))
+    assert [done[0] for done in port.take()] == ["percept", "act"]
+    assert robot.asks["answered"] == 1
+
+
+def test_a_repeated_state_does_not_ask_twice(robot, port):
+    asking(robot, port)
+    robot.state(1, ASKING_CELL)
+    assert port.take() == []
+
+
+def test_the_deadline_of_a_percept(robot, port):
+    asking(robot, port)
+    robot.expire()
+    action = Action(3, True, 1, False)
+    assert port.take() == [("percept", 1, ASKING_CELL, None), ("act", 1, action)]
+    assert robot.asks["late"] == 1
+    robot.answer(1, Answer(1, 17))
+    assert port.take() == []
+    assert robot.asks["answered"] == 0
+
+
+def test_the_deadline_of_a_reward(robot, port):
+    before = robot.agent.tables.q_star.copy()
+    robot.state(1, 0)
+    robot.state(2, 1)
+    port.take()
+    robot.expire()
+    assert robot.dropped == 1
+    assert port.take() == [("act", 2, GO)]
+    robot.reward(1, 4.0)
+    assert (robot.agent.tables.q_star == before).all()
+
+
+def test_a_deadline_with_nothing_to_wait_for(robot, port):
+    robot.expire()
+    robot.state(1, 0)
+    port.take()
+    robot.expire()
+    assert port.take() == []
+    assert (robot.dropped, robot.asks["late"]) == (0, 0)
+
+
+def test_the_world_goes_on_while_the_robot_asks(robot, port):
+    asking(robot, port)
+    robot.state(2, 1)
+    assert port.take() == [("act", 2, GO)]
+    assert robot.asks["late"] == 1
+    robot.answer(1, Answer(1, 17))
+    assert port.take() == []
+
+
+# Answering.
+
+
+def test_answers_by_step(robot):
+    robot.state(4, 0)
+    assert robot.asked(1, 4, 3) == Answer(4, 0)
+    assert robot.asked(1, 5, 3) == Answer(4, None)  # not there yet
+    assert robot.asked(1, 3, 3) == Answer(4, None)  # past that
+    assert robot.asked(1, 4, None) == Answer(4, None)  # the asker is nowhere
+
+
+def test_before_any_state_there_is_nothing_to_say(robot):
+    assert robot.asked(1, 1, 3) == Answer(0, None)
+    assert robot.asked(1, 0, None) == Answer(0, None)
+
+
+def test_a_person_gets_the_newest_state_whatever_the_model():
+    robot = make_robot(perception="never")
+    robot.state(4, 0)
+    assert robot.asked(1, 0, None) == Answer(4, 0)
+    assert robot.asked(1, 4, 3) == Answer(4, None)
+
+
+def test_the_draw_belongs_to_asker_and_step_and_asking_twice_changes_nothing():
+    robot = make_robot(perception="probability:0.6")
+    draws = Stream(0, 1, PERCEPT)
+    seen = []
+    for step in range(1, 60):
+        robot.state(step, 0)
+        answers = [robot.asked(1, step, 3) for _ in range(3)]
+        assert answers == [Answer(step, 0 if draws.at(step)[0] < 0.6 else None)] * 3
+        seen.append(answers[0].cell is not None)
+        robot.asked(1, 0, None)
+    assert 20 < sum(seen) < 50
+
+
+def test_the_model_decides_from_both_places():
+    robot = make_robot(perception="line_of_sight")
+    robot.state(1, 0)  # the north-west corner
+    assert robot.asked(1, 1, 3).cell is None  # behind the wall
+    assert robot.asked(1, 1, 1).cell == 0

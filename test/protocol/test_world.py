@@ -1,0 +1,238 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The world's side of the lock step, message by message."""
+
+import pytest
+
+from sparse_coord_ros.core.run_config import make_run
+from sparse_coord_ros.core.scenario import load_scenario
+from sparse_coord_ros.core.world import Action
+from sparse_coord_ros.protocol.world import WorldProtocol
+
+EAST, WEST, NORTH = (
+    Action(2, False, -1, False),
+    Action(3, False, -1, False),
+    Action(0, False, -1, False),
+)
+DOWN = Action(1, False, -1, False)
+
+
+class Port:
+    """Writes down what the world says."""
+
+    def __init__(self):
+        self.said = []
+
+    def state(self, robot, step, cell):
+        self.said.append(("state", robot, step, cell))
+
+    def reward(self, robot, step, reward):
+        self.said.append(("reward", robot, step, reward.total))
+
+    def take(self):
+        said, self.said = self.said, []
+        return said
+
+
+def make_world(name="env1", **settings):
+    sure = {"starts": "fixed", "move_success": 1, "max_steps": 50, "steps": 100}
+    scenario = load_scenario(name).with_settings({**sure, **settings})
+    world = WorldProtocol(make_run(scenario, {}), Port())
+    world.start()
+    return world
+
+
+@pytest.fixture
+def world():
+    return make_world()
+
+
+@pytest.fixture
+def port(world):
+    return world._port
+
+
+# Cells of env1: row 0 is 0 1 2 3, row 1 is 4 5 6 7; robot 1 starts at 0, robot 2 at 3.
+
+
+def test_start_says_every_state(port):
+    assert port.take() == [("state", 0, 1, 0), ("state", 1, 1, 3)]
+
+
+def test_the_barrier_opens_with_the_last_action(world, port):
+    port.take()
+    assert world.missing() == [0, 1]
+    assert not world.complete
+    assert world.action(1, 1, DOWN) is False
+    assert world.missing() == [0]
+    assert not world.complete
+    assert port.take() == []
+    assert world.action(0, 1, DOWN) is True
+    assert world.complete
+    world.advance()
+    rewards = [("reward", 0, 1, 0.0), ("reward", 1, 1, 0.0)]
+    assert port.take() == [*rewards, ("state", 0, 2, 4), ("state", 1, 2, 7)]
+    assert not world.complete
+    assert world.missing() == [0, 1]
+
+
+@pytest.mark.parametrize("step", [0, 2, 7])
+def test_actions_of_other_steps_are_stale(world, step):
+    assert world.action(0, step, DOWN) is False
+    assert world.missing() == [0, 1]
+    assert world.stale == 1
+
+
+def test_the_first_of_two_actions_counts(world):
+    world.action(0, 1, DOWN)
+    assert world.action(0, 1, EAST) is False
+    assert world.stale == 1
+    world.action(1, 1, DOWN)
+    world.advance()
+    assert world.world.cells == [4, 7]
+
+
+def play(world, *actions):
+    """Make a time step with these actions, one a robot; None: none."""
+    for robot, action in enumerate(actions):
+        if action is not None:
+            world.action(robot, world.world.step, action)
+    assert world.complete
+    world.advance()
+
+
+def arrive(world):
+    """Take robot 1 of env1 to its goal while robot 2 stays."""
+    for move in (DOWN, DOWN, EAST, EAST, EAST, EAST, DOWN, DOWN):
+        play(world, move, NORTH)
+    assert world.world.arrived == [True, False]
+
+
+def test_an_arrived_robot_is_not_waited_for(world, port):
+    arrive(world)
+    assert world.missing() == [1]
+    assert world.action(0, world.world.step, NORTH) is False
+    assert world.stale == 1
+    port.take()
+    play(world, None, DOWN)
+    rewards = [said for said in port.take() if said[0] == "reward"]
+    assert [said[1] for said in rewards] == [1]
+
+
+def test_an_episode_ends_and_the_next_begins_two_steps_later():
+    world = make_world(max_steps=2)
+    play(world, DOWN, DOWN)
+    world._port.take()
+    play(world, DOWN, DOWN)
+    states = [said for said in world._port.take() if said[0] == "state"]
+    assert states == [
+        ("state", 0, 3, 8),
+        ("state", 1, 3, 12),
+        ("state", 0, 5, 0),
+        ("state", 1, 5, 3),
+    ]
+    assert world.world.episode == 1
+
+
+def test_the_budget_ends_everything():
+    world = make_world(steps=2, max_steps=2)
+    play(world, DOWN, DOWN)
+    assert not world.finished
+    play(world, DOWN, DOWN)
+    assert world.finished
+    assert world.world.episode == 0  # no new episode after the last step
+    assert world.action(0, world.world.step, DOWN) is False
+    assert world.stale == 1
+
+
+def test_without_any_action_the_world_waits_on(world, port):
+    port.take()
+    assert world.expire() == [0, 1]
+    assert (world.timeouts, world.absent, world.world.step) == (0, set(), 1)
+    assert port.take() == []
+
+
+def test_a_silent_robot_is_left_out_and_taken_back(world, port):
+    world.action(0, 1, DOWN)
+    port.take()
+    assert world.expire() == [1]
+    assert (world.timeouts, world.absent) == (1, {1})
+    assert world.world.cells == [4, 3]
+    assert port.take() == [("reward", 0, 1, 0.0), ("state", 0, 2, 4), ("state", 1, 2, 3)]
+    assert world.action(0, 2, DOWN) is True  # nobody waits for robot 2
+    world.advance()
+    assert world.timeouts == 1
+    world.action(1, 2, DOWN)  # too late, but it is there again
+    assert (world.stale, world.absent) == (1, set())
+    assert world.action(0, 3, EAST) is False
+    assert world.action(1, 3, DOWN) is True
+    world.advance()
+    assert world.world.cells == [9, 7]
+
+
+def test_a_silent_robot_beside_an_arrived_one_ends_the_episode(world):
+    """The arrived one goes on with a new episode instead of waiting for ever."""
+    arrive(world)
+    step, made = world.world.step, world.world.transitions
+    assert world.expire() == [1]
+    assert (world.timeouts, world.absent) == (1, {1})
+    assert (world.world.episode, world.world.step, world.world.transitions) == (1, step + 2, made)
+    assert world.missing() == [0]
+
+
+def test_a_deadline_with_nobody_missing_does_nothing(world):
+    world.action(0, 1, DOWN)
+    world.action(1, 1, DOWN)
+    assert world.expire() == []
+    assert (world.timeouts, world.absent, world.world.step) == (0, set(), 1)
+
+
+def test_an_episode_in_which_nobody_can_move_any_more_ends(world):
+    for move in (DOWN, DOWN, EAST, EAST, EAST, EAST, DOWN):
+        play(world, move, NORTH)
+    world.action(0, world.world.step, DOWN)
+    assert world.expire() == [1]
+    assert world.world.episode == 1
+    assert world.world.arrived == [False, False]
+    assert world.missing() == [0]
+
+
+def test_three_of_four():
+    world = make_world("env2-4r")
+    for robot in (0, 1, 3):
+        world.action(robot, 1, NORTH)
+    assert world.expire() == [2]
+    assert world.world.step == 2
+    world.action(0, 2, NORTH)
+    assert world.expire() == [1, 3]
+    assert (world.timeouts, world.absent) == (3, {1, 2, 3})
+    assert world.world.step == 3
+
+
+def test_repeat_says_what_the_missing_ones_may_have_lost(world, port):
+    play(world, DOWN, DOWN)
+    world.action(0, 2, DOWN)
+    port.take()
+    world.repeat()
+    assert port.take() == [("reward", 1, 1, 0.0), ("state", 1, 2, 7)]
+    world.repeat()
+    assert len(port.take()) == 2
+
+
+def test_repeat_reaches_the_absent(world, port):
+    world.action(0, 1, DOWN)
+    world.expire()
+    port.take()
+    world.action(0, 2, DOWN)
+    world.repeat()
+    assert port.take() == [("state", 1, 2, 3)]  # it did not act: no reward to repeat
+
+
+def test_repeat_in_a_new_episode_says_no_old_reward(world, port):
+    play(world, DOWN, DOWN)
+    world.action(0, 2, DOWN)
+    world.new_episode()
+    assert world.missing() == [0, 1]  # the action that waited is forgotten
+    port.take()
+    world.repeat()
+    assert port.take() == [("state", 0, 4, 0), ("state", 1, 4, 3)]
