@@ -32,7 +32,7 @@ RUN_SETTINGS = SettingTable(
             choices=LEARNERS,
         ),
         Setting("greedy", bool, False, "act on learned tables, without exploring or learning"),
-        Setting("step_period", float, 0.1, "simulated seconds a time step", low=1e-3, high=3600),
+        Setting("step_period", float, 0.1, "simulated seconds a time step", low=1e-3, high=60),
         Setting("resolution", float, 1.0, "metres a cell", low=1e-3, high=1000),
         Setting("step_timeout", float, 5.0, "seconds until a silent robot is left out", low=0.1),
         Setting(

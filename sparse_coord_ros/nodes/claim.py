@@ -27,8 +27,8 @@ class Claim:
         self._node = node
         self._id = uuid.uuid4().hex
         self._since = divmod(time.time_ns(), 1_000_000_000)
-        node.create_subscription(CLAIM.type, CLAIM.name, self._on_claim, CLAIMS_QOS)
-        self._publisher = node.create_publisher(CLAIM.type, CLAIM.name, CLAIM.qos)
+        node.create_subscription(CLAIM.type, CLAIM.of("~"), self._on_claim, CLAIMS_QOS)
+        self._publisher = node.create_publisher(CLAIM.type, CLAIM.of("~"), CLAIM.qos)
         header = CLAIM.type(frame_id=self._id)
         header.stamp.sec, header.stamp.nanosec = self._since
         self._publisher.publish(header)

@@ -63,7 +63,7 @@ class Topic:
     stamped: bool = False
 
     def of(self, robot: str) -> str:
-        """Return the name of a robot's topic."""
+        """Return the topic's name below a robot's name; `~` is the node's own."""
         return f"{robot}/{self.name}"
 
 
@@ -83,8 +83,8 @@ COORDINATION_MAP = Topic("coordination_map", OccupancyGrid, LATCHED_QOS, stamped
 TEAM_TOPICS = (RUN, STATUS, CLOCK, MAP, MARKERS, DIAGNOSTICS)
 ROBOT_TOPICS = (LOCAL_STATE, REWARD, ACTION, PERCEPT, COORDINATION_MAP)
 
-CLAIM = Topic("~/claim", Header, LATCHED_QOS, stamped=True)
-"""Of every node: since when it has its name."""
+CLAIM = Topic("claim", Header, LATCHED_QOS)
+"""Of every node, below its name: since when (wall clock) the node has it."""
 
 CLAIMS_QOS = _qos(100, DurabilityPolicy.TRANSIENT_LOCAL)
 """For reading claims: with a depth of 1, one's own would push out that of another node."""

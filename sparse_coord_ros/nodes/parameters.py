@@ -3,7 +3,7 @@
 """ROS parameters from the typed tables of `core.settings`."""
 
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
 from rcl_interfaces.msg import (
@@ -15,6 +15,7 @@ from rcl_interfaces.msg import (
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.publisher import Publisher
 
 from sparse_coord_ros.core.run_config import RUN_SETTINGS
 from sparse_coord_ros.core.settings import Setting, SettingTable
@@ -75,6 +76,9 @@ TEAM_PARAMETERS = SettingTable(
         "record": Setting("record", bool, True, "record the run to MCAP"),
     }.values()
 )
+
+WORLD, RECORDER = "world_simulator", "recorder"
+"""Node names by which robots know that they are heard; a robot's node has the robot's name."""
 
 CHANGEABLE = ("rate",)
 """Parameters that can be set while the node runs; all others are read once."""
@@ -145,6 +149,15 @@ class ParameterNode(Node):
     def fail(self, error: SparseCoordError) -> None:
         """Stop the node because of bad input: whoever spins it raises the error."""
         self.failure = self.failure or error
+
+    def heard_by(self, publisher: Publisher, names: Collection[str]) -> bool:
+        """Whether nodes of all these names subscribe to a topic of this node.
+
+        Bystanders (`ros2 topic echo`, RViz) do not count.
+        """
+        infos = self.get_subscriptions_info_by_topic(publisher.topic_name)
+        matched = publisher.get_subscription_count() >= len(names)
+        return matched and {info.node_name for info in infos}.issuperset(names)
 
     def _declare(self) -> dict[str, Any]:
         overrides = {

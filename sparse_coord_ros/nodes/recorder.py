@@ -23,7 +23,9 @@ from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.messages import Converter, status
 from sparse_coord_ros.nodes.parameters import (
+    RECORDER,
     RECORDER_PARAMETERS,
+    WORLD,
     ParameterNode,
     stops_on_bad_input,
 )
@@ -39,10 +41,11 @@ QUIET_SECONDS = 0.3
 
 
 class Recorder(ParameterNode):
-    """Writes raw messages with the simulated time as log time and the wall clock as publish time.
+    """Writes raw messages at the simulated time.
 
     A message that begins with a stamp is logged at that time, any other at the newest stamp seen:
-    the bag's time line is the world's, however fast the run went.
+    the bag's time line is the world's, however fast the run went. (When something happened by the
+    wall clock, the service events say.)
 
     Args:
         context: the ROS context.
@@ -61,7 +64,7 @@ class Recorder(ParameterNode):
         values: Mapping[str, Any] | None = None,
     ) -> None:
         super().__init__(
-            "recorder", RECORDER_PARAMETERS, context=context, namespace=namespace, values=values
+            RECORDER, RECORDER_PARAMETERS, context=context, namespace=namespace, values=values
         )
         out = self.values["out"] or datetime.now().strftime("bag_%Y%m%d_%H%M%S")
         self.directory = Path(out)
@@ -94,7 +97,7 @@ class Recorder(ParameterNode):
         channel = self.bag.add_topic(
             self.resolve_topic_name(name), _type_name(message_type), _bag_qos(qos)
         )
-        write, clock_ns, unpack_stamp = self.bag.write, time.time_ns, STAMP.unpack_from
+        write, unpack_stamp = self.bag.write, STAMP.unpack_from
 
         @stops_on_bad_input
         def stamped_message(self, data: bytes) -> None:
@@ -103,12 +106,12 @@ class Recorder(ParameterNode):
             at = sec * 1_000_000_000 + nanosec
             if at > self._now_ns:
                 self._now_ns = at
-            write(channel, data, at, clock_ns())
+            write(channel, data, at, at)
 
         @stops_on_bad_input
         def other_message(self, data: bytes) -> None:
             self._count += 1
-            write(channel, data, self._now_ns, clock_ns())
+            write(channel, data, self._now_ns, self._now_ns)
             if then is not None:
                 then(data)
 
@@ -136,8 +139,10 @@ class Recorder(ParameterNode):
             },
         )
         self.bag.attach("run.yaml", text.encode(), "application/yaml")
+        claim = interface.CLAIM
+        self._record(claim.type, claim.of(WORLD), claim.qos, stamped=claim.stamped)
         for robot in self._run.scenario.robots:
-            for topic in interface.ROBOT_TOPICS:
+            for topic in (*interface.ROBOT_TOPICS, claim):
                 self._record(topic.type, topic.of(robot.name), topic.qos, stamped=topic.stamped)
             events = f"{robot.name}/{interface.ACTIVE_PERCEPTION}/_service_event"
             self._record(

@@ -24,7 +24,13 @@ from sparse_coord_ros.errors import RunError, TablesError, did_you_mean
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.claim import Claim
 from sparse_coord_ros.nodes.messages import Converter, status, status_values
-from sparse_coord_ros.nodes.parameters import ROBOT_PARAMETERS, ParameterNode, stops_on_bad_input
+from sparse_coord_ros.nodes.parameters import (
+    RECORDER,
+    ROBOT_PARAMETERS,
+    WORLD,
+    ParameterNode,
+    stops_on_bad_input,
+)
 from sparse_coord_ros.nodes.peers import Peer
 from sparse_coord_ros.nodes.spin import run_node, wait_for_readers
 from sparse_coord_ros.protocol.robot import Answer, RobotProtocol
@@ -263,8 +269,8 @@ class RobotNode(ParameterNode):
 
         The world waits for these subscriptions: with them the robot says that it is ready.
         """
-        listeners = 2 if self._run.recorded else 1
-        if self._action_publisher.get_subscription_count() < listeners:
+        listeners = [WORLD, RECORDER] if self._run.recorded else [WORLD]
+        if not self.heard_by(self._action_publisher, listeners):
             return
         self._ready_since = self._ready_since or now
         if now - self._ready_since < PEER_PATIENCE_SECONDS and not all(

@@ -26,12 +26,19 @@ SPIN_SECONDS = 0.1
 BATCH = 20
 """Further callbacks between two looks at the condition, which cost as much as a callback."""
 
+PATIENCE_SECONDS = 3.0
+
 
 class Stop:
-    """Whether SIGINT or SIGTERM has come; a second one interrupts at once."""
+    """Whether SIGINT or SIGTERM has come.
+
+    One Ctrl-C often arrives twice, from the terminal and from launch. A further signal interrupts
+    at once only when the node has had `PATIENCE_SECONDS` to end by itself.
+    """
 
     def __init__(self) -> None:
         self.signal: int | None = None
+        self._since = 0.0
 
     def __bool__(self) -> bool:
         """Whether to stop."""
@@ -39,9 +46,10 @@ class Stop:
 
     def handle(self, number: int, frame: object) -> None:
         """Note a signal."""
-        if self.signal is not None:
+        if self.signal is None:
+            self.signal, self._since = number, time.monotonic()
+        elif time.monotonic() - self._since > PATIENCE_SECONDS:
             raise KeyboardInterrupt
-        self.signal = number
 
 
 @contextmanager

@@ -22,7 +22,13 @@ from sparse_coord_ros.errors import RunError, SettingError
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.claim import Claim
 from sparse_coord_ros.nodes.messages import CLOCK_LAYOUT, Converter, status
-from sparse_coord_ros.nodes.parameters import WORLD_PARAMETERS, ParameterNode, stops_on_bad_input
+from sparse_coord_ros.nodes.parameters import (
+    RECORDER,
+    WORLD,
+    WORLD_PARAMETERS,
+    ParameterNode,
+    stops_on_bad_input,
+)
 from sparse_coord_ros.nodes.spin import run_node, wait_for_readers
 from sparse_coord_ros.protocol.world import WorldProtocol
 
@@ -73,7 +79,7 @@ class WorldSimulator(ParameterNode):
         values: Mapping[str, Any] | None = None,
     ) -> None:
         super().__init__(
-            "world_simulator",
+            WORLD,
             WORLD_PARAMETERS,
             context=context,
             namespace=namespace,
@@ -174,15 +180,16 @@ class WorldSimulator(ParameterNode):
         self._say_state(interface.WAITING)
 
     def _start_when_complete(self, now: float) -> None:
-        missing = [name for k, name in enumerate(self._names) if not self._matched(k)]
+        missing = self._missing_nodes()
         if missing:
             limit = self.values["startup_timeout"]
             if 0 < limit < now - self._born:
-                recorder = " (or the recorder)" if self.run.recorded else ""
+                command = f"robot --ros-args -r __node:={missing[0]}"
+                if missing[0] == RECORDER:
+                    command = RECORDER
                 raise RunError(
-                    f"startup_timeout: after {limit:g} s still no node for {', '.join(missing)}"
-                    f"{recorder}; start each robot with: ros2 run sparse_coord_ros robot "
-                    f"--ros-args -r __node:={missing[0]}"
+                    f"startup_timeout: after {limit:g} s still no node for {', '.join(missing)}; "
+                    f"start each, e.g.: ros2 run sparse_coord_ros {command}"
                 )
             return
         self._started = True
@@ -195,14 +202,18 @@ class WorldSimulator(ParameterNode):
         )
         self.protocol.start()
 
-    def _matched(self, robot: int) -> bool:
-        """Whether a robot (and the recorder, where one is to be) listens and speaks."""
-        listeners = 2 if self.run.recorded else 1
-        return (
-            self._state_publishers[robot].get_subscription_count() >= listeners
-            and self._reward_publishers[robot].get_subscription_count() >= listeners
-            and self._action_subscriptions[robot].get_publisher_count() >= 1
-        )
+    def _missing_nodes(self) -> list[str]:
+        """Return the robots, and the recorder where one is to be, that do not listen yet."""
+        missing = []
+        publishers = [*self._state_publishers, *self._reward_publishers]
+        for k, name in enumerate(self._names):
+            own = (self._state_publishers[k], self._reward_publishers[k])
+            speaks = self._action_subscriptions[k].get_publisher_count() > 0
+            if not speaks or not all(self.heard_by(publisher, [name]) for publisher in own):
+                missing.append(name)
+        if self.run.recorded and not all(self.heard_by(p, [RECORDER]) for p in publishers):
+            missing.append(RECORDER)
+        return missing
 
     def _watch_the_barrier(self, now: float) -> None:
         if self.values["rate"] > 0 and not self._paused:

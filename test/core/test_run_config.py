@@ -109,7 +109,7 @@ def test_bad_values_in_run_yaml(run):
         ({"seed": "1.5"}, "setting seed"),
         ({"learner": "indi"}, "coop or noncoop or indiv"),
         ({"sed": 1}, "unknown setting 'sed' (did you mean 'seed'?)"),
-        ({"step_period": 0}, "from 0.001 to 3600"),
+        ({"step_period": 0}, "from 0.001 to 60"),
         (
             {"percept_timeout": 5},
             "percept_timeout: value is 5, allowed: less than step_timeout (5)",

@@ -1,0 +1,408 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the ROS tests share: nodes on executors of the test's own, processes, and tidiness."""
+
+import fcntl
+import functools
+import itertools
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from contextlib import ExitStack
+from copy import deepcopy
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+from sparse_coord_ros.core.agent import Agent
+from sparse_coord_ros.core.scenario import load_scenario
+from sparse_coord_ros.core.simulation import Team
+from sparse_coord_ros.core.tables import load_team
+from sparse_coord_ros.core.world import World
+from sparse_coord_ros.nodes.recorder import Recorder
+from sparse_coord_ros.nodes.robot import RobotNode
+from sparse_coord_ros.nodes.spin import make_executor, ros_context
+from sparse_coord_ros.nodes.world_simulator import WorldSimulator
+
+UDP_ONLY = """\
+<profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
+  <transport_descriptors>
+    <transport_descriptor>
+      <transport_id>loopback</transport_id>
+      <type>UDPv4</type>
+      <interfaceWhiteList><address>127.0.0.1</address></interfaceWhiteList>
+    </transport_descriptor>
+  </transport_descriptors>
+  <participant profile_name="udp_only" is_default_profile="true">
+    <rtps>
+      <userTransports><transport_id>loopback</transport_id></userTransports>
+      <useBuiltinTransports>false</useBuiltinTransports>
+    </rtps>
+  </participant>
+</profiles>
+"""
+"""Fast DDS without shared memory, which a killed process would leave behind.
+
+FASTDDS_BUILTIN_TRANSPORTS cannot say so: with the discovery range LOCALHOST rmw_fastrtps brings
+transports of its own, shared memory among them.
+"""
+
+PATIENCE_SECONDS = 20.0
+"""Far more than anything takes on a loaded machine; reached only where a test fails."""
+
+DOMAINS = range(215, 232)
+"""Their ports lie above those that Linux hands out by itself."""
+
+DOMAIN_COUNTER = itertools.count(os.getpid())
+
+SHARED_MEMORY_USED: set[str] = set()
+"""Fast DDS's files in shared memory that a process of the tests has used."""
+
+
+class Bench:
+    """Nodes of a team in one context and observers in another, spun in the test's own thread."""
+
+    def __init__(self, stack: ExitStack, executor: str = "events") -> None:
+        self._stack, self._kind = stack, executor
+        self._places: dict[str, tuple] = {}
+        self._nodes: dict[Node, object] = {}
+        self._finished: set[Node] = set()
+
+    def place(self, name: str = "team") -> tuple:
+        """Return (context, executor) of that name."""
+        if name not in self._places:
+            context = self._stack.enter_context(ros_context())
+            executor = make_executor(self._kind, context)
+            self._stack.callback(executor.shutdown)
+            self._places[name] = (context, executor)
+        return self._places[name]
+
+    def add(self, node: Node, place: str = "team") -> Node:
+        """Let a node be spun, and destroyed at the test's end."""
+        executor = self.place(place)[1]
+        executor.add_node(node)
+        self._nodes[node] = executor
+        _note_shared_memory()
+        self._stack.callback(self.destroy, node)
+        return node
+
+    def destroy(self, node: Node) -> None:
+        """Take a node away."""
+        if node in self._nodes:
+            self._nodes.pop(node).remove_node(node)
+            if isinstance(node, Recorder):
+                node.bag.close()
+            node.destroy_node()
+
+    def world(self, *, namespace: str = "", **values) -> WorldSimulator:
+        """Start a world simulator; env1 without claim window unless `values` say otherwise."""
+        values = {"scenario": "env1", "claim_window": 0.0, **values}
+        context = self.place()[0]
+        return self.add(WorldSimulator(context=context, namespace=namespace, values=values))
+
+    def robot(self, name: str, *, namespace: str = "", place: str = "team", **values) -> RobotNode:
+        """Start a robot."""
+        values = {"claim_window": 0.0, **values}
+        context = self.place(place)[0]
+        robot = RobotNode(context=context, name=name, namespace=namespace, values=values)
+        return self.add(robot, place)
+
+    def robots(self, count: int = 2, **values) -> list[RobotNode]:
+        """Start robot_1 to robot_<count>."""
+        return [self.robot(f"robot_{k + 1}", **values) for k in range(count)]
+
+    def recorder(self, out: Path, **values) -> Recorder:
+        """Start a recorder."""
+        return self.add(Recorder(context=self.place()[0], values={"out": str(out), **values}))
+
+    def observer(self, namespace: str = "") -> "Observer":
+        """Start a node that is no part of the team, in a context of its own."""
+        context = self.place("observer")[0]
+        return self.add(Observer(context, namespace, self), "observer")
+
+    def spin_until(self, condition, what: str = "", seconds: float = PATIENCE_SECONDS) -> None:
+        """Spin until a condition holds; nodes that are done say their last words."""
+        deadline = time.monotonic() + seconds
+        while not condition():
+            assert time.monotonic() < deadline, f"after {seconds} s still not: {what or condition}"
+            for _, executor in list(self._places.values()):
+                executor.spin_once(timeout_sec=0.002)
+            for node in list(self._nodes):
+                if getattr(node, "failure", None) is not None:
+                    raise node.failure
+                if getattr(node, "done", False) and node not in self._finished:
+                    self._finished.add(node)
+                    node.finish(interrupted=False)
+
+    def spin_until_done(self, *nodes: Node) -> None:
+        """Spin until nodes (all by default) are done and have said their last words."""
+        wanted = set(nodes) or {node for node in self._nodes if hasattr(node, "done")}
+        self.spin_until(lambda: wanted <= self._finished, "all done")
+
+
+class Observer(Node):
+    """Listens to topics and calls services, and keeps what comes."""
+
+    def __init__(self, context, namespace: str, bench: Bench) -> None:
+        super().__init__("observer", context=context, namespace=namespace)
+        self._bench = bench
+
+    def listen(self, kind: type, topic: str, *, latched: bool = False) -> list:
+        """Return a list to which messages will be appended."""
+        messages: list = []
+        durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
+        qos = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE, durability=durability)
+        # rclpy looks at the callback's signature, and a builtin has none.
+        self.create_subscription(kind, topic, lambda message: messages.append(message), qos)
+        return messages
+
+    def call(self, kind: type, service: str, request=None):
+        """Return a service's response."""
+        client = self.create_client(kind, service)
+        self._bench.spin_until(client.service_is_ready, f"service {service} is there")
+        future = client.call_async(kind.Request() if request is None else request)
+        self._bench.spin_until(future.done, f"service {service} answers")
+        return future.result()
+
+    def count(self, topic: str) -> int:
+        """Return how many publishers of a topic are known."""
+        return len(self.get_publishers_info_by_topic(self.resolve_topic_name(topic)))
+
+
+@pytest.fixture
+def bench(own_domain):
+    """Return a bench with the events executor."""
+    with ExitStack() as stack:
+        yield Bench(stack)
+
+
+@pytest.fixture
+def benches(own_domain):
+    """Return a maker of benches, for tests that want several or the single-threaded executor."""
+    with ExitStack() as stack:
+        yield lambda executor="events": Bench(stack, executor)
+
+
+@pytest.fixture(scope="module")
+def module_bench():
+    """Return a bench that the tests of a module share."""
+    with ExitStack() as stack:
+        yield Bench(stack)
+
+
+@pytest.fixture(scope="session")
+def simulate():
+    """Return a function that tells what is said in a run, from the simulation without ROS."""
+
+    def simulation(
+        name: str, settings: dict, *, seed: int = 0, learner: str = "coop", tables=None
+    ):
+        scenario = load_scenario(name).with_settings(settings)
+        everyone = range(len(scenario.robots))
+        before = [None] * len(everyone) if tables is None else deepcopy(tables)
+        agents = [Agent(scenario, k, seed, learner=learner, tables=before[k]) for k in everyone]
+        team = Team(scenario, seed, agents)
+        world = World(scenario, seed)
+        said = SimpleNamespace(scenario=scenario, states={}, actions={}, rewards={}, percepts={})
+        said.states[world.step] = tuple(world.cells)
+        while world.transitions < scenario.steps:
+            step = world.step
+            choices, actions = team.act(world)
+            outcome = world.advance(actions)
+            team.learn(choices, world, outcome)
+            said.states[world.step] = tuple(world.cells)
+            for k in everyone:
+                if actions[k] is not None:
+                    said.actions[k, step] = actions[k]
+                    said.rewards[k, step] = outcome.rewards[k]
+                    if actions[k].asked:
+                        said.percepts[k, step] = (choices[k][0], choices[k][3])
+            if outcome.episode_over and world.transitions < scenario.steps:
+                world.begin_episode()
+                said.states[world.step] = tuple(world.cells)
+        said.tables = [agent.tables for agent in team.agents]
+        return said
+
+    return simulation
+
+
+@pytest.fixture(scope="session")
+def assert_same_tables():
+    """Return a check that a run's tables are, byte for byte, those of the simulation."""
+
+    def check(out: Path, said) -> None:
+        got = load_team(out, said.scenario)
+        assert len(got) == len(said.tables)
+        for k, (mine, theirs) in enumerate(zip(got, said.tables, strict=True), start=1):
+            for name, a, b in zip(("q_star", "q_coord"), mine, theirs, strict=True):
+                assert a.shape == b.shape and a.dtype == b.dtype
+                differ = np.flatnonzero(a.view(np.int64) != b.view(np.int64))
+                assert a.tobytes() == b.tobytes(), f"{name}_{k} differs at {differ[:9]}"
+
+    return check
+
+
+class Process:
+    """A child process whose output goes to a file."""
+
+    def __init__(self, module: str, arguments: list[str], log: Path) -> None:
+        self._log = log
+        with log.open("wb") as file:
+            self._popen = subprocess.Popen(
+                [sys.executable, "-m", f"sparse_coord_ros.{module}", *arguments],
+                stdout=file,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
+        self.pid = self._popen.pid
+
+    def running(self) -> bool:
+        """Whether it has not ended."""
+        return self._popen.poll() is None
+
+    def send_signal(self, number: int) -> None:
+        """Send a signal."""
+        _note_shared_memory(self.pid)
+        self._popen.send_signal(number)
+
+    def child(self, module: str) -> SimpleNamespace:
+        """Return the child process that runs a module of `nodes`."""
+        children = Path(f"/proc/{self.pid}/task/{self.pid}/children").read_text().split()
+        for pid in map(int, children):
+            if f"sparse_coord_ros.nodes.{module}" in Path(f"/proc/{pid}/cmdline").read_text():
+                _note_shared_memory(pid)
+                return SimpleNamespace(send_signal=functools.partial(os.kill, pid))
+        raise AssertionError(f"no child runs {module}: {children}")
+
+    @property
+    def output(self) -> str:
+        """What it has printed, on stdout and stderr."""
+        return self._log.read_text(errors="replace")
+
+    def wait_for(self, text: str) -> None:
+        """Wait until it has printed a text."""
+        deadline = time.monotonic() + PATIENCE_SECONDS
+        while text not in self.output:
+            assert self.running() and time.monotonic() < deadline, f"no {text!r}: {self.output}"
+            time.sleep(0.01)
+
+    def exit_code(self) -> int:
+        """Wait for its end."""
+        return self._popen.wait(PATIENCE_SECONDS)
+
+
+@pytest.fixture
+def start(own_domain, tmp_path):
+    """Return a function that starts a module of the package as a process."""
+    processes: list[Process] = []
+
+    def starter(module: str, *arguments: str) -> Process:
+        log = tmp_path / f"process_{len(processes)}.log"
+        processes.append(Process(module, list(arguments), log))
+        return processes[-1]
+
+    yield starter
+    for process in processes:
+        if process.running():
+            process.send_signal(signal.SIGKILL)
+            process.exit_code()
+
+
+@pytest.fixture
+def start_node(start):
+    """Return a function that starts a node as a process; parameters as keywords."""
+
+    def starter(module: str, name: str, **parameters) -> Process:
+        arguments = ["--ros-args", "-r", f"__node:={name}"]
+        for key, value in parameters.items():
+            text = json.dumps(value) if isinstance(value, bool | list) else str(value)
+            arguments += ["-p", f"{key}:={text}"]
+        return start(f"nodes.{module}", *arguments)
+
+    return starter
+
+
+def _descendants() -> list[str]:
+    """Return the live processes that tests have started, adopted orphans among them."""
+    mark = f"ROS_LOG_DIR={os.environ['ROS_LOG_DIR']}".encode()
+    found = []
+    for folder in Path("/proc").iterdir():
+        if not folder.name.isdigit() or int(folder.name) == os.getpid():
+            continue
+        try:
+            if mark in (folder / "environ").read_bytes().split(b"\0"):
+                command = (folder / "cmdline").read_bytes().replace(b"\0", b" ")
+                found.append(f"{folder.name}: {command.decode(errors='replace')}")
+        except OSError:  # it has just ended, or is not ours
+            continue
+    return found
+
+
+def _note_shared_memory(process: int | str = "self") -> None:
+    """Remember which of Fast DDS's files in shared memory a process of ours uses.
+
+    What lies there beside them belongs to somebody else on this machine.
+    """
+    try:
+        text = Path(f"/proc/{process}/maps").read_text(errors="replace")
+    except OSError:  # it has ended
+        return
+    SHARED_MEMORY_USED.update(re.findall(r"/dev/shm/(?:fastrtps|fastdds)\w+", text))
+
+
+@pytest.fixture(autouse=True)
+def own_domain(monkeypatch):
+    """Give each test a ROS domain: what the one before said must not be heard in this one.
+
+    Nor what the tests of another session on this machine say, which hold locks on theirs.
+    """
+    deadline = time.monotonic() + PATIENCE_SECONDS
+    while True:
+        domain = DOMAINS[next(DOMAIN_COUNTER) % len(DOMAINS)]
+        path = Path(tempfile.gettempdir()) / f"sparse_coord_test_domain_{domain}.lock"
+        with path.open("w") as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                assert time.monotonic() < deadline, "all ROS domains are in use"
+                continue
+            monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+            yield
+            return
+
+
+@pytest.fixture(autouse=True)
+def no_process_left():
+    """Check that a test leaves no process behind; one that it started itself is `start`'s."""
+    yield
+    left = _descendants()
+    assert not left, f"processes left behind: {left}"
+
+
+@pytest.fixture(autouse=True, scope="session")
+def udp_only(ros_environment, tmp_path_factory):
+    """Let these tests and their processes talk by UDP on this machine, and in no other way."""
+    profiles = tmp_path_factory.mktemp("fastdds") / "udp_only.xml"
+    profiles.write_text(UDP_ONLY)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(profiles))
+        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SYSTEM_DEFAULT")
+        yield
+
+
+@pytest.fixture(autouse=True, scope="session")
+def no_shared_memory_left(udp_only):
+    """Check that the tests leave none of Fast DDS's files in shared memory."""
+    SHARED_MEMORY_USED.clear()
+    yield
+    left = [name for name in SHARED_MEMORY_USED if Path(name).exists()]
+    assert not left, f"left behind: {sorted(left)}"

@@ -1,0 +1,193 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Real topics and services learn what the simulation without ROS learns, to the last bit."""
+
+from collections import deque
+from random import Random
+
+import pytest
+import yaml
+
+from sparse_coord_ros.nodes.robot import RobotNode
+from sparse_coord_ros.nodes.spin import ros_context
+from sparse_coord_ros.nodes.team import run_team
+from sparse_coord_ros.nodes.world_simulator import WorldSimulator
+
+SEED = 7
+
+
+@pytest.fixture(scope="module")
+def env1(simulate):
+    """Return what a run of 600 steps in env1 should come to."""
+    said = simulate("env1", {"steps": 600}, seed=SEED)
+    assert any(percept[1] is not None for percept in said.percepts.values())
+    return said
+
+
+def values(out, scenario="env1", steps=600, **more):
+    sets = [f"steps={steps}", *more.pop("set", [])]
+    base = {"scenario": scenario, "seed": SEED, "out": str(out), "set": sets}
+    return {**base, "claim_window": 0.0, "record": False, **more}
+
+
+@pytest.mark.parametrize("record", [False, True], ids=["unrecorded", "recorded"])
+@pytest.mark.parametrize("executor", ["events", "single"])
+def test_team_in_one_process(tmp_path, env1, assert_same_tables, executor, record):
+    out = tmp_path / "out"
+    with ros_context() as context:
+        summary = run_team(values(out, executor=executor, record=record), context=context)
+    assert_same_tables(out, env1)
+    assert summary == yaml.safe_load((out / "summary.yaml").read_text())
+    assert summary["transitions"] == 600
+    assert summary["timeouts"] == 0
+    assert not summary["interrupted"]
+    for k, asks in enumerate(summary["asks"].values()):
+        mine = [peer for (asker, _), (_, peer) in env1.percepts.items() if asker == k]
+        assert asks["answered"] == len(mine)
+        assert asks["refused"] == asks["late"] == asks["dropped"] == 0
+    assert (out / "bag" / "metadata.yaml").exists() == record
+
+
+def test_team_of_four_whose_percepts_fail(tmp_path, simulate, assert_same_tables):
+    settings = {"steps": 200, "perception": "probability:0.7"}
+    said = simulate("env2-4r", settings, seed=SEED)
+    sets = ["perception=probability:0.7"]
+    with ros_context() as context:
+        summary = run_team(values(tmp_path / "out", "env2-4r", 200, set=sets), context=context)
+    assert_same_tables(tmp_path / "out", said)
+    for k, asks in enumerate(summary["asks"].values()):
+        mine = [peer for (asker, _), (_, peer) in said.percepts.items() if asker == k]
+        assert asks["refused"] == mine.count(None) > 0
+        assert asks["answered"] == len(mine) - mine.count(None) > 0
+
+
+def test_baseline(tmp_path, simulate, assert_same_tables):
+    said = simulate("env1", {"steps": 300}, seed=SEED, learner="noncoop")
+    with ros_context() as context:
+        summary = run_team(values(tmp_path / "out", steps=300, learner="noncoop"), context=context)
+    assert_same_tables(tmp_path / "out", said)
+    assert {sum(asks.values()) for asks in summary["asks"].values()} == {0}
+
+
+def test_team_in_another_namespace(tmp_path, simulate, assert_same_tables):
+    said = simulate("env1", {"steps": 100}, seed=SEED)
+    with ros_context() as context:
+        run_team(
+            values(tmp_path / "out", steps=100, record=True),
+            context=context,
+            namespace="team_a",
+        )
+    assert_same_tables(tmp_path / "out", said)
+
+
+def test_every_node_in_its_own_process(tmp_path, simulate, start, assert_same_tables):
+    said = simulate("env1", {"steps": 150}, seed=SEED)
+    out = tmp_path / "out"
+    arguments = ["--steps", "150", "--seed", str(SEED), "--out", str(out), "--processes"]
+    process = start("cli.main", "run", "env1", *arguments)
+    assert process.exit_code() == 0, process.output
+    assert_same_tables(out, said)
+    assert yaml.safe_load((out / "summary.yaml").read_text())["timeouts"] == 0
+    assert (out / "bag" / "metadata.yaml").exists()
+
+
+class Mail:
+    """Holds all incoming messages of a node and delivers them late, in a random order.
+
+    The order within a topic stays, as DDS promises; between topics nothing is promised. Some
+    messages can be doubled, and of each topic some can be lost.
+    """
+
+    def __init__(self, *, random, doubled=0.0, lost=(), **options):
+        self._held: dict[str, deque] = {}
+        self._random, self._doubled, self._lost = random, doubled, lost
+        self.counts = dict.fromkeys(("delivered", "overtaken", "doubled", "lost"), 0)
+        self._arrivals = 0
+        super().__init__(**options)
+        self.create_timer(0.0003, self._deliver)
+
+    def create_subscription(self, kind, topic, callback, qos, **options):
+        held = self._held[topic] = deque()
+        counts = {"here": 0}
+
+        def hold(message):
+            counts["here"] += 1
+            self._arrivals += 1
+            if (topic.rpartition("/")[2], counts["here"]) in self._lost:
+                self.counts["lost"] += 1
+            else:
+                held.append((self._arrivals, message, callback))
+
+        return super().create_subscription(kind, topic, hold, qos, **options)
+
+    def _deliver(self):
+        full = [held for held in self._held.values() if held]
+        if not full or self._random.random() < 0.3:
+            return
+        number, message, callback = self._random.choice(full).popleft()
+        self.counts["delivered"] += 1
+        self.counts["overtaken"] += any(held and held[0][0] < number for held in full)
+        callback(message)
+        if self._random.random() < self._doubled:
+            self.counts["doubled"] += 1
+            callback(message)
+
+
+class MailedRobot(Mail, RobotNode):
+    """A robot with unreliable mail."""
+
+
+class MailedWorld(Mail, WorldSimulator):
+    """A world with unreliable mail."""
+
+
+@pytest.mark.parametrize(
+    ("seed", "mail"),
+    [
+        (1, {}),
+        (2, {}),
+        (3, {"doubled": 0.2}),
+        (4, {"lost": {("action", 20), ("reward", 30), ("local_state", 40)}}),
+    ],
+    ids=["shuffled", "shuffled otherwise", "doubled", "lost"],
+)
+@pytest.mark.parametrize("executor", ["events", "single"])
+def test_mail_out_of_order(tmp_path, simulate, assert_same_tables, benches, seed, mail, executor):
+    steps = 60 if "lost" in mail else 120
+    said = simulate("env2-4r", {"steps": steps, "perception": "probability:0.8"}, seed=SEED)
+    bench = benches(executor)
+    context = bench.place()[0]
+    sets = [f"steps={steps}", "perception=probability:0.8"]
+    names = [robot.name for robot in said.scenario.robots]
+    out = str(tmp_path)
+    own = {"out": out, "claim_window": 0.0}
+    world = MailedWorld(
+        random=Random(seed),
+        context=context,
+        values={**own, "scenario": "env2-4r", "seed": SEED, "set": sets},
+        doubled=mail.get("doubled", 0.0),
+        lost=mail.get("lost", ()),
+    )
+    robots = [
+        MailedRobot(
+            random=Random(100 * seed + k),
+            context=context,
+            name=name,
+            values=own,
+            doubled=mail.get("doubled", 0.0),
+            lost=mail.get("lost", ()) if k == 0 else (),
+        )
+        for k, name in enumerate(names)
+    ]
+    for node in (world, *robots):
+        bench.add(node)
+    bench.spin_until_done()
+    assert_same_tables(tmp_path, said)
+    counts = [node.counts for node in (world, *robots)]
+    assert sum(count["overtaken"] for count in counts) > steps
+    assert sum(robot.protocol.asks["repeated"] for robot in robots) > 0
+    assert (sum(count["doubled"] for count in counts) > steps / 2) == ("doubled" in mail)
+    assert world.summary()["stale_actions"] > 0 or "doubled" not in mail
+    assert sum(count["lost"] for count in counts) == (6 if "lost" in mail else 0)
+    assert world.summary()["timeouts"] == 0
+    assert sum(robot.protocol.dropped for robot in robots) == 0

@@ -1,0 +1,319 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What others see of a team: topics, services, QoS and values, as the design tells them."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import OccupancyGrid, Path
+from nav_msgs.srv import GetPlan
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from std_srvs.srv import SetBool, Trigger
+from visualization_msgs.msg import MarkerArray
+
+from sparse_coord_ros.core.run_config import run_from_yaml
+from sparse_coord_ros.core.tables import load_tables, robot_file
+from sparse_coord_ros.nodes.messages import Converter, status_values
+
+SETTINGS = {"steps": 2000, "perception": "probability:0.5", "epsilon": "constant:1"}
+SEED = 11
+PERIOD, RESOLUTION = 0.25, 0.5
+NAMES = ("robot_1", "robot_2")
+
+TEAM = {
+    "run": ("std_msgs/msg/String", True),
+    "status": ("diagnostic_msgs/msg/DiagnosticStatus", True),
+    "/clock": ("rosgraph_msgs/msg/Clock", False),
+    "map": ("nav_msgs/msg/OccupancyGrid", True),
+    "markers": ("visualization_msgs/msg/MarkerArray", True),
+    "diagnostics": ("diagnostic_msgs/msg/DiagnosticArray", False),
+    "world_simulator/claim": ("std_msgs/msg/Header", True),
+}
+ROBOT = {
+    "local_state": ("geometry_msgs/msg/PoseStamped", False),
+    "reward": ("sensor_msgs/msg/JointState", False),
+    "action": ("sensor_msgs/msg/JointState", False),
+    "percept": ("nav_msgs/msg/Path", False),
+    "coordination_map": ("nav_msgs/msg/OccupancyGrid", True),
+    "claim": ("std_msgs/msg/Header", True),
+}
+"""Type of every topic, and whether it is latched, as the design says (not as the code says)."""
+
+TOPICS = TEAM | {f"{name}/{topic}": of for name in NAMES for topic, of in ROBOT.items()}
+
+
+@pytest.fixture(scope="module")
+def team(module_bench, simulate, tmp_path_factory):
+    """Return a paused team that was watched for a while."""
+    bench = module_bench
+    observer = bench.observer()
+    seen = SimpleNamespace(
+        bench=bench,
+        observer=observer,
+        out=tmp_path_factory.mktemp("team"),
+        said=simulate("env1", SETTINGS, seed=SEED),
+        clock=observer.listen(Clock, "/clock"),
+        diagnostics=observer.listen(DiagnosticArray, "diagnostics"),
+        states={n: observer.listen(PoseStamped, f"{n}/local_state") for n in NAMES},
+        rewards={n: observer.listen(JointState, f"{n}/reward") for n in NAMES},
+        actions={n: observer.listen(JointState, f"{n}/action") for n in NAMES},
+        percepts={n: observer.listen(Path, f"{n}/percept") for n in NAMES},
+    )
+    sets = [f"{name}={value}" for name, value in SETTINGS.items()]
+    values = {"seed": SEED, "set": sets, "step_period": PERIOD, "resolution": RESOLUTION}
+    world = bench.world(rate=100.0, out=str(seen.out), **values)
+    bench.spin_until(lambda: all(observer.count(topic) for topic in TEAM), "world found")
+    assert observer.call(SetBool, "world_simulator/pause", SetBool.Request(data=True)).success
+    robots = bench.robots(out=str(seen.out))
+    bench.spin_until(lambda: all(observer.count(topic) for topic in TOPICS), "all found")
+    bench.spin_until(lambda: world.protocol.complete, "first barrier")
+    assert observer.call(SetBool, "world_simulator/pause", SetBool.Request(data=False)).success
+    bench.spin_until(
+        lambda: (
+            all(len(paths) >= 6 for paths in seen.percepts.values())
+            and len({m.status[0].name for m in seen.diagnostics}) >= 3
+        ),
+        "percepts and diagnostics",
+    )
+    assert observer.call(SetBool, "world_simulator/pause", SetBool.Request(data=True)).success
+    bench.spin_until(lambda: world.protocol.complete, "barrier complete")
+    newest = round(world.protocol.world.step * PERIOD * 1e9)
+    bench.spin_until(
+        lambda: all(ns(m[-1].header.stamp) == newest for m in seen.actions.values()),
+        "last actions",
+    )
+    seen.world, seen.robots = world, robots
+    seen.run = run_from_yaml(world.run.to_yaml(), where="here")
+    seen.convert = Converter(seen.run)
+    return seen
+
+
+def ns(stamp):
+    return stamp.sec * 1_000_000_000 + stamp.nanosec
+
+
+def step_of(stamp):
+    assert ns(stamp) % (PERIOD * 1e9) == 0
+    return int(ns(stamp) // (PERIOD * 1e9))
+
+
+def numbers(message):
+    return dict(zip(message.name, message.position, strict=True))
+
+
+def centre(said, cell):
+    """Return (x, y) in metres, worked out from the map's text."""
+    row, column = said.scenario.map.cells[cell]
+    rows = len(said.scenario.map.rows)
+    return ((column + 0.5) * RESOLUTION, (rows - 1 - row + 0.5) * RESOLUTION)
+
+
+def xy(pose):
+    return (pose.position.x, pose.position.y)
+
+
+@pytest.mark.parametrize("topic", TOPICS)
+def test_topic_has_its_type_and_qos(team, topic):
+    kind, latched = TOPICS[topic]
+    name = team.observer.resolve_topic_name(topic)
+    infos = team.observer.get_publishers_info_by_topic(name)
+    assert {info.topic_type for info in infos} == {kind}
+    assert len(infos) == (3 if topic == "diagnostics" else 1)
+    wanted = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
+    for info in infos:
+        assert info.qos_profile.reliability == ReliabilityPolicy.RELIABLE
+        assert info.qos_profile.durability == wanted
+
+
+def test_no_other_topics(team):
+    standard = {"/parameter_events", "/rosout"}
+    events = {f"/{name}/active_perception/_service_event" for name in NAMES}
+    names = {name for name, _ in team.observer.get_topic_names_and_types()}
+    wanted = {team.observer.resolve_topic_name(topic) for topic in TOPICS}
+    assert names == wanted | events | standard
+
+
+def test_services(team):
+    services = dict(team.observer.get_service_names_and_types())
+    assert services["/world_simulator/pause"] == ["std_srvs/srv/SetBool"]
+    assert services["/world_simulator/reset"] == ["std_srvs/srv/Trigger"]
+    for name in NAMES:
+        assert services[f"/{name}/active_perception"] == ["nav_msgs/srv/GetPlan"]
+        assert services[f"/{name}/save"] == ["std_srvs/srv/Trigger"]
+    for node in ("world_simulator", *NAMES):
+        assert services[f"/{node}/set_parameters"] == ["rcl_interfaces/srv/SetParameters"]
+
+
+def test_nobody_reads_another_robots_topics(team):
+    """What a robot knows of a peer it got through active_perception."""
+    for name in NAMES:
+        for topic in ROBOT:
+            infos = team.observer.get_subscriptions_info_by_topic(f"/{name}/{topic}")
+            assert {info.node_name for info in infos} <= {name, "world_simulator", "observer"}
+
+
+def test_a_late_subscriber_gets_what_is_latched(team):
+    late = team.bench.observer()
+    got = {
+        "run": late.listen(String, "run", latched=True),
+        "status": late.listen(DiagnosticStatus, "status", latched=True),
+        "map": late.listen(OccupancyGrid, "map", latched=True),
+        "markers": late.listen(MarkerArray, "markers", latched=True),
+        "coordination": late.listen(OccupancyGrid, "robot_1/coordination_map", latched=True),
+    }
+    team.bench.spin_until(lambda: all(got.values()), "latched messages")
+    assert run_from_yaml(got["run"][0].data, where="run") == team.run
+    assert got["status"][0].message == "paused"
+    assert got["status"][0].name == "env1"
+    assert int(status_values(got["status"][0])["step"]) > 1
+    info = got["map"][0].info
+    assert (info.width, info.height, info.resolution) == (5, 5, RESOLUTION)
+    assert got["map"][0].data.count(100) == 4
+    assert {marker.ns for marker in got["markers"][0].markers} == {"doorways", "goals", "robots"}
+    coordination = np.array(got["coordination"][0].data)
+    assert set(coordination.tolist()) <= {-1, 0, 100}
+    assert np.count_nonzero(coordination == -1) == 4
+
+
+def test_local_states_are_cells_centres_at_their_step(team):
+    for k, name in enumerate(NAMES):
+        assert len(team.states[name]) > 20
+        for message in team.states[name]:
+            assert message.header.frame_id == "map"
+            cell = team.said.states[step_of(message.header.stamp)][k]
+            assert xy(message.pose) == centre(team.said, cell)
+            assert message.pose.orientation.w == 1.0
+
+
+def test_the_clock_is_that_of_the_steps(team):
+    steps = [step_of(message.clock) for message in team.clock]
+    states = {step_of(message.header.stamp) for message in team.states["robot_1"]}
+    assert steps == sorted(set(steps))
+    assert states == set(steps)
+
+
+def test_rewards_add_up(team):
+    for k, name in enumerate(NAMES):
+        assert len(team.rewards[name]) > 20
+        for message in team.rewards[name]:
+            said = numbers(message)
+            assert list(said) == ["individual", "common", "ask_cost", "total"]
+            assert said["total"] == said["individual"] + said["common"] + said["ask_cost"]
+            step = step_of(message.header.stamp)
+            assert tuple(message.position) == team.said.rewards[k, step]
+    assert any(m.position[2] == -1.0 for m in team.rewards["robot_1"])
+
+
+def test_actions_are_labelled(team):
+    vectors = [(0.0, 1.0), (0.0, -1.0), (1.0, 0.0), (-1.0, 0.0)]
+    for k, name in enumerate(NAMES):
+        assert len(team.actions[name]) > 20
+        for message in team.actions[name]:
+            said = numbers(message)
+            assert list(said) == ["east", "north", "coordinate", "peer", "perceived"]
+            action = team.said.actions[k, step_of(message.header.stamp)]
+            assert (said["east"], said["north"]) == vectors[action.move]
+            assert said["coordinate"] == action.asked
+            assert said["peer"] == (2 - k if action.asked else 0)
+            assert said["perceived"] == action.perceived
+
+
+def test_percepts_have_the_own_pose_and_then_the_peers(team):
+    lengths = set()
+    for k, name in enumerate(NAMES):
+        for message in team.percepts[name]:
+            own, peer = team.said.percepts[k, step_of(message.header.stamp)]
+            cells = [own] if peer is None else [own, peer]
+            assert message.header.frame_id == "map"
+            assert [xy(stamped.pose) for stamped in message.poses] == [
+                centre(team.said, cell) for cell in cells
+            ]
+            lengths.add(len(cells))
+    assert lengths == {1, 2}
+
+
+def test_diagnostics_come_from_everybody(team):
+    by_name = {m.status[0].name: m.status[0] for m in team.diagnostics}
+    assert set(by_name) == {"world_simulator", *NAMES}
+    world = status_values(by_name["world_simulator"])
+    assert world["budget"] == "2000"
+    rates = [
+        float(status_values(m.status[0])["steps_per_second"])
+        for m in team.diagnostics
+        if m.status[0].name == "world_simulator"
+    ]
+    assert max(rates) > 0
+    assert world["slowest_robot"] in NAMES
+    assert world["timeouts"] == "0"
+    robot = status_values(by_name["robot_1"])
+    assert int(robot["asks_answered"]) + int(robot["asks_refused"]) > 0
+    assert robot["epsilon"] == "1.0000"
+    assert robot["transitions_dropped"] == "0"
+
+
+def ask(team, name, request):
+    return team.observer.call(GetPlan, f"{name}/active_perception", request).plan
+
+
+def test_a_person_gets_the_present_pose(team):
+    for name in NAMES:
+        plan = ask(team, name, GetPlan.Request())
+        last = team.states[name][-1]
+        assert [xy(stamped.pose) for stamped in plan.poses] == [xy(last.pose)]
+        assert plan.header.stamp == last.header.stamp
+        assert plan.header.frame_id == "map"
+
+
+def request_of(team, asker, steps_ago=0, name=None):
+    request = GetPlan.Request()
+    request.start = team.states[asker][-1 - steps_ago]
+    request.goal.header.frame_id = asker if name is None else name
+    return request
+
+
+def test_a_question_about_the_past_says_the_step_it_is_now(team):
+    plan = ask(team, "robot_1", request_of(team, "robot_2", steps_ago=1))
+    assert not plan.poses
+    assert plan.header.stamp == team.states["robot_1"][-1].header.stamp
+
+
+def test_a_stranger_is_refused(team):
+    plan = ask(team, "robot_1", request_of(team, "robot_2", name="robot_9"))
+    assert not plan.poses
+
+
+def test_pause_stops_and_resumes(team):
+    """The team is paused; it makes one step a time with the pause lifted for it."""
+    observer, bench, world = team.observer, team.bench, team.world
+    status = observer.listen(DiagnosticStatus, "status", latched=True)
+    bench.spin_until(lambda: status, "status")
+    assert status[-1].message == "paused"
+    transitions = world.protocol.world.transitions
+    before = len(team.diagnostics)
+    bench.spin_until(lambda: len(team.diagnostics) >= before + 6, "two seconds of nothing")
+    assert world.protocol.world.transitions == transitions
+    response = observer.call(SetBool, "world_simulator/pause", SetBool.Request(data=False))
+    assert (response.success, response.message) == (True, "learning")
+    bench.spin_until(lambda: status[-1].message == "learning", "status learning")
+    bench.spin_until(lambda: world.protocol.world.transitions > transitions, "it goes on")
+    response = observer.call(SetBool, "world_simulator/pause", SetBool.Request(data=True))
+    assert (response.success, response.message) == (True, "paused")
+
+
+def test_save_writes_the_tables(team):
+    path = robot_file(team.out, "robot_1")
+    response = team.observer.call(Trigger, "robot_1/save")
+    assert response.success
+    assert str(path) in response.message
+    (saved,) = load_tables(path, [1])
+    tables = team.robots[0].protocol.agent.tables
+    assert saved.q_star.tobytes() == tables.q_star.tobytes()
+    assert saved.q_coord.tobytes() == tables.q_coord.tobytes()
+    assert np.count_nonzero(saved.q_star) > 0
+    assert not robot_file(team.out, "robot_2").exists()

@@ -1,0 +1,195 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Steps, cells and numbers survive their way through ROS messages."""
+
+import math
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import PoseStamped
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import JointState
+from visualization_msgs.msg import Marker
+
+from sparse_coord_ros.core.agent import initial_tables
+from sparse_coord_ros.core.algorithm import COORDINATE
+from sparse_coord_ros.core.run_config import make_run
+from sparse_coord_ros.core.scenario import load_scenario, scenario_names
+from sparse_coord_ros.core.world import Action, Reward
+from sparse_coord_ros.nodes.interface import ACTION_LABELS
+from sparse_coord_ros.nodes.messages import Converter, status, status_values
+
+RESOLUTIONS = [0.001, 0.05, 0.3, 1 / 3, 1.0, 7.77, 1000.0]
+PERIODS = [0.001, 0.0123456789, 1 / 3, 0.1, 1.0, 59.94, 60.0]
+STEPS = [0, 1, 2, 3, 7, 10, 999, 10_000, 123_456, 500_000]
+
+
+def converter(name="env1", **settings):
+    return Converter(make_run(load_scenario(name), settings))
+
+
+@pytest.mark.parametrize("name", scenario_names())
+def test_every_cell_of_every_map_comes_back(name):
+    for resolution in RESOLUTIONS:
+        convert = converter(name, resolution=resolution)
+        for cell in range(len(convert.grid.cells)):
+            assert convert.unpack_state(convert.pack_state(9, cell)) == (9, cell)
+            position = convert.pose(9, cell).pose.position
+            for dx, dy in ((0.45, 0.45), (-0.45, 0.45), (0.45, -0.45), (-0.45, -0.45)):
+                x, y = position.x + dx * resolution, position.y + dy * resolution
+                assert convert.cell(x, y) == cell
+
+
+@pytest.mark.parametrize("name", scenario_names())
+def test_walls_and_places_outside_are_no_cells(name):
+    convert = converter(name)
+    rows, columns = convert.grid.shape
+    for row, line in enumerate(convert.grid.rows):
+        for column, symbol in enumerate(line):
+            cell = convert.cell(column + 0.5, rows - row - 0.5)
+            assert (cell is None) == (symbol == "#")
+    for x, y in ((-0.5, 0.5), (0.5, -0.5), (columns + 0.5, 0.5), (0.5, rows + 0.5)):
+        assert convert.cell(x, y) is None
+    for bad in (math.nan, math.inf, -math.inf):
+        assert convert.cell(bad, 0.5) is None
+        assert convert.cell(0.5, bad) is None
+
+
+@pytest.mark.parametrize("period", PERIODS)
+def test_every_step_comes_back(period):
+    convert = converter(step_period=period)
+    for step in STEPS:
+        sec, nanosec = convert.stamp(step)
+        assert 0 <= nanosec < 1_000_000_000
+        assert abs(sec + nanosec * 1e-9 - step * period) <= step * 0.6e-9 + 1e-6
+        assert convert.step(sec, nanosec) == step
+        assert convert.unpack_state(convert.pack_state(step, 3)) == (step, 3)
+
+
+def test_a_stamp_beside_a_step_is_the_nearest_one():
+    convert = converter(step_period=0.1)
+    assert convert.step(1, 40_000_000) == 10
+    assert convert.step(1, 60_000_000) == 11
+
+
+def test_x_points_east_and_y_north():
+    convert = converter("env1", resolution=0.5)
+    rows, _ = convert.grid.shape
+    for cell, (row, column) in enumerate(convert.grid.cells):
+        message = deserialize_message(convert.pack_state(4, cell), PoseStamped)
+        assert message.pose.position.x == (column + 0.5) * 0.5
+        assert message.pose.position.y == (rows - 1 - row + 0.5) * 0.5
+        assert message.pose.orientation.w == 1.0
+        assert message.header.frame_id == "map"
+        assert message.header.stamp == Time(sec=0, nanosec=400_000_000)
+
+
+def test_a_state_in_a_wall_names_the_map():
+    convert = converter("env1")
+    message = PoseStamped()
+    message.pose.position.x, message.pose.position.y = 2.5, 4.5
+    with pytest.raises(ValueError, match=r"\(2\.5, 4\.5\) is no free cell of map env1"):
+        convert.unpack_state(serialize_message(message))
+
+
+def test_rewards_come_back():
+    convert = converter()
+    for reward in (Reward(10.0, -20.0, -1.0, -11.0), Reward(0.0, 0.0, 0.0, 0.1 + 0.2)):
+        assert convert.unpack_reward(convert.pack_reward(12, reward)) == (12, reward.total)
+        message = deserialize_message(convert.pack_reward(12, reward), JointState)
+        assert dict(zip(message.name, message.position, strict=True)) == reward._asdict()
+
+
+@pytest.mark.parametrize("peer", [-1, 0, 3])
+@pytest.mark.parametrize("move", range(4))
+def test_actions_come_back(move, peer):
+    convert = converter()
+    for asked, perceived in ((False, False), (True, False), (True, True)):
+        action = Action(move, asked, peer, perceived)
+        assert convert.unpack_action(convert.pack_action(77, action)) == (77, action)
+
+
+@pytest.mark.parametrize(
+    ("move", "vector"),
+    [(0, (0.0, 1.0)), (1, (0.0, -1.0)), (2, (1.0, 0.0)), (3, (-1.0, 0.0))],
+    ids=["north", "south", "east", "west"],
+)
+def test_primitive_actions_are_unit_vectors(move, vector):
+    message = deserialize_message(
+        converter().pack_action(1, Action(move, True, 1, False)), JointState
+    )
+    said = dict(zip(message.name, message.position, strict=True))
+    assert (said["east"], said["north"]) == vector
+    assert (said["coordinate"], said["peer"], said["perceived"]) == (1.0, 2.0, 0.0)
+
+
+@pytest.mark.parametrize("east_north", [(0.0, 0.0), (1.0, 1.0), (0.5, 0.0), (math.nan, 1.0)])
+def test_no_other_vector_is_an_action(east_north):
+    message = JointState(name=list(ACTION_LABELS), position=[*east_north, 0.0, 0.0, 0.0])
+    with pytest.raises(ValueError, match="no primitive action"):
+        converter().unpack_action(serialize_message(message))
+
+
+@pytest.mark.parametrize("peer", [math.nan, math.inf, -math.inf])
+def test_an_action_with_a_strange_peer_is_a_value_error(peer):
+    message = JointState(name=list(ACTION_LABELS), position=[1.0, 0.0, 1.0, peer, 0.0])
+    with pytest.raises(ValueError):
+        converter().unpack_action(serialize_message(message))
+
+
+def test_the_map_is_drawn_from_the_south():
+    convert = converter("env1", resolution=0.25)
+    message = convert.map()
+    rows, columns = convert.grid.shape
+    assert (message.info.height, message.info.width) == (rows, columns)
+    assert message.info.resolution == 0.25
+    assert message.header.frame_id == "map"
+    for row, line in enumerate(convert.grid.rows):
+        for column, symbol in enumerate(line):
+            value = message.data[(rows - 1 - row) * columns + column]
+            assert value == (100 if symbol == "#" else 0)
+
+
+def test_the_coordination_map_shows_where_coordinate_is_best():
+    scenario = load_scenario("env1")
+    convert = converter("env1")
+    tables = initial_tables(scenario, "coop")
+    tables.q_star[:, 0] = 1.0
+    tables.q_star[7, COORDINATE] = 2.0
+    message = convert.coordination_map(3, tables)
+    rows, columns = convert.grid.shape
+    row, column = convert.grid.cells[7]
+    values = np.flipud(np.array(message.data).reshape(rows, columns))
+    assert values[row, column] == 100
+    assert np.count_nonzero(values == 100) == 1
+    assert np.count_nonzero(values == -1) == sum(r.count("#") for r in convert.grid.rows)
+
+
+def test_the_coordination_map_of_a_baseline_is_empty():
+    message = converter().coordination_map(3, initial_tables(load_scenario("env1"), "noncoop"))
+    assert 100 not in message.data
+
+
+def test_markers_show_doorways_goals_and_robots():
+    scenario = load_scenario("env2-4r")
+    convert = converter("env2-4r", resolution=2.0)
+    cells = [3, 4, 5, 6]
+    array = convert.markers(8, scenario, cells)
+    by_kind = {}
+    for marker in array.markers:
+        assert marker.action == Marker.ADD
+        assert marker.header.frame_id == "map"
+        position = marker.pose.position
+        by_kind.setdefault(marker.ns, {})[marker.id] = convert.cell(position.x, position.y)
+    assert set(by_kind["doorways"].values()) == scenario.map.doorways
+    assert list(by_kind["goals"].values()) == [robot.goal for robot in scenario.robots]
+    assert list(by_kind["robots"].values()) == cells
+    assert len(array.markers) == sum(len(ids) for ids in by_kind.values())
+
+
+def test_status_values_come_back():
+    message = status("env1", "learning", {"step": 12, "rate": 0.5}, warn=True)
+    assert status_values(message) == {"step": "12", "rate": "0.5"}
+    assert (message.name, message.message, message.level) == ("env1", "learning", message.WARN)
+    assert status("env1", "learning", {}).level == message.OK

@@ -1,0 +1,194 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters of the nodes: described, checked at once, and fixed but for the rate."""
+
+import pytest
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
+from rclpy.parameter import parameter_value_to_python
+
+from sparse_coord_ros.core.run_config import RUN_SETTINGS
+from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.nodes import recorder, robot, team, world_simulator
+from sparse_coord_ros.nodes.parameters import (
+    RECORDER_PARAMETERS,
+    ROBOT_PARAMETERS,
+    TEAM_PARAMETERS,
+    WORLD_PARAMETERS,
+    ParameterNode,
+)
+from sparse_coord_ros.nodes.spin import ros_context
+
+TABLES = {
+    "world_simulator": WORLD_PARAMETERS,
+    "robot": ROBOT_PARAMETERS,
+    "recorder": RECORDER_PARAMETERS,
+    "team": TEAM_PARAMETERS,
+}
+MAINS = {
+    "world_simulator": world_simulator.main,
+    "robot": robot.main,
+    "recorder": recorder.main,
+    "team": team.main,
+}
+TYPES = {
+    bool: ParameterType.PARAMETER_BOOL,
+    int: ParameterType.PARAMETER_INTEGER,
+    float: ParameterType.PARAMETER_DOUBLE,
+    str: ParameterType.PARAMETER_STRING,
+    list: ParameterType.PARAMETER_STRING_ARRAY,
+}
+
+
+@pytest.fixture
+def context():
+    with ros_context() as context:
+        yield context
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_every_parameter_is_described(context, name):
+    table = TABLES[name]
+    node = ParameterNode("node", table, context=context, values={})
+    try:
+        for key, setting in table.items():
+            descriptor = node.describe_parameter(key)
+            assert len(descriptor.description) > 10
+            assert descriptor.type == TYPES[setting.kind]
+            assert descriptor.additional_constraints == f"allowed: {setting.allowed}"
+            assert descriptor.read_only == (key != "rate")
+            assert node.get_parameter(key).value == setting.parse(setting.default)
+        assert node.values == table.defaults()
+    finally:
+        node.destroy_node()
+
+
+def test_ranges_are_in_the_descriptors(context):
+    node = ParameterNode("node", WORLD_PARAMETERS, context=context, values={})
+    try:
+        (span,) = node.describe_parameter("step_period").floating_point_range
+        assert (span.from_value, span.to_value) == (0.001, 60.0)
+        (span,) = node.describe_parameter("seed").integer_range
+        assert (span.from_value, span.to_value) == (0, 2**63 - 1)
+        constraints = node.describe_parameter("step_timeout").additional_constraints
+        assert constraints == "allowed: a number of at least 0.1"
+        constraints = node.describe_parameter("executor").additional_constraints
+        assert constraints == "allowed: events or single"
+    finally:
+        node.destroy_node()
+
+
+def test_a_runs_settings_are_the_worlds_parameters():
+    assert set(RUN_SETTINGS) <= set(WORLD_PARAMETERS)
+
+
+@pytest.mark.parametrize(
+    ("values", "text"),
+    [
+        ({"sed": 7}, r"unknown parameter 'sed' \(did you mean 'seed'\?\); allowed: scenario, set"),
+        ({"seed": "seven"}, "parameter seed: value is 'seven', allowed: a whole number from 0"),
+        ({"seed": 7.5}, "parameter seed: value is 7.5, allowed: a whole number"),
+        ({"seed": True}, "parameter seed: value is True, allowed: a whole number"),
+        ({"seed": -1}, "parameter seed: value is -1, allowed"),
+        ({"resolution": 0.0}, "parameter resolution: value is 0.0, allowed: a number from 0.001"),
+        ({"greedy": "perhaps"}, "parameter greedy: value is 'perhaps', allowed: true or false"),
+        ({"set": "steps=7"}, "parameter set: value is 'steps=7', allowed: a list of texts"),
+        ({"executor": "multi"}, "parameter executor: value is 'multi', allowed: events or single"),
+    ],
+)
+def test_bad_values_stop_a_node_at_once(context, values, text):
+    with pytest.raises(SettingError, match=f"^node node: {text}"):
+        ParameterNode("node", WORLD_PARAMETERS, context=context, values=values)
+
+
+def test_whole_numbers_do_for_numbers(context):
+    """`-p rate:=5` is an integer to ROS, though the parameter is a double."""
+    node = ParameterNode("node", WORLD_PARAMETERS, context=context, values={"rate": 5})
+    try:
+        assert node.values["rate"] == 5.0
+        assert node.get_parameter("rate").type_ == node.get_parameter("step_timeout").type_
+    finally:
+        node.destroy_node()
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments", "text"),
+    [
+        ("world_simulator", ["sed:=7"], "unknown parameter 'sed' (did you mean 'seed'?)"),
+        ("world_simulator", ["seed:=[1, 2]"], "parameter seed: value is [1, 2]"),
+        ("world_simulator", ["seed:=-3"], "parameter seed: value is -3"),
+        ("world_simulator", [], "parameter scenario: none is given"),
+        ("world_simulator", ["scenario:=env9"], "scenario 'env9': no such scenario"),
+        ("world_simulator", ["scenario:=env1", "set:=[stepz=3]"], "(did you mean 'steps'?)"),
+        ("world_simulator", ["scenario:=env1", "set:=[steps]"], "write it as key=value"),
+        ("world_simulator", ["scenario:=env1", "learner:=indiv"], "allowed here: coop or noncoop"),
+        ("world_simulator", ["scenario:=env1", "percept_timeout:=5"], "less than step_timeout"),
+        ("robot", ["table:=x"], "unknown parameter 'table' (did you mean 'tables'?)"),
+        ("robot", ["claim_window:=61"], "allowed: a number from 0 to 60"),
+        ("recorder", ["seed:=1"], "unknown parameter 'seed'"),
+        ("recorder", ["executor:=fast"], "parameter executor: value is 'fast'"),
+        ("team", ["record:=2"], "parameter record: value is 2, allowed: true or false"),
+        ("team", ["scenari:=env1"], "(did you mean 'scenario'?)"),
+    ],
+)
+def test_executables_end_with_one_line(capfd, name, arguments, text):
+    command = [name, "--ros-args"]
+    for argument in arguments:
+        command += ["-p", argument]
+    assert MAINS[name](command) == 2
+    out, err = capfd.readouterr()
+    assert out == ""
+    (line,) = err.splitlines()
+    assert line.startswith("error: ")
+    assert text in line
+
+
+def test_a_process_ends_with_exit_code_2(start_node):
+    process = start_node("world_simulator", "world_simulator", scenario="env1", rat=5)
+    assert process.exit_code() == 2
+    (line,) = process.output.splitlines()
+    assert "unknown parameter 'rat' (did you mean 'rate'?)" in line
+
+
+def set_one(observer, name, value):
+    request = SetParameters.Request(parameters=[Parameter(name=name, value=value)])
+    return observer.call(SetParameters, "world_simulator/set_parameters", request).results[0]
+
+
+def double(value):
+    return ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value)
+
+
+def test_the_rate_can_be_set_while_the_node_runs(bench):
+    observer = bench.observer()
+    world = bench.world(rate=0.001, set=["steps=50"])
+    robots = bench.robots()
+    bench.spin_until(lambda: world.protocol.complete, "first barrier")
+    assert world.protocol.world.transitions == 0
+    result = set_one(observer, "rate", double(-1.0))
+    assert not result.successful
+    assert "rate: value is -1.0, allowed: a number of at least 0" in result.reason
+    assert world.values["rate"] == 0.001
+    assert set_one(observer, "rate", double(100.0)).successful
+    bench.spin_until(lambda: world.protocol.world.transitions >= 10, "ten steps")
+    assert set_one(observer, "rate", double(0.0)).successful
+    bench.spin_until_done(world, *robots)
+    request = GetParameters.Request(names=["rate", "seed"])
+    values = observer.call(GetParameters, "robot_1/get_parameters", request).values
+    assert [value.type for value in values] == [], "robots have neither"
+    values = observer.call(GetParameters, "world_simulator/get_parameters", request).values
+    assert [parameter_value_to_python(value) for value in values] == [0.0, 0]
+
+
+def test_all_others_are_fixed(bench):
+    observer = bench.observer()
+    world = bench.world()
+    seed = ParameterValue(type=ParameterType.PARAMETER_INTEGER, integer_value=8)
+    result = set_one(observer, "seed", seed)
+    assert not result.successful
+    assert "read-only" in result.reason
+    assert world.values["seed"] == 0
+    assert world.get_parameter("seed").value == 0
+    assert not set_one(observer, "sed", seed).successful
+    response = observer.call(ListParameters, "world_simulator/list_parameters")
+    assert set(WORLD_PARAMETERS) <= set(response.result.names)

@@ -1,0 +1,305 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Nodes start in any order, and those that cannot take part say why."""
+
+import re
+from itertools import permutations
+
+import pytest
+import yaml
+from std_msgs.msg import String
+
+from sparse_coord_ros.core.run_config import run_from_yaml
+from sparse_coord_ros.core.tables import load_team, save_team
+from sparse_coord_ros.errors import RunError, SettingError, TablesError
+from sparse_coord_ros.nodes.robot import RobotNode
+from sparse_coord_ros.nodes.spin import ros_context
+from sparse_coord_ros.nodes.team import run_team
+from sparse_coord_ros.nodes.world_simulator import WorldSimulator
+
+SHORT = ["steps=40"]
+TAKEN = "^node /robot_1: the name is taken, a node that was there before has it; stop that one"
+
+
+@pytest.fixture(scope="module")
+def said(simulate):
+    return simulate("env1", {"steps": 40})
+
+
+def start_in_order(bench, out, order, *, wait):
+    """Start the nodes named by w(orld), r(ecorder), 1 and 2, the last one settled."""
+    made = {
+        "w": lambda: bench.world(out=str(out), set=SHORT, recorded="r" in order),
+        "r": lambda: bench.recorder(out / "bag"),
+        "1": lambda: bench.robot("robot_1", out=str(out)),
+        "2": lambda: bench.robot("robot_2", out=str(out)),
+    }
+    nodes = []
+    for letter in order:
+        nodes.append(made[letter]())
+        if wait:
+            ticks = []
+            timer = nodes[-1].create_timer(0.03, lambda ticks=ticks: ticks.append(1))
+            bench.spin_until(lambda ticks=ticks: len(ticks) >= 4, "node has settled")
+            nodes[-1].destroy_timer(timer)
+    return nodes
+
+
+@pytest.mark.parametrize("order", ["".join(order) for order in permutations("w12")])
+def test_any_order(bench, tmp_path, said, assert_same_tables, order):
+    start_in_order(bench, tmp_path, order, wait=True)
+    bench.spin_until_done()
+    assert_same_tables(tmp_path, said)
+
+
+@pytest.mark.parametrize("order", ["12wr", "r21w", "1rw2"])
+@pytest.mark.parametrize("wait", [False, True], ids=["at once", "one by one"])
+def test_any_order_with_a_recorder(bench, tmp_path, said, assert_same_tables, order, wait):
+    nodes = start_in_order(bench, tmp_path, order, wait=wait)
+    bench.spin_until_done()
+    assert_same_tables(tmp_path, said)
+    bag = nodes[order.index("r")].bag
+    metadata = yaml.safe_load((tmp_path / "bag" / "metadata.yaml").read_text())
+    information = metadata["rosbag2_bagfile_information"]
+    assert information["message_count"] == bag.message_count
+    counts = {
+        topic["topic_metadata"]["name"]: topic["message_count"]
+        for topic in information["topics_with_message_count"]
+    }
+    for k, name in enumerate(("robot_1", "robot_2")):
+        assert counts[f"/{name}/action"] == sum(robot == k for robot, _ in said.actions)
+        assert counts[f"/{name}/reward"] == sum(robot == k for robot, _ in said.rewards)
+        assert counts[f"/{name}/local_state"] == len(said.states)
+
+
+def test_a_robot_that_the_scenario_does_not_have(bench):
+    bench.world()
+    bench.robot("robot_3")
+    text = (
+        r"^robot 'robot_3': scenario env1 has no such robot \(did you mean 'robot_\d'\?\); its "
+        r"robots are robot_1, robot_2; name the node with --ros-args -r __node:=robot_1$"
+    )
+    with pytest.raises(RunError, match=text):
+        bench.spin_until(lambda: False)
+
+
+def test_a_second_robot_of_a_name_stops(bench):
+    world = bench.world(rate=0.001)
+    first, _ = bench.robots()
+    bench.spin_until(lambda: world.protocol.complete, "first barrier")
+    second = bench.robot("robot_1", place="elsewhere", claim_window=0.3)
+    with pytest.raises(RunError, match=TAKEN):
+        bench.spin_until(lambda: False)
+    bench.destroy(second)
+    world.values["rate"] = 0.0
+    before = world.protocol.world.transitions
+    bench.spin_until(lambda: world.protocol.world.transitions > before + 20, "the first goes on")
+    assert first.protocol.newest[0] > 20
+
+
+def test_a_second_robot_of_a_name_stops_though_no_world_is_there_yet(bench):
+    """Nor does it matter whose endpoint identifiers are lower: the context opened first has them.
+
+    So the first robot of the name starts in the context that was opened last.
+    """
+    bench.place("a"), bench.place("b")
+    observer = bench.observer()
+    other = bench.robot("robot_2", place="a")
+    first = bench.robot("robot_1", place="b", claim_window=0.1)
+    bench.spin_until(lambda: observer.count("robot_1/action"), "first is there")
+    second = bench.robot("robot_1", place="a", claim_window=0.5)
+    with pytest.raises(RunError, match=TAKEN):
+        bench.spin_until(lambda: False)
+    assert second.failure is not None
+    bench.destroy(second)
+    world = bench.world(set=SHORT)
+    bench.spin_until_done(world, first, other)
+    assert world.summary()["timeouts"] == 0
+
+
+def test_one_of_two_robots_that_start_together_stops(bench):
+    world = bench.world(set=SHORT)
+    twins = [bench.robot("robot_1", place=place, claim_window=0.3) for place in ("here", "there")]
+    other = bench.robot("robot_2")
+    with pytest.raises(RunError, match=TAKEN):
+        bench.spin_until(lambda: False)
+    assert [twin.failure is None for twin in twins] == [True, False]
+    bench.destroy(twins[1])
+    bench.spin_until_done(world, twins[0], other)
+    assert world.summary()["transitions"] == 40
+
+
+def test_a_second_world_stops(bench):
+    first = bench.world(rate=0.001)
+    observer = bench.observer()
+    bench.spin_until(lambda: observer.count("run"), "first is there")
+    second = WorldSimulator(
+        context=bench.place("elsewhere")[0], values={"scenario": "cit", "claim_window": 0.3}
+    )
+    bench.add(second, "elsewhere")
+    runs = observer.listen(String, "run", latched=True)
+    with pytest.raises(RunError, match="^node /world_simulator: the name is taken, a node"):
+        bench.spin_until(lambda: False)
+    bench.destroy(second)
+    bench.spin_until(lambda: runs, "the run")
+    assert [run_from_yaml(m.data, where="run").scenario.name for m in runs] == ["env1"]
+    bench.robots()
+    bench.spin_until(lambda: first.protocol.complete, "the first goes on")
+
+
+def test_robots_that_are_missing_are_named(bench, monkeypatch):
+    monkeypatch.setattr("sparse_coord_ros.nodes.robot.PEER_PATIENCE_SECONDS", 0.1)
+    bench.world(startup_timeout=0.6, scenario="env2-4r")
+    for name in ("robot_1", "robot_3"):
+        bench.robot(name)
+    text = r"^startup_timeout: after 0\.6 s still no node for robot_2, robot_4; start each, e"
+    with pytest.raises(RunError, match=text):
+        bench.spin_until(lambda: False)
+
+
+def test_a_recorder_that_is_missing_is_named(bench):
+    bench.world(startup_timeout=0.3, recorded=True)
+    bench.robots()
+    text = r"still no node for robot_1, robot_2, recorder; start"
+    with pytest.raises(RunError, match=text):
+        bench.spin_until(lambda: False)
+
+
+def test_a_robot_without_a_world(bench):
+    bench.robot("robot_1", startup_timeout=0.2)
+    text = r"^startup_timeout: robot robot_1 heard of no world simulator on /run within 0\.2 s"
+    with pytest.raises(RunError, match=text):
+        bench.spin_until(lambda: False)
+
+
+def test_a_recorder_without_a_world(bench, tmp_path):
+    bench.recorder(tmp_path / "bag", startup_timeout=0.2)
+    text = r"^startup_timeout: the recorder heard of no world simulator on /run within 0\.2 s"
+    with pytest.raises(RunError, match=text):
+        bench.spin_until(lambda: False)
+
+
+def test_a_world_that_waits_for_ever(bench):
+    world = bench.world(startup_timeout=0.0, set=SHORT)
+    robots = bench.robots(startup_timeout=0.0)
+    bench.spin_until_done(world, *robots)
+
+
+def test_a_greedy_robot_without_tables(bench):
+    bench.world(greedy=True)
+    bench.robots()
+    with pytest.raises(TablesError, match="^robot robot_1: the run is greedy but parameter"):
+        bench.spin_until(lambda: False)
+
+
+def test_tables_of_another_map(bench, tmp_path, simulate):
+    other = simulate("env2-2r", {"steps": 5})
+    save_team(tmp_path, other.tables)
+    (tmp_path / "run.yaml").write_text(bench.world(scenario="env2-2r").run.to_yaml())
+    bench.spin_until(lambda: True)
+    context = bench.place("elsewhere")[0]
+    world = WorldSimulator(
+        context=context, namespace="x", values={"scenario": "env1", "claim_window": 0.0}
+    )
+    bench.add(world, "elsewhere")
+    bench.robot("robot_1", namespace="x", place="elsewhere", tables=str(tmp_path))
+    with pytest.raises(TablesError, match="env1"):
+        bench.spin_until(lambda: False)
+
+
+def test_tables_that_are_not_there(bench, tmp_path):
+    bench.world()
+    bench.robot("robot_1", tables=str(tmp_path / "nowhere"))
+    with pytest.raises(RunError, match=re.escape(f"{tmp_path / 'nowhere'}: no readable run.yaml")):
+        bench.spin_until(lambda: False)
+
+
+def contents(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_an_output_directory_with_a_run_is_left_alone(bench, tmp_path):
+    (tmp_path / "run.yaml").write_text("precious")
+    before = contents(tmp_path)
+    with pytest.raises(RunError, match=r"holds a run already \(run\.yaml\), nothing is overwritt"):
+        bench.world(out=str(tmp_path))
+    assert contents(tmp_path) == before
+
+
+def test_a_robots_output_file_is_left_alone(bench, tmp_path):
+    (tmp_path / "tables_robot_1.npz").write_text("precious")
+    before = contents(tmp_path)
+    bench.world()
+    bench.robot("robot_1", out=str(tmp_path))
+    with pytest.raises(RunError, match=r"tables_robot_1\.npz: exists already, nothing is overwr"):
+        bench.spin_until(lambda: False)
+    assert contents(tmp_path) == before
+
+
+def test_a_bag_is_left_alone(bench, tmp_path):
+    (tmp_path / "metadata.yaml").write_text("precious")
+    before = contents(tmp_path)
+    with pytest.raises(RunError, match="exists already, nothing is overwritten; choose another"):
+        bench.recorder(tmp_path)
+    assert contents(tmp_path) == before
+
+
+def test_a_teams_output_directory_is_left_alone(tmp_path):
+    (tmp_path / "tables.npz").write_text("precious")
+    before = contents(tmp_path)
+    values = {"scenario": "env1", "out": str(tmp_path)}
+    with ros_context() as context, pytest.raises(RunError, match="exists already, nothing is"):
+        run_team(values, context=context)
+    assert contents(tmp_path) == before
+
+
+def test_a_team_with_a_bad_setting_makes_no_directory(tmp_path):
+    out = tmp_path / "out"
+    with ros_context() as context:
+        with pytest.raises(SettingError, match="steps"):
+            run_team({"scenario": "env1", "out": str(out), "set": ["steps=0"]}, context=context)
+        with pytest.raises(SettingError, match=r"unknown setting 'scenari' \(did you mean"):
+            run_team({"scenari": "env1", "out": str(out)}, context=context)
+    assert not out.exists()
+
+
+def test_learned_tables_are_run_greedily(tmp_path, simulate):
+    learned = simulate("env1", {"steps": 3000}, seed=3)
+    before = tmp_path / "before"
+    before.mkdir()
+    save_team(before, learned.tables)
+    values = {"scenario": "env1", "claim_window": 0.0, "record": False}
+    epsilons = []
+
+    class Watched(RobotNode):
+        def act(self, step, action):
+            epsilons.append(self.protocol.agent.epsilon(step))
+            super().act(step, action)
+
+    with pytest.MonkeyPatch.context() as patch, ros_context() as context:
+        out = tmp_path / "first"
+        run_team({**values, "out": str(out), "set": ["steps=1"]}, context=context)
+        (before / "run.yaml").write_text((out / "run.yaml").read_text())
+        patch.setattr("sparse_coord_ros.nodes.team.RobotNode", Watched)
+        out = tmp_path / "greedy"
+        more = {"out": str(out), "set": ["steps=80"], "greedy": True, "tables": str(before)}
+        summary = run_team({**values, **more}, context=context)
+    assert summary["transitions"] == 80
+    assert len(epsilons) > 80
+    assert set(epsilons) == {0.0}
+    for mine, theirs in zip(load_team(out, learned.scenario), learned.tables, strict=True):
+        assert mine.q_star.tobytes() == theirs.q_star.tobytes()
+        assert mine.q_coord.tobytes() == theirs.q_coord.tobytes()
+
+
+def test_learning_goes_on_from_tables(tmp_path, simulate, assert_same_tables):
+    first = simulate("env1", {"steps": 40}, seed=3)
+    second = simulate("env1", {"steps": 40}, seed=4, tables=first.tables)
+    values = {"scenario": "env1", "claim_window": 0.0, "record": False, "set": SHORT}
+    with ros_context() as context:
+        run_team({**values, "seed": 3, "out": str(tmp_path / "one")}, context=context)
+        more = {"seed": 4, "out": str(tmp_path / "two"), "tables": str(tmp_path / "one")}
+        run_team({**values, **more}, context=context)
+    assert_same_tables(tmp_path / "one", first)
+    assert_same_tables(tmp_path / "two", second)
+    assert second.tables[0].q_star.tobytes() != first.tables[0].q_star.tobytes()

@@ -1,0 +1,110 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Services, perception and namespaces of teams that are started for one question each."""
+
+import pytest
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.srv import GetPlan
+from sensor_msgs.msg import JointState
+from std_srvs.srv import SetBool, Trigger
+
+from sparse_coord_ros.nodes.messages import Converter
+
+NAMES = ("robot_1", "robot_2")
+TEAM = {"run", "status", "map", "markers", "diagnostics", "world_simulator/claim"}
+ROBOT = {"local_state", "reward", "action", "percept", "coordination_map", "claim"}
+
+
+def test_reset_begins_an_episode_and_nobody_learns_across_it(bench):
+    observer = bench.observer()
+    world = bench.world(rate=0.001)
+    robots = bench.robots()
+    bench.spin_until(lambda: world.protocol.complete, "first barrier")
+    response = observer.call(Trigger, "world_simulator/reset")
+    assert (response.success, response.message) == (True, "episode 1 begins")
+    assert world.protocol.world.step == 3, "two steps later"
+    bench.spin_until(lambda: world.protocol.complete, "new actions")
+    assert world.protocol.world.transitions == 0
+    for robot in robots:
+        assert robot.protocol.newest[0] == 3
+        assert (robot.protocol.agent.tables.q_star == 0).all()
+    world.values["rate"] = 0.0
+    bench.spin_until(lambda: world.protocol.world.transitions > 20, "it goes on")
+    assert all((robot.protocol.agent.tables.q_star != 0).any() for robot in robots)
+    assert all(robot.protocol.dropped == 0 for robot in robots)
+
+
+def test_reset_and_save_say_why_they_cannot(bench):
+    observer = bench.observer()
+    bench.world()
+    response = observer.call(Trigger, "world_simulator/reset")
+    assert (response.success, response.message) == (False, "the run is not under way")
+    bench.robot("robot_1")
+    response = observer.call(Trigger, "robot_1/save")
+    assert not response.success
+    assert "'out'" in response.message
+
+
+@pytest.mark.parametrize(("perception", "poses"), [("never", 0), ("always", 1)])
+def test_the_environment_decides_what_a_robot_perceives(bench, perception, poses):
+    observer = bench.observer()
+    world = bench.world(set=[f"perception={perception}"], rate=0.001)
+    bench.robots()
+    bench.spin_until(lambda: world.protocol.complete, "first barrier")
+    present = Converter(world.run).pose(1, world.protocol.world.cells[1])
+    request = GetPlan.Request(start=present)
+    request.goal.header.frame_id = "robot_2"
+    plan = observer.call(GetPlan, "robot_1/active_perception", request).plan
+    assert len(plan.poses) == poses
+    assert plan.header.stamp == present.header.stamp
+    request.start.pose.position.x = -1.0
+    plan = observer.call(GetPlan, "robot_1/active_perception", request).plan
+    assert not plan.poses, "an asker outside the map perceives nothing"
+
+
+def test_a_namespace_moves_everything(bench):
+    observer = bench.observer("team_a")
+    world = bench.world(namespace="team_a", rate=0.001)
+    for name in NAMES:
+        bench.robot(name, namespace="team_a")
+    bench.spin_until(lambda: world.protocol.complete, "first barrier")
+    own = TEAM | {f"{name}/{topic}" for name in NAMES for topic in ROBOT}
+    wanted = {"/clock"} | {f"/team_a/{topic}" for topic in own}
+
+    def there():
+        return {name for name, _ in observer.get_topic_names_and_types()}
+
+    bench.spin_until(lambda: wanted <= there(), "topics")
+    events = {f"/team_a/{name}/active_perception/_service_event" for name in NAMES}
+    assert there() - events - {"/rosout", "/parameter_events"} == wanted
+    plan = observer.call(GetPlan, "robot_1/active_perception").plan
+    assert len(plan.poses) == 1
+    assert observer.call(SetBool, "world_simulator/pause", SetBool.Request(data=True)).success
+
+
+def test_two_teams_in_two_namespaces_do_not_meet(bench):
+    worlds = {ns: bench.world(namespace=ns, set=["steps=40"]) for ns in ("red", "blue")}
+    for namespace in worlds:
+        for name in NAMES:
+            bench.robot(name, namespace=namespace)
+    bench.spin_until_done()
+    for world in worlds.values():
+        summary = world.summary()
+        assert summary["transitions"] == 40
+        assert summary["timeouts"] == 0
+
+
+def test_a_bystander_is_no_robot(bench):
+    """Whoever listens to a robot's topics lets the world begin too soon; nothing is lost by it."""
+    observer = bench.observer()
+    for name in NAMES:
+        observer.listen(JointState, f"{name}/reward")
+        observer.listen(PoseStamped, f"{name}/local_state")
+    world = bench.world(set=["steps=30"], rate=20.0)
+    bench.spin_until(lambda: observer.count("robot_2/local_state"), "world found")
+    assert observer.call(SetBool, "world_simulator/pause", SetBool.Request(data=True)).success
+    bench.robots()
+    bench.spin_until(lambda: world.protocol.complete, "first barrier while paused")
+    assert observer.call(SetBool, "world_simulator/pause", SetBool.Request(data=False)).success
+    bench.spin_until_done()
+    assert world.summary()["timeouts"] == 0
