@@ -23,8 +23,8 @@ READERS_SECONDS = 2.0
 SPIN_SECONDS = 0.1
 """Longest wait of one spin: how soon a signal is noticed."""
 
-BATCH = 20
-"""Further callbacks between two looks at the condition, which cost as much as a callback."""
+LOOK_SECONDS = 0.01
+"""Between two looks at the condition, which would otherwise cost as much as a callback."""
 
 PATIENCE_SECONDS = 3.0
 
@@ -122,10 +122,14 @@ def spin_nodes(
     try:
         for node in nodes:
             executor.add_node(node)
-        while not _failed(nodes) and not until():
+        look = 0.0
+        while True:
+            now = time.monotonic()
+            if now >= look:
+                if _failed(nodes) or until():
+                    break
+                look = now + LOOK_SECONDS
             executor.spin_once(timeout_sec=SPIN_SECONDS)
-            for _ in range(BATCH):
-                executor.spin_once(timeout_sec=0)
     finally:
         for node in nodes:
             executor.remove_node(node)
