@@ -22,10 +22,10 @@ from sparse_coord_ros.nodes.parameters import (
     ROBOT_PARAMETERS,
     TEAM_PARAMETERS,
     WORLD_PARAMETERS,
+    run_from_parameters,
 )
 from sparse_coord_ros.nodes.spin import Stop, ros_context, signals
 from sparse_coord_ros.nodes.team import BAG, run_team
-from sparse_coord_ros.nodes.world_simulator import run_from_parameters
 
 POLL_SECONDS = 0.05
 GRACE_SECONDS = 15.0

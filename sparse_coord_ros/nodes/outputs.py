@@ -7,8 +7,10 @@ from typing import Any
 
 import yaml
 
+from sparse_coord_ros.core.run_config import RunConfig
 from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.tables import load_counts, load_tables, robot_file, save_team
+from sparse_coord_ros.errors import RunError
 
 
 def gather(out: Path, scenario: Scenario, *, interrupted: bool) -> dict[str, Any]:
@@ -37,3 +39,24 @@ def gather(out: Path, scenario: Scenario, *, interrupted: bool) -> dict[str, Any
             part.unlink()
     path.write_text(yaml.safe_dump(summary, sort_keys=False), encoding="utf-8")
     return summary
+
+
+def prepare_world_out(text: str, run: RunConfig) -> Path | None:
+    """Create the world's output directory and write `run.yaml`; None where there is to be none.
+
+    Raises:
+        RunError: the directory holds a run already.
+    """
+    if not text:
+        return None
+    path = Path(text)
+    path.mkdir(parents=True, exist_ok=True)
+    try:
+        with (path / "run.yaml").open("x", encoding="utf-8") as file:
+            file.write(run.to_yaml())
+    except FileExistsError:
+        raise RunError(
+            f"output directory {path}: holds a run already (run.yaml), nothing is overwritten; "
+            "choose another one"
+        ) from None
+    return path

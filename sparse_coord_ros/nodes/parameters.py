@@ -3,6 +3,7 @@
 """ROS parameters from the typed tables of `core.settings`."""
 
 import functools
+import time
 from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
@@ -17,9 +18,11 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 
-from sparse_coord_ros.core.run_config import RUN_SETTINGS
-from sparse_coord_ros.core.settings import Setting, SettingTable
-from sparse_coord_ros.errors import SettingError, SparseCoordError
+from sparse_coord_ros.core.run_config import RUN_SETTINGS, RunConfig, make_run
+from sparse_coord_ros.core.scenario import load_scenario, scenario_names
+from sparse_coord_ros.core.settings import Setting, SettingTable, parse_assignments
+from sparse_coord_ros.errors import RunError, SettingError, SparseCoordError
+from sparse_coord_ros.nodes.interface import RUN
 
 EXECUTOR = Setting(
     "executor",
@@ -113,6 +116,7 @@ class ParameterNode(Node):
 
     Attributes:
         values: every parameter, typed.
+        born: when the node began, by the monotonic clock.
         failure: why the node must stop, or None.
 
     Raises:
@@ -137,6 +141,7 @@ class ParameterNode(Node):
             parameter_overrides=given,
             automatically_declare_parameters_from_overrides=True,
         )
+        self.born = time.monotonic()
         self.failure: SparseCoordError | None = None
         self._table = table
         try:
@@ -149,6 +154,16 @@ class ParameterNode(Node):
     def fail(self, error: SparseCoordError) -> None:
         """Stop the node because of bad input: whoever spins it raises the error."""
         self.failure = self.failure or error
+
+    def check_startup_time(self) -> None:
+        """Raise `RunError` where no world simulator has announced a run in time."""
+        limit = self.values["startup_timeout"]
+        if 0 < limit < time.monotonic() - self.born:
+            raise RunError(
+                f"startup_timeout: node {self.get_name()} heard of no world simulator on "
+                f"{self.resolve_topic_name(RUN.name)} within {limit:g} s; start one: "
+                "ros2 run sparse_coord_ros world_simulator --ros-args -p scenario:=env1"
+            )
 
     def heard_by(self, publisher: Publisher, names: Collection[str]) -> bool:
         """Whether nodes of all these names subscribe to a topic of this node.
@@ -200,3 +215,24 @@ def _descriptor(setting: Setting) -> ParameterDescriptor:
             span = IntegerRange(from_value=int(setting.low), to_value=int(setting.high), step=1)
             descriptor.integer_range = [span]
     return descriptor
+
+
+def run_from_parameters(values: Mapping[str, Any]) -> RunConfig:
+    """Build the run that a world simulator's parameters describe.
+
+    Raises:
+        SparseCoordError: of the kind that fits the bad parameter.
+    """
+    if not values["scenario"]:
+        raise SettingError(
+            "parameter scenario: none is given; start the node with --ros-args -p "
+            f"scenario:=NAME, NAME a scenario file or one of: {', '.join(scenario_names())}"
+        )
+    assignments = parse_assignments(text for text in values["set"] if text)
+    scenario = load_scenario(values["scenario"]).with_settings(assignments)
+    if values["learner"] == "indiv":
+        raise SettingError(
+            "parameter learner: value is 'indiv', allowed here: coop or noncoop; one robot at a "
+            "time is 'sparse_coord train --learner indiv'"
+        )
+    return make_run(scenario, {name: values[name] for name in RUN_SETTINGS})

@@ -78,7 +78,7 @@ class Recorder(ParameterNode):
         self._run: RunConfig | None = None
         self._ended = False
         self._now_ns = 0
-        self._born = self._last = self._reported = time.monotonic()
+        self._last = self._reported = time.monotonic()
         self._count = 0
         self._diagnostics_publisher = self.create_publisher(
             interface.DIAGNOSTICS.type, interface.DIAGNOSTICS.name, interface.DIAGNOSTICS.qos
@@ -160,13 +160,7 @@ class Recorder(ParameterNode):
         if self._count:
             self._count, self._last = 0, now
         if self._run is None:
-            limit = self.values["startup_timeout"]
-            if 0 < limit < now - self._born:
-                raise RunError(
-                    f"startup_timeout: the recorder heard of no world simulator on "
-                    f"{self.resolve_topic_name(interface.RUN.name)} within {limit:g} s; start "
-                    "one: ros2 run sparse_coord_ros world_simulator --ros-args -p scenario:=env1"
-                )
+            self.check_startup_time()
         elif self._ended and now - self._last >= QUIET_SECONDS:
             self.done = True
         elif now - self._reported >= REPORT_SECONDS and not self._ended:

@@ -80,7 +80,7 @@ class RobotNode(ParameterNode):
         self._joined = False
         self._waiting: tuple | None = None
         self._waiting_since = 0.0
-        self._born = self._reported = time.monotonic()
+        self._reported = time.monotonic()
         self._ready_since: float | None = None
         self._peers: dict[int, Peer] = {}
         self._claim = Claim(self)
@@ -181,10 +181,10 @@ class RobotNode(ParameterNode):
     @stops_on_bad_input
     def _tick(self) -> None:
         now = time.monotonic()
-        if now - self._born < self.values["claim_window"]:
+        if now - self.born < self.values["claim_window"]:
             return
         if self._run is None:
-            self._complain_without_world(now)
+            self.check_startup_time()
             return
         if self.protocol is None:
             self._prepare()
@@ -196,15 +196,6 @@ class RobotNode(ParameterNode):
             self._watch_the_deadline(now)
         if now - self._reported >= REPORT_SECONDS:
             self._report(now)
-
-    def _complain_without_world(self, now: float) -> None:
-        limit = self.values["startup_timeout"]
-        if 0 < limit < now - self._born:
-            raise RunError(
-                f"startup_timeout: robot {self.name} heard of no world simulator on "
-                f"{self.resolve_topic_name(interface.RUN.name)} within {limit:g} s; start one: "
-                "ros2 run sparse_coord_ros world_simulator --ros-args -p scenario:=env1"
-            )
 
     def _prepare(self) -> None:
         """Become an agent of the run: tables, service, clients."""

@@ -20,11 +20,12 @@ from sparse_coord_ros.nodes.parameters import (
     TEAM_PARAMETERS,
     WORLD_PARAMETERS,
     ParameterNode,
+    run_from_parameters,
 )
 from sparse_coord_ros.nodes.recorder import Recorder
 from sparse_coord_ros.nodes.robot import RobotNode
 from sparse_coord_ros.nodes.spin import ros_context, signals, spin_nodes
-from sparse_coord_ros.nodes.world_simulator import WorldSimulator, run_from_parameters
+from sparse_coord_ros.nodes.world_simulator import WorldSimulator
 
 BAG = "bag"
 """Name of the bag's directory in the output directory."""

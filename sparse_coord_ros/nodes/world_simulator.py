@@ -5,7 +5,6 @@
 import sys
 import time
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import yaml
@@ -14,19 +13,18 @@ from rclpy.context import Context
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
-from sparse_coord_ros.core.run_config import RUN_SETTINGS, RunConfig, make_run
-from sparse_coord_ros.core.scenario import load_scenario, scenario_names
-from sparse_coord_ros.core.settings import parse_assignments
 from sparse_coord_ros.core.world import Reward
-from sparse_coord_ros.errors import RunError, SettingError
+from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.claim import Claim
 from sparse_coord_ros.nodes.messages import CLOCK_LAYOUT, Converter, status
+from sparse_coord_ros.nodes.outputs import prepare_world_out
 from sparse_coord_ros.nodes.parameters import (
     RECORDER,
     WORLD,
     WORLD_PARAMETERS,
     ParameterNode,
+    run_from_parameters,
     stops_on_bad_input,
 )
 from sparse_coord_ros.nodes.spin import run_node, wait_for_readers
@@ -36,27 +34,6 @@ TICK_SECONDS = 0.02
 REPORT_SECONDS = 1.0
 REPEAT_SECONDS = 0.5
 """After this silence the world publishes again what a missing robot may have lost."""
-
-
-def run_from_parameters(values: Mapping[str, Any]) -> RunConfig:
-    """Build the run that a world simulator's parameters describe.
-
-    Raises:
-        SparseCoordError: of the kind that fits the bad parameter.
-    """
-    if not values["scenario"]:
-        raise SettingError(
-            "parameter scenario: none is given; start the node with --ros-args -p "
-            f"scenario:=NAME, NAME a scenario file or one of: {', '.join(scenario_names())}"
-        )
-    assignments = parse_assignments(text for text in values["set"] if text)
-    scenario = load_scenario(values["scenario"]).with_settings(assignments)
-    if values["learner"] == "indiv":
-        raise SettingError(
-            "parameter learner: value is 'indiv', allowed here: coop or noncoop; one robot at a "
-            "time is 'sparse_coord train --learner indiv'"
-        )
-    return make_run(scenario, {name: values[name] for name in RUN_SETTINGS})
 
 
 class WorldSimulator(ParameterNode):
@@ -86,14 +63,14 @@ class WorldSimulator(ParameterNode):
             values=values,
         )
         self.run = run_from_parameters(self.values)
-        self._out = _prepare_out(self.values["out"], self.run)
+        self._out = prepare_world_out(self.values["out"], self.run)
         self._convert = Converter(self.run)
         self._names = [robot.name for robot in self.run.scenario.robots]
         self.protocol = WorldProtocol(self.run, self)
         self._state = interface.WAITING
         self._opened = self._paused = self._started = self.done = False
         self._clock_step = -1
-        self._since = self._born = self._reported = time.monotonic()
+        self._since = self._reported = time.monotonic()
         self._seconds = 0.0
         self._reported_transitions = 0
         self._repeated = 0.0
@@ -159,7 +136,7 @@ class WorldSimulator(ParameterNode):
     def _tick(self) -> None:
         now = time.monotonic()
         if not self._opened:
-            if now - self._born >= self.values["claim_window"]:
+            if now - self.born >= self.values["claim_window"]:
                 self._open()
             return
         if not self._started:
@@ -183,7 +160,7 @@ class WorldSimulator(ParameterNode):
         missing = self._missing_nodes()
         if missing:
             limit = self.values["startup_timeout"]
-            if 0 < limit < now - self._born:
+            if 0 < limit < now - self.born:
                 command = f"robot --ros-args -r __node:={missing[0]}"
                 if missing[0] == RECORDER:
                     command = RECORDER
@@ -370,23 +347,6 @@ class WorldSimulator(ParameterNode):
 def _period(values: Mapping[str, Any]) -> int:
     """Return the nanoseconds between two steps at the wanted rate."""
     return round(1e9 / values["rate"])
-
-
-def _prepare_out(text: str, run: RunConfig) -> Path | None:
-    """Create the output directory and write `run.yaml`; None where there is to be none."""
-    if not text:
-        return None
-    path = Path(text)
-    path.mkdir(parents=True, exist_ok=True)
-    try:
-        with (path / "run.yaml").open("x", encoding="utf-8") as file:
-            file.write(run.to_yaml())
-    except FileExistsError:
-        raise RunError(
-            f"output directory {path}: holds a run already (run.yaml), nothing is overwritten; "
-            "choose another one"
-        ) from None
-    return path
 
 
 def main(args: list[str] | None = None) -> int:
