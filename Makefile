@@ -29,6 +29,8 @@ clean:
 
 # Where ROS 2 is there already (rclpy imports), the environment uses it; elsewhere ROS 2 comes from PyPI.
 $(VENV)/installed: setup.py pyproject.toml Makefile
+	@command -v $(PYTHON) >/dev/null || \
+	  { echo "$(PYTHON) is missing. Install it: sudo apt install python3 python3-venv"; exit 2; }
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo "Python 3.11 or newer is needed; '$(PYTHON)' is older. Try: make PYTHON=python3.12 ..."; exit 2; }
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || \

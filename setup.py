@@ -33,11 +33,11 @@ setup(
     },
     entry_points={
         "console_scripts": [
-            "world_simulator = sparse_coord_ros.nodes.world_simulator:main",
-            "robot = sparse_coord_ros.nodes.robot:main",
-            "recorder = sparse_coord_ros.nodes.recorder:main",
-            "team = sparse_coord_ros.nodes.team:main",
-            "sparse_coord = sparse_coord_ros.cli.main:main",
+            "world_simulator = sparse_coord_ros.executables:world_simulator",
+            "robot = sparse_coord_ros.executables:robot",
+            "recorder = sparse_coord_ros.executables:recorder",
+            "team = sparse_coord_ros.executables:team",
+            "sparse_coord = sparse_coord_ros.executables:sparse_coord",
         ]
     },
 )

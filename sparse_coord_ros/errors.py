@@ -33,6 +33,10 @@ class RunError(SparseCoordError):
     """A run cannot start or go on: a robot is missing, a name is taken, a directory exists."""
 
 
+class NameTakenError(RunError):
+    """Another node has this node's name; what it has begun is that other one's."""
+
+
 class TablesError(SparseCoordError):
     """Learned tables are missing, malformed or do not fit the scenario."""
 

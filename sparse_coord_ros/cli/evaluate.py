@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.core.evaluation import Evaluation, Measure, evaluate
+from sparse_coord_ros.core.evaluation import Evaluation, Measure, check_tables, evaluate
 from sparse_coord_ros.core.optimum import Optimum, joint_optimum
 from sparse_coord_ros.core.run_config import RUN_SETTINGS, RunConfig, load_run
 from sparse_coord_ros.core.settings import Setting
@@ -38,6 +38,7 @@ def execute(options: argparse.Namespace) -> int:
     seed = RUN_SETTINGS["seed"].parse(options.seed)
     run = load_run(options.directory)
     tables = load_team(options.directory, run.scenario)
+    check_tables(run.scenario, tables, run.learner)
     result = evaluate(run.scenario, tables, trials=trials, seed=seed)
     optimum = joint_optimum(run.scenario)
     bag = options.directory / "bag"

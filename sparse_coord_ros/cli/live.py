@@ -16,7 +16,7 @@ from rclpy.logging import LoggingSeverity, set_logger_level
 
 from sparse_coord_ros.core.run_config import create_output
 from sparse_coord_ros.errors import EXIT_BAD_INPUT, RunError
-from sparse_coord_ros.nodes.outputs import gather
+from sparse_coord_ros.nodes.outputs import begin_with, gather
 from sparse_coord_ros.nodes.parameters import (
     RECORDER_PARAMETERS,
     ROBOT_PARAMETERS,
@@ -56,6 +56,8 @@ def run(values: Mapping[str, Any], *, processes: bool, quiet: bool = False) -> d
 def _run_processes(values: dict[str, Any], stop: Stop, quiet: bool) -> dict[str, Any]:
     values["recorded"] = values["record"]
     run = run_from_parameters(values)
+    if values["tables"]:
+        begin_with(Path(values["tables"]), run)
     out = create_output(Path(values["out"]))
     world = {name: values[name] for name in WORLD_PARAMETERS}
     robot = {name: values[name] for name in ROBOT_PARAMETERS}
@@ -79,7 +81,7 @@ def _start(folder: Path, module: str, name: str, parameters: Mapping[str, Any], 
     """Start a node in a session of its own: a Ctrl-C reaches it once, through this process."""
     file = folder / f"{name}.yaml"
     file.write_text(yaml.safe_dump({"/**": {"ros__parameters": dict(parameters)}}))
-    command = [sys.executable, "-m", f"sparse_coord_ros.nodes.{module}", "--ros-args"]
+    command = [sys.executable, "-m", "sparse_coord_ros.executables", module, "--ros-args"]
     command += ["-r", f"__node:={name}", "--params-file", str(file)]
     command += ["--log-level", "warn"] if quiet else []
     return subprocess.Popen(command, start_new_session=True)
@@ -93,7 +95,7 @@ def _wait(processes: list[subprocess.Popen], stop: Stop) -> bool:
         failed = [process for process in processes if process.poll() not in (None, 0)]
         if failed:
             raise RunError(
-                f"{failed[0].args[2]} ended with exit code {failed[0].returncode}; the others "
+                f"{failed[0].args[6].removeprefix('__node:=')} ended with exit code {failed[0].returncode}; the others "
                 "were stopped, what they had is saved"
             )
         if stop:

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 from sparse_coord_ros import __version__
 from sparse_coord_ros.cli import bench, evaluate, maps, optimum, run, train
+from sparse_coord_ros.cli.options import Parser
 from sparse_coord_ros.errors import EXIT_BAD_INPUT, SparseCoordError
 
 VERBS = (run, train, evaluate, optimum, maps, bench)
@@ -17,7 +18,7 @@ INTERRUPTED = 130
 
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser of all verbs."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="sparse_coord",
         description="Robots that learn when and how to coordinate (Melo & Veloso, AAMAS 2009).",
         epilog="Exit codes: 0 done, 2 bad input (one line says what), 130 interrupted.",

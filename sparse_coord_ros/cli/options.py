@@ -7,10 +7,19 @@ import json
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from sparse_coord_ros.core.scenario import Scenario, load_scenario, scenario_names
 from sparse_coord_ros.core.settings import parse_assignments
+from sparse_coord_ros.errors import EXIT_BAD_INPUT
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser whose errors are one line."""
+
+    def error(self, message: str) -> NoReturn:
+        """Say what is wrong in one line and exit."""
+        self.exit(EXIT_BAD_INPUT, f"error: {message}; see {self.prog} --help\n")
 
 
 def add_verb(verbs, name: str, *, help: str, example: str) -> argparse.ArgumentParser:

@@ -79,6 +79,8 @@ def _print(out, summary, *, recorded: bool) -> None:
         f"{summary.get('steps_per_second', 0)} steps/s, {summary.get('episodes', 0)} episodes, "
         f"{summary.get('timeouts', 0)} timeouts"
     )
+    if summary.get("transitions_dropped"):
+        print(f"{summary['transitions_dropped']} transitions were not learned from")
     for robot, asks in summary.get("asks", {}).items():
         print(f"{robot} asked: " + ", ".join(f"{count} {how}" for how, count in asks.items()))
     print(f"tables  {out / 'tables.npz'}\nrun     {out / 'run.yaml'}")

@@ -3,6 +3,7 @@
 """`sparse_coord train`: the same computation without ROS."""
 
 import argparse
+import shutil
 import sys
 
 from sparse_coord_ros.cli import options as shared
@@ -45,7 +46,11 @@ def execute(options: argparse.Namespace) -> int:
         if shows:
             print(f"\r{done:>9} of {budget} steps", end="", file=sys.stderr, flush=True)
 
-    save_team(out, learn(scenario, run.learner, run.seed, progress=progress))
+    try:
+        save_team(out, learn(scenario, run.learner, run.seed, progress=progress))
+    except BaseException:
+        shutil.rmtree(out)  # nothing was learned to the end: leave no half of a run
+        raise
     if shows:
         print("\r\x1b[K", end="", file=sys.stderr)
     if options.json:

@@ -104,8 +104,9 @@ class Agent:
         self.tables = initial_tables(scenario, learner) if tables is None else tables
         self._peers = [k for k in range(len(scenario.robots)) if k != number]
         self._draws = Stream(seed, number, POLICY, phase)
-        self._epsilon = exploration(scenario.epsilon, scenario.steps)
-        self._step_sizes = step_sizes(scenario.step_size, scenario.steps)
+        budget = scenario.steps if learning else 0
+        self._epsilon = exploration(scenario.epsilon, budget)
+        self._step_sizes = step_sizes(scenario.step_size, budget)
         self._discount = scenario.discount
         self._goal_value = scenario.goal_value
         self._star_updates = np.zeros(self.tables.q_star.shape, dtype=np.int64)

@@ -116,8 +116,15 @@ def evaluate(
     )
 
 
-def check_tables(scenario: Scenario, tables: Sequence[Tables]) -> None:
-    """Raise `TablesError` unless each robot has one pair of tables of the right shapes."""
+def check_tables(scenario: Scenario, tables: Sequence[Tables], learner: str | None = None) -> None:
+    """Raise `TablesError` unless each robot has one pair of tables that fits.
+
+    Args:
+        scenario: the problem.
+        tables: the tables of every robot.
+        learner: who is to use them: "coop" knows COORDINATE, for the others its column is NaN;
+            None: whoever learned them.
+    """
     cells = len(scenario.map.cells)
     if len(tables) != len(scenario.robots):
         raise TablesError(
@@ -134,6 +141,12 @@ def check_tables(scenario: Scenario, tables: Sequence[Tables]) -> None:
                     f"{name} has shape {array.shape}, scenario {scenario.name} needs {shape}; use "
                     "the tables of a run on the same map"
                 )
+        if learner and np.isnan(table.q_star[:, -1]).any() != (learner != "coop"):
+            others = "coop" if learner != "coop" else "noncoop or indiv"
+            raise TablesError(
+                f"q_star_{k} was learned by {others}, the learner is {learner}; use the tables of "
+                "a run with that learner, or choose the other one"
+            )
 
 
 def _measure(values: np.ndarray) -> Measure:

@@ -15,7 +15,8 @@ from sparse_coord_ros.core.scenario import Scenario
 LARGEST = 100_000
 """Largest number of joint states that is solved exactly."""
 
-TOLERANCE = 1e-9
+TOLERANCE = 1e-11
+"""Largest change of a sweep, as a share of the greatest value."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ def joint_optimum(scenario: Scenario) -> Optimum:
             best = _own_moves(best, k, successors[k], scenario.move_success)
         # One axis of actions a robot stands in front of the joint state's axes.
         best = best.max(axis=tuple(range(team)))
-        if np.abs(best - value).max() < TOLERANCE:
+        if np.abs(best - value).max() <= TOLERANCE * max(1.0, np.abs(best).max()):
             break
         value = best
     start = tuple(robot.start for robot in scenario.robots)

@@ -8,11 +8,12 @@ need nothing else, and the log holds it too.
 
 import platform
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, fields
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import yaml
 
 from sparse_coord_ros import __version__
@@ -42,6 +43,7 @@ RUN_SETTINGS = SettingTable(
             "seconds until an unanswered request is a failed percept",
             low=0.05,
         ),
+        Setting("tables", str, "", "directory of a run whose tables to begin with; empty: none"),
         Setting("recorded", bool, False, "do not start before a recorder listens"),
     ]
 )
@@ -63,6 +65,7 @@ class RunConfig:
     resolution: float = 1.0
     step_timeout: float = 5.0
     percept_timeout: float = 2.0
+    tables: str = ""
     recorded: bool = False
     versions: Mapping[str, str]
 
@@ -98,11 +101,11 @@ def make_run(scenario: Scenario, values: Mapping[str, object]) -> RunConfig:
 
 def versions() -> dict[str, str]:
     """Return the versions of what a run's numbers depend on."""
-    return {
-        "sparse_coord_ros": __version__,
-        "numpy": np.__version__,
-        "python": platform.python_version(),
-    }
+    found = {"sparse_coord_ros": __version__, "python": platform.python_version()}
+    for name in ("numpy", "PyYAML", "mcap", "rclpy", "rmw_fastrtps_cpp", "ros-rmw-fastrtps-cpp"):
+        with suppress(PackageNotFoundError):
+            found[name] = version(name)
+    return found
 
 
 def run_from_yaml(text: str, *, where: str) -> RunConfig:

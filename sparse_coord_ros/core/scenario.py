@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scenarios: map, robots, rewards, dynamics, perception and learning protocol as one object."""
 
-from collections.abc import Mapping
+import re
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -28,7 +29,7 @@ SETTINGS = SettingTable(
         Setting("goal_reward", float, 10.0, "r^I paid on arrival and each step after it", low=0),
         Setting("penalty", float, -20.0, "r^C of one miscoordination, paid to all", high=0),
         Setting("ask_cost", float, 1.0, "cost of choosing COORDINATE, answered or not", low=0),
-        Setting("discount", float, 0.95, "gamma", low=0, high=0.999999),
+        Setting("discount", float, 0.95, "gamma", low=0, high=0.999),
         Setting("move_success", float, 0.8, "probability that a move succeeds", low=0.01, high=1),
         Setting(
             "conflict",
@@ -114,6 +115,7 @@ class Scenario:
         }
 
 
+RESERVED_NAMES = ("world_simulator", "recorder", "team")
 PAPER_LEARNERS = ("indiv", "noncoop", "coop")
 PAPER_MEASURES = ("reward", "time_to_goal", "miscoordinations")
 FILE_KEYS = ("name", "map", "robots", "paper", *SETTINGS)
@@ -143,6 +145,24 @@ def load_scenario(name: str) -> Scenario:
     return scenario_from_dict(read_yaml(path), where=str(path), name=path.stem, beside=path.parent)
 
 
+class UniqueKeyLoader(yaml.SafeLoader):
+    """A safe loader that refuses a key given twice instead of dropping the first."""
+
+    def construct_mapping(self, node, deep=False):
+        """Build a mapping; raise `yaml.YAMLError` where a key repeats."""
+        keys = set()
+        for key_node, _ in node.value:
+            key = self.construct_object(key_node, deep=True)
+            if not isinstance(key, Hashable):
+                continue
+            if key in keys:
+                raise yaml.constructor.ConstructorError(
+                    None, None, f"key {key!r} is there twice", key_node.start_mark
+                )
+            keys.add(key)
+        return super().construct_mapping(node, deep)
+
+
 def read_yaml(path: Path) -> dict[str, Any]:
     """Read a YAML file whose top level is a mapping.
 
@@ -162,7 +182,7 @@ def parse_yaml(text: str, *, where: str) -> dict[str, Any]:
         ScenarioError: not YAML, or not a mapping.
     """
     try:
-        data = yaml.safe_load(text)
+        data = yaml.load(text, Loader=UniqueKeyLoader)
     except (yaml.YAMLError, ValueError) as error:  # ValueError: e.g. a date with month 13
         mark = getattr(error, "problem_mark", None)
         line = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
@@ -201,8 +221,14 @@ def scenario_from_dict(
         given = SETTINGS.parse({k: v for k, v in data.items() if k in SETTINGS})
     except SettingError as error:
         raise ScenarioError(f"{where}: {error}") from None
+    name = str(data.get("name", name))
+    if not re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}", name):
+        raise ScenarioError(
+            f"{where}: field 'name' is {name!r}, allowed: up to 100 letters, digits, '_', '-' and "
+            "'.'; rename the scenario (or its file)"
+        )
     return Scenario(
-        name=str(data.get("name", name)),
+        name=name,
         map=grid,
         robots=_robots(data.get("robots"), grid, where),
         paper=_paper(data.get("paper", {}), where),
@@ -235,6 +261,10 @@ def _robots(value: object, grid: GridMap, where: str) -> tuple[Robot, ...]:
         if not str(name).isidentifier() or not str(name).isascii():
             raise ScenarioError(
                 f"{where}: robot name {str(name)!r} is no ROS name; use letters, digits and _"
+            )
+        if name in RESERVED_NAMES:
+            raise ScenarioError(
+                f"{where}: robot name {name!r} is that of another node; choose e.g. robot_1"
             )
         start = _cell(entry["start"], grid, f"{where}: robot {name}: start")
         goal = _cell(entry["goal"], grid, f"{where}: robot {name}: goal")
@@ -289,7 +319,8 @@ def _paper(value: object, where: str) -> dict[str, dict[str, Any]]:
                 f"allowed: {', '.join(PAPER_LEARNERS)}"
             )
         for measure, pair in row.items():
-            if measure not in PAPER_MEASURES or not isinstance(pair, list) or len(pair) != 2:
+            numbers = isinstance(pair, list) and all(isinstance(v, int | float) for v in pair)
+            if measure not in PAPER_MEASURES or not numbers or len(pair) != 2:
                 raise ScenarioError(
                     f"{where}: paper: {learner}: {measure} is {pair!r}; allowed: "
                     f"{', '.join(PAPER_MEASURES)}, each [mean, spread]"

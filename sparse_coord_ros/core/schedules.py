@@ -6,6 +6,8 @@ Both are looked up, never computed while learning: NumPy's and Python's powers d
 bit, and every way of running must give the same bits.
 """
 
+import functools
+
 import numpy as np
 
 from sparse_coord_ros.core.specs import Number, Spec, SpecFamily
@@ -33,6 +35,7 @@ EPSILON = SpecFamily(
 """`constant:EPSILON`, or `linear:FIRST:LAST:FRACTION`: falls over that fraction of the budget."""
 
 
+@functools.lru_cache(maxsize=8)
 def step_sizes(schedule: Spec, updates: int) -> np.ndarray:
     """Return the step size alpha of QLUpdate for each update of one table entry.
 
@@ -47,9 +50,11 @@ def step_sizes(schedule: Spec, updates: int) -> np.ndarray:
         return np.full(updates + 1, schedule.numbers[0])
     exponent = -schedule.numbers[0]
     # Python's power, not NumPy's: the last bit of NumPy's depends on the processor (AVX-512).
-    return np.array([1.0, *(float(n) ** exponent for n in range(1, updates + 1))])
+    powers = (float(max(n, 1)) ** exponent for n in range(updates + 1))
+    return np.fromiter(powers, dtype=np.float64, count=updates + 1)
 
 
+@functools.lru_cache(maxsize=8)
 def exploration(schedule: Spec, steps: int) -> np.ndarray:
     """Return epsilon of the learning policy pi_epsilon (Algorithm 1, line 4) for each time step.
 

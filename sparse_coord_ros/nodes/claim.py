@@ -12,7 +12,7 @@ import uuid
 
 from rclpy.node import Node
 
-from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.errors import NameTakenError
 from sparse_coord_ros.nodes.interface import CLAIM, CLAIMS_QOS
 
 
@@ -38,7 +38,7 @@ class Claim:
         if theirs < (*self._since, self._id):
             name = self._node.get_fully_qualified_name()
             self._node.fail(
-                RunError(
+                NameTakenError(
                     f"node {name}: the name is taken, a node that was there before has it; stop "
                     "that one, or start this one under another name or namespace"
                 )

@@ -2,15 +2,26 @@
 # SPDX-License-Identifier: Apache-2.0
 """From what the nodes of a run wrote to the files of its output directory."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from sparse_coord_ros.core.run_config import RunConfig
+from sparse_coord_ros.core.agent import Tables
+from sparse_coord_ros.core.evaluation import check_tables
+from sparse_coord_ros.core.run_config import RunConfig, load_run
 from sparse_coord_ros.core.scenario import Scenario
-from sparse_coord_ros.core.tables import load_counts, load_tables, robot_file, save_team
+from sparse_coord_ros.core.tables import (
+    load_counts,
+    load_tables,
+    load_team,
+    robot_file,
+    save_team,
+)
 from sparse_coord_ros.errors import RunError
+
+RUN_FILE, SUMMARY_FILE = "run.yaml", "summary.yaml"
 
 
 def gather(out: Path, scenario: Scenario, *, interrupted: bool) -> dict[str, Any]:
@@ -24,16 +35,15 @@ def gather(out: Path, scenario: Scenario, *, interrupted: bool) -> dict[str, Any
     Returns:
         The summary; `asks` says for each robot how its requests ended.
     """
-    path = out / "summary.yaml"
+    path = out / SUMMARY_FILE
     summary = yaml.safe_load(path.read_text(encoding="utf-8")) if path.exists() else {}
     summary["interrupted"] = interrupted
     parts = [robot_file(out, robot.name) for robot in scenario.robots]
     if all(part.exists() for part in parts):
         tables = [load_tables(part, [k])[0] for k, part in enumerate(parts, start=1)]
-        summary["asks"] = {
-            robot.name: load_counts(part)
-            for robot, part in zip(scenario.robots, parts, strict=True)
-        }
+        counts = {r.name: load_counts(p) for r, p in zip(scenario.robots, parts, strict=True)}
+        summary["transitions_dropped"] = sum(count.pop("dropped") for count in counts.values())
+        summary["asks"] = counts
         save_team(out, tables)
         for part in parts:
             part.unlink()
@@ -41,22 +51,51 @@ def gather(out: Path, scenario: Scenario, *, interrupted: bool) -> dict[str, Any
     return summary
 
 
-def prepare_world_out(text: str, run: RunConfig) -> Path | None:
-    """Create the world's output directory and write `run.yaml`; None where there is to be none.
+def open_output(text: str, run_text: str, own: Sequence[str]) -> Path | None:
+    """Make or join the output directory of a run; None where `text` names none.
+
+    Args:
+        text: the directory.
+        run_text: the run's `run.yaml`, written by whoever comes first.
+        own: names of the files that the caller is going to write there.
 
     Raises:
-        RunError: the directory holds a run already.
+        RunError: the directory cannot be made, holds another run, or one of the files.
     """
     if not text:
         return None
     path = Path(text)
-    path.mkdir(parents=True, exist_ok=True)
     try:
-        with (path / "run.yaml").open("x", encoding="utf-8") as file:
-            file.write(run.to_yaml())
-    except FileExistsError:
+        path.mkdir(parents=True, exist_ok=True)
+        for name in own:
+            if (path / name).exists():
+                raise _taken(path, name)
+        try:
+            with (path / RUN_FILE).open("x", encoding="utf-8") as file:
+                file.write(run_text)
+        except FileExistsError:
+            if (path / RUN_FILE).read_text(encoding="utf-8") != run_text:
+                raise _taken(path, f"another run's {RUN_FILE}") from None
+    except OSError as error:
         raise RunError(
-            f"output directory {path}: holds a run already (run.yaml), nothing is overwritten; "
-            "choose another one"
+            f"output directory {path}: cannot be written ({error.strerror}); choose another one"
         ) from None
     return path
+
+
+def _taken(path: Path, what: str) -> RunError:
+    return RunError(
+        f"output directory {path}: exists already and holds {what}, nothing is overwritten; "
+        "choose another one"
+    )
+
+
+def begin_with(directory: Path, run: RunConfig) -> list[Tables]:
+    """Read the tables that a run is to begin with, and check that they fit.
+
+    Raises:
+        SparseCoordError: no such run, or its map, robots or learner are others.
+    """
+    tables = load_team(directory, load_run(directory).scenario)
+    check_tables(run.scenario, tables, run.learner)
+    return tables

@@ -22,7 +22,7 @@ from sparse_coord_ros.core.run_config import RUN_SETTINGS, RunConfig, make_run
 from sparse_coord_ros.core.scenario import load_scenario, scenario_names
 from sparse_coord_ros.core.settings import Setting, SettingTable, parse_assignments
 from sparse_coord_ros.errors import RunError, SettingError, SparseCoordError
-from sparse_coord_ros.nodes.interface import RUN
+from sparse_coord_ros.nodes.interface import RUN, STATUS
 
 EXECUTOR = Setting(
     "executor",
@@ -47,7 +47,9 @@ WORLD_PARAMETERS = SettingTable(
     [
         Setting("scenario", str, "", "name of a shipped scenario or path of a scenario file"),
         Setting("set", list, [""], "changed scenario settings, each key=value"),
-        Setting("rate", float, 0.0, "time steps a second; 0: as fast as the team acts", low=0),
+        Setting(
+            "rate", float, 0.0, "time steps a second; 0: as fast as the team acts", low=0, high=1e6
+        ),
         Setting("out", str, "", "directory for run.yaml and summary.yaml; empty: none"),
         STARTUP_TIMEOUT,
         CLAIM_WINDOW,
@@ -58,7 +60,9 @@ WORLD_PARAMETERS = SettingTable(
 ROBOT_PARAMETERS = SettingTable(
     [
         Setting("out", str, "", "directory for the learned tables; empty: they are not saved"),
-        Setting("tables", str, "", "directory of a run whose tables to go on from; empty: none"),
+        Setting(
+            "tables", str, "", "directory of a run whose tables to begin with; empty: the run's"
+        ),
         STARTUP_TIMEOUT,
         CLAIM_WINDOW,
         EXECUTOR,
@@ -83,6 +87,8 @@ TEAM_PARAMETERS = SettingTable(
 WORLD, RECORDER = "world_simulator", "recorder"
 """Node names by which robots know that they are heard; a robot's node has the robot's name."""
 
+WORLD_SECONDS = 3.0
+SLOWEST = 0.001
 CHANGEABLE = ("rate",)
 """Parameters that can be set while the node runs; all others are read once."""
 
@@ -99,7 +105,9 @@ def stops_on_bad_input(callback: Callable) -> Callable:
             return callback(node, *args)
         except SparseCoordError as error:
             node.fail(error)
-            return None
+        except OSError as error:
+            node.fail(RunError(f"{error.filename}: {error.strerror}; choose another place"))
+        return None
 
     return wrapped
 
@@ -141,7 +149,7 @@ class ParameterNode(Node):
             parameter_overrides=given,
             automatically_declare_parameters_from_overrides=True,
         )
-        self.born = time.monotonic()
+        self.born = self._world_seen = time.monotonic()
         self.failure: SparseCoordError | None = None
         self._table = table
         try:
@@ -164,6 +172,12 @@ class ParameterNode(Node):
                 f"{self.resolve_topic_name(RUN.name)} within {limit:g} s; start one: "
                 "ros2 run sparse_coord_ros world_simulator --ros-args -p scenario:=env1"
             )
+
+    def world_is_gone(self) -> bool:
+        """Whether nobody has said the run's status for `WORLD_SECONDS`: no world is left."""
+        if self.count_publishers(STATUS.name) > 0:
+            self._world_seen = time.monotonic()
+        return time.monotonic() - self._world_seen > WORLD_SECONDS
 
     def heard_by(self, publisher: Publisher, names: Collection[str]) -> bool:
         """Whether nodes of all these names subscribe to a topic of this node.
@@ -194,7 +208,9 @@ class ParameterNode(Node):
     def _check_change(self, parameters: list[Parameter]) -> SetParametersResult:
         try:
             changed = {p.name: p.value for p in parameters if p.name in self._table}
-            self.values.update(self._table.parse(changed))
+            parsed = self._table.parse(changed)
+            check_rate(parsed)
+            self.values.update(parsed)
         except SettingError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
@@ -217,12 +233,22 @@ def _descriptor(setting: Setting) -> ParameterDescriptor:
     return descriptor
 
 
+def check_rate(values: Mapping[str, Any]) -> None:
+    """Raise `SettingError` for a rate so low that the run would stand still."""
+    if 0 < values.get("rate", 0) < SLOWEST:
+        raise SettingError(
+            f"setting rate: value is {values['rate']:g}, allowed: 0 (as fast as the team acts) or "
+            f"at least {SLOWEST:g}; to hold the run, call the service ~/pause"
+        )
+
+
 def run_from_parameters(values: Mapping[str, Any]) -> RunConfig:
     """Build the run that a world simulator's parameters describe.
 
     Raises:
         SparseCoordError: of the kind that fits the bad parameter.
     """
+    check_rate(values)
     if not values["scenario"]:
         raise SettingError(
             "parameter scenario: none is given; start the node with --ros-args -p "

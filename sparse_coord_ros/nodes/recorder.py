@@ -36,6 +36,16 @@ TICK_SECONDS = 0.02
 REPORT_SECONDS = 1.0
 STAMP, ENCAPSULATION = struct.Struct("<iI"), 4
 """Seconds and nanoseconds, which follow the four bytes that begin every CDR message."""
+STATUS = interface.STATUS
+ROS_TOPICS = (
+    interface.Topic("/rosout", Log, interface.EVENT_QOS),
+    interface.Topic("/parameter_events", ParameterEvent, interface.EVENT_QOS),
+)
+SERVICE_EVENTS = interface.Topic(
+    f"{interface.ACTIVE_PERCEPTION}/_service_event",
+    interface.ACTIVE_PERCEPTION_TYPE.Event,
+    interface.STEP_QOS,
+)
 QUIET_SECONDS = 0.3
 """After the run's end, the bag is closed when nothing has come for so long."""
 
@@ -73,7 +83,7 @@ class Recorder(ParameterNode):
                 f"output directory {self.directory}: exists already, nothing is overwritten; "
                 "choose another one for parameter 'out'"
             )
-        self.bag = BagWriter(self.directory)
+        self.bag: BagWriter | None = None
         self.done = False
         self._run: RunConfig | None = None
         self._ended = False
@@ -83,20 +93,46 @@ class Recorder(ParameterNode):
         self._diagnostics_publisher = self.create_publisher(
             interface.DIAGNOSTICS.type, interface.DIAGNOSTICS.name, interface.DIAGNOSTICS.qos
         )
-        for topic in interface.TEAM_TOPICS:
-            if topic not in (interface.RUN, interface.STATUS):
-                self._record(topic.type, topic.name, topic.qos, stamped=topic.stamped)
-        self._record(Log, "/rosout", interface.EVENT_QOS, stamped=False)
-        self._record(ParameterEvent, "/parameter_events", interface.EVENT_QOS, stamped=False)
-        for topic, then in ((interface.STATUS, self._on_status), (interface.RUN, self._on_run)):
-            self._record(topic.type, topic.name, topic.qos, stamped=False, then=then)
+        self._subscribe(interface.RUN.type, interface.RUN.name, interface.RUN.qos, self._on_run)
         self.create_timer(TICK_SECONDS, self._tick)
 
-    def _record(self, message_type, name, qos: QoSProfile, *, stamped: bool, then=None) -> None:
-        """Write down a topic; `then` sees each message's bytes too."""
-        channel = self.bag.add_topic(
+    @stops_on_bad_input
+    def _on_run(self, data: bytes) -> None:
+        """Open the bag with the first run that is announced, and listen to its team."""
+        if self._run is not None:
+            return
+        text = deserialize_message(data, String).data
+        run = run_from_yaml(text, where="topic run")
+        self.bag = BagWriter(self.directory)
+        self.bag.add_metadata(
+            "sparse_coord_ros",
+            {
+                "scenario": run.scenario.name,
+                "seed": str(run.seed),
+                "learner": run.learner,
+                **{f"version_{name}": value for name, value in run.versions.items()},
+            },
+        )
+        self.bag.attach("run.yaml", text.encode(), "application/yaml")
+        self.bag.write(self._channel(String, interface.RUN.name, interface.RUN.qos), data, 0, 0)
+        self._run = run
+        for topic in (*interface.TEAM_TOPICS, *ROS_TOPICS):
+            if topic is not interface.RUN:
+                self._record(topic, topic.name, self._on_status if topic is STATUS else None)
+        self._record(interface.CLAIM, interface.CLAIM.of(WORLD))
+        for robot in run.scenario.robots:
+            for topic in (*interface.ROBOT_TOPICS, interface.CLAIM, SERVICE_EVENTS):
+                self._record(topic, topic.of(robot.name))
+
+    def _channel(self, message_type: type, name: str, qos: QoSProfile) -> int:
+        """Register a topic and return its channel in the bag."""
+        return self.bag.add_topic(
             self.resolve_topic_name(name), _type_name(message_type), _bag_qos(qos)
         )
+
+    def _record(self, topic: interface.Topic, name: str, then=None) -> None:
+        """Write down a topic; `then` sees each message's bytes too."""
+        channel = self._channel(topic.type, name, topic.qos)
         write, unpack_stamp = self.bag.write, STAMP.unpack_from
 
         @stops_on_bad_input
@@ -115,39 +151,14 @@ class Recorder(ParameterNode):
             if then is not None:
                 then(data)
 
-        latched = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
-        self.create_subscription(
-            message_type,
-            name,
-            functools.partial(stamped_message if stamped else other_message, self),
-            interface.RECORDER_LATCHED_QOS if latched else interface.RECORDER_QOS,
-            raw=True,
-        )
+        callback = functools.partial(stamped_message if topic.stamped else other_message, self)
+        self._subscribe(topic.type, name, topic.qos, callback)
 
-    def _on_run(self, data: bytes) -> None:
-        if self._run is not None:
-            return
-        text = deserialize_message(data, String).data
-        self._run = run_from_yaml(text, where="topic run")
-        self.bag.add_metadata(
-            "sparse_coord_ros",
-            {
-                "scenario": self._run.scenario.name,
-                "seed": str(self._run.seed),
-                "learner": self._run.learner,
-                **{f"version_{name}": value for name, value in self._run.versions.items()},
-            },
-        )
-        self.bag.attach("run.yaml", text.encode(), "application/yaml")
-        claim = interface.CLAIM
-        self._record(claim.type, claim.of(WORLD), claim.qos, stamped=claim.stamped)
-        for robot in self._run.scenario.robots:
-            for topic in (*interface.ROBOT_TOPICS, claim):
-                self._record(topic.type, topic.of(robot.name), topic.qos, stamped=topic.stamped)
-            events = f"{robot.name}/{interface.ACTIVE_PERCEPTION}/_service_event"
-            self._record(
-                interface.ACTIVE_PERCEPTION_TYPE.Event, events, interface.STEP_QOS, stamped=False
-            )
+    def _subscribe(self, message_type: type, name: str, qos: QoSProfile, callback) -> None:
+        """Listen to the bytes of a topic, with a queue that nothing is pushed out of."""
+        latched = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
+        own = interface.RECORDER_LATCHED_QOS if latched else interface.RECORDER_QOS
+        self.create_subscription(message_type, name, callback, own, raw=True)
 
     def _on_status(self, data: bytes) -> None:
         message = deserialize_message(data, DiagnosticStatus)
@@ -165,24 +176,31 @@ class Recorder(ParameterNode):
             self.done = True
         elif now - self._reported >= REPORT_SECONDS and not self._ended:
             self._report(now)
+            if self.world_is_gone():
+                self.get_logger().warning("the world simulator is gone: the recorder ends too")
+                self.done = True
 
     def _report(self, now: float) -> None:
         self._reported = now
         values = {"messages": self.bag.message_count, "bytes": self.bag.bytes_written}
-        message = DiagnosticArray()
-        if self._run is not None:
-            convert = Converter(self._run)
-            message.header = convert.header(self._now_ns // convert.period)
+        convert = Converter(self._run)
+        message = DiagnosticArray(header=convert.header(self._now_ns // convert.period))
         message.status = [status(self.get_name(), "recording", values)]
         self._diagnostics_publisher.publish(message)
 
     def finish(self, *, interrupted: bool) -> None:
-        """Close the bag: its index and `metadata.yaml` are written."""
-        self.bag.close()
-        self.get_logger().info(
-            f"closed {self.directory}: {self.bag.message_count} messages, "
-            f"{self.bag.bytes_written} bytes"
-        )
+        """Close the bag and say what is in it."""
+        if self.bag is not None:
+            self.close()
+            self.get_logger().info(
+                f"closed {self.directory}: {self.bag.message_count} messages, "
+                f"{self.bag.bytes_written} bytes"
+            )
+
+    def close(self) -> None:
+        """Close the bag, if there is one: its index and `metadata.yaml` are written."""
+        if self.bag is not None:
+            self.bag.close()
 
 
 def _type_name(message_type: type) -> str:

@@ -15,15 +15,15 @@ from rclpy.context import Context
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from sparse_coord_ros.core.agent import Agent
-from sparse_coord_ros.core.evaluation import check_tables
-from sparse_coord_ros.core.run_config import RunConfig, load_run, run_from_yaml
-from sparse_coord_ros.core.tables import load_team, robot_file, save_tables
+from sparse_coord_ros.core.agent import Agent, Tables
+from sparse_coord_ros.core.run_config import RunConfig, run_from_yaml
+from sparse_coord_ros.core.tables import TEAM_FILE, robot_file, save_tables
 from sparse_coord_ros.core.world import Action
 from sparse_coord_ros.errors import RunError, TablesError, did_you_mean
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.claim import Claim
 from sparse_coord_ros.nodes.messages import Converter, status, status_values
+from sparse_coord_ros.nodes.outputs import begin_with, open_output
 from sparse_coord_ros.nodes.parameters import (
     RECORDER,
     ROBOT_PARAMETERS,
@@ -196,6 +196,9 @@ class RobotNode(ParameterNode):
             self._watch_the_deadline(now)
         if now - self._reported >= REPORT_SECONDS:
             self._report(now)
+            if self.world_is_gone():
+                self.get_logger().warning("the world simulator is gone: this robot ends too")
+                self.done = True
 
     def _prepare(self) -> None:
         """Become an agent of the run: tables, service, clients."""
@@ -208,7 +211,8 @@ class RobotNode(ParameterNode):
             )
         number = names.index(self.name)
         self._convert = Converter(self._run)
-        self._out = self._prepare_out()
+        own = [robot_file(Path(), self.name).name, TEAM_FILE]
+        self._out = open_output(self.values["out"], self._run_text, own)
         agent = Agent(
             self._run.scenario,
             number,
@@ -227,33 +231,16 @@ class RobotNode(ParameterNode):
             k: Peer(self, name, self._on_answer) for k, name in enumerate(names) if k != number
         }
 
-    def _prepare_out(self) -> Path | None:
-        if not self.values["out"]:
-            return None
-        out = Path(self.values["out"])
-        out.mkdir(parents=True, exist_ok=True)
-        path = robot_file(out, self.name)
-        if path.exists():
-            raise RunError(
-                f"output file {path}: exists already, nothing is overwritten; choose another "
-                "directory for parameter 'out'"
+    def _initial_tables(self, number: int) -> Tables | None:
+        source = self.values["tables"] or self._run.tables
+        if source:
+            return begin_with(Path(source), self._run)[number]
+        if self._run.greedy:
+            raise TablesError(
+                f"robot {self.name}: the run is greedy but parameter 'tables' names no learned "
+                "tables; give the output directory of a run"
             )
-        if not (out / "run.yaml").exists():
-            (out / "run.yaml").write_text(self._run_text, encoding="utf-8")
-        return out
-
-    def _initial_tables(self, number: int):
-        if not self.values["tables"]:
-            if self._run.greedy:
-                raise TablesError(
-                    f"robot {self.name}: the run is greedy but parameter 'tables' names no "
-                    "learned tables; give the output directory of a run"
-                )
-            return None
-        directory = Path(self.values["tables"])
-        tables = load_team(directory, load_run(directory).scenario)
-        check_tables(self._run.scenario, tables)
-        return tables[number]
+        return None
 
     def _join_when_ready(self, now: float) -> None:
         """Listen to the world once everybody who should hear this robot does.

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Contexts, executors, signals and exit codes of every executable."""
 
+import faulthandler
+import os
 import signal
 import sys
 import time
@@ -16,7 +18,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.signals import SignalHandlerOptions
 
-from sparse_coord_ros.errors import EXIT_BAD_INPUT, RunError, SparseCoordError
+from sparse_coord_ros.errors import EXIT_BAD_INPUT, NameTakenError, RunError, SparseCoordError
 
 READERS_SECONDS = 2.0
 
@@ -27,6 +29,7 @@ LOOK_SECONDS = 0.01
 """Between two looks at the condition, which would otherwise cost as much as a callback."""
 
 PATIENCE_SECONDS = 3.0
+SHUTDOWN_SECONDS = 10.0
 
 
 class Stop:
@@ -85,7 +88,23 @@ def ros_context(args: Sequence[str] | None = None, *, domain_id: int | None = No
     try:
         yield context
     finally:
-        rclpy.try_shutdown(context=context)
+        with limited_shutdown():
+            rclpy.try_shutdown(context=context)
+
+
+@contextmanager
+def limited_shutdown() -> Iterator[None]:
+    """End the process with exit code 1 where taking ROS down hangs; everything is saved by then.
+
+    Fast DDS 2.14 can deadlock when another participant leaves (eProsima/Fast-DDS issue 6502), and
+    then no signal ends the process. The watchdog runs without Python's interpreter lock.
+    """
+    with open(os.devnull, "w") as nowhere:
+        faulthandler.dump_traceback_later(SHUTDOWN_SECONDS, exit=True, file=nowhere)
+        try:
+            yield
+        finally:
+            faulthandler.cancel_dump_traceback_later()
 
 
 def make_executor(kind: str, context: Context) -> Executor:
@@ -168,10 +187,19 @@ def run_node(make: Callable[[Context], Node], args: Sequence[str] | None = None)
                 try:
                     spin_nodes([node], node.values["executor"], context, lambda: stop or node.done)
                     node.finish(interrupted=not node.done)
+                except NameTakenError:
+                    raise  # the team is another node's: neither save nor tell anybody
+                except SparseCoordError:
+                    node.finish(interrupted=True)  # what there is is saved, the others are told
+                    raise
                 finally:
-                    node.destroy_node()
+                    with limited_shutdown():
+                        node.destroy_node()
         except SparseCoordError as error:
             print(f"error: {error}", file=sys.stderr, flush=True)
+            return EXIT_BAD_INPUT
+        except OSError as error:
+            print(f"error: {error.filename}: {error.strerror}", file=sys.stderr, flush=True)
             return EXIT_BAD_INPUT
         except KeyboardInterrupt:
             return 128 + signal.SIGINT

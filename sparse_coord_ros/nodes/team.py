@@ -13,7 +13,7 @@ from rclpy.context import Context
 
 from sparse_coord_ros.core.run_config import create_output
 from sparse_coord_ros.errors import EXIT_BAD_INPUT, SparseCoordError
-from sparse_coord_ros.nodes.outputs import gather
+from sparse_coord_ros.nodes.outputs import begin_with, gather
 from sparse_coord_ros.nodes.parameters import (
     RECORDER_PARAMETERS,
     ROBOT_PARAMETERS,
@@ -24,7 +24,7 @@ from sparse_coord_ros.nodes.parameters import (
 )
 from sparse_coord_ros.nodes.recorder import Recorder
 from sparse_coord_ros.nodes.robot import RobotNode
-from sparse_coord_ros.nodes.spin import ros_context, signals, spin_nodes
+from sparse_coord_ros.nodes.spin import limited_shutdown, ros_context, signals, spin_nodes
 from sparse_coord_ros.nodes.world_simulator import WorldSimulator
 
 BAG = "bag"
@@ -57,6 +57,8 @@ def run_team(
     values = {**TEAM_PARAMETERS.defaults(), **TEAM_PARAMETERS.parse(values)}
     values["recorded"] = values["record"]
     run = run_from_parameters(values)
+    if values["tables"]:
+        begin_with(Path(values["tables"]), run)
     now = datetime.now().strftime("%Y%m%d_%H%M%S")
     out = create_output(Path(values["out"] or f"{run.scenario.name}_{now}"))
     place = {"context": context, "namespace": namespace}
@@ -71,12 +73,14 @@ def run_team(
             own = {name: values[name] for name in ROBOT_PARAMETERS}
             nodes.append(RobotNode(name=robot.name, values={**own, "out": str(out)}, **place))
         interrupted = _spin(nodes, values["executor"], context, stop)
+        return gather(out, run.scenario, interrupted=interrupted)
     finally:
         for node in nodes:
             if isinstance(node, Recorder):
-                node.bag.close()
-            node.destroy_node()
-    return gather(out, run.scenario, interrupted=interrupted)
+                node.close()
+        with limited_shutdown():
+            for node in nodes:
+                node.destroy_node()
 
 
 def _spin(nodes, kind: str, context: Context, stop: Callable[[], bool]) -> bool:

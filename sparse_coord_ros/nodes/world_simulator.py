@@ -5,6 +5,7 @@
 import sys
 import time
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import yaml
@@ -13,12 +14,13 @@ from rclpy.context import Context
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
+from sparse_coord_ros.core.tables import TEAM_FILE, robot_file
 from sparse_coord_ros.core.world import Reward
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.claim import Claim
 from sparse_coord_ros.nodes.messages import CLOCK_LAYOUT, Converter, status
-from sparse_coord_ros.nodes.outputs import prepare_world_out
+from sparse_coord_ros.nodes.outputs import RUN_FILE, SUMMARY_FILE, open_output
 from sparse_coord_ros.nodes.parameters import (
     RECORDER,
     WORLD,
@@ -63,7 +65,7 @@ class WorldSimulator(ParameterNode):
             values=values,
         )
         self.run = run_from_parameters(self.values)
-        self._out = prepare_world_out(self.values["out"], self.run)
+        self._out: Path | None = None
         self._convert = Converter(self.run)
         self._names = [robot.name for robot in self.run.scenario.robots]
         self.protocol = WorldProtocol(self.run, self)
@@ -116,7 +118,7 @@ class WorldSimulator(ParameterNode):
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response):
         self._paused = request.data
         self._since = time.monotonic()
-        self._say_state(interface.PAUSED if self._paused else self._running_state())
+        self._say_state(self._running_state())
         if not self._paused and self.protocol.complete and self.values["rate"] == 0:
             self._advance()
         response.success, response.message = True, self._state
@@ -149,6 +151,9 @@ class WorldSimulator(ParameterNode):
     def _open(self) -> None:
         """Offer the services and tell everybody what the run is."""
         self._opened = True
+        robots = [robot_file(Path(), name).name for name in self._names]
+        own = [RUN_FILE, SUMMARY_FILE, TEAM_FILE, *robots]
+        self._out = open_output(self.values["out"], self.run.to_yaml(), own)
         self.create_service(SetBool, "~/pause", self._on_pause)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self._run_publisher.publish(String(data=self.run.to_yaml()))
@@ -182,7 +187,7 @@ class WorldSimulator(ParameterNode):
     def _missing_nodes(self) -> list[str]:
         """Return the robots, and the recorder where one is to be, that do not listen yet."""
         missing = []
-        publishers = [*self._state_publishers, *self._reward_publishers]
+        publishers = [self._clock_publisher, *self._state_publishers, *self._reward_publishers]
         for k, name in enumerate(self._names):
             own = (self._state_publishers[k], self._reward_publishers[k])
             speaks = self._action_subscriptions[k].get_publisher_count() > 0
@@ -244,13 +249,15 @@ class WorldSimulator(ParameterNode):
 
     def finish(self, *, interrupted: bool) -> None:
         """Say good-bye, write `summary.yaml` and let the last messages arrive."""
+        if not self._opened:
+            return
         if interrupted:
             if self._started:
                 self._seconds += time.monotonic()
             self._say_state(interface.STOPPED)
         if self._out is not None:
             text = yaml.safe_dump(self.summary(), sort_keys=False)
-            (self._out / "summary.yaml").write_text(text, encoding="utf-8")
+            (self._out / SUMMARY_FILE).write_text(text, encoding="utf-8")
         wait_for_readers(self.publishers)
 
     def summary(self) -> dict[str, Any]:
@@ -264,6 +271,8 @@ class WorldSimulator(ParameterNode):
             "miscoordinations": world.miscoordinations,
             "timeouts": self.protocol.timeouts,
             "stale_actions": self.protocol.stale,
+            "executor": self.values["executor"],
+            "rate": self.values["rate"],
             "seconds": round(seconds, 3),
             "steps_per_second": round(world.transitions / seconds, 1) if seconds else 0.0,
         }
@@ -271,6 +280,8 @@ class WorldSimulator(ParameterNode):
     # Reports.
 
     def _running_state(self) -> str:
+        if self._paused:
+            return interface.PAUSED
         return interface.LEARNING if self._started else interface.WAITING
 
     def _say_state(self, state: str) -> None:

@@ -41,7 +41,7 @@ def test_discount_zero(sparse_coord):
     ("arguments", "words"),
     [
         (["env"], ["scenario 'env'", "did you mean 'env1'"]),
-        (["env1", "--set", "discount=1"], ["setting discount", "from 0 to 0.999999"]),
+        (["env1", "--set", "discount=1"], ["setting discount", "from 0 to 0.999"]),
         (["env1", "--penalty", "1"], ["setting penalty", "at most 0"]),
         (["missing.yaml"], ["scenario 'missing.yaml'", "give the path"]),
     ],

@@ -70,6 +70,8 @@ PAPER = {
     },
 }
 
+ROBOTS = "map: env1\nrobots:\n  {}: {{start: 1, goal: 2}}\n"
+
 
 @pytest.fixture
 def data():
@@ -156,7 +158,7 @@ def test_settings_change_a_copy_only():
         ({"penalti": "-5"}, ["unknown setting 'penalti'", "did you mean 'penalty'", "goal_value"]),
         ({"penalty": "5"}, ["setting penalty", "'5'", "at most 0"]),
         ({"penalty": "low"}, ["setting penalty", "'low'", "a number"]),
-        ({"discount": "1"}, ["setting discount", "'1'", "from 0 to 0.999999"]),
+        ({"discount": "1"}, ["setting discount", "'1'", "from 0 to 0.999"]),
         ({"move_success": 0}, ["setting move_success", "from 0.01 to 1"]),
         ({"steps": "0"}, ["setting steps", "'0'", "whole number from 1 to 10000000"]),
         ({"steps": 1.5}, ["setting steps", "1.5", "whole number"]),
@@ -288,3 +290,24 @@ def test_not_utf8(tmp_path):
 
 def test_parse_yaml_returns_plain_data():
     assert parse_yaml("a: {b: [1, x]}", where="t") == {"a": {"b": [1, "x"]}}
+
+
+@pytest.mark.parametrize(
+    "text, words",
+    [
+        ("map: env1\nsteps: 5\nsteps: 6\n", ["line 3", "'steps' is there twice"]),
+        (
+            ROBOTS.format("robot_1") + "  robot_1: {start: 2, goal: 1}\n",
+            ["'robot_1' is there twice"],
+        ),
+        (ROBOTS.format("recorder"), ["robot name 'recorder' is that of another node"]),
+        (ROBOTS.format("robot_1") + "name: ../x\n", ["field 'name' is '../x'", "rename"]),
+        (ROBOTS.format("r") + "paper: {coop: {reward: [a, b]}}\n", ["reward is ['a', 'b']"]),
+    ],
+)
+def test_names_and_keys_that_mislead(tmp_path, text, words):
+    path = tmp_path / "own.yaml"
+    path.write_text(text)
+    with pytest.raises(ScenarioError) as error:
+        load_scenario(str(path))
+    assert [word for word in words if word not in str(error.value)] == []

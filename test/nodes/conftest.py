@@ -100,7 +100,7 @@ class Bench:
         if node in self._nodes:
             self._nodes.pop(node).remove_node(node)
             if isinstance(node, Recorder):
-                node.bag.close()
+                node.close()
             node.destroy_node()
 
     def world(self, *, namespace: str = "", **values) -> WorldSimulator:
@@ -251,6 +251,11 @@ def assert_same_tables():
     return check
 
 
+EXECUTABLES = {"cli.main": "sparse_coord"} | {
+    f"nodes.{name}": name for name in ("world_simulator", "robot", "recorder", "team")
+}
+
+
 class Process:
     """A child process whose output goes to a file."""
 
@@ -258,7 +263,13 @@ class Process:
         self._log = log
         with log.open("wb") as file:
             self._popen = subprocess.Popen(
-                [sys.executable, "-m", f"sparse_coord_ros.{module}", *arguments],
+                [
+                    sys.executable,
+                    "-m",
+                    "sparse_coord_ros.executables",
+                    EXECUTABLES[module],
+                    *arguments,
+                ],
                 stdout=file,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
@@ -278,7 +289,7 @@ class Process:
         """Return the child process that runs a module of `nodes`."""
         children = Path(f"/proc/{self.pid}/task/{self.pid}/children").read_text().split()
         for pid in map(int, children):
-            if f"sparse_coord_ros.nodes.{module}" in Path(f"/proc/{pid}/cmdline").read_text():
+            if f"executables\0{module}\0" in Path(f"/proc/{pid}/cmdline").read_text():
                 _note_shared_memory(pid)
                 return SimpleNamespace(send_signal=functools.partial(os.kill, pid))
         raise AssertionError(f"no child runs {module}: {children}")
@@ -363,7 +374,7 @@ def _note_shared_memory(process: int | str = "self") -> None:
 def own_domain(monkeypatch):
     """Give each test a ROS domain: what the one before said must not be heard in this one.
 
-    Nor what the tests of another session on this machine say, which hold locks on theirs.
+    Nor what the tests of another test run on this machine say, which hold locks on theirs.
     """
     deadline = time.monotonic() + PATIENCE_SECONDS
     while True:

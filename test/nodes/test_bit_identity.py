@@ -44,7 +44,8 @@ def test_team_in_one_process(tmp_path, env1, assert_same_tables, executor, recor
     for k, asks in enumerate(summary["asks"].values()):
         mine = [peer for (asker, _), (_, peer) in env1.percepts.items() if asker == k]
         assert asks["answered"] == len(mine)
-        assert asks["refused"] == asks["late"] == asks["dropped"] == 0
+        assert asks["refused"] == asks["late"] == 0
+    assert summary["transitions_dropped"] == 0
     assert (out / "bag" / "metadata.yaml").exists() == record
 
 
@@ -80,11 +81,19 @@ def test_team_in_another_namespace(tmp_path, simulate, assert_same_tables):
     assert_same_tables(tmp_path / "out", said)
 
 
-def test_every_node_in_its_own_process(tmp_path, simulate, start, assert_same_tables):
-    said = simulate("env1", {"steps": 150}, seed=SEED)
+@pytest.mark.parametrize(
+    "scenario, settings",
+    [("env1", {"steps": 150}), ("env2-4r", {"steps": 60, "perception": "probability:0.7"})],
+)
+def test_every_node_in_its_own_process(
+    tmp_path, simulate, start, assert_same_tables, scenario, settings
+):
+    said = simulate(scenario, settings, seed=SEED)
     out = tmp_path / "out"
-    arguments = ["--steps", "150", "--seed", str(SEED), "--out", str(out), "--processes"]
-    process = start("cli.main", "run", "env1", *arguments)
+    arguments = ["--seed", str(SEED), "--out", str(out), "--processes"]
+    for name, value in settings.items():
+        arguments += ["--set", f"{name}={value}"]
+    process = start("cli.main", "run", scenario, *arguments)
     assert process.exit_code() == 0, process.output
     assert_same_tables(out, said)
     assert yaml.safe_load((out / "summary.yaml").read_text())["timeouts"] == 0

@@ -3,6 +3,8 @@
 """Nodes that are killed, restarted or interrupted: the others go on, and nothing is lost."""
 
 import signal
+import subprocess
+import sys
 from types import SimpleNamespace
 
 import pytest
@@ -171,6 +173,18 @@ def test_nodes_end_well_on_a_signal(bench, start_node, tmp_path, number):
     assert len(load_team(tmp_path, scenario)) == 2
 
 
+def test_the_team_ends_when_the_world_fails(start_node, tmp_path):
+    """One robot never comes: the world gives up, and who waited for it ends too."""
+    robot = start_node("robot", "robot_1", out=tmp_path)
+    recorder = start_node("recorder", "recorder", out=tmp_path / "bag")
+    world = start_node("world_simulator", "world_simulator", scenario="env1", startup_timeout=3.0)
+    assert world.exit_code() == 2
+    assert "still no node for robot_2" in world.output
+    for process in (robot, recorder):
+        assert_ended_well(process)
+    assert_bag_is_whole(tmp_path / "bag")
+
+
 @SIGNALS
 @pytest.mark.parametrize("name", ["world_simulator", "robot", "recorder"])
 def test_a_waiting_node_ends_well_on_a_signal(start_node, bench, tmp_path, name, number):
@@ -181,7 +195,21 @@ def test_a_waiting_node_ends_well_on_a_signal(start_node, bench, tmp_path, name,
     bench.spin_until(lambda: observer.count(topic), "node is there")
     process.send_signal(number)
     assert_ended_well(process)
-    assert name != "recorder" or (tmp_path / "bag" / "metadata.yaml").exists()
+    assert not (tmp_path / "bag").exists()  # no world, no run, no bag
+
+
+@SIGNALS
+@pytest.mark.parametrize("name, code", [("robot", 0), ("sparse_coord", 130)])
+def test_a_signal_while_modules_are_imported(name, code, number):
+    """It comes before ROS and NumPy are there; the import is replaced by the signal."""
+    program = (
+        "import os, sys, time; import sparse_coord_ros.executables as e\n"
+        "e.importlib.import_module = lambda module: "
+        f"(os.kill(os.getpid(), {int(number)}), time.sleep(9))\n"
+        f"sys.exit(e.{name}())"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (code, "", "")
 
 
 @SIGNALS
@@ -220,6 +248,6 @@ def test_run_stops_the_others_when_a_node_is_killed(start, tmp_path):
     assert process.exit_code() == 2, process.output
     assert "Traceback" not in process.output
     line = process.output.splitlines()[-1]
-    assert line.startswith("error: sparse_coord_ros.nodes.recorder ended with exit code -9")
+    assert line.startswith("error: recorder ended with exit code -9")
     for k, name in enumerate(("robot_1", "robot_2"), start=1):
         assert_tables(robot_file(out, name), k)

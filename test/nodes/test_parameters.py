@@ -167,7 +167,7 @@ def test_the_rate_can_be_set_while_the_node_runs(bench):
     assert world.protocol.world.transitions == 0
     result = set_one(observer, "rate", double(-1.0))
     assert not result.successful
-    assert "rate: value is -1.0, allowed: a number of at least 0" in result.reason
+    assert "out of range" in result.reason
     assert world.values["rate"] == 0.001
     assert set_one(observer, "rate", double(100.0)).successful
     bench.spin_until(lambda: world.protocol.world.transitions >= 10, "ten steps")

@@ -9,7 +9,9 @@ import pytest
 import yaml
 from std_msgs.msg import String
 
-from sparse_coord_ros.core.run_config import run_from_yaml
+from sparse_coord_ros.core.run_config import make_run, run_from_yaml
+from sparse_coord_ros.core.scenario import load_scenario
+from sparse_coord_ros.core.simulation import learn
 from sparse_coord_ros.core.tables import load_team, save_team
 from sparse_coord_ros.errors import RunError, SettingError, TablesError
 from sparse_coord_ros.nodes.robot import RobotNode
@@ -167,14 +169,14 @@ def test_a_recorder_that_is_missing_is_named(bench):
 
 def test_a_robot_without_a_world(bench):
     bench.robot("robot_1", startup_timeout=0.2)
-    text = r"^startup_timeout: robot robot_1 heard of no world simulator on /run within 0\.2 s"
+    text = r"^startup_timeout: node robot_1 heard of no world simulator on /run within 0\.2 s"
     with pytest.raises(RunError, match=text):
         bench.spin_until(lambda: False)
 
 
 def test_a_recorder_without_a_world(bench, tmp_path):
     bench.recorder(tmp_path / "bag", startup_timeout=0.2)
-    text = r"^startup_timeout: the recorder heard of no world simulator on /run within 0\.2 s"
+    text = r"^startup_timeout: node recorder heard of no world simulator on /run within 0\.2 s"
     with pytest.raises(RunError, match=text):
         bench.spin_until(lambda: False)
 
@@ -221,8 +223,9 @@ def contents(folder):
 def test_an_output_directory_with_a_run_is_left_alone(bench, tmp_path):
     (tmp_path / "run.yaml").write_text("precious")
     before = contents(tmp_path)
-    with pytest.raises(RunError, match=r"holds a run already \(run\.yaml\), nothing is overwritt"):
-        bench.world(out=str(tmp_path))
+    bench.world(out=str(tmp_path))
+    with pytest.raises(RunError, match=r"exists already and holds run\.yaml, nothing"):
+        bench.spin_until(lambda: False)
     assert contents(tmp_path) == before
 
 
@@ -231,9 +234,31 @@ def test_a_robots_output_file_is_left_alone(bench, tmp_path):
     before = contents(tmp_path)
     bench.world()
     bench.robot("robot_1", out=str(tmp_path))
-    with pytest.raises(RunError, match=r"tables_robot_1\.npz: exists already, nothing is overwr"):
+    with pytest.raises(RunError, match=r"exists already and holds tables_robot_1\.npz"):
         bench.spin_until(lambda: False)
     assert contents(tmp_path) == before
+
+
+def test_another_runs_directory_is_left_alone(bench, tmp_path):
+    (tmp_path / "run.yaml").write_text("precious")
+    before = contents(tmp_path)
+    bench.world()
+    bench.robot("robot_1", out=str(tmp_path))
+    with pytest.raises(RunError, match=r"holds another run's run\.yaml, nothing is overwritten"):
+        bench.spin_until(lambda: False)
+    assert contents(tmp_path) == before
+
+
+def test_tables_of_another_learner(tmp_path):
+    scenario = load_scenario("env1").with_settings({"steps": 50})
+    source = tmp_path / "alone"
+    source.mkdir()
+    (source / "run.yaml").write_text(make_run(scenario, {"learner": "indiv"}).to_yaml())
+    save_team(source, learn(scenario, "indiv", 0))
+    values = {"scenario": "env1", "tables": str(source), "out": str(tmp_path / "out")}
+    with ros_context() as context, pytest.raises(TablesError, match="learner is coop; use the"):
+        run_team(values, context=context)
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_bag_is_left_alone(bench, tmp_path):
