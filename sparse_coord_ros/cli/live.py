@@ -94,9 +94,10 @@ def _wait(processes: list[subprocess.Popen], stop: Stop) -> bool:
             raise RunError("a node stopped because of bad input (see its line above)")
         failed = [process for process in processes if process.poll() not in (None, 0)]
         if failed:
+            name = failed[0].args[6].removeprefix("__node:=")
             raise RunError(
-                f"{failed[0].args[6].removeprefix('__node:=')} ended with exit code {failed[0].returncode}; the others "
-                "were stopped, what they had is saved"
+                f"{name} ended with exit code {failed[0].returncode}; the others were stopped, "
+                "what they had is saved"
             )
         if stop:
             _end(processes)
