@@ -36,8 +36,8 @@ $(VENV)/installed: setup.py pyproject.toml Makefile
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || \
 	  { echo "python3-venv is missing. Install it: sudo apt install python3-venv"; exit 2; }
 	@echo "installing into $(VENV) ..."
-	@if $(PYTHON) -c 'import rclpy' 2>/dev/null; then \
-	  $(PYTHON) -m venv --clear --system-site-packages $(VENV) && \
+	@$(PYTHON) -m venv --clear --system-site-packages $(VENV)
+	@if $(BIN)/python -c 'import rclpy' 2>/dev/null; then \
 	  $(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[test,lint]'; \
 	else \
 	  $(PYTHON) -m venv --clear $(VENV) && \
