@@ -173,7 +173,11 @@ class RobotNode(ParameterNode):
         response.success = self._out is not None and self.protocol is not None
         response.message = "no parameter 'out' was given: nowhere to save"
         if response.success:
-            response.message = f"saved {self._save()}"
+            try:
+                response.message = f"saved {self._save()}"
+            except OSError as error:
+                response.success = False
+                response.message = f"{error.filename}: {error.strerror}"
         return response
 
     # The course of the run.
@@ -210,6 +214,7 @@ class RobotNode(ParameterNode):
                 f"node with --ros-args -r __node:={names[0]}"
             )
         number = names.index(self.name)
+        tables = self._initial_tables(number)
         self._convert = Converter(self._run)
         own = [robot_file(Path(), self.name).name, TEAM_FILE]
         self._out = open_output(self.values["out"], self._run_text, own)
@@ -218,7 +223,7 @@ class RobotNode(ParameterNode):
             number,
             self._run.seed,
             learner=self._run.learner,
-            tables=self._initial_tables(number),
+            tables=tables,
             learning=not self._run.greedy,
         )
         self.protocol = RobotProtocol(self._run, agent, self)

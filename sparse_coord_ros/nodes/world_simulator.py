@@ -150,7 +150,6 @@ class WorldSimulator(ParameterNode):
 
     def _open(self) -> None:
         """Offer the services and tell everybody what the run is."""
-        self._opened = True
         robots = [robot_file(Path(), name).name for name in self._names]
         own = [RUN_FILE, SUMMARY_FILE, TEAM_FILE, *robots]
         self._out = open_output(self.values["out"], self.run.to_yaml(), own)
@@ -160,6 +159,7 @@ class WorldSimulator(ParameterNode):
         self._map_publisher.publish(self._convert.map())
         self._publish_markers()
         self._say_state(interface.WAITING)
+        self._opened = True
 
     def _start_when_complete(self, now: float) -> None:
         missing = self._missing_nodes()
