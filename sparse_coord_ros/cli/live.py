@@ -16,16 +16,15 @@ from rclpy.logging import LoggingSeverity, set_logger_level
 
 from sparse_coord_ros.core.run_config import create_output
 from sparse_coord_ros.errors import EXIT_BAD_INPUT, RunError
-from sparse_coord_ros.nodes.outputs import begin_with, gather
+from sparse_coord_ros.nodes.outputs import gather
 from sparse_coord_ros.nodes.parameters import (
     RECORDER_PARAMETERS,
     ROBOT_PARAMETERS,
     TEAM_PARAMETERS,
     WORLD_PARAMETERS,
-    run_from_parameters,
 )
 from sparse_coord_ros.nodes.spin import Stop, ros_context, signals
-from sparse_coord_ros.nodes.team import BAG, run_team
+from sparse_coord_ros.nodes.team import BAG, run_team, team_run
 
 POLL_SECONDS = 0.05
 GRACE_SECONDS = 15.0
@@ -54,10 +53,7 @@ def run(values: Mapping[str, Any], *, processes: bool, quiet: bool = False) -> d
 
 
 def _run_processes(values: dict[str, Any], stop: Stop, quiet: bool) -> dict[str, Any]:
-    values["recorded"] = values["record"]
-    run = run_from_parameters(values)
-    if values["tables"]:
-        begin_with(Path(values["tables"]), run)
+    run = team_run(values)
     out = create_output(Path(values["out"]))
     world = {name: values[name] for name in WORLD_PARAMETERS}
     robot = {name: values[name] for name in ROBOT_PARAMETERS}

@@ -11,7 +11,7 @@ from typing import Any
 
 from rclpy.context import Context
 
-from sparse_coord_ros.core.run_config import create_output
+from sparse_coord_ros.core.run_config import RunConfig, create_output
 from sparse_coord_ros.errors import EXIT_BAD_INPUT, SparseCoordError
 from sparse_coord_ros.nodes.outputs import begin_with, gather
 from sparse_coord_ros.nodes.parameters import (
@@ -31,6 +31,22 @@ BAG = "bag"
 """Name of the bag's directory in the output directory."""
 
 LAST_WORDS_SECONDS = 0.3
+
+
+def team_run(values: dict[str, Any]) -> RunConfig:
+    """Return the run of a team, checked whole before anything is written.
+
+    Args:
+        values: all of `TEAM_PARAMETERS`; `recorded` is set to what `record` says.
+
+    Raises:
+        SparseCoordError: bad input.
+    """
+    values["recorded"] = values["record"]
+    run = run_from_parameters(values)
+    if values["tables"]:
+        begin_with(Path(values["tables"]), run)
+    return run
 
 
 def run_team(
@@ -55,10 +71,7 @@ def run_team(
         SparseCoordError: bad input.
     """
     values = {**TEAM_PARAMETERS.defaults(), **TEAM_PARAMETERS.parse(values)}
-    values["recorded"] = values["record"]
-    run = run_from_parameters(values)
-    if values["tables"]:
-        begin_with(Path(values["tables"]), run)
+    run = team_run(values)
     now = datetime.now().strftime("%Y%m%d_%H%M%S")
     out = create_output(Path(values["out"] or f"{run.scenario.name}_{now}"))
     place = {"context": context, "namespace": namespace}

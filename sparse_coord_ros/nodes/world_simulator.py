@@ -80,7 +80,7 @@ class WorldSimulator(ParameterNode):
         self._claim = Claim(self)
         self._run_publisher = self._publisher(interface.RUN)
         self._create_publishers()
-        self._tick_timer = self.create_timer(TICK_SECONDS, self._tick)
+        self.create_timer(TICK_SECONDS, self._tick)
         self._rate_timer = None
 
     # Outgoing: the port of the protocol.
