@@ -17,6 +17,7 @@ from sparse_coord_ros.core.algorithm import (
     epsilon_greedy,
     greatest,
     greedy,
+    step_size,
     updated,
 )
 from sparse_coord_ros.core.scenario import Scenario
@@ -84,6 +85,9 @@ class Agent:
         tables: tables to go on from; initial ones where None.
         learning: False: act greedily and never update.
         phase: LEARNING or EVALUATION: which random draws the agent uses.
+
+    Attributes:
+        tables: what it has learned so far.
     """
 
     def __init__(
@@ -111,6 +115,11 @@ class Agent:
         self._goal_value = scenario.goal_value
         self._star_updates = np.zeros(self.tables.q_star.shape, dtype=np.int64)
         self._coord_updates = np.zeros(self.tables.q_coord.shape, dtype=np.int64)
+
+    @property
+    def coord_visited(self) -> int:
+        """Number of joint states whose entries in Q^C were updated."""
+        return int((self._coord_updates > 0).any(axis=-1).sum())
 
     def epsilon(self, step: int) -> float:
         """Return the probability of exploring at a time step; 0 without learning."""
@@ -154,10 +163,11 @@ class Agent:
 
     def learn(
         self,
+        step: int,
         cell: int,
         decision: Decision,
         action: Action,
-        peer_cell,
+        peer_cell: int | None,
         reward: float,
         next_cell: int,
     ) -> None:
@@ -166,6 +176,7 @@ class Agent:
         Both bootstrap on max_b Q*(y, b) over all actions, or on the goal's value.
 
         Args:
+            step: t.
             cell: X_k(t).
             decision: A_k(t).
             action: the primitive action that it became.
@@ -181,13 +192,20 @@ class Agent:
         else:
             bootstrap = greatest(q_star[next_cell].tolist(), self.actions)
         if peer_cell is not None:
-            self._update(
-                q_coord, self._coord_updates, (cell, peer_cell, action.move), reward, bootstrap
-            )
-        self._update(q_star, self._star_updates, (cell, decision.action), reward, bootstrap)
+            entry = (cell, peer_cell, action.move)
+            alpha = self._alpha(self._coord_updates, entry, step)
+            value = float(q_coord[entry])
+            q_coord[entry] = updated(value, alpha, reward, self._discount, bootstrap)
+        entry = (cell, decision.action)
+        alpha = self._alpha(self._star_updates, entry, step)
+        value = float(q_star[entry])
+        q_star[entry] = updated(value, alpha, reward, self._discount, bootstrap)
 
-    def _update(self, table, updates, entry, reward, bootstrap) -> None:
+    def _alpha(self, updates: np.ndarray, entry: tuple[int, ...], step: int) -> float:
+        """Count an update of a table entry and return its step size."""
         count = int(updates[entry]) + 1
         updates[entry] = count
-        alpha = float(self._step_sizes[min(count, len(self._step_sizes) - 1)])
-        table[entry] = updated(float(table[entry]), alpha, reward, self._discount, bootstrap)
+        by_count, by_step = self._step_sizes
+        last = len(by_count) - 1
+        floor = float(by_step[min(step, last)])
+        return step_size(float(by_count[min(count, last)]), floor)

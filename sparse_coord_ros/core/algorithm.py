@@ -64,16 +64,23 @@ def greatest(values, count):
     return best
 
 
-def updated(value, step_size, reward, discount, bootstrap):
+def step_size(by_count, by_step):
+    """Return alpha: what the entry's own count asks for, but never less than the step's floor."""
+    if by_count > by_step:
+        return by_count
+    return by_step
+
+
+def updated(value, alpha, reward, discount, bootstrap):
     """Return the new table entry of QLUpdate (paper, Section 3.2; equation 3).
 
     Q(x, a) = (1 - alpha) Q(x, a) + alpha (r + gamma max_b Q'(y, b))
 
     Args:
         value: Q(x, a).
-        step_size: alpha.
+        alpha: the step size.
         reward: r.
         discount: gamma.
         bootstrap: max_b Q'(y, b), or the goal's value where y is the goal.
     """
-    return (1.0 - step_size) * value + step_size * (reward + discount * bootstrap)
+    return (1.0 - alpha) * value + alpha * (reward + discount * bootstrap)

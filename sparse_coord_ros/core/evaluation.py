@@ -32,6 +32,28 @@ class Measure:
 
 
 @dataclass(frozen=True)
+class Trials:
+    """Greedy trials from the scenario's starts.
+
+    Attributes:
+        reward: total discounted reward, shape (trials, robots).
+        time_to_goal: steps until arrival; the horizon for a robot that does not arrive; same
+            shape.
+        asks: how often COORDINATE was chosen; same shape.
+        arrived: whether the robot arrived; same shape.
+        miscoordinations: steps that end in a miscoordination, shape (trials,).
+        asked: how often COORDINATE was chosen in each cell in all trials, shape (robots, cells).
+    """
+
+    reward: np.ndarray
+    time_to_goal: np.ndarray
+    asks: np.ndarray
+    arrived: np.ndarray
+    miscoordinations: np.ndarray
+    asked: np.ndarray
+
+
+@dataclass(frozen=True)
 class Evaluation:
     """What a team is worth.
 
@@ -60,6 +82,23 @@ class Evaluation:
 def evaluate(
     scenario: Scenario, tables: Sequence[Tables], *, trials: int, seed: int
 ) -> Evaluation:
+    """Play greedy trials and sum them up; arguments and errors as of `play`."""
+    return summary(play(scenario, tables, trials=trials, seed=seed))
+
+
+def summary(trials: Trials) -> Evaluation:
+    """Return mean, spread and standard error of each measure."""
+    return Evaluation(
+        trials=len(trials.reward),
+        reward=_measure(trials.reward),
+        time_to_goal=_measure(trials.time_to_goal),
+        miscoordinations=_measure(trials.miscoordinations[:, None]),
+        asks=_measure(trials.asks),
+        not_arrived=int((~trials.arrived.all(axis=1)).sum()),
+    )
+
+
+def play(scenario: Scenario, tables: Sequence[Tables], *, trials: int, seed: int) -> Trials:
     """Play greedy trials from the scenario's starts.
 
     Args:
@@ -87,33 +126,31 @@ def evaluate(
     world = World(scenario, seed, phase=EVALUATION, max_steps=scenario.horizon)
     team = Team(scenario, seed, agents, phase=EVALUATION)
     shape = (trials, len(tables))
-    reward, times, asks = np.zeros(shape), np.full(shape, float(scenario.horizon)), np.zeros(shape)
-    conflicts, not_arrived = np.zeros(trials), 0
+    reward, asks, arrived = np.zeros(shape), np.zeros(shape), np.zeros(shape, dtype=bool)
+    times = np.full(shape, float(scenario.horizon))
+    conflicts = np.zeros(trials)
+    asked = np.zeros((len(tables), len(scenario.map.cells)), dtype=np.int64)
     for trial in range(trials):
         world.begin_episode()
         over, discount, elapsed = False, 1.0, 0
         while not over:
+            cells = list(world.cells)
             _, actions = team.act(world)
             outcome = world.advance(actions)
             elapsed += 1
             for k, parts in enumerate(outcome.rewards):
                 reward[trial, k] += discount * (parts.common + parts.ask_cost)
-                asks[trial, k] += actions[k] is not None and actions[k].asked
+                if actions[k] is not None and actions[k].asked:
+                    asks[trial, k] += 1
+                    asked[k, cells[k]] += 1
             for k in outcome.arrived:
                 times[trial, k] = elapsed
                 reward[trial, k] += discount * scenario.goal_reward / (1.0 - scenario.discount)
             conflicts[trial] += outcome.miscoordination
             discount *= scenario.discount
             over = outcome.episode_over
-        not_arrived += not all(world.arrived)
-    return Evaluation(
-        trials=trials,
-        reward=_measure(reward),
-        time_to_goal=_measure(times),
-        miscoordinations=_measure(conflicts[:, None]),
-        asks=_measure(asks),
-        not_arrived=not_arrived,
-    )
+        arrived[trial] = world.arrived
+    return Trials(reward, times, asks, arrived, conflicts, asked)
 
 
 def check_tables(scenario: Scenario, tables: Sequence[Tables], learner: str | None = None) -> None:

@@ -12,14 +12,11 @@ import yaml
 
 from sparse_coord_ros.core.grid import UNREACHABLE, GridMap, load_map, parse_map
 from sparse_coord_ros.core.perception import PERCEPTION
-from sparse_coord_ros.core.schedules import EPSILON, STEP_SIZE
+from sparse_coord_ros.core.schedules import EPSILON, STARTS, STEP_SIZE
 from sparse_coord_ros.core.settings import Setting, SettingTable
 from sparse_coord_ros.core.share import share_file, share_names
-from sparse_coord_ros.core.specs import Number, Spec, SpecFamily
+from sparse_coord_ros.core.specs import Spec
 from sparse_coord_ros.errors import MapError, ScenarioError, SettingError, did_you_mean
-
-STARTS = SpecFamily("starts", {"fixed": (), "random": (), "mixed": (Number("p_random", 0, 1),)})
-"""Where learning episodes begin: the scenario's starts, any free cell, or a mix by robot."""
 
 SETTINGS = SettingTable(
     [

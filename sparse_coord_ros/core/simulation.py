@@ -58,7 +58,7 @@ class Team:
             choice = choices[agent.number]
             if choice is not None:
                 reward = outcome.rewards[agent.number].total
-                agent.learn(*choice, reward, world.cells[agent.number])
+                agent.learn(world.step - 1, *choice, reward, world.cells[agent.number])
 
     def _perceive(self, world: World, k: int, decision: Decision) -> int | None:
         if decision.action != COORDINATE or decision.peer < 0:
@@ -77,6 +77,20 @@ def learn(
 ) -> list[Tables]:
     """Run one learner for the scenario's budget and return the tables of every robot.
 
+    Arguments as of `learn_agents`.
+    """
+    return [agent.tables for agent in learn_agents(scenario, learner, seed, progress=progress)]
+
+
+def learn_agents(
+    scenario: Scenario,
+    learner: str,
+    seed: int,
+    *,
+    progress: Callable[[int, int], None] = lambda done, budget: None,
+) -> list[Agent]:
+    """Run one learner for the scenario's budget and return every robot's agent.
+
     "coop" and "noncoop" learn all at once; "indiv" learns with one robot at a time, each for the
     whole budget, so that no robot ever meets another (paper, Section 4).
 
@@ -89,7 +103,7 @@ def learn(
     everyone = range(len(scenario.robots))
     teams = [[k] for k in everyone] if learner == "indiv" else [list(everyone)]
     budget = scenario.steps * len(teams)
-    tables: list[Tables] = []
+    learned: list[Agent] = []
     for members in teams:
         agents = [Agent(scenario, k, seed, learner=learner) for k in members]
         team = Team(scenario, seed, agents)
@@ -101,9 +115,9 @@ def learn(
             if outcome.episode_over:
                 world.begin_episode()
             if world.transitions % max(1, budget // 100) == 0:
-                progress(len(tables) * scenario.steps + world.transitions, budget)
-        tables += [agent.tables for agent in agents]
-    return tables
+                progress(len(learned) * scenario.steps + world.transitions, budget)
+        learned += agents
+    return learned
 
 
 def tables_equal(one: list[Tables], other: list[Tables]) -> bool:

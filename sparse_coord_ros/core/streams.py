@@ -25,6 +25,11 @@ choice, the tie draw of pi_g (Algorithm 1, lines 7 and 9), which peer to perceiv
 BLOCK = 256
 
 
+def bit_generator(seed: int, agent: int, role: int, phase: int) -> np.random.PCG64:
+    """Return the generator of one agent in one role, at time step 0; arguments as of `Stream`."""
+    return np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(phase, agent, role)))
+
+
 class Stream:
     """Uniform draws in [0, 1) of one agent in one role, by time step.
 
@@ -36,7 +41,7 @@ class Stream:
     """
 
     def __init__(self, seed: int, agent: int, role: int, phase: int = LEARNING) -> None:
-        self._sequence = np.random.SeedSequence(seed, spawn_key=(phase, agent, role))
+        self._key = (seed, agent, role, phase)
         self._width = DRAWS[role]
         self._first = self._last = 0
         self._rows: list[list[float]] = []
@@ -49,7 +54,7 @@ class Stream:
 
     def _fill(self, step: int) -> None:
         block = step // BLOCK
-        bits = np.random.PCG64(self._sequence)
+        bits = bit_generator(*self._key)
         bits.advance(block * BLOCK * self._width)
         draws = np.random.Generator(bits).random((BLOCK, self._width))
         self._first, self._last = block * BLOCK, (block + 1) * BLOCK

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from sparse_coord_ros.core.scenario import Scenario
-from sparse_coord_ros.core.specs import Spec
+from sparse_coord_ros.core.schedules import exploring_starts
 from sparse_coord_ros.core.streams import LEARNING, MOTION, START, Stream
 
 FIRST_STEP = 1
@@ -60,11 +60,6 @@ class Outcome(NamedTuple):
     episode_over: bool
 
 
-def _random_share(starts: Spec) -> float:
-    """Return the probability that an agent's learning episode begins at a random cell."""
-    return {"fixed": 0.0, "random": 1.0, "mixed": sum(starts.numbers)}[starts.kind]
-
-
 class World:
     """The joint state of a team on its map, stepped by joint actions.
 
@@ -109,7 +104,9 @@ class World:
         self._doorways = scenario.map.doorways
         self._motion = [Stream(seed, k, MOTION, phase) for k in numbers]
         self._start = [Stream(seed, k, START, phase) for k in numbers]
-        self._random_start = _random_share(scenario.starts) if phase == LEARNING else 0.0
+        self._exploring = None
+        if phase == LEARNING:
+            self._exploring = exploring_starts(scenario.starts, scenario.steps).tolist()
         self._random_cells: dict[int, list[int]] = {}
         self._any_doorway = scenario.conflict == "any_doorway"
         self._episode_start = self.step
@@ -167,12 +164,13 @@ class World:
         return len(set(occupied)) < len(occupied)
 
     def _place(self) -> None:
-        """Draw random starts where the protocol asks for them; never the goal itself."""
-        if self._random_start == 0.0:
+        """Draw exploring starts where the protocol asks for them; never the goal itself."""
+        if self._exploring is None:
             return
+        share = self._exploring[min(self.step, len(self._exploring) - 1)]
         for k in self.agents:
             coin, place = self._start[k].at(self.step)
-            if coin < self._random_start:
+            if coin < share:
                 free = self._cells_with_a_way(k)
                 self.cells[k] = free[int(place * len(free))]
 

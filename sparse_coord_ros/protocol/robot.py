@@ -177,6 +177,7 @@ class RobotProtocol:
                 if pending.step not in self._rewards:
                     return
                 self.agent.learn(
+                    pending.step,
                     pending.cell,
                     pending.decision,
                     pending.action,

@@ -179,7 +179,7 @@ def test_lines_7_and_9_break_ties_with_a_draw_of_their_own(agent, peer_cell):
 def test_line_18_updates_the_chosen_action_and_nothing_else(agent):
     tables, before = filled(), filled()
     one = agent(tables=tables)
-    one.learn(2, Decision(EAST, NOBODY), Action(EAST, False, NOBODY, False), None, -20.0, 3)
+    one.learn(1, 2, Decision(EAST, NOBODY), Action(EAST, False, NOBODY, False), None, -20.0, 3)
     # Q*(3, .) = 16 .. 20: the maximum is in the fifth column.
     before.q_star[2, EAST] = 0.5 * 13 + 0.5 * (-20 + 0.95 * 20)
     assert tables.q_star == pytest.approx(before.q_star, rel=1e-15)
@@ -190,7 +190,7 @@ def test_the_bootstrap_is_over_five_columns_for_both_tables(agent):
     tables, before = filled(), filled()
     tables.q_star[3] = before.q_star[3] = [1, 2, 3, 4, 50]
     one = agent(tables=tables)
-    one.learn(2, ASK, Action(SOUTH, True, 1, True), 5, 7.0, 3)
+    one.learn(1, 2, ASK, Action(SOUTH, True, 1, True), 5, 7.0, 3)
     before.q_star[2, COORDINATE] = 0.5 * before.q_star[2, 4] + 0.5 * (7 + 0.95 * 50)
     before.q_coord[2, 5, SOUTH] = 0.5 * before.q_coord[2, 5, 1] + 0.5 * (7 + 0.95 * 50)
     assert tables.q_star == pytest.approx(before.q_star, rel=1e-15)
@@ -203,7 +203,7 @@ def test_line_13_comes_before_line_18(agent):
     tables.q_star[2] = [1, 2, 3, 4, 10]
     tables.q_coord[2, 5, SOUTH] = 40
     one = agent(tables=tables)
-    one.learn(2, ASK, Action(SOUTH, True, 1, True), 5, 100.0, 2)
+    one.learn(1, 2, ASK, Action(SOUTH, True, 1, True), 5, 100.0, 2)
     bootstrap_before = 0.95 * 10
     assert tables.q_coord[2, 5, SOUTH] == 0.5 * 40 + 0.5 * (100 + bootstrap_before)
     assert tables.q_star[2, COORDINATE] == 0.5 * 10 + 0.5 * (100 + bootstrap_before)
@@ -214,7 +214,7 @@ def test_q_coord_bootstraps_on_q_star_not_on_itself(agent):
     tables.q_coord[:] = 1e6
     tables.q_star[3] = 2.0
     one = agent(tables=tables)
-    one.learn(2, ASK, Action(EAST, True, 1, True), 5, 0.0, 3)
+    one.learn(1, 2, ASK, Action(EAST, True, 1, True), 5, 0.0, 3)
     assert tables.q_coord[2, 5, EAST] == 0.5 * 1e6 + 0.5 * 0.95 * 2
 
 
@@ -222,7 +222,7 @@ def test_failed_percept_updates_coordinate_of_q_star_only(agent):
     """Line 18 credits COORDINATE, not the primitive action that it became."""
     tables, before = filled(), filled()
     one = agent(tables=tables)
-    one.learn(2, ASK, Action(WEST, True, 1, False), None, -1.0, 1)
+    one.learn(1, 2, ASK, Action(WEST, True, 1, False), None, -1.0, 1)
     before.q_star[2, COORDINATE] = 0.5 * 15 + 0.5 * (-1 + 0.95 * 10)
     assert tables.q_star == pytest.approx(before.q_star, rel=1e-15)
     assert (tables.q_coord == before.q_coord).all()
@@ -233,7 +233,7 @@ def test_the_goal_is_worth_goal_value_whatever_its_row_says(agent, goal_value):
     tables = filled()
     tables.q_star[6] = 5000.0
     one = agent(tables=tables, goal_value=goal_value)
-    one.learn(5, ASK, Action(EAST, True, 1, True), 3, 9.0, 6)
+    one.learn(1, 5, ASK, Action(EAST, True, 1, True), 3, 9.0, 6)
     assert tables.q_star[5, 4] == 0.5 * 30 + 0.5 * (9 + 0.95 * goal_value)
     assert tables.q_coord[5, 3, EAST] == 0.5 * (100 + 5 * 28 + 3 * 4 + 2) + 0.5 * (
         9 + 0.95 * goal_value
@@ -245,7 +245,7 @@ def test_only_the_own_goal_ends_learning(agent):
     tables = filled()
     tables.q_star[6] = 40.0
     one = agent(number=1, tables=tables, goal_value=200)  # its goal is cell 0
-    one.learn(5, Decision(EAST, NOBODY), Action(EAST, False, NOBODY, False), None, 0.0, 6)
+    one.learn(1, 5, Decision(EAST, NOBODY), Action(EAST, False, NOBODY, False), None, 0.0, 6)
     assert tables.q_star[5, EAST] == 0.5 * 28 + 0.5 * 0.95 * 40
 
 
@@ -253,7 +253,7 @@ def test_only_the_own_goal_ends_learning(agent):
 def test_baselines_bootstrap_over_four_columns_and_keep_nan(agent, learner):
     tables, before = filled(baseline=True), filled(baseline=True)
     one = agent(learner, tables=tables)
-    one.learn(2, Decision(NORTH, NOBODY), Action(NORTH, False, NOBODY, False), None, 0.0, 3)
+    one.learn(1, 2, Decision(NORTH, NOBODY), Action(NORTH, False, NOBODY, False), None, 0.0, 3)
     before.q_star[2, NORTH] = 0.5 * 11 + 0.5 * 0.95 * 19
     assert tables.q_star == pytest.approx(before.q_star, rel=1e-15, nan_ok=True)
     assert np.isnan(tables.q_star[:, COORDINATE]).all()
@@ -265,8 +265,8 @@ def test_step_sizes_count_the_updates_of_each_entry(agent):
     tables = Tables(np.zeros((7, 5)), np.zeros((7, 7, 4)))
     one = agent(tables=tables, step_size="power:1", discount=0)
     for reward, peer_cell in [(4.0, 5), (8.0, 5), (3.0, 1), (9.0, None)]:
-        one.learn(2, ASK, Action(EAST, True, 1, peer_cell is not None), peer_cell, reward, 2)
-    one.learn(2, Decision(EAST, NOBODY), Action(EAST, False, NOBODY, False), None, 7.0, 2)
+        one.learn(1, 2, ASK, Action(EAST, True, 1, peer_cell is not None), peer_cell, reward, 2)
+    one.learn(1, 2, Decision(EAST, NOBODY), Action(EAST, False, NOBODY, False), None, 7.0, 2)
     assert tables.q_star[2, COORDINATE] == pytest.approx(6.0, rel=1e-15)
     assert tables.q_coord[2, 5, EAST] == pytest.approx(6.0, rel=1e-15)
     assert tables.q_coord[2, 1, EAST] == 3.0
@@ -278,6 +278,6 @@ def test_without_learning_nothing_changes_and_nothing_is_explored(make):
     one = Agent(make(epsilon="constant:1"), 0, 0, tables=tables, learning=False)
     assert one.epsilon(0) == 0.0
     assert {one.decide(t, 2) for t in range(30)} == {ASK}
-    one.learn(2, ASK, Action(EAST, True, 1, True), 5, 99.0, 3)
+    one.learn(1, 2, ASK, Action(EAST, True, 1, True), 5, 99.0, 3)
     assert (tables.q_star == before.q_star).all()
     assert (tables.q_coord == before.q_coord).all()

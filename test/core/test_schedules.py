@@ -13,11 +13,13 @@ from sparse_coord_ros.core.schedules import EPSILON, STEP_SIZE, exploration, ste
 
 
 def test_constant_step_size():
-    assert step_sizes(STEP_SIZE.parse("constant:0.1"), 4)[1:].tolist() == [0.1] * 4
+    sizes = step_sizes(STEP_SIZE.parse("constant:0.1"), 4)
+    assert sizes.by_step.tolist() == [0.1] * 5
+    assert not sizes.by_count.any()
 
 
 def test_power_step_size():
-    table = step_sizes(STEP_SIZE.parse("power:0.5"), 16)
+    table = step_sizes(STEP_SIZE.parse("power:0.5"), 16).by_count
     assert table.shape == (17,)
     assert table.dtype == np.float64
     assert table[[1, 4, 16]].tolist() == [1.0, 0.5, 0.25]
@@ -25,13 +27,13 @@ def test_power_step_size():
 
 
 def test_power_zero_is_constant_one():
-    assert step_sizes(STEP_SIZE.parse("power:0"), 5)[1:].tolist() == [1.0] * 5
+    assert step_sizes(STEP_SIZE.parse("power:0"), 5).by_count[1:].tolist() == [1.0] * 5
 
 
 def test_power_step_sizes_do_not_depend_on_numpy_s_vector_instructions():
     code = (
         "import hashlib; from sparse_coord_ros.core.schedules import STEP_SIZE, step_sizes; "
-        "table = step_sizes(STEP_SIZE.parse('power:0.6'), 20000); "
+        "table = step_sizes(STEP_SIZE.parse('power:0.6'), 20000).by_count; "
         "print(hashlib.sha256(table.tobytes()).hexdigest())"
     )
     without = "AVX512F AVX512CD AVX512_SKX AVX512_CLX AVX512_CNL AVX512_ICL AVX512_SPR X86_V4"

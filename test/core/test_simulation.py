@@ -41,7 +41,7 @@ class Reference:
         self.scenario, self.learner, self.seed = scenario, learner, seed
         self.columns = 5 if learner == "coop" else 4
         self.epsilons = exploration(scenario.epsilon, scenario.steps)
-        self.alphas = step_sizes(scenario.step_size, scenario.steps)
+        self.alphas, self.floor = step_sizes(scenario.step_size, scenario.steps)
         self.see = percept_probabilities(scenario.perception, scenario.map)
         self.doors = scenario.map.doorways
         self.next_cell = scenario.map.next_cell
@@ -63,6 +63,14 @@ class Reference:
         sequence = np.random.SeedSequence(self.seed, spawn_key=(0, agent, role))
         return np.random.Generator(np.random.PCG64(sequence)).random((9 * self.horizon, width))
 
+    def exploring(self, t):
+        """Return the probability of an exploring start at time step t."""
+        kind, numbers = self.scenario.starts.kind, self.scenario.starts.numbers
+        if kind != "exploring":
+            return {"fixed": 0, "random": 1}.get(kind, sum(numbers))
+        first, last, fraction = numbers
+        return first + (last - first) * min(1.0, t / (fraction * self.scenario.steps))
+
     @property
     def horizon(self):
         return self.scenario.steps + 10
@@ -79,7 +87,7 @@ class Reference:
             begun, x, active = t, {}, set(members)
             for k in members:
                 x[k] = robots[k].start
-                if start[k][t, 0] < {"fixed": 0, "random": 1}.get(scenario.starts.kind, 0.5):
+                if start[k][t, 0] < self.exploring(t):
                     distance = scenario.map.distances_to(robots[k].goal)
                     free = [c for c in range(len(distance)) if distance[c] > 0]
                     x[k] = free[math.floor(start[k][t, 1] * len(free))]
@@ -105,8 +113,8 @@ class Reference:
                         value = scenario.goal_value
                     if peer_cell is not None:
                         entry = (x[k], peer_cell, move)
-                        self.update(q_coord, counts[k][1], entry, reward, value)
-                    self.update(q_star, counts[k][0], (x[k], action), reward, value)
+                        self.update(q_coord, counts[k][1], entry, t, reward, value)
+                    self.update(q_star, counts[k][0], (x[k], action), t, reward, value)
                 active = {k for k in active if y[k] != robots[k].goal}
                 x, t, made = y, t + 1, made + 1
                 if made == scenario.steps:
@@ -133,9 +141,11 @@ class Reference:
         best = np.flatnonzero(row == np.max(row))
         return int(best[math.floor(tie * len(best))])
 
-    def update(self, table, counts, entry, reward, value):
+    def update(self, table, counts, entry, t, reward, value):
         counts[entry] = counts.get(entry, 0) + 1
-        alpha = float(self.alphas[counts[entry]])
+        alpha = max(
+            float(self.alphas[counts[entry]]), float(self.floor[min(t, self.scenario.steps)])
+        )
         target = reward + self.scenario.discount * value
         table[entry] = (1.0 - alpha) * float(table[entry]) + alpha * target
 
@@ -150,6 +160,11 @@ class Reference:
         ("env1", "coop", {"max_steps": 7, "epsilon": "constant:0.5", "penalty": -100}),
         ("env1", "coop", {"perception": "never", "q_star_init": 0, "ask_cost": 0}),
         ("env2-2r", "coop", {"perception": "range:2", "starts": "mixed:0.5"}),
+        (
+            "env2-4r",
+            "coop",
+            {"starts": "exploring:0.9:0.2:0.5", "step_size": "floored:0.7:0.3:0.1"},
+        ),
         ("env2-4r", "coop", {"perception": "probability:0.7"}),
         ("env2-4r", "noncoop", {"conflict": "any_doorway"}),
         ("isr", "coop", {"perception": "line_of_sight", "move_success": 1}),

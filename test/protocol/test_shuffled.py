@@ -49,11 +49,11 @@ class SpyAgent(Agent):
         self.decided = step
         return super().decide(step, cell)
 
-    def learn(self, cell, decision, action, peer_cell, reward, next_cell):
+    def learn(self, step, cell, decision, action, peer_cell, reward, next_cell):
         seen = self.__dict__.setdefault("learned", {})
         assert self.decided not in seen
         seen[self.decided] = (cell, reward, next_cell)
-        super().learn(cell, decision, action, peer_cell, reward, next_cell)
+        super().learn(step, cell, decision, action, peer_cell, reward, next_cell)
 
 
 class RobotPort:

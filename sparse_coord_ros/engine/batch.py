@@ -1,0 +1,292 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Many independent learning runs and their trials, on all cores, bit for bit as single runs.
+
+Run i of a batch with seed S is the single run with seed S + i: the same draws, the same tables.
+With numba a run is one compiled loop without the interpreter's lock, and runs go on in threads;
+without it `core.simulation` and `core.evaluation` run in processes.
+"""
+
+import os
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
+from typing import NamedTuple
+
+import numpy as np
+
+from sparse_coord_ros.core.agent import Tables, initial_tables
+from sparse_coord_ros.core.algorithm import ACTIONS, PRIMITIVES
+from sparse_coord_ros.core.evaluation import Trials, play
+from sparse_coord_ros.core.perception import percept_probabilities
+from sparse_coord_ros.core.scenario import Scenario
+from sparse_coord_ros.core.schedules import exploration, exploring_starts, step_sizes
+from sparse_coord_ros.core.simulation import learn_agents
+from sparse_coord_ros.core.streams import (
+    DRAWS,
+    EVALUATION,
+    LEARNING,
+    MOTION,
+    PERCEPT,
+    POLICY,
+    START,
+    bit_generator,
+)
+from sparse_coord_ros.core.world import EPISODE_GAP, FIRST_STEP
+from sparse_coord_ros.engine import kernels
+from sparse_coord_ros.engine.compiled import Loops, compiled, has_numba
+from sparse_coord_ros.errors import SettingError
+
+BLOCK = 1024
+"""Time steps whose draws are made at once."""
+
+ENGINES = ("auto", "numba", "python")
+
+
+class Run(NamedTuple):
+    """One learning run and its trials.
+
+    Attributes:
+        seed: the run's seed.
+        tables: what each robot learned.
+        visited: joint states of Q^C that each robot has updated, shape (robots,).
+        trials: greedy trials with these tables, seeded by the run's seed; None where none.
+    """
+
+    seed: int
+    tables: list[Tables]
+    visited: np.ndarray
+    trials: Trials | None
+
+
+def run_batch(
+    scenario: Scenario,
+    learner: str,
+    seeds: Sequence[int],
+    *,
+    trials: int,
+    engine: str = "auto",
+    jobs: int | None = None,
+) -> Iterator[Run]:
+    """Learn once for each seed, play greedy trials, and yield the runs in the order of the seeds.
+
+    Args:
+        scenario: the problem and its protocol.
+        learner: "coop", "noncoop" or "indiv".
+        seeds: one run each.
+        trials: trials of each run; 0: none.
+        engine: "numba", "python", or "auto": numba where it is installed.
+        jobs: threads (or processes); all cores that this process may use where None.
+
+    Raises:
+        SettingError: numba is asked for and not installed.
+    """
+    jobs = len(os.sched_getaffinity(0)) if jobs is None else jobs
+    work = [(scenario, learner, seed, trials) for seed in seeds]
+    if not uses_numba(engine):
+        with ProcessPoolExecutor(jobs) as pool:
+            yield from _in_order(pool, _run_plain, work)
+        return
+    team = CompiledTeam(scenario, learner, compiled())
+    with ThreadPoolExecutor(jobs) as pool:
+        yield from _in_order(pool, team.run, [(seed, trials) for seed in seeds])
+
+
+def uses_numba(engine: str) -> bool:
+    """Whether an engine setting means numba on this machine.
+
+    Raises:
+        SettingError: numba is asked for and not installed.
+    """
+    if engine == "numba" and not has_numba():
+        raise SettingError(
+            "setting engine: value is 'numba', which is not installed; pip install numba, or "
+            "leave the engine out: plain Python computes the same bits"
+        )
+    return engine != "python" and has_numba()
+
+
+def _in_order(pool: Executor, function, work: list[tuple]) -> Iterator[Run]:
+    futures = [pool.submit(function, *arguments) for arguments in work]
+    try:
+        for i, future in enumerate(futures):
+            yield future.result()
+            futures[i] = None  # a run's tables can be large: keep none that was handed out
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _run_plain(scenario: Scenario, learner: str, seed: int, trials: int) -> Run:
+    agents = learn_agents(scenario, learner, seed)
+    tables = [agent.tables for agent in agents]
+    visited = np.array([agent.coord_visited for agent in agents])
+    played = play(scenario, tables, trials=trials, seed=seed) if trials else None
+    return Run(seed, tables, visited, played)
+
+
+class CompiledTeam:
+    """One scenario and learner as arrays, for many runs.
+
+    Args:
+        scenario: the problem and its protocol.
+        learner: "coop", "noncoop" or "indiv".
+        loops: the compiled (or plain) loops.
+    """
+
+    def __init__(self, scenario: Scenario, learner: str, loops: Loops) -> None:
+        self.scenario = scenario
+        self.learner = learner
+        self._loops = loops
+        everyone = np.arange(len(scenario.robots))
+        alone = [everyone[k : k + 1] for k in everyone]
+        groups = alone if learner == "indiv" else [everyone]
+        whole = _problem(scenario, learner, everyone)
+        self._learning = [whole._replace(members=members) for members in groups]
+        self._trying = whole._replace(
+            max_steps=scenario.horizon, exploring=np.zeros(1), epsilon=np.zeros(1)
+        )
+
+    def run(self, seed: int, trials: int) -> Run:
+        """Learn once and play greedy trials with what was learned."""
+        learners = self.learn(seed)
+        visited = (learners.coord_updates > 0).any(axis=2).sum(axis=1)
+        played = self.play(learners, seed, trials) if trials else None
+        return Run(seed, self.tables(learners), visited, played)
+
+    def learn(self, seed: int) -> kernels.Learners:
+        """Learn for the scenario's budget."""
+        learners = self._initial()
+        choice = _choice(len(self.scenario.robots))
+        for problem in self._learning:
+            game = _game(len(self.scenario.robots), FIRST_STEP)
+            blocks = _Blocks(seed, problem.members, len(problem.starts), LEARNING)
+            while game.clock[kernels.DONE] < problem.budget:
+                self._loops.learn_block(problem, learners, game, choice, blocks.next())
+        return learners
+
+    def play(self, learners: kernels.Learners, seed: int, trials: int) -> Trials:
+        """Play greedy trials."""
+        scenario = self.scenario
+        team = len(scenario.robots)
+        problem = self._trying._replace(budget=trials)
+        results = np.zeros((trials, team, 4))
+        asked = np.zeros((team, len(scenario.map.cells)), dtype=np.int64)
+        game = _game(team, FIRST_STEP + EPISODE_GAP)
+        choice = _choice(team)
+        blocks = _Blocks(seed, problem.members, team, EVALUATION)
+        while game.clock[kernels.DONE] < trials:
+            draws = blocks.next()
+            self._loops.try_block(problem, learners, game, choice, draws, results, asked)
+        times = results[:, :, kernels.TIME]
+        return Trials(
+            reward=results[:, :, kernels.REWARD],
+            time_to_goal=np.minimum(times, float(scenario.horizon)),
+            asks=results[:, :, kernels.ASKS],
+            arrived=times <= scenario.horizon,
+            miscoordinations=results[:, 0, kernels.CONFLICTS],
+            asked=asked,
+        )
+
+    def tables(self, learners: kernels.Learners) -> list[Tables]:
+        """Return what each robot learned, in the shapes of `core.agent`."""
+        cells = len(self.scenario.map.cells)
+        if self.learner != "coop":
+            initial = initial_tables(self.scenario, self.learner).q_coord
+            return [Tables(q_star, initial) for q_star in learners.q_star]
+        shape = (cells, cells, PRIMITIVES)
+        return [
+            Tables(q_star, q_coord.reshape(shape))
+            for q_star, q_coord in zip(learners.q_star, learners.q_coord, strict=True)
+        ]
+
+    def _initial(self) -> kernels.Learners:
+        scenario = self.scenario
+        team, cells = len(scenario.robots), len(scenario.map.cells)
+        star = initial_tables(scenario, self.learner).q_star
+        q_star = np.repeat(star[None], team, axis=0)
+        rows = cells * cells if self.learner == "coop" else 0
+        q_coord = np.full((team, rows, PRIMITIVES), scenario.q_coord_init)
+        return kernels.Learners(
+            q_star=q_star,
+            q_coord=q_coord,
+            star_updates=np.zeros(q_star.shape, dtype=np.int32),
+            coord_updates=np.zeros(q_coord.shape, dtype=np.int32),
+            keys=np.zeros((team, 0), dtype=np.int64),
+            used=np.zeros(team, dtype=np.int64),
+        )
+
+
+class _Blocks:
+    """The draws of a run, block after block: NumPy's own generators, one an agent and role."""
+
+    def __init__(self, seed: int, members: np.ndarray, team: int, phase: int) -> None:
+        self._first = 0
+        self._generators = [
+            (role, k, np.random.Generator(bit_generator(seed, int(k), role, phase)))
+            for k in members
+            for role in (POLICY, MOTION, PERCEPT, START)
+        ]
+        self._space = {role: np.empty((team, BLOCK, width)) for role, width in DRAWS.items()}
+
+    def next(self) -> kernels.Draws:
+        for role, k, generator in self._generators:
+            generator.random(out=self._space[role][k])
+        draws = kernels.Draws(
+            self._first,
+            self._space[POLICY],
+            self._space[MOTION][:, :, 0],
+            self._space[PERCEPT][:, :, 0],
+            self._space[START],
+        )
+        self._first += BLOCK
+        return draws
+
+
+def _game(team: int, step: int) -> kernels.Game:
+    clock = np.zeros(4, dtype=np.int64)
+    clock[kernels.STEP] = step
+    return kernels.Game(clock, np.zeros(team, dtype=np.int64), np.zeros(team, dtype=np.int8))
+
+
+def _choice(team: int) -> kernels.Choice:
+    return kernels.Choice(*np.zeros((4, team), dtype=np.int64))
+
+
+def _problem(scenario: Scenario, learner: str, members: np.ndarray) -> kernels.Problem:
+    grid, robots = scenario.map, scenario.robots
+    cells = len(grid.cells)
+    doorway = np.zeros(cells, dtype=np.bool_)
+    doorway[sorted(grid.doorways)] = True
+    free = [np.flatnonzero(grid.distances_to(robot.goal) > 0) for robot in robots]
+    start_cells = np.zeros((len(robots), max(map(len, free))), dtype=np.int64)
+    for k, choices in enumerate(free):
+        start_cells[k, : len(choices)] = choices
+    alpha = step_sizes(scenario.step_size, scenario.steps)
+    discounts = [1.0]
+    for _ in range(scenario.horizon):
+        discounts.append(discounts[-1] * scenario.discount)
+    return kernels.Problem(
+        members=members,
+        starts=np.array([robot.start for robot in robots]),
+        goals=np.array([robot.goal for robot in robots]),
+        next_cell=np.ascontiguousarray(grid.next_cell, dtype=np.int64),
+        doorway=doorway,
+        percept=percept_probabilities(scenario.perception, grid),
+        all_peers=False,
+        any_doorway=scenario.conflict == "any_doorway",
+        penalties=np.full(len(robots), scenario.penalty),
+        start_cells=start_cells,
+        start_counts=np.array([len(choices) for choices in free]),
+        exploring=exploring_starts(scenario.starts, scenario.steps),
+        epsilon=exploration(scenario.epsilon, scenario.steps),
+        alpha_by_count=alpha.by_count,
+        alpha_by_step=alpha.by_step,
+        discounts=np.array(discounts),
+        actions=len(ACTIONS) if learner == "coop" else PRIMITIVES,
+        budget=scenario.steps,
+        max_steps=scenario.max_steps,
+        move_success=scenario.move_success,
+        goal_reward=scenario.goal_reward,
+        ask_cost=scenario.ask_cost,
+        discount=scenario.discount,
+        goal_value=scenario.goal_value,
+    )

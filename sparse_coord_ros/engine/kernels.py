@@ -1,0 +1,361 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Learning and trials as loops over arrays, for numba to compile.
+
+What `core.agent` and `core.world` do object by object, here step by step on arrays; the choices
+and the update are the very functions of `core.algorithm`. Plain Python runs these loops too, with
+the same bits.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from sparse_coord_ros.core.algorithm import (
+    COORDINATE,
+    PRIMITIVES,
+    epsilon_greedy,
+    greatest,
+    greedy,
+    step_size,
+    updated,
+)
+from sparse_coord_ros.core.streams import EXPLORE, EXPLORED_ACTION, PEER, PRIMITIVE_TIE, TIE
+from sparse_coord_ros.core.world import EPISODE_GAP
+
+NO_ROW = -1
+"""In place of a row of Q^C: nothing was perceived."""
+
+FREE_PLACE = -1
+"""In place of a key: a free place of a sparse table."""
+
+STEP, EPISODE_START, DONE, PLACED = range(4)
+"""Entries of `Game.clock`: time step, first step of the episode, transitions (or trials) done,
+whether the episode has begun."""
+
+REWARD, TIME, ASKS, CONFLICTS = range(4)
+"""Last axis of a trial's result."""
+
+
+class Problem(NamedTuple):
+    """A scenario for one learner, as arrays; k is a robot, x its cell.
+
+    Attributes:
+        members: the robots that act.
+        starts: start cell [k].
+        goals: goal cell [k].
+        next_cell: where a move leads [x, action].
+        doorway: whether a cell is one [x].
+        percept: probability that a percept succeeds [x, cell of the peer].
+        all_peers: whether COORDINATE perceives every peer (footnote 3), or one drawn at random.
+        any_doorway: whether two robots in any doorways are a miscoordination.
+        penalties: r^C of a miscoordination [k].
+        start_cells: cells where an exploring start can be [k, number].
+        start_counts: how many they are [k].
+        exploring: probability of an exploring start [time step].
+        epsilon: probability of an explored action [time step].
+        alpha_by_count: step size [number of the entry's update].
+        alpha_by_step: least step size [time step].
+        discounts: gamma to the power of [steps].
+        actions: 5 with COORDINATE, 4 for the baselines.
+        budget: transitions to learn from.
+        max_steps: steps after which an episode ends.
+        move_success: probability that a move succeeds.
+        goal_reward: r^I at the goal.
+        ask_cost: cost of COORDINATE.
+        discount: gamma.
+        goal_value: value of being at the goal while learning.
+    """
+
+    members: np.ndarray
+    starts: np.ndarray
+    goals: np.ndarray
+    next_cell: np.ndarray
+    doorway: np.ndarray
+    percept: np.ndarray
+    all_peers: bool
+    any_doorway: bool
+    penalties: np.ndarray
+    start_cells: np.ndarray
+    start_counts: np.ndarray
+    exploring: np.ndarray
+    epsilon: np.ndarray
+    alpha_by_count: np.ndarray
+    alpha_by_step: np.ndarray
+    discounts: np.ndarray
+    actions: int
+    budget: int
+    max_steps: int
+    move_success: float
+    goal_reward: float
+    ask_cost: float
+    discount: float
+    goal_value: float
+
+
+class Learners(NamedTuple):
+    """The tables of all robots.
+
+    Attributes:
+        q_star: Q*, [k, x, action].
+        q_coord: Q^C, [k, row, action]; a dense table has a row for each joint state.
+        star_updates: updates of each entry of Q*.
+        coord_updates: updates of each entry of Q^C.
+        keys: joint state of each row of a sparse table, or `FREE_PLACE`, [k, row]; the number of
+            rows is a power of two. Dense tables have none: shape (k, 0).
+        used: rows in use of a sparse table [k].
+    """
+
+    q_star: np.ndarray
+    q_coord: np.ndarray
+    star_updates: np.ndarray
+    coord_updates: np.ndarray
+    keys: np.ndarray
+    used: np.ndarray
+
+
+class Game(NamedTuple):
+    """A game in progress: the clock, each robot's cell, and whether it has arrived."""
+
+    clock: np.ndarray
+    cells: np.ndarray
+    arrived: np.ndarray
+
+
+class Choice(NamedTuple):
+    """What each robot chose at this time step.
+
+    Attributes:
+        cells: the cell that it was in.
+        actions: A_k(t), 0 to 4.
+        moves: the primitive action that it became.
+        rows: the row of Q^C that was perceived, or `NO_ROW`.
+    """
+
+    cells: np.ndarray
+    actions: np.ndarray
+    moves: np.ndarray
+    rows: np.ndarray
+
+
+class Draws(NamedTuple):
+    """The draws of a block of time steps, [k, time step - first, draw]."""
+
+    first: int
+    policy: np.ndarray
+    motion: np.ndarray
+    percept: np.ndarray
+    start: np.ndarray
+
+
+def place(problem, game, draws):
+    """Begin an episode: every robot at its start, or at an exploring start."""
+    clock = game.clock
+    step = clock[STEP]
+    now = step - draws.first
+    exploring = problem.exploring[min(step, len(problem.exploring) - 1)]
+    for k in range(len(problem.starts)):
+        game.cells[k] = problem.starts[k]
+        game.arrived[k] = 1
+    for k in problem.members:
+        game.arrived[k] = 0
+        if draws.start[k, now, 0] < exploring:
+            pick = int(draws.start[k, now, 1] * problem.start_counts[k])
+            game.cells[k] = problem.start_cells[k, pick]
+    clock[EPISODE_START] = step
+    clock[PLACED] = 1
+
+
+def find_row(keys, key):
+    """Return the row of a joint state in a sparse table, or the free place that it would take.
+
+    Open addressing with linear probing; the table must have a free place.
+    """
+    mask = len(keys) - 1
+    row = (key ^ key >> 7 ^ key >> 17) & mask
+    while keys[row] != FREE_PLACE and keys[row] != key:
+        row = (row + 1) & mask
+    return row
+
+
+def perceived_row(problem, learners, game, k, draws, now):
+    """Return the row of Q^C that robot k's COORDINATE perceives, or `NO_ROW`."""
+    cells = game.cells
+    x = cells[k]
+    size = len(problem.doorway)
+    team = len(cells)
+    draw = draws.percept[k, now]
+    if problem.all_peers:
+        key = x
+        for peer in range(team):
+            if peer != k:
+                if draw >= problem.percept[x, cells[peer]]:
+                    return NO_ROW
+                key = key * size + cells[peer]
+    else:
+        peer = int(draws.policy[k, now, PEER] * (team - 1))
+        if peer >= k:
+            peer += 1
+        if draw >= problem.percept[x, cells[peer]]:
+            return NO_ROW
+        key = x * size + cells[peer]
+    if learners.keys.shape[1] == 0:
+        return key
+    row = find_row(learners.keys[k], key)
+    if learners.keys[k, row] == FREE_PLACE:
+        learners.keys[k, row] = key
+        learners.used[k] += 1
+    return row
+
+
+def choose(problem, learners, game, choice, draws, now, epsilon):
+    """Let every robot that has not arrived choose (Algorithm 1, lines 4 to 10)."""
+    for k in problem.members:
+        if game.arrived[k]:
+            continue
+        x = game.cells[k]
+        values = learners.q_star[k, x]
+        action = epsilon_greedy(
+            values,
+            problem.actions,
+            epsilon,
+            draws.policy[k, now, EXPLORE],
+            draws.policy[k, now, EXPLORED_ACTION],
+            draws.policy[k, now, TIE],
+        )
+        move = action
+        row = NO_ROW
+        if action == COORDINATE:
+            if len(game.cells) > 1:
+                row = perceived_row(problem, learners, game, k, draws, now)
+            tie = draws.policy[k, now, PRIMITIVE_TIE]
+            if row == NO_ROW:
+                move = greedy(values, PRIMITIVES, tie)
+            else:
+                move = greedy(learners.q_coord[k, row], PRIMITIVES, tie)
+        choice.cells[k] = x
+        choice.actions[k] = action
+        choice.moves[k] = move
+        choice.rows[k] = row
+
+
+def move(problem, game, choice, draws, now):
+    """Move every robot that acts; return whether the step ends in a miscoordination."""
+    cells = game.cells
+    members = problem.members
+    for k in members:
+        if not game.arrived[k] and draws.motion[k, now] < problem.move_success:
+            cells[k] = problem.next_cell[cells[k], choice.moves[k]]
+    for i in range(len(members)):
+        here = cells[members[i]]
+        if problem.doorway[here]:
+            for j in range(i):
+                there = cells[members[j]]
+                if there == here or (problem.any_doorway and problem.doorway[there]):
+                    return True
+    return False
+
+
+def learn_block(problem, learners, game, choice, draws):
+    """Learn until the block of draws, or the budget, is used up (Algorithm 1)."""
+    q_star, q_coord = learners.q_star, learners.q_coord
+    clock, arrived = game.clock, game.arrived
+    end = draws.first + draws.policy.shape[1]
+    last = len(problem.epsilon) - 1
+    while clock[DONE] < problem.budget and clock[STEP] < end:
+        if not clock[PLACED]:
+            place(problem, game, draws)
+        step = clock[STEP]
+        now = step - draws.first
+        scheduled = min(step, last)
+        choose(problem, learners, game, choice, draws, now, problem.epsilon[scheduled])
+        conflict = move(problem, game, choice, draws, now)
+        least_alpha = problem.alpha_by_step[scheduled]
+        over = True
+        for k in problem.members:
+            if arrived[k]:
+                continue
+            x, y = choice.cells[k], game.cells[k]
+            action, row = choice.actions[k], choice.rows[k]
+            home = y == problem.goals[k]
+            individual = problem.goal_reward if home else 0.0
+            common = problem.penalties[k] if conflict else 0.0
+            cost = -problem.ask_cost if action == COORDINATE else 0.0
+            reward = individual + common + cost
+            if home:
+                arrived[k] = 1
+                bootstrap = problem.goal_value
+            else:
+                over = False
+                bootstrap = greatest(q_star[k, y], problem.actions)
+            if row != NO_ROW:
+                primitive = choice.moves[k]
+                count = learners.coord_updates[k, row, primitive] + 1
+                learners.coord_updates[k, row, primitive] = count
+                alpha = step_size(problem.alpha_by_count[count], least_alpha)
+                q_coord[k, row, primitive] = updated(
+                    q_coord[k, row, primitive], alpha, reward, problem.discount, bootstrap
+                )
+            count = learners.star_updates[k, x, action] + 1
+            learners.star_updates[k, x, action] = count
+            alpha = step_size(problem.alpha_by_count[count], least_alpha)
+            q_star[k, x, action] = updated(
+                q_star[k, x, action], alpha, reward, problem.discount, bootstrap
+            )
+        clock[STEP] = step + 1
+        clock[DONE] += 1
+        if over or clock[STEP] - clock[EPISODE_START] >= problem.max_steps:
+            clock[STEP] += EPISODE_GAP
+            clock[PLACED] = 0
+
+
+def try_block(problem, learners, game, choice, draws, results, asked):
+    """Play greedy trials until the block of draws, or the trials, are used up.
+
+    Args:
+        problem: the scenario; `budget` trials of at most `max_steps` steps.
+        learners: the learned tables.
+        game: the game in progress.
+        choice: space for the robots' choices.
+        draws: the block of draws.
+        results: filled, [trial, k, REWARD to CONFLICTS]; TIME is the horizon, and one more, for
+            a robot that does not arrive.
+        asked: counted up where COORDINATE is chosen, [k, x].
+    """
+    clock, cells, arrived = game.clock, game.cells, game.arrived
+    end = draws.first + draws.policy.shape[1]
+    never = problem.max_steps + 1
+    while clock[DONE] < problem.budget and clock[STEP] < end:
+        if not clock[PLACED]:
+            place(problem, game, draws)
+        step = clock[STEP]
+        now = step - draws.first
+        elapsed = step - clock[EPISODE_START]
+        result = results[clock[DONE]]
+        choose(problem, learners, game, choice, draws, now, 0.0)
+        conflict = move(problem, game, choice, draws, now)
+        over = True
+        discount = problem.discounts[elapsed]
+        for k in problem.members:
+            common = problem.penalties[k] if conflict else 0.0
+            cost = 0.0
+            if not arrived[k] and choice.actions[k] == COORDINATE:
+                cost = -problem.ask_cost
+                result[k, ASKS] += 1
+                asked[k, choice.cells[k]] += 1
+            result[k, REWARD] += discount * (common + cost)
+            result[k, CONFLICTS] += conflict
+            if arrived[k]:
+                continue
+            if cells[k] == problem.goals[k]:
+                arrived[k] = 1
+                result[k, TIME] = elapsed + 1
+                result[k, REWARD] += discount * problem.goal_reward / (1.0 - problem.discount)
+            else:
+                over = False
+                result[k, TIME] = never
+        clock[STEP] = step + 1
+        if over or clock[STEP] - clock[EPISODE_START] >= problem.max_steps:
+            clock[STEP] += EPISODE_GAP
+            clock[PLACED] = 0
+            clock[DONE] += 1
