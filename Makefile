@@ -6,7 +6,7 @@ PYTHON ?= python3
 # Stay on this machine, so that demos on one network do not meet.
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: demo test lint bench clean
+.PHONY: demo test reproduce study lint bench clean
 
 demo: $(VENV)/installed
 	$(BIN)/sparse_coord run env1 --steps 10000 --seed 7 --out $(RUN)
@@ -15,6 +15,14 @@ demo: $(VENV)/installed
 
 test: $(VENV)/installed
 	$(BIN)/python -m pytest
+
+# Every experiment: tables, figures and the text of docs/reproduction.md, into results/.
+reproduce: $(VENV)/installed
+	$(BIN)/sparse_coord reproduce --out results
+
+# The search for the learning protocol: the text of docs/protocol.md, into study/.
+study: $(VENV)/installed
+	$(BIN)/sparse_coord study --out study
 
 lint: $(VENV)/installed
 	$(BIN)/ruff check .
@@ -38,9 +46,9 @@ $(VENV)/installed: setup.py pyproject.toml Makefile
 	@echo "installing into $(VENV) ..."
 	@$(PYTHON) -m venv --clear --system-site-packages $(VENV)
 	@if $(BIN)/python -c 'import rclpy' 2>/dev/null; then \
-	  $(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[test,lint]'; \
+	  $(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[fast,test,lint]'; \
 	else \
 	  $(PYTHON) -m venv --clear $(VENV) && \
-	  $(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[ros,test,lint]'; \
+	  $(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[ros,fast,test,lint]'; \
 	fi
 	@touch $@

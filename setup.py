@@ -16,6 +16,7 @@ setup(
     license="Apache-2.0",
     python_requires=">=3.11",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
+    package_data={f"{PACKAGE}.bench": ["*.c"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
@@ -24,10 +25,12 @@ setup(
         (f"share/{PACKAGE}/launch", glob("launch/*.launch.py")),
     ],
     zip_safe=False,
-    install_requires=["setuptools", "numpy", "PyYAML", "mcap>=1.6"],
+    install_requires=["setuptools", "numpy", "PyYAML", "mcap>=1.6", "matplotlib", "tqdm"],
     extras_require={
         # ROS 2 from PyPI, for machines that have none; never needed beside an installed ROS 2.
         "ros": ["ros-jazzy-rclpy[fastrtps]", "ros-jazzy-common-interfaces"],
+        # Compiles the batch engine: the same results, two orders of magnitude faster.
+        "fast": ["numba"],
         "test": ["pytest", "rosbags", "mcap-ros2-support"],
         "lint": ["ruff"],
     },

@@ -10,29 +10,26 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.patches import Circle, Rectangle
+from matplotlib.patches import Circle
 from rosbags.highlevel import AnyReader
 
 from sparse_coord_ros.core.algorithm import COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.grid import MOVES
 from sparse_coord_ros.core.run_config import load_run
 from sparse_coord_ros.core.tables import load_team
+from sparse_coord_ros.engine.report.maps import draw_map
 
-COLOURS = ("tab:blue", "tab:orange", "tab:green", "tab:red")
+COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#F0E442", "#D55E00", "black")
 
 
-def draw_map(axes, run, tables):
-    """Draw cells, doorways, starts, goals, and every robot's greedy action in every cell."""
-    grid = run.scenario.map
-    rows, columns = grid.shape
-    axes.add_patch(Rectangle((0, 0), columns, rows, color="0.25"))
-    for x, (row, column) in enumerate(grid.cells):
-        colour = "0.75" if x in grid.doorways else "white"
-        axes.add_patch(Rectangle((column, row), 1, 1, facecolor=colour, edgecolor="0.85"))
-    team = len(run.scenario.robots)
-    for k, robot in enumerate(run.scenario.robots):
+def draw_policies(axes, run, tables):
+    """Draw the map and every robot's greedy action in every cell; a ring: it asks there."""
+    scenario = run.scenario
+    draw_map(axes, scenario, label_size=8, label_height=0.13)
+    team = len(scenario.robots)
+    for k, robot in enumerate(scenario.robots):
         shift = 0.18 * (k - (team - 1) / 2)
-        for x, (row, column) in enumerate(grid.cells):
+        for x, (row, column) in enumerate(scenario.map.cells):
             if x == robot.goal:
                 continue
             values = tables[k].q_star[x]
@@ -47,11 +44,7 @@ def draw_map(axes, run, tables):
             )
             if asks:
                 axes.add_patch(Circle(centre, 0.2, fill=False, color=COLOURS[k], lw=1.6))
-        for cell, text in ((robot.start, f"{k + 1}"), (robot.goal, f"goal {k + 1}")):
-            row, column = grid.cells[cell]
-            axes.text(column + 0.5, row + 0.12, text, ha="center", va="center", fontsize=8)
-    axes.set(xlim=(0, columns), ylim=(rows, 0), xticks=[], yticks=[], aspect="equal")
-    axes.set_title(f"{run.scenario.name}: greedy actions after learning")
+    axes.set_title(f"{scenario.name}: greedy actions after learning")
 
 
 def episode_lengths(bag, robots):
@@ -72,14 +65,14 @@ def main(directory, picture):
     run = load_run(directory)
     tables = load_team(directory, run.scenario)
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4.2), layout="constrained")
-    draw_map(left, run, tables)
+    draw_policies(left, run, tables)
     first, length = episode_lengths(directory / "bag", [r.name for r in run.scenario.robots])
     right.semilogy(first, length, ".", color="0.7", markersize=4, label="one episode")
     window = 25
     if len(length) >= window:
         medians = [np.median(length[i : i + window]) for i in range(len(length) - window + 1)]
         middle = first[window // 2 : window // 2 + len(medians)]
-        right.semilogy(middle, medians, color="tab:blue", label=f"median of {window}")
+        right.semilogy(middle, medians, color=COLOURS[0], label=f"median of {window}")
     right.set(xlabel="time step", ylabel="steps until all robots have arrived")
     right.set_title("live over ROS 2, read from the bag")
     right.legend()

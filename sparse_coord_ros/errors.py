@@ -41,6 +41,10 @@ class TablesError(SparseCoordError):
     """Learned tables are missing, malformed or do not fit the scenario."""
 
 
+class ResultsError(SparseCoordError):
+    """A results directory cannot be used."""
+
+
 class BagError(SparseCoordError):
     """A bag cannot be created or written, or a message type's definition is not installed."""
 

@@ -1,22 +1,27 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`sparse_coord bench`: steps a second, beside the ceiling of bare rclpy nodes."""
+"""`sparse_coord bench`: speed of live runs beside bare nodes, of batches beside a plain C loop."""
 
 import argparse
 import statistics
 import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 
+from sparse_coord_ros.bench import batch
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.settings import Setting
 from sparse_coord_ros.core.simulation import learn
+from sparse_coord_ros.errors import RunError
 
 SCENARIO = "env1"
-STEPS = Setting("steps", int, 10_000, "time steps of a live run", low=100, high=10_000_000)
+PARTS = ("live", "batch", "all")
+STEPS = Setting("steps", int, 10_000, "time steps of a run", low=100, high=10_000_000)
 REPEATS = Setting("repeats", int, 3, "how often each figure is measured", low=1, high=100)
+RUNS = Setting("runs", int, 1000, "learning runs of a batch", low=1, high=1_000_000)
 
 
 def add_parser(verbs) -> None:
@@ -24,19 +29,55 @@ def add_parser(verbs) -> None:
     parser = shared.add_verb(
         verbs,
         "bench",
-        help="measure steps a second of env1, beside bare rclpy nodes passing the same messages",
-        example="sparse_coord bench --repeats 1",
+        help="measure the speed of env1: live, beside bare rclpy nodes passing the same messages, "
+        "and the batch engine, beside a plain C loop of the same work",
+        example="sparse_coord bench batch --runs 100 --repeats 1",
     )
-    parser.add_argument("--steps", default="10000", help="steps of a live run (default: 10000)")
+    parser.add_argument(
+        "part", nargs="?", choices=PARTS, default="all", help="what to measure (default: all)"
+    )
+    parser.add_argument("--steps", default="10000", help="steps of a run (default: 10000)")
     parser.add_argument("--repeats", default="3", help="measurements a figure (default: 3)")
+    parser.add_argument("--runs", default="1000", help="runs of a batch (default: 1000)")
     shared.add_json(parser)
     parser.set_defaults(execute=execute)
 
 
 def execute(options: argparse.Namespace) -> int:
-    """Run the verb: the figures in turn, as often as asked, then their medians."""
+    """Run the verb: live runs, then batches; each figure as often as asked, then the medians."""
     steps, repeats = STEPS.parse(options.steps), REPEATS.parse(options.repeats)
-    from sparse_coord_ros.bench import ceiling
+    runs = RUNS.parse(options.runs)
+    data = {"scenario": SCENARIO, "steps": steps}
+    tables = []
+    if options.part != "batch":
+        found = _measure_live(steps, repeats)
+        data["steps_per_second"] = found
+        tables.append(_live_table(found))
+    if options.part != "live":
+        figures = batch.measure(SCENARIO, steps=steps, runs=runs, repeats=repeats)
+        data["batch"] = {**asdict(figures), "engine_to_c": figures.engine_to_c}
+        tables.append(_batch_table(figures))
+    if options.json:
+        shared.print_json(data)
+    else:
+        print("\n\n".join(tables))
+    return 0
+
+
+def _measure_live(steps: int, repeats: int) -> dict[str, list[float]]:
+    """Return steps a second of live runs and of what they are measured against.
+
+    Raises:
+        RunError: ROS 2 is not there.
+    """
+    try:
+        from sparse_coord_ros.bench import ceiling
+    except ImportError as error:
+        raise RunError(
+            f"ROS 2 is not there ({error}); source a ROS 2 Jazzy installation, install this "
+            "package with the extra 'ros' (pip install '.[ros]'), or use 'sparse_coord bench "
+            "batch'"
+        ) from None
 
     measures: dict[str, Callable[[], float]] = {
         "without ROS (train)": lambda: _simulated(steps),
@@ -51,10 +92,11 @@ def execute(options: argparse.Namespace) -> int:
     for _ in range(repeats):
         for name, measure in measures.items():
             found[name].append(measure())
+    return found
+
+
+def _live_table(found: dict[str, list[float]]) -> str:
     medians = {name: statistics.median(values) for name, values in found.items()}
-    if options.json:
-        shared.print_json({"scenario": SCENARIO, "steps": steps, "steps_per_second": found})
-        return 0
     rows = []
     for name, median in medians.items():
         bare = medians.get(f"{name.split(',')[0]}, bare rclpy nodes")
@@ -62,8 +104,50 @@ def execute(options: argparse.Namespace) -> int:
         spread = f"{min(found[name]):.0f} to {max(found[name]):.0f}"
         rows.append([name, f"{median:.0f}", spread, share])
     head = [f"{SCENARIO}, 2 robots, events executor", "steps/s", "range", "of bare nodes"]
-    print(shared.format_table(head, rows))
-    return 0
+    return shared.format_table(head, rows)
+
+
+def _batch_table(figures: batch.BatchFigures) -> str:
+    c_loop = {
+        figure.threads: figure.median for figure in figures.figures if figure.name == batch.C_LOOP
+    }
+    rows, notes = [], []
+    for figure in figures.figures:
+        name = f"{figure.name}, {figure.threads} thread{'s' * (figure.threads > 1)}"
+        median = figure.median
+        if median is None:
+            rows.append([name, "-", "-", "-", "-"])
+            if f"{figure.name}: {figure.missing}" not in notes:
+                notes.append(f"{figure.name}: {figure.missing}")
+            continue
+        low, high = min(figure.agent_steps_per_second), max(figure.agent_steps_per_second)
+        against = c_loop.get(figure.threads)
+        rows.append(
+            [
+                name,
+                _millions(median),
+                f"{_millions(low)} to {_millions(high)}",
+                _millions(median / figure.threads),
+                f"{median / against:.0%}" if against else "-",
+            ]
+        )
+    head = [
+        f"{figures.scenario}, Coop., {figures.runs} runs of {figures.steps} steps",
+        "M agent-steps/s",
+        "range",
+        "per core",
+        "of the C loop",
+    ]
+    if figures.compile_seconds is not None and figures.peak_memory is not None:
+        notes.append(
+            f"engine: compiles in {figures.compile_seconds:.1f} s, once a process (not counted "
+            f"above); peak memory {figures.peak_memory / 1e6:.0f} MB"
+        )
+    return "\n".join([shared.format_table(head, rows), *notes])
+
+
+def _millions(rate: float) -> str:
+    return f"{rate / 1e6:.2f}"
 
 
 def _simulated(steps: int) -> float:

@@ -8,11 +8,11 @@ import sys
 from collections.abc import Sequence
 
 from sparse_coord_ros import __version__
-from sparse_coord_ros.cli import bench, evaluate, maps, optimum, run, train
+from sparse_coord_ros.cli import bench, evaluate, maps, optimum, reproduce, run, study, train
 from sparse_coord_ros.cli.options import Parser
 from sparse_coord_ros.errors import EXIT_BAD_INPUT, SparseCoordError
 
-VERBS = (run, train, evaluate, optimum, maps, bench)
+VERBS = (run, train, evaluate, optimum, maps, reproduce, study, bench)
 INTERRUPTED = 130
 
 

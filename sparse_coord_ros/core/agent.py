@@ -6,6 +6,7 @@ The robot node and the simulation without ROS drive this same object; the number
 functions of `algorithm`.
 """
 
+from collections import Counter
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +23,7 @@ from sparse_coord_ros.core.algorithm import (
 )
 from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.schedules import exploration, step_sizes
+from sparse_coord_ros.core.sparse import SparseTable
 from sparse_coord_ros.core.streams import (
     EXPLORE,
     EXPLORED_ACTION,
@@ -45,11 +47,13 @@ class Tables(NamedTuple):
 
     Attributes:
         q_star: Q*_k, shape (cells, 5), float64; column 4 (COORDINATE) is NaN for a baseline.
-        q_coord: Q^C_k, shape (cells, cells, 4), float64; first index the own cell.
+        q_coord: Q^C_k, shape (cells, cells, 4), float64; first index the own cell, second the
+            perceived peer's. Where COORDINATE perceives several peers, a sparse table over the
+            joint state: the own cell, then the peers' in ascending order of robots.
     """
 
     q_star: np.ndarray
-    q_coord: np.ndarray
+    q_coord: np.ndarray | SparseTable
 
 
 def initial_tables(scenario: Scenario, learner: str) -> Tables:
@@ -58,6 +62,8 @@ def initial_tables(scenario: Scenario, learner: str) -> Tables:
     q_star = np.full((cells, len(ACTIONS)), scenario.q_star_init)
     if learner != "coop":
         q_star[:, COORDINATE] = np.nan
+    if scenario.sparse:
+        return Tables(q_star, SparseTable(cells, scenario.perceived, scenario.q_coord_init))
     return Tables(q_star, np.full((cells, cells, PRIMITIVES), scenario.q_coord_init))
 
 
@@ -66,11 +72,11 @@ class Decision(NamedTuple):
 
     Attributes:
         action: A_k(t), 0 to 4.
-        peer: the agent to ask where the action is COORDINATE, else -1.
+        peers: the agents to ask where the action is COORDINATE, in ascending order; else none.
     """
 
     action: int
-    peer: int
+    peers: tuple[int, ...] = ()
 
 
 class Agent:
@@ -106,7 +112,8 @@ class Agent:
         self.goal = scenario.robots[number].goal
         self.actions = len(ACTIONS) if learner == "coop" else PRIMITIVES
         self.tables = initial_tables(scenario, learner) if tables is None else tables
-        self._peers = [k for k in range(len(scenario.robots)) if k != number]
+        self._peers = tuple(k for k in range(len(scenario.robots)) if k != number)
+        self._asks_all = scenario.peers == "all"
         self._draws = Stream(seed, number, POLICY, phase)
         budget = scenario.steps if learning else 0
         self._epsilon = exploration(scenario.epsilon, budget)
@@ -114,12 +121,12 @@ class Agent:
         self._discount = scenario.discount
         self._goal_value = scenario.goal_value
         self._star_updates = np.zeros(self.tables.q_star.shape, dtype=np.int64)
-        self._coord_updates = np.zeros(self.tables.q_coord.shape, dtype=np.int64)
+        self._coord_updates: Counter[tuple[int, ...]] = Counter()
 
     @property
     def coord_visited(self) -> int:
         """Number of joint states whose entries in Q^C were updated."""
-        return int((self._coord_updates > 0).any(axis=-1).sum())
+        return len({entry[:-1] for entry in self._coord_updates})
 
     def epsilon(self, step: int) -> float:
         """Return the probability of exploring at a time step; 0 without learning."""
@@ -139,27 +146,32 @@ class Agent:
             draws[EXPLORED_ACTION],
             draws[TIE],
         )
-        if action != COORDINATE or not self._peers:
-            return Decision(action, NOBODY)
-        return Decision(action, self._peers[int(draws[PEER] * len(self._peers))])
+        if action != COORDINATE:
+            return Decision(action)
+        if self._asks_all or not self._peers:
+            return Decision(action, self._peers)
+        return Decision(action, (self._peers[int(draws[PEER] * len(self._peers))],))
 
-    def act(self, step: int, cell: int, decision: Decision, peer_cell: int | None) -> Action:
+    def act(
+        self, step: int, cell: int, decision: Decision, perceived: tuple[int, ...] | None
+    ) -> Action:
         """Turn the decision into a primitive action (Algorithm 1, lines 5 to 10).
 
         Args:
             step: t.
             cell: X_k(t).
             decision: what `decide` returned for this step.
-            peer_cell: the perceived local state of the peer; None where ActivePercept is FALSE.
+            perceived: the local states of the asked peers; None where ActivePercept is FALSE.
         """
         if decision.action != COORDINATE:
             return Action(decision.action, False, NOBODY, False)
         tie = self._draws.at(step)[PRIMITIVE_TIE]
-        if peer_cell is None:
+        if perceived is None:
             move = greedy(self.tables.q_star[cell].tolist(), PRIMITIVES, tie)
         else:
-            move = greedy(self.tables.q_coord[cell, peer_cell].tolist(), PRIMITIVES, tie)
-        return Action(move, True, decision.peer, peer_cell is not None)
+            move = greedy(self.tables.q_coord[cell, *perceived].tolist(), PRIMITIVES, tie)
+        peer = decision.peers[0] if len(decision.peers) == 1 else NOBODY
+        return Action(move, True, peer, perceived is not None)
 
     def learn(
         self,
@@ -167,7 +179,7 @@ class Agent:
         cell: int,
         decision: Decision,
         action: Action,
-        peer_cell: int | None,
+        perceived: tuple[int, ...] | None,
         reward: float,
         next_cell: int,
     ) -> None:
@@ -180,7 +192,7 @@ class Agent:
             cell: X_k(t).
             decision: A_k(t).
             action: the primitive action that it became.
-            peer_cell: the perceived local state of the peer, or None.
+            perceived: the perceived local states of the asked peers, or None.
             reward: R_k(t), all parts together.
             next_cell: X_k(t+1).
         """
@@ -191,8 +203,8 @@ class Agent:
             bootstrap = self._goal_value
         else:
             bootstrap = greatest(q_star[next_cell].tolist(), self.actions)
-        if peer_cell is not None:
-            entry = (cell, peer_cell, action.move)
+        if perceived is not None:
+            entry = (cell, *perceived, action.move)
             alpha = self._alpha(self._coord_updates, entry, step)
             value = float(q_coord[entry])
             q_coord[entry] = updated(value, alpha, reward, self._discount, bootstrap)
@@ -201,7 +213,9 @@ class Agent:
         value = float(q_star[entry])
         q_star[entry] = updated(value, alpha, reward, self._discount, bootstrap)
 
-    def _alpha(self, updates: np.ndarray, entry: tuple[int, ...], step: int) -> float:
+    def _alpha(
+        self, updates: np.ndarray | Counter[tuple[int, ...]], entry: tuple[int, ...], step: int
+    ) -> float:
         """Count an update of a table entry and return its step size."""
         count = int(updates[entry]) + 1
         updates[entry] = count

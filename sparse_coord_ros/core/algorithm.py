@@ -3,8 +3,8 @@
 """Algorithm 1 of Melo & Veloso (AAMAS 2009): its choices and its update, once for every user.
 
 Plain functions over NumPy arrays: the robot node, the simulation without ROS and whatever checks
-them call these same objects. Q* has shape (cells, 5), Q^C shape (cells, cells, 4); for the
-baselines, which know no COORDINATE, Q* uses its first four columns.
+them call these same objects. Q* has shape (cells, 5), Q^C four columns for each joint
+state; for the baselines, which know no COORDINATE, Q* uses its first four columns.
 """
 
 NORTH, SOUTH, EAST, WEST, COORDINATE = range(5)

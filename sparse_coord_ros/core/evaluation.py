@@ -163,6 +163,7 @@ def check_tables(scenario: Scenario, tables: Sequence[Tables], learner: str | No
             None: whoever learned them.
     """
     cells = len(scenario.map.cells)
+    coord_shape = (cells,) * scenario.perceived + (4,)
     if len(tables) != len(scenario.robots):
         raise TablesError(
             f"tables of {len(tables)} robots for scenario {scenario.name}, which has "
@@ -171,12 +172,12 @@ def check_tables(scenario: Scenario, tables: Sequence[Tables], learner: str | No
     for k, table in enumerate(tables, start=1):
         for name, array, shape in (
             (f"q_star_{k}", table.q_star, (cells, 5)),
-            (f"q_coord_{k}", table.q_coord, (cells, cells, 4)),
+            (f"q_coord_{k}", table.q_coord, coord_shape),
         ):
             if array.shape != shape:
                 raise TablesError(
                     f"{name} has shape {array.shape}, scenario {scenario.name} needs {shape}; use "
-                    "the tables of a run on the same map"
+                    "the tables of a run on the same map and with the same setting peers"
                 )
         if learner and np.isnan(table.q_star[:, -1]).any() != (learner != "coop"):
             others = "coop" if learner != "coop" else "noncoop or indiv"

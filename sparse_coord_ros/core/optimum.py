@@ -97,7 +97,7 @@ def _payment(scenario: Scenario) -> np.ndarray:
         for one in range(team):
             for other in range(one + 1, team):
                 conflict |= door[one] & (states[one] == states[other])
-    return paid / team + np.where(conflict, scenario.penalty, 0.0)
+    return paid / team + np.where(conflict, sum(scenario.penalties) / team, 0.0)
 
 
 def _own_moves(value: np.ndarray, k: int, successors: np.ndarray, p: float) -> np.ndarray:

@@ -15,8 +15,21 @@ from sparse_coord_ros.core.perception import PERCEPTION
 from sparse_coord_ros.core.schedules import EPSILON, STARTS, STEP_SIZE
 from sparse_coord_ros.core.settings import Setting, SettingTable
 from sparse_coord_ros.core.share import share_file, share_names
-from sparse_coord_ros.core.specs import Spec
+from sparse_coord_ros.core.specs import Number, Spec, SpecFamily
 from sparse_coord_ros.errors import MapError, ScenarioError, SettingError, did_you_mean
+
+COMMON_REWARD = SpecFamily(
+    "common_reward",
+    {"same": (), "each": (Number("factor", 0.0, 1e6, repeated=True),)},
+)
+"""r^C of a miscoordination: `same` for every robot, or `each:FACTOR:...`: one factor a robot, in
+the scenario's order, times `penalty` (paper, Section 5: r^C may differ between the agents)."""
+
+PEERS = ("one", "all")
+"""Whom COORDINATE perceives: a peer drawn at random, or every other robot (paper, footnote 3)."""
+
+MOST_JOINT_STATES = 2**63
+"""A joint state is numbered by a 64-bit integer where Q^C is sparse."""
 
 SETTINGS = SettingTable(
     [
@@ -25,6 +38,12 @@ SETTINGS = SettingTable(
         ),
         Setting("goal_reward", float, 10.0, "r^I paid on arrival and each step after it", low=0),
         Setting("penalty", float, -20.0, "r^C of one miscoordination, paid to all", high=0),
+        Setting(
+            "common_reward",
+            COMMON_REWARD,
+            "same",
+            "what each robot pays of r^C: the penalty, or its own factor times the penalty",
+        ),
         Setting("ask_cost", float, 1.0, "cost of choosing COORDINATE, answered or not", low=0),
         Setting("discount", float, 0.95, "gamma", low=0, high=0.999),
         Setting("move_success", float, 0.8, "probability that a move succeeds", low=0.01, high=1),
@@ -36,6 +55,13 @@ SETTINGS = SettingTable(
             choices=("same_cell", "any_doorway"),
         ),
         Setting("perception", PERCEPTION, "always", "when the percept of COORDINATE succeeds"),
+        Setting(
+            "peers",
+            str,
+            "one",
+            "whom COORDINATE perceives: one peer drawn at random, or all of them",
+            choices=PEERS,
+        ),
         Setting("max_steps", int, 1000, "a learning episode ends after as many steps", low=1),
         Setting("horizon", int, 100, "an evaluation trial ends after as many steps", low=1),
         Setting("starts", STARTS, "random", "start cells of learning episodes"),
@@ -75,11 +101,13 @@ class Scenario:
     steps: int
     goal_reward: float
     penalty: float
+    common_reward: Spec
     ask_cost: float
     discount: float
     move_success: float
     conflict: str
     perception: Spec
+    peers: str
     max_steps: int
     horizon: int
     starts: Spec
@@ -89,11 +117,44 @@ class Scenario:
     q_coord_init: float
     goal_value: float
 
+    def __post_init__(self) -> None:
+        """Raise `SettingError` where a setting does not fit the robots."""
+        team = len(self.robots)
+        factors = len(self.common_reward.numbers)
+        if self.common_reward.kind == "each" and factors != team:
+            raise SettingError(
+                f"setting common_reward: {str(self.common_reward)!r} has {factors} "
+                f"factor{'s' * (factors != 1)}, scenario {self.name} has {team} robots and needs "
+                f"{team}; give each robot one, in the scenario's order"
+            )
+        if self.sparse and len(self.map.cells) ** team >= MOST_JOINT_STATES:
+            raise SettingError(
+                f"setting peers: value is 'all', allowed below 2^63 joint states; scenario "
+                f"{self.name} has {len(self.map.cells)}^{team}; use 'one' or fewer robots"
+            )
+
+    @property
+    def penalties(self) -> tuple[float, ...]:
+        """r^C of one miscoordination for each robot (paper, Section 5)."""
+        if self.common_reward.kind == "same":
+            return (self.penalty,) * len(self.robots)
+        return tuple(factor * self.penalty for factor in self.common_reward.numbers)
+
+    @property
+    def perceived(self) -> int:
+        """How many local states Q^C tells apart: the own one and those of the perceived peers."""
+        return max(2, len(self.robots)) if self.peers == "all" else 2
+
+    @property
+    def sparse(self) -> bool:
+        """Whether Q^C has rows for visited joint states only: it is over more than a pair."""
+        return self.perceived > 2
+
     def with_settings(self, values: Mapping[str, object]) -> "Scenario":
         """Return a copy with some settings changed; values may be texts.
 
         Raises:
-            SettingError: an unknown name or a bad value.
+            SettingError: an unknown name, a bad value, or one that does not fit the robots.
         """
         return replace(self, **SETTINGS.parse(values))
 
@@ -224,13 +285,13 @@ def scenario_from_dict(
             f"{where}: field 'name' is {name!r}, allowed: up to 100 letters, digits, '_', '-' and "
             "'.'; rename the scenario (or its file)"
         )
-    return Scenario(
-        name=name,
-        map=grid,
-        robots=_robots(data.get("robots"), grid, where),
-        paper=_paper(data.get("paper", {}), where),
-        **{**SETTINGS.defaults(), **given},
-    )
+    robots = _robots(data.get("robots"), grid, where)
+    paper = _paper(data.get("paper", {}), where)
+    settings = {**SETTINGS.defaults(), **given}
+    try:
+        return Scenario(name=name, map=grid, robots=robots, paper=paper, **settings)
+    except SettingError as error:
+        raise ScenarioError(f"{where}: {error}") from None
 
 
 def _map(value: object, where: str, beside: Path | None) -> GridMap:

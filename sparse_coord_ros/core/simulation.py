@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 
 from sparse_coord_ros.core.agent import Agent, Decision, Tables
-from sparse_coord_ros.core.algorithm import COORDINATE
 from sparse_coord_ros.core.perception import percept_probabilities
 from sparse_coord_ros.core.scenario import Scenario
+from sparse_coord_ros.core.sparse import SparseTable
 from sparse_coord_ros.core.streams import LEARNING, PERCEPT, Stream
 from sparse_coord_ros.core.world import Action, Outcome, World
 
@@ -35,7 +35,7 @@ class Team:
         """Let every agent that has not arrived choose.
 
         Returns:
-            What each agent decided and perceived, as `(cell, decision, action, peer_cell)`, and
+            What each agent decided and perceived, as `(cell, decision, action, perceived)`, and
             the joint action; None in both for agents that do not act.
         """
         choices: list = [None] * len(world.cells)
@@ -46,9 +46,9 @@ class Team:
                 continue
             cell = world.cells[k]
             decision = agent.decide(world.step, cell)
-            peer_cell = self._perceive(world, k, decision)
-            action = agent.act(world.step, cell, decision, peer_cell)
-            choices[k] = (cell, decision, action, peer_cell)
+            perceived = self._perceive(world, k, decision)
+            action = agent.act(world.step, cell, decision, perceived)
+            choices[k] = (cell, decision, action, perceived)
             actions[k] = action
         return choices, actions
 
@@ -60,12 +60,14 @@ class Team:
                 reward = outcome.rewards[agent.number].total
                 agent.learn(world.step - 1, *choice, reward, world.cells[agent.number])
 
-    def _perceive(self, world: World, k: int, decision: Decision) -> int | None:
-        if decision.action != COORDINATE or decision.peer < 0:
+    def _perceive(self, world: World, k: int, decision: Decision) -> tuple[int, ...] | None:
+        """Return the cells of the asked peers; None unless the percept of each succeeds."""
+        if not decision.peers:
             return None
-        peer_cell = world.cells[decision.peer]
+        peer_cells = tuple(world.cells[peer] for peer in decision.peers)
         draw = self._percepts[k].at(world.step)[0]
-        return peer_cell if draw < self._probabilities[world.cells[k]][peer_cell] else None
+        probabilities = self._probabilities[world.cells[k]]
+        return peer_cells if all(draw < probabilities[cell] for cell in peer_cells) else None
 
 
 def learn(
@@ -123,7 +125,13 @@ def learn_agents(
 def tables_equal(one: list[Tables], other: list[Tables]) -> bool:
     """Whether two teams' tables agree bit for bit (NaN columns included)."""
     return len(one) == len(other) and all(
-        np.array_equal(a.view(np.int64), b.view(np.int64))
+        _same_bits(a, b)
         for mine, theirs in zip(one, other, strict=True)
         for a, b in zip(mine, theirs, strict=True)
     )
+
+
+def _same_bits(one: np.ndarray | SparseTable, other: np.ndarray | SparseTable) -> bool:
+    if isinstance(one, SparseTable) or isinstance(other, SparseTable):
+        return type(one) is type(other) and one.same_bits(other)
+    return np.array_equal(one.view(np.int64), other.view(np.int64))

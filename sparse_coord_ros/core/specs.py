@@ -21,11 +21,13 @@ class Number:
         name: what error messages and help call it.
         low: smallest value allowed.
         high: largest value allowed.
+        repeated: whether it can be given several times; only the last number of a kind can.
     """
 
     name: str
     low: float = -math.inf
     high: float = math.inf
+    repeated: bool = False
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,8 @@ class SpecFamily:
         """The allowed forms, for help and error texts."""
         forms = []
         for kind, numbers in self.kinds.items():
-            forms.append(":".join([kind, *(number.name.upper() for number in numbers)]))
+            form = ":".join([kind, *(number.name.upper() for number in numbers)])
+            forms.append(f"{form}:..." if numbers and numbers[-1].repeated else form)
         return ", ".join(forms)
 
     def parse(self, value: object) -> Spec:
@@ -71,10 +74,13 @@ class SpecFamily:
                 f"{did_you_mean(kind, self.kinds)}; allowed: {self.usage}"
             )
         wanted = self.kinds[kind]
+        repeated = bool(wanted) and wanted[-1].repeated
+        if repeated:
+            wanted += wanted[-1:] * (len(texts) - len(wanted))
         if len(texts) != len(wanted):
             raise SettingError(
                 f"setting {self.setting}: {str(value)!r} has {len(texts)} numbers, {kind!r} takes "
-                f"{len(wanted)}; allowed: {self.usage}"
+                f"{len(wanted)}{' or more' if repeated else ''}; allowed: {self.usage}"
             )
         return Spec(kind, tuple(self._number(n, t) for n, t in zip(wanted, texts, strict=True)))
 

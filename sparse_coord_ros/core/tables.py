@@ -3,8 +3,10 @@
 """Learned tables on disk: `tables.npz` of a team, one file a robot while robots are apart.
 
 For robot k (1-based): `q_star_k`, shape (cells, 5), columns north, south, east, west, COORDINATE;
-`q_coord_k`, shape (cells, cells, 4), first index the own cell. Cells are numbered row by row from
-the top left, free cells only.
+`q_coord_k`, shape (cells, cells, 4), first index the own cell. Where Q^C is sparse, instead of
+`q_coord_k`: `q_coord_keys_k`, shape (rows, robots), the joint states in ascending order, each the
+own cell and then the peers'; `q_coord_rows_k`, shape (rows, 4), their entries; `q_coord_unseen_k`,
+what all others read as. Cells are numbered row by row from the top left, free cells only.
 """
 
 import os
@@ -15,6 +17,7 @@ import numpy as np
 
 from sparse_coord_ros.core.agent import Tables
 from sparse_coord_ros.core.scenario import Scenario
+from sparse_coord_ros.core.sparse import SparseTable
 from sparse_coord_ros.errors import TablesError
 
 TEAM_FILE = "tables.npz"
@@ -38,7 +41,12 @@ def save_tables(
     arrays = {f"count_{name}": np.int64(count) for name, count in (counts or {}).items()}
     for number, pair in tables.items():
         arrays[f"q_star_{number}"] = pair.q_star
-        arrays[f"q_coord_{number}"] = pair.q_coord
+        if isinstance(pair.q_coord, SparseTable):
+            arrays[f"q_coord_keys_{number}"] = pair.q_coord.keys
+            arrays[f"q_coord_rows_{number}"] = pair.q_coord.rows
+            arrays[f"q_coord_unseen_{number}"] = np.float64(pair.q_coord.unseen)
+        else:
+            arrays[f"q_coord_{number}"] = pair.q_coord
     partial = path.with_suffix(".partial")
     with partial.open("wb") as file:
         np.savez_compressed(file, **arrays)
@@ -58,13 +66,7 @@ def load_tables(path: Path, numbers: Sequence[int]) -> list[Tables]:
     """
     try:
         with np.load(path, allow_pickle=False) as file:
-            return [
-                Tables(
-                    np.ascontiguousarray(file[f"q_star_{k}"], dtype=np.float64),
-                    np.ascontiguousarray(file[f"q_coord_{k}"], dtype=np.float64),
-                )
-                for k in numbers
-            ]
+            return [_load_pair(file, k) for k in numbers]
     except KeyError as error:
         raise TablesError(f"{path}: {error.args[0]}; use a file that run or train wrote") from None
     except Exception as error:  # zip, zlib and NumPy's parser raise what a broken file makes them
@@ -72,6 +74,17 @@ def load_tables(path: Path, numbers: Sequence[int]) -> list[Tables]:
         raise TablesError(
             f"{path}: cannot be read as tables ({problem}); use a file that run or train wrote"
         ) from None
+
+
+def _load_pair(file: Mapping[str, np.ndarray], number: int) -> Tables:
+    """Return one robot's tables; raise whatever a malformed array makes NumPy raise."""
+    q_star = np.ascontiguousarray(file[f"q_star_{number}"], dtype=np.float64)
+    if f"q_coord_keys_{number}" not in file:
+        return Tables(q_star, np.ascontiguousarray(file[f"q_coord_{number}"], dtype=np.float64))
+    keys = file[f"q_coord_keys_{number}"].astype(np.int32, casting="safe")
+    rows = file[f"q_coord_rows_{number}"].astype(np.float64, casting="safe")
+    unseen = float(file[f"q_coord_unseen_{number}"])
+    return Tables(q_star, SparseTable(len(q_star), keys.shape[1], unseen, keys, rows))
 
 
 def load_counts(path: Path) -> dict[str, int]:

@@ -34,8 +34,8 @@ class Action(NamedTuple):
     Attributes:
         move: the primitive action, 0 to 3 (the hatted A_k(t) of Algorithm 1 after COORDINATE).
         asked: whether the agent chose COORDINATE.
-        peer: the agent whose local state it asked for; -1 where it asked nobody.
-        perceived: whether the percept succeeded.
+        peer: the agent whose local state it asked for; -1 where it asked nobody or several.
+        perceived: whether the percept (of every agent that was asked) succeeded.
     """
 
     move: int
@@ -109,6 +109,7 @@ class World:
             self._exploring = exploring_starts(scenario.starts, scenario.steps).tolist()
         self._random_cells: dict[int, list[int]] = {}
         self._any_doorway = scenario.conflict == "any_doorway"
+        self._penalties = scenario.penalties
         self._episode_start = self.step
         self._place()
 
@@ -142,9 +143,9 @@ class World:
             if cells[k] == goals[k]:
                 arrivals.append(k)
         miscoordination = self.in_conflict()
-        common = scenario.penalty if miscoordination else 0.0
         rewards = []
         for k, action in enumerate(actions):
+            common = self._penalties[k] if miscoordination else 0.0
             individual = scenario.goal_reward if k in arrivals else 0.0
             cost = -scenario.ask_cost if action is not None and action.asked else 0.0
             rewards.append(Reward(individual, common, cost, individual + common + cost))

@@ -8,6 +8,7 @@ without it `core.simulation` and `core.evaluation` run in processes.
 """
 
 import os
+import signal
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from typing import NamedTuple
@@ -21,6 +22,7 @@ from sparse_coord_ros.core.perception import percept_probabilities
 from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.schedules import exploration, exploring_starts, step_sizes
 from sparse_coord_ros.core.simulation import learn_agents
+from sparse_coord_ros.core.sparse import SparseTable
 from sparse_coord_ros.core.streams import (
     DRAWS,
     EVALUATION,
@@ -36,8 +38,11 @@ from sparse_coord_ros.engine import kernels
 from sparse_coord_ros.engine.compiled import Loops, compiled, has_numba
 from sparse_coord_ros.errors import SettingError
 
-BLOCK = 1024
+BLOCK = 2048
 """Time steps whose draws are made at once."""
+
+FIRST_ROWS = 2 * BLOCK
+"""Rows of a sparse table at first, a power of two."""
 
 ENGINES = ("auto", "numba", "python")
 
@@ -83,7 +88,7 @@ def run_batch(
     jobs = len(os.sched_getaffinity(0)) if jobs is None else jobs
     work = [(scenario, learner, seed, trials) for seed in seeds]
     if not uses_numba(engine):
-        with ProcessPoolExecutor(jobs) as pool:
+        with ProcessPoolExecutor(jobs, initializer=_ignore_interrupt) as pool:
             yield from _in_order(pool, _run_plain, work)
         return
     team = CompiledTeam(scenario, learner, compiled())
@@ -103,6 +108,11 @@ def uses_numba(engine: str) -> bool:
             "leave the engine out: plain Python computes the same bits"
         )
     return engine != "python" and has_numba()
+
+
+def _ignore_interrupt() -> None:
+    """Leave Ctrl-C to the process that asked for the runs."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _in_order(pool: Executor, function, work: list[tuple]) -> Iterator[Run]:
@@ -158,8 +168,9 @@ class CompiledTeam:
         choice = _choice(len(self.scenario.robots))
         for problem in self._learning:
             game = _game(len(self.scenario.robots), FIRST_STEP)
-            blocks = _Blocks(seed, problem.members, len(problem.starts), LEARNING)
+            blocks = _Blocks(seed, problem, LEARNING)
             while game.clock[kernels.DONE] < problem.budget:
+                learners = self._with_room(learners)
                 self._loops.learn_block(problem, learners, game, choice, blocks.next())
         return learners
 
@@ -172,9 +183,10 @@ class CompiledTeam:
         asked = np.zeros((team, len(scenario.map.cells)), dtype=np.int64)
         game = _game(team, FIRST_STEP + EPISODE_GAP)
         choice = _choice(team)
-        blocks = _Blocks(seed, problem.members, team, EVALUATION)
+        blocks = _Blocks(seed, problem, EVALUATION)
         while game.clock[kernels.DONE] < trials:
             draws = blocks.next()
+            learners = self._with_room(learners)
             self._loops.try_block(problem, learners, game, choice, draws, results, asked)
         times = results[:, :, kernels.TIME]
         return Trials(
@@ -192,40 +204,89 @@ class CompiledTeam:
         if self.learner != "coop":
             initial = initial_tables(self.scenario, self.learner).q_coord
             return [Tables(q_star, initial) for q_star in learners.q_star]
+        if self.scenario.sparse:
+            return [
+                Tables(q_star, self._sparse_table(learners, k))
+                for k, q_star in enumerate(learners.q_star)
+            ]
         shape = (cells, cells, PRIMITIVES)
         return [
             Tables(q_star, q_coord.reshape(shape))
             for q_star, q_coord in zip(learners.q_star, learners.q_coord, strict=True)
         ]
 
+    def _sparse_table(self, learners: kernels.Learners, k: int) -> SparseTable:
+        """Return robot k's Q^C; rows that trials only looked at are left out."""
+        cells, agents = len(self.scenario.map.cells), self.scenario.perceived
+        learned = (learners.coord_updates[k] > 0).any(axis=1)
+        states = np.unravel_index(learners.keys[k, learned], (cells,) * agents)
+        keys = np.stack(states, axis=1).astype(np.int32)
+        rows = learners.q_coord[k, learned]
+        return SparseTable(cells, agents, self.scenario.q_coord_init, keys, rows)
+
     def _initial(self) -> kernels.Learners:
         scenario = self.scenario
         team, cells = len(scenario.robots), len(scenario.map.cells)
         star = initial_tables(scenario, self.learner).q_star
         q_star = np.repeat(star[None], team, axis=0)
-        rows = cells * cells if self.learner == "coop" else 0
-        q_coord = np.full((team, rows, PRIMITIVES), scenario.q_coord_init)
-        return kernels.Learners(
+        if self.learner != "coop":
+            rows = 0
+        elif scenario.sparse:
+            rows = FIRST_ROWS
+        else:
+            rows = cells * cells
+        learners = kernels.Learners(
             q_star=q_star,
-            q_coord=q_coord,
+            q_coord=np.empty(0),
             star_updates=np.zeros(q_star.shape, dtype=np.int32),
-            coord_updates=np.zeros(q_coord.shape, dtype=np.int32),
-            keys=np.zeros((team, 0), dtype=np.int64),
+            coord_updates=np.empty(0),
+            keys=np.empty(0),
+            used=np.zeros(team, dtype=np.int64),
+        )
+        return self._with_rows(learners, rows)
+
+    def _with_rows(self, learners: kernels.Learners, rows: int) -> kernels.Learners:
+        """Return learners whose Q^C has so many rows, all of them new."""
+        team = len(learners.used)
+        sparse_rows = rows if self.scenario.sparse else 0
+        return learners._replace(
+            q_coord=np.full((team, rows, PRIMITIVES), self.scenario.q_coord_init),
+            coord_updates=np.zeros((team, rows, PRIMITIVES), dtype=np.int32),
+            keys=np.full((team, sparse_rows), kernels.FREE_PLACE, dtype=np.int64),
             used=np.zeros(team, dtype=np.int64),
         )
 
+    def _with_room(self, learners: kernels.Learners) -> kernels.Learners:
+        """Return learners whose sparse tables stay half empty whatever a block brings."""
+        rows = learners.keys.shape[1]
+        needed = 2 * (int(learners.used.max()) + BLOCK)
+        if rows == 0 or rows >= needed:
+            return learners
+        larger = self._with_rows(learners, 1 << (needed - 1).bit_length())
+        self._loops.rehash(learners, larger)
+        return larger
+
 
 class _Blocks:
-    """The draws of a run, block after block: NumPy's own generators, one an agent and role."""
+    """The draws of a run, block after block: NumPy's own generators, one an agent and role.
 
-    def __init__(self, seed: int, members: np.ndarray, team: int, phase: int) -> None:
+    Roles whose draws nothing looks at are left at 0.
+    """
+
+    def __init__(self, seed: int, problem: kernels.Problem, phase: int) -> None:
         self._first = 0
+        roles = [POLICY, MOTION]
+        if problem.actions > PRIMITIVES:
+            roles.append(PERCEPT)
+        if problem.exploring.any():
+            roles.append(START)
         self._generators = [
             (role, k, np.random.Generator(bit_generator(seed, int(k), role, phase)))
-            for k in members
-            for role in (POLICY, MOTION, PERCEPT, START)
+            for k in problem.members
+            for role in roles
         ]
-        self._space = {role: np.empty((team, BLOCK, width)) for role, width in DRAWS.items()}
+        team = len(problem.starts)
+        self._space = {role: np.zeros((team, BLOCK, width)) for role, width in DRAWS.items()}
 
     def next(self) -> kernels.Draws:
         for role, k, generator in self._generators:
@@ -271,9 +332,9 @@ def _problem(scenario: Scenario, learner: str, members: np.ndarray) -> kernels.P
         next_cell=np.ascontiguousarray(grid.next_cell, dtype=np.int64),
         doorway=doorway,
         percept=percept_probabilities(scenario.perception, grid),
-        all_peers=False,
+        all_peers=scenario.peers == "all",
         any_doorway=scenario.conflict == "any_doorway",
-        penalties=np.full(len(robots), scenario.penalty),
+        penalties=np.array(scenario.penalties),
         start_cells=start_cells,
         start_counts=np.array([len(choices) for choices in free]),
         exploring=exploring_starts(scenario.starts, scenario.steps),

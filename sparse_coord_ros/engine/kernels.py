@@ -102,7 +102,8 @@ class Learners(NamedTuple):
         star_updates: updates of each entry of Q*.
         coord_updates: updates of each entry of Q^C.
         keys: joint state of each row of a sparse table, or `FREE_PLACE`, [k, row]; the number of
-            rows is a power of two. Dense tables have none: shape (k, 0).
+            rows is a power of two. A joint state's number has the cells as its digits: the own
+            cell, then the peers'. Dense tables have none: shape (k, 0).
         used: rows in use of a sparse table [k].
     """
 
@@ -176,6 +177,20 @@ def find_row(keys, key):
     while keys[row] != FREE_PLACE and keys[row] != key:
         row = (row + 1) & mask
     return row
+
+
+def rehash(old, new):
+    """Copy the rows of sparse tables into larger ones, which have no rows yet."""
+    for k in range(len(old.keys)):
+        for row in range(old.keys.shape[1]):
+            key = old.keys[k, row]
+            if key != FREE_PLACE:
+                place = find_row(new.keys[k], key)
+                new.keys[k, place] = key
+                for action in range(PRIMITIVES):  # an array assignment would make an array
+                    new.q_coord[k, place, action] = old.q_coord[k, row, action]
+                    new.coord_updates[k, place, action] = old.coord_updates[k, row, action]
+        new.used[k] = old.used[k]
 
 
 def perceived_row(problem, learners, game, k, draws, now):

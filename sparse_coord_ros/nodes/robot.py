@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The robot node: one agent of Algorithm 1, which knows of its peers only what they answer."""
 
+import functools
 import sys
 import time
 from collections.abc import Mapping
@@ -100,9 +101,9 @@ class RobotNode(ParameterNode):
         """Publish the action that answers the local state of a time step."""
         self._action_publisher.publish(self._convert.pack_action(step, action))
 
-    def percept(self, step: int, cell: int, peer_cell: int | None) -> None:
+    def percept(self, step: int, cell: int, perceived: tuple[int, ...] | None) -> None:
         """Publish what came of COORDINATE."""
-        self._percept_publisher.publish(self._convert.path(step, (cell, peer_cell)))
+        self._percept_publisher.publish(self._convert.path(step, (cell, *(perceived or ()))))
 
     def ask(self, peer: int, step: int, cell: int) -> None:
         """Request the peer's local state; a peer that fell silent is not waited for."""
@@ -161,13 +162,13 @@ class RobotNode(ParameterNode):
         response.plan = self._convert.path(answer.step, (answer.cell,))
         return response
 
-    def _on_answer(self, request_step: int, plan: PathMessage) -> None:
+    def _on_answer(self, peer: int, request_step: int, plan: PathMessage) -> None:
         step = self._convert.step(plan.header.stamp.sec, plan.header.stamp.nanosec)
         cell = None
         if plan.poses:
             position = plan.poses[0].pose.position
             cell = self._convert.cell(position.x, position.y)
-        self.protocol.answer(request_step, Answer(step, cell))
+        self.protocol.answer(peer, request_step, Answer(step, cell))
 
     def _on_save(self, request: Trigger.Request, response: Trigger.Response):
         response.success = self._out is not None and self.protocol is not None
@@ -233,7 +234,9 @@ class RobotNode(ParameterNode):
         )
         self.create_service(Trigger, "~/save", self._on_save)
         self._peers = {
-            k: Peer(self, name, self._on_answer) for k, name in enumerate(names) if k != number
+            k: Peer(self, name, functools.partial(self._on_answer, k))
+            for k, name in enumerate(names)
+            if k != number
         }
 
     def _initial_tables(self, number: int) -> Tables | None:

@@ -11,7 +11,6 @@ from collections import deque
 from typing import NamedTuple, Protocol
 
 from sparse_coord_ros.core.agent import Agent, Decision
-from sparse_coord_ros.core.algorithm import COORDINATE
 from sparse_coord_ros.core.perception import percept_probabilities
 from sparse_coord_ros.core.run_config import RunConfig
 from sparse_coord_ros.core.streams import PERCEPT, Stream
@@ -32,8 +31,8 @@ class RobotPort(Protocol):
     def act(self, step: int, action: Action) -> None:
         """Publish the action that answers the local state of a time step."""
 
-    def percept(self, step: int, cell: int, peer_cell: int | None) -> None:
-        """Publish what came of COORDINATE: the peer's cell, or None for a failed percept."""
+    def percept(self, step: int, cell: int, perceived: tuple[int, ...] | None) -> None:
+        """Publish what came of COORDINATE: the peers' cells, or None for a failed percept."""
 
 
 class Answer(NamedTuple):
@@ -55,7 +54,28 @@ class Pending(NamedTuple):
     cell: int
     decision: Decision
     action: Action
-    peer_cell: int | None
+    perceived: tuple[int, ...] | None
+
+
+class Asking(NamedTuple):
+    """A decision whose peers are asked, one after the other.
+
+    Attributes:
+        step: the time step.
+        cell: the own cell.
+        decision: the decision.
+        seen: the cells of the peers that have answered, in the order of `decision.peers`.
+    """
+
+    step: int
+    cell: int
+    decision: Decision
+    seen: tuple[int, ...] = ()
+
+    @property
+    def peer(self) -> int:
+        """The peer that is asked now."""
+        return self.decision.peers[len(self.seen)]
 
 
 class RobotProtocol:
@@ -68,8 +88,9 @@ class RobotProtocol:
 
     Attributes:
         newest: the last local state received, as (step, cell); step 0 before the first.
-        asks: how its own requests ended: "answered", "refused", "late" (no answer by the
-            deadline) and "repeated" (asked again because the peer was a step behind).
+        asks: how its COORDINATE actions ended: "answered" (by every peer that was asked),
+            "refused" (by one of them), "late" (no answer by the deadline); and how many requests
+            were "repeated" because the peer was a step behind.
         dropped: transitions not learned from because the reward did not come.
     """
 
@@ -84,7 +105,7 @@ class RobotProtocol:
         self._states: deque[tuple[int, int]] = deque()
         self._rewards: dict[int, float] = {}
         self._pending: Pending | None = None
-        self._asking: tuple[int, int, Decision] | None = None
+        self._asking: Asking | None = None
         self._handled = BEFORE_ANY_STEP
         self._episode_start = NO_STEP
         self._transitions = 0
@@ -100,7 +121,7 @@ class RobotProtocol:
         A deadline runs on it; when it passes, call `expire`.
         """
         if self._asking is not None:
-            return ("percept", self._asking[0])
+            return ("percept", self._asking.step)
         if self._states and self._pending is not None:
             return ("reward", self._pending.step)
         return None
@@ -108,7 +129,7 @@ class RobotProtocol:
     @property
     def asking(self) -> int:
         """The peer that it waits for, or -1."""
-        return -1 if self._asking is None else self._asking[2].peer
+        return -1 if self._asking is None else self._asking.peer
 
     def state(self, step: int, cell: int) -> None:
         """Take in the own local state X_k of a time step."""
@@ -128,18 +149,25 @@ class RobotProtocol:
             self._rewards[step] = total
             self._go_on()
 
-    def answer(self, request_step: int, answer: Answer) -> None:
+    def answer(self, peer: int, request_step: int, answer: Answer) -> None:
         """Take in a peer's answer to the request of a time step."""
-        if self._asking is None or self._asking[0] != request_step:
+        asking = self._asking
+        if asking is None or asking.step != request_step or asking.peer != peer:
             return
-        step, cell, decision = self._asking
-        if answer.step < step:
+        if answer.step < asking.step:
             self.asks["repeated"] += 1
-            self._port.ask(decision.peer, step, cell)
-            return
-        perceived = answer.cell if answer.step == step else None
-        self.asks["refused" if perceived is None else "answered"] += 1
-        self._act(perceived)
+            self._port.ask(peer, asking.step, asking.cell)
+        elif answer.step > asking.step or answer.cell is None:
+            self.asks["refused"] += 1
+            self._act(None)
+        else:
+            seen = (*asking.seen, answer.cell)
+            if len(seen) < len(asking.decision.peers):
+                self._asking = asking._replace(seen=seen)
+                self._port.ask(self._asking.peer, asking.step, asking.cell)
+            else:
+                self.asks["answered"] += 1
+                self._act(seen)
 
     def expire(self) -> None:
         """The deadline on `waiting` has passed: a failed percept, or a transition unlearned."""
@@ -181,7 +209,7 @@ class RobotProtocol:
                     pending.cell,
                     pending.decision,
                     pending.action,
-                    pending.peer_cell,
+                    pending.perceived,
                     self._rewards[pending.step],
                     cell,
                 )
@@ -213,17 +241,17 @@ class RobotProtocol:
 
     def _choose(self, step: int, cell: int) -> None:
         decision = self.agent.decide(step, cell)
-        self._asking = (step, cell, decision)
-        if decision.action == COORDINATE and decision.peer >= 0:
-            self._port.ask(decision.peer, step, cell)
+        self._asking = Asking(step, cell, decision)
+        if decision.peers:
+            self._port.ask(self._asking.peer, step, cell)
         else:
             self._act(None)
 
-    def _act(self, peer_cell: int | None) -> None:
-        step, cell, decision = self._asking
+    def _act(self, perceived: tuple[int, ...] | None) -> None:
+        step, cell, decision, _ = self._asking
         self._asking = None
-        action = self.agent.act(step, cell, decision, peer_cell)
-        self._pending = Pending(step, cell, decision, action, peer_cell)
+        action = self.agent.act(step, cell, decision, perceived)
+        self._pending = Pending(step, cell, decision, action, perceived)
         if action.asked:
-            self._port.percept(step, cell, peer_cell)
+            self._port.percept(step, cell, perceived)
         self._port.act(step, action)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sparse_coord_ros.core.agent import Tables, initial_tables
-from sparse_coord_ros.core.evaluation import evaluate
+from sparse_coord_ros.core.evaluation import check_tables, evaluate, play
 from sparse_coord_ros.core.optimum import independent_bound
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.simulation import learn
@@ -111,6 +111,27 @@ def test_the_penalty_falls_on_the_arrived_robot_too(make):
     assert result.reward.mean == pytest.approx(sum(by_hand) / 3, rel=1e-12)
 
 
+def test_robots_that_pay_differently_are_worth_differently(make):
+    robots = {"a": ([0, 0], [0, 4]), "b": ([0, 4], [0, 0]), "c": ([0, 4], [0, 3])}
+    scenario = make("..D..", robots, move_success=1, common_reward="each:0:1:2")
+    reward = play(scenario, shortest_path_tables(scenario), trials=2, seed=0).reward
+    by_hand = [200 * GAMMA**3, 200 * GAMMA**3 - 20 * GAMMA, 200 - 40 * GAMMA]
+    assert reward == pytest.approx(np.array([by_hand] * 2), rel=1e-12)
+
+
+def test_crowds_meet_more_often_the_more_robots_there_are():
+    """Uncoordinated on shortest paths, with ties broken at random."""
+    met = []
+    for robots in (2, 3, 4, 6, 8):
+        scenario = load_scenario(f"crowd-{robots}r")
+        result = evaluate(scenario, shortest_path_tables(scenario), trials=500, seed=1)
+        met.append(result.miscoordinations)
+    assert [measure.mean for measure in met] == sorted(measure.mean for measure in met)
+    expected = [0.132, 0.213, 0.312, 0.828, 1.423]
+    for measure, mean in zip(met, expected, strict=True):
+        assert abs(measure.mean - mean) < 4 * measure.standard_error
+
+
 def test_spread_is_over_robots_and_the_error_over_trials(make):
     scenario = make("1...2.", {"a": (1, 2), "b": (2, [0, 5])}, move_success=1)
     result = evaluate(scenario, shortest_path_tables(scenario), trials=5, seed=0)
@@ -165,3 +186,12 @@ def test_tables_that_do_not_fit():
     mixed = Tables(good.q_star, foreign.q_coord)
     with pytest.raises(TablesError, match=r"q_coord_1 has shape \(43, 43, 4\).*same map"):
         evaluate(scenario, [mixed, good], trials=1, seed=0)
+
+
+def test_tables_of_another_kind_of_perception_do_not_fit():
+    dense = load_scenario("crowd-3r")
+    sparse = dense.with_settings({"peers": "all"})
+    for scenario, other, shape in ((dense, sparse, "59, 59, 4"), (sparse, dense, "59, 59, 59, 4")):
+        check_tables(scenario, [initial_tables(scenario, "coop")] * 3, "coop")
+        with pytest.raises(TablesError, match=rf"q_coord_1 has .* needs \({shape}\).*peers"):
+            check_tables(scenario, [initial_tables(other, "coop")] * 3)

@@ -81,6 +81,20 @@ def test_one_doorway_by_hand(make, penalty, value):
 
 
 @pytest.mark.parametrize(
+    ("penalty", "factors", "value"),
+    [
+        (-20, "0:0", 200 * GAMMA),
+        (-1, "3:1", 200 * GAMMA - 2),  # what the two pay together, a robot
+        (-2, "0:1", 200 * GAMMA - 1),
+        (-20, "0:1", 100 * (GAMMA + GAMMA**2)),
+    ],
+)
+def test_robots_that_pay_differently_by_hand(make, penalty, factors, value):
+    scenario = make("1D2", move_success=1, penalty=penalty, common_reward=f"each:{factors}")
+    assert joint_optimum(scenario).value == pytest.approx(value, abs=1e-6)
+
+
+@pytest.mark.parametrize(
     ("conflict", "value"),
     [
         ("same_cell", 200 * GAMMA**2),  # they pass each other between two doorways

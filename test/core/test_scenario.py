@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scenarios: the shipped ones are those of the study, malformed ones are refused with a reason."""
 
+from pathlib import Path
+
 import pytest
 import yaml
 
@@ -27,6 +29,11 @@ SCENARIOS = {
     "suny": ("suny", 10, 100_000, [(8, 17), (3, 22)]),
     "cmu": ("cmu", 31, 100_000, [(6, 32), (6, 3)]),
 }
+
+# Robots, goals of robot_1, robot_2, ..., and lengths of their shortest paths, all on one map.
+CROWD_GOALS = [(6, 6), (6, 0), (6, 8), (0, 2), (0, 8), (0, 0), (0, 6), (6, 2)]
+CROWD_LENGTHS = [10, 12, 10, 10, 10, 10, 10, 8]
+CROWD = {f"crowd-{robots}r": robots for robots in (2, 3, 4, 6, 8)}
 
 # The paper's Tables 1 and 2: reward; time to goal; miscoordinations.
 SMALL = {
@@ -88,7 +95,7 @@ def refusal(data, error=ScenarioError):
 
 
 def test_every_shipped_scenario_is_in_the_list():
-    assert scenario_names() == sorted(SCENARIOS)
+    assert scenario_names() == sorted([*SCENARIOS, *CROWD])
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
@@ -108,12 +115,33 @@ def test_shipped_scenario(name):
     assert scenario.steps == steps
 
 
+@pytest.mark.parametrize("name", CROWD)
+def test_shipped_crowd(name):
+    """The first robots of one crowd, each on its way to the other room."""
+    scenario, robots = load_scenario(name), CROWD[name]
+    cells = scenario.map.cells
+    assert scenario.map.name == "crowd"
+    assert "designed for this project" in scenario.map.provenance
+    assert [robot.name for robot in scenario.robots] == [f"robot_{k + 1}" for k in range(robots)]
+    assert [robot.start for robot in scenario.robots] == [
+        scenario.map.starts[k + 1] for k in range(robots)
+    ]
+    assert [cells[robot.goal] for robot in scenario.robots] == CROWD_GOALS[:robots]
+    assert [
+        scenario.map.distances_to(robot.goal)[robot.start] for robot in scenario.robots
+    ] == CROWD_LENGTHS[:robots]
+    for robot in scenario.robots:
+        assert (cells[robot.start][1] < 4) != (cells[robot.goal][1] < 4)
+    assert scenario.steps == 100_000
+    assert scenario.paper == {}
+
+
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_paper_rows(name):
     assert load_scenario(name).paper == PAPER[name]
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("name", [*SCENARIOS, *CROWD])
 def test_the_game_is_the_paper_s(name):
     scenario = load_scenario(name)
     assert scenario.discount == 0.95
@@ -122,19 +150,89 @@ def test_the_game_is_the_paper_s(name):
     assert scenario.penalty == -20.0
     assert scenario.ask_cost == 1.0
     assert scenario.conflict == "same_cell"
+    assert scenario.peers == "one"
+    assert scenario.penalties == (-20.0,) * len(scenario.robots)
     assert scenario.goal_value == pytest.approx(scenario.goal_reward / (1 - scenario.discount))
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("name", [*SCENARIOS, *CROWD])
 def test_round_trip_through_yaml(name):
+    factors = [f"{k / 7!r}" for k in range(len(load_scenario(name).robots))]
     scenario = load_scenario(name).with_settings(
-        {"perception": "probability:0.123456789012345", "penalty": -1e-7, "starts": "mixed:0.1"}
+        {
+            "perception": "probability:0.123456789012345",
+            "penalty": -1e-7,
+            "starts": "mixed:0.1",
+            "common_reward": ":".join(["each", *factors]),
+            "peers": "all",
+        }
     )
     text = yaml.safe_dump(scenario.to_dict())
     again = scenario_from_dict(yaml.safe_load(text), where="text", name="other")
     assert again == scenario
     assert again.paper == scenario.paper
     assert again.perception.numbers == (0.123456789012345,)
+
+
+def test_the_documentation_lists_the_settings():
+    rows = [
+        f"| {name} | {setting.default} | {setting.allowed} | {setting.help} |"
+        for name, setting in SETTINGS.items()
+    ]
+    text = (Path(__file__).parents[2] / "docs" / "interface.md").read_text()
+    assert "\n".join(["|---|---|---|---|", *rows, ""]) in text, "\n".join(rows)
+
+
+@pytest.mark.parametrize(
+    ("common_reward", "penalties"),
+    [
+        ("same", (-30.0, -30.0, -30.0)),
+        ("each:1:1:1", (-30.0, -30.0, -30.0)),
+        ("each:0:0.5:2", (0.0, -15.0, -60.0)),
+    ],
+)
+def test_each_robot_has_its_own_penalty(common_reward, penalties):
+    settings = {"penalty": -30, "common_reward": common_reward}
+    assert load_scenario("crowd-3r").with_settings(settings).penalties == penalties
+
+
+def test_the_same_penalty_for_all_is_the_penalty_itself():
+    """Not a product of it, which could differ in the last bit."""
+    penalty = -0.1 - 0.2
+    scenario = load_scenario("crowd-8r").with_settings({"penalty": penalty})
+    assert scenario.penalties == (penalty,) * 8
+
+
+@pytest.mark.parametrize(
+    ("name", "peers", "perceived"),
+    [
+        ("env1", "one", 2),
+        ("env1", "all", 2),
+        ("crowd-8r", "one", 2),
+        ("crowd-3r", "all", 3),
+        ("crowd-8r", "all", 8),
+    ],
+)
+def test_how_many_local_states_q_coord_is_over(name, peers, perceived):
+    scenario = load_scenario(name).with_settings({"peers": peers})
+    assert scenario.perceived == perceived
+    assert scenario.sparse == (perceived > 2)
+
+
+def test_a_robot_alone_still_has_a_table_over_pairs(make):
+    scenario = make(robots={"a": (1, 2)}, peers="all")
+    assert (scenario.perceived, scenario.sparse) == (2, False)
+
+
+def test_too_many_joint_states_to_be_numbered():
+    data = load_scenario("crowd-8r").to_dict()
+    cells = load_scenario("crowd-8r").map.cells
+    for k in range(3):
+        data["robots"][f"more_{k}"] = {"start": list(cells[k]), "goal": list(cells[-1])}
+    assert len(scenario_from_dict(data, where="f.yaml", name="f").robots) == 11
+    message = refusal({**data, "peers": "all"})
+    for words in ("f.yaml: setting peers: value is 'all'", "59^11", "use 'one' or fewer robots"):
+        assert words in message
 
 
 def test_settings_change_a_copy_only():
@@ -168,6 +266,22 @@ def test_settings_change_a_copy_only():
         ({"starts": "mixed:2"}, ["setting starts", "p_random", "'2'", "from 0 to 1"]),
         ({"step_size": "0.1"}, ["setting step_size", "'0.1'", "constant:ALPHA"]),
         ({"epsilon": "linear:1:x:0.5"}, ["setting epsilon", "last", "'x'"]),
+        ({"peers": "two"}, ["setting peers", "'two'", "one or all"]),
+        (
+            {"common_reward": "each:1"},
+            [
+                "setting common_reward: 'each:1' has 1 factor, scenario env1",
+                "2 robots and needs 2",
+            ],
+        ),
+        ({"common_reward": "each:1:2:3.5"}, ["'each:1:2:3.5' has 3 factors", "needs 2"]),
+        (
+            {"common_reward": "each"},
+            ["'each' has 0 numbers", "takes 1 or more", "each:FACTOR:..."],
+        ),
+        ({"common_reward": "each:1:-1"}, ["setting common_reward: factor is '-1'", "from 0"]),
+        ({"common_reward": "same:1"}, ["'same:1' has 1 numbers", "takes 0"]),
+        ({"common_reward": "0.5"}, ["unknown value '0.5'", "same, each:FACTOR:..."]),
     ],
 )
 def test_bad_settings(values, words):
@@ -190,6 +304,7 @@ def test_every_setting_has_a_help_line_and_a_default_in_range():
     [
         ({"penaltyy": 3}, ["f.yaml", "unknown field 'penaltyy'", "did you mean 'penalty'"]),
         ({"penalty": 3}, ["f.yaml", "setting penalty", "at most 0"]),
+        ({"common_reward": "each:1:2:3"}, ["f.yaml: setting common_reward", "needs 2; give each"]),
         ({"map": 5}, ["f.yaml", "field 'map' is 5", "name or path"]),
         ({"robots": {}}, ["f.yaml", "no robot", "add e.g."]),
         ({"robots": None}, ["f.yaml", "no robot"]),

@@ -4,6 +4,7 @@
 
 import hashlib
 import math
+from collections import defaultdict
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from sparse_coord_ros.core.perception import MODELS, percept_probabilities
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.schedules import exploration, step_sizes
 from sparse_coord_ros.core.simulation import learn, tables_equal
+from sparse_coord_ros.core.sparse import SparseTable
 
 # Everything that the learning protocol leaves open, so that new defaults change no expectation.
 PROTOCOL = {
@@ -46,17 +48,31 @@ class Reference:
         self.doors = scenario.map.doorways
         self.next_cell = scenario.map.next_cell
         cells = len(scenario.map.cells)
-        self.tables = []
+        self.tables = []  # Q^C as {(own cell, *peer cells, action): value}
         for _ in scenario.robots:
             q_star = np.full((cells, 5), scenario.q_star_init)
             q_star[:, self.columns :] = np.nan
-            self.tables.append(Tables(q_star, np.full((cells, cells, 4), scenario.q_coord_init)))
+            self.tables.append((q_star, defaultdict(lambda: scenario.q_coord_init)))
 
     def run(self):
         everyone = list(range(len(self.scenario.robots)))
         for members in [[k] for k in everyone] if self.learner == "indiv" else [everyone]:
             self.learn_together(members)
-        return self.tables
+        return [Tables(q_star, self.as_table(q_coord)) for q_star, q_coord in self.tables]
+
+    def as_table(self, q_coord):
+        """Return Q^C as the package keeps it."""
+        scenario, robots = self.scenario, len(self.scenario.robots)
+        cells = len(scenario.map.cells)
+        if scenario.peers == "one" or robots == 2:
+            table = np.full((cells, cells, 4), scenario.q_coord_init)
+            for entry, value in q_coord.items():
+                table[entry] = value
+            return table
+        states = sorted({entry[:-1] for entry in q_coord})
+        rows = np.array([[q_coord[(*state, move)] for move in range(4)] for state in states])
+        keys = np.array(states, dtype=np.int32).reshape(-1, robots)
+        return SparseTable(cells, robots, scenario.q_coord_init, keys, rows.reshape(-1, 4))
 
     def draws(self, agent, role, width):
         """Return the first draws of a stream in one piece, shape (time steps, width)."""
@@ -103,16 +119,16 @@ class Reference:
                 else:
                     conflict = len(inside) >= 2
                 for k in sorted(active):
-                    action, move, peer_cell = chosen[k]
+                    action, move, seen = chosen[k]
                     reward = scenario.goal_reward if y[k] == robots[k].goal else 0.0
-                    reward += scenario.penalty if conflict else 0.0
+                    reward += self.factor(k) * scenario.penalty if conflict else 0.0
                     reward += -scenario.ask_cost if action == 4 else 0.0
                     q_star, q_coord = self.tables[k]
                     value = float(np.max(q_star[y[k], : self.columns]))
                     if y[k] == robots[k].goal:
                         value = scenario.goal_value
-                    if peer_cell is not None:
-                        entry = (x[k], peer_cell, move)
+                    if seen is not None:
+                        entry = (x[k], *seen, move)
                         self.update(q_coord, counts[k][1], entry, t, reward, value)
                     self.update(q_star, counts[k][0], (x[k], action), t, reward, value)
                 active = {k for k in active if y[k] != robots[k].goal}
@@ -122,7 +138,7 @@ class Reference:
             t += 2
 
     def choose(self, k, t, x, draws, percept):
-        """Return A_k(t), the primitive action and the perceived cell (or None)."""
+        """Return A_k(t), the primitive action and the perceived cells (or None)."""
         q_star, q_coord = self.tables[k]
         if draws[0] < self.epsilons[min(t, self.scenario.steps)]:
             action = math.floor(draws[1] * self.columns)
@@ -131,10 +147,18 @@ class Reference:
         if action != 4:
             return action, action, None
         peers = [other for other in range(len(self.scenario.robots)) if other != k]
-        peer_cell = x[peers[math.floor(draws[4] * len(peers))]]
-        if percept < self.see[x[k], peer_cell]:
-            return 4, self.greedy(q_coord[x[k], peer_cell], draws[3]), peer_cell
+        if self.scenario.peers == "one":
+            peers = [peers[math.floor(draws[4] * len(peers))]]
+        seen = [x[peer] for peer in peers]
+        if percept < min(self.see[x[k], cell] for cell in seen):
+            row = [q_coord.get((x[k], *seen, a), self.scenario.q_coord_init) for a in range(4)]
+            return 4, self.greedy(np.array(row), draws[3]), seen
         return 4, self.greedy(q_star[x[k], :4], draws[3]), None
+
+    def factor(self, k):
+        """Return robot k's part of the penalty."""
+        _, *factors = str(self.scenario.common_reward).split(":")
+        return float(factors[k]) if factors else 1.0
 
     @staticmethod
     def greedy(row, tie):
@@ -167,6 +191,11 @@ class Reference:
         ),
         ("env2-4r", "coop", {"perception": "probability:0.7"}),
         ("env2-4r", "noncoop", {"conflict": "any_doorway"}),
+        ("env2-4r", "coop", {"common_reward": "each:0:1:0.5:3", "penalty": -100}),
+        ("env2-2r", "coop", {"peers": "all", "perception": "probability:0.7"}),
+        ("crowd-3r", "coop", {"peers": "all"}),
+        ("crowd-3r", "noncoop", {"peers": "all"}),
+        ("env2-4r", "coop", {"peers": "all", "perception": "range:4", "conflict": "any_doorway"}),
         ("isr", "coop", {"perception": "line_of_sight", "move_success": 1}),
     ],
 )
@@ -181,6 +210,12 @@ def test_perception_is_looked_up_from_the_asker_to_the_asked(monkeypatch):
     monkeypatch.setitem(MODELS, "never", one_way)
     scenario = problem("env1", steps=600, perception="never")
     assert tables_equal(learn(scenario, "coop", 5), Reference(scenario, "coop", 5).run())
+
+
+def test_with_two_robots_all_peers_are_the_one_peer():
+    settings = {"steps": 600, "perception": "probability:0.7"}
+    one, both = (learn(problem("env1", peers=p, **settings), "coop", 5) for p in ("one", "all"))
+    assert tables_equal(one, both)
 
 
 # sha256 over the bytes of every q_star and q_coord, after 500 steps of env1 with seed 4: percepts
@@ -252,3 +287,20 @@ def test_tables_equal_compares_bits():
     assert not tables_equal([pair(0.0)], [pair(-0.0)])
     assert not tables_equal([pair(1.0)], [pair(1.0 + 2**-52)])
     assert not tables_equal([pair(1.0)], [pair(1.0), pair(1.0)])
+
+
+def test_tables_equal_compares_the_rows_of_sparse_tables():
+    def pair(value=1.0, key=(0, 1, 2), unseen=200.0):
+        table = SparseTable(3, 3, unseen)
+        table[(*key, 3)] = value
+        return Tables(np.zeros((3, 5)), table)
+
+    assert tables_equal([pair()], [pair()])
+    assert tables_equal([pair(np.nan)], [pair(np.nan)])
+    assert not tables_equal([pair()], [pair(1.0 + 2**-52)])
+    assert not tables_equal([pair(0.0)], [pair(-0.0)])
+    assert not tables_equal([pair()], [pair(key=(0, 2, 1))])
+    assert not tables_equal([pair()], [pair(unseen=0.0)])
+    dense = Tables(np.zeros((3, 5)), np.full((3, 3, 4), 200.0))
+    assert not tables_equal([pair()], [dense])
+    assert not tables_equal([dense], [pair()])

@@ -8,7 +8,13 @@ from sparse_coord_ros.core.specs import Number, Spec, SpecFamily
 from sparse_coord_ros.errors import SettingError
 
 FAMILY = SpecFamily(
-    "light", {"off": (), "level": (Number("x", 0.0, 1.0),), "ramp": (Number("a"), Number("b"))}
+    "light",
+    {
+        "off": (),
+        "level": (Number("x", 0.0, 1.0),),
+        "ramp": (Number("a"), Number("b")),
+        "stops": (Number("a"), Number("x", 0.0, 1.0, repeated=True)),
+    },
 )
 
 
@@ -19,6 +25,8 @@ FAMILY = SpecFamily(
         ("level:0.5", Spec("level", (0.5,))),
         ("level:1", Spec("level", (1.0,))),
         ("ramp:-2:1e3", Spec("ramp", (-2.0, 1000.0))),
+        ("stops:5:1", Spec("stops", (5.0, 1.0))),
+        ("stops:5:1:0:0.5", Spec("stops", (5.0, 1.0, 0.0, 0.5))),
     ],
 )
 def test_parse(text, spec):
@@ -47,6 +55,8 @@ def test_written_as_people_write_it():
         ("level", ["'level' has 0 numbers", "takes 1", "level:X"]),
         ("off:1", ["'off:1' has 1 numbers", "takes 0"]),
         ("ramp:1", ["takes 2", "ramp:A:B"]),
+        ("stops:1", ["'stops:1' has 1 numbers", "takes 2 or more", "stops:A:X:..."]),
+        ("stops:7:1:1:7", ["x is '7'", "from 0 to 1"]),
         ("level:2", ["x is '2'", "from 0 to 1"]),
         ("level:-0.1", ["x is '-0.1'", "from 0 to 1"]),
         ("level:nan", ["x is 'nan'"]),

@@ -8,6 +8,7 @@ import pytest
 from sparse_coord_ros.core.agent import Tables
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.simulation import tables_equal
+from sparse_coord_ros.core.sparse import SparseTable
 from sparse_coord_ros.core.tables import (
     TEAM_FILE,
     load_counts,
@@ -41,6 +42,80 @@ def test_team_round_trip(tmp_path, team):
     save_team(tmp_path, team)
     assert [path.name for path in tmp_path.iterdir()] == [TEAM_FILE]
     assert tables_equal(load_team(tmp_path, load_scenario("env1")), team)
+
+
+@pytest.fixture
+def sparse_team():
+    """Return tables of three robots over joint states; the third has seen none."""
+    draws = np.random.default_rng(1)
+    team = []
+    for k in range(3):
+        table = SparseTable(21, 3, 150.0)
+        for _ in range((40, 7, 0)[k]):
+            entry = (*draws.integers(21, size=3).tolist(), int(draws.integers(4)))
+            table[entry] = float(draws.normal())
+        team.append(Tables(draws.random((21, 5)), table))
+    return team
+
+
+def test_sparse_team_round_trip(tmp_path, sparse_team):
+    path = tmp_path / TEAM_FILE
+    save_team(tmp_path, sparse_team)
+    again = load_tables(path, [1, 2, 3])
+    assert tables_equal(again, sparse_team)
+    again[0].q_coord[0, 0, 0, 0] = 1.0  # it can be learned on
+    with np.load(path) as file:
+        shapes = {name: (file[name].shape, file[name].dtype) for name in file.files}
+    rows = [len(pair.q_coord) for pair in sparse_team]
+    assert shapes == {
+        **{f"q_star_{k}": ((21, 5), float) for k in (1, 2, 3)},
+        **{f"q_coord_keys_{k}": ((rows[k - 1], 3), np.int32) for k in (1, 2, 3)},
+        **{f"q_coord_rows_{k}": ((rows[k - 1], 4), float) for k in (1, 2, 3)},
+        **{f"q_coord_unseen_{k}": ((), float) for k in (1, 2, 3)},
+    }
+
+
+def test_the_order_of_learning_does_not_show_in_the_file(tmp_path, sparse_team):
+    (q_star, table), *others = sparse_team
+    turned = SparseTable(21, 3, 150.0)
+    for key, row in zip(table.keys.tolist()[::-1], table.rows[::-1], strict=True):
+        for action in range(4):
+            turned[(*key, action)] = row[action]
+    files = []
+    for name, team in (("a", sparse_team), ("b", [Tables(q_star, turned), *others])):
+        (tmp_path / name).mkdir()
+        save_team(tmp_path / name, team)
+        files.append((tmp_path / name / TEAM_FILE).read_bytes())
+    assert files[0] == files[1]
+
+
+@pytest.mark.parametrize(
+    ("name", "array"),
+    [
+        ("keys", np.array([[0, 1, 21]], dtype=np.int32)),
+        ("keys", np.array([0, 1, 2], dtype=np.int32)),
+        ("keys", np.array([[0.0, 1.0, 2.0]])),
+        ("keys", np.array([[0, 1, 2], [0, 1, 2]], dtype=np.int32)),
+        ("rows", np.zeros((1, 5))),
+        ("rows", np.array([["a", "b", "c", "d"]])),
+        ("unseen", np.array([1.0, 2.0])),
+    ],
+)
+def test_spoiled_sparse_tables(tmp_path, name, array):
+    arrays = {
+        "q_star_1": np.zeros((21, 5)),
+        "q_coord_keys_1": np.array([[0, 1, 2]], dtype=np.int32),
+        "q_coord_rows_1": np.zeros((1, 4)),
+        "q_coord_unseen_1": np.float64(0),
+    }
+    path = tmp_path / TEAM_FILE
+    np.savez(path, **arrays)
+    assert load_tables(path, [1])[0].q_coord.shape == (21, 21, 21, 4)
+    np.savez(path, **arrays | {f"q_coord_{name}_1": array})
+    assert "cannot be read as tables" in refusal(load_tables, path, [1])
+    del arrays[f"q_coord_{name}_1"]
+    np.savez(path, **arrays)
+    assert "q_coord" in refusal(load_tables, path, [1])
 
 
 def test_names_and_shapes_in_the_file(tmp_path, team):

@@ -196,3 +196,17 @@ def test_agents_left_out_neither_move_nor_meet(make):
     assert not outcome.miscoordination
     world.advance([None, go(WEST)])
     assert world.advance([None, go(WEST)]).episode_over
+
+
+def test_each_robot_pays_its_own_part_of_the_penalty(make):
+    """Paper, Section 5: r^C may differ between the agents; the arrived one pays too."""
+    robots = {"a": ([0, 0], [0, 4]), "b": ([0, 4], [0, 0]), "c": ([0, 4], [0, 3])}
+    settings = {"penalty": -100, "common_reward": "each:0.5:0:3"}
+    world = World(make("..D..", robots, **SURE, **settings), 0)
+    first = world.advance([go(EAST), go(WEST), go(WEST)])
+    assert not first.miscoordination
+    assert [reward.common for reward in first.rewards] == [0, 0, 0]
+    second = world.advance([ask(EAST), go(WEST), None])
+    assert second.miscoordination
+    assert [reward.common for reward in second.rewards] == [-50, 0, -300]
+    assert [reward.total for reward in second.rewards] == [-51, 0, -300]

@@ -7,7 +7,12 @@ from random import Random
 
 import pytest
 import yaml
+from mcap.reader import make_reader
+from nav_msgs.msg import Path
+from rclpy.serialization import deserialize_message
 
+from sparse_coord_ros.core.run_config import load_run
+from sparse_coord_ros.nodes.messages import Converter
 from sparse_coord_ros.nodes.robot import RobotNode
 from sparse_coord_ros.nodes.spin import ros_context
 from sparse_coord_ros.nodes.team import run_team
@@ -60,6 +65,51 @@ def test_team_of_four_whose_percepts_fail(tmp_path, simulate, assert_same_tables
         mine = [peer for (asker, _), (_, peer) in said.percepts.items() if asker == k]
         assert asks["refused"] == mine.count(None) > 0
         assert asks["answered"] == len(mine) - mine.count(None) > 0
+
+
+def test_team_of_three_that_perceive_all_peers_and_pay_differently(
+    tmp_path, simulate, assert_same_tables
+):
+    settings = {
+        "steps": 250,
+        "peers": "all",
+        "perception": "probability:0.7",
+        "penalty": -100,
+        "common_reward": "each:1:0.5:2",
+        "conflict": "any_doorway",
+    }
+    scenario = tmp_path / "trio.yaml"
+    scenario.write_text(
+        "map: env2\nrobots: {a: {start: 1, goal: 3}, b: {start: 2, goal: 4}, "
+        "c: {start: 3, goal: 1}}\n"
+    )
+    said = simulate(str(scenario), settings, seed=SEED)
+    sets = [f"{name}={value}" for name, value in settings.items()]
+    out = tmp_path / "out"
+    with ros_context() as context:
+        summary = run_team(values(out, str(scenario), 250, set=sets, record=True), context=context)
+    assert_same_tables(out, said)
+    assert summary["timeouts"] == 0
+    assert any(reward.common == -200.0 for reward in said.rewards.values())
+    for k, asks in enumerate(summary["asks"].values()):
+        mine = [peers for (asker, _), (_, peers) in said.percepts.items() if asker == k]
+        assert asks["refused"] == mine.count(None) > 0
+        assert asks["answered"] == len(mine) - mine.count(None) > 5
+        assert {len(peers) for peers in mine if peers} == {2}
+    assert {said.actions[key].peer for key in said.percepts} == {-1}
+    convert = Converter(load_run(out))
+    recorded = {}
+    with next((out / "bag").glob("*.mcap")).open("rb") as file:
+        topics = [f"/{robot.name}/percept" for robot in said.scenario.robots]
+        for _, channel, message in make_reader(file).iter_messages(topics=topics):
+            path = deserialize_message(message.data, Path)
+            step = convert.step(path.header.stamp.sec, path.header.stamp.nanosec)
+            places = [stamped.pose.position for stamped in path.poses]
+            cells = tuple(convert.cell(place.x, place.y) for place in places)
+            recorded[topics.index(channel.topic), step] = cells
+    assert recorded == {
+        key: (own, *(perceived or ())) for key, (own, perceived) in said.percepts.items()
+    }
 
 
 def test_baseline(tmp_path, simulate, assert_same_tables):

@@ -228,8 +228,8 @@ def test_percepts_have_the_own_pose_and_then_the_peers(team):
     lengths = set()
     for k, name in enumerate(NAMES):
         for message in team.percepts[name]:
-            own, peer = team.said.percepts[k, step_of(message.header.stamp)]
-            cells = [own] if peer is None else [own, peer]
+            own, perceived = team.said.percepts[k, step_of(message.header.stamp)]
+            cells = [own, *(perceived or ())]
             assert message.header.frame_id == "map"
             assert [xy(stamped.pose) for stamped in message.poses] == [
                 centre(team.said, cell) for cell in cells

@@ -29,8 +29,8 @@ class Port:
     def act(self, step, action):
         self.done.append(("act", step, action))
 
-    def percept(self, step, cell, peer_cell):
-        self.done.append(("percept", step, cell, peer_cell))
+    def percept(self, step, cell, perceived):
+        self.done.append(("percept", step, cell, perceived))
 
     def take(self):
         done, self.done = self.done, []
@@ -198,9 +198,9 @@ def asking(robot, port, step=1):
 
 def test_an_answer_becomes_the_percept(robot, port):
     asking(robot, port)
-    robot.answer(1, Answer(1, 17))
+    robot.answer(1, 1, Answer(1, 17))
     action = Action(EAST, True, 1, True)
-    assert port.take() == [("percept", 1, ASKING_CELL, 17), ("act", 1, action)]
+    assert port.take() == [("percept", 1, ASKING_CELL, (17,)), ("act", 1, action)]
     assert robot.asks == {"answered": 1, "refused": 0, "late": 0, "repeated": 0}
     assert (robot.waiting, robot.asking) == (None, -1)
     robot.reward(1, 4.0)
@@ -213,7 +213,7 @@ def test_an_answer_becomes_the_percept(robot, port):
 def test_a_refusal_is_a_failed_percept(robot, port, answer):
     """So is the state of a later step: only states of the same step are a joint state."""
     asking(robot, port)
-    robot.answer(1, answer)
+    robot.answer(1, 1, answer)
     action = Action(3, True, 1, False)
     assert port.take() == [("percept", 1, ASKING_CELL, None), ("act", 1, action)]
     assert robot.asks == {"answered": 0, "refused": 1, "late": 0, "repeated": 0}
@@ -222,21 +222,21 @@ def test_a_refusal_is_a_failed_percept(robot, port, answer):
 @pytest.mark.parametrize("cell", [None, 17])
 def test_a_peer_behind_is_asked_again(robot, port, cell):
     asking(robot, port, step=3)
-    robot.answer(3, Answer(2, cell))
+    robot.answer(1, 3, Answer(2, cell))
     assert port.take() == [("ask", 1, 3, ASKING_CELL)]
     assert robot.asks["repeated"] == 1
     assert robot.waiting == ("percept", 3)
-    robot.answer(3, Answer(3, 17))
-    assert port.take()[0] == ("percept", 3, ASKING_CELL, 17)
+    robot.answer(1, 3, Answer(3, 17))
+    assert port.take()[0] == ("percept", 3, ASKING_CELL, (17,))
 
 
 def test_answers_to_other_requests_are_ignored(robot, port):
-    robot.answer(1, Answer(1, 17))
+    robot.answer(1, 1, Answer(1, 17))
     asking(robot, port, step=3)
-    robot.answer(2, Answer(3, 17))
+    robot.answer(1, 2, Answer(3, 17))
     assert port.take() == []
-    robot.answer(3, Answer(3, 17))
-    robot.answer(3, Answer(3, 16))
+    robot.answer(1, 3, Answer(3, 17))
+    robot.answer(1, 3, Answer(3, 16))
     assert [done[0] for done in port.take()] == ["percept", "act"]
     assert robot.asks["answered"] == 1
 
@@ -253,7 +253,7 @@ def test_the_deadline_of_a_percept(robot, port):
     action = Action(3, True, 1, False)
     assert port.take() == [("percept", 1, ASKING_CELL, None), ("act", 1, action)]
     assert robot.asks["late"] == 1
-    robot.answer(1, Answer(1, 17))
+    robot.answer(1, 1, Answer(1, 17))
     assert port.take() == []
     assert robot.asks["answered"] == 0
 
@@ -284,8 +284,81 @@ def test_the_world_goes_on_while_the_robot_asks(robot, port):
     robot.state(2, 1)
     assert port.take() == [("act", 2, GO)]
     assert robot.asks["late"] == 1
-    robot.answer(1, Answer(1, 17))
+    robot.answer(1, 1, Answer(1, 17))
     assert port.take() == []
+
+
+# Asking several peers.
+
+
+@pytest.fixture
+def trio():
+    """Return robot 2 of crowd-3r, which always asks both others."""
+    settings = {**SETTINGS, "peers": "all", "q_coord_init": 5}
+    scenario = load_scenario("crowd-3r").with_settings(settings)
+    agent = Agent(scenario, 1, 0)
+    agent.tables.q_star[:] = [0, 1, 2, 3, 50]
+    for action, value in enumerate([1.0, 2.0, 7.0, 3.0]):
+        agent.tables.q_coord[ASKING_CELL, 17, 9, action] = value
+    return RobotProtocol(make_run(scenario, {}), agent, Port())
+
+
+def test_all_peers_are_asked_one_after_the_other(trio):
+    port = trio._port
+    trio.state(1, ASKING_CELL)
+    assert port.take() == [("ask", 0, 1, ASKING_CELL)]
+    assert (trio.asking, trio.waiting) == (0, ("percept", 1))
+    trio.answer(0, 1, Answer(1, 17))
+    assert port.take() == [("ask", 2, 1, ASKING_CELL)]
+    assert (trio.asking, trio.waiting) == (2, ("percept", 1))
+    trio.answer(2, 1, Answer(1, 9))
+    action = Action(EAST, True, -1, True)
+    assert port.take() == [("percept", 1, ASKING_CELL, (17, 9)), ("act", 1, action)]
+    assert trio.asks == {"answered": 1, "refused": 0, "late": 0, "repeated": 0}
+    trio.reward(1, 4.0)
+    trio.state(2, 1)
+    learned = 0.5 * 7 + 0.5 * (4 + 0.95 * 50)
+    assert trio.agent.tables.q_coord[ASKING_CELL, 17, 9].tolist() == [1, 2, learned, 3]
+
+
+def test_answers_of_a_peer_that_is_not_asked_now_are_ignored(trio):
+    """A doubled answer of the first peer is no answer of the second."""
+    port = trio._port
+    trio.state(1, ASKING_CELL)
+    trio.answer(2, 1, Answer(1, 9))
+    trio.answer(0, 1, Answer(1, 17))
+    port.take()
+    trio.answer(0, 1, Answer(1, 17))
+    assert port.take() == []
+    trio.answer(2, 1, Answer(0, None))
+    assert port.take() == [("ask", 2, 1, ASKING_CELL)]
+    trio.answer(2, 1, Answer(1, 9))
+    assert port.take()[0] == ("percept", 1, ASKING_CELL, (17, 9))
+
+
+@pytest.mark.parametrize("answers", [[(0, None)], [(0, 17), (2, None)]])
+def test_a_refusal_by_any_peer_is_a_failed_percept(trio, answers):
+    port = trio._port
+    trio.state(1, ASKING_CELL)
+    for peer, cell in answers:
+        assert port.take() == [("ask", peer, 1, ASKING_CELL)]
+        trio.answer(peer, 1, Answer(1, cell))
+    action = Action(3, True, -1, False)
+    assert port.take() == [("percept", 1, ASKING_CELL, None), ("act", 1, action)]
+    assert trio.asks == {"answered": 0, "refused": 1, "late": 0, "repeated": 0}
+
+
+def test_the_deadline_of_the_second_request(trio):
+    port = trio._port
+    trio.state(1, ASKING_CELL)
+    trio.answer(0, 1, Answer(1, 17))
+    port.take()
+    trio.expire()
+    assert port.take()[0] == ("percept", 1, ASKING_CELL, None)
+    assert trio.asks == {"answered": 0, "refused": 0, "late": 1, "repeated": 0}
+    trio.state(2, ASKING_CELL)
+    trio.reward(1, 0.0)
+    assert port.take() == [("ask", 0, 2, ASKING_CELL)]  # from the first peer on again
 
 
 # Answering.

@@ -49,11 +49,11 @@ class SpyAgent(Agent):
         self.decided = step
         return super().decide(step, cell)
 
-    def learn(self, step, cell, decision, action, peer_cell, reward, next_cell):
+    def learn(self, step, cell, decision, action, perceived, reward, next_cell):
         seen = self.__dict__.setdefault("learned", {})
         assert self.decided not in seen
         seen[self.decided] = (cell, reward, next_cell)
-        super().learn(step, cell, decision, action, peer_cell, reward, next_cell)
+        super().learn(step, cell, decision, action, perceived, reward, next_cell)
 
 
 class RobotPort:
@@ -66,8 +66,8 @@ class RobotPort:
     def act(self, step, action):
         self.network.put(("action", self.number), (step, action))
 
-    def percept(self, step, cell, peer_cell):
-        self.network.percepts.append((self.number, step, cell, peer_cell))
+    def percept(self, step, cell, perceived):
+        self.network.percepts.append((self.number, step, cell, perceived))
 
 
 class Network:
@@ -150,10 +150,10 @@ class Network:
             self.world.advance()
 
     def on_ask(self, robot, peer, step, cell):
-        self.put(("answer", robot), (step, self.robots[peer].asked(robot, step, cell)))
+        self.put(("answer", robot), (peer, step, self.robots[peer].asked(robot, step, cell)))
 
-    def on_answer(self, robot, step, answer):
-        self.robots[robot].answer(step, answer)
+    def on_answer(self, robot, peer, step, answer):
+        self.robots[robot].answer(peer, step, answer)
 
     # Whole runs.
 
@@ -217,6 +217,11 @@ CASES = [
     ("env1", {"perception": "line_of_sight", "steps": 600, "starts": "fixed", "max_steps": 60}),
     ("env2-4r", {"perception": "probability:0.7", "steps": 500}),
     ("env2-4r", {"perception": "probability:0.7", "steps": 400, "max_steps": 15}),
+    ("crowd-3r", {"perception": "probability:0.7", "steps": 400, "peers": "all"}),
+    (
+        "env2-4r",
+        {"perception": "range:4", "steps": 300, "peers": "all", "common_reward": "each:1:0:2:3"},
+    ),
 ]
 
 
@@ -250,6 +255,29 @@ def test_doubled_messages_change_no_bit(name, settings, shuffle, doubled):
     assert network.learned() == network.transitions()
     assert network.world.timeouts == 0
     assert network.world.stale > 0
+
+
+@pytest.mark.parametrize("shuffle", range(3))
+def test_all_peers_are_those_of_one_time_step(shuffle):
+    """What is perceived is the joint state of the step, however late the requests come."""
+    scenario = problem("crowd-3r", steps=400, peers="all")
+    network = Network(scenario, shuffle, doubled=0.3)
+    network.run()
+    assert len(network.percepts) > 20
+    for robot, step, cell, perceived in network.percepts:
+        cells = [network.history[k][step]["cell"] for k in range(3)]
+        assert cells.pop(robot) == cell
+        assert perceived == tuple(cells)
+
+
+def test_one_of_three_that_never_answers_fails_every_percept():
+    scenario = problem("crowd-3r", steps=300, peers="all")
+    network = Network(scenario, 4)
+    network.lost = lambda topic, robot, message: topic == "ask" and message[0] == 2
+    network.run()
+    assert [robot.asks["late"] > 0 for robot in network.robots] == [True, True, False]
+    assert [robot.asks["answered"] > 0 for robot in network.robots] == [False, False, True]
+    assert network.learned() == network.transitions()
 
 
 def test_perception_that_works_one_way(monkeypatch):

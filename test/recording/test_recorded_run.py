@@ -81,10 +81,10 @@ def said_in(run):
         team.learn(choices, world, outcome)
         for k in range(2):
             if choices[k] is not None:
-                cell, _, said.actions[k, step], peer_cell = choices[k]
+                cell, _, said.actions[k, step], perceived = choices[k]
                 said.rewards[k, step] = outcome.rewards[k]
                 if actions[k].asked:
-                    said.percepts[k, step] = (cell, peer_cell)
+                    said.percepts[k, step] = (cell, perceived)
         note_states()
         if outcome.episode_over and world.transitions < scenario.steps:
             world.begin_episode()
@@ -178,9 +178,9 @@ def test_a_percept_for_each_question(recorded):
     for key, message in percepts.items():
         positions = [stamped.pose.position for stamped in message.poses]
         cells = [convert.cell(position.x, position.y) for position in positions]
-        own, peer = recorded.said.percepts[key]
-        assert cells == ([own] if peer is None else [own, peer])
-    outcomes = Counter(peer is None for _, peer in recorded.said.percepts.values())
+        own, perceived = recorded.said.percepts[key]
+        assert cells == [own, *(perceived or ())]
+    outcomes = Counter(perceived is None for _, perceived in recorded.said.percepts.values())
     assert set(outcomes) == {True, False}, "some percepts fail, some do not"
     summary = yaml.safe_load((recorded.out / "summary.yaml").read_text())
     asks = summary["asks"].values()

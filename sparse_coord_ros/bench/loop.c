@@ -1,0 +1,260 @@
+// Copyright 2026 The sparse_coord_ros authors
+// SPDX-License-Identifier: Apache-2.0
+//
+// Algorithm 1 of Melo & Veloso (2009) on one scenario as one plain C loop: what the batch engine
+// is measured against. It draws the same random numbers in the same order and computes the same
+// bits (compile without contraction of floating-point operations: -ffp-contract=off).
+
+#include <stdbool.h>
+#include <stdint.h>
+#include <stdlib.h>
+
+enum { PRIMITIVES = 4, COORDINATE = 4, ACTIONS = 5, EPISODE_GAP = 2, NO_ROW = -1 };
+enum { EXPLORE, EXPLORED_ACTION, TIE, PRIMITIVE_TIE, PEER, POLICY_DRAWS };
+
+// A scenario; bench/batch.py declares the same fields. k is a robot, x its cell.
+struct problem {
+    int32_t team, cells, budget, max_steps, any_doorway, most_start_cells;
+    const int32_t *starts;         // [k]
+    const int32_t *goals;          // [k]
+    const int32_t *next_cell;      // [x][action]
+    const uint8_t *doorway;        // [x]
+    const double *percept;         // success probability [x][cell of the peer]
+    const double *penalties;       // [k]
+    const int32_t *start_cells;    // exploring starts [k][number]
+    const int32_t *start_counts;   // [k]
+    const double *exploring;       // [time step], budget + 1 entries
+    const double *epsilon;         // [time step], budget + 1 entries
+    const double *alpha_by_count;  // [number of the update], budget + 1 entries
+    const double *alpha_by_step;   // [time step], budget + 1 entries
+    double move_success, goal_reward, ask_cost, discount, goal_value, q_star_init, q_coord_init;
+};
+
+// NumPy's PCG64: PCG XSL-RR 128/64.
+struct pcg64 {
+    unsigned __int128 state, increment;
+};
+
+struct robot {
+    struct pcg64 policy_source, motion_source, percept_source, start_source;
+    double policy[POLICY_DRAWS], motion, percept, start[2];  // the draws of this time step
+    double *q_star, *q_coord;
+    int32_t *star_updates, *coord_updates;
+    int32_t cell, from, action, move, row;  // row of Q^C that was perceived, or NO_ROW
+    bool arrived;
+};
+
+static inline double uniform(struct pcg64 *source)
+{
+    const unsigned __int128 multiplier =
+        (unsigned __int128)0x2360ED051FC65DA4u << 64 | 0x4385DF649FCCF645u;
+    source->state = source->state * multiplier + source->increment;
+    uint64_t folded = (uint64_t)(source->state >> 64) ^ (uint64_t)source->state;
+    unsigned turn = (unsigned)(source->state >> 122);
+    uint64_t bits = folded >> turn | folded << (-turn & 63);
+    return (double)(bits >> 11) * (1.0 / 9007199254740992.0);
+}
+
+static inline void draw(struct robot *robots, int team)
+{
+    for (struct robot *robot = robots; robot < robots + team; robot++) {
+        for (int i = 0; i < POLICY_DRAWS; i++)
+            robot->policy[i] = uniform(&robot->policy_source);
+        robot->motion = uniform(&robot->motion_source);
+        robot->percept = uniform(&robot->percept_source);
+        robot->start[0] = uniform(&robot->start_source);
+        robot->start[1] = uniform(&robot->start_source);
+    }
+}
+
+static inline int greedy(const double *values, int count, double tie)
+{
+    double best = values[0];
+    int ties = 1;
+    for (int action = 1; action < count; action++) {
+        if (values[action] > best) {
+            best = values[action];
+            ties = 1;
+        } else if (values[action] == best) {
+            ties++;
+        }
+    }
+    int chosen = (int)(tie * ties);
+    for (int action = 0; action < count; action++)
+        if (values[action] == best && chosen-- == 0)
+            return action;
+    return 0;
+}
+
+static inline double greatest(const double *values, int count)
+{
+    double best = values[0];
+    for (int action = 1; action < count; action++)
+        if (values[action] > best)
+            best = values[action];
+    return best;
+}
+
+// Begin an episode: every robot at its start, or at an exploring start.
+static void place(const struct problem *problem, struct robot *robots, double exploring)
+{
+    for (int k = 0; k < problem->team; k++) {
+        struct robot *robot = &robots[k];
+        robot->cell = problem->starts[k];
+        robot->arrived = false;
+        if (robot->start[0] < exploring) {
+            int pick = (int)(robot->start[1] * problem->start_counts[k]);
+            robot->cell = problem->start_cells[(int64_t)k * problem->most_start_cells + pick];
+        }
+    }
+}
+
+// Robot k chooses (Algorithm 1, lines 4 to 10).
+static inline void choose(const struct problem *problem, struct robot *robots, int k,
+                          double epsilon)
+{
+    struct robot *robot = &robots[k];
+    const double *values = robot->q_star + (int64_t)robot->cell * ACTIONS;
+    robot->from = robot->cell;
+    robot->row = NO_ROW;
+    if (robot->policy[EXPLORE] < epsilon)
+        robot->action = (int)(robot->policy[EXPLORED_ACTION] * ACTIONS);
+    else
+        robot->action = greedy(values, ACTIONS, robot->policy[TIE]);
+    robot->move = robot->action;
+    if (robot->action != COORDINATE)
+        return;
+    int peer = (int)(robot->policy[PEER] * (problem->team - 1));
+    peer += peer >= k;
+    int32_t row = robot->cell * problem->cells + robots[peer].cell;
+    if (robot->percept < problem->percept[row]) {
+        robot->row = row;
+        values = robot->q_coord + (int64_t)row * PRIMITIVES;
+    }
+    robot->move = greedy(values, PRIMITIVES, robot->policy[PRIMITIVE_TIE]);
+}
+
+// Move the robots; return whether the step ends in a miscoordination.
+static inline bool move(const struct problem *problem, struct robot *robots)
+{
+    for (struct robot *robot = robots; robot < robots + problem->team; robot++)
+        if (!robot->arrived && robot->motion < problem->move_success)
+            robot->cell = problem->next_cell[robot->cell * PRIMITIVES + robot->move];
+    for (int i = 1; i < problem->team; i++) {
+        int32_t here = robots[i].cell;
+        if (!problem->doorway[here])
+            continue;
+        for (int j = 0; j < i; j++) {
+            int32_t there = robots[j].cell;
+            if (there == here || (problem->any_doorway && problem->doorway[there]))
+                return true;
+        }
+    }
+    return false;
+}
+
+// QLUpdate of one table entry.
+static inline void update(const struct problem *problem, double *value, int32_t *updates,
+                          double least_alpha, double reward, double bootstrap)
+{
+    double alpha = problem->alpha_by_count[++*updates];
+    if (alpha < least_alpha)
+        alpha = least_alpha;
+    *value = (1.0 - alpha) * *value + alpha * (reward + problem->discount * bootstrap);
+}
+
+// Robot k learns from the step (Algorithm 1, lines 12 to 18); return whether it is at its goal.
+static inline bool learn(const struct problem *problem, struct robot *robot, int k,
+                         bool conflict, double least_alpha)
+{
+    bool home = robot->cell == problem->goals[k];
+    double individual = home ? problem->goal_reward : 0.0;
+    double common = conflict ? problem->penalties[k] : 0.0;
+    double cost = robot->action == COORDINATE ? -problem->ask_cost : 0.0;
+    double reward = individual + common + cost;
+    double bootstrap = problem->goal_value;
+    if (!home)
+        bootstrap = greatest(robot->q_star + (int64_t)robot->cell * ACTIONS, ACTIONS);
+    if (robot->row != NO_ROW) {
+        int64_t entry = (int64_t)robot->row * PRIMITIVES + robot->move;
+        update(problem, &robot->q_coord[entry], &robot->coord_updates[entry], least_alpha,
+               reward, bootstrap);
+    }
+    int64_t entry = (int64_t)robot->from * ACTIONS + robot->action;
+    update(problem, &robot->q_star[entry], &robot->star_updates[entry], least_alpha, reward,
+           bootstrap);
+    return home;
+}
+
+// One learning run.
+//   sources: state and increment of each robot's four generators (policy, motion, percept,
+//            start) at time step 0, [k][role][state high, low, increment high, low]
+//   q_star:  filled with the learned Q*, [k][x][action]
+//   q_coord: filled with the learned Q^C, [k][x][cell of the peer][action]
+// Returns 0, or 1 where there is not enough memory.
+int learn_run(const struct problem *problem, const uint64_t *sources, double *q_star,
+              double *q_coord)
+{
+    int team = problem->team;
+    int64_t stars = (int64_t)problem->cells * ACTIONS;
+    int64_t coords = (int64_t)problem->cells * problem->cells * PRIMITIVES;
+    struct robot *robots = calloc(team, sizeof *robots);
+    int32_t *updates = calloc(team * (stars + coords), sizeof *updates);
+    if (!robots || !updates) {
+        free(robots);
+        free(updates);
+        return 1;
+    }
+    for (int64_t i = 0; i < team * stars; i++)
+        q_star[i] = problem->q_star_init;
+    for (int64_t i = 0; i < team * coords; i++)
+        q_coord[i] = problem->q_coord_init;
+    for (int k = 0; k < team; k++) {
+        struct robot *robot = &robots[k];
+        struct pcg64 *source[] = {&robot->policy_source, &robot->motion_source,
+                                  &robot->percept_source, &robot->start_source};
+        for (int role = 0; role < 4; role++, sources += 4) {
+            source[role]->state = (unsigned __int128)sources[0] << 64 | sources[1];
+            source[role]->increment = (unsigned __int128)sources[2] << 64 | sources[3];
+        }
+        robot->q_star = q_star + k * stars;
+        robot->q_coord = q_coord + k * coords;
+        robot->star_updates = updates + k * (stars + coords);
+        robot->coord_updates = robot->star_updates + stars;
+    }
+
+    draw(robots, team);  // time step 0 is never played
+    bool placed = false;
+    int64_t episode_start = 0;
+    int64_t step = 0;
+    for (int32_t done = 0; done < problem->budget; done++) {
+        draw(robots, team);
+        step++;
+        int32_t scheduled = step < problem->budget ? (int32_t)step : problem->budget;
+        if (!placed) {
+            place(problem, robots, problem->exploring[scheduled]);
+            episode_start = step;
+            placed = true;
+        }
+        for (int k = 0; k < team; k++)
+            if (!robots[k].arrived)
+                choose(problem, robots, k, problem->epsilon[scheduled]);
+        bool conflict = move(problem, robots);
+        double least_alpha = problem->alpha_by_step[scheduled];
+        bool over = true;
+        for (int k = 0; k < team; k++) {
+            if (!robots[k].arrived)
+                robots[k].arrived = learn(problem, &robots[k], k, conflict, least_alpha);
+            over &= robots[k].arrived;
+        }
+        if (over || step + 1 - episode_start >= problem->max_steps) {
+            for (int i = 0; i < EPISODE_GAP; i++)
+                draw(robots, team);
+            step += EPISODE_GAP;
+            placed = false;
+        }
+    }
+    free(robots);
+    free(updates);
+    return 0;
+}

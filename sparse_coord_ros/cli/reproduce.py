@@ -1,0 +1,214 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`sparse_coord reproduce`: the paper's tables and figures, and its open questions."""
+
+import argparse
+import sys
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from tqdm import tqdm
+
+from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.cli.evaluate import result_table
+from sparse_coord_ros.core.evaluation import summary
+from sparse_coord_ros.core.optimum import joint_optimum
+from sparse_coord_ros.core.run_config import RUN_SETTINGS, create_output, make_run
+from sparse_coord_ros.core.settings import Setting
+from sparse_coord_ros.core.tables import save_team
+from sparse_coord_ros.engine.batch import ENGINES, Run, run_batch, uses_numba
+from sparse_coord_ros.engine.cells import Cell, parse_id
+from sparse_coord_ros.engine.experiments import NAMES, Experiment, experiment
+from sparse_coord_ros.engine.results import CellResult, Plan, Results, collect, open_results
+from sparse_coord_ros.errors import SettingError, did_you_mean
+
+RUNS = Setting("runs", int, 100, "independent learning runs of a cell", low=2, high=1_000_000)
+TRIALS = Setting("trials", int, 1000, "Monte-Carlo trials of a run", low=2, high=1_000_000)
+JOBS = Setting("jobs", int, 1, "threads (or processes) at once", low=1, high=4096)
+
+
+def add_parser(verbs) -> None:
+    """Add the verb."""
+    parser = shared.add_verb(
+        verbs,
+        "reproduce",
+        help="reproduce the paper's tables and figures, and go beyond them",
+        example="sparse_coord reproduce table1 table2 --out results\n"
+        "  sparse_coord reproduce env2-4r/coop/penalty=-20/3 --out results",
+    )
+    parser.add_argument(
+        "targets",
+        metavar="WHAT",
+        nargs="*",
+        help=f"experiments ({', '.join(NAMES)}), cells such as env1/coop/penalty=-20, or single "
+        "runs such as env1/coop/penalty=-20/3 (default: every experiment)",
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("results"),
+        help="results directory; one that is there is gone on with (default: results)",
+    )
+    parser.add_argument("--runs", default="100", help=f"{RUNS.help} (default: 100)")
+    parser.add_argument("--trials", default="1000", help=f"{TRIALS.help} (default: 1000)")
+    parser.add_argument("--seed", default="0", help="seed of run 0; run i has seed + i (0)")
+    parser.add_argument(
+        "--engine",
+        choices=ENGINES,
+        default="auto",
+        help="numba, python, or auto: numba where it is installed; the results are the same",
+    )
+    parser.add_argument("--jobs", help=f"{JOBS.help} (default: all cores)")
+    parser.add_argument("--list", action="store_true", help="list the cells and stop")
+    shared.add_json(parser)
+    parser.set_defaults(execute=execute)
+
+
+def execute(options: argparse.Namespace) -> int:
+    """Run the verb."""
+    plan = Plan(
+        RUN_SETTINGS["seed"].parse(options.seed),
+        RUNS.parse(options.runs),
+        TRIALS.parse(options.trials),
+    )
+    jobs = None if options.jobs is None else JOBS.parse(options.jobs)
+    uses_numba(options.engine)
+    chosen, cells, runs = parse_targets(options.targets)
+    for cell, number in runs:
+        if number >= plan.runs:
+            raise SettingError(
+                f"id {cell.id}/{number}: run {number} is not one of {plan.runs}; choose a number "
+                f"below {plan.runs} or more --runs"
+            )
+    if options.list:
+        print("\n".join([*(cell.id for cell in cells), *(f"{c.id}/{n}" for c, n in runs)]))
+        return 0
+    work = {"engine": options.engine, "jobs": jobs}
+    with open_results(options.out, plan) as results:
+        found = compute(results, cells, work)
+        played = [one_run(results, cell, number, work) for cell, number in runs]
+        if chosen:
+            from sparse_coord_ros.engine.report import write_report
+
+            write_report(options.out, plan, chosen, found)
+    if options.json:
+        data = {"cells": [result.to_dict() for result in found.values()]}
+        shared.print_json(data | ({"runs": [_run_dict(*run) for run in played]} if runs else {}))
+        return 0
+    _print(options.out, chosen, cells, found)
+    for cell, run, folder in played:
+        learned = make_run(cell.scenario, {"seed": run.seed, "learner": cell.learner})
+        print(result_table(learned, summary(run.trials), joint_optimum(cell.scenario)))
+        print(f"tables  {folder / 'tables.npz'}")
+    return 0
+
+
+def parse_targets(
+    targets: Sequence[str],
+) -> tuple[list[Experiment], list[Cell], list[tuple[Cell, int]]]:
+    """Return the experiments, the cells (theirs and those named, each once), and single runs.
+
+    Raises:
+        SettingError: neither an experiment nor an id.
+        ScenarioError: an id with an unknown scenario.
+    """
+    chosen = [] if targets else [experiment(name) for name in NAMES]
+    cells: dict[str, Cell] = {}
+    runs = []
+    for target in targets:
+        if target in NAMES:
+            chosen.append(experiment(target))
+        elif "/" not in target:
+            raise SettingError(
+                f"unknown experiment {target!r}{did_you_mean(target, NAMES)}; allowed: "
+                f"{', '.join(NAMES)}, or an id such as env1/coop/penalty=-20"
+            )
+        else:
+            cell, number = parse_id(target)
+            if number is None:
+                cells[cell.id] = cell
+            else:
+                runs.append((cell, number))
+    cells = {cell.id: cell for one in chosen for cell in one.cells} | cells
+    return chosen, list(cells.values()), runs
+
+
+def compute(results: Results, cells: Iterable[Cell], work: dict) -> dict[str, CellResult]:
+    """Return every cell's result; compute and save those that are not there yet."""
+    found = {cell.id: results.load(cell) for cell in cells}
+    missing = [cell for cell in cells if found[cell.id] is None]
+    plan = results.plan
+    total = sum(_agent_steps(cell) * plan.runs for cell in missing)
+    with tqdm(
+        total=total,
+        unit=" agent-steps",
+        unit_scale=True,
+        disable=None if missing else True,
+        file=sys.stderr,
+        smoothing=0.05,
+    ) as bar:
+        for cell in missing:
+            bar.set_description(cell.id)
+            runs = run_batch(cell.scenario, cell.learner, plan.seeds, trials=plan.trials, **work)
+            result = collect(cell, plan.trials, _counted(runs, bar, _agent_steps(cell)))
+            results.save(cell, result)
+            found[cell.id] = result
+    return found
+
+
+def one_run(results: Results, cell: Cell, number: int, work: dict) -> tuple[Cell, Run, Path]:
+    """Compute one run of a cell and save what it learned, as `train` does."""
+    seed = results.plan.seed + number
+    [run] = run_batch(cell.scenario, cell.learner, [seed], trials=results.plan.trials, **work)
+    folder = create_output(results.directory / "runs" / f"{cell.id}/{number}")
+    learned = make_run(cell.scenario, {"seed": seed, "learner": cell.learner})
+    (folder / "run.yaml").write_text(learned.to_yaml(), encoding="utf-8")
+    save_team(folder, run.tables)
+    return cell, run, folder
+
+
+def _agent_steps(cell: Cell) -> int:
+    return cell.scenario.steps * len(cell.scenario.robots)
+
+
+def _counted(runs: Iterable[Run], bar: tqdm, size: int) -> Iterable[Run]:
+    for run in runs:
+        bar.update(size)
+        yield run
+
+
+def _run_dict(cell: Cell, run: Run, folder: Path) -> dict:
+    return {
+        "id": cell.id,
+        "seed": run.seed,
+        "directory": str(folder),
+        **summary(run.trials).to_dict(),
+    }
+
+
+def _print(
+    out: Path, chosen: list[Experiment], cells: list[Cell], found: dict[str, CellResult]
+) -> None:
+    own = {cell.id for one in chosen for cell in one.cells}
+    rows = []
+    for cell in cells:
+        if cell.id in own and len(chosen) > 1:
+            continue
+        result = found[cell.id]
+        reward, asks = result.measure("reward"), result.measure("asks")
+        rows.append(
+            [
+                cell.id,
+                f"{reward.mean:.2f} ± {reward.spread:.2f}",
+                f"{reward.standard_error:.2f}",
+                f"{result.measure('miscoordinations').mean:.2f}",
+                f"{asks.mean:.2f}",
+                f"{result.arrived:.2%}",
+                f"{result.optimum:.2f}" if result.optimum_exact else f"<= {result.optimum:.2f}",
+            ]
+        )
+    if rows:
+        head = ["cell", "reward", "s.e.", "miscoord.", "asks", "all arrived", "optimum"]
+        print(shared.format_table(head, rows))
+    if chosen:
+        print(f"report: {out / 'reproduction.md'}")

@@ -1,0 +1,109 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Cells: one scenario, one learner, some settings; named by an id such as `env1/coop/penalty=-20`.
+
+An id with a number after it, `env1/coop/penalty=-20/3`, is one learning run of the cell: the
+run with seed S + 3 in a batch with seed S.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+from sparse_coord_ros.core.agent import LEARNERS
+from sparse_coord_ros.core.scenario import Scenario, load_scenario
+from sparse_coord_ros.core.settings import parse_assignments
+from sparse_coord_ros.core.specs import Spec
+from sparse_coord_ros.errors import SettingError, did_you_mean
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One cell of an experiment.
+
+    Attributes:
+        name: name of a shipped scenario, or path of a scenario file.
+        learner: "coop", "noncoop" or "indiv".
+        settings: the penalty, and what else differs from the scenario, as texts.
+    """
+
+    name: str
+    learner: str
+    settings: tuple[tuple[str, str], ...]
+
+    @property
+    def id(self) -> str:
+        """`scenario/learner/key=value,key=value`, penalty first."""
+        changes = ",".join(f"{key}={value}" for key, value in self.settings)
+        return f"{self.name}/{self.learner}/{changes}"
+
+    @cached_property
+    def scenario(self) -> Scenario:
+        """The scenario with the cell's settings."""
+        return _load(self.name).with_settings(dict(self.settings))
+
+
+@lru_cache(maxsize=64)
+def _load(name: str) -> Scenario:
+    return load_scenario(name)
+
+
+def make_cell(name: str, learner: str, settings: Mapping[str, object]) -> Cell:
+    """Return a cell in its one canonical form.
+
+    Args:
+        name: name of a shipped scenario, or path of a scenario file.
+        learner: "coop", "noncoop" or "indiv".
+        settings: changed settings of the scenario.
+
+    Raises:
+        ScenarioError: no such scenario, or a malformed one.
+        SettingError: an unknown learner or setting, or a bad value.
+    """
+    if learner not in LEARNERS:
+        raise SettingError(
+            f"unknown learner {learner!r}{did_you_mean(learner, LEARNERS)}; "
+            f"allowed: {', '.join(LEARNERS)}"
+        )
+    scenario = _load(name)
+    changed = scenario.with_settings(settings)
+    kept = [
+        (key, _text(getattr(changed, key)))
+        for key in sorted(settings)
+        if key != "penalty" and getattr(changed, key) != getattr(scenario, key)
+    ]
+    return Cell(name, learner, (("penalty", _text(changed.penalty)), *kept))
+
+
+def parse_id(text: str) -> tuple[Cell, int | None]:
+    """Read an id; the number is that of a run, None for the whole cell.
+
+    Raises:
+        ScenarioError: no such scenario.
+        SettingError: not an id; an unknown learner or setting; a bad value.
+    """
+    *path, last = text.split("/")
+    number = None
+    if last.isdecimal():
+        number = int(last)
+        *path, last = path
+    if len(path) < 2:
+        raise SettingError(
+            f"id {text!r}: must be scenario/learner/settings, or the same with /run; "
+            "e.g. env2-4r/coop/penalty=-20 or env2-4r/coop/penalty=-20/3"
+        )
+    *name, learner = path
+    try:
+        cell = make_cell("/".join(name), learner, parse_assignments(last.split(",")))
+    except SettingError as error:
+        raise SettingError(f"id {text!r}: {error}") from None
+    return cell, number
+
+
+def _text(value: object) -> str:
+    """Return a setting's value as it is read back: 20.0 as 20."""
+    if isinstance(value, Spec | str):
+        return str(value)
+    if isinstance(value, float):
+        return repr(value + 0.0).removesuffix(".0")  # -0.0 is 0
+    return str(value)

@@ -1,0 +1,126 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The experiments as data: the paper's Section 4, and the questions of its Section 5."""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+
+from sparse_coord_ros.engine.cells import Cell, make_cell
+
+SMALL = ("env1", "env2-2r", "env2-4r")
+"""Scenarios of the paper's Tables 1 and 2."""
+
+LARGE = ("cit", "cmu", "isr", "mit", "pentagon", "suny")
+"""Scenarios of the paper's Table 3."""
+
+LEARNERS = ("indiv", "noncoop", "coop")
+"""In the order of the paper's tables."""
+
+PENALTIES = (0, -0.1, -1, -10, -20, -100)
+"""Figure 4's, and that of the tables."""
+
+CLOSE = ("env1", "env2-2r", "pentagon")
+"""Two-robot scenarios in which coordination pays at a penalty of -100."""
+
+SPARSE = ("isr", "mit", "cit", "suny")
+"""Scenarios in which no coordination is needed."""
+
+LONG: Mapping[str, object] = {"penalty": -100, "steps": 100_000}
+"""Where the penalty is large and there is time to learn."""
+
+ASK_COSTS = (0, 0.5, 1, 2, 3, 5, 7, 10)
+PROBABILITIES = (0, 0.25, 0.5, 0.75, 0.9, 1)
+RANGES = (1, 2, 3, 4, 6)
+SHARES = ("same", "each:1:0.5", "each:1:0", "each:2:0")
+CROWDS = (2, 3, 4, 6, 8)
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One experiment.
+
+    Attributes:
+        name: what `reproduce` calls it.
+        title: what it shows.
+        cells: its cells.
+    """
+
+    name: str
+    title: str
+    cells: tuple[Cell, ...]
+
+
+def _tables(names: Iterable[str]) -> list[Cell]:
+    return [make_cell(n, learner, {"penalty": -20}) for n in names for learner in LEARNERS]
+
+
+def _figure4() -> list[Cell]:
+    cells = [
+        make_cell(name, learner, {"penalty": penalty})
+        for name in SMALL + LARGE
+        for learner in LEARNERS
+        for penalty in PENALTIES
+    ]
+    return cells + [
+        make_cell(name, learner, {**LONG, "penalty": penalty})
+        for name in SMALL
+        for learner in LEARNERS
+        for penalty in PENALTIES
+    ]
+
+
+def _sweep(setting: str, values: Iterable[object]) -> list[Cell]:
+    return [make_cell(n, "coop", {**LONG, setting: value}) for n in CLOSE for value in values]
+
+
+def _perception() -> list[Cell]:
+    values = [f"probability:{p}" for p in PROBABILITIES]
+    values += ["line_of_sight", *(f"range:{cells}" for cells in RANGES)]
+    return _sweep("perception", values)
+
+
+def _uneven() -> list[Cell]:
+    return [
+        make_cell(name, learner, {**LONG, "common_reward": share})
+        for name in CLOSE
+        for share in SHARES
+        for learner in ("noncoop", "coop")
+    ]
+
+
+def _crowd() -> list[Cell]:
+    cells = []
+    for robots in CROWDS:
+        name = f"crowd-{robots}r"
+        cells.append(make_cell(name, "noncoop", LONG))
+        cells += [make_cell(name, "coop", {**LONG, "peers": peers}) for peers in ("one", "all")]
+    return cells
+
+
+_EXPERIMENTS: Mapping[str, tuple[str, Callable[[], list[Cell]]]] = {
+    "table1": ("Table 1: total discounted reward", lambda: _tables(SMALL)),
+    "table2": ("Table 2: time to goal and miscoordinations", lambda: _tables(SMALL)),
+    "table3": ("Table 3: the large scenarios", lambda: _tables(LARGE)),
+    "figure4": ("Figure 4: reward against the penalty", _figure4),
+    "penalty100": (
+        "Penalty -100, 10^5 steps: how much of the gap to the optimum is closed",
+        lambda: [make_cell(name, learner, LONG) for name in CLOSE for learner in LEARNERS],
+    ),
+    "ask_cost": ("Cost of COORDINATE", lambda: _sweep("ask_cost", ASK_COSTS)),
+    "perception": ("Success of the percept", _perception),
+    "uneven": ("r^C that differs between the robots", _uneven),
+    "crowd": ("More robots: one random peer, and all peers (footnote 3)", _crowd),
+    "where": (
+        "Where in the map COORDINATE is chosen",
+        lambda: [make_cell(name, "coop", LONG) for name in SMALL + LARGE],
+    ),
+}
+
+NAMES = tuple(_EXPERIMENTS)
+"""Every experiment, in the order in which they are reported."""
+
+
+def experiment(name: str) -> Experiment:
+    """Return the experiment of one of `NAMES`."""
+    title, cells = _EXPERIMENTS[name]
+    return Experiment(name, title, tuple(cells()))

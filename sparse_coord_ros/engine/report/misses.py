@@ -1,0 +1,79 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Rows of the paper that are not reproduced, and why."""
+
+import math
+
+from sparse_coord_ros.core.evaluation import Measure
+from sparse_coord_ros.core.optimum import independent_bound
+from sparse_coord_ros.engine.report.analysis import (
+    AGREE,
+    above_optimum,
+    agrees,
+    contradicts_itself,
+    errors_from,
+    implied_reward,
+)
+from sparse_coord_ros.engine.report.entries import Entries, Entry
+from sparse_coord_ros.engine.report.tables import percent
+
+
+def versus(entry: Entry, measure: str) -> str:
+    """Return a row's name with ours and the paper's mean."""
+    ours, paper = entry.measure(measure), entry.paper(measure)
+    return f"{entry.label} (ours {ours.mean:.2f}, paper {paper.mean:.2f})"
+
+
+def misses(entries: Entries) -> list[str]:
+    """Return the rows whose reward is not the paper's, or cannot be, each with the reason."""
+    found = []
+    for entry in entries:
+        paper = entry.paper("reward")
+        if paper and (
+            above_optimum(entry)
+            or contradicts_itself(entry)
+            or not agrees(entry.measure("reward"), paper)
+        ):
+            found.append(f"{versus(entry, 'reward')}: {_reason(entry, paper)}")
+    return found
+
+
+def _reason(entry: Entry, paper: Measure) -> str:
+    """Return why the paper's reward of a row is not reproduced."""
+    ours, result = entry.measure("reward"), entry.result
+    if above_optimum(entry):
+        alone = independent_bound(entry.scenario)
+        bound = "exact joint optimum" if result.optimum_exact else "upper bound of the optimum"
+        equal = (
+            f" It equals, within its sampling error, the value {alone:.2f} of robots that never "
+            "miscoordinate, wait or ask."
+            if abs(errors_from(paper, alone)) <= AGREE
+            else ""
+        )
+        return f"the paper's row lies above the {bound} {result.optimum:.2f}: impossible.{equal}"
+    if contradicts_itself(entry):
+        counted = entry.paper("miscoordinations").mean
+        return (
+            f"the paper's row contradicts its own Table 2, whose {counted:.2f} miscoordinations "
+            f"imply a reward of about {implied_reward(entry).mean:.1f}."
+        )
+    exact = result.reference["reward"]
+    if entry.cell.learner == "indiv" and abs(errors_from(ours, exact)) <= AGREE:
+        return (
+            f"ours agrees with the exact value {exact:.2f} of shortest-path policies that break "
+            "ties at random; the paper does not say how it breaks ties."
+        )
+    behind = (
+        f" The paper's is {percent(paper.mean / result.optimum)} of the "
+        f"{'optimum' if result.optimum_exact else 'upper bound of the optimum'}, ours "
+        f"{percent(ours.mean / result.optimum)}."
+    )
+    if entry.cell.learner == "coop" and math.isclose(
+        paper.mean, independent_bound(entry.scenario), abs_tol=AGREE * paper.standard_error
+    ):
+        return (
+            "the paper's row equals, within its sampling error, the value "
+            f"{independent_bound(entry.scenario):.2f} of robots that never miscoordinate, wait or "
+            f"ask; our learners pay for at least one of these.{behind}"
+        )
+    return f"not explained by the paper's numbers.{behind}"

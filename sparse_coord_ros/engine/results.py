@@ -1,0 +1,300 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Results on disk: one JSON file a cell, in a directory that never mixes seeds or versions.
+
+`results.json` says what the directory holds; `cells/<id>.json` is written whole when its cell is
+done, so an interrupted experiment goes on where it stopped.
+"""
+
+import fcntl
+import hashlib
+import json
+import math
+import os
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from sparse_coord_ros import __version__
+from sparse_coord_ros.core.evaluation import Measure
+from sparse_coord_ros.core.optimum import joint_optimum
+from sparse_coord_ros.core.reference import shortest_path_reference
+from sparse_coord_ros.engine.batch import Run
+from sparse_coord_ros.engine.cells import Cell
+from sparse_coord_ros.errors import ResultsError
+
+FORMAT = 1
+MANIFEST = "results.json"
+BYTES_A_JOINT_STATE = 4 * 8
+"""Four actions, float64."""
+
+SUMS = ("reward", "time_to_goal", "asks", "miscoordinations")
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What every cell of a results directory has in common.
+
+    Attributes:
+        seed: seed of run 0; run i has seed + i.
+        runs: independent learning runs of a cell, >= 2.
+        trials: Monte-Carlo trials of each run, >= 2.
+    """
+
+    seed: int
+    runs: int
+    trials: int
+
+    @property
+    def seeds(self) -> range:
+        """The seeds of the runs."""
+        return range(self.seed, self.seed + self.runs)
+
+
+@dataclass(frozen=True)
+class CellResult:
+    """What the runs of one cell brought; lists have one entry a run.
+
+    Attributes:
+        id: the cell's id.
+        digest: of the scenario with all its settings, map and protocol.
+        trials: trials of each run.
+        robots: robots of the scenario.
+        joint_states: number of joint states that Q^C of one robot could hold.
+        optimum: exact joint optimum of the scenario, or an upper bound.
+        optimum_exact: whether it is exact.
+        reference: exact value of fixed shortest-path policies: reward, time_to_goal and
+            miscoordinations.
+        means: mean of each measure of `SUMS` over trials (and robots).
+        variances: variance of each measure over trials (and robots).
+        not_arrived: trials in which some robot did not arrive.
+        visited: joint states that a robot has updated in Q^C, mean over the robots.
+        asked: how often COORDINATE was chosen in each cell, mean of a trial, shape
+            (robots, cells).
+    """
+
+    id: str
+    digest: str
+    trials: int
+    robots: int
+    joint_states: int
+    optimum: float
+    optimum_exact: bool
+    reference: dict[str, float]
+    means: dict[str, list[float]]
+    variances: dict[str, list[float]]
+    not_arrived: list[int]
+    visited: list[float]
+    asked: list[list[float]]
+
+    @property
+    def runs(self) -> int:
+        """Number of learning runs."""
+        return len(self.not_arrived)
+
+    def measure(self, name: str) -> Measure:
+        """Return mean, spread over single robots, trials and runs, and standard error.
+
+        The runs are the independent samples: the standard error is that of their means.
+        """
+        means, variances = np.array(self.means[name]), np.array(self.variances[name])
+        spread = math.sqrt(variances.mean() + means.var())
+        error = means.std(ddof=1) / math.sqrt(len(means)) if len(means) > 1 else math.nan
+        return Measure(float(means.mean()), spread, float(error))
+
+    @property
+    def arrived(self) -> float:
+        """Share of trials in which every robot arrived."""
+        return 1.0 - sum(self.not_arrived) / (self.runs * self.trials)
+
+    @property
+    def failed_teams(self) -> int:
+        """Runs in which not every robot arrives in 99.9 % of the trials."""
+        return sum(count > 0.001 * self.trials for count in self.not_arrived)
+
+    @property
+    def visited_share(self) -> float:
+        """Share of the joint states that a robot's Q^C has updated."""
+        return float(np.mean(self.visited)) / self.joint_states
+
+    @property
+    def visited_bytes(self) -> float:
+        """Bytes of the visited rows of one robot's Q^C."""
+        return float(np.mean(self.visited)) * BYTES_A_JOINT_STATE
+
+    def to_dict(self) -> dict:
+        """Return plain data: what `reproduce --json` prints."""
+        measures = {name: asdict(self.measure(name)) for name in SUMS}
+        return {
+            "id": self.id,
+            "runs": self.runs,
+            "trials": self.trials,
+            **measures,
+            "arrived": self.arrived,
+            "failed_teams": self.failed_teams,
+            "visited_share": self.visited_share,
+            "visited_bytes": self.visited_bytes,
+            "optimum": self.optimum,
+            "optimum_exact": self.optimum_exact,
+            "reference": self.reference,
+        }
+
+
+def collect(cell: Cell, trials: int, runs: Iterable[Run]) -> CellResult:
+    """Sum up the runs of a cell, one after the other (a run's tables are not kept)."""
+    scenario = cell.scenario
+    cells, robots = len(scenario.map.cells), len(scenario.robots)
+    peers = 1 if scenario.peers == "one" else robots - 1
+    means: dict[str, list[float]] = {name: [] for name in SUMS}
+    variances: dict[str, list[float]] = {name: [] for name in SUMS}
+    not_arrived, visited, asked = [], [], np.zeros((robots, cells))
+    for run in runs:
+        for name in SUMS:
+            values = getattr(run.trials, name)
+            means[name].append(float(values.mean()))
+            variances[name].append(float(values.var()))
+        not_arrived.append(int((~run.trials.arrived.all(axis=1)).sum()))
+        visited.append(float(run.visited.mean()))
+        asked += run.trials.asked
+    optimum = joint_optimum(scenario)
+    return CellResult(
+        id=cell.id,
+        digest=digest(cell),
+        trials=trials,
+        robots=robots,
+        joint_states=cells ** (1 + peers),
+        optimum=optimum.value,
+        optimum_exact=optimum.exact,
+        reference=asdict(shortest_path_reference(scenario)),
+        means=means,
+        variances=variances,
+        not_arrived=not_arrived,
+        visited=visited,
+        asked=(asked / (len(not_arrived) * trials)).tolist(),
+    )
+
+
+def digest(cell: Cell) -> str:
+    """Return a digest of everything that a cell's result depends on besides seed and counts."""
+    text = json.dumps([cell.learner, cell.scenario.to_dict()], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+class Results:
+    """A results directory.
+
+    Use `open_results`, which locks it.
+    """
+
+    def __init__(self, directory: Path, plan: Plan) -> None:
+        self.directory = directory
+        self.plan = plan
+
+    def path(self, cell: Cell) -> Path:
+        """Return where a cell's result is."""
+        return self.directory / "cells" / f"{cell.id}.json"
+
+    def load(self, cell: Cell) -> CellResult | None:
+        """Return a cell's result, None where it is not there yet.
+
+        A file that cannot be read is put aside as `<file>.broken`, and its cell is open again.
+
+        Raises:
+            ResultsError: the result is of another scenario, protocol or plan.
+        """
+        path = self.path(cell)
+        try:
+            result = CellResult(**json.loads(path.read_text(encoding="utf-8")))
+            whole = result.runs == self.plan.runs and result.trials == self.plan.trials
+        except FileNotFoundError:
+            return None
+        except (ValueError, TypeError):
+            os.replace(path, path.with_name(path.name + ".broken"))
+            return None
+        if result.id != cell.id or result.digest != digest(cell) or not whole:
+            raise ResultsError(
+                f"{path}: was computed for another scenario, learning protocol or plan than "
+                f"{cell.id} has now; nothing is mixed: choose another --out, or remove this file"
+            )
+        return result
+
+    def save(self, cell: Cell, result: CellResult) -> None:
+        """Write a cell's result, whole or not at all."""
+        path = self.path(cell)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(path, json.dumps(asdict(result)))
+
+
+@contextmanager
+def open_results(directory: Path, plan: Plan) -> Iterator[Results]:
+    """Create a results directory or go on with one, for this process alone.
+
+    Raises:
+        ResultsError: it is no results directory, has another version or plan, cannot be written,
+            or another process is writing it.
+    """
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        lock = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
+    except OSError as error:
+        raise _unusable(directory, error) from None
+    try:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise ResultsError(
+                f"results directory {directory}: another process is writing it; wait for it, or "
+                "choose another --out"
+            ) from None
+        _check_manifest(directory, plan)
+        yield Results(directory, plan)
+    finally:
+        os.close(lock)
+
+
+def _unusable(directory: Path, error: OSError) -> ResultsError:
+    return ResultsError(
+        f"results directory {directory}: cannot be used ({error.strerror}); choose another --out"
+    )
+
+
+def _check_manifest(directory: Path, plan: Plan) -> None:
+    path = directory / MANIFEST
+    wanted = {"format": FORMAT, "version": __version__, **asdict(plan)}
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        if any(directory.iterdir()):
+            raise ResultsError(
+                f"results directory {directory}: holds other files and no {MANIFEST}; choose an "
+                "empty or new directory for --out"
+            ) from None
+        try:
+            write_whole(path, json.dumps(wanted, indent=2) + "\n")
+        except OSError as error:
+            raise _unusable(directory, error) from None
+        return
+    except OSError as error:
+        raise _unusable(directory, error) from None
+    except ValueError:
+        found = None
+    if not isinstance(found, dict):
+        raise ResultsError(
+            f"{path}: is not readable as JSON; choose another --out, or remove the directory"
+        )
+    for name, value in wanted.items():
+        if found.get(name) != value:
+            raise ResultsError(
+                f"results directory {directory}: was made with {name} {found.get(name)!r}, this "
+                f"is {name} {value!r}; nothing is mixed: use the same, or another --out"
+            )
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a text file, whole or not at all."""
+    partial = path.with_name(path.name + ".partial")
+    partial.write_text(text, encoding="utf-8")
+    os.replace(partial, path)

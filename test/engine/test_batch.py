@@ -1,0 +1,222 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Batches: the loops, compiled or plain, learn and play what single runs do, to the last bit."""
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from sparse_coord_ros.core.agent import initial_tables
+from sparse_coord_ros.core.algorithm import COORDINATE
+from sparse_coord_ros.core.evaluation import check_tables, play
+from sparse_coord_ros.core.scenario import load_scenario
+from sparse_coord_ros.core.simulation import learn_agents, tables_equal
+from sparse_coord_ros.engine import batch, kernels
+from sparse_coord_ros.engine.batch import CompiledTeam, run_batch, uses_numba
+from sparse_coord_ros.engine.compiled import PLAIN, compiled
+from sparse_coord_ros.errors import SettingError
+
+PROTOCOL = {"steps": 1500, "penalty": -100}
+
+
+def problem(name, **settings):
+    return load_scenario(name).with_settings({**PROTOCOL, **settings})
+
+
+def single(scenario, learner, seed, trials):
+    """Return the run as the core makes it."""
+    agents = learn_agents(scenario, learner, seed)
+    tables = [agent.tables for agent in agents]
+    visited = np.array([agent.coord_visited for agent in agents])
+    return batch.Run(seed, tables, visited, play(scenario, tables, trials=trials, seed=seed))
+
+
+def assert_same_run(one, other):
+    assert one.seed == other.seed
+    assert tables_equal(one.tables, other.tables)
+    assert one.visited.tolist() == other.visited.tolist()
+    assert_same_trials(one.trials, other.trials)
+
+
+def assert_same_trials(one, other):
+    for field in fields(one):
+        mine, theirs = (getattr(trials, field.name) for trials in (one, other))
+        assert mine.shape == theirs.shape and mine.dtype == theirs.dtype, field.name
+        assert mine.tobytes() == theirs.tobytes(), field.name
+
+
+CASES = [
+    ("env1", "coop", {}),
+    ("env1", "noncoop", {}),
+    ("env1", "indiv", {}),
+    ("env2-4r", "indiv", {"starts": "mixed:0.5"}),
+    ("env2-4r", "noncoop", {"conflict": "any_doorway"}),
+    ("env2-4r", "coop", {"conflict": "any_doorway", "max_steps": 9}),
+    ("env1", "coop", {"perception": "never"}),
+    ("env1", "coop", {"perception": "probability:0.7", "goal_value": 0, "starts": "fixed"}),
+    ("env2-4r", "coop", {"perception": "line_of_sight"}),
+    ("env2-4r", "coop", {"perception": "range:3", "move_success": 1}),
+    (
+        "env2-2r",
+        "coop",
+        {"starts": "exploring:1:0.1:0.8", "step_size": "floored:0.7:0.2:0.01", "horizon": 70},
+    ),
+    ("env2-2r", "coop", {"step_size": "constant:0.3", "epsilon": "constant:0.4"}),
+    ("env2-4r", "coop", {"common_reward": "each:0:1:0.5:3"}),
+    ("crowd-3r", "noncoop", {"common_reward": "each:0:0.1:3"}),
+    ("env2-2r", "coop", {"peers": "all", "perception": "probability:0.7"}),
+    ("crowd-3r", "coop", {"peers": "all"}),
+    ("crowd-3r", "noncoop", {"peers": "all"}),
+    ("crowd-3r", "coop", {"peers": "all", "perception": "probability:0.7", "max_steps": 30}),
+    ("env2-4r", "coop", {"peers": "all", "common_reward": "each:2:0:1:1", "horizon": 20}),
+]
+
+
+@pytest.mark.parametrize(("name", "learner", "settings"), CASES)
+def test_compiled_loops_equal_a_single_run(name, learner, settings):
+    scenario = problem(name, **settings)
+    expected = single(scenario, learner, 7, 20)
+    team = CompiledTeam(scenario, learner, compiled())
+    assert_same_run(team.run(7, 20), expected)
+    if learner == "coop":
+        assert (expected.visited.min() > 5) == (settings.get("perception") != "never")
+        learners = team.learn(7)
+        for asking in (learners.q_star, *(pair.q_star[None] for pair in expected.tables)):
+            asking[:, ::3, COORDINATE] += 1000.0
+        one, other = (
+            team.play(learners, 8, 20),
+            play(scenario, expected.tables, trials=20, seed=8),
+        )
+        assert_same_trials(one, other)
+        assert one.asks.sum() > 100
+        assert one.arrived.any()
+
+
+def test_trials_meet_and_penalties_are_paid():
+    """The cases above would say little if nobody ever met in a doorway."""
+    scenario = problem("env2-4r", conflict="any_doorway", common_reward="each:0:1:0.5:3")
+    run = CompiledTeam(scenario, "noncoop", compiled()).run(7, 50)
+    assert run.trials.miscoordinations.sum() > 0
+    by_robot = run.trials.reward.mean(axis=0)
+    assert by_robot.argmin() == 3 and by_robot.argmax() == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "learner", "settings"),
+    [
+        ("env1", "coop", {"perception": "probability:0.7"}),
+        ("env1", "indiv", {}),
+        ("crowd-3r", "coop", {"peers": "all", "common_reward": "each:1:0:2"}),
+    ],
+)
+def test_the_loops_as_plain_python(monkeypatch, name, learner, settings):
+    monkeypatch.setattr(batch, "BLOCK", 64)
+    monkeypatch.setattr(batch, "FIRST_ROWS", 128)
+    scenario = problem(name, steps=300, **settings)
+    expected = single(scenario, learner, 3, 4)
+    assert_same_run(CompiledTeam(scenario, learner, PLAIN).run(3, 4), expected)
+
+
+def test_blocks_of_any_length_give_the_same_run(monkeypatch):
+    scenario = problem("crowd-3r", peers="all", perception="probability:0.7")
+    team = CompiledTeam(scenario, "coop", compiled())
+    expected = team.run(5, 20)
+    monkeypatch.setattr(batch, "BLOCK", 100)
+    assert_same_run(team.run(5, 20), expected)
+
+
+@pytest.mark.parametrize("loops", [PLAIN, compiled()], ids=["plain", "compiled"])
+def test_sparse_tables_grow_and_always_keep_a_free_place(monkeypatch, loops):
+    monkeypatch.setattr(batch, "BLOCK", 32)
+    monkeypatch.setattr(batch, "FIRST_ROWS", 64)
+    scenario = problem("crowd-3r", peers="all", epsilon="constant:1", steps=2000)
+    sizes = []
+
+    def learn_block(problem, learners, *rest):
+        before = learners.keys.shape[1]
+        assert before & (before - 1) == 0
+        assert learners.used.max() + 32 <= before / 2
+        loops.learn_block(problem, learners, *rest)
+        for k in range(3):
+            assert (learners.keys[k] != kernels.FREE_PLACE).sum() == learners.used[k]
+        sizes.append(before)
+
+    team = CompiledTeam(scenario, "coop", loops._replace(learn_block=learn_block))
+    learners = team.learn(2)
+    assert sizes == sorted(sizes)
+    assert len(set(sizes)) >= 4
+    assert learners.used.min() > 64
+    expected = single(scenario, "coop", 2, 2)
+    assert tables_equal(team.tables(learners), expected.tables)
+    assert [len(pair.q_coord) for pair in expected.tables] == learners.used.tolist()
+
+
+def test_what_trials_look_at_is_not_saved(monkeypatch):
+    """Trials with hardly any learning before them perceive joint states without an update."""
+    monkeypatch.setattr(batch, "FIRST_ROWS", 8192)
+    scenario = problem("crowd-3r", peers="all", steps=3)
+    team = CompiledTeam(scenario, "coop", compiled())
+    learners = team.learn(1)
+    before = team.tables(learners)
+    used = learners.used.copy()
+    trials = team.play(learners, 1, 20)
+    assert trials.asks.sum() > 100
+    assert (learners.used > used).all()
+    assert tables_equal(team.tables(learners), before)
+    assert max(len(pair.q_coord) for pair in before) <= 3
+    assert_same_run(team.run(1, 20), single(scenario, "coop", 1, 20))
+
+
+def test_eight_robots_that_perceive_all_peers():
+    """59^8 joint states: the tables hold what was visited."""
+    scenario = problem("crowd-8r", peers="all", steps=1200)
+    run = CompiledTeam(scenario, "coop", compiled()).run(3, 5)
+    assert_same_run(run, single(scenario, "coop", 3, 5))
+    check_tables(scenario, run.tables, "coop")
+    assert [len(pair.q_coord) for pair in run.tables] == run.visited.tolist()
+    assert min(run.visited) > 10
+
+
+@pytest.mark.parametrize("learner", ["coop", "indiv"])
+def test_both_engines_give_the_same_runs_in_the_order_of_the_seeds(learner):
+    settings = {"peers": "all", "perception": "probability:0.8", "q_star_init": 250}
+    scenario = problem("crowd-3r", steps=400, **settings)
+    seeds = [11, 3, 8]
+    plain, numba = (
+        list(run_batch(scenario, learner, seeds, trials=10, engine=engine, jobs=2))
+        for engine in ("python", "numba")
+    )
+    assert [run.seed for run in numba] == seeds
+    for one, other in zip(plain, numba, strict=True):
+        assert_same_run(one, other)
+        assert (other.trials.asks.sum() > 0) == (learner == "coop")
+    assert not tables_equal(numba[0].tables, numba[1].tables)
+
+
+@pytest.mark.parametrize("engine", ["python", "numba"])
+def test_a_batch_without_trials(engine):
+    scenario = problem("env1", steps=50)
+    (run,) = run_batch(scenario, "coop", [4], trials=0, engine=engine, jobs=1)
+    assert run.trials is None
+    assert tables_equal(run.tables, single(scenario, "coop", 4, 2).tables)
+
+
+def test_baselines_keep_the_initial_q_coord():
+    for peers in ("one", "all"):
+        scenario = problem("crowd-3r", steps=100, peers=peers)
+        (run,) = run_batch(scenario, "noncoop", [0], trials=0, jobs=1)
+        initial = initial_tables(scenario, "noncoop")
+        for tables in run.tables:
+            assert tables_equal([initial._replace(q_star=tables.q_star)], [tables])
+        assert run.visited.tolist() == [0, 0, 0]
+
+
+def test_numba_that_is_not_installed(monkeypatch):
+    monkeypatch.setattr(batch, "has_numba", lambda: False)
+    assert not uses_numba("auto")
+    assert not uses_numba("python")
+    with pytest.raises(SettingError, match="engine: value is 'numba'.* pip install numba"):
+        uses_numba("numba")
+    (run,) = run_batch(problem("env1", steps=20), "coop", [0], trials=0, jobs=1)
+    assert run.seed == 0
