@@ -8,6 +8,7 @@ textbook protocol, then protocols drawn at random and changes of the best so far
 it descends, one choice at a time, until no change of one choice is better.
 """
 
+import math
 import random
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -172,22 +173,22 @@ def search(
     """
     draw = random.Random(seed)
     best: list[Outcome] = []
-    seen = {tuple(TEXTBOOK.values())}
     choices = dict(TEXTBOOK)
-    for _ in range(candidates):
-        limit = 1.3 * best[KEPT - 1].loss + 1.0 if len(best) >= KEPT else float("inf")
-        outcome = judge(choices, compute, limit)
-        yield outcome
-        if outcome.whole:
-            best = sorted([*best, outcome], key=lambda one: one.loss)[:KEPT]
+    seen: set[tuple[float, ...]] = set()
+    for _ in range(min(candidates, math.prod(map(len, SPACE.values())))):
         while tuple(choices.values()) in seen:
             fresh = len(best) < KEPT or draw.random() < FRESH
-            kept = {} if fresh else dict(draw.choice(best).choices)
+            kept = {} if fresh else draw.choice(best).choices
             choices = {
                 name: draw.choice(values) if fresh or draw.random() < CHANGED else kept[name]
                 for name, values in SPACE.items()
             }
         seen.add(tuple(choices.values()))
+        limit = 1.3 * best[KEPT - 1].loss + 1.0 if len(best) >= KEPT else float("inf")
+        outcome = judge(choices, compute, limit)
+        yield outcome
+        if outcome.whole:
+            best = sorted([*best, outcome], key=lambda one: one.loss)[:KEPT]
 
 
 class Round(NamedTuple):

@@ -11,7 +11,7 @@ import pytest
 import sparse_coord_ros
 from sparse_coord_ros.cli import main as module
 
-VERBS = ("run", "train", "evaluate", "optimum", "maps", "bench")
+VERBS = ("run", "train", "evaluate", "optimum", "maps", "reproduce", "study", "bench")
 
 
 def test_version(sparse_coord):

@@ -6,6 +6,7 @@ import math
 
 from sparse_coord_ros.core.evaluation import Measure
 from sparse_coord_ros.core.optimum import independent_bound
+from sparse_coord_ros.core.reference import shortest_path_reference
 from sparse_coord_ros.engine.report.analysis import (
     AGREE,
     above_optimum,
@@ -55,13 +56,13 @@ def _reason(entry: Entry, paper: Measure) -> str:
         counted = entry.paper("miscoordinations").mean
         return (
             f"the paper's row contradicts its own Table 2, whose {counted:.2f} miscoordinations "
-            f"imply a reward of about {implied_reward(entry).mean:.1f}."
+            f"imply a reward of about {implied_reward(entry).mean:.1f}.{_turning(entry)}"
         )
     exact = result.reference["reward"]
     if entry.cell.learner == "indiv" and abs(errors_from(ours, exact)) <= AGREE:
         return (
             f"ours agrees with the exact value {exact:.2f} of shortest-path policies that break "
-            "ties at random; the paper does not say how it breaks ties."
+            f"ties at random; the paper does not say how it breaks ties.{_turning(entry)}"
         )
     behind = (
         f" The paper's is {percent(paper.mean / result.optimum)} of the "
@@ -76,4 +77,21 @@ def _reason(entry: Entry, paper: Measure) -> str:
             f"{independent_bound(entry.scenario):.2f} of robots that never miscoordinate, wait or "
             f"ask; our learners pay for at least one of these.{behind}"
         )
-    return f"not explained by the paper's numbers.{behind}"
+    turning = _turning(entry).strip() if entry.cell.learner == "noncoop" else ""
+    return (turning or "not explained by the paper's numbers.") + behind
+
+
+def _turning(entry: Entry) -> str:
+    """Return a sentence where the paper's miscoordinations are those of robots that keep right."""
+    paper = entry.paper("miscoordinations")
+    same = shortest_path_reference(entry.scenario, turning="same")
+    chance = entry.result.reference["miscoordinations"]
+    if paper is None or abs(errors_from(paper, same.miscoordinations)) > AGREE:
+        return ""
+    if abs(errors_from(paper, chance)) <= AGREE:
+        return ""
+    return (
+        " Robots that all keep right where routes are equally short are worth "
+        f"{same.reward:.2f} with {same.miscoordinations:.2f} miscoordinations (exact): the "
+        f"paper's {paper.mean:.2f} says that its learners turned alike."
+    )

@@ -1,0 +1,187 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The protocol study: its loss, its search, its document; with made-up results."""
+
+import json
+from types import SimpleNamespace
+
+import pytest
+
+from sparse_coord_ros.core.evaluation import Measure
+from sparse_coord_ros.core.scenario import load_scenario
+from sparse_coord_ros.engine import study
+from sparse_coord_ros.engine.experiments import LARGE, SMALL
+from sparse_coord_ros.engine.report.protocol import protocol_document
+from sparse_coord_ros.engine.results import Plan
+from sparse_coord_ros.engine.study import (
+    SETTINGS,
+    SPACE,
+    TEXTBOOK,
+    descend,
+    judge,
+    search,
+    settings_of,
+)
+
+NO_LIMIT = float("inf")
+
+
+def result(reward=100.0, *, asks=0.0, failed=0, runs=10):
+    """Return what stands in for a cell's result: optimum 110, shortest paths 100."""
+    means = {"reward": reward, "asks": asks}
+    return SimpleNamespace(
+        measure=lambda name: Measure(means[name], 1.0, 0.1),
+        optimum=110.0,
+        reference={"reward": 100.0},
+        failed_teams=failed,
+        runs=runs,
+    )
+
+
+def good(cell):
+    """Coop. closes 90 % of the gap at -100 and is worth the shortest paths at -20."""
+    if cell.scenario.penalty == -100:
+        return result(90.0 if cell.learner == "noncoop" else 108.0)
+    return result()
+
+
+def test_nothing_is_missed():
+    outcome = judge(TEXTBOOK, good, NO_LIMIT)
+    assert (outcome.loss, outcome.whole) == (0.0, True)
+    assert outcome.closed == dict.fromkeys(("env1", "env2-2r", "pentagon"), pytest.approx(0.9))
+    assert set(outcome.difference) == set(SMALL + LARGE)
+    assert set(outcome.asks) == {"isr", "mit", "cit", "suny"}
+    assert (outcome.failed_teams, outcome.teams) == (0, 120)
+
+
+@pytest.mark.parametrize(
+    ("name", "penalty", "changed", "loss"),
+    [
+        ("env1", -100, {"reward": 90.0 + 20 * 0.73}, 40 * 0.1),
+        ("pentagon", -100, {"reward": 90.0 + 20 * 0.43}, 40 * 0.1),
+        ("env2-4r", -20, {"reward": 98.7}, 2.0),
+        ("cmu", -20, {"reward": 99.7}, 0.0),
+        ("cmu", -20, {"failed": 1}, 5.0),
+        ("mit", -20, {"asks": 0.13}, 2.0),
+        ("cmu", -20, {"asks": 0.13}, 0.0),
+    ],
+)
+def test_what_is_missed_adds_up(name, penalty, changed, loss):
+    def compute(cell):
+        one = cell.name == name and cell.learner == "coop" and cell.scenario.penalty == penalty
+        return result(**changed) if one else good(cell)
+
+    assert judge(TEXTBOOK, compute, NO_LIMIT).loss == pytest.approx(loss, abs=1e-9)
+
+
+def test_a_hopeless_protocol_is_not_judged_to_the_end():
+    cells = []
+
+    def compute(cell):
+        cells.append(cell.id)
+        return result(50.0, failed=10)
+
+    outcome = judge(TEXTBOOK, compute, 20.0)
+    assert not outcome.whole
+    assert len(cells) == 2
+
+
+def test_every_choice_is_a_setting():
+    for name, values in SPACE.items():
+        for value in values:
+            load_scenario("env1").with_settings(settings_of({**TEXTBOOK, name: value}))
+    assert set(settings_of(TEXTBOOK)) == set(SETTINGS)
+    assert set(TEXTBOOK) == set(SPACE)
+    assert all(TEXTBOOK[name] in values for name, values in SPACE.items())
+
+
+def likes(wanted):
+    """Return results that are the better the more choices are the wanted ones."""
+
+    def compute(cell):
+        s = cell.scenario
+        wrong = sum(
+            str(getattr(s, name)) != str(getattr(ideal, name))
+            for name in SETTINGS
+            for ideal in [s.with_settings(settings_of(wanted))]
+        )
+        return result(good(cell).measure("reward").mean - wrong)
+
+    return compute
+
+
+def test_the_search_is_its_seed_s_and_tries_no_protocol_twice():
+    wanted = {**TEXTBOOK, "epsilon_first": 0.2, "max_steps": 100, "q_star_init": 20}
+    tried = [[dict(one.choices) for one in search(likes(wanted), 30, seed)] for seed in (3, 3, 4)]
+    assert tried[0] == tried[1] != tried[2]
+    assert tried[0][0] == TEXTBOOK
+    assert len({tuple(one.values()) for one in tried[0]}) == 30
+
+
+def test_the_descent_ends_where_no_change_is_better():
+    wanted = {**TEXTBOOK, "epsilon_first": 0.2, "max_steps": 100, "q_star_init": 20}
+    compute = likes(wanted)
+    rounds = list(descend(judge(TEXTBOOK, compute, NO_LIMIT), compute))
+    assert dict(rounds[-1].best.choices) == wanted
+    assert [one.best.loss for one in rounds] == sorted((r.best.loss for r in rounds), reverse=True)
+    assert all(one.loss >= rounds[-1].best.loss for _, _, one in rounds[-1].variations)
+    changes = sum(map(len, SPACE.values())) - len(SPACE)
+    assert {len(one.variations) for one in rounds} == {changes}
+
+
+def test_the_document(monkeypatch):
+    wanted = {**TEXTBOOK, "q_star_init": 20}
+    compute = likes(wanted)
+    outcomes = list(search(compute, 12))
+    best = min((one for one in outcomes if one.whole), key=lambda one: one.loss)
+    rounds = list(descend(best, compute))
+    text = protocol_document(Plan(7, 40, 100), outcomes, rounds)
+    assert "q_star_init: 20" in text
+    assert "40 learning runs" in text
+    assert "seeds from 7" in text
+    assert text.count("| **") == 0 or "**20**" in text
+    assert "It is not the default" in text
+    found = settings_of(rounds[-1].best.choices)
+    defaults = {name: SimpleNamespace(default=found[name]) for name in SETTINGS}
+    monkeypatch.setattr("sparse_coord_ros.engine.report.protocol.SCENARIO_SETTINGS", defaults)
+    assert "It is the default of every scenario" in protocol_document(
+        Plan(7, 40, 100), outcomes, rounds
+    )
+
+
+def test_the_defaults_are_a_protocol_of_the_space():
+    """The shipped protocol is one that the search can find."""
+    scenario = load_scenario("env1")
+    kind, numbers = scenario.step_size.kind, scenario.step_size.numbers
+    assert kind == "floored"
+    first, last, fraction = scenario.epsilon.numbers
+    assert fraction == 1
+    starts = scenario.starts.numbers
+    assert (scenario.starts.kind, starts[0]) == ("exploring", 1)
+    choices = dict(
+        zip(
+            SPACE,
+            (*numbers, first, last, *starts[1:], scenario.q_star_init, scenario.q_coord_init)
+            + (scenario.goal_value, scenario.max_steps),
+            strict=True,
+        )
+    )
+    assert [name for name in SPACE if choices[name] not in SPACE[name]] == []
+
+
+def test_the_command(tmp_path, capsys, monkeypatch):
+    from sparse_coord_ros.cli.main import main
+
+    few = {name: values[:2] for name, values in SPACE.items() if name in ("max_steps",)}
+    kept = {name: (TEXTBOOK[name],) for name in SPACE if name not in few}
+    space = {name: few.get(name, kept.get(name)) for name in SPACE}
+    monkeypatch.setattr(study, "SPACE", {**space, "max_steps": (1000, 200)})
+    arguments = ["study", "--runs", "2", "--trials", "5", "--candidates", "2", "--json"]
+    out = str(tmp_path / "s")
+    assert main([*arguments, "--out", out]) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert set(data["protocol"]) == set(SETTINGS)
+    assert (tmp_path / "s/protocol.md").read_text().startswith("# The learning protocol")
+    assert len((tmp_path / "s/protocols.csv").read_text().splitlines()) == 3
+    assert main([*arguments, "--out", out, "--seed", "1"]) == 2
+    assert "seed" in capsys.readouterr().err
