@@ -14,22 +14,20 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
 
 from sparse_coord_ros.core.agent import Tables
 from sparse_coord_ros.core.algorithm import ACTIONS, PRIMITIVES
-from sparse_coord_ros.core.perception import percept_probabilities
 from sparse_coord_ros.core.scenario import Scenario, load_scenario
-from sparse_coord_ros.core.schedules import exploration, exploring_starts, step_sizes
 from sparse_coord_ros.core.simulation import learn
 from sparse_coord_ros.core.streams import DRAWS, LEARNING, bit_generator
-from sparse_coord_ros.engine.batch import run_batch
+from sparse_coord_ros.engine.batch import make_problem, run_batch
 from sparse_coord_ros.engine.compiled import has_numba
+from sparse_coord_ros.engine.processes import in_processes
 from sparse_coord_ros.errors import RunError
 
 LEARNER = "coop"
@@ -108,8 +106,8 @@ def measure(name: str, *, steps: int, runs: int, repeats: int) -> BatchFigures:
         runs: runs of a measurement.
         repeats: how often each figure is measured, all figures in turn.
     """
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-        return pool.submit(_measure, name, steps, runs, repeats).result()
+    [figures] = in_processes(_measure, [(name, steps, runs, repeats)], 1)
+    return figures
 
 
 def _measure(name: str, steps: int, runs: int, repeats: int) -> BatchFigures:
@@ -157,11 +155,10 @@ def _engine_rate(scenario: Scenario, runs: int, threads: int) -> float:
 
 
 def _c_rate(loop: "CLoop", runs: int, threads: int) -> float:
-    """Return the rate of the C loop; its generators are seeded beforehand."""
-    sources = [loop.sources(seed) for seed in range(runs)]
+    """Return the rate of the C loop; its generators are seeded as the engine seeds its own."""
     started = time.perf_counter()
     with ThreadPoolExecutor(threads) as pool:
-        for _ in pool.map(loop.learn, sources):
+        for _ in pool.map(lambda seed: loop.learn(loop.sources(seed)), range(runs)):
             pass
     return _rate(loop.scenario, runs, started)
 
@@ -189,7 +186,8 @@ def _peak_memory() -> int:
     raise OSError("no VmHWM in /proc/self/status")
 
 
-_INTEGERS = ("team", "cells", "budget", "max_steps", "any_doorway", "most_start_cells")
+_SIZES = ("team", "cells", "most_start_cells")
+_INTEGERS = ("budget", "max_steps", "any_doorway")
 _ARRAYS = (
     ("starts", np.int32),
     ("goals", np.int32),
@@ -204,24 +202,17 @@ _ARRAYS = (
     ("alpha_by_count", np.float64),
     ("alpha_by_step", np.float64),
 )
-_NUMBERS = (
-    "move_success",
-    "goal_reward",
-    "ask_cost",
-    "discount",
-    "goal_value",
-    "q_star_init",
-    "q_coord_init",
-)
+_NUMBERS = ("move_success", "goal_reward", "ask_cost", "discount", "goal_value")
+_INITIAL = ("q_star_init", "q_coord_init")
 
 
 class _Problem(ctypes.Structure):
     """`struct problem` of loop.c."""
 
     _fields_ = [
-        *((name, ctypes.c_int32) for name in _INTEGERS),
+        *((name, ctypes.c_int32) for name in _SIZES + _INTEGERS),
         *((name, ctypes.c_void_p) for name, _ in _ARRAYS),
-        *((name, ctypes.c_double) for name in _NUMBERS),
+        *((name, ctypes.c_double) for name in _NUMBERS + _INITIAL),
     ]
 
 
@@ -238,20 +229,19 @@ class CLoop:
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
         self._learn_run = _compiled_loop()
-        self._arrays = _problem_arrays(scenario)  # kept: the structure only points to them
-        starts = self._arrays["start_cells"]
-        integers = (
-            len(scenario.robots),
-            len(scenario.map.cells),
-            scenario.steps,
-            scenario.max_steps,
-            scenario.conflict == "any_doorway",
-            starts.shape[1],
-        )
+        problem = make_problem(scenario, LEARNER, np.arange(len(scenario.robots)))
+        sizes = (len(problem.starts), len(problem.doorway), problem.start_cells.shape[1])
+        initial = {name: getattr(scenario, name) for name in _INITIAL}
+        # Kept: the structure only points to them.
+        self._arrays = {
+            name: np.ascontiguousarray(getattr(problem, name), dtype=dtype)
+            for name, dtype in _ARRAYS
+        }
         self._problem = _Problem(
-            **dict(zip(_INTEGERS, integers, strict=True)),
-            **{name: self._arrays[name].ctypes.data for name, _ in _ARRAYS},
-            **{name: getattr(scenario, name) for name in _NUMBERS},
+            **dict(zip(_SIZES, sizes, strict=True)),
+            **initial,
+            **{name: getattr(problem, name) for name in _INTEGERS + _NUMBERS},
+            **{name: array.ctypes.data for name, array in self._arrays.items()},
         )
 
     def sources(self, seed: int) -> np.ndarray:
@@ -308,30 +298,3 @@ def _compiled_loop() -> Callable[..., int]:
     learn_run.argtypes = [ctypes.POINTER(_Problem), *[ctypes.c_void_p] * 3]
     learn_run.restype = ctypes.c_int
     return learn_run
-
-
-def _problem_arrays(scenario: Scenario) -> dict[str, np.ndarray]:
-    """Return the arrays of `struct problem`, in its types and order of memory."""
-    grid, robots = scenario.map, scenario.robots
-    doorway = np.zeros(len(grid.cells))
-    doorway[sorted(grid.doorways)] = 1
-    free = [np.flatnonzero(grid.distances_to(robot.goal) > 0) for robot in robots]
-    start_cells = np.zeros((len(robots), max(map(len, free))))
-    for k, choices in enumerate(free):
-        start_cells[k, : len(choices)] = choices
-    alpha = step_sizes(scenario.step_size, scenario.steps)
-    values = {
-        "starts": [robot.start for robot in robots],
-        "goals": [robot.goal for robot in robots],
-        "next_cell": grid.next_cell,
-        "doorway": doorway,
-        "percept": percept_probabilities(scenario.perception, grid),
-        "penalties": scenario.penalties,
-        "start_cells": start_cells,
-        "start_counts": [len(choices) for choices in free],
-        "exploring": exploring_starts(scenario.starts, scenario.steps),
-        "epsilon": exploration(scenario.epsilon, scenario.steps),
-        "alpha_by_count": alpha.by_count,
-        "alpha_by_step": alpha.by_step,
-    }
-    return {name: np.ascontiguousarray(values[name], dtype=dtype) for name, dtype in _ARRAYS}

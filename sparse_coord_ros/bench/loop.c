@@ -14,7 +14,7 @@ enum { EXPLORE, EXPLORED_ACTION, TIE, PRIMITIVE_TIE, PEER, POLICY_DRAWS };
 
 // A scenario; bench/batch.py declares the same fields. k is a robot, x its cell.
 struct problem {
-    int32_t team, cells, budget, max_steps, any_doorway, most_start_cells;
+    int32_t team, cells, most_start_cells, budget, max_steps, any_doorway;
     const int32_t *starts;         // [k]
     const int32_t *goals;          // [k]
     const int32_t *next_cell;      // [x][action]

@@ -29,8 +29,6 @@ def add_parser(verbs) -> None:
     parser = shared.add_verb(
         verbs,
         "bench",
-        help="measure the speed of env1: live, beside bare rclpy nodes passing the same messages, "
-        "and the batch engine, beside a plain C loop of the same work",
         example="sparse_coord bench batch --runs 100 --repeats 1",
     )
     parser.add_argument(

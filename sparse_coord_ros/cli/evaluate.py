@@ -22,7 +22,6 @@ def add_parser(verbs) -> None:
     parser = shared.add_verb(
         verbs,
         "evaluate",
-        help="evaluate learned tables by Monte-Carlo trials, as in the paper",
         example="sparse_coord train env1 --out runs/a && sparse_coord evaluate runs/a",
     )
     parser.add_argument("directory", metavar="DIR", type=Path, help="output of run or train")

@@ -3,21 +3,25 @@
 """Entry point of `sparse_coord`."""
 
 import argparse
+import importlib
 import os
+import signal
 import sys
 from collections.abc import Sequence
 
 from sparse_coord_ros import __version__
-from sparse_coord_ros.cli import bench, evaluate, maps, optimum, reproduce, run, study, train
-from sparse_coord_ros.cli.options import Parser
+from sparse_coord_ros.cli.options import VERBS, Parser
 from sparse_coord_ros.errors import EXIT_BAD_INPUT, SparseCoordError
 
-VERBS = (run, train, evaluate, optimum, maps, reproduce, study, bench)
 INTERRUPTED = 130
 
 
-def make_parser() -> argparse.ArgumentParser:
-    """Return the parser of all verbs."""
+LONGEST_NAME = 300
+"""Characters of a file's name in an error."""
+
+
+def make_parser(chosen: str | None = None) -> argparse.ArgumentParser:
+    """Return the parser of all verbs; only the chosen one has options, and is imported."""
     parser = Parser(
         prog="sparse_coord",
         description="Robots that learn when and how to coordinate (Melo & Veloso, AAMAS 2009).",
@@ -25,15 +29,20 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB")
-    for verb in VERBS:
-        verb.add_parser(verbs)
+    for verb, text in VERBS.items():
+        if verb == chosen:
+            importlib.import_module(f"sparse_coord_ros.cli.{verb}").add_parser(verbs)
+        else:
+            verbs.add_parser(verb, help=text)
     return parser
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one verb and return the exit code."""
-    options = make_parser().parse_args(arguments)
+    arguments = sys.argv[1:] if arguments is None else list(arguments)
+    verb = next((text for text in arguments if not text.startswith("-")), None)
     try:
+        options = make_parser(verb).parse_args(arguments)
         return options.execute(options)
     except SparseCoordError as error:
         print(f"error: {error}", file=sys.stderr, flush=True)
@@ -42,11 +51,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except OSError as error:
-        print(f"error: {error.strerror}: {error.filename}", file=sys.stderr, flush=True)
+        print(f"error: {_in_words(error)}", file=sys.stderr, flush=True)
+        return EXIT_BAD_INPUT
+    except MemoryError as error:
+        print(
+            f"error: not enough memory{f' ({error})' if str(error) else ''}; choose a smaller "
+            "scenario, fewer steps or trials, or fewer --jobs",
+            file=sys.stderr,
+            flush=True,
+        )
         return EXIT_BAD_INPUT
     except KeyboardInterrupt:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # impatience brings no traceback at the exit
         print("interrupted", file=sys.stderr, flush=True)
         return INTERRUPTED
+
+
+def _in_words(error: OSError) -> str:
+    problem = error.strerror or str(error)
+    name = "" if error.filename is None else str(error.filename)
+    if len(name) > LONGEST_NAME:
+        name = f"{name[: LONGEST_NAME // 2]}...{name[-LONGEST_NAME // 2 :]}"
+    return f"{problem}: {name}" if name else problem
 
 
 if __name__ == "__main__":

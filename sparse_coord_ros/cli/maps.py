@@ -10,9 +10,7 @@ from sparse_coord_ros.core.grid import GridMap, load_map, map_names
 
 def add_parser(verbs) -> None:
     """Add the verb."""
-    parser = shared.add_verb(
-        verbs, "maps", help="list the maps, or show one", example="sparse_coord maps env1"
-    )
+    parser = shared.add_verb(verbs, "maps", example="sparse_coord maps env1")
     parser.add_argument("name", metavar="NAME", nargs="?", help="a map's name or a map file")
     shared.add_json(parser)
     parser.set_defaults(execute=execute)

@@ -15,8 +15,6 @@ def add_parser(verbs) -> None:
     parser = shared.add_verb(
         verbs,
         "optimum",
-        help="compute the exact joint optimum: full joint state and action, no cost of asking; "
-        "and the exact worth of fixed shortest paths",
         example="sparse_coord optimum env1 --penalty -100",
     )
     shared.add_scenario(parser)

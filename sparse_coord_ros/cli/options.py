@@ -4,7 +4,7 @@
 
 import argparse
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Any, NoReturn
@@ -12,6 +12,20 @@ from typing import Any, NoReturn
 from sparse_coord_ros.core.scenario import Scenario, load_scenario, scenario_names
 from sparse_coord_ros.core.settings import parse_assignments
 from sparse_coord_ros.errors import EXIT_BAD_INPUT
+
+VERBS: Mapping[str, str] = {
+    "run": "let a team learn live over ROS 2 nodes, topics and services, recorded to MCAP",
+    "train": "learn without ROS: the same computation, the same bits",
+    "evaluate": "evaluate learned tables by Monte-Carlo trials, as in the paper",
+    "optimum": "compute the exact joint optimum: full joint state and action, no cost of asking; "
+    "and the exact worth of fixed shortest paths",
+    "maps": "list the maps, or show one",
+    "reproduce": "reproduce the paper's tables and figures, and go beyond them",
+    "study": "search for one learning protocol that serves all nine scenarios",
+    "bench": "measure the speed of env1: live, beside bare rclpy nodes passing the same messages, "
+    "and the batch engine, beside a plain C loop of the same work",
+}
+"""Every verb and what it does; `sparse_coord_ros.cli.<verb>` is imported where it is chosen."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -22,8 +36,9 @@ class Parser(argparse.ArgumentParser):
         self.exit(EXIT_BAD_INPUT, f"error: {message}; see {self.prog} --help\n")
 
 
-def add_verb(verbs, name: str, *, help: str, example: str) -> argparse.ArgumentParser:
+def add_verb(verbs, name: str, *, example: str) -> argparse.ArgumentParser:
     """Add a verb's parser, with a working example below its help."""
+    help = VERBS[name]
     return verbs.add_parser(
         name,
         help=help,

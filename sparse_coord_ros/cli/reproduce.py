@@ -3,24 +3,35 @@
 """`sparse_coord reproduce`: the paper's tables and figures, and its open questions."""
 
 import argparse
+import os
+import shutil
 import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from tqdm import tqdm
 
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.evaluate import result_table
-from sparse_coord_ros.core.evaluation import summary
+from sparse_coord_ros.core.evaluation import Trials, play, summary
 from sparse_coord_ros.core.optimum import joint_optimum
-from sparse_coord_ros.core.run_config import RUN_SETTINGS, create_output, make_run
+from sparse_coord_ros.core.run_config import RUN_SETTINGS, make_run
 from sparse_coord_ros.core.settings import Setting
-from sparse_coord_ros.core.tables import save_team
+from sparse_coord_ros.core.tables import load_team, save_team
 from sparse_coord_ros.engine.batch import ENGINES, Run, run_batch, uses_numba
 from sparse_coord_ros.engine.cells import Cell, parse_id
 from sparse_coord_ros.engine.experiments import NAMES, Experiment, experiment
-from sparse_coord_ros.engine.results import CellResult, Plan, Results, collect, open_results
-from sparse_coord_ros.errors import SettingError, did_you_mean
+from sparse_coord_ros.engine.results import (
+    CellResult,
+    Plan,
+    Results,
+    collect,
+    digest,
+    open_results,
+    unusable_file,
+)
+from sparse_coord_ros.errors import ResultsError, SettingError, did_you_mean
 
 RUNS = Setting("runs", int, 100, "independent learning runs of a cell", low=2, high=1_000_000)
 TRIALS = Setting("trials", int, 1000, "Monte-Carlo trials of a run", low=2, high=1_000_000)
@@ -32,7 +43,6 @@ def add_parser(verbs) -> None:
     parser = shared.add_verb(
         verbs,
         "reproduce",
-        help="reproduce the paper's tables and figures, and go beyond them",
         example="sparse_coord reproduce table1 table2 --out results\n"
         "  sparse_coord reproduce env2-4r/coop/penalty=-20/3 --out results",
     )
@@ -81,7 +91,11 @@ def execute(options: argparse.Namespace) -> int:
                 f"below {plan.runs} or more --runs"
             )
     if options.list:
-        print("\n".join([*(cell.id for cell in cells), *(f"{c.id}/{n}" for c, n in runs)]))
+        listed = {"cells": [c.id for c in cells], "runs": [f"{c.id}/{n}" for c, n in runs]}
+        if options.json:
+            shared.print_json(listed)
+        else:
+            print("\n".join(listed["cells"] + listed["runs"]))
         return 0
     work = {"engine": options.engine, "jobs": jobs}
     with open_results(options.out, plan) as results:
@@ -90,47 +104,57 @@ def execute(options: argparse.Namespace) -> int:
         if chosen:
             from sparse_coord_ros.engine.report import write_report
 
-            write_report(options.out, plan, chosen, found)
+            try:
+                write_report(options.out, plan, *complete(results, chosen, found))
+            except OSError as error:  # Matplotlib's: without the file's name
+                raise unusable_file(options.out / "figures", error, "written") from None
     if options.json:
         data = {"cells": [result.to_dict() for result in found.values()]}
-        shared.print_json(data | ({"runs": [_run_dict(*run) for run in played]} if runs else {}))
+        shared.print_json(data | ({"runs": [_run_dict(one) for one in played]} if runs else {}))
         return 0
     _print(options.out, chosen, cells, found)
-    for cell, run, folder in played:
-        learned = make_run(cell.scenario, {"seed": run.seed, "learner": cell.learner})
-        print(result_table(learned, summary(run.trials), joint_optimum(cell.scenario)))
-        print(f"tables  {folder / 'tables.npz'}")
+    for one in played:
+        scenario = one.cell.scenario
+        learned = make_run(scenario, {"seed": one.seed, "learner": one.cell.learner})
+        print(result_table(learned, summary(one.trials), joint_optimum(scenario)))
+        print(f"tables  {one.folder / 'tables.npz'}")
     return 0
 
 
 def parse_targets(
     targets: Sequence[str],
 ) -> tuple[list[Experiment], list[Cell], list[tuple[Cell, int]]]:
-    """Return the experiments, the cells (theirs and those named, each once), and single runs.
+    """Return the experiments, the cells (theirs and those named), and single runs, each once.
 
     Raises:
-        SettingError: neither an experiment nor an id.
+        SettingError: neither an experiment nor an id; two scenario files of one name.
         ScenarioError: an id with an unknown scenario.
     """
-    chosen = [] if targets else [experiment(name) for name in NAMES]
+    named = [name for name in NAMES if name in targets or not targets]
+    chosen = [experiment(name) for name in named]
     cells: dict[str, Cell] = {}
-    runs = []
+    runs: dict[str, tuple[Cell, int]] = {}
+    digests: dict[str, str] = {}
     for target in targets:
         if target in NAMES:
-            chosen.append(experiment(target))
-        elif "/" not in target:
+            continue
+        if "/" not in target:
             raise SettingError(
                 f"unknown experiment {target!r}{did_you_mean(target, NAMES)}; allowed: "
                 f"{', '.join(NAMES)}, or an id such as env1/coop/penalty=-20"
             )
+        cell, number = parse_id(target)
+        if digests.setdefault(cell.id, digest(cell)) != digest(cell):
+            raise SettingError(
+                f"id {target!r}: another scenario file of the name {cell.scenario.name!r} is "
+                "asked for too; give one of them another with the field 'name'"
+            )
+        if number is None:
+            cells[cell.id] = cell
         else:
-            cell, number = parse_id(target)
-            if number is None:
-                cells[cell.id] = cell
-            else:
-                runs.append((cell, number))
+            runs[f"{cell.id}/{number}"] = cell, number
     cells = {cell.id: cell for one in chosen for cell in one.cells} | cells
-    return chosen, list(cells.values()), runs
+    return chosen, list(cells.values()), list(runs.values())
 
 
 def compute(results: Results, cells: Iterable[Cell], work: dict) -> dict[str, CellResult]:
@@ -156,15 +180,90 @@ def compute(results: Results, cells: Iterable[Cell], work: dict) -> dict[str, Ce
     return found
 
 
-def one_run(results: Results, cell: Cell, number: int, work: dict) -> tuple[Cell, Run, Path]:
-    """Compute one run of a cell and save what it learned, as `train` does."""
-    seed = results.plan.seed + number
-    [run] = run_batch(cell.scenario, cell.learner, [seed], trials=results.plan.trials, **work)
-    folder = create_output(results.directory / "runs" / f"{cell.id}/{number}")
-    learned = make_run(cell.scenario, {"seed": seed, "learner": cell.learner})
-    (folder / "run.yaml").write_text(learned.to_yaml(), encoding="utf-8")
-    save_team(folder, run.tables)
-    return cell, run, folder
+def complete(
+    results: Results, chosen: Sequence[Experiment], found: dict[str, CellResult]
+) -> tuple[list[Experiment], dict[str, CellResult]]:
+    """Return every experiment whose cells are all there, in the order of `NAMES`, and its cells.
+
+    Args:
+        results: the results directory.
+        chosen: experiments whose cells are found.
+        found: results of cells.
+    """
+    shown, found = [], dict(found)
+    asked = {one.name: one for one in chosen}
+    for name in NAMES:
+        one = asked.get(name) or experiment(name)
+        if name in asked or all(_there(results, cell, found) for cell in one.cells):
+            shown.append(one)
+    return shown, found
+
+
+def _there(results: Results, cell: Cell, found: dict[str, CellResult]) -> bool:
+    """Whether a cell's result is found, or in the directory: then it is put to those found."""
+    if cell.id not in found:
+        try:
+            result = results.load(cell)
+        except ResultsError:  # of another protocol: not asked for, so nothing to complain about
+            return False
+        if result is None:
+            return False
+        found[cell.id] = result
+    return True
+
+
+class Played(NamedTuple):
+    """A single run: its cell, its seed, its trials, and the folder of what it learned."""
+
+    cell: Cell
+    seed: int
+    trials: Trials
+    folder: Path
+
+
+def one_run(results: Results, cell: Cell, number: int, work: dict) -> Played:
+    """Compute one run of a cell and save what it learned, as `train` does.
+
+    Where that run is there already, only its trials are played again.
+
+    Raises:
+        ResultsError: something else is in its place, or it cannot be written.
+    """
+    seed, trials = results.plan.seed + number, results.plan.trials
+    folder = results.run_folder(cell, number)
+    text = make_run(cell.scenario, {"seed": seed, "learner": cell.learner}).to_yaml()
+    try:
+        if folder.exists():
+            return Played(cell, seed, _played_again(folder, text, cell, seed, trials), folder)
+    except OSError as error:
+        raise unusable_file(folder, error, "read") from None
+    [run] = run_batch(cell.scenario, cell.learner, [seed], trials=trials, **work)
+    partial = folder.with_name(f"{folder.name}.partial")
+    shutil.rmtree(partial, ignore_errors=True)  # of an interrupted call
+    try:
+        partial.mkdir(parents=True)
+        (partial / "run.yaml").write_text(text, encoding="utf-8")
+        save_team(partial, run.tables)
+        os.rename(partial, folder)
+    except OSError as error:
+        raise unusable_file(folder, error, "written") from None
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+    return Played(cell, seed, run.trials, folder)
+
+
+def _played_again(folder: Path, text: str, cell: Cell, seed: int, trials: int) -> Trials:
+    try:
+        same = (folder / "run.yaml").read_text(encoding="utf-8") == text
+    except (OSError, UnicodeDecodeError):
+        same = False
+    if not same:
+        raise ResultsError(
+            f"{folder}: exists already and is another run than this would be (scenario, learning "
+            "protocol, seed or versions); nothing is overwritten: remove it, or choose another "
+            "--out"
+        )
+    return play(cell.scenario, load_team(folder, cell.scenario), trials=trials, seed=seed)
 
 
 def _agent_steps(cell: Cell) -> int:
@@ -177,12 +276,12 @@ def _counted(runs: Iterable[Run], bar: tqdm, size: int) -> Iterable[Run]:
         yield run
 
 
-def _run_dict(cell: Cell, run: Run, folder: Path) -> dict:
+def _run_dict(one: Played) -> dict:
     return {
-        "id": cell.id,
-        "seed": run.seed,
-        "directory": str(folder),
-        **summary(run.trials).to_dict(),
+        "id": one.cell.id,
+        "seed": one.seed,
+        "directory": str(one.folder),
+        **summary(one.trials).to_dict(),
     }
 
 

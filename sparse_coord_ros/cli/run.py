@@ -14,7 +14,6 @@ def add_parser(verbs) -> None:
     parser = shared.add_verb(
         verbs,
         "run",
-        help="let a team learn live over ROS 2 nodes, topics and services, recorded to MCAP",
         example="sparse_coord run env1 --steps 2000 --seed 7",
     )
     shared.add_scenario(parser)

@@ -4,9 +4,12 @@
 
 import argparse
 import csv
+import io
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 from tqdm import tqdm
 
@@ -24,11 +27,26 @@ from sparse_coord_ros.engine.results import (
     open_results,
     write_whole,
 )
-from sparse_coord_ros.engine.study import SPACE, Outcome, descend, search, settings_of
+from sparse_coord_ros.engine.study import (
+    FINAL_RUNS,
+    FINALISTS,
+    SPACE,
+    Outcome,
+    final,
+    judge,
+    search,
+    settings_of,
+    vary,
+)
 
-RUNS = Setting("runs", int, 40, "learning runs of a protocol in a scenario", low=2, high=10_000)
+RUNS = Setting("runs", int, 100, "learning runs of a protocol in a scenario", low=2, high=10_000)
 TRIALS = Setting("trials", int, 100, "Monte-Carlo trials of a run", low=2, high=1_000_000)
-CANDIDATES = Setting("candidates", int, 150, "protocols to try", low=1, high=100_000)
+FINAL_SEEDS = 10**6
+"""How far the seeds of the final lie from those of the search."""
+
+T = TypeVar("T")
+
+CANDIDATES = Setting("candidates", int, 40, "protocols to try", low=1, high=100_000)
 
 
 def add_parser(verbs) -> None:
@@ -36,7 +54,6 @@ def add_parser(verbs) -> None:
     parser = shared.add_verb(
         verbs,
         "study",
-        help="search for one learning protocol that serves all nine scenarios",
         example="sparse_coord study --out study",
     )
     parser.add_argument(
@@ -45,8 +62,8 @@ def add_parser(verbs) -> None:
         default=Path("study"),
         help="results directory; one that is there is gone on with (default: study)",
     )
-    parser.add_argument("--candidates", default="150", help=f"{CANDIDATES.help} (default: 150)")
-    parser.add_argument("--runs", default="40", help=f"{RUNS.help} (default: 40)")
+    parser.add_argument("--candidates", default="40", help=f"{CANDIDATES.help} (default: 40)")
+    parser.add_argument("--runs", default="100", help=f"{RUNS.help} (default: 100)")
     parser.add_argument("--trials", default="100", help=f"{TRIALS.help} (default: 100)")
     parser.add_argument(
         "--seed", default="10000", help="seed of run 0; run i has seed + i (default: 10000)"
@@ -64,24 +81,22 @@ def execute(options: argparse.Namespace) -> int:
         TRIALS.parse(options.trials),
     )
     candidates = CANDIDATES.parse(options.candidates)
-    with open_results(options.out, plan) as results:
-
-        def compute(cell: Cell) -> CellResult:
-            return _result(results, cell, options.engine)
-
-        outcomes: list[Outcome] = []
-        with tqdm(total=candidates, unit=" protocols", disable=None, file=sys.stderr) as bar:
-            for outcome in search(compute, candidates):
-                outcomes.append(outcome)
-                bar.set_postfix(best=f"{min(o.loss for o in outcomes if o.whole):.2f}")
-                bar.update()
-        found = min((one for one in outcomes if one.whole), key=lambda one: one.loss)
-        with tqdm(unit=" variations", disable=None, file=sys.stderr) as bar:
-            rounds = list(descend(found, compute, bar.update))
-        best = rounds[-1].best
-        document = protocol_document(plan, outcomes, rounds)
-        write_whole(options.out / "protocol.md", document)
-        _write_csv(options.out / "protocols.csv", outcomes)
+    final_plan = Plan(plan.seed + FINAL_SEEDS, FINAL_RUNS * plan.runs, plan.trials)
+    with (
+        open_results(options.out / "search", plan) as searched,
+        open_results(options.out / "final", final_plan) as finals,
+    ):
+        compute = partial(_result, searched, options.engine)
+        outcomes = _listed(search(compute, candidates), "search", candidates)
+        again = final(outcomes, partial(_result, finals, options.engine))
+        finalists = _listed(again, "final", FINALISTS)
+        best = min(finalists, key=lambda one: one.loss)
+        reference = judge(best.choices, compute, float("inf"))
+        changes = sum(map(len, SPACE.values())) - len(SPACE)
+        variations = _listed(vary(reference, compute), "one choice at a time", changes)
+    document = protocol_document(plan, final_plan, outcomes, finalists, reference, variations)
+    write_whole(options.out / "protocol.md", document)
+    write_whole(options.out / "protocols.csv", _csv(outcomes))
     if options.json:
         data = {"protocol": settings_of(best.choices), "loss": best.loss, "closed": best.closed}
         shared.print_json({**data, "difference": best.difference, "asks": best.asks})
@@ -92,7 +107,12 @@ def execute(options: argparse.Namespace) -> int:
     return 0
 
 
-def _result(results: Results, cell: Cell, engine: str) -> CellResult:
+def _listed(items: Iterator[T], title: str, total: int) -> list[T]:
+    """Return the items, with a progress bar."""
+    return list(tqdm(items, desc=title, total=total, disable=None, file=sys.stderr))
+
+
+def _result(results: Results, engine: str, cell: Cell) -> CellResult:
     result = results.load(cell)
     if result is None:
         plan = results.plan
@@ -104,20 +124,21 @@ def _result(results: Results, cell: Cell, engine: str) -> CellResult:
     return result
 
 
-def _write_csv(path: Path, outcomes: Sequence[Outcome]) -> None:
+def _csv(outcomes: Sequence[Outcome]) -> str:
     scenarios = sorted({name for one in outcomes for name in one.difference})
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        closed = [f"closed_{name}" for name in outcomes[0].closed]
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    closed = [f"closed_{name}" for name in outcomes[0].closed]
+    writer.writerow(
+        [*SPACE, "loss", "whole", *closed]
+        + [f"difference_{name}" for name in scenarios]
+        + ["failed_teams", "teams"]
+    )
+    for one in outcomes:
         writer.writerow(
-            [*SPACE, "loss", "whole", *closed]
-            + [f"difference_{name}" for name in scenarios]
-            + ["failed_teams", "teams"]
+            [*(one.choices[name] for name in SPACE), one.loss, one.whole]
+            + [one.closed.get(name.removeprefix("closed_"), "") for name in closed]
+            + [one.difference.get(name, "") for name in scenarios]
+            + [one.failed_teams, one.teams]
         )
-        for one in outcomes:
-            writer.writerow(
-                [*(one.choices[name] for name in SPACE), one.loss, one.whole]
-                + [one.closed.get(name.removeprefix("closed_"), "") for name in closed]
-                + [one.difference.get(name, "") for name in scenarios]
-                + [one.failed_teams, one.teams]
-            )
+    return text.getvalue()

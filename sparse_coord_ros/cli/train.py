@@ -18,7 +18,6 @@ def add_parser(verbs) -> None:
     parser = shared.add_verb(
         verbs,
         "train",
-        help="learn without ROS: the same computation, the same bits",
         example="sparse_coord train env1 --learner coop --steps 10000 --seed 7",
     )
     shared.add_scenario(parser)

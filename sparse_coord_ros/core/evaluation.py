@@ -23,7 +23,9 @@ from sparse_coord_ros.errors import TablesError
 class Measure:
     """Mean, spread over single robots and trials (the paper's ±), and standard error of the mean.
 
-    The standard error treats trials as independent and the robots of one trial as dependent.
+    The standard error is that of independent samples: in an `Evaluation` the trials, the robots of
+    one trial being dependent; in a `CellResult` the learning runs, the trials of one run being
+    dependent.
     """
 
     mean: float
@@ -43,6 +45,8 @@ class Trials:
         arrived: whether the robot arrived; same shape.
         miscoordinations: steps that end in a miscoordination, shape (trials,).
         asked: how often COORDINATE was chosen in each cell in all trials, shape (robots, cells).
+        stays: how often the robot acted in each cell in all trials, same shape: the steps until
+            it has arrived.
     """
 
     reward: np.ndarray
@@ -51,6 +55,7 @@ class Trials:
     arrived: np.ndarray
     miscoordinations: np.ndarray
     asked: np.ndarray
+    stays: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -130,6 +135,7 @@ def play(scenario: Scenario, tables: Sequence[Tables], *, trials: int, seed: int
     times = np.full(shape, float(scenario.horizon))
     conflicts = np.zeros(trials)
     asked = np.zeros((len(tables), len(scenario.map.cells)), dtype=np.int64)
+    stays = np.zeros_like(asked)
     for trial in range(trials):
         world.begin_episode()
         over, discount, elapsed = False, 1.0, 0
@@ -140,7 +146,10 @@ def play(scenario: Scenario, tables: Sequence[Tables], *, trials: int, seed: int
             elapsed += 1
             for k, parts in enumerate(outcome.rewards):
                 reward[trial, k] += discount * (parts.common + parts.ask_cost)
-                if actions[k] is not None and actions[k].asked:
+                if actions[k] is None:
+                    continue
+                stays[k, cells[k]] += 1
+                if actions[k].asked:
                     asks[trial, k] += 1
                     asked[k, cells[k]] += 1
             for k in outcome.arrived:
@@ -150,7 +159,7 @@ def play(scenario: Scenario, tables: Sequence[Tables], *, trials: int, seed: int
             discount *= scenario.discount
             over = outcome.episode_over
         arrived[trial] = world.arrived
-    return Trials(reward, times, asks, arrived, conflicts, asked)
+    return Trials(reward, times, asks, arrived, conflicts, asked, stays)
 
 
 def check_tables(scenario: Scenario, tables: Sequence[Tables], learner: str | None = None) -> None:

@@ -44,12 +44,15 @@ def joint_optimum(scenario: Scenario) -> Optimum:
     successors = [_successors(scenario, k) for k in range(team)]
     payment = _payment(scenario)
     value = np.zeros((cells,) * team)
+    goal = tuple(robot.goal for robot in scenario.robots)
     while True:
         best = scenario.discount * value + payment  # value of the joint state that a step leads to
         for k in range(team):
             best = _own_moves(best, k, successors[k], scenario.move_success)
         # One axis of actions a robot stands in front of the joint state's axes.
         best = best.max(axis=tuple(range(team)))
+        # All have arrived: the trial is over, and nobody pays where they stand in one doorway.
+        best[goal] = scenario.goal_reward / (1.0 - scenario.discount)
         if np.abs(best - value).max() <= TOLERANCE * max(1.0, np.abs(best).max()):
             break
         value = best

@@ -31,6 +31,9 @@ PEERS = ("one", "all")
 MOST_JOINT_STATES = 2**63
 """A joint state is numbered by a 64-bit integer where Q^C is sparse."""
 
+LONGEST = 1_000_000
+"""Most steps of an episode or a trial."""
+
 SETTINGS = SettingTable(
     [
         Setting(
@@ -62,12 +65,26 @@ SETTINGS = SettingTable(
             "whom COORDINATE perceives: one peer drawn at random, or all of them",
             choices=PEERS,
         ),
-        Setting("max_steps", int, 1000, "a learning episode ends after as many steps", low=1),
-        Setting("horizon", int, 100, "an evaluation trial ends after as many steps", low=1),
-        Setting("starts", STARTS, "random", "start cells of learning episodes"),
-        Setting("step_size", STEP_SIZE, "power:0.6", "alpha of QLUpdate"),
-        Setting("epsilon", EPSILON, "linear:1:0.05:0.8", "exploration of pi_epsilon"),
-        Setting("q_star_init", float, 0.0, "initial value of Q*"),
+        Setting(
+            "max_steps",
+            int,
+            100,
+            "a learning episode ends after as many steps",
+            low=1,
+            high=LONGEST,
+        ),
+        Setting(
+            "horizon",
+            int,
+            100,
+            "an evaluation trial ends after as many steps",
+            low=1,
+            high=LONGEST,
+        ),
+        Setting("starts", STARTS, "exploring:1:0.2:0.5", "start cells of learning episodes"),
+        Setting("step_size", STEP_SIZE, "floored:0.5:0.1:0.01", "alpha of QLUpdate"),
+        Setting("epsilon", EPSILON, "linear:0.15:0.02:0.8", "exploration of pi_epsilon"),
+        Setting("q_star_init", float, 20.0, "initial value of Q*"),
         Setting("q_coord_init", float, 200.0, "initial value of Q^C"),
         Setting(
             "goal_value",

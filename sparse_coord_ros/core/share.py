@@ -8,7 +8,12 @@ PACKAGE = "sparse_coord_ros"
 
 
 def share_file(folder: str, name: str) -> Path | None:
-    """Return the shipped file `folder/name`, or None where the package ships no such file."""
+    """Return the shipped file `folder/name`, or None where the package ships no such file.
+
+    A name is a plain one: none leads into another folder.
+    """
+    if Path(name).name != name:
+        return None
     path = share_folder(folder) / name
     return path if path.is_file() else None
 

@@ -4,13 +4,14 @@
 
 Run i of a batch with seed S is the single run with seed S + i: the same draws, the same tables.
 With numba a run is one compiled loop without the interpreter's lock, and runs go on in threads;
-without it `core.simulation` and `core.evaluation` run in processes.
+without it `core.simulation` and `core.evaluation` run in processes. Where the iterator is closed,
+as by Ctrl-C, neither goes on for longer than a block of draws.
 """
 
 import os
-import signal
+import threading
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
@@ -36,6 +37,7 @@ from sparse_coord_ros.core.streams import (
 from sparse_coord_ros.core.world import EPISODE_GAP, FIRST_STEP
 from sparse_coord_ros.engine import kernels
 from sparse_coord_ros.engine.compiled import Loops, compiled, has_numba
+from sparse_coord_ros.engine.processes import in_processes
 from sparse_coord_ros.errors import SettingError
 
 BLOCK = 2048
@@ -84,16 +86,26 @@ def run_batch(
 
     Raises:
         SettingError: numba is asked for and not installed.
+        RunError: a process that computed runs was killed.
     """
     jobs = len(os.sched_getaffinity(0)) if jobs is None else jobs
-    work = [(scenario, learner, seed, trials) for seed in seeds]
     if not uses_numba(engine):
-        with ProcessPoolExecutor(jobs, initializer=_ignore_interrupt) as pool:
-            yield from _in_order(pool, _run_plain, work)
+        work = [(scenario, learner, seed, trials) for seed in seeds]
+        yield from in_processes(_run_plain, work, jobs)
         return
-    team = CompiledTeam(scenario, learner, compiled())
+    # The loops compile when first called: here, where Ctrl-C is heard, and not in a thread.
+    CompiledTeam(scenario.with_settings({"steps": 1}), learner, compiled()).run(0, min(trials, 1))
+    cancelled = threading.Event()
+    team = CompiledTeam(scenario, learner, compiled(), cancelled)
     with ThreadPoolExecutor(jobs) as pool:
-        yield from _in_order(pool, team.run, [(seed, trials) for seed in seeds])
+        try:
+            futures = [pool.submit(team.run, seed, trials) for seed in seeds]
+            for i, future in enumerate(futures):
+                yield future.result()
+                futures[i] = None  # a run's tables can be large: keep none that was handed out
+        finally:
+            cancelled.set()
+            pool.shutdown(wait=True, cancel_futures=True)
 
 
 def uses_numba(engine: str) -> bool:
@@ -110,27 +122,16 @@ def uses_numba(engine: str) -> bool:
     return engine != "python" and has_numba()
 
 
-def _ignore_interrupt() -> None:
-    """Leave Ctrl-C to the process that asked for the runs."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
-def _in_order(pool: Executor, function, work: list[tuple]) -> Iterator[Run]:
-    futures = [pool.submit(function, *arguments) for arguments in work]
-    try:
-        for i, future in enumerate(futures):
-            yield future.result()
-            futures[i] = None  # a run's tables can be large: keep none that was handed out
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
-
-
 def _run_plain(scenario: Scenario, learner: str, seed: int, trials: int) -> Run:
     agents = learn_agents(scenario, learner, seed)
     tables = [agent.tables for agent in agents]
     visited = np.array([agent.coord_visited for agent in agents])
     played = play(scenario, tables, trials=trials, seed=seed) if trials else None
     return Run(seed, tables, visited, played)
+
+
+class Cancelled(Exception):  # noqa: N818 - no error: nobody waits for the run any more
+    """A run was given up between two blocks."""
 
 
 class CompiledTeam:
@@ -140,16 +141,24 @@ class CompiledTeam:
         scenario: the problem and its protocol.
         learner: "coop", "noncoop" or "indiv".
         loops: the compiled (or plain) loops.
+        cancelled: where it is set, runs raise `Cancelled` at the next block.
     """
 
-    def __init__(self, scenario: Scenario, learner: str, loops: Loops) -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        learner: str,
+        loops: Loops,
+        cancelled: threading.Event | None = None,
+    ) -> None:
         self.scenario = scenario
         self.learner = learner
         self._loops = loops
+        self._cancelled = cancelled or threading.Event()
         everyone = np.arange(len(scenario.robots))
         alone = [everyone[k : k + 1] for k in everyone]
         groups = alone if learner == "indiv" else [everyone]
-        whole = _problem(scenario, learner, everyone)
+        whole = make_problem(scenario, learner, everyone)
         self._learning = [whole._replace(members=members) for members in groups]
         self._trying = whole._replace(
             max_steps=scenario.horizon, exploring=np.zeros(1), epsilon=np.zeros(1)
@@ -168,7 +177,7 @@ class CompiledTeam:
         choice = _choice(len(self.scenario.robots))
         for problem in self._learning:
             game = _game(len(self.scenario.robots), FIRST_STEP)
-            blocks = _Blocks(seed, problem, LEARNING)
+            blocks = _Blocks(seed, problem, LEARNING, self._cancelled)
             while game.clock[kernels.DONE] < problem.budget:
                 learners = self._with_room(learners)
                 self._loops.learn_block(problem, learners, game, choice, blocks.next())
@@ -180,14 +189,14 @@ class CompiledTeam:
         team = len(scenario.robots)
         problem = self._trying._replace(budget=trials)
         results = np.zeros((trials, team, 4))
-        asked = np.zeros((team, len(scenario.map.cells)), dtype=np.int64)
+        asked, stays = np.zeros((2, team, len(scenario.map.cells)), dtype=np.int64)
         game = _game(team, FIRST_STEP + EPISODE_GAP)
         choice = _choice(team)
-        blocks = _Blocks(seed, problem, EVALUATION)
+        blocks = _Blocks(seed, problem, EVALUATION, self._cancelled)
         while game.clock[kernels.DONE] < trials:
             draws = blocks.next()
             learners = self._with_room(learners)
-            self._loops.try_block(problem, learners, game, choice, draws, results, asked)
+            self._loops.try_block(problem, learners, game, choice, draws, results, asked, stays)
         times = results[:, :, kernels.TIME]
         return Trials(
             reward=results[:, :, kernels.REWARD],
@@ -196,6 +205,7 @@ class CompiledTeam:
             arrived=times <= scenario.horizon,
             miscoordinations=results[:, 0, kernels.CONFLICTS],
             asked=asked,
+            stays=stays,
         )
 
     def tables(self, learners: kernels.Learners) -> list[Tables]:
@@ -273,7 +283,10 @@ class _Blocks:
     Roles whose draws nothing looks at are left at 0.
     """
 
-    def __init__(self, seed: int, problem: kernels.Problem, phase: int) -> None:
+    def __init__(
+        self, seed: int, problem: kernels.Problem, phase: int, cancelled: threading.Event
+    ) -> None:
+        self._cancelled = cancelled
         self._first = 0
         roles = [POLICY, MOTION]
         if problem.actions > PRIMITIVES:
@@ -289,6 +302,9 @@ class _Blocks:
         self._space = {role: np.zeros((team, BLOCK, width)) for role, width in DRAWS.items()}
 
     def next(self) -> kernels.Draws:
+        """Return the next block; raise `Cancelled` where nobody waits for it."""
+        if self._cancelled.is_set():
+            raise Cancelled
         for role, k, generator in self._generators:
             generator.random(out=self._space[role][k])
         draws = kernels.Draws(
@@ -312,7 +328,14 @@ def _choice(team: int) -> kernels.Choice:
     return kernels.Choice(*np.zeros((4, team), dtype=np.int64))
 
 
-def _problem(scenario: Scenario, learner: str, members: np.ndarray) -> kernels.Problem:
+def make_problem(scenario: Scenario, learner: str, members: np.ndarray) -> kernels.Problem:
+    """Return a scenario as arrays.
+
+    Args:
+        scenario: the problem and its protocol.
+        learner: "coop", "noncoop" or "indiv".
+        members: numbers of the robots that move.
+    """
     grid, robots = scenario.map, scenario.robots
     cells = len(grid.cells)
     doorway = np.zeros(cells, dtype=np.bool_)

@@ -3,18 +3,22 @@
 """Cells: one scenario, one learner, some settings; named by an id such as `env1/coop/penalty=-20`.
 
 An id with a number after it, `env1/coop/penalty=-20/3`, is one learning run of the cell: the
-run with seed S + 3 in a batch with seed S.
+run with seed S + 3 in a batch with seed S. The scenario may be given as the path of a file; the
+cell's own id then has the scenario's name, which no shipped scenario may have.
 """
 
+import os
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 
 from sparse_coord_ros.core.agent import LEARNERS
-from sparse_coord_ros.core.scenario import Scenario, load_scenario
+from sparse_coord_ros.core.scenario import Scenario, load_scenario, scenario_names
 from sparse_coord_ros.core.settings import parse_assignments
+from sparse_coord_ros.core.share import share_file
 from sparse_coord_ros.core.specs import Spec
-from sparse_coord_ros.errors import SettingError, did_you_mean
+from sparse_coord_ros.errors import ScenarioError, SettingError, did_you_mean
 
 
 @dataclass(frozen=True)
@@ -33,9 +37,9 @@ class Cell:
 
     @property
     def id(self) -> str:
-        """`scenario/learner/key=value,key=value`, penalty first."""
+        """`scenario/learner/key=value,key=value`, penalty first: of plain names, never a path."""
         changes = ",".join(f"{key}={value}" for key, value in self.settings)
-        return f"{self.name}/{self.learner}/{changes}"
+        return f"{_load(self.name).name}/{self.learner}/{changes}"
 
     @cached_property
     def scenario(self) -> Scenario:
@@ -43,9 +47,33 @@ class Cell:
         return _load(self.name).with_settings(dict(self.settings))
 
 
-@lru_cache(maxsize=64)
 def _load(name: str) -> Scenario:
-    return load_scenario(name)
+    if name in _shipped_names():
+        return _shipped(name)
+    if os.path.isfile(name):
+        return _file(os.path.abspath(name))
+    return load_scenario(name)  # says that there is none
+
+
+@cache
+def _shipped_names() -> frozenset[str]:
+    return frozenset(scenario_names())
+
+
+@cache
+def _shipped(name: str) -> Scenario:
+    return load_scenario(str(share_file("config", f"{name}.yaml")))
+
+
+@lru_cache(maxsize=64)
+def _file(path: str) -> Scenario:
+    scenario = load_scenario(path)
+    if scenario.name in _shipped_names():
+        raise ScenarioError(
+            f"{path}: its name {scenario.name!r} is that of a shipped scenario, and results are "
+            "filed by name; give it another with the field 'name', or rename the file"
+        )
+    return scenario
 
 
 def make_cell(name: str, learner: str, settings: Mapping[str, object]) -> Cell:
@@ -85,19 +113,28 @@ def parse_id(text: str) -> tuple[Cell, int | None]:
     *path, last = text.split("/")
     number = None
     if last.isdecimal():
+        if not re.fullmatch("[0-9]{1,9}", last):
+            raise SettingError(
+                f"id {_short(text)!r}: the number of a run has 1 to 9 digits 0 to 9; "
+                "e.g. env2-4r/coop/penalty=-20/3"
+            )
         number = int(last)
         *path, last = path
     if len(path) < 2:
         raise SettingError(
-            f"id {text!r}: must be scenario/learner/settings, or the same with /run; "
+            f"id {_short(text)!r}: must be scenario/learner/settings, or the same with /run; "
             "e.g. env2-4r/coop/penalty=-20 or env2-4r/coop/penalty=-20/3"
         )
     *name, learner = path
     try:
         cell = make_cell("/".join(name), learner, parse_assignments(last.split(",")))
     except SettingError as error:
-        raise SettingError(f"id {text!r}: {error}") from None
+        raise SettingError(f"id {_short(text)!r}: {error}") from None
     return cell, number
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= 200 else f"{text[:97]}...{text[-97:]}"
 
 
 def _text(value: object) -> str:

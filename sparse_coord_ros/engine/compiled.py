@@ -4,17 +4,13 @@
 
 import functools
 from collections.abc import Callable
+from types import ModuleType
 from typing import NamedTuple
 
 import numpy as np
 
 from sparse_coord_ros.core import algorithm
 from sparse_coord_ros.engine import kernels
-
-try:
-    import numba
-except ImportError:
-    numba = None
 
 CALLED = (
     algorithm.greedy,
@@ -44,8 +40,19 @@ PLAIN = Loops(kernels.learn_block, kernels.try_block, kernels.rehash)
 
 
 def has_numba() -> bool:
-    """Whether numba is installed."""
-    return numba is not None
+    """Whether numba is installed, and fits this NumPy."""
+    try:
+        _numba()
+    except ImportError:
+        return False
+    return True
+
+
+def _numba() -> ModuleType:
+    """Import numba where it is first needed: that takes as long as all the rest."""
+    import numba
+
+    return numba
 
 
 @functools.cache
@@ -55,6 +62,7 @@ def compiled() -> Loops:
     No fast-math: the same bits as plain Python. Not cached on disk: numba's cache does not see
     changes of the functions that a loop calls.
     """
+    numba = _numba()
     options = _without_reference_counts()
     for function in CALLED:
         numba.extending.register_jitable(**options)(function)
@@ -69,7 +77,7 @@ def _without_reference_counts() -> dict[str, bool]:
     """
     options = {"_nrt": False}
     try:
-        numba.njit(**options)(lambda values: values[0])(np.zeros(1))
+        _numba().njit(**options)(lambda values: values[0])(np.zeros(1))
     except Exception:  # whatever a numba without the option raises: slower, the same results
         return {}
     return options

@@ -324,7 +324,7 @@ def learn_block(problem, learners, game, choice, draws):
             clock[PLACED] = 0
 
 
-def try_block(problem, learners, game, choice, draws, results, asked):
+def try_block(problem, learners, game, choice, draws, results, asked, stays):
     """Play greedy trials until the block of draws, or the trials, are used up.
 
     Args:
@@ -336,6 +336,7 @@ def try_block(problem, learners, game, choice, draws, results, asked):
         results: filled, [trial, k, REWARD to CONFLICTS]; TIME is the horizon, and one more, for
             a robot that does not arrive.
         asked: counted up where COORDINATE is chosen, [k, x].
+        stays: counted up where a robot acts, [k, x].
     """
     clock, cells, arrived = game.clock, game.cells, game.arrived
     end = draws.first + draws.policy.shape[1]
@@ -354,10 +355,12 @@ def try_block(problem, learners, game, choice, draws, results, asked):
         for k in problem.members:
             common = problem.penalties[k] if conflict else 0.0
             cost = 0.0
-            if not arrived[k] and choice.actions[k] == COORDINATE:
-                cost = -problem.ask_cost
-                result[k, ASKS] += 1
-                asked[k, choice.cells[k]] += 1
+            if not arrived[k]:
+                stays[k, choice.cells[k]] += 1
+                if choice.actions[k] == COORDINATE:
+                    cost = -problem.ask_cost
+                    result[k, ASKS] += 1
+                    asked[k, choice.cells[k]] += 1
             result[k, REWARD] += discount * (common + cost)
             result[k, CONFLICTS] += conflict
             if arrived[k]:

@@ -6,32 +6,37 @@
 done, so an interrupted experiment goes on where it stopped.
 """
 
+import errno
 import fcntl
 import hashlib
 import json
 import math
 import os
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 
 from sparse_coord_ros import __version__
+from sparse_coord_ros.core.algorithm import PRIMITIVES
 from sparse_coord_ros.core.evaluation import Measure
 from sparse_coord_ros.core.optimum import joint_optimum
 from sparse_coord_ros.core.reference import shortest_path_reference
+from sparse_coord_ros.core.scenario import Scenario
+from sparse_coord_ros.core.sparse import SparseTable, dense_nbytes
 from sparse_coord_ros.engine.batch import Run
 from sparse_coord_ros.engine.cells import Cell
-from sparse_coord_ros.errors import ResultsError
+from sparse_coord_ros.errors import ResultsError, SettingError
 
 FORMAT = 1
 MANIFEST = "results.json"
-BYTES_A_JOINT_STATE = 4 * 8
-"""Four actions, float64."""
+LONGEST_NAME = 255
+"""Characters of a file's name, on common file systems."""
 
 SUMS = ("reward", "time_to_goal", "asks", "miscoordinations")
+BY_ROBOT = ("reward", "asks")
 
 
 @dataclass(frozen=True)
@@ -47,6 +52,14 @@ class Plan:
     seed: int
     runs: int
     trials: int
+
+    def __post_init__(self) -> None:
+        """Raise `SettingError` where the last run's seed is too large."""
+        if self.seed + self.runs > 2**63:
+            raise SettingError(
+                f"setting seed: value is {self.seed}, allowed with {self.runs} runs: at most "
+                f"{2**63 - self.runs}, as run i has seed + i, below 2^63"
+            )
 
     @property
     def seeds(self) -> range:
@@ -64,16 +77,19 @@ class CellResult:
         trials: trials of each run.
         robots: robots of the scenario.
         joint_states: number of joint states that Q^C of one robot could hold.
+        row_bytes: bytes of one joint state's row of Q^C, its key included where Q^C is sparse.
         optimum: exact joint optimum of the scenario, or an upper bound.
         optimum_exact: whether it is exact.
         reference: exact value of fixed shortest-path policies: reward, time_to_goal and
             miscoordinations.
         means: mean of each measure of `SUMS` over trials (and robots).
         variances: variance of each measure over trials (and robots).
+        robot_means: mean of each measure of `BY_ROBOT` over runs and trials, one a robot.
         not_arrived: trials in which some robot did not arrive.
         visited: joint states that a robot has updated in Q^C, mean over the robots.
         asked: how often COORDINATE was chosen in each cell, mean of a trial, shape
             (robots, cells).
+        stays: steps in which the robot acted in each cell, likewise.
     """
 
     id: str
@@ -81,14 +97,17 @@ class CellResult:
     trials: int
     robots: int
     joint_states: int
+    row_bytes: int
     optimum: float
     optimum_exact: bool
     reference: dict[str, float]
     means: dict[str, list[float]]
     variances: dict[str, list[float]]
+    robot_means: dict[str, list[float]]
     not_arrived: list[int]
     visited: list[float]
     asked: list[list[float]]
+    stays: list[list[float]]
 
     @property
     def runs(self) -> int:
@@ -122,8 +141,8 @@ class CellResult:
 
     @property
     def visited_bytes(self) -> float:
-        """Bytes of the visited rows of one robot's Q^C."""
-        return float(np.mean(self.visited)) * BYTES_A_JOINT_STATE
+        """Bytes of the visited rows of one robot's Q^C, with their keys where it is sparse."""
+        return float(np.mean(self.visited)) * self.row_bytes
 
     def to_dict(self) -> dict:
         """Return plain data: what `reproduce --json` prints."""
@@ -133,6 +152,7 @@ class CellResult:
             "runs": self.runs,
             "trials": self.trials,
             **measures,
+            "robot_means": self.robot_means,
             "arrived": self.arrived,
             "failed_teams": self.failed_teams,
             "visited_share": self.visited_share,
@@ -144,37 +164,51 @@ class CellResult:
 
 
 def collect(cell: Cell, trials: int, runs: Iterable[Run]) -> CellResult:
-    """Sum up the runs of a cell, one after the other (a run's tables are not kept)."""
+    """Sum up the runs of a cell (>= 1), one after the other (a run's tables are not kept)."""
     scenario = cell.scenario
     cells, robots = len(scenario.map.cells), len(scenario.robots)
-    peers = 1 if scenario.peers == "one" else robots - 1
     means: dict[str, list[float]] = {name: [] for name in SUMS}
     variances: dict[str, list[float]] = {name: [] for name in SUMS}
-    not_arrived, visited, asked = [], [], np.zeros((robots, cells))
+    by_robot = {name: np.zeros(robots) for name in BY_ROBOT}
+    not_arrived, visited, (asked, stays) = [], [], np.zeros((2, robots, cells))
     for run in runs:
         for name in SUMS:
             values = getattr(run.trials, name)
             means[name].append(float(values.mean()))
             variances[name].append(float(values.var()))
+        for name in BY_ROBOT:
+            by_robot[name] += getattr(run.trials, name).mean(axis=0)
         not_arrived.append(int((~run.trials.arrived.all(axis=1)).sum()))
         visited.append(float(run.visited.mean()))
         asked += run.trials.asked
-    optimum = joint_optimum(scenario)
+        stays += run.trials.stays
+    count, optimum = len(not_arrived), joint_optimum(scenario)
     return CellResult(
         id=cell.id,
         digest=digest(cell),
         trials=trials,
         robots=robots,
-        joint_states=cells ** (1 + peers),
+        joint_states=cells**scenario.perceived,
+        row_bytes=_row_bytes(scenario),
         optimum=optimum.value,
         optimum_exact=optimum.exact,
         reference=asdict(shortest_path_reference(scenario)),
         means=means,
         variances=variances,
+        robot_means={name: (total / count).tolist() for name, total in by_robot.items()},
         not_arrived=not_arrived,
         visited=visited,
-        asked=(asked / (len(not_arrived) * trials)).tolist(),
+        asked=(asked / (count * trials)).tolist(),
+        stays=(stays / (count * trials)).tolist(),
     )
+
+
+def _row_bytes(scenario: Scenario) -> int:
+    """Return the bytes of one row of Q^C: four float64, and where it is sparse its key."""
+    if not scenario.sparse:
+        return dense_nbytes(1, scenario.perceived)
+    key, row = np.zeros((1, scenario.perceived), dtype=np.int32), np.zeros((1, PRIMITIVES))
+    return SparseTable(1, scenario.perceived, 0.0, key, row).nbytes
 
 
 def digest(cell: Cell) -> str:
@@ -194,8 +228,24 @@ class Results:
         self.plan = plan
 
     def path(self, cell: Cell) -> Path:
-        """Return where a cell's result is."""
-        return self.directory / "cells" / f"{cell.id}.json"
+        """Return where a cell's result is.
+
+        Raises:
+            ResultsError: the file's name would be too long.
+        """
+        return self._inside("cells", f"{cell.id}.json")
+
+    def run_folder(self, cell: Cell, number: int) -> Path:
+        """Return where a single run of a cell is."""
+        return self._inside("runs", f"{cell.id}/{number}")
+
+    def _inside(self, folder: str, name: str) -> Path:
+        path = self.directory / folder / name
+        assert ".." not in path.parts[len(self.directory.parts) :]  # an id has plain names only
+        assert path.is_relative_to(self.directory / folder)
+        if len(_partial(path).name) > LONGEST_NAME:  # said before hours are spent on the cell
+            raise unusable_file(path, OSError(errno.ENAMETOOLONG, "File name too long"), "written")
+        return path
 
     def load(self, cell: Cell) -> CellResult | None:
         """Return a cell's result, None where it is not there yet.
@@ -211,6 +261,8 @@ class Results:
             whole = result.runs == self.plan.runs and result.trials == self.plan.trials
         except FileNotFoundError:
             return None
+        except OSError as error:
+            raise unusable_file(path, error, "read") from None
         except (ValueError, TypeError):
             os.replace(path, path.with_name(path.name + ".broken"))
             return None
@@ -222,9 +274,12 @@ class Results:
         return result
 
     def save(self, cell: Cell, result: CellResult) -> None:
-        """Write a cell's result, whole or not at all."""
+        """Write a cell's result, whole or not at all.
+
+        Raises:
+            ResultsError: it cannot be written.
+        """
         path = self.path(cell)
-        path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, json.dumps(asdict(result)))
 
 
@@ -267,15 +322,13 @@ def _check_manifest(directory: Path, plan: Plan) -> None:
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        if any(directory.iterdir()):
+        # An interruption right at the beginning leaves our own half-written manifest.
+        if any(found.name != _partial(path).name for found in directory.iterdir()):
             raise ResultsError(
                 f"results directory {directory}: holds other files and no {MANIFEST}; choose an "
                 "empty or new directory for --out"
             ) from None
-        try:
-            write_whole(path, json.dumps(wanted, indent=2) + "\n")
-        except OSError as error:
-            raise _unusable(directory, error) from None
+        write_whole(path, json.dumps(wanted, indent=2) + "\n")
         return
     except OSError as error:
         raise _unusable(directory, error) from None
@@ -294,7 +347,37 @@ def _check_manifest(directory: Path, plan: Plan) -> None:
 
 
 def write_whole(path: Path, text: str) -> None:
-    """Write a text file, whole or not at all."""
-    partial = path.with_name(path.name + ".partial")
-    partial.write_text(text, encoding="utf-8")
-    os.replace(partial, path)
+    """Write a text file, whole or not at all; its folder is made where it is missing.
+
+    Raises:
+        ResultsError: it cannot be written.
+    """
+    partial = _partial(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial.write_text(text, encoding="utf-8")
+        os.replace(partial, path)
+    except BaseException as error:
+        with suppress(OSError):
+            partial.unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            raise unusable_file(path, error, "written") from None
+        raise
+
+
+def unusable_file(path: Path, error: OSError, what: str) -> ResultsError:
+    """Return the error for a file or folder that cannot be read or written."""
+    name = str(path)
+    if len(name) > 300:
+        name = f"{name[:147]}...{name[-147:]}"
+    if error.errno == errno.ENAMETOOLONG:
+        remedy = "change fewer settings at once, or choose a shorter --out"
+    elif error.errno in (errno.ENOSPC, errno.EDQUOT):
+        remedy = "make room and call again: what was finished is there and is gone on with"
+    else:
+        remedy = "mend that, or choose another --out"
+    return ResultsError(f"{name}: cannot be {what} ({error.strerror}); {remedy}")
+
+
+def _partial(path: Path) -> Path:
+    return path.with_name(path.name + ".partial")

@@ -4,15 +4,15 @@
 
 A protocol is one choice from each list of `SPACE`. Its loss adds up, in units of reward, by how
 much Coop. misses what one protocol for all nine scenarios should reach. The search tries a
-textbook protocol, then protocols drawn at random and changes of the best so far; from the winner
-it descends, one choice at a time, until no change of one choice is better.
+textbook protocol and the best of earlier searches, then changes of the best so far and a few
+protocols drawn at random; the best are judged again with more runs, and every choice of the winner
+is varied alone.
 """
 
 import math
 import random
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
 
 from sparse_coord_ros.engine.cells import Cell, make_cell
 from sparse_coord_ros.engine.experiments import CLOSE, LARGE, LONG, SMALL, SPARSE
@@ -22,15 +22,16 @@ Choices = Mapping[str, float]
 """One value for each name of `SPACE`."""
 
 SPACE: Mapping[str, tuple[float, ...]] = {
-    "exponent": (0.5, 0.6, 0.7, 0.8, 1),
+    "exponent": (0.4, 0.5, 0.6, 0.8, 1),
     "floor_first": (0, 0.05, 0.1, 0.15, 0.2, 0.3),
     "floor_last": (0, 0.005, 0.01, 0.02),
-    "epsilon_first": (0.1, 0.2, 0.3, 0.5, 1),
+    "epsilon_first": (0.1, 0.15, 0.2, 0.3, 0.5, 1),
     "epsilon_last": (0.01, 0.02, 0.05, 0.1),
+    "epsilon_fraction": (0.5, 0.8, 1),
     "starts_last": (0, 0.1, 0.2, 0.3, 0.5, 1),
     "starts_fraction": (0.5, 0.8, 1),
-    "q_star_init": (0, 5, 10, 20, 30),
-    "q_coord_init": (0, 100, 200, 250),
+    "q_star_init": (0, 10, 15, 20, 30),
+    "q_coord_init": (0, 100, 200),
     "goal_value": (0, 200),
     "max_steps": (50, 100, 200, 1000),
 }
@@ -42,6 +43,7 @@ TEXTBOOK: Choices = {
     "floor_last": 0,
     "epsilon_first": 1,
     "epsilon_last": 0.05,
+    "epsilon_fraction": 1,
     "starts_last": 1,
     "starts_fraction": 1,
     "q_star_init": 0,
@@ -49,7 +51,26 @@ TEXTBOOK: Choices = {
     "goal_value": 200,
     "max_steps": 1000,
 }
-"""Where the search starts: decaying step sizes, epsilon from 1, exploring starts throughout."""
+"""Step sizes that decay with the visits, epsilon from 1, exploring starts throughout."""
+
+EARLIER: Choices = {
+    "exponent": 0.5,
+    "floor_first": 0.1,
+    "floor_last": 0.01,
+    "epsilon_first": 0.15,
+    "epsilon_last": 0.02,
+    "epsilon_fraction": 0.8,
+    "starts_last": 0.2,
+    "starts_fraction": 0.5,
+    "q_star_init": 20,
+    "q_coord_init": 200,
+    "goal_value": 200,
+    "max_steps": 100,
+}
+"""The best that earlier searches of this kind, with fewer runs and other seeds, came to."""
+
+STARTS: Mapping[str, Choices] = {"textbook": TEXTBOOK, "earlier search": EARLIER}
+"""Protocols that the search tries first."""
 
 SETTINGS = (
     "step_size",
@@ -65,13 +86,22 @@ SETTINGS = (
 CLOSED = {"env1": 0.8, "env2-2r": 0.5, "pentagon": 0.5}
 """Share of the gap between Non-coop. and the optimum that Coop. should close at penalty -100."""
 
-MARGIN = 0.03
-"""How much more of the gap the search asks for, as its runs are few."""
+MARGIN = 0.02
+"""How much more of the gap the search asks for, as its estimates are noisy."""
 
-KEPT = 6
+HOPELESS = 20.0
+"""A change of one choice is not judged to the end once it loses this much more."""
+
+FINALISTS = 6
+"""Protocols that are judged again, with more runs."""
+
+FINAL_RUNS = 3
+"""How many times as many runs."""
+
+KEPT = 4
 """Protocols whose choices the search goes on from."""
 
-FRESH = 0.3
+FRESH = 0.1
 """Share of protocols drawn at random."""
 
 CHANGED = 0.25
@@ -83,7 +113,7 @@ def settings_of(choices: Choices) -> dict[str, str]:
     c = {name: f"{value:g}" for name, value in choices.items()}
     return {
         "step_size": f"floored:{c['exponent']}:{c['floor_first']}:{c['floor_last']}",
-        "epsilon": f"linear:{c['epsilon_first']}:{c['epsilon_last']}:1",
+        "epsilon": f"linear:{c['epsilon_first']}:{c['epsilon_last']}:{c['epsilon_fraction']}",
         "starts": f"exploring:1:{c['starts_last']}:{c['starts_fraction']}",
         "q_star_init": c["q_star_init"],
         "q_coord_init": c["q_coord_init"],
@@ -101,7 +131,8 @@ class Outcome:
         loss: summed shortfalls, in units of reward; 0: nothing is missed.
         whole: False where the search stopped early, as the loss was too large already.
         closed: share of the gap closed at penalty -100 and 10^5 steps, by scenario.
-        difference: reward of Coop. less the exact value of shortest paths at penalty -20.
+        difference: reward of Coop. less that of the better baseline at penalty -20: the exact
+            value of shortest paths or, in the small scenarios, Non-coop.
         asks: COORDINATE per robot and trial where none is needed, by scenario.
         failed_teams: teams that do not all arrive in 99.9 % of their trials.
         teams: teams that learned.
@@ -136,7 +167,7 @@ def judge(choices: Choices, compute: Callable[[Cell], CellResult], limit: float)
         result = compute(make_cell(name, "coop", {**protocol, **settings}))
         failed += result.failed_teams
         teams += result.runs
-        loss += 50.0 * result.failed_teams / result.runs
+        loss += 100.0 * result.failed_teams / result.runs
         return result
 
     for name in CLOSE:
@@ -148,7 +179,11 @@ def judge(choices: Choices, compute: Callable[[Cell], CellResult], limit: float)
             return Outcome(choices, loss, False, closed, difference, asks, failed, teams)
     for name in SMALL + LARGE:
         result = coop(name, {"penalty": -20})
-        difference[name] = result.measure("reward").mean - result.reference["reward"]
+        baseline = result.reference["reward"]
+        if name in SMALL:  # in the large ones Non-coop. is worth the shortest paths
+            other = compute(make_cell(name, "noncoop", {**protocol, "penalty": -20}))
+            baseline = max(baseline, other.measure("reward").mean)
+        difference[name] = result.measure("reward").mean - baseline
         loss += 2.0 * max(0.0, -0.3 - difference[name])
         if name in SPARSE:
             asks[name] = result.measure("asks").mean
@@ -161,10 +196,10 @@ def judge(choices: Choices, compute: Callable[[Cell], CellResult], limit: float)
 def search(
     compute: Callable[[Cell], CellResult], candidates: int, seed: int = 0
 ) -> Iterator[Outcome]:
-    """Yield the outcome of each protocol tried, the textbook's first.
+    """Yield the outcome of each protocol tried, those of `STARTS` first.
 
-    Protocols are drawn at random until `KEPT` of them were judged whole; from then on most are
-    changes of the best ones.
+    Then protocols are drawn at random until `KEPT` of them were judged whole; from then on most
+    are changes of the best ones.
 
     Args:
         compute: returns the result of a cell.
@@ -173,9 +208,10 @@ def search(
     """
     draw = random.Random(seed)
     best: list[Outcome] = []
-    choices = dict(TEXTBOOK)
+    first = list(STARTS.values())
     seen: set[tuple[float, ...]] = set()
-    for _ in range(min(candidates, math.prod(map(len, SPACE.values())))):
+    for number in range(min(candidates, math.prod(map(len, SPACE.values())))):
+        choices = dict(first[min(number, len(first) - 1)])
         while tuple(choices.values()) in seen:
             fresh = len(best) < KEPT or draw.random() < FRESH
             kept = {} if fresh else draw.choice(best).choices
@@ -191,43 +227,25 @@ def search(
             best = sorted([*best, outcome], key=lambda one: one.loss)[:KEPT]
 
 
-class Round(NamedTuple):
-    """One round of `descend`: a protocol, and the outcome of each change of one choice.
-
-    Attributes:
-        best: the protocol.
-        variations: name, new value and outcome of every change.
-    """
-
-    best: Outcome
-    variations: list[tuple[str, float, Outcome]]
-
-
-def descend(
-    best: Outcome,
-    compute: Callable[[Cell], CellResult],
-    progress: Callable[[], None] = lambda: None,
-) -> Iterator[Round]:
-    """Change one choice at a time, take the best change, until no change is better.
+def final(outcomes: Iterable[Outcome], compute: Callable[[Cell], CellResult]) -> Iterator[Outcome]:
+    """Judge the best protocols of a search again and yield their new outcomes.
 
     Args:
-        best: the protocol to begin with.
-        compute: returns the result of a cell.
-        progress: called after each protocol.
-
-    Yields:
-        Every round; no variation of the last one's protocol is better than it.
+        outcomes: of the search.
+        compute: returns the result of a cell, from more runs and other seeds than the search's:
+            the best of many noisy estimates is often a lucky one.
     """
-    while True:
-        variations = []
-        for name, values in SPACE.items():
-            for value in values:
-                if value != best.choices[name]:
-                    outcome = judge({**best.choices, name: value}, compute, float("inf"))
-                    variations.append((name, value, outcome))
-                    progress()
-        yield Round(best, variations)
-        better = min((one for _, _, one in variations), key=lambda one: one.loss)
-        if better.loss >= best.loss:
-            return
-        best = better
+    whole = sorted((one for one in outcomes if one.whole), key=lambda one: one.loss)
+    for outcome in whole[:FINALISTS]:
+        yield judge(outcome.choices, compute, float("inf"))
+
+
+def vary(
+    best: Outcome, compute: Callable[[Cell], CellResult]
+) -> Iterator[tuple[str, float, Outcome]]:
+    """Yield name, new value and outcome of every change of one choice of a protocol."""
+    for name, values in SPACE.items():
+        for value in values:
+            if value != best.choices[name]:
+                changed = {**best.choices, name: value}
+                yield name, value, judge(changed, compute, best.loss + HOPELESS)

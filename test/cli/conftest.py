@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command line, in this process and in an empty folder."""
 
+import signal
+
 import pytest
 
 from sparse_coord_ros.cli.main import main
@@ -18,12 +20,16 @@ def folder(tmp_path, monkeypatch):
 def sparse_coord(folder, capsys):
     """Return a function that runs `sparse_coord ...` and returns exit code, stdout, stderr."""
 
+    interrupt = signal.getsignal(signal.SIGINT)
+
     def run(*arguments):
         capsys.readouterr()
         try:
             code = main([str(argument) for argument in arguments])
         except SystemExit as stop:  # argparse
             code = stop.code
+        finally:
+            signal.signal(signal.SIGINT, interrupt)
         out, err = capsys.readouterr()
         return code, out, err
 

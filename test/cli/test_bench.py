@@ -5,7 +5,9 @@
 import json
 import shutil
 import sys
+import time
 
+import numpy as np
 import pytest
 
 import sparse_coord_ros.bench as package
@@ -13,6 +15,7 @@ from sparse_coord_ros.bench import batch
 from sparse_coord_ros.cli import bench
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.simulation import learn, tables_equal
+from sparse_coord_ros.engine.batch import make_problem
 from sparse_coord_ros.engine.compiled import has_numba
 from sparse_coord_ros.errors import RunError
 
@@ -69,6 +72,30 @@ def test_c_loop_learns_the_same_bits(name, settings):
     loop = batch.CLoop(scenario)
     for seed in (0, 7):
         assert tables_equal(loop.learn(loop.sources(seed)), learn(scenario, "coop", seed))
+
+
+@needs_compiler
+def test_seeding_the_c_loop_is_on_the_clock_as_the_engine_s_is(monkeypatch):
+    loop = batch.CLoop(load_scenario("env1").with_settings({"steps": 10}))
+    sources = loop.sources
+
+    def slow(seed):
+        time.sleep(0.1)
+        return sources(seed)
+
+    monkeypatch.setattr(loop, "sources", slow)
+    assert batch._c_rate(loop, 3, 1) <= 3 * 2 * 10 / 0.3
+
+
+@needs_compiler
+def test_the_c_loop_s_problem_is_the_engine_s(monkeypatch):
+    scenario = load_scenario("env1").with_settings({"steps": 10})
+    problem = make_problem(scenario, "coop", np.arange(2))
+    changed = problem._replace(goals=problem.goals[::-1], budget=7, move_success=0.5)
+    monkeypatch.setattr(batch, "make_problem", lambda *_: changed)
+    loop = batch.CLoop(scenario)
+    assert loop._arrays["goals"].tolist() == problem.goals[::-1].tolist()
+    assert (loop._problem.budget, loop._problem.move_success) == (7, 0.5)
 
 
 def test_compiler_that_fails(monkeypatch):

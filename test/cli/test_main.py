@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What all verbs share: exit codes, help, bad input without a traceback."""
 
+import errno
 import os
 import subprocess
 import sys
@@ -55,6 +56,26 @@ def test_interrupted(sparse_coord, monkeypatch):
 
     monkeypatch.setattr("sparse_coord_ros.cli.maps.load_map", interrupt)
     assert sparse_coord("maps", "env1") == (module.INTERRUPTED, "", "interrupted\n")
+
+
+@pytest.mark.parametrize(
+    ("error", "line"),
+    [
+        (MemoryError("Unable to allocate 9 TiB"), "not enough memory (Unable to allocate 9 TiB);"),
+        (MemoryError(), "not enough memory; choose a smaller scenario"),
+        (OSError(errno.ENOSPC, "No space left on device"), "No space left on device\n"),
+        (OSError(errno.ENAMETOOLONG, "File name too long", "x" * 9000), "File name too long: xx"),
+    ],
+)
+def test_what_the_system_refuses_is_one_short_line(sparse_coord, monkeypatch, error, line):
+    def refuse(*_, **__):
+        raise error
+
+    monkeypatch.setattr("sparse_coord_ros.cli.maps.load_map", refuse)
+    code, out, err = sparse_coord("maps", "env1")
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert err.startswith(f"error: {line}")
+    assert len(err) < 400
 
 
 def test_as_a_process_bad_input_is_one_line(tmp_path):

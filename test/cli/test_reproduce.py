@@ -3,7 +3,15 @@
 """`sparse_coord reproduce`: tables, figures, resumption, bad input."""
 
 import csv
+import errno
 import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +20,8 @@ from sparse_coord_ros.cli import reproduce as module
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.simulation import learn, tables_equal
 from sparse_coord_ros.core.tables import load_team
+from sparse_coord_ros.engine.results import Plan, open_results
+from sparse_coord_ros.errors import ResultsError
 
 FEW = ("--runs", "2", "--trials", "5")
 
@@ -95,6 +105,10 @@ def test_a_single_run_is_that_run(sparse_coord, folder):
 def test_list(sparse_coord, folder):
     code, out, _ = sparse_coord("reproduce", "table1", "table2", "--list")
     assert (code, len(out.splitlines())) == (0, 9)
+    more = ("env1/coop/penalty=-5", "env1/coop/penalty=-5/1")
+    listed = sparse_coord("reproduce", "table1", *more, "--list")[1].splitlines()
+    data = json.loads(sparse_coord("reproduce", "table1", *more, "--list", "--json")[1])
+    assert (data["cells"] + data["runs"], data["runs"]) == (listed, [more[1]])
     assert list(folder.iterdir()) == []
 
 
@@ -111,6 +125,11 @@ def test_list(sparse_coord, folder):
         (("table1", "--seed", "-1"), ("seed", "'-1'")),
         (("table1", "--jobs", "0"), ("jobs", "'0'")),
         (("env1/coop/penalty=-20/100",), ("run 100", "below 100")),
+        (("table1", "--seed", str(2**63 - 1)), ("setting seed", "100 runs", str(2**63 - 100))),
+        (("../config/env1/coop/penalty=-20",), ("../config/env1", "no such scenario")),
+        (("env1/coop/penalty=-20,horizon=1000000000",), ("horizon", "to 1000000")),
+        ((f"env1/coop/penalty=-20/{'7' * 5000}",), ("1 to 9 digits",)),
+        ((f"{'x' * 5000}/coop/penalty=-20",), ("File name too long",)),
     ],
 )
 def test_bad_input(refused, arguments, words):
@@ -126,14 +145,187 @@ def test_another_plan_in_the_same_directory(sparse_coord, refused):
     assert "another --out" in error
 
 
-def test_a_run_that_is_there_is_not_overwritten(sparse_coord, refused):
+def test_a_single_run_that_is_there_is_printed_again(sparse_coord, folder, monkeypatch):
+    target = "env1/coop/penalty=-20,steps=2000/1"
+    first = [sparse_coord("reproduce", target, *FEW, "--out", "r", *more) for more in JSON]
+    before = files(folder)
+    monkeypatch.setattr(module, "run_batch", None)
+    again = [sparse_coord("reproduce", target, target, *FEW, "--out", "r", *m) for m in JSON]
+    assert first == again
+    assert {code for code, _, _ in first} == {0}
+    assert len(json.loads(first[1][1])["runs"]) == 1
+    assert files(folder) == before
+
+
+def files(folder):
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+JSON = ((), ("--json",))
+
+
+@pytest.mark.parametrize("text", ["", "scenario: env1\n", None])
+def test_a_run_that_is_there_is_not_overwritten(sparse_coord, refused, folder, text):
     target = "env1/indiv/penalty=-20,steps=100/1"
     sparse_coord("reproduce", target, *FEW, "--out", "r")
+    file = folder / "r/runs" / target / "run.yaml"
+    file.unlink()
+    if text is not None:
+        file.write_text(text)
     assert "exists already" in refused("reproduce", target, *FEW, "--out", "r")
 
 
+@pytest.mark.parametrize("error", [KeyboardInterrupt, OSError(errno.ENOSPC, "No space left")])
+def test_a_single_run_that_is_not_saved_leaves_nothing(sparse_coord, folder, monkeypatch, error):
+    target = "env1/indiv/penalty=-20,steps=100/1"
+    real = module.save_team
+
+    def interrupted(*arguments):
+        real(*arguments)
+        raise error
+
+    monkeypatch.setattr(module, "save_team", interrupted)
+    code, out, err = sparse_coord("reproduce", target, *FEW, "--out", "r")
+    assert (out, err.count("\n")) == ("", 1)
+    assert code == (130 if error is KeyboardInterrupt else 2)
+    assert [path.name for path in files(folder)] == ["results.json"]
+    (folder / "r/runs/env1/indiv/penalty=-20,steps=100/1.partial").mkdir()  # a killed one does
+    monkeypatch.setattr(module, "save_team", real)
+    assert sparse_coord("reproduce", target, *FEW, "--out", "r")[0] == 0
+    assert [path.name for path in (folder / "r/runs").rglob("*.partial")] == []
+
+
+def test_the_report_keeps_what_is_complete(sparse_coord, folder):
+    sparse_coord("reproduce", "table1", *FEW, "--out", "r")
+    code, out, _ = sparse_coord("reproduce", "table2", "table2", *FEW, "--out", "r")
+    assert code == 0
+    assert out.count("env1/coop/penalty=-20") == 1
+    text = (folder / "r/reproduction.md").read_text()
+    assert text.count("\n## Table 1") == text.count("\n## Table 2") == 1
+    assert "## Table 3" not in text
+    assert text.index("## Table 1") < text.index("## Table 2")
+    before = files(folder)
+    assert sparse_coord("reproduce", "table1", "table2", *FEW, "--out", "r")[0] == 0
+    assert files(folder) == before
+    cell = folder / "r/cells/env1/coop/penalty=-20.json"
+    cell.write_text(cell.read_text().replace('"digest": "', '"digest": "x'))
+    assert "nothing is mixed" in sparse_coord("reproduce", "table2", *FEW, "--out", "r")[2]
+
+
+def test_a_figure_that_cannot_be_written_is_one_line(sparse_coord, folder, monkeypatch):
+    def refuse(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("sparse_coord_ros.engine.report.write_report", refuse)
+    code, out, err = sparse_coord("reproduce", "table1", *FEW, "--out", "r")
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert err.startswith("error: r/figures: cannot be written (No space left on device); make")
+
+
+def test_cells_of_another_protocol_do_not_hinder_other_experiments(tmp_path, monkeypatch):
+    with open_results(tmp_path, Plan(0, 2, 5)) as results:
+        wanted = module.experiment("table3")
+
+        def load(cell):
+            if cell in wanted.cells:
+                return cell.id
+            raise ResultsError("of another protocol")
+
+        monkeypatch.setattr(results, "load", load)
+        shown, found = module.complete(results, [], {})
+        assert [one.name for one in shown] == ["table3"]
+        assert set(found) == {cell.id for cell in wanted.cells}
+
+
+def test_scenario_files_stay_in_the_results_directory(sparse_coord, folder):
+    for name, steps in (("a", 100), ("b", 200)):
+        (folder / name).mkdir()
+        (folder / name / "mine.yaml").write_text(
+            f"map: env1\nrobots: {{x: {{start: 1, goal: 2}}}}\nsteps: {steps}\n"
+        )
+    before = set(files(folder))
+    one, other = (f"{folder}/work/../{name}/mine.yaml/indiv/penalty=-1" for name in "ab")
+    (folder / "work").mkdir()
+    code, out, err = sparse_coord("reproduce", one, f"{one}/1", *FEW, "--out", "work/r")
+    assert (code, err) == (0, "")
+    assert out.splitlines()[2].startswith("mine/indiv/penalty=-1 ")
+    made = {str(path.relative_to(folder / "work/r")) for path in set(files(folder)) - before}
+    run = "runs/mine/indiv/penalty=-1/1"
+    assert made == {"results.json", "cells/mine/indiv/penalty=-1.json"} | {
+        f"{run}/run.yaml",
+        f"{run}/tables.npz",
+    }
+    for target in (other, f"{other}/1"):
+        code, _, err = sparse_coord("reproduce", target, *FEW, "--out", "work/r")
+        assert (code, err.count("\n")) == (2, 1)
+        assert "another scenario" in err or "another run" in err
+    code, _, err = sparse_coord("reproduce", one, f"{other}/1", *FEW, "--out", "fresh")
+    assert (code, (folder / "fresh").exists()) == (2, False)
+    assert "another scenario file of the name 'mine'" in err
+
+
+def children(process):
+    return Path(f"/proc/{process}/task/{process}/children").read_text().split()
+
+
+def workers(process):
+    """Return the processes that compute runs for a process."""
+    found = []
+    for child in children(process):
+        with suppress(OSError):
+            if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes():
+                found.append(child)
+    return found
+
+
+def within(seconds, condition):
+    """Whether a condition comes to hold within some seconds."""
+    end = time.monotonic() + seconds
+    while not condition():
+        if time.monotonic() > end:
+            return False
+        time.sleep(0.02)
+    return True
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="looks at /proc of Linux")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_no_process_goes_on_computing(folder, number):
+    command = ["reproduce", "crowd-8r/coop/penalty=-20,steps=1000000", "--engine", "python"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "sparse_coord_ros.cli.main", *command, "--jobs", "2", *FEW],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        # A shell's background jobs, such as these tests perhaps, ignore Ctrl-C.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+    try:
+        assert within(30, lambda: len(workers(process.pid)) == 2)
+        busy = children(process.pid)
+        time.sleep(1.5)  # they import, and then compute
+        if number == signal.SIGINT:
+            os.killpg(process.pid, number)  # as at a terminal
+        else:
+            process.send_signal(number)
+        sent = time.monotonic()
+        out, err = process.communicate(timeout=20)
+        assert time.monotonic() - sent < 3
+        assert within(3, lambda: not any(Path(f"/proc/{one}/cmdline").exists() for one in busy))
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+    assert (process.returncode, out) == (130 if number == signal.SIGINT else -number, "")
+    assert "Traceback" not in err
+    assert err == ("interrupted\n" if number == signal.SIGINT else "")
+    with open_results(Path("results"), Plan(0, 2, 5)):
+        pass
+
+
 def test_numba_missing(sparse_coord, refused, monkeypatch):
-    monkeypatch.setattr("sparse_coord_ros.engine.compiled.numba", None)
+    monkeypatch.setitem(sys.modules, "numba", None)
     cell = "env1/indiv/penalty=-20,steps=100"
     code, plain, _ = sparse_coord("reproduce", cell, *FEW, "--out", "r", "--json")
     assert code == 0

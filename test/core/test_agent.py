@@ -132,7 +132,7 @@ def test_with_peers_all_every_other_robot_is_asked(make):
 def test_with_peers_all_q_coord_is_over_the_whole_joint_state(make):
     """Own cell first, then the peers' by ascending robot; only the visited state gets a row."""
     robots = {"a": (1, 2), "b": (2, 1), "c": ([0, 1], 1)}
-    scenario = make(robots=robots, peers="all", q_coord_init=100, **HALF)
+    scenario = make(robots=robots, peers="all", q_star_init=0, q_coord_init=100, **HALF)
     one = Agent(scenario, 1, 0, learner="coop")
     one.tables.q_coord[2, 5, 3, EAST] = 130.0
     one.tables.q_coord[5, 2, 3, WEST] = 130.0

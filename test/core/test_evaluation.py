@@ -84,6 +84,7 @@ def test_sure_moves_by_hand(make):
 
 @pytest.mark.parametrize("perception", ["always", "never", "probability:0.5"])
 def test_asking_every_step_by_hand(make, perception):
+    """Robot 1 acts once in each of the first five cells, robot 2 in each of the last five."""
     scenario = make("1....2", move_success=1, perception=perception, ask_cost=0.5)
     tables = shortest_path_tables(scenario, coordinate=1e9)
     result = evaluate(scenario, tables, trials=3, seed=0)
@@ -91,6 +92,19 @@ def test_asking_every_step_by_hand(make, perception):
     assert result.reward.mean == pytest.approx(200 * GAMMA**4 - costs, rel=1e-12)
     assert result.asks.mean == 5
     assert result.time_to_goal.mean == 5
+    trials = play(scenario, tables, trials=3, seed=0)
+    assert trials.stays.tolist() == [[3] * 5 + [0], [0] + [3] * 5]
+    assert (trials.asked == trials.stays).all()
+
+
+def test_robots_act_in_the_cells_where_they_are(make):
+    scenario = make("1....2", move_success=0.5, horizon=9)
+    tables = shortest_path_tables(scenario)
+    tables[0].q_star[:, 0] = 1.0  # robot 1 moves north, into the wall, for ever
+    trials = play(scenario, tables, trials=4, seed=0)
+    assert trials.stays[0].tolist() == [4 * 9] + [0] * 5
+    assert trials.stays[1].sum() == trials.time_to_goal[:, 1].sum()
+    assert trials.asked.sum() == 0
 
 
 def test_a_perceived_peer_means_acting_on_q_coord(make):

@@ -44,6 +44,7 @@ def python(code):
         ("core", 14, {"core"}),
         ("protocol", 2, {"core", "protocol"}),
         ("recording", 5, {"recording"}),
+        ("engine", 20, {"core", "engine"}),
     ],
 )
 def test_imports_without_ros_and_nothing_from_above(package, modules, may_use):
@@ -66,6 +67,33 @@ def test_core_needs_numpy_and_yaml_only():
         "print(*sorted(n for n in used - known - before if n[0] != '_'))"
     )
     assert out.split() == ["numpy", "yaml"]
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["maps"], ["optimum", "env1"]])
+def test_help_and_small_verbs_start_fast(arguments):
+    out = python(
+        "from sparse_coord_ros.cli.main import main\n"
+        "try:\n"
+        f"    main({arguments!r})\n"
+        "except SystemExit:\n"
+        "    pass\n"
+        "heavy = ('numba', 'matplotlib', 'sparse_coord_ros.engine', 'sparse_coord_ros.bench')\n"
+        "print([n for n in heavy if n in sys.modules])"
+    )
+    assert out.splitlines()[-1] == "[]"
+
+
+@pytest.mark.parametrize("verb", ["bench", "reproduce", "study"])
+def test_help_of_the_large_verbs_compiles_and_draws_nothing(verb):
+    out = python(
+        "from sparse_coord_ros.cli.main import main\n"
+        "try:\n"
+        f"    main([{verb!r}, '--help'])\n"
+        "except SystemExit:\n"
+        "    pass\n"
+        "print([n for n in ('numba', 'matplotlib') if n in sys.modules])"
+    )
+    assert out.splitlines()[-1] == "[]"
 
 
 def test_command_line_without_ros():

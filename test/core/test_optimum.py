@@ -5,6 +5,7 @@
 import pytest
 
 from sparse_coord_ros.core.optimum import independent_bound, joint_optimum
+from sparse_coord_ros.core.reference import shortest_path_reference
 from sparse_coord_ros.core.scenario import load_scenario
 
 GAMMA = 0.95
@@ -112,6 +113,25 @@ def test_three_robots_by_hand(make):
     scenario = make(".D.\n..#", robots, move_success=1)
     expected = (200 * GAMMA + 200 * GAMMA**2 + 200) / 3
     assert joint_optimum(scenario).value == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("conflict", "grid", "goals"),
+    [("same_cell", "1D2", ([0, 1], [0, 1])), ("any_doorway", "1DD2", ([0, 2], [0, 1]))],
+)
+@pytest.mark.parametrize("move_success", [1, 0.8])
+def test_robots_that_have_all_arrived_in_a_doorway_pay_no_more(
+    make, conflict, grid, goals, move_success
+):
+    robots = {"a": (1, goals[0]), "b": (2, goals[1])}
+    scenario = make(grid, robots, conflict=conflict, move_success=move_success)
+    optimum, reference = joint_optimum(scenario), shortest_path_reference(scenario)
+    assert optimum.value >= reference.reward - 1e-9
+    if move_success == 1 and conflict == "same_cell":
+        assert reference.reward == pytest.approx(200 - 20)  # one step ends with both in there
+        # Better: the second comes later, and the penalty then is worth less; it is paid once.
+        later = max(100 + (100 - 20) * GAMMA**wait for wait in range(400))
+        assert optimum.value == pytest.approx(max(later, 180), abs=1e-6)
 
 
 def test_unsure_moves_by_hand(make):

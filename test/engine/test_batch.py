@@ -2,6 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Batches: the loops, compiled or plain, learn and play what single runs do, to the last bit."""
 
+import os
+import signal
+import threading
+import time
 from dataclasses import fields
 
 import numpy as np
@@ -17,7 +21,18 @@ from sparse_coord_ros.engine.batch import CompiledTeam, run_batch, uses_numba
 from sparse_coord_ros.engine.compiled import PLAIN, compiled
 from sparse_coord_ros.errors import SettingError
 
-PROTOCOL = {"steps": 1500, "penalty": -100}
+PROTOCOL = {
+    "steps": 1500,
+    "penalty": -100,
+    "starts": "random",
+    "step_size": "power:0.6",
+    "epsilon": "linear:1:0.05:0.8",
+    "q_star_init": 0,
+    "q_coord_init": 200,
+    "goal_value": 200,
+    "max_steps": 1000,
+}
+"""Whatever the defaults are: robots that learn enough in so few steps to meet and to ask."""
 
 
 def problem(name, **settings):
@@ -91,6 +106,18 @@ def test_compiled_loops_equal_a_single_run(name, learner, settings):
         assert_same_trials(one, other)
         assert one.asks.sum() > 100
         assert one.arrived.any()
+        assert (one.stays >= one.asked).all()
+
+
+@pytest.mark.parametrize("loops", [PLAIN, compiled()], ids=["plain", "compiled"])
+def test_robots_are_somewhere_until_they_arrive(loops):
+    scenario = problem("env2-4r", steps=400)
+    trials = CompiledTeam(scenario, "coop", loops).run(3, 10).trials
+    assert trials.stays.dtype == np.int64
+    assert (trials.stays.sum(axis=1) == trials.time_to_goal.sum(axis=0)).all()
+    for k, robot in enumerate(scenario.robots):
+        assert trials.stays[k, robot.start] >= 10
+        assert trials.stays[k, robot.goal] == 0
 
 
 def test_trials_meet_and_penalties_are_paid():
@@ -210,6 +237,49 @@ def test_baselines_keep_the_initial_q_coord():
         for tables in run.tables:
             assert tables_equal([initial._replace(q_star=tables.q_star)], [tables])
         assert run.visited.tolist() == [0, 0, 0]
+
+
+def test_a_cancelled_run_ends_with_its_block():
+    scenario = problem("env1", steps=10**6)
+    cancelled, blocks = threading.Event(), []
+
+    def block(loop):
+        def run(*arguments):
+            blocks.append(loop)
+            if len(blocks) == 3:
+                cancelled.set()
+            loop(*arguments)
+
+        return run
+
+    loops = compiled()
+    loops = loops._replace(learn_block=block(loops.learn_block), try_block=block(loops.try_block))
+    team = CompiledTeam(scenario, "coop", loops, cancelled)
+    with pytest.raises(batch.Cancelled):
+        team.learn(1)
+    assert len(blocks) == 3
+    learners = CompiledTeam(problem("env1", steps=10), "coop", compiled()).learn(1)
+    cancelled.clear()
+    blocks.clear()
+    with pytest.raises(batch.Cancelled):
+        team.play(learners, 1, 10**5)
+    assert len(blocks) == 3
+
+
+def test_a_closed_batch_ends_soon():
+    scenario = problem("crowd-8r", steps=10**7)
+    list(run_batch(problem("crowd-8r", steps=10), "coop", [0], trials=0))
+    runs = run_batch(scenario, "coop", range(50), trials=0, jobs=2)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    timer = threading.Timer(1.0, os.kill, (os.getpid(), signal.SIGINT))
+    timer.start()
+    started = time.monotonic()
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            next(runs)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert time.monotonic() - started < 3
 
 
 def test_numba_that_is_not_installed(monkeypatch):

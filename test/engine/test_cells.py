@@ -56,20 +56,66 @@ def test_a_cell_has_one_id(text, canonical):
         ("env1/coop/penalty", SettingError, "key=value"),
         ("env1/coop", SettingError, "scenario/learner/settings"),
         ("coop/3", SettingError, "scenario/learner/settings"),
+        ("env1/coop/penalty=-20/" + "9" * 5000, SettingError, "1 to 9 digits"),
+        ("env1/coop/penalty=-20/\u0663", SettingError, "1 to 9 digits"),
+        ("../config/env1/coop/penalty=-20", ScenarioError, "no such scenario"),
+        ("./env1/coop/penalty=-20", ScenarioError, "no such scenario"),
+        ("../coop/penalty=-20", ScenarioError, "no such scenario"),
+        ("env1/coop/horizon=1000000000", SettingError, "horizon.*to 1000000"),
+        ("env1/coop/max_steps=1000000000", SettingError, "max_steps.*to 1000000"),
     ],
 )
-def test_bad_ids(text, error, words):
-    with pytest.raises(error, match=words):
+def test_bad_ids(text, error, words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(error, match=words) as caught:
         parse_id(text)
+    assert len(str(caught.value)) < 1000
 
 
-def test_a_scenario_file_can_be_a_cell(tmp_path):
+ROBOTS = "robots:\n  a: {start: 1, goal: 2}\n  b: {start: 2, goal: 1}\n"
+
+
+@pytest.fixture
+def file(tmp_path, monkeypatch):
+    """Return a maker of scenario files in an empty folder, which becomes the current one."""
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.txt").write_text("title: mine\n---\n1..D..2\n")
-    (tmp_path / "mine.yaml").write_text(
-        "map: mine.txt\nrobots:\n  a: {start: 1, goal: 2}\n  b: {start: 2, goal: 1}\n"
-    )
-    cell, number = parse_id(f"{tmp_path}/mine.yaml/coop/penalty=-5/0")
-    assert (cell.scenario.name, cell.scenario.penalty, number) == ("mine", -5, 0)
+
+    def write(path, more=""):
+        (tmp_path / path).parent.mkdir(exist_ok=True)
+        (tmp_path / path).write_text(f"map: {tmp_path}/mine.txt\n{ROBOTS}{more}")
+        return tmp_path / path
+
+    return write
+
+
+def test_a_scenario_file_can_be_a_cell(file):
+    path = file("mine.yaml")
+    for typed in (path, "mine.yaml", "./mine.yaml", f"../{path.parent.name}/mine.yaml"):
+        cell, number = parse_id(f"{typed}/coop/penalty=-5/0")
+        assert (cell.scenario.name, cell.scenario.penalty, number) == ("mine", -5, 0)
+        assert cell.id == "mine/coop/penalty=-5"
+        assert cell.name == str(typed)
+
+
+def test_a_file_with_the_name_of_a_shipped_scenario(file):
+    for path, more in (("env1.yaml", ""), ("other.yaml", "name: env1\n")):
+        with pytest.raises(ScenarioError, match=f"{path}.*'env1'.*field 'name', or rename"):
+            parse_id(f"{file(path, more)}/coop/penalty=-5")
+    cell, _ = parse_id(f"{file('env1.yaml', 'name: my_env1')}/coop/penalty=-5")
+    assert cell.id == "my_env1/coop/penalty=-5"
+
+
+def test_a_file_beside_does_not_hide_a_shipped_scenario(file):
+    file("env1")
+    cell, _ = parse_id("env1/coop/penalty=-20")
+    assert len(cell.scenario.map.cells) == 21
+
+
+@pytest.mark.parametrize("name", [".", "..", "../../x", "/tmp/x", "a/b"])
+def test_a_name_that_leads_elsewhere_is_refused(file, name):
+    with pytest.raises(ScenarioError, match="field 'name'"):
+        parse_id(f"{file('mine.yaml', f'name: {name}')}/coop/penalty=-5")
 
 
 def test_every_cell_of_every_experiment_loads():

@@ -11,6 +11,7 @@ import pytest
 
 from sparse_coord_ros.core.evaluation import Measure
 from sparse_coord_ros.core.grid import parse_map
+from sparse_coord_ros.core.optimum import independent_bound
 from sparse_coord_ros.engine.cells import make_cell
 from sparse_coord_ros.engine.experiments import LEARNERS, LONG, NAMES, Experiment, experiment
 from sparse_coord_ros.engine.report import write_report
@@ -18,10 +19,14 @@ from sparse_coord_ros.engine.report.analysis import (
     above_optimum,
     asked_near,
     contradicts_itself,
+    difference,
     errors_from,
     gap_closed,
     implied_reward,
     near_doorways,
+    paired,
+    surely_positive,
+    time_near,
 )
 from sparse_coord_ros.engine.report.entries import Entry
 from sparse_coord_ros.engine.report.tables import Table, listed, size
@@ -67,6 +72,7 @@ def made_up(cell, **changes):
         "trials": PLAN.trials,
         "robots": robots,
         "joint_states": cells ** (1 + peers),
+        "row_bytes": 32 + 4 * scenario.perceived if scenario.sparse else 32,
         "optimum": optimum,
         "optimum_exact": robots == 2,
         "reference": dict(
@@ -74,9 +80,11 @@ def made_up(cell, **changes):
         ),
         "means": {name: list(centre[name] + draw.normal(0, 0.1, PLAN.runs)) for name in SUMS},
         "variances": {name: [1.0] * PLAN.runs for name in SUMS},
+        "robot_means": {"reward": [optimum - k for k in range(robots)], "asks": [0.25] * robots},
         "not_arrived": [0] * PLAN.runs,
         "visited": [100.0] * PLAN.runs,
         "asked": asked.tolist(),
+        "stays": np.full((robots, cells), 0.5).tolist(),
     }
     return CellResult(**(values | changes))
 
@@ -204,10 +212,14 @@ def test_a_bound_is_marked(everything):
 
 def test_impossible_rows_of_the_paper_are_named(everything):
     text = (everything / "reproduction.md").read_text(encoding="utf-8")
-    lines = [line for line in text.split("\n") if line.endswith("ask.") and "impossible" in line]
+    lines = [
+        line for line in text.split("\n") if line.endswith("ask.") and "any policy can" in line
+    ]
     assert [line.split(" (")[0] for line in lines] == ["- env1 Coop.", "- pentagon Coop."]
     assert "exact joint optimum 121.89" in lines[0]
     assert "the value 126.45 of robots" in lines[0]
+    assert "can reach on this map (provenance: cells and starts from public" in lines[1]
+    assert "\n## Rows of the paper that are not reproduced, or are inconsistent\n" in text
 
 
 @pytest.mark.parametrize(
@@ -238,25 +250,253 @@ def test_distance_in_standard_errors():
     assert errors_from(Measure(0.0, 0.0, 0.0), 1.0) == -math.inf
 
 
-def test_gap_closed():
-    closed = gap_closed(Measure(110.0, 1, 0.6), Measure(100.0, 1, 1.6), 120.0)
+def correlated(runs=40):
+    """Return mean rewards of runs of two learners that share most of their draws."""
+    draw = np.random.default_rng(3)
+    common = draw.normal(0, 2, runs)
+    return 115 + common + draw.normal(0, 0.1, runs), 105 + common + draw.normal(0, 0.1, runs)
+
+
+def test_gap_closed_has_the_error_of_paired_runs():
+    coop, base = np.array([110.0, 112.0, 108.0]), np.array([100.0, 104.0, 96.0])
+    closed = gap_closed(coop, base, 120.0)
     assert closed.mean == pytest.approx(0.5)
-    assert closed.standard_error == pytest.approx(0.05)  # hypot(0.6, 0.5 * 1.6) / 20
-    assert gap_closed(Measure(110.0, 1, 1), Measure(120.0, 1, 1), 120.0) is None
+    assert closed.standard_error == pytest.approx(0, abs=1e-12)  # coop - base / 2 is constant
+    against = gap_closed(coop, base[::-1], 120.0)
+    assert against.standard_error == pytest.approx(2 / math.sqrt(3) / 20)
+    assert gap_closed(coop, base + 20, 120.0) is None
 
 
-@pytest.mark.parametrize(("least", "verdict"), [(118.0, "met"), (110.0, "not met")])
-def test_targets_are_met_or_not(tmp_path, least, verdict):
-    one = experiment("penalty100")
-    found = results_of([one])
-    for learner, reward in (("noncoop", 100.0), ("coop", least)):
-        cell = make_cell("env1", learner, LONG)
-        means = {name: [reward] * 4 for name in SUMS}
-        found[cell.id] = made_up(cell, means=means, optimum=120.0)
+def test_gap_closed_from_an_exact_value():
+    closed = gap_closed(np.array([110.0, 112.0, 108.0]), 100.0, 120.0)
+    assert closed.mean == pytest.approx(0.5)
+    assert closed.standard_error == pytest.approx(2 / math.sqrt(3) / 20)
+
+
+def test_the_error_of_the_gap_closed_is_that_of_leaving_runs_out():
+    """The jackknife knows nothing of the formula."""
+    coop, base = correlated()
+    whole = gap_closed(coop, base, 120.0)
+    n = len(coop)
+    left = [gap_closed(np.delete(coop, i), np.delete(base, i), 120.0).mean for i in range(n)]
+    jackknife = math.sqrt((n - 1) / n * sum((x - np.mean(left)) ** 2 for x in left))
+    assert whole.standard_error == pytest.approx(jackknife, rel=0.03)
+    independent = math.hypot(coop.std(ddof=1), (1 - whole.mean) * base.std(ddof=1)) / math.sqrt(n)
+    assert whole.standard_error < 0.8 * independent / (120.0 - base.mean())
+
+
+def test_differences_of_cells_are_paired():
+    coop, base = correlated(PLAN.runs)
+    one = entry("env1", means={name: list(coop) for name in SUMS})
+    other = entry("env1", "noncoop", means={name: list(base) for name in SUMS})
+    lead = difference(one, other)
+    assert lead.mean == pytest.approx(coop.mean() - base.mean())
+    assert lead.standard_error == pytest.approx((coop - base).std(ddof=1) / math.sqrt(PLAN.runs))
+    assert surely_positive(lead)
+    assert not surely_positive(difference(other, one))
+    assert surely_positive(paired(np.array([1.0, 1.0])))
+    assert not surely_positive(paired(np.array([0.0, 0.0])))
+    assert not surely_positive(paired(np.array([3.0, -1.0])))
+
+
+def reported(tmp_path, name, changes):
+    """Return the document on an experiment; `changes` by cell id."""
+    one = name if isinstance(name, Experiment) else experiment(name)
+    assert set(changes) <= {cell.id for cell in one.cells}
+    found = {cell.id: made_up(cell, **changes.get(cell.id, {})) for cell in one.cells}
     write_report(tmp_path, PLAN, [one], found)
+    return (tmp_path / "reproduction.md").read_text(encoding="utf-8")
+
+
+def rewards(*values):
+    return {"means": {name: list(values) for name in SUMS}}
+
+
+@pytest.mark.parametrize(
+    ("coop", "verdict"),
+    [
+        ((118.0,) * 4, "90.0 % ± 0.0 % (target 80 %: met),"),
+        ((110.0,) * 4, "50.0 % ± 0.0 % (target 80 %: not met),"),
+        ((110.0, 110.0, 122.0, 122.0), "80.0 % ± 17.3 % (target 80 %: met, within its error),"),
+        (
+            (108.0, 108.0, 122.0, 122.0),
+            "75.0 % ± 20.2 % (target 80 %: not met, within its error),",
+        ),
+    ],
+)
+def test_targets_are_met_or_not(tmp_path, coop, verdict):
+    shortest = {"reward": 110.0, "time_to_goal": 10.0, "miscoordinations": 0.4}
+    changes = {
+        make_cell("env1", learner, LONG).id: {
+            **rewards(*values),
+            "optimum": 120.0,
+            "reference": shortest,
+            "not_arrived": [0, 2, 0, 0] if learner == "coop" else [0] * 4,
+        }
+        for learner, values in (("noncoop", (100.0,) * 4), ("coop", coop))
+    }
+    text = reported(tmp_path, "penalty100", changes)
+    line = next(line for line in text.split("\n") if line.startswith("- Share of the gap"))
+    assert f"env1 {verdict}" in line
+    above = (np.mean(coop) - 110) / 10
+    assert f"{100 * above:.1f} % ± " in line.split(verdict)[1].split(" from the better")[0]
+    assert "every robot arrives in 99.00 % of trials, 1 of 4 teams fail;" in line
+    cells = row((tmp_path / "tables/penalty100.md").read_text(encoding="utf-8"), "env1", "Coop.")
+    assert cells[3] == "110.00"
+    assert cells[-2:] == ["99.00 %", "1 of 4"]
+
+
+def test_the_better_baseline_can_be_the_learned_one(tmp_path):
+    changes = {
+        make_cell("env1", learner, LONG).id: {
+            **rewards(*[value] * 4),
+            "optimum": 120.0,
+            "reference": {"reward": 90.0, "time_to_goal": 10.0, "miscoordinations": 0.4},
+        }
+        for learner, value in (("noncoop", 100.0), ("coop", 110.0))
+    }
+    text = reported(tmp_path, "penalty100", changes)
+    assert "not met), 50.0 % ± 0.0 % from the better of Non-coop. and exact" in text
+
+
+def test_teams_that_fail_are_those_of_coop_and_the_baselines_apart(tmp_path):
+    changes = {
+        "env1/coop/penalty=-20": {"not_arrived": [0, 6, 0, 0]},
+        "env1/indiv/penalty=-20": {"not_arrived": [1, 1, 1, 0]},
+    }
+    text = reported(tmp_path, "table1", changes)
+    assert (
+        "Table 1: with Coop. every robot arrives in 99.00 % of the trials (target: at least "
+        "99.9 %, not met; least: env1 97.00 %); in 1 of 12 Coop. teams some robot fails to arrive "
+        "in more than one trial of a thousand. Of the baselines' teams 3 of 12 (Indiv.) and 0 of "
+        "12 (Non-coop.) fail so."
+    ) in text
+    met = reported(tmp_path / "met", "table1", {})
+    assert "in 100.00 % of the trials (target: at least 99.9 %, met;" in met
+
+
+def test_why_nobody_asks_is_said_only_where_it_is_known(tmp_path):
+    shortest = {"reward": 100.0, "time_to_goal": 10.0, "miscoordinations": 0.4}
+    quiet = {"reward": 100.0, "time_to_goal": 10.0, "asks": 0.01, "miscoordinations": 0.4}
+    jitter = np.array([-0.1, 0.1, -0.1, 0.1])
+
+    def silent(optimum, reward=100.0, exact=True):
+        means = {name: list(quiet[name] + jitter * (name == "reward")) for name in SUMS}
+        means["reward"] = list(reward + jitter)
+        return {
+            "means": means,
+            "optimum": optimum,
+            "optimum_exact": exact,
+            "reference": shortest,
+        }
+
+    changes = {
+        f"{name}/coop/penalty=-20": change
+        for name, change in (
+            ("cit", silent(100.05)),
+            ("cmu", silent(102.0)),
+            ("isr", silent(100.4)),
+            ("mit", silent(102.0, reward=101.0)),
+            ("pentagon", silent(102.0, exact=False)),
+        )
+    }
+    text = reported(tmp_path, "table3", changes)
+    rare = "Coop. chooses COORDINATE less than 0.05 times per robot and episode"
+    lines = [line for line in text.split("\n") if rare in line]
+    assert len(lines) == 3
+    assert lines[0].startswith(f"In cit (0.05) {rare}, and coordination can gain next to")
+    assert lines[1].startswith(f"In cmu (2.00) and isr (0.40) {rare}, and its reward is that of")
+    assert "A robot that asks pays" in lines[1]
+    assert lines[2].startswith(f"In mit (2.00) and pentagon (2.00) {rare}; coordination can")
+
+
+def test_tables_1_and_3_together(tmp_path, everything):
+    both = [experiment("table1"), experiment("table3")]
+    found = results_of(both)
+    bad = make_cell("cmu", "coop", {"penalty": -20})
+    found[bad.id] = made_up(bad, **rewards(20.0, 21.0, 20.0, 21.0))
+    for name in LEARNERS[:2]:
+        cell = make_cell("cmu", name, {"penalty": -20})
+        found[cell.id] = made_up(cell, **rewards(22.0, 23.0, 22.0, 23.0))
+    write_report(tmp_path, PLAN, both, found)
     text = (tmp_path / "reproduction.md").read_text(encoding="utf-8")
-    share = (least - 100) / 20
-    assert f"env1 {share:.1%}".replace("%", " %") + " ± 0.0 % (target 80 %: " + verdict in text
+    first = text.split("## Findings\n\n")[1].split("\n")[0]
+    assert first == (
+        "- Tables 1 and 3: Coop. is at least the better baseline minus 0.5 in 8 of 9 scenarios "
+        "(differences with paired standard errors); not in: cmu -2.00 (0.00)."
+    )
+    one = tmp_path / "one"
+    write_report(one, PLAN, both[:1], found)
+    assert "Tables 1 and 3" not in (one / "reproduction.md").read_text(encoding="utf-8")
+
+
+def test_loses_less_means_surely(tmp_path):
+    """Coop. falls by 2 from penalty 0 to -100, the baselines by 4 and by 2 to 4."""
+    falls = {
+        ("env1", "indiv"): [4.0, 4.0, 4.0, 4.0],
+        ("env1", "noncoop"): [4.0, 4.1, 4.0, 4.1],
+        ("env1", "coop"): [2.0, 2.1, 2.0, 2.1],
+        ("env2-2r", "indiv"): [4.0, 4.0, 4.0, 4.0],
+        ("env2-2r", "noncoop"): [2.0, 8.0, 2.0, 8.0],
+        ("env2-2r", "coop"): [2.0, 2.0, 2.0, 2.0],
+    }
+    cells, changes = [], {}
+    for (name, learner), fall in falls.items():
+        for penalty in (0, -100):
+            cell = make_cell(name, learner, {"penalty": penalty, "steps": 10_000})
+            cells.append(cell)
+            changes[cell.id] = rewards(*(110.0 - x * (penalty < 0) for x in fall))
+    few = Experiment("figure4", experiment("figure4").title, tuple(cells))
+    text = reported(tmp_path, few, changes)
+    assert "by more than 3 paired standard errors, in 1 of 2 cases: env1 (10^4 steps)." in text
+    assert "- env2-2r (10^4 steps): Coop. 2.0 (0.0), Non-coop. 5.0 (1.7), Indiv. 4.0 (0.0)" in text
+    assert "no policy that is optimal at penalty 0 can keep it" in text
+
+
+def test_worth_more_up_to_a_cost_means_at_every_lower_cost(tmp_path):
+    one = experiment("ask_cost")
+    shortest = {"reward": 100.0, "time_to_goal": 10.0, "miscoordinations": 0.4}
+    good, bad = rewards(109.0, 110.0, 109.0, 110.0), rewards(99.0, 100.0, 99.0, 100.0)
+    changes = {}
+    for name, worth in (("env1", (0, 0.5, 1, 10)), ("env2-2r", (0.5, 1)), ("pentagon", (0, 10))):
+        for cell in one.cells:
+            if cell.name == name:
+                value = good if cell.scenario.ask_cost in worth else bad
+                changes[cell.id] = {**value, "reference": shortest}
+    text = reported(tmp_path, one, changes)
+    parts = text.split("Cost of COORDINATE, choices per")[1].split("\n")[0].split(";")
+    ends = ("up to a cost of 1)", "not even at a cost of 0)", "up to a cost of 0).")
+    for part, end in zip(parts, ends, strict=True):
+        assert part.endswith(end)
+
+
+def test_uneven_penalties_robot_by_robot(tmp_path):
+    one = experiment("uneven")
+    cell = make_cell("env1", "coop", {**LONG, "common_reward": "each:1:0.5"})
+    changes = {cell.id: {"robot_means": {"reward": [111.0, 113.5], "asks": [0.75, 0.125]}}}
+    text = reported(tmp_path, one, changes)
+    assert "robot by robot, at the factors of r^C: env1 0.75 : 0.12 at 1 : 0.5" in text
+    line = row(text, "env1", "1 : 0.5", "1")
+    assert (line[3], *line[5:7]) == ("1", "111.00", "0.750")
+    line = row(text, "env1", "1 : 0.5", "2")
+    assert (line[3], *line[5:]) == ("0.5", "113.50", "0.125", "-")
+
+
+def test_crowds_compare_by_their_losses(tmp_path):
+    coop = make_cell("crowd-3r", "coop", {**LONG, "peers": "all"})
+    base = make_cell("crowd-3r", "noncoop", LONG)
+    alone = independent_bound(coop.scenario)
+    changes = {
+        coop.id: rewards(*(alone - x for x in (2.0, 4.0, 2.0, 4.0))),
+        base.id: rewards(*(alone - x for x in (5.0, 7.0, 5.0, 7.0))),
+    }
+    text = reported(tmp_path, "crowd", changes)
+    line = row(text, "3", "Coop., all peers")
+    assert line[2:4] == [f"{alone - 3:.2f} (0.58)", "3.00"]
+    assert "and +3.00 (0.00); 4 robots" in text
+    cells = len(coop.scenario.map.cells)
+    assert line[-2:] == [size(100 * (32 + 12)), size(cells**3 * 32)]
+    assert row(text, "3", "Coop., one peer")[-2:] == ["3.2 kB", size(cells**2 * 32)]
 
 
 def test_near_doorways_on_a_small_map():
@@ -274,6 +514,19 @@ def test_share_asked_near_doorways():
     asked[1, 0] = 0.1  # a corner
     assert asked_near(entry("env1", asked=asked.tolist())) == pytest.approx(0.75)
     assert math.isnan(asked_near(entry("env1", asked=np.zeros((2, 21)).tolist())))
+    assert time_near(entry("env1", stays=asked.tolist())) == pytest.approx(0.75)
+
+
+def test_asks_near_doorways_beside_the_time_spent_there(tmp_path):
+    cell = make_cell("env1", "coop", LONG)
+    near = np.flatnonzero(near_doorways(cell.scenario.map))
+    asked, stays = np.zeros((2, 2, 21))
+    asked[0, near[0]], asked[1, 0] = 0.3, 0.1
+    stays[:, near[0]], stays[:, 0] = 4, 6
+    changes = {cell.id: {"asked": asked.tolist(), "stays": stays.tolist()}}
+    text = reported(tmp_path, "where", changes)
+    assert row(text, "env1")[2:4] == ["75.0 %", "40.0 %"]
+    assert "steps taken there (penalty -100, 10^5 learning steps): env1 75.0 % (40.0 %)" in text
 
 
 def test_the_same_results_give_the_same_bytes(tmp_path):

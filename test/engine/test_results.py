@@ -2,8 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Results directories: resumed, never mixed."""
 
+import errno
 import json
 import math
+import os
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,13 +16,14 @@ import pytest
 from sparse_coord_ros.core.agent import initial_tables
 from sparse_coord_ros.core.evaluation import Trials
 from sparse_coord_ros.engine import results as module
-from sparse_coord_ros.engine.batch import Run
+from sparse_coord_ros.engine.batch import Run, run_batch
 from sparse_coord_ros.engine.cells import make_cell
 from sparse_coord_ros.engine.results import Plan, collect, open_results
-from sparse_coord_ros.errors import ResultsError
+from sparse_coord_ros.errors import ResultsError, SettingError
 
 CELL = make_cell("env1", "coop", {"penalty": -20})
 PLAN = Plan(seed=5, runs=3, trials=4)
+CELL_FILE = "map: env1\nrobots: {a: {start: 1, goal: 2}, b: {start: 2, goal: 1}}\n"
 
 
 def made_up(seed):
@@ -28,6 +34,8 @@ def made_up(seed):
     asked[0, 3] = 8 + seed
     arrived = np.ones(shape, dtype=bool)
     arrived[0, 1] = seed != 6
+    stays = np.zeros((2, 21), dtype=np.int64)
+    stays[1, 4] = 20 + seed
     trials = Trials(
         reward=draw.normal(120, 10, shape),
         time_to_goal=draw.normal(10, 1, shape),
@@ -35,6 +43,7 @@ def made_up(seed):
         arrived=arrived,
         miscoordinations=draw.normal(0.4, 0.1, PLAN.trials),
         asked=asked,
+        stays=stays,
     )
     tables = [initial_tables(CELL.scenario, "coop")] * 2
     return Run(seed, tables, np.array([40, 60 + seed]), trials)
@@ -64,9 +73,35 @@ def test_arrival_sparsity_and_where_robots_asked(result):
     assert result.visited_bytes == pytest.approx(53 * 32)
     assert result.asked[0][3] == pytest.approx((13 + 14 + 15) / 12)
     assert np.array(result.asked).shape == (2, 21)
+    assert result.stays[1][4] == pytest.approx((25 + 26 + 27) / 12)
+    assert np.array(result.stays).sum() == result.stays[1][4]
     assert result.optimum == pytest.approx(121.89, abs=0.01)
     assert result.optimum_exact
     assert result.reference["reward"] == pytest.approx(119.68, abs=0.01)
+
+
+def test_each_robot_has_its_own_means(result):
+    trials = [made_up(seed).trials for seed in PLAN.seeds]
+    for name in ("reward", "asks"):
+        values = np.concatenate([getattr(one, name) for one in trials])
+        assert result.robot_means[name] == pytest.approx(values.mean(axis=0))
+        assert np.mean(result.robot_means[name]) == pytest.approx(result.measure(name).mean)
+    assert result.to_dict()["robot_means"] == result.robot_means
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "row"),
+    [("crowd-3r", {"peers": "all"}, 32 + 3 * 4), ("crowd-3r", {}, 32), ("env1", {}, 32)],
+)
+def test_the_bytes_of_a_sparse_table_include_its_keys(name, settings, row):
+    cell = make_cell(name, "coop", {"steps": 300, **settings})
+    runs = list(run_batch(cell.scenario, "coop", [1, 2], trials=2, jobs=1))
+    result = collect(cell, 2, runs)
+    assert result.row_bytes == row
+    assert result.joint_states == len(cell.scenario.map.cells) ** cell.scenario.perceived
+    if cell.scenario.sparse:
+        sizes = [table.q_coord.nbytes for run in runs for table in run.tables]
+        assert result.visited_bytes == pytest.approx(np.mean(sizes))
 
 
 def test_a_result_reads_back_and_the_directory_is_gone_on_with(tmp_path, result):
@@ -122,7 +157,7 @@ def test_a_damaged_result_is_put_aside_and_open_again(tmp_path, result, damage):
         assert results.load(CELL) == result
 
 
-@pytest.mark.parametrize("field", ["means", "not_arrived", "visited", "asked"])
+@pytest.mark.parametrize("field", ["means", "robot_means", "not_arrived", "row_bytes", "stays"])
 def test_a_result_with_a_part_missing_is_put_aside(tmp_path, result, field):
     with open_results(tmp_path, PLAN) as results:
         results.save(CELL, result)
@@ -145,6 +180,95 @@ def test_a_directory_of_something_else_is_left_alone(tmp_path):
     with pytest.raises(ResultsError, match="holds other files"), open_results(tmp_path, PLAN):
         pass
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+def test_an_interrupted_first_call_leaves_nothing_in_the_way(tmp_path):
+    (tmp_path / "results.json.partial").write_text('{"form')
+    with open_results(tmp_path, PLAN) as results:
+        assert results.load(CELL) is None
+    assert [path.name for path in tmp_path.iterdir()] == ["results.json"]
+
+
+@pytest.mark.parametrize("when", ["write_text", "replace"])
+@pytest.mark.parametrize(
+    ("number", "words"),
+    [
+        (errno.ENOSPC, "No space left on device.*make room and call again"),
+        (errno.EACCES, "Permission denied.*another --out"),
+    ],
+)
+def test_what_cannot_be_written_leaves_no_part(tmp_path, monkeypatch, result, when, number, words):
+    with open_results(tmp_path, PLAN) as results:
+        path = results.path(CELL)
+
+        def refuse(first, *_, **__):
+            if when == "write_text":
+                first.touch()  # a full disk takes the name and not what is in it
+            raise OSError(number, os.strerror(number))
+
+        monkeypatch.setattr(module.os if when == "replace" else Path, when, refuse)
+        with pytest.raises(ResultsError, match=f"{path}: cannot be written.*{words}"):
+            results.save(CELL, result)
+        monkeypatch.undo()
+        assert list(path.parent.iterdir()) == []
+        results.save(CELL, result)
+        assert results.load(CELL) == result
+
+
+def test_too_many_settings_for_a_file_name(tmp_path):
+    settings = {"step_size": f"floored:0.{'5' * 15}:0.{'1' * 15}:0.{'1' * 16}"}
+    settings |= {"starts": f"exploring:0.{'9' * 15}:0.{'2' * 15}:0.{'7' * 15}"}
+    settings |= {"epsilon": f"linear:0.{'9' * 15}:0.{'2' * 15}:0.{'7' * 15}"}
+    settings |= {"perception": f"probability:0.{'3' * 15}", "discount": f"0.{'7' * 15}"}
+    cell = make_cell("env1", "coop", settings)
+    with open_results(tmp_path, PLAN) as results:
+        assert len(cell.id) > 255
+        with pytest.raises(ResultsError, match="File name too long.*fewer settings") as caught:
+            results.load(cell)
+        assert len(str(caught.value)) < 600
+    assert not (tmp_path / "cells").exists()
+
+
+def test_a_name_that_the_file_system_finds_too_long(tmp_path):
+    with pytest.raises(ResultsError, match="File name too long.*fewer settings") as caught:
+        module.write_whole(tmp_path / f"{'x' * 5000}.json", "text")
+    assert len(str(caught.value)) < 600
+
+
+def test_paths_stay_in_the_directory(tmp_path):
+    file = tmp_path / "elsewhere/mine.yaml"
+    file.parent.mkdir()
+    file.write_text(CELL_FILE)
+    directory = tmp_path / "r"
+    with open_results(directory, PLAN) as results:
+        for typed in (file, tmp_path / "r/../elsewhere/mine.yaml"):
+            cell = make_cell(str(typed), "coop", {"penalty": -5})
+            assert results.path(cell) == directory / "cells/mine/coop/penalty=-5.json"
+            assert results.run_folder(cell, 3) == directory / "runs/mine/coop/penalty=-5/3"
+        with pytest.raises(AssertionError):
+            results.path(SimpleNamespace(id="../../x/coop/penalty=-5"))
+        with pytest.raises(AssertionError):
+            results.path(SimpleNamespace(id="/x/coop/penalty=-5"))
+
+
+def test_different_files_of_one_name_are_not_mixed(tmp_path, result):
+    cells = []
+    for folder, steps in (("a", 100), ("b", 200)):
+        (tmp_path / folder).mkdir()
+        file = tmp_path / folder / "mine.yaml"
+        file.write_text(f"{CELL_FILE}steps: {steps}\n")
+        cells.append(make_cell(str(file), "coop", {}))
+    with open_results(tmp_path / "r", PLAN) as results:
+        results.save(cells[0], replace(result, id=cells[0].id, digest=module.digest(cells[0])))
+        assert results.load(cells[0]) is not None
+        with pytest.raises(ResultsError, match="another scenario"):
+            results.load(cells[1])
+
+
+def test_the_last_run_s_seed_is_below_2_to_the_63():
+    assert Plan(2**63 - 3, 3, 4).seeds[-1] == 2**63 - 1
+    with pytest.raises(SettingError, match="setting seed.*3 runs"):
+        Plan(2**63 - 2, 3, 4)
 
 
 def test_a_file_as_directory(tmp_path):

@@ -155,6 +155,7 @@ def test_the_coordination_map_shows_where_coordinate_is_best():
     scenario = load_scenario("env1")
     convert = converter("env1")
     tables = initial_tables(scenario, "coop")
+    tables.q_star[:] = 0.0
     tables.q_star[:, 0] = 1.0
     tables.q_star[7, COORDINATE] = 2.0
     message = convert.coordination_map(3, tables)

@@ -25,12 +25,13 @@ def test_reset_begins_an_episode_and_nobody_learns_across_it(bench):
     assert world.protocol.world.step == 3, "two steps later"
     bench.spin_until(lambda: world.protocol.complete, "new actions")
     assert world.protocol.world.transitions == 0
+    initial = world.protocol.world.scenario.q_star_init
     for robot in robots:
         assert robot.protocol.newest[0] == 3
-        assert (robot.protocol.agent.tables.q_star == 0).all()
+        assert (robot.protocol.agent.tables.q_star == initial).all()
     world.values["rate"] = 0.0
     bench.spin_until(lambda: world.protocol.world.transitions > 20, "it goes on")
-    assert all((robot.protocol.agent.tables.q_star != 0).any() for robot in robots)
+    assert all((robot.protocol.agent.tables.q_star != initial).any() for robot in robots)
     assert all(robot.protocol.dropped == 0 for robot in robots)
 
 

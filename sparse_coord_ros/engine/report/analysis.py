@@ -3,6 +3,7 @@
 """What the results say: agreement with exact values and the paper, gaps closed, places of asks."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -15,7 +16,7 @@ AGREE = 3.0
 """Two values agree within as many standard errors of their difference."""
 
 SURE = 5.0
-"""A number of the paper is called impossible from as many of its standard errors on."""
+"""A number of the paper lies above a bound from as many of its standard errors on."""
 
 NEAR = 2
 """Moves from a doorway that still count as near it."""
@@ -35,6 +36,17 @@ def agrees(ours: Measure, other: Measure) -> bool:
     """Whether two means differ by no more than `AGREE` standard errors of their difference."""
     error = math.hypot(ours.standard_error, other.standard_error)
     return abs(ours.mean - other.mean) <= AGREE * error
+
+
+def loss_alone(entry: Entry) -> Measure:
+    """Return by how much the reward falls short of that of robots each alone on the map.
+
+    Such robots take shortest paths and never miscoordinate, wait or ask. Unlike the reward, the
+    loss does not tell teams apart whose paths are of different lengths.
+    """
+    reward = entry.measure("reward")
+    loss = independent_bound(entry.scenario) - reward.mean
+    return Measure(loss, reward.spread, reward.standard_error)
 
 
 def above_optimum(entry: Entry) -> bool:
@@ -70,18 +82,49 @@ def contradicts_itself(entry: Entry) -> bool:
     return abs(paper.mean - implied.mean) > SURE * error
 
 
-def gap_closed(coop: Measure, baseline: Measure, optimum: float) -> Measure | None:
-    """Return (coop - baseline) / (optimum - baseline) with its standard error.
+def paired(values: np.ndarray) -> Measure:
+    """Return mean, spread and standard error of a number that each run has one of."""
+    spread = float(values.std(ddof=1)) if len(values) > 1 else math.nan
+    return Measure(float(values.mean()), spread, spread / math.sqrt(len(values)))
 
-    The error follows from those of the two means, which are independent; the optimum has none.
-    None where the baseline leaves no gap.
+
+def run_means(entry: Entry, measure: str = "reward") -> np.ndarray:
+    """Return a measure's mean in each run.
+
+    Run i has the same seed in every cell, so what is computed from several cells is computed run
+    by run, and its error is that of the results.
     """
-    gap = optimum - baseline.mean
+    return np.array(entry.result.means[measure])
+
+
+def difference(entry: Entry, other: Entry, measure: str = "reward") -> Measure:
+    """Return by how much a measure is greater than in another cell, run by run."""
+    return paired(run_means(entry, measure) - run_means(other, measure))
+
+
+def surely_positive(measure: Measure) -> bool:
+    """Whether a mean lies more than `AGREE` standard errors above 0."""
+    return errors_from(measure, 0.0) > AGREE
+
+
+def gap_closed(coop: np.ndarray, baseline: np.ndarray | float, optimum: float) -> Measure | None:
+    """Return (coop - baseline) / (optimum - baseline) of the means with its standard error.
+
+    The error is to first order that of coop_i - (1 - closed) baseline_i over the runs i, divided
+    by the gap; the optimum has none. None where the baseline leaves no gap.
+
+    Args:
+        coop: mean reward of each run.
+        baseline: mean reward of each run, paired with those of `coop`; or an exact value.
+        optimum: the joint optimum.
+    """
+    base = np.broadcast_to(baseline, coop.shape)
+    gap = optimum - float(base.mean())
     if gap <= 0:
         return None
-    share = (coop.mean - baseline.mean) / gap
-    error = math.hypot(coop.standard_error, (1 - share) * baseline.standard_error) / gap
-    return Measure(share, error, error)
+    closed = float(coop.mean() - base.mean()) / gap
+    error = paired(coop - (1 - closed) * base).standard_error / gap
+    return Measure(closed, error, error)
 
 
 def near_doorways(grid: GridMap, moves: int = NEAR) -> np.ndarray:
@@ -95,7 +138,16 @@ def near_doorways(grid: GridMap, moves: int = NEAR) -> np.ndarray:
 
 def asked_near(entry: Entry, moves: int = NEAR) -> float:
     """Return the share of COORDINATE chosen near doorways; NaN where it is never chosen."""
-    asked = np.array(entry.result.asked)
+    return _share_near(entry, entry.result.asked, moves)
+
+
+def time_near(entry: Entry, moves: int = NEAR) -> float:
+    """Return the share of the robots' steps that they take near doorways."""
+    return _share_near(entry, entry.result.stays, moves)
+
+
+def _share_near(entry: Entry, counts: Sequence[Sequence[float]], moves: int) -> float:
+    values = np.array(counts)
     near = near_doorways(entry.scenario.map, moves)
-    total = asked.sum()
-    return float(asked[:, near].sum() / total) if total else math.nan
+    total = values.sum()
+    return float(values[:, near].sum() / total) if total else math.nan

@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 
 from matplotlib.figure import Figure
 
-from sparse_coord_ros.engine.report.entries import Entries, Entry
+from sparse_coord_ros.engine.report.analysis import difference, loss_alone
+from sparse_coord_ros.engine.report.entries import Entries
 from sparse_coord_ros.engine.report.figures import (
     COLOURS,
     LABELS,
@@ -24,6 +25,7 @@ from sparse_coord_ros.engine.report.tables import (
     dense_bytes,
     optimum,
     percent,
+    signed,
     size,
     with_error,
 )
@@ -45,6 +47,7 @@ def crowd_section(name: str, entries: Entries) -> Section:
                 str(entry.result.robots),
                 PEERS[entry.scenario.peers] if coop else entry.learner,
                 with_error(entry.measure("reward")),
+                f"{loss_alone(entry).mean:.2f}",
                 optimum(entry),
                 with_error(entry.measure("miscoordinations"), 3),
                 with_error(entry.measure("asks"), 3) if coop else NOTHING,
@@ -66,12 +69,18 @@ def crowd_section(name: str, entries: Entries) -> Section:
         [
             Table(
                 f"Team size against reward, use of COORDINATE and memory "
-                f"({names_and_settings(entries)}). Bytes are per robot: of the visited rows of "
-                "Q^C, and of a dense table.",
+                f"({names_and_settings(entries)}). Loss: by how much the reward falls short of "
+                "that of robots each alone on the map, which never miscoordinate, wait or ask; "
+                "the paths differ in length between the team sizes, so rewards of different "
+                "sizes compare by their losses only (same standard errors). Bytes are per robot: "
+                "of the visited rows of Q^C (with their keys where it is sparse), and of a dense "
+                "table.",
                 [
                     "robots",
                     "learner, peers",
-                    *HEAD,
+                    HEAD[0],
+                    "loss",
+                    *HEAD[1:],
                     "all arrive",
                     "bytes visited",
                     "bytes dense",
@@ -82,7 +91,8 @@ def crowd_section(name: str, entries: Entries) -> Section:
         [
             Picture(
                 name,
-                f"Reward, asks and memory against the number of robots. {YARDSTICKS}",
+                f"Reward, loss against robots alone on the map (bound less reward), asks and "
+                f"memory against the number of robots. {YARDSTICKS}",
                 _figure(
                     list(curves.values()),
                     {
@@ -100,9 +110,10 @@ def crowd_section(name: str, entries: Entries) -> Section:
             f"{size(largest.result.visited_bytes)}."
         ],
         [
-            "Coop. less Non-coop. with one peer and with all peers: "
+            "Coop. less Non-coop. with one peer and with all peers (paired standard errors): "
             + "; ".join(
-                f"{base.result.robots} robots {_gain(a, base)} and {_gain(b, base)}"
+                f"{base.result.robots} robots {signed(difference(a, base))} and "
+                f"{signed(difference(b, base))}"
                 for base, a, b in zip(groups["Non-coop."], one, every, strict=True)
             )
             + "."
@@ -114,24 +125,20 @@ def _peers(entries: Entries, peers: str) -> Entries:
     return entries.pick(learner="coop", test=lambda entry: entry.scenario.peers == peers)
 
 
-def _gain(entry: Entry, base: Entry) -> str:
-    return f"{entry.measure('reward').mean - base.measure('reward').mean:+.2f}"
-
-
 def _figure(curves: Sequence[Curve], memory: Mapping[str, tuple[Entries, bool]]) -> Figure:
-    """Draw reward, asks and memory against the number of robots.
+    """Draw reward, loss, asks and memory against the number of robots.
 
     Args:
         curves: the learners.
         memory: label -> cells, and whether a dense Q^C is meant instead of its visited rows.
     """
     robots = list(curves[0].xs)
-    figure, grid = canvas(1, 3, 4.0, 3.4)
+    figure, grid = canvas(2, 2, 4.6, 3.2)
     panel = Panel("", "robots", curves, {x: f"{x:g}" for x in robots})
-    for axes, measure in zip(grid[0], ("reward", "asks"), strict=False):
+    for axes, measure in zip(grid.flat, ("reward", "loss", "asks"), strict=False):
         panel.draw(axes, measure)
         axes.set(xlabel=panel.xlabel, ylabel=LABELS[measure])
-    axes = grid[0][2]
+    axes = grid[1][1]
     for label, (entries, dense) in memory.items():
         own = [dense_bytes(e) if dense else e.result.visited_bytes for e in entries]
         axes.plot(

@@ -12,6 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sparse_coord_ros.core.evaluation import Measure
+from sparse_coord_ros.core.optimum import independent_bound
+from sparse_coord_ros.engine.report.analysis import loss_alone
 from sparse_coord_ros.engine.report.entries import LEARNER_NAMES, Entries, Entry
 
 LABELS = {
@@ -19,6 +21,7 @@ LABELS = {
     "time_to_goal": "time to goal [steps]",
     "miscoordinations": "miscoordinations\nper episode",
     "asks": "COORDINATE\nper robot and episode",
+    "loss": "loss against robots alone",
     "variance": "variance of the reward",
 }
 COLOURS = {"indiv": "#D55E00", "noncoop": "#0072B2", "coop": "#009E73"}
@@ -57,6 +60,10 @@ class Curve:
         if measure == "variance":
             values = [entry.measure("reward").spread ** 2 for entry in self.entries]
             errors = None
+        elif measure == "loss":
+            losses = [loss_alone(entry) for entry in self.entries]
+            values = [m.mean for m in losses]
+            errors = [m.standard_error for m in losses]
         else:
             measures = [entry.measure(measure) for entry in self.entries]
             values = [m.mean for m in measures]
@@ -96,13 +103,23 @@ class Panel:
     ends: Sequence[float] = ()
 
     def draw(self, axes: Axes, measure: str) -> None:
-        """Draw one measure; for the reward the optimum and shortest-path policies too."""
+        """Draw one measure; reward and loss with the worth of shortest-path policies.
+
+        The reward has the optimum beside it too.
+        """
         if measure == "reward":
             first = self.curves[0]
             if self.ends:
                 yardsticks(axes, self.ends, [first.entries[0]] * len(self.ends))
             else:
                 yardsticks(axes, first.xs, list(first.entries))
+        if measure == "loss":
+            first = self.curves[0]
+            values = [
+                independent_bound(entry.scenario) - entry.result.reference["reward"]
+                for entry in first.entries
+            ]
+            axes.plot(first.xs, values, color=GREY, linewidth=1, label=SHORTEST)
         for curve in self.curves:
             curve.draw(axes, measure)
         if self.ticks:

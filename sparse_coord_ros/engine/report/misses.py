@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Rows of the paper that are not reproduced, and why."""
+"""Rows of the paper that are not reproduced or are inconsistent, and why."""
 
 import math
 
@@ -51,18 +51,23 @@ def _reason(entry: Entry, paper: Measure) -> str:
             if abs(errors_from(paper, alone)) <= AGREE
             else ""
         )
-        return f"the paper's row lies above the {bound} {result.optimum:.2f}: impossible.{equal}"
+        return (
+            f"the paper's row lies above the {bound} {result.optimum:.2f}, above what any policy "
+            f"can reach {_on_map(entry)}.{equal}"
+        )
     if contradicts_itself(entry):
         counted = entry.paper("miscoordinations").mean
         return (
             f"the paper's row contradicts its own Table 2, whose {counted:.2f} miscoordinations "
-            f"imply a reward of about {implied_reward(entry).mean:.1f}.{_turning(entry)}"
+            f"imply a reward of about {implied_reward(entry).mean:.1f} {_on_map(entry)}."
+            f"{_turning(entry)}"
         )
     exact = result.reference["reward"]
     if entry.cell.learner == "indiv" and abs(errors_from(ours, exact)) <= AGREE:
         return (
             f"ours agrees with the exact value {exact:.2f} of shortest-path policies that break "
-            f"ties at random; the paper does not say how it breaks ties.{_turning(entry)}"
+            f"ties at random {_on_map(entry)}; the paper does not say how it breaks ties."
+            f"{_turning(entry)}"
         )
     behind = (
         f" The paper's is {percent(paper.mean / result.optimum)} of the "
@@ -75,10 +80,16 @@ def _reason(entry: Entry, paper: Measure) -> str:
         return (
             "the paper's row equals, within its sampling error, the value "
             f"{independent_bound(entry.scenario):.2f} of robots that never miscoordinate, wait or "
-            f"ask; our learners pay for at least one of these.{behind}"
+            f"ask {_on_map(entry)}; our learners pay for at least one of these.{behind}"
         )
     turning = _turning(entry).strip() if entry.cell.learner == "noncoop" else ""
-    return (turning or "not explained by the paper's numbers.") + behind
+    return (turning or f"not explained by the paper's numbers {_on_map(entry)}.") + behind
+
+
+def _on_map(entry: Entry) -> str:
+    """Return the words that a statement about exact values holds for the map as we have it."""
+    provenance = entry.scenario.map.provenance
+    return f"on this map (provenance: {provenance})" if provenance else "on this map"
 
 
 def _turning(entry: Entry) -> str:

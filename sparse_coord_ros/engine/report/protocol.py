@@ -3,7 +3,6 @@
 """The document of the protocol study."""
 
 from collections.abc import Sequence
-from itertools import pairwise
 
 from sparse_coord_ros import __version__
 from sparse_coord_ros.core.scenario import SETTINGS as SCENARIO_SETTINGS
@@ -14,15 +13,11 @@ from sparse_coord_ros.engine.study import (
     MARGIN,
     SETTINGS,
     SPACE,
-    TEXTBOOK,
+    STARTS,
     Choices,
     Outcome,
-    Round,
     settings_of,
 )
-
-SHOWN = 12
-"""Protocols in the ranking."""
 
 HEAD = [
     "loss",
@@ -35,55 +30,64 @@ HEAD = [
 
 def protocol_document(
     plan: Plan,
+    final_plan: Plan,
     outcomes: Sequence[Outcome],
-    rounds: Sequence[Round],
+    finalists: Sequence[Outcome],
+    reference: Outcome,
+    variations: Sequence[tuple[str, float, Outcome]],
 ) -> str:
     """Return the Markdown document of a study.
 
     Args:
-        plan: seed, runs and trials of every cell.
+        plan: seed, runs and trials of the search's cells.
+        final_plan: those of the final's cells.
         outcomes: of every protocol that the search tried, in that order.
-        rounds: of the descent from the best of them.
+        finalists: outcomes of the best of them, judged again.
+        reference: outcome of the best finalist from the search's cells.
+        variations: name, value and outcome of each change of it, from the search's cells.
     """
-    ranking = sorted((one for one in outcomes if one.whole), key=lambda one: one.loss)
-    best, variations = rounds[-1]
+    best = min(finalists, key=lambda one: one.loss)
+    rows = [["(the protocol found)", *_row(reference)]]
+    rows += [[f"{name} = {value:g}", *_row(one)] for name, value, one in variations]
     parts = [
         "# The learning protocol\n",
-        _introduction(plan, len(outcomes) + sum(len(one.variations) for one in rounds), best),
+        _introduction(plan, final_plan, outcomes, best),
         "## What was tried\n\n"
         + _table(
-            ["choice", "values", "textbook", "found"],
+            ["choice", "values", *STARTS, "found"],
             [
                 [
                     name,
                     ", ".join(f"{value:g}" for value in values),
-                    f"{TEXTBOOK[name]:g}",
+                    *(f"{start[name]:g}" for start in STARTS.values()),
                     f"**{best.choices[name]:g}**",
                 ]
                 for name, values in SPACE.items()
             ],
         ),
         _measures(),
-        "## The search\n\nEach protocol that was better than all before it, by its number in the "
+        "## The search\n\nIt tries the textbook protocol and the best of earlier searches, which "
+        "had fewer runs and other seeds, then changes of the best so far, and protocols drawn at "
+        "random. Each protocol that was better than all before it, by its number in the "
         "search, and what it changes in the one above.\n\n" + _progress(outcomes),
-        "## The descent\n\nFrom the best protocol of the search, the best change of one choice, "
-        "until none is better.\n\n" + _descent(rounds),
-        f"## The best {min(SHOWN, len(ranking))} of the search\n\n"
+        f"## The final\n\nThe best {len(finalists)} of the search, judged again with "
+        f"{final_plan.runs} learning runs and other seeds, as the best of many noisy estimates is "
+        "often a lucky one.\n\n"
         + _table(
             ["what differs from the protocol found", *HEAD],
-            [[_changes(best.choices, one.choices), *_row(one)] for one in ranking[:SHOWN]],
+            [
+                [_changes(best.choices, one.choices), *_row(one)]
+                for one in sorted(finalists, key=lambda one: one.loss)
+            ],
         ),
+        "## One choice at a time\n\nThe protocol found with one choice changed, with the runs and "
+        "seeds of the search: what each of them is there for. A change that loses much more was "
+        "not judged to the end.\n\n" + _table(["changed", *HEAD], rows),
     ]
-    rows = [["(the protocol found)", *_row(best)]]
-    rows += [[f"{name} = {value:g}", *_row(one)] for name, value, one in variations]
-    parts.append(
-        "## One choice at a time\n\nThe protocol found with one choice changed: what each of "
-        "them is there for.\n\n" + _table(["changed", *HEAD], rows)
-    )
     return "\n".join(parts)
 
 
-def _introduction(plan: Plan, tried: int, best: Outcome) -> str:
+def _introduction(plan: Plan, final_plan: Plan, outcomes: Sequence[Outcome], best: Outcome) -> str:
     found = settings_of(best.choices)
     lines = "\n".join(f"{name}: {value}" for name, value in found.items())
     defaults = {name: str(SCENARIO_SETTINGS[name].default) for name in SETTINGS}
@@ -95,14 +99,17 @@ def _introduction(plan: Plan, tried: int, best: Outcome) -> str:
         + ", ".join(f"`{name}: {value}`" for name, value in defaults.items())
         + "."
     )
+    whole = sum(one.whole for one in outcomes)
     return (
         "Algorithm 1 leaves step sizes, exploration, initial tables, start states, the length of "
         "episodes and the treatment of the goal open. One protocol is to serve all nine "
-        f"scenarios; only the step budget differs, as in the paper. A search tried {tried} "
-        f"protocols, each with {plan.runs} learning runs of {plan.trials} trials in every "
-        f"scenario, with seeds from {plan.seed} that no reported result uses (version "
-        f"{__version__}). `make study` runs it again. {default}\n\n"
-        f"```yaml\n{lines}\n```\n"
+        "scenarios; only the step budget differs, as in the paper. A search tried "
+        f"{len(outcomes)} protocols, {whole} of them to the end, with {plan.runs} learning runs "
+        f"of {plan.trials} trials in each scenario and seeds from {plan.seed} on; the final had "
+        f"{final_plan.runs} runs and seeds from {final_plan.seed} on (version {__version__}). "
+        f"What it found:\n\n```yaml\n{lines}\n```\n\n{default} To search again:\n\n```\n"
+        f"sparse_coord study --candidates {len(outcomes)} --runs {plan.runs} "
+        f"--trials {plan.trials} --seed {plan.seed} --out study\n```\n"
     )
 
 
@@ -111,8 +118,9 @@ def _measures() -> str:
     return (
         "\n*Closed* is the share of the gap between Non-coop. and the exact joint optimum that "
         f"Coop. closes at penalty -100 after 10^5 steps; the aim is {targets}, and the search "
-        f"asks for {MARGIN:.0%} more. *Worst difference* is the least reward of Coop. less the "
-        "exact value of shortest paths, over the nine scenarios at penalty -20 and the paper's "
+        f"asks for {MARGIN:.0%} more. *Worst difference* is the least reward of Coop. less that "
+        "of the better baseline (the exact value of shortest paths; in the small scenarios also "
+        "Non-coop.), over the nine scenarios at penalty -20 and the paper's "
         f"budgets. *Most asks* is the most COORDINATE a trial in {', '.join(SPARSE)}, where none "
         "is needed. A *failed team* is one that does not arrive in 99.9 % of its trials. The "
         "*loss* adds up what is missed: 0 means nothing.\n"
@@ -132,19 +140,15 @@ def _progress(outcomes: Sequence[Outcome]) -> str:
     return _table(["number", "change", *HEAD], rows)
 
 
-def _descent(rounds: Sequence[Round]) -> str:
-    rows = [["the best of the search", *_row(rounds[0].best)]]
-    for before, after in pairwise(rounds):
-        rows.append([_changes(before.best.choices, after.best.choices), *_row(after.best)])
-    return _table(["change", *HEAD], rows)
-
-
 def _changes(old: Choices, new: Choices) -> str:
     changed = [f"{name} {new[name]:g}" for name in SPACE if new[name] != old[name]]
     return ", ".join(changed) or "-"
 
 
 def _row(one: Outcome) -> list[str]:
+    if not one.whole:
+        closed = [f"{one.closed[name]:.0%}" if name in one.closed else "-" for name in CLOSE]
+        return [f"> {one.loss:.0f}", *closed, "-", "-", f"{one.failed_teams} of {one.teams}"]
     worst = min(one.difference, key=lambda name: one.difference[name])
     return [
         f"{one.loss:.2f}",

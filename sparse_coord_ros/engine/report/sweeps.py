@@ -3,8 +3,15 @@
 """The paper's open questions: cost of asking, percepts that fail, uneven r^C."""
 
 from collections.abc import Callable, Sequence
+from itertools import takewhile
 
-from sparse_coord_ros.engine.report.analysis import AGREE, agrees, errors_from
+from sparse_coord_ros.core.evaluation import Measure
+from sparse_coord_ros.engine.report.analysis import (
+    AGREE,
+    difference,
+    errors_from,
+    surely_positive,
+)
 from sparse_coord_ros.engine.report.entries import LEARNER_NAMES, Entries, Entry
 from sparse_coord_ros.engine.report.figures import SHIFTS, Curve, Panel, sweep
 from sparse_coord_ros.engine.report.section import Picture, Section, names_and_settings
@@ -14,6 +21,7 @@ from sparse_coord_ros.engine.report.tables import (
     listed,
     optimum,
     percent,
+    signed,
     with_error,
 )
 
@@ -35,14 +43,16 @@ def ask_cost_section(name: str, entries: Entries) -> Section:
     findings = []
     for scenario in entries.names:
         own = sorted(entries.pick(scenario), key=lambda entry: entry.scenario.ask_cost)
-        dear = [entry for entry in own if _worth_it(entry)]
+        dear = list(takewhile(_worth_it, own))
         limit = (
-            f"up to a cost of {dear[-1].scenario.ask_cost:g}" if dear else "at none of the costs"
+            f"up to a cost of {dear[-1].scenario.ask_cost:g}"
+            if dear
+            else f"not even at a cost of {own[0].scenario.ask_cost:g}"
         )
         findings.append(
             f"{scenario} {own[0].measure('asks').mean:.2f} at {own[0].scenario.ask_cost:g} and "
-            f"{own[-1].measure('asks').mean:.2f} at {own[-1].scenario.ask_cost:g} (worth more "
-            f"than shortest paths by {AGREE:g} standard errors {limit})"
+            f"{own[-1].measure('asks').mean:.2f} at {own[-1].scenario.ask_cost:g} (more than "
+            f"{AGREE:g} standard errors above shortest paths {limit})"
         )
     return Section(
         "The cost of COORDINATE is a setting of the problem (Section 5 of the paper). The joint "
@@ -102,7 +112,8 @@ def perception_section(name: str, entries: Entries) -> Section:
             f"{scenario} {ordered[0].measure('reward').mean:.1f} at "
             f"{ordered[0].scenario.perception.numbers[0]:g} and "
             f"{ordered[-1].measure('reward').mean:.1f} at "
-            f"{ordered[-1].scenario.perception.numbers[0]:g}"
+            f"{ordered[-1].scenario.perception.numbers[0]:g}, difference "
+            f"{signed(difference(ordered[-1], ordered[0]))}"
         )
     return Section(
         "A percept that fails leaves a robot to its own state, the cost paid. The percept "
@@ -117,13 +128,16 @@ def perception_section(name: str, entries: Entries) -> Section:
                 sweep(panels, MEASURES, widths),
             )
         ],
-        findings=[f"Reward of Coop. against the probability of a percept: {'; '.join(findings)}."],
+        findings=[
+            "Reward of Coop. against the probability of a percept (paired differences with "
+            f"standard errors): {'; '.join(findings)}."
+        ],
     )
 
 
 def uneven_section(name: str, entries: Entries) -> Section:
     """Return what uneven common rewards do."""
-    panels, gains = [], []
+    panels, gains, rows = [], [], []
     for scenario in entries.names:
         own = entries.pick(scenario)
         shares = list(dict.fromkeys(_share(entry) for entry in own))
@@ -142,15 +156,41 @@ def uneven_section(name: str, entries: Entries) -> Section:
         panels.append(Panel(scenario, "factors of r^C, robot by robot", curves, ticks))
         for share in shares:
             here = own.pick(test=lambda e, s=share: _share(e) == s)
-            coop, base = (here.pick(learner=n)[0].measure("reward") for n in ("coop", "noncoop"))
-            gains.append((f"{scenario} {share}", coop.mean > base.mean, agrees(coop, base)))
-    better = [text for text, more, _ in gains if more]
-    sure = [text for text, more, same in gains if more and not same]
+            coop, base = (here.pick(learner=n)[0] for n in ("coop", "noncoop"))
+            gains.append((f"{scenario} {share}", difference(coop, base)))
+            rows += _by_robot(coop, base, gains[-1][1])
+    better = [text for text, gain in gains if gain.mean > 0]
+    sure = [f"{text}: {signed(gain)}" for text, gain in gains if surely_positive(gain)]
+    asking = [
+        f"{scenario} {_who_asks(entry)}"
+        for scenario in entries.names
+        for entry in entries.pick(scenario, "coop")
+        if entry.scenario.common_reward.kind != "same"
+    ]
     return Section(
         "r^C need not be the same for all robots (Section 5 of the paper): each robot's r^C is "
         "the penalty times its own factor; `same` is a factor of one for both. Rewards are "
-        "averages over the robots.",
-        [_table(entries, "factors", _share)],
+        "averages over the robots; the second table shows each robot's own.",
+        [
+            _table(entries, "factors", _share),
+            Table(
+                "What each robot earns and how often it asks, means of an episode, beside its "
+                "own factor of r^C; gain: Coop. less Non-coop., averaged over the robots, with "
+                f"the paired standard error ({names_and_settings(entries)}).",
+                [
+                    "scenario",
+                    "factors",
+                    "robot",
+                    "its factor",
+                    "reward, Non-coop.",
+                    "reward, Coop.",
+                    "COORDINATE, Coop.",
+                    "gain of the team (s.e.)",
+                ],
+                rows,
+                left=3,
+            ),
+        ],
         [
             Picture(
                 name,
@@ -160,11 +200,39 @@ def uneven_section(name: str, entries: Entries) -> Section:
             )
         ],
         findings=[
-            f"With uneven r^C, Coop. is worth more than Non-coop. in {len(better)} of "
-            f"{len(gains)} cases, by more than {AGREE:g} standard errors of the difference in: "
-            f"{listed(sure)}."
+            f"With even and uneven r^C, Coop. is worth more than Non-coop. in {len(better)} of "
+            f"{len(gains)} cases, by more than {AGREE:g} standard errors of the paired "
+            f"difference in: {listed(sure)}.",
+            "With uneven r^C, COORDINATE per episode robot by robot, at the factors of r^C: "
+            f"{'; '.join(asking)}.",
         ],
     )
+
+
+def _by_robot(coop: Entry, base: Entry, gain: Measure) -> list[list[str]]:
+    """Return a row for each robot of a team."""
+    scenario = coop.scenario
+    factors = scenario.common_reward.numbers or (1.0,) * len(scenario.robots)
+    rewards = [entry.result.robot_means["reward"] for entry in (base, coop)]
+    asks = coop.result.robot_means["asks"]
+    return [
+        [
+            coop.name,
+            _share(coop),
+            str(k + 1),
+            f"{factor:g}",
+            f"{rewards[0][k]:.2f}",
+            f"{rewards[1][k]:.2f}",
+            f"{asks[k]:.3f}",
+            signed(gain) if k == 0 else NOTHING,
+        ]
+        for k, factor in enumerate(factors)
+    ]
+
+
+def _who_asks(entry: Entry) -> str:
+    asks = " : ".join(f"{mean:.2f}" for mean in entry.result.robot_means["asks"])
+    return f"{asks} at {_share(entry)}"
 
 
 def _share(entry: Entry) -> str:

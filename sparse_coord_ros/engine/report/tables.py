@@ -9,8 +9,9 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 from sparse_coord_ros.core.evaluation import Measure
+from sparse_coord_ros.core.sparse import dense_nbytes
 from sparse_coord_ros.engine.report.entries import Entries, Entry
-from sparse_coord_ros.engine.results import BYTES_A_JOINT_STATE, SUMS
+from sparse_coord_ros.engine.results import BY_ROBOT, SUMS
 
 UNITS = ("B", "kB", "MB", "GB", "TB", "PB", "EB", "ZB", "YB")
 PAPER_MEASURES = ("reward", "time_to_goal", "miscoordinations")
@@ -53,6 +54,11 @@ def with_error(measure: Measure, digits: int = 2) -> str:
     return f"{measure.mean:.{digits}f} ({measure.standard_error:.{digits}f})"
 
 
+def signed(measure: Measure, digits: int = 2) -> str:
+    """Return `+difference (standard error)`."""
+    return f"{measure.mean:+.{digits}f} ({measure.standard_error:.{digits}f})"
+
+
 def optimum(entry: Entry, digits: int = 2) -> str:
     """Return the joint optimum, marked where it is an upper bound only."""
     value = f"{entry.result.optimum:.{digits}f}"
@@ -75,7 +81,7 @@ def size(count: float) -> str:
 
 def dense_bytes(entry: Entry) -> int:
     """Return the bytes of one robot's Q^C with a row for every joint state."""
-    return entry.result.joint_states * BYTES_A_JOINT_STATE
+    return dense_nbytes(len(entry.scenario.map.cells), entry.scenario.perceived)
 
 
 def listed(texts: Sequence[str]) -> str:
@@ -106,6 +112,8 @@ def cell_row(entry: Entry) -> dict[str, object]:
     }
     for name in SUMS:
         row |= {f"{name}_{key}": value for key, value in asdict(result.measure(name)).items()}
+    for name in BY_ROBOT:
+        row[f"{name}_by_robot"] = " ".join(map(repr, result.robot_means[name]))
     for name in PAPER_MEASURES:
         paper = entry.paper(name)
         row[f"paper_{name}_mean"] = paper.mean if paper else ""
@@ -157,7 +165,8 @@ def behaviour(entries: Entries) -> Table:
         "every robot arrives. Failed team: a run in which some robot fails to arrive in more "
         "than one trial of a thousand. COORDINATE: choices per robot and episode. Visited: joint "
         "states that a robot's Q^C has updated while learning, mean over robots; bytes are per "
-        "robot, of the visited rows and of the dense table.",
+        "robot, of the visited rows (their keys included where the table is sparse) and of the "
+        "dense table.",
         [*head, "visited", "bytes visited", "bytes dense"],
         rows,
     )

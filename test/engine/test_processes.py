@@ -1,0 +1,66 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Calls in processes: in order, none left behind, none that waits for a killed one."""
+
+import math
+import os
+import time
+
+import pytest
+
+from sparse_coord_ros.engine.processes import in_processes
+from sparse_coord_ros.errors import RunError
+
+
+def gone(process):
+    """Whether a process ends within some seconds."""
+    for _ in range(100):
+        try:
+            os.kill(process, 0)
+        except ProcessLookupError:
+            return True
+        time.sleep(0.02)
+    return False
+
+
+def test_results_come_in_the_order_of_the_work():
+    work = [(0.5, 2), (2, 3), (3, 2), (2, 0.5), (1, 1)]
+    assert list(in_processes(math.pow, work, 2)) == [a**b for a, b in work]
+    assert list(in_processes(math.pow, work, 9)) == [a**b for a, b in work]
+    assert list(in_processes(math.pow, [], 2)) == []
+
+
+def test_they_are_at_most_as_many_as_asked_for():
+    found = list(in_processes(os.getpid, [()] * 6, 2))
+    assert len(set(found)) <= 2
+    assert os.getpid() not in found
+    assert all(map(gone, set(found)))
+
+
+def test_what_a_call_raises_is_raised():
+    with pytest.raises(ValueError, match="math domain error"):
+        list(in_processes(math.sqrt, [(4,), (-1,), (9,)], 2))
+
+
+def test_a_call_that_is_killed_is_an_error():
+    with pytest.raises(RunError, match="was killed.*--jobs"):
+        list(in_processes(os._exit, [(9,), (9,), (9,)], 2))
+
+
+def test_a_closed_iterator_waits_for_no_call():
+    calls = in_processes(time.sleep, [(0,), (60,), (60,)], 2)
+    next(calls)
+    started = time.monotonic()
+    calls.close()
+    assert time.monotonic() - started < 5
+
+
+def test_no_open_file_is_inherited(tmp_path):
+    with (tmp_path / "lock").open("w") as file:
+        os.set_inheritable(file.fileno(), True)
+        (links,) = in_processes(os.listdir, [("/proc/self/fd",)], 1)
+        (found,) = in_processes(os.path.exists, [(f"/proc/self/fd/{file.fileno()}",)], 1)
+        assert "0" in links
+        if found:  # the number is taken by something else
+            (target,) = in_processes(os.readlink, [(f"/proc/self/fd/{file.fileno()}",)], 1)
+            assert target != str(tmp_path / "lock")
