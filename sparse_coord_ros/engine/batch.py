@@ -9,7 +9,6 @@ as by Ctrl-C, neither goes on for longer than a block of draws.
 """
 
 import os
-import threading
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
@@ -95,8 +94,8 @@ def run_batch(
         return
     # The loops compile when first called: here, where Ctrl-C is heard, and not in a thread.
     CompiledTeam(scenario.with_settings({"steps": 1}), learner, compiled()).run(0, min(trials, 1))
-    cancelled = threading.Event()
-    team = CompiledTeam(scenario, learner, compiled(), cancelled)
+    stop = np.zeros(1, dtype=np.bool_)
+    team = CompiledTeam(scenario, learner, compiled(), stop)
     with ThreadPoolExecutor(jobs) as pool:
         try:
             futures = [pool.submit(team.run, seed, trials) for seed in seeds]
@@ -104,7 +103,7 @@ def run_batch(
                 yield future.result()
                 futures[i] = None  # a run's tables can be large: keep none that was handed out
         finally:
-            cancelled.set()
+            stop[0] = True
             pool.shutdown(wait=True, cancel_futures=True)
 
 
@@ -130,7 +129,7 @@ def _run_plain(scenario: Scenario, learner: str, seed: int, trials: int) -> Run:
     return Run(seed, tables, visited, played)
 
 
-class Cancelled(Exception):  # noqa: N818 - no error: nobody waits for the run any more
+class Stopped(Exception):  # noqa: N818 - no error: nobody waits for the run any more
     """A run was given up between two blocks."""
 
 
@@ -141,7 +140,7 @@ class CompiledTeam:
         scenario: the problem and its protocol.
         learner: "coop", "noncoop" or "indiv".
         loops: the compiled (or plain) loops.
-        cancelled: where it is set, runs raise `Cancelled` at the next block.
+        stop: where its one entry is set, runs raise `Stopped` at the next block.
     """
 
     def __init__(
@@ -149,12 +148,12 @@ class CompiledTeam:
         scenario: Scenario,
         learner: str,
         loops: Loops,
-        cancelled: threading.Event | None = None,
+        stop: np.ndarray | None = None,
     ) -> None:
         self.scenario = scenario
         self.learner = learner
         self._loops = loops
-        self._cancelled = cancelled or threading.Event()
+        self._stop = np.zeros(1, dtype=np.bool_) if stop is None else stop
         everyone = np.arange(len(scenario.robots))
         alone = [everyone[k : k + 1] for k in everyone]
         groups = alone if learner == "indiv" else [everyone]
@@ -177,10 +176,11 @@ class CompiledTeam:
         choice = _choice(len(self.scenario.robots))
         for problem in self._learning:
             game = _game(len(self.scenario.robots), FIRST_STEP)
-            blocks = _Blocks(seed, problem, LEARNING, self._cancelled)
+            kept, draws = self._draws(seed, problem, LEARNING)
             while game.clock[kernels.DONE] < problem.budget:
                 learners = self._with_room(learners)
-                self._loops.learn_block(problem, learners, game, choice, blocks.next())
+                self._loops.learn(problem, learners, game, choice, draws)
+                self._check_wanted()
         return learners
 
     def play(self, learners: kernels.Learners, seed: int, trials: int) -> Trials:
@@ -192,11 +192,11 @@ class CompiledTeam:
         asked, stays = np.zeros((2, team, len(scenario.map.cells)), dtype=np.int64)
         game = _game(team, FIRST_STEP + EPISODE_GAP)
         choice = _choice(team)
-        blocks = _Blocks(seed, problem, EVALUATION, self._cancelled)
+        kept, draws = self._draws(seed, problem, EVALUATION)
         while game.clock[kernels.DONE] < trials:
-            draws = blocks.next()
             learners = self._with_room(learners)
-            self._loops.try_block(problem, learners, game, choice, draws, results, asked, stays)
+            self._loops.play(problem, learners, game, choice, draws, results, asked, stays)
+            self._check_wanted()
         times = results[:, :, kernels.TIME]
         return Trials(
             reward=results[:, :, kernels.REWARD],
@@ -268,58 +268,59 @@ class CompiledTeam:
 
     def _with_room(self, learners: kernels.Learners) -> kernels.Learners:
         """Return learners whose sparse tables stay half empty whatever a block brings."""
-        rows = learners.keys.shape[1]
-        needed = 2 * (int(learners.used.max()) + BLOCK)
-        if rows == 0 or rows >= needed:
+        if kernels.has_room(learners, BLOCK):
             return learners
+        needed = 2 * (int(learners.used.max()) + BLOCK)
         larger = self._with_rows(learners, 1 << (needed - 1).bit_length())
         self._loops.rehash(learners, larger)
         return larger
 
+    def _check_wanted(self) -> None:
+        if self._stop[0]:
+            raise Stopped
 
-class _Blocks:
-    """The draws of a run, block after block: NumPy's own generators, one an agent and role.
+    def _draws(
+        self, seed: int, problem: kernels.Problem, phase: int
+    ) -> tuple[list[np.random.PCG64], kernels.Draws]:
+        """Return NumPy's own generators, one an agent and role, and the space of their draws.
 
-    Roles whose draws nothing looks at are left at 0.
-    """
-
-    def __init__(
-        self, seed: int, problem: kernels.Problem, phase: int, cancelled: threading.Event
-    ) -> None:
-        self._cancelled = cancelled
-        self._first = 0
-        roles = [POLICY, MOTION]
-        if problem.actions > PRIMITIVES:
-            roles.append(PERCEPT)
-        if problem.exploring.any():
-            roles.append(START)
-        self._generators = [
-            (role, k, np.random.Generator(bit_generator(seed, int(k), role, phase)))
-            for k in problem.members
-            for role in roles
-        ]
+        The draws hold addresses of the generators' states: keep the generators while they are
+        used. Roles whose draws nothing looks at have none.
+        """
         team = len(problem.starts)
-        self._space = {role: np.zeros((team, BLOCK, width)) for role, width in DRAWS.items()}
-
-    def next(self) -> kernels.Draws:
-        """Return the next block; raise `Cancelled` where nobody waits for it."""
-        if self._cancelled.is_set():
-            raise Cancelled
-        for role, k, generator in self._generators:
-            generator.random(out=self._space[role][k])
-        draws = kernels.Draws(
-            self._first,
-            self._space[POLICY],
-            self._space[MOTION][:, :, 0],
-            self._space[PERCEPT][:, :, 0],
-            self._space[START],
+        looked_at = {
+            POLICY: True,
+            MOTION: True,
+            PERCEPT: problem.actions > PRIMITIVES,
+            START: bool(problem.exploring.any()),
+        }
+        values = np.zeros(team * BLOCK * sum(DRAWS.values()))
+        spaces, generators, parts = [], [], []
+        first = 0
+        for role, width in DRAWS.items():
+            end = first + team * BLOCK * width
+            spaces.append(values[first:end].reshape(team, BLOCK, width))
+            for k in problem.members if looked_at[role] else ():
+                generators.append(bit_generator(seed, int(k), role, phase))
+                part = first + k * BLOCK * width
+                parts.append((part, part + BLOCK * width))
+            first = end
+        states = [generator.ctypes.state_address for generator in generators]
+        policy, motion, percept, start = spaces
+        return generators, kernels.Draws(
+            policy,
+            motion[:, :, 0],
+            percept[:, :, 0],
+            start,
+            values,
+            np.array(states, dtype=np.uint64),
+            np.array(parts),
+            self._stop,
         )
-        self._first += BLOCK
-        return draws
 
 
 def _game(team: int, step: int) -> kernels.Game:
-    clock = np.zeros(4, dtype=np.int64)
+    clock = np.zeros(6, dtype=np.int64)
     clock[kernels.STEP] = step
     return kernels.Game(clock, np.zeros(team, dtype=np.int64), np.zeros(team, dtype=np.int8))
 

@@ -18,11 +18,15 @@ CALLED = (
     algorithm.greatest,
     algorithm.step_size,
     algorithm.updated,
-    kernels.place,
     kernels.find_row,
     kernels.perceived_row,
+    kernels.draw,
+    kernels.has_room,
+    kernels.place,
     kernels.choose,
     kernels.move,
+    kernels.learn_block,
+    kernels.play_block,
 )
 """Functions that the loops call; they stay plain Python for everyone else."""
 
@@ -30,12 +34,12 @@ CALLED = (
 class Loops(NamedTuple):
     """The loops, ready to be called."""
 
-    learn_block: Callable[..., None]
-    try_block: Callable[..., None]
+    learn: Callable[..., None]
+    play: Callable[..., None]
     rehash: Callable[..., None]
 
 
-PLAIN = Loops(kernels.learn_block, kernels.try_block, kernels.rehash)
+PLAIN = Loops(kernels.learn, kernels.play, kernels.rehash)
 """The loops as plain Python: slow, for tests."""
 
 

@@ -29,9 +29,12 @@ NO_ROW = -1
 FREE_PLACE = -1
 """In place of a key: a free place of a sparse table."""
 
-STEP, EPISODE_START, DONE, PLACED = range(4)
+STEP, EPISODE_START, DONE, PLACED, FIRST, END = range(6)
 """Entries of `Game.clock`: time step, first step of the episode, transitions (or trials) done,
-whether the episode has begun."""
+whether the episode has begun, first step of the block of draws and the step after its last."""
+
+NEXT_DOUBLE = np.random.PCG64().ctypes.next_double
+"""NumPy's C function that makes a generator's next draw in [0, 1), from the state's address."""
 
 REWARD, TIME, ASKS, CONFLICTS = range(4)
 """Last axis of a trial's result."""
@@ -140,20 +143,42 @@ class Choice(NamedTuple):
 
 
 class Draws(NamedTuple):
-    """The draws of a block of time steps, [k, time step - first, draw]."""
+    """The draws of a block of time steps, [k, time step - first step of the block, draw].
 
-    first: int
+    Attributes:
+        policy, motion, percept, start: by role, views of `values`.
+        values: all draws, flat.
+        states: addresses of the generators' states, as NumPy gives them to C.
+        parts: which part of `values` each generator draws, [generator, (first, end)]; draws that
+            nothing looks at have no generator and stay 0.
+        stop: its one entry is set where nobody waits for the result any more.
+    """
+
     policy: np.ndarray
     motion: np.ndarray
     percept: np.ndarray
     start: np.ndarray
+    values: np.ndarray
+    states: np.ndarray
+    parts: np.ndarray
+    stop: np.ndarray
+
+
+def draw(game, draws):
+    """Make the draws of the next block of time steps."""
+    for number in range(len(draws.states)):
+        state = int(draws.states[number])
+        for i in range(draws.parts[number, 0], draws.parts[number, 1]):
+            draws.values[i] = NEXT_DOUBLE(state)
+    game.clock[FIRST] = game.clock[END]
+    game.clock[END] += draws.policy.shape[1]
 
 
 def place(problem, game, draws):
     """Begin an episode: every robot at its start, or at an exploring start."""
     clock = game.clock
     step = clock[STEP]
-    now = step - draws.first
+    now = step - clock[FIRST]
     exploring = problem.exploring[min(step, len(problem.exploring) - 1)]
     for k in range(len(problem.starts)):
         game.cells[k] = problem.starts[k]
@@ -177,6 +202,16 @@ def find_row(keys, key):
     while keys[row] != FREE_PLACE and keys[row] != key:
         row = (row + 1) & mask
     return row
+
+
+def has_room(learners, block):
+    """Whether sparse tables stay half empty whatever a block of so many time steps brings."""
+    rows = learners.keys.shape[1]
+    if rows > 0:
+        for used in learners.used:
+            if 2 * (used + block) > rows:
+                return False
+    return True
 
 
 def rehash(old, new):
@@ -271,17 +306,25 @@ def move(problem, game, choice, draws, now):
     return False
 
 
+def learn(problem, learners, game, choice, draws):
+    """Learn until the budget is used up, a sparse table needs more room, or it is to stop."""
+    block = draws.policy.shape[1]
+    while game.clock[DONE] < problem.budget and not draws.stop[0] and has_room(learners, block):
+        draw(game, draws)
+        learn_block(problem, learners, game, choice, draws)
+
+
 def learn_block(problem, learners, game, choice, draws):
     """Learn until the block of draws, or the budget, is used up (Algorithm 1)."""
     q_star, q_coord = learners.q_star, learners.q_coord
     clock, arrived = game.clock, game.arrived
-    end = draws.first + draws.policy.shape[1]
+    end = clock[END]
     last = len(problem.epsilon) - 1
     while clock[DONE] < problem.budget and clock[STEP] < end:
         if not clock[PLACED]:
             place(problem, game, draws)
         step = clock[STEP]
-        now = step - draws.first
+        now = step - clock[FIRST]
         scheduled = min(step, last)
         choose(problem, learners, game, choice, draws, now, problem.epsilon[scheduled])
         conflict = move(problem, game, choice, draws, now)
@@ -324,7 +367,15 @@ def learn_block(problem, learners, game, choice, draws):
             clock[PLACED] = 0
 
 
-def try_block(problem, learners, game, choice, draws, results, asked, stays):
+def play(problem, learners, game, choice, draws, results, asked, stays):
+    """Play greedy trials until all are played, or as `learn` does; arguments as `play_block`."""
+    block = draws.policy.shape[1]
+    while game.clock[DONE] < problem.budget and not draws.stop[0] and has_room(learners, block):
+        draw(game, draws)
+        play_block(problem, learners, game, choice, draws, results, asked, stays)
+
+
+def play_block(problem, learners, game, choice, draws, results, asked, stays):
     """Play greedy trials until the block of draws, or the trials, are used up.
 
     Args:
@@ -339,13 +390,13 @@ def try_block(problem, learners, game, choice, draws, results, asked, stays):
         stays: counted up where a robot acts, [k, x].
     """
     clock, cells, arrived = game.clock, game.cells, game.arrived
-    end = draws.first + draws.policy.shape[1]
+    end = clock[END]
     never = problem.max_steps + 1
     while clock[DONE] < problem.budget and clock[STEP] < end:
         if not clock[PLACED]:
             place(problem, game, draws)
         step = clock[STEP]
-        now = step - draws.first
+        now = step - clock[FIRST]
         elapsed = step - clock[EPISODE_START]
         result = results[clock[DONE]]
         choose(problem, learners, game, choice, draws, now, 0.0)
