@@ -9,7 +9,7 @@ export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 .PHONY: demo test reproduce study lint bench clean
 
 demo: $(VENV)/installed
-	$(BIN)/sparse_coord run env1 --steps 10000 --seed 7 --out $(RUN)
+	$(BIN)/sparse_coord run env1 --penalty -100 --steps 20000 --seed 1 --out $(RUN)
 	@echo
 	@$(BIN)/sparse_coord evaluate $(RUN) --trials 10000
 
