@@ -198,5 +198,5 @@ def check_tables(scenario: Scenario, tables: Sequence[Tables], learner: str | No
 
 def _measure(values: np.ndarray) -> Measure:
     means = values.mean(axis=1)
-    error = means.std(ddof=1) / math.sqrt(len(means))
+    error = means.std(ddof=1) / math.sqrt(len(means)) if len(means) > 1 else math.nan
     return Measure(float(values.mean()), float(values.std()), float(error))
