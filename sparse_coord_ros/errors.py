@@ -46,7 +46,7 @@ class ResultsError(SparseCoordError):
 
 
 class BagError(SparseCoordError):
-    """A bag cannot be created or written, or a message type's definition is not installed."""
+    """A bag cannot be made, written, read or recovered, or a type's definition is missing."""
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

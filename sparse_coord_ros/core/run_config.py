@@ -45,6 +45,14 @@ RUN_SETTINGS = SettingTable(
         ),
         Setting("tables", str, "", "directory of a run whose tables to begin with; empty: none"),
         Setting("recorded", bool, False, "do not start before a recorder listens"),
+        Setting(
+            "checkpoint",
+            int,
+            10_000,
+            "time steps between two recordings of the learned tables; 0: only at the end",
+            low=0,
+            high=2**31 - 1,
+        ),
     ]
 )
 """Parameters of a run that belong to no scenario."""
@@ -67,6 +75,7 @@ class RunConfig:
     percept_timeout: float = 2.0
     tables: str = ""
     recorded: bool = False
+    checkpoint: int = 10_000
     versions: Mapping[str, str]
 
     def __post_init__(self) -> None:

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Learned tables on disk: `tables.npz` of a team, one file a robot while robots are apart.
+"""Learned tables as bytes and on disk: `tables.npz` of a team, one file a robot that is apart.
 
 For robot k (1-based): `q_star_k`, shape (cells, 5), columns north, south, east, west, COORDINATE;
 `q_coord_k`, shape (cells, cells, 4), first index the own cell. Where Q^C is sparse, instead of
@@ -9,9 +9,11 @@ own cell and then the peers'; `q_coord_rows_k`, shape (rows, 4), their entries; 
 what all others read as. Cells are numbered row by row from the top left, free cells only.
 """
 
+import io
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -28,13 +30,12 @@ def robot_file(directory: Path, robot: str) -> Path:
     return directory / f"tables_{robot}.npz"
 
 
-def save_tables(
-    path: Path, tables: Mapping[int, Tables], *, counts: Mapping[str, int] | None = None
-) -> None:
-    """Write the tables of some robots (numbers from 1) into one file, whole or not at all.
+def pack_tables(tables: Mapping[int, Tables], *, counts: Mapping[str, int] | None = None) -> bytes:
+    """Return the tables of some robots (numbers from 1) as the bytes of an .npz file.
+
+    Equal tables give equal bytes.
 
     Args:
-        path: the file.
         tables: what each robot learned.
         counts: numbers to store beside them, as arrays `count_<name>`.
     """
@@ -47,9 +48,22 @@ def save_tables(
             arrays[f"q_coord_unseen_{number}"] = np.float64(pair.q_coord.unseen)
         else:
             arrays[f"q_coord_{number}"] = pair.q_coord
+    file = io.BytesIO()
+    np.savez_compressed(file, **arrays)
+    return file.getvalue()
+
+
+def save_tables(
+    path: Path, tables: Mapping[int, Tables], *, counts: Mapping[str, int] | None = None
+) -> None:
+    """Write what `pack_tables` returns into a file, whole or not at all."""
+    write_tables(path, pack_tables(tables, counts=counts))
+
+
+def write_tables(path: Path, data: bytes) -> None:
+    """Write the bytes of tables into a file, whole or not at all."""
     partial = path.with_suffix(".partial")
-    with partial.open("wb") as file:
-        np.savez_compressed(file, **arrays)
+    partial.write_bytes(data)
     os.replace(partial, path)
 
 
@@ -58,22 +72,83 @@ def save_team(directory: Path, tables: Sequence[Tables]) -> None:
     save_tables(directory / TEAM_FILE, dict(enumerate(tables, start=1)))
 
 
+def unpack_tables(data: bytes, numbers: Sequence[int], *, where: str) -> list[Tables]:
+    """Read the tables of the given robots (numbers from 1) from the bytes of an .npz file.
+
+    Raises:
+        TablesError: not a tables file, or a robot is not in it; `where` says where they are from.
+    """
+    return _read(data, where, lambda file: [_load_pair(file, k) for k in numbers])
+
+
+def unpack_robot(data: bytes, number: int, *, where: str) -> tuple[Tables, dict[str, int]]:
+    """Read one robot's tables (numbers from 1) and the numbers stored beside them.
+
+    Raises:
+        TablesError: as `unpack_tables`, or a number beside them is none.
+    """
+    return _read(data, where, lambda file: (_load_pair(file, number), _counts(file)))
+
+
+def unpack_counts(data: bytes, *, where: str = "tables") -> dict[str, int]:
+    """Return the numbers stored beside tables in the bytes of an .npz file.
+
+    Raises:
+        TablesError: not a tables file, or one of them is no number.
+    """
+    return _read(data, where, _counts)
+
+
+def _read(data: bytes, where: str, take: Callable[[Mapping[str, np.ndarray]], Any]) -> Any:
+    """Return what `take` takes out of an .npz file; TablesError for whatever is wrong with it."""
+    try:
+        with np.load(io.BytesIO(data), allow_pickle=False) as file:
+            return take(file)
+    except KeyError as error:
+        raise TablesError(
+            f"{where}: {error.args[0]}; use a file that run or train wrote"
+        ) from None
+    except Exception as error:  # zip, zlib and NumPy's parser raise what a broken file makes them
+        raise _unreadable(where, error) from None
+
+
+def _counts(file: Mapping[str, np.ndarray]) -> dict[str, int]:
+    """Return the numbers `count_<name>`; raise whatever a malformed array makes NumPy raise."""
+    counts = {}
+    for name in file:
+        if name.startswith("count_"):
+            if file[name].shape != () or file[name].dtype.kind not in "iu":
+                raise ValueError(f"{name} is no whole number")
+            counts[name.removeprefix("count_")] = int(file[name])
+    return counts
+
+
 def load_tables(path: Path, numbers: Sequence[int]) -> list[Tables]:
     """Read the tables of the given robots (numbers from 1) from one file.
 
     Raises:
         TablesError: no such file, not a tables file, or a robot is not in it.
     """
+    return unpack_tables(_bytes_of(path), numbers, where=str(path))
+
+
+def load_counts(path: Path) -> dict[str, int]:
+    """Return the numbers stored beside a robot's tables in its file; errors as `load_tables`."""
+    return unpack_counts(_bytes_of(path), where=str(path))
+
+
+def _bytes_of(path: Path) -> bytes:
     try:
-        with np.load(path, allow_pickle=False) as file:
-            return [_load_pair(file, k) for k in numbers]
-    except KeyError as error:
-        raise TablesError(f"{path}: {error.args[0]}; use a file that run or train wrote") from None
-    except Exception as error:  # zip, zlib and NumPy's parser raise what a broken file makes them
-        problem = " ".join(str(error).split())
-        raise TablesError(
-            f"{path}: cannot be read as tables ({problem}); use a file that run or train wrote"
-        ) from None
+        return path.read_bytes()
+    except OSError as error:
+        raise _unreadable(str(path), error) from None
+
+
+def _unreadable(where: str, error: Exception) -> TablesError:
+    problem = " ".join(str(error).split())
+    return TablesError(
+        f"{where}: cannot be read as tables ({problem}); use a file that run or train wrote"
+    )
 
 
 def _load_pair(file: Mapping[str, np.ndarray], number: int) -> Tables:
@@ -85,13 +160,6 @@ def _load_pair(file: Mapping[str, np.ndarray], number: int) -> Tables:
     rows = file[f"q_coord_rows_{number}"].astype(np.float64, casting="safe")
     unseen = float(file[f"q_coord_unseen_{number}"])
     return Tables(q_star, SparseTable(len(q_star), keys.shape[1], unseen, keys, rows))
-
-
-def load_counts(path: Path) -> dict[str, int]:
-    """Return the numbers stored beside a robot's tables."""
-    with np.load(path, allow_pickle=False) as file:
-        names = [name for name in file.files if name.startswith("count_")]
-        return {name.removeprefix("count_"): int(file[name]) for name in names}
 
 
 def load_team(directory: Path, scenario: Scenario) -> list[Tables]:

@@ -34,6 +34,12 @@ class RobotPort(Protocol):
     def percept(self, step: int, cell: int, perceived: tuple[int, ...] | None) -> None:
         """Publish what came of COORDINATE: the peers' cells, or None for a failed percept."""
 
+    def episode(self, step: int) -> None:
+        """An episode begins for this robot at a time step, before it acts in it."""
+
+    def checkpoint(self, step: int) -> None:
+        """Publish the tables: all is learned that happened before a time step, and no more."""
+
 
 class Answer(NamedTuple):
     """The asked robot's side of COORDINATE.
@@ -106,6 +112,7 @@ class RobotProtocol:
         self._rewards: dict[int, float] = {}
         self._pending: Pending | None = None
         self._asking: Asking | None = None
+        self._checkpoint = run.checkpoint
         self._handled = BEFORE_ANY_STEP
         self._episode_start = NO_STEP
         self._transitions = 0
@@ -125,6 +132,14 @@ class RobotProtocol:
         if self._states and self._pending is not None:
             return ("reward", self._pending.step)
         return None
+
+    @property
+    def handled(self) -> int:
+        """The time step that the tables are of: of the last local state that was worked off.
+
+        All is learned that happened before it; 0 before the first state.
+        """
+        return max(self._handled, NO_STEP)
 
     @property
     def asking(self) -> int:
@@ -220,7 +235,11 @@ class RobotProtocol:
                 self._transitions += 1
             else:
                 self._episode_start = step
-            self._handled = step
+                self._port.episode(step)
+            before, self._handled = self._handled, step
+            if self._checkpoint and before // self._checkpoint < step // self._checkpoint:
+                if before != BEFORE_ANY_STEP:
+                    self._port.checkpoint(step)
             if not self._states and not self._rests(step, cell):
                 self._choose(step, cell)
 

@@ -20,6 +20,9 @@ class WorldPort(Protocol):
     def reward(self, robot: int, step: int, reward: Reward) -> None:
         """Publish the reward of a robot's action at a time step."""
 
+    def episode(self, step: int) -> None:
+        """An episode begins at a time step, whose states follow."""
+
 
 class WorldProtocol:
     """Drives one `World` by messages.
@@ -66,6 +69,7 @@ class WorldProtocol:
 
     def start(self) -> None:
         """Publish the first joint state."""
+        self._port.episode(self.world.step)
         self._publish_states()
 
     def action(self, robot: int, step: int, action: Action) -> bool:
@@ -102,6 +106,7 @@ class WorldProtocol:
         self._actions = [None] * len(self._robots)
         self._rewards = [None] * len(self._robots)
         self.world.begin_episode()
+        self._port.episode(self.world.step)
         self._publish_states()
 
     def expire(self) -> list[int]:

@@ -8,6 +8,10 @@ import sys
 
 import pytest
 
+from sparse_coord_ros.core.run_config import make_run
+from sparse_coord_ros.core.scenario import load_scenario
+from sparse_coord_ros.recording import BagWriter
+
 WITHOUT_ROS = """
 import importlib, pkgutil, sys
 ROS = ("rclpy", "rcl_interfaces", "std_msgs", "std_srvs", "geometry_msgs", "nav_msgs",
@@ -44,6 +48,7 @@ def python(code):
         ("core", 14, {"core"}),
         ("protocol", 2, {"core", "protocol"}),
         ("recording", 5, {"recording"}),
+        ("runlog", 10, {"core", "recording", "runlog"}),
         ("engine", 20, {"core", "engine"}),
     ],
 )
@@ -96,13 +101,20 @@ def test_help_of_the_large_verbs_compiles_and_draws_nothing(verb):
     assert out.splitlines()[-1] == "[]"
 
 
-def test_command_line_without_ros():
+def test_command_line_without_ros(tmp_path):
+    (tmp_path / "text").write_text("no bag")
+    with BagWriter(tmp_path / "bag") as bag:
+        bag.add_metadata("sparse_coord_ros", {"seed": "1"})
+        bag.attach("run.yaml", make_run(load_scenario("env1"), {}).to_yaml().encode(), "")
     out = python(
         "from sparse_coord_ros.cli.main import main\n"
         "assert main(['maps', 'env1']) == 0\n"
         "assert main(['optimum', 'env1']) == 0\n"
         "assert main(['run', 'env1', '--out', '/nonexistent/out']) == 2\n"
+        f"for verb, code in dict(info=0, verify=1, explain=0, recover=0).items():\n"
+        f"    assert main([verb, {str(tmp_path / 'bag')!r}]) == code, verb\n"
+        f"    assert main([verb, {str(tmp_path / 'text')!r}]) == 2, verb\n"
         "assert not [n for n in sys.modules if n.startswith('sparse_coord_ros.nodes')]"
     )
-    assert "21 cells" in out
-    assert "121.89" in out
+    for words in ("21 cells", "121.89", "env1, coop, seed 0", "differs: ", "no COORDINATE"):
+        assert words in out

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tables on disk: bits kept, broken files refused with a line, nothing half written."""
 
+import contextlib
+
 import numpy as np
 import pytest
 
@@ -14,9 +16,13 @@ from sparse_coord_ros.core.tables import (
     load_counts,
     load_tables,
     load_team,
+    pack_tables,
     robot_file,
     save_tables,
     save_team,
+    unpack_counts,
+    unpack_robot,
+    unpack_tables,
 )
 from sparse_coord_ros.errors import TablesError
 
@@ -73,6 +79,14 @@ def test_sparse_team_round_trip(tmp_path, sparse_team):
         **{f"q_coord_rows_{k}": ((rows[k - 1], 4), float) for k in (1, 2, 3)},
         **{f"q_coord_unseen_{k}": ((), float) for k in (1, 2, 3)},
     }
+
+
+def test_equal_tables_are_equal_bytes(team):
+    data, again = (pack_tables({1: team[0], 2: team[1]}, counts={"step": 7}) for _ in range(2))
+    assert data == again
+    assert tables_equal(unpack_tables(data, [1, 2], where="here"), team)
+    assert unpack_counts(data) == {"step": 7}
+    assert "here" in refusal(lambda: unpack_tables(data[:-40], [1], where="here"))
 
 
 def test_the_order_of_learning_does_not_show_in_the_file(tmp_path, sparse_team):
@@ -159,6 +173,34 @@ def test_a_robot_that_is_not_in_the_file(tmp_path, team):
     message = refusal(load_team, tmp_path, load_scenario("env2-4r"))
     for words in (TEAM_FILE, "q_star_3", "run or train"):
         assert words in message
+
+
+def test_numbers_beside_the_tables_that_are_spoiled(tmp_path, team):
+    """Whatever byte is wrong: refused or without effect, by each function that reads them."""
+    whole = pack_tables({1: team[0]}, counts={"late": 3, "step": 7})
+    path, refused = tmp_path / "tables_robot_1.npz", 0
+    places = [*range(whole.index(b"count_late"), whole.index(b"q_star_1"))]
+    for place in places + [*range(whole.rindex(b"count_late") - 46, len(whole), 3)]:
+        data = whole[:place] + bytes([whole[place] ^ 0x2B]) + whole[place + 1 :]
+        path.write_bytes(data)
+        try:
+            tables, counts = unpack_robot(data, 1, where="here")
+            assert tables_equal([tables], team[:1])
+            assert {"late": 3, "step": 7}.items() >= counts.items() == load_counts(path).items()
+        except TablesError as error:
+            assert "\n" not in str(error)
+            refused += 1
+            with contextlib.suppress(TablesError):
+                load_counts(path)
+    assert refused > 50
+    path.unlink()
+    assert "cannot be read as tables" in refusal(load_counts, path)
+
+
+@pytest.mark.parametrize("number", [np.array([1, 2]), np.array(["x"]), np.float64(1.5)])
+def test_a_count_that_is_no_number(tmp_path, number):
+    np.savez(tmp_path / "odd.npz", count_late=number)
+    assert "count_late is no whole number" in refusal(load_counts, tmp_path / "odd.npz")
 
 
 @pytest.mark.parametrize("content", [b"", b"just text", b"PK\x03\x04 no zip"])

@@ -21,7 +21,7 @@ class Port:
     """Writes down what the robot does."""
 
     def __init__(self):
-        self.done = []
+        self.done, self.episodes = [], []
 
     def ask(self, peer, step, cell):
         self.done.append(("ask", peer, step, cell))
@@ -32,12 +32,18 @@ class Port:
     def percept(self, step, cell, perceived):
         self.done.append(("percept", step, cell, perceived))
 
+    def episode(self, step):
+        self.episodes.append(step)
+
+    def checkpoint(self, step):
+        self.done.append(("checkpoint", step))
+
     def take(self):
         done, self.done = self.done, []
         return done
 
 
-def make_robot(**settings):
+def make_robot(*, run=None, **settings):
     """Return robot 1 of env1 (goal: cell 20): it goes south, and asks in cell 5."""
     scenario = load_scenario("env1").with_settings({**SETTINGS, **settings})
     q_star = np.tile([0.0, 9.0, 1.0, 2.0, 3.0], (21, 1))
@@ -45,7 +51,7 @@ def make_robot(**settings):
     q_coord = np.zeros((21, 21, 4))
     q_coord[ASKING_CELL, :, EAST] = 7.0
     agent = Agent(scenario, 0, 0, tables=Tables(q_star, q_coord))
-    return RobotProtocol(make_run(scenario, {}), agent, Port())
+    return RobotProtocol(make_run(scenario, run or {}), agent, Port())
 
 
 @pytest.fixture
@@ -402,3 +408,26 @@ def test_the_model_decides_from_both_places():
     robot.state(1, 0)  # the north-west corner
     assert robot.asked(1, 1, 3).cell is None  # behind the wall
     assert robot.asked(1, 1, 1).cell == 0
+
+
+def test_checkpoints_and_episodes_are_told_before_the_action():
+    robot = make_robot(run={"checkpoint": 5})
+    port = robot._port
+    robot.state(4, 0)
+    assert port.take() == [("act", 4, GO)]
+    robot.state(5, 1)
+    assert port.take() == [], "not before the reward, which belongs to what was learned"
+    robot.reward(4, 4.0)
+    assert port.take() == [("checkpoint", 5), ("act", 5, GO)]
+    assert robot.handled == 5
+    robot.state(12, 0)
+    assert port.take() == [("checkpoint", 12), ("act", 12, GO)]
+    assert port.episodes == [4, 12]
+
+
+def test_no_checkpoint_at_the_first_state_or_where_none_is_wanted():
+    for checkpoint, first in ((5, 7), (0, 1)):
+        robot = make_robot(run={"checkpoint": checkpoint})
+        assert robot.handled == 0
+        robot.state(first, 0)
+        assert robot._port.take() == [("act", first, GO)]

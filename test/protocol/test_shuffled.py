@@ -66,6 +66,12 @@ class RobotPort:
     def act(self, step, action):
         self.network.put(("action", self.number), (step, action))
 
+    def episode(self, step):
+        pass
+
+    def checkpoint(self, step):
+        pass
+
     def percept(self, step, cell, perceived):
         self.network.percepts.append((self.number, step, cell, perceived))
 
@@ -106,6 +112,9 @@ class Network:
     def reward(self, robot, step, reward):
         self.history[robot][step]["reward"] = reward.total
         self.put(("reward", robot), (step, reward))
+
+    def episode(self, step):
+        pass
 
     # Delivery.
 

@@ -21,13 +21,16 @@ class Port:
     """Writes down what the world says."""
 
     def __init__(self):
-        self.said = []
+        self.said, self.episodes = [], []
 
     def state(self, robot, step, cell):
         self.said.append(("state", robot, step, cell))
 
     def reward(self, robot, step, reward):
         self.said.append(("reward", robot, step, reward.total))
+
+    def episode(self, step):
+        self.episodes.append(step)
 
     def take(self):
         said, self.said = self.said, []
@@ -57,6 +60,12 @@ def port(world):
 
 def test_start_says_every_state(port):
     assert port.take() == [("state", 0, 1, 0), ("state", 1, 1, 3)]
+    assert port.episodes == [1]
+
+
+def test_an_episode_is_told(world, port):
+    world.new_episode()
+    assert port.episodes == [1, world.world.step]
 
 
 def test_the_barrier_opens_with_the_last_action(world, port):

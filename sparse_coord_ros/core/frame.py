@@ -1,0 +1,102 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Time steps and cells as the seconds and metres that messages speak of, and back.
+
+The nodes and whoever reads their log use this same object, so that both mean the same.
+"""
+
+from collections.abc import Sequence
+from math import isfinite
+from typing import Any
+
+from sparse_coord_ros.core.grid import MOVES, GridMap
+from sparse_coord_ros.core.run_config import RunConfig
+from sparse_coord_ros.core.world import Action
+
+SECOND = 1_000_000_000
+"""Nanoseconds."""
+
+REWARD_LABELS = ("individual", "common", "ask_cost", "total")
+"""What the numbers of a reward are called in its message."""
+
+ACTION_LABELS = ("east", "north", "coordinate", "peer", "perceived")
+"""What the numbers of an action are called in its message."""
+
+EAST_NORTH = [(float(column), float(-row)) for row, column in MOVES]
+"""The primitive actions as unit vectors (x east, y north: REP-103)."""
+MOVE_OF = {vector: move for move, vector in enumerate(EAST_NORTH)}
+
+
+class Frame:
+    """The frame `map` and the clock of one run.
+
+    Args:
+        run: the run; time step t is stamped t * step_period seconds, the map's lower left corner
+            is the origin, x points east, y north.
+
+    Attributes:
+        grid: the map.
+        resolution: metres a cell.
+        period: nanoseconds a time step.
+    """
+
+    def __init__(self, run: RunConfig) -> None:
+        self.grid: GridMap = run.scenario.map
+        self.resolution = run.resolution
+        self.period = round(run.step_period * SECOND)
+        rows = self.grid.shape[0]
+        self.centres = [
+            ((column + 0.5) * self.resolution, (rows - row - 0.5) * self.resolution)
+            for row, column in self.grid.cells
+        ]
+        self._cells = {centre: cell for cell, centre in enumerate(self.centres)}
+
+    def stamp(self, step: int) -> tuple[int, int]:
+        """Return (sec, nanosec) of a time step."""
+        return divmod(step * self.period, SECOND)
+
+    def step(self, sec: int, nanosec: int) -> int:
+        """Return the time step of a stamp (the nearest one)."""
+        return (sec * SECOND + nanosec + self.period // 2) // self.period
+
+    def cell(self, x: float, y: float) -> int | None:
+        """Return the free cell at a position in metres, or None where there is none."""
+        cell = self._cells.get((x, y))
+        if cell is None and isfinite(x) and isfinite(y):
+            rows = self.grid.shape[0]
+            position = (rows - 1 - int(y // self.resolution), int(x // self.resolution))
+            cell = self.grid.number.get(position)
+        return cell
+
+
+def flat_position(pose: Any) -> tuple[float, float]:
+    """Return (x, y) of a pose message; ValueError where it is turned or off the ground."""
+    place, turn = pose.position, pose.orientation
+    if (place.z, turn.x, turn.y, turn.z, turn.w) != (0.0, 0.0, 0.0, 0.0, 1.0):
+        raise ValueError("holds a pose that is not flat on the map")
+    return place.x, place.y
+
+
+def action_numbers(action: Action) -> tuple[float, ...]:
+    """Return the numbers of `ACTION_LABELS`; peers count from 1, 0 is none."""
+    return (
+        *EAST_NORTH[action.move],
+        float(action.asked),
+        float(action.peer + 1),
+        float(action.perceived),
+    )
+
+
+def action_from(numbers: Sequence[float]) -> Action:
+    """Return the action that the numbers of `ACTION_LABELS` say.
+
+    Raises:
+        ValueError: (east, north) is no primitive action, or peer is no number.
+    """
+    east, north, asked, peer, perceived = numbers
+    move = MOVE_OF.get((east, north))
+    if move is None:
+        raise ValueError(f"(east, north) is ({east:g}, {north:g}), no primitive action")
+    if not isfinite(peer):
+        raise ValueError(f"peer is {peer:g}, no robot's number")
+    return Action(move, bool(asked), int(peer) - 1, bool(perceived))
