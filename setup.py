@@ -20,18 +20,28 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
-        (f"share/{PACKAGE}/config", glob("config/*.yaml")),
+        (f"share/{PACKAGE}/config", glob("config/*.yaml") + ["config/fastdds.xml"]),
         (f"share/{PACKAGE}/maps", glob("maps/*.txt")),
         (f"share/{PACKAGE}/launch", glob("launch/*.launch.py")),
     ],
     zip_safe=False,
-    install_requires=["setuptools", "numpy", "PyYAML", "mcap>=1.6", "matplotlib", "tqdm"],
+    install_requires=[
+        "setuptools",
+        "numpy",
+        "PyYAML",
+        "mcap>=1.6,<2",
+        "lz4",
+        "zstandard",
+        "mcap-ros2-support",
+        "matplotlib",
+        "tqdm",
+    ],
     extras_require={
         # ROS 2 from PyPI, for machines that have none; never needed beside an installed ROS 2.
         "ros": ["ros-jazzy-rclpy[fastrtps]", "ros-jazzy-common-interfaces"],
         # Compiles the batch engine: the same results, two orders of magnitude faster.
         "fast": ["numba"],
-        "test": ["pytest", "rosbags", "mcap-ros2-support"],
+        "test": ["pytest", "pytest-xdist", "rosbags", "pandas", "pymcap-cli"],
         "lint": ["ruff"],
     },
     entry_points={
@@ -40,6 +50,7 @@ setup(
             "robot = sparse_coord_ros.executables:robot",
             "recorder = sparse_coord_ros.executables:recorder",
             "team = sparse_coord_ros.executables:team",
+            "player = sparse_coord_ros.executables:player",
             "sparse_coord = sparse_coord_ros.executables:sparse_coord",
         ]
     },

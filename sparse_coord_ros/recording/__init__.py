@@ -5,17 +5,25 @@
 from sparse_coord_ros.errors import BagError
 from sparse_coord_ros.recording.metadata import TopicSummary, bag_information, metadata_yaml
 from sparse_coord_ros.recording.qos import QoS, offered_qos_profiles
+from sparse_coord_ros.recording.reader import Attachment, Attachments, Bag, Message, open_bag
 from sparse_coord_ros.recording.schemas import schema_text, type_hash
+from sparse_coord_ros.recording.topics import Topic
 from sparse_coord_ros.recording.writer import BagWriter
 
 __all__ = [
+    "Attachment",
+    "Attachments",
+    "Bag",
     "BagError",
     "BagWriter",
+    "Message",
     "QoS",
+    "Topic",
     "TopicSummary",
     "bag_information",
     "metadata_yaml",
     "offered_qos_profiles",
+    "open_bag",
     "schema_text",
     "type_hash",
 ]

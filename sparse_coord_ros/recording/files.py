@@ -1,19 +1,26 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The files of a bag: new, compressed by chunks, unbuffered, every failure a `BagError`."""
+"""The files of a bag: new, unbuffered, locked while they grow, every failure a `BagError`."""
 
-import importlib.util
+import contextlib
+import errno
+import fcntl
 import os
+import stat
 from pathlib import Path
+from typing import BinaryIO
 
 from mcap.writer import CompressionType
 
 from sparse_coord_ros.errors import BagError
 
+PARTIAL = ".partial"
+"""What the name of a file ends with until it is finished."""
+
 _COMPRESSIONS = {
-    "zstd": (CompressionType.ZSTD, "zstandard"),
-    "lz4": (CompressionType.LZ4, "lz4"),
-    "none": (CompressionType.NONE, None),
+    "zstd": CompressionType.ZSTD,
+    "lz4": CompressionType.LZ4,
+    "none": CompressionType.NONE,
 }
 
 
@@ -21,19 +28,22 @@ class BagFile:
     """A new file, as an output stream of `mcap.writer.Writer`.
 
     Unbuffered: what is written is with the operating system, and survives the process. The first
-    failure is final, for it may have cut a record short.
+    failure is final; the file then ends with the last whole record. Until it is closed the file
+    is locked, so that nobody recovers what is still being recorded.
 
     Attributes:
-        path: the file.
+        path: the file; its name ends with `.partial` until `finish`.
         refusal: why the file takes nothing more, or None while it does.
     """
 
     def __init__(self, path: Path) -> None:
-        """Create the file; an OSError passes, `create_bag_file` explains it."""
-        self.path = path
+        """Create the file, `.partial`; an OSError passes, `create_bag_file` explains it."""
+        self.path = path.with_name(path.name + PARTIAL)
         self.refusal: str | None = None
         self._position = 0
-        self._file = open(path, "xb", buffering=0)
+        self._file = open(self.path, "xb", buffering=0)
+        with contextlib.suppress(OSError):  # some network file systems have no locks
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
     @property
     def closed(self) -> bool:
@@ -48,6 +58,7 @@ class BagFile:
     def write(self, data: bytes) -> None:
         """Write all bytes, or raise BagError with the cause and the place."""
         rest = memoryview(data)
+        begin = self._position
         try:
             while rest:
                 # A nearly full disk takes a part and fails with the next call.
@@ -57,8 +68,11 @@ class BagFile:
         except OSError as error:
             self.refusal = (
                 f"cannot write {self.path} beyond {self._position} bytes: {error.strerror}; the "
-                "recording ends there, unfinished: make room or choose another directory"
+                "recording ends there, unfinished: make room or choose another directory, and "
+                "finish what there is with sparse_coord recover"
             )
+            with contextlib.suppress(OSError):
+                self._file.truncate(begin)
             raise BagError(self.refusal) from error
 
     def tell(self) -> int:
@@ -67,6 +81,20 @@ class BagFile:
 
     def flush(self) -> None:
         """Do nothing: there is no buffer."""
+
+    def finish(self) -> None:
+        """Let the disk have everything, then drop `.partial` from the name; raises BagError."""
+        whole = self.path.with_name(self.path.name.removesuffix(PARTIAL))
+        try:
+            if whole.exists():
+                raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST))
+            os.fsync(self._file.fileno())
+            self.path = self.path.rename(whole)
+            sync_directory(whole.parent)
+        except OSError as error:
+            raise BagError(
+                f"cannot finish {self.path} as {whole.name}: {error.strerror}; all is in it"
+            ) from error
 
     def close(self) -> None:
         """Close the file; raises BagError if the system reports a late failure."""
@@ -79,13 +107,10 @@ class BagFile:
 
 
 def chunk_compression(compression: str) -> CompressionType:
-    """Return mcap's name for a chunk compression; raises BagError if it is not available."""
+    """Return mcap's name for a chunk compression; raises BagError if there is no such one."""
     if compression not in _COMPRESSIONS:
         raise BagError(f"compression is {compression!r}: give one of {', '.join(_COMPRESSIONS)}")
-    compression_type, module = _COMPRESSIONS[compression]
-    if module is not None and importlib.util.find_spec(module) is None:
-        raise BagError(f"compression {compression} needs the Python package {module}: install it")
-    return compression_type
+    return _COMPRESSIONS[compression]
 
 
 def create_bag_file(directory: Path, file_name: str) -> BagFile:
@@ -104,12 +129,53 @@ def create_bag_file(directory: Path, file_name: str) -> BagFile:
         ) from error
 
 
+def open_to_read(path: Path) -> BinaryIO:
+    """Open a file; raises BagError if there is none, also at once of a pipe or a device."""
+    try:
+        # A pipe would otherwise be waited for.
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        if stat.S_ISREG(os.fstat(descriptor).st_mode):
+            return open(descriptor, "rb")
+    except OSError as error:
+        raise BagError(f"cannot read {path}: {error.strerror}") from error
+    os.close(descriptor)
+    raise BagError(f"cannot read {path}: it is not a file")
+
+
+def being_recorded(path: Path) -> bool:
+    """Whether a recorder holds the file's lock; raises BagError."""
+    with open_to_read(path) as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+        except OSError:  # no locks in this file system
+            pass
+    return False
+
+
+def sync_directory(directory: Path) -> None:
+    """Let the disk have the names in a directory; an OSError passes."""
+    descriptor = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    except OSError as error:
+        if error.errno != errno.EINVAL:  # this file system has nothing to do
+            raise
+    finally:
+        os.close(descriptor)
+
+
 def write_whole(path: Path, text: str) -> None:
-    """Write a text file all or nothing: its presence says that the bag is finished."""
+    """Write a text file all or nothing, and let the disk have it."""
     draft = path.with_name(f".{path.name}")
     try:
-        draft.write_text(text, encoding="utf-8")
+        with draft.open("w", encoding="utf-8") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
         os.replace(draft, path)
+        sync_directory(path.parent)
     except OSError as error:
         draft.unlink(missing_ok=True)
         raise BagError(f"cannot write {path}: {error.strerror}; make room") from error

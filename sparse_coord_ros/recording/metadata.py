@@ -12,6 +12,10 @@ from typing import Any
 
 from sparse_coord_ros.recording.qos import QoS, yaml_text
 
+METADATA_FILE = "metadata.yaml"
+METADATA_RECORD = "rosbag2"
+RECOVERED_RECORD = "recovered"
+"""Name of the metadata record that `recover` leaves in what it made of a broken bag."""
 METADATA_VERSION = 9
 ROS_DISTRO = "jazzy"
 

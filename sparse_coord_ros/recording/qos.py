@@ -6,6 +6,7 @@ A player offers what the recording says: without `transient_local` in the bag a 
 no longer latched.
 """
 
+import functools
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from typing import Any
@@ -80,6 +81,39 @@ def offered_qos_profiles(profiles: Iterable[QoS]) -> str:
         A YAML sequence as rosbag2 (metadata version 9) writes it, without a final newline.
     """
     return yaml_text([profile.as_mapping() for profile in profiles])
+
+
+_OLD_NAMES = {
+    "reliability": ("reliable", "reliable", "best_effort"),
+    "durability": ("volatile", "transient_local", "volatile"),
+    "history": ("keep_last", "keep_last", "keep_all"),
+}
+"""Policies by rmw's numbers, as rosbag2 before version 9 wrote them; 0: the system's default."""
+
+
+@functools.lru_cache
+def profiles_from_text(text: str) -> tuple[QoS, ...]:
+    """Return the profiles of a channel's `offered_qos_profiles`, in any version's spelling.
+
+    Raises:
+        BagError: the text is not YAML, or not a list of profiles.
+    """
+    try:
+        entries = yaml.safe_load(text) or []
+        return tuple(_profile(entry) for entry in entries)
+    except (yaml.YAMLError, RecursionError, ValueError, TypeError, AttributeError) as error:
+        raise BagError("its QoS profiles cannot be read") from error
+
+
+def _profile(entry: dict[str, Any]) -> QoS:
+    values = {}
+    for name, old_names in _OLD_NAMES.items():
+        value = entry.get(name, 0)
+        if isinstance(value, int):
+            value = old_names[value] if 0 <= value < len(old_names) else old_names[0]
+        # What rosbag2 calls unknown, system_default or best_available.
+        values[name] = value if value in _ALLOWED[name] else old_names[0]
+    return QoS(depth=entry.get("depth", QoS.depth), **values)
 
 
 class _Dumper(yaml.SafeDumper):

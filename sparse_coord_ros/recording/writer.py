@@ -10,30 +10,38 @@ from mcap.writer import Writer
 from sparse_coord_ros import __version__
 from sparse_coord_ros.errors import BagError
 from sparse_coord_ros.recording.files import chunk_compression, create_bag_file, write_whole
-from sparse_coord_ros.recording.metadata import TopicSummary, bag_information, metadata_yaml
+from sparse_coord_ros.recording.metadata import (
+    METADATA_FILE,
+    METADATA_RECORD,
+    TopicSummary,
+    bag_information,
+    metadata_yaml,
+)
 from sparse_coord_ros.recording.qos import QoS, offered_qos_profiles, yaml_text
+from sparse_coord_ros.recording.records import LARGEST_RECORD, LATEST_NS
 from sparse_coord_ros.recording.schemas import schema_text, type_hash
+from sparse_coord_ros.recording.topics import Topic
 
 DEFAULT_CHUNK_SIZE = 256 * 1024
 """Bytes of uncompressed messages in a chunk: what a killed process loses at most."""
 
-# rosbag2 holds times as signed 64 bit nanoseconds.
-_MAX_TIME_NS = 2**63 - 1
+_LARGEST_CHUNK_SIZE = LARGEST_RECORD // 4
 
 
 class BagWriter:
-    """Writes one bag: a new directory with `<name>_0.mcap` and, once closed, `metadata.yaml`.
+    """Writes one bag: a new directory with `<name>_0.mcap` and `metadata.yaml`.
 
-    Every chunk is handed to the operating system as soon as it is full, and by `flush`: a bag
-    that is never closed holds these chunks complete, but has no summary and no `metadata.yaml`,
-    which marks it as unfinished. As a context manager the writer closes the bag on success and
-    abandons it on an exception, so that a broken run does not look whole. The same calls give the
-    same bytes. Not thread-safe: one thread, or one lock, for all calls.
+    Until it is closed the file is `<name>_0.mcap.partial`, alone in its directory. Every chunk is
+    handed to the operating system as soon as it is full, and by `flush`: a bag that is never
+    closed holds these chunks complete, for `open_bag` to read and `recover` to finish. As a
+    context manager the writer closes the bag on success and abandons it on an exception, so that
+    a broken run does not look whole. The same calls give the same bytes. Not thread-safe: one
+    thread, or one lock, for all calls.
 
     Args:
         directory: the bag's directory, made here with its parents; must not exist.
         compression: of chunks: `zstd`, `lz4` or `none`.
-        chunk_size: bytes of uncompressed messages after which a chunk is written.
+        chunk_size: bytes of uncompressed messages after which a chunk is written, up to 64 MiB.
         name: stem of the MCAP file; the directory's name by default.
 
     Raises:
@@ -50,8 +58,10 @@ class BagWriter:
     ) -> None:
         """Make the directory and start the file, as the class says."""
         compression_type = chunk_compression(compression)
-        if isinstance(chunk_size, bool) or not isinstance(chunk_size, int) or chunk_size < 1:
-            raise BagError(f"chunk_size is {chunk_size!r}: give a number of bytes, 1 or more")
+        if type(chunk_size) is not int or not 1 <= chunk_size <= _LARGEST_CHUNK_SIZE:
+            raise BagError(
+                f"chunk_size is {chunk_size!r}: give a number of bytes, 1 to {_LARGEST_CHUNK_SIZE}"
+            )
         self._directory = Path(directory)
         stem = self._directory.name if name is None else name
         if not stem or "/" in stem or "\0" in stem:
@@ -65,10 +75,11 @@ class BagWriter:
             enable_data_crcs=True,
         )
         self._add_message = self._writer.add_message
-        self._schema_ids: dict[str, int] = {}
-        self._channels: dict[str, tuple[int, str, QoS]] = {}
+        self._schema_ids: dict[tuple[str, str, str], int] = {}
+        self._channels: dict[str, int] = {}
+        self._topics: dict[str, Topic] = {}
         self._counts: dict[int, int] = {}
-        self._start_ns = _MAX_TIME_NS
+        self._start_ns = LATEST_NS
         self._end_ns = 0
         self._writer.start(profile="ros2", library=f"sparse_coord_ros {__version__}")
 
@@ -95,40 +106,65 @@ class BagWriter:
                 the type's definition is not installed, or the bag is closed or broken.
         """
         self._file.check_usable()
-        if topic in self._channels:
-            channel_id, *known = self._channels[topic]
-            if known != [type_name, qos]:
+        known = self._topics.get(topic)
+        if known is not None:
+            if (known.type_name, known.qos) != (type_name, (qos,)):
                 raise BagError(
-                    f"topic {topic} is in the bag as {known[0]} with {known[1]}, not {type_name} "
-                    f"with {qos}: record one type and one profile a topic"
+                    f"topic {topic} is in the bag as {known.type_name} with {known.qos[0]}, not "
+                    f"{type_name} with {qos}: record one type and one profile a topic"
                 )
-            return channel_id
+            return self._channels[topic]
         if not topic.startswith("/"):
             raise BagError(f"topic {topic!r} is not a full name: give it with a leading slash")
-        if type_name not in self._schema_ids:
-            text = schema_text(type_name).encode()
-            self._schema_ids[type_name] = self._writer.register_schema(type_name, "ros2msg", text)
+        text = schema_text(type_name)
+        return self.add_known_topic(
+            Topic(topic, type_name, text, (qos,), _recorded_hash(type_name))
+        )
+
+    def add_known_topic(self, topic: Topic) -> int:
+        """Return the channel id of a new topic, told as another bag tells it.
+
+        Raises:
+            BagError: the topic's name is in the bag already, or the bag is closed or broken.
+        """
+        self._file.check_usable()
+        if topic.name in self._topics:
+            raise BagError(f"topic {topic.name} is in the bag already: add a topic once")
+        schema = topic.type_name, topic.schema_encoding, topic.schema
+        if schema not in self._schema_ids:
+            self._schema_ids[schema] = self._writer.register_schema(
+                *schema[:2], schema[2].encode()
+            )
         channel_id = self._writer.register_channel(
-            topic,
+            topic.name,
             "cdr",
-            self._schema_ids[type_name],
+            self._schema_ids[schema],
             {
-                "offered_qos_profiles": offered_qos_profiles([qos]),
-                "topic_type_hash": _recorded_hash(type_name),
+                "offered_qos_profiles": offered_qos_profiles(topic.qos),
+                "topic_type_hash": topic.type_hash,
             },
         )
-        self._channels[topic] = (channel_id, type_name, qos)
+        self._channels[topic.name] = channel_id
+        self._topics[topic.name] = topic
         self._counts[channel_id] = 0
         return channel_id
 
-    def write(self, channel_id: int, data: bytes, log_time_ns: int, publish_time_ns: int) -> None:
-        """Append one message; its sequence number is its place in its channel, from 0.
+    def write(
+        self,
+        channel_id: int,
+        data: bytes,
+        log_time_ns: int,
+        publish_time_ns: int,
+        sequence: int | None = None,
+    ) -> None:
+        """Append one message.
 
         Args:
             channel_id: as `add_topic` returned it.
             data: the serialised message with its CDR header.
             log_time_ns: time of reception in nanoseconds, 0 to 2**63 - 1, in any order.
             publish_time_ns: time of publication, likewise.
+            sequence: its sequence number; by default its place in its channel, from 0.
 
         Raises:
             BagError: the channel is unknown, a time is out of range, the bag is closed, or
@@ -137,19 +173,25 @@ class BagWriter:
         if self._file.refusal is not None:
             raise BagError(self._file.refusal)
         try:
-            sequence = self._counts[channel_id]
+            count = self._counts[channel_id]
         except KeyError:
             raise BagError(
                 f"channel {channel_id!r} is not in {self._file.path}: give an id that add_topic "
                 "returned"
             ) from None
-        if not (0 <= log_time_ns <= _MAX_TIME_NS and 0 <= publish_time_ns <= _MAX_TIME_NS):
+        if not (0 <= log_time_ns <= LATEST_NS and 0 <= publish_time_ns <= LATEST_NS):
             raise BagError(
                 f"times of a message in channel {channel_id} are {log_time_ns} and "
-                f"{publish_time_ns}: give nanoseconds from 0 to {_MAX_TIME_NS}"
+                f"{publish_time_ns}: give nanoseconds from 0 to {LATEST_NS}"
             )
-        self._add_message(channel_id, log_time_ns, data, publish_time_ns, sequence)
-        self._counts[channel_id] = sequence + 1
+        self._add_message(
+            channel_id,
+            log_time_ns,
+            data,
+            publish_time_ns,
+            count if sequence is None else sequence,
+        )
+        self._counts[channel_id] = count + 1
         if log_time_ns < self._start_ns:
             self._start_ns = log_time_ns
         if log_time_ns > self._end_ns:
@@ -187,10 +229,11 @@ class BagWriter:
         self._writer.flush()
 
     def close(self) -> None:
-        """Finish the MCAP file and write `metadata.yaml`; a second call does nothing.
+        """Finish and rename the MCAP file, write `metadata.yaml`; a second call does nothing.
 
         Raises:
-            BagError: writing failed, now or earlier; the bag stays unfinished.
+            BagError: writing failed, now or earlier: the file stays `.partial`, or only
+                `metadata.yaml` is missing.
         """
         if self._file.closed:
             return
@@ -199,8 +242,10 @@ class BagWriter:
             information = bag_information(
                 self._file_name,
                 [
-                    TopicSummary(topic, kind, self._counts[channel], (qos,), _recorded_hash(kind))
-                    for topic, (channel, kind, qos) in self._channels.items()
+                    TopicSummary(t.name, t.type_name, self._counts[channel], t.qos, t.type_hash)
+                    for t, channel in zip(
+                        self._topics.values(), self._channels.values(), strict=True
+                    )
                 ],
                 start_time_ns=self._start_ns,
                 end_time_ns=self._end_ns,
@@ -208,16 +253,19 @@ class BagWriter:
             self._writer.flush()
             # rosbag2 stores its information in the file too, and reads it from there if the
             # MCAP file is opened alone.
-            self._writer.add_metadata("rosbag2", {"serialized_metadata": yaml_text(information)})
+            self._writer.add_metadata(
+                METADATA_RECORD, {"serialized_metadata": yaml_text(information)}
+            )
             self._writer.finish()
+            self._file.finish()
         finally:
             self._file.close()
-        write_whole(self._directory / "metadata.yaml", metadata_yaml(information))
+        write_whole(self._directory / METADATA_FILE, metadata_yaml(information))
 
     def abandon(self) -> None:
         """Write the current chunk and close the file without finishing it.
 
-        Readers that scan (mcap's `NonSeekingReader`) see every message, others refuse the file.
+        It stays `.partial`: `open_bag` reads every message, `recover` finishes it.
 
         Raises:
             BagError: writing failed.

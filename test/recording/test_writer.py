@@ -3,13 +3,16 @@
 """Bags read back by two independent readers, rosbags and mcap with mcap_ros2."""
 
 import errno
+import json
+import os
 import resource
 import subprocess
 import sys
+from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 import yaml
-from mcap.exceptions import EndOfFile
 from mcap.reader import NonSeekingReader, SeekingReader, make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
@@ -23,6 +26,7 @@ from sparse_coord_ros.recording import (
     BagWriter,
     QoS,
     offered_qos_profiles,
+    open_bag,
     schema_text,
     type_hash,
 )
@@ -212,6 +216,26 @@ def test_same_calls_give_same_bytes(tmp_path, samples, compression):
     assert len(list(mcap_reader(one).iter_messages())) == 99
 
 
+@pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
+def test_doctor_finds_nothing(tmp_path, samples, compression):
+    """A third reader of MCAP, made to find fault with files."""
+    doctor = Path(sys.executable).with_name("pymcap-cli")
+    if not doctor.exists():
+        pytest.skip("pymcap-cli is not installed")
+    options = {"compression": compression, "chunk_size": 2_000}
+    directory = write_all_types(tmp_path / "run", samples, rounds=9, **options)
+    done = subprocess.run(
+        [doctor, "doctor", "--format", "jsonl", directory / "run_0.mcap"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.returncode == 0, done.stdout
+    found = [json.loads(line) for line in done.stdout.splitlines()]
+    codes = {line["code"] for line in found if "code" in line}
+    assert codes <= {"SMALL_CHUNKS", "NO_COMPRESSION"}, done.stdout
+
+
 def test_existing_directory_is_refused_and_untouched(bag_directory):
     """Nothing is ever overwritten, not even a directory without a bag."""
     before = {path.name: path.read_bytes() for path in bag_directory.iterdir()}
@@ -232,9 +256,11 @@ def test_directory_that_cannot_be_made_is_named(tmp_path):
     ("options", "message"),
     [
         ({"compression": "gzip"}, "compression is 'gzip': give one of zstd, lz4, none"),
-        ({"chunk_size": 0}, "chunk_size is 0: give a number of bytes, 1 or more"),
+        ({"chunk_size": 0}, "chunk_size is 0: give a number of bytes, 1 to 67108864"),
         ({"name": "a/b"}, "bag name is 'a/b': give a file name"),
         ({"name": ""}, "bag name is ''"),
+        ({"chunk_size": 10**9}, "chunk_size is 1000000000: give a number of bytes"),
+        ({"chunk_size": True}, "chunk_size is True: give a number of bytes"),
     ],
 )
 def test_bad_options_are_refused_before_anything_is_made(tmp_path, options, message):
@@ -275,7 +301,7 @@ def test_bad_messages_are_refused_and_leave_the_bag_whole(tmp_path, samples):
     """An unknown channel, a time out of range, metadata that is no text."""
     with BagWriter(tmp_path / "run") as bag:
         channel = bag.add_topic("/a", STRING, QoS())
-        with pytest.raises(BagError, match="channel 9 is not in .*run_0.mcap"):
+        with pytest.raises(BagError, match="channel 9 is not in .*run_0.mcap.partial"):
             bag.write(9, b"", 0, 0)
         for times in ((-1, 0), (0, -1), (2**63, 0)):
             with pytest.raises(BagError, match="give nanoseconds from 0 to 9223372036854775807"):
@@ -309,34 +335,13 @@ def test_closed_bag_takes_nothing_more(tmp_path):
     assert bag.bytes_written == size == (tmp_path / "run" / "run_0.mcap").stat().st_size
 
 
-def test_flushed_messages_survive_a_kill(tmp_path, samples):
-    """All of a killed process's flushed messages are in the file, which is marked unfinished."""
-    script = (
-        "import os, signal, sys; from pathlib import Path\n"
-        "from sparse_coord_ros.recording import BagWriter, QoS\n"
-        "assert 'rclpy' not in sys.modules\n"
-        "bag = BagWriter(Path(sys.argv[1])); data = bytes.fromhex(sys.argv[2])\n"
-        "channel = bag.add_topic('/a', 'std_msgs/msg/String', QoS())\n"
-        "for i in range(250):\n"
-        "    bag.write(channel, data, i, i)\n"
-        "    if i % 100 == 99: bag.flush()\n"
-        "os.kill(os.getpid(), signal.SIGKILL)\n"
-    )
-    arguments = [sys.executable, "-c", script, tmp_path / "run", samples.cdr(STRING).hex()]
-    path = [entry for entry in sys.path if entry]
-    subprocess.run(arguments, env={"PYTHONPATH": ":".join(path)}, timeout=60, check=False)
-    assert [p.name for p in (tmp_path / "run").iterdir()] == ["run_0.mcap"]
-    assert unfinished_times(tmp_path / "run") == list(range(200))
-
-
 def unfinished_times(directory):
-    """Return the log times in a file that ends before its summary."""
-    times = []
-    with (directory / f"{directory.name}_0.mcap").open("rb") as stream:
-        with pytest.raises(EndOfFile):
-            for _, _, message in NonSeekingReader(stream).iter_messages(log_time_order=False):
-                times.append(message.log_time)
-    return times
+    """Return the log times in an unfinished bag's file, the only one in its directory."""
+    [path] = directory.iterdir()
+    assert path.name == f"{directory.name}_0.mcap.partial"
+    bag = open_bag(directory)
+    assert (bag.path, bag.finished, bag.damage) == (path, False, None)
+    return [message.log_time_ns for message in bag.messages()]
 
 
 def test_full_chunks_are_in_the_file_at_once(tmp_path, samples):
@@ -345,10 +350,24 @@ def test_full_chunks_are_in_the_file_at_once(tmp_path, samples):
     channel = bag.add_topic("/a", STRING, QoS())
     for i in range(500):
         bag.write(channel, samples.cdr(STRING), i, i)
-    assert bag.bytes_written == (tmp_path / "run" / "run_0.mcap").stat().st_size
+    assert bag.bytes_written == (tmp_path / "run" / "run_0.mcap.partial").stat().st_size
     assert 480 < len(unfinished_times(tmp_path / "run")) < 500
     bag.close()
     assert len(list(mcap_reader(tmp_path / "run").iter_messages())) == 500
+
+
+def test_file_gets_its_name_when_it_is_whole(tmp_path):
+    """A finished file of that name, come from elsewhere, is not overwritten."""
+    with BagWriter(tmp_path / "run"):
+        assert [p.name for p in (tmp_path / "run").iterdir()] == ["run_0.mcap.partial"]
+    names = ["metadata.yaml", "run_0.mcap"]
+    assert sorted(p.name for p in (tmp_path / "run").iterdir()) == names
+    bag = BagWriter(tmp_path / "other")
+    (tmp_path / "other" / "other_0.mcap").write_text("precious")
+    with pytest.raises(BagError, match=r"cannot finish .*partial as other_0.mcap: File exists"):
+        bag.close()
+    assert (tmp_path / "other" / "other_0.mcap").read_text() == "precious"
+    assert open_bag(tmp_path / "other" / "other_0.mcap.partial").finished
 
 
 def test_exception_abandons_the_bag_with_all_its_messages(tmp_path, samples):
@@ -358,27 +377,28 @@ def test_exception_abandons_the_bag_with_all_its_messages(tmp_path, samples):
         for i in range(3):
             bag.write(channel, samples.cdr(STRING), i, i)
         raise RuntimeError
-    assert not (tmp_path / "run" / "metadata.yaml").exists()
     assert unfinished_times(tmp_path / "run") == [0, 1, 2]
     with pytest.raises(BagError, match="is closed"):
         bag.flush()
 
 
-@pytest.fixture
+@contextmanager
 def small_disk():
-    """Let no file of this process grow beyond 50,000 bytes."""
+    """Let no file of this process grow beyond 50,000 bytes; pytest's own output may be longer."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, before[1]))
-    yield
-    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
-def test_full_disk_is_a_clear_error_and_stays_one(tmp_path, small_disk):
-    """The first failure names file, size and cause; after it nothing looks finished."""
+def test_full_disk_is_a_clear_error_and_stays_one(tmp_path):
+    """The first failure names file, size and cause; the file ends with its last whole chunk."""
     bag = BagWriter(tmp_path / "run", compression="none", chunk_size=10_000)
     channel = bag.add_topic("/a", STRING, QoS())
-    message = "cannot write .*run_0.mcap beyond 50000 bytes: File too large; .* make room"
-    with pytest.raises(BagError, match=message) as caught:
+    message = "cannot write .*run_0.mcap.partial beyond 50000 bytes: File too large; .* make room"
+    with small_disk(), pytest.raises(BagError, match=message) as caught:
         for i in range(1_000):
             bag.write(channel, bytes(100), i, i)
     assert caught.value.__cause__.errno == errno.EFBIG
@@ -386,8 +406,41 @@ def test_full_disk_is_a_clear_error_and_stays_one(tmp_path, small_disk):
         with pytest.raises(BagError, match=message):
             call()
     bag.close()
-    assert not (tmp_path / "run" / "metadata.yaml").exists()
-    assert len(unfinished_times(tmp_path / "run")) > 200
+    times = unfinished_times(tmp_path / "run")
+    assert 200 < len(times) < 400
+    assert times == list(range(len(times)))
+
+
+@pytest.mark.parametrize("room", [*range(0, 60, 7), 400, 1_000, 1_400, 1_700])
+def test_disk_full_while_closing_leaves_every_message(tmp_path, samples, monkeypatch, room):
+    """Wherever in the last records it happens: all that was flushed can be read."""
+    bag = BagWriter(tmp_path / "run")
+    channel = bag.add_topic("/a", STRING, QoS())
+    for i in range(10):
+        bag.write(channel, samples.cdr(STRING), i, i)
+    bag.flush()
+    file = Disk(bag._file._file, room)
+    monkeypatch.setattr(bag._file, "_file", file)
+    with pytest.raises(BagError, match="No space left on device"):
+        bag.close()
+    assert unfinished_times(tmp_path / "run") == list(range(10))
+
+
+class Disk:
+    """A file on a disk that has room for so many bytes more."""
+
+    def __init__(self, file, room):
+        self._file, self._room = file, room
+
+    def write(self, data):
+        if not self._room:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        written = self._file.write(data[: self._room])
+        self._room -= written
+        return written
+
+    def __getattr__(self, name):
+        return getattr(self._file, name)
 
 
 def test_metadata_yaml_that_cannot_be_written_is_an_error(tmp_path):
@@ -399,3 +452,18 @@ def test_metadata_yaml_that_cannot_be_written_is_an_error(tmp_path):
     with (tmp_path / "run" / "run_0.mcap").open("rb") as stream:
         assert make_reader(stream).get_summary().statistics.message_count == 0
     assert sorted(p.name for p in (tmp_path / "run").iterdir()) == ["metadata.yaml", "run_0.mcap"]
+
+
+def test_the_disk_has_file_names_and_metadata(tmp_path, samples, monkeypatch):
+    """A finished bag survives a power cut: the file, `metadata.yaml`, and both names."""
+    synced = []
+    real = os.fsync
+
+    def fsync(descriptor):
+        synced.append(os.path.basename(os.readlink(f"/proc/self/fd/{descriptor}")))
+        real(descriptor)
+
+    monkeypatch.setattr(os, "fsync", fsync)
+    with BagWriter(tmp_path / "run") as writer:
+        writer.write(writer.add_topic("/a", STRING, QoS()), samples.cdr(STRING), 1, 1)
+    assert synced == ["run_0.mcap.partial", "run", ".metadata.yaml", "run"]

@@ -1,0 +1,308 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The bag reader: finished, unfinished and damaged bags, without ROS."""
+
+import contextlib
+import os
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+from mcap.opcode import Opcode
+from mcap.records import Chunk
+
+from sparse_coord_ros.errors import BagError
+from sparse_coord_ros.recording.files import PARTIAL, open_to_read
+from sparse_coord_ros.recording.metadata import RECOVERED_RECORD
+from sparse_coord_ros.recording.records import (
+    HEAD,
+    MAGIC,
+    MESSAGE,
+    Damage,
+    Source,
+    chunk_content,
+    chunk_records,
+    parse,
+)
+from sparse_coord_ros.recording.scan import AttachmentPlace, Scan
+from sparse_coord_ros.recording.topics import Topic
+
+BAG_DIRECTORY = "bag"
+"""Name of the bag's directory in that of a run."""
+
+_FOOTER = HEAD.pack(Opcode.FOOTER, 20)
+_TAIL_BYTES = len(_FOOTER) + 20 + len(MAGIC)
+
+
+class Message(NamedTuple):
+    """A recorded message.
+
+    Attributes:
+        topic: the topic's full name.
+        data: the serialised message with its CDR header.
+        log_time_ns: time of reception.
+        publish_time_ns: time of publication.
+        sequence: its place in its channel, from 0 where `BagWriter` wrote it.
+    """
+
+    topic: str
+    data: bytes
+    log_time_ns: int
+    publish_time_ns: int
+    sequence: int
+
+
+class Attachment(NamedTuple):
+    """A file in the bag."""
+
+    name: str
+    media_type: str
+    data: bytes
+    log_time_ns: int
+
+
+class Attachments(Sequence[Attachment]):
+    """The attachments of a bag, each read from the file when it is asked for."""
+
+    def __init__(self, path: Path, places: Sequence[AttachmentPlace]) -> None:
+        """Take the file, and where in it the attachments are."""
+        self._path = path
+        self._places = tuple(places)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Their names, without reading any."""
+        return tuple(place.name for place in self._places)
+
+    @property
+    def places(self) -> tuple[AttachmentPlace, ...]:
+        """Names, types, sizes and places in the file, without reading any."""
+        return self._places
+
+    def __len__(self) -> int:
+        """Return the number of attachments."""
+        return len(self._places)
+
+    def __getitem__(self, item):
+        """Return one attachment, or a tuple of them; raises BagError if the file has changed."""
+        if isinstance(item, slice):
+            return tuple(self[i] for i in range(*item.indices(len(self))))
+        place = self._places[item]
+        with _opened(self._path) as source:
+            source.seek(place.offset)
+            data = source.read(place.size)
+        return Attachment(place.name, place.media_type, data, place.log_time_ns)
+
+
+@dataclass(frozen=True)
+class Bag:
+    """A bag, checked byte by byte by `open_bag`.
+
+    Attributes:
+        path: the MCAP file.
+        finished: whether its recorder closed it: footer and summary are there.
+        damage: None if every byte checked out; otherwise one sentence: the byte offset and what
+            is wrong there. A bag that is unfinished is not damaged by that alone.
+        topics: by name.
+        metadata_records: name and texts of each metadata record, rosbag2's own included, in the
+            order of the file; a name may be there more than once.
+        metadata: their texts by name; of several with one name the first.
+        attachments: read when they are asked for.
+        counts: messages by topic.
+        sizes: bytes of the messages' data by topic.
+        message_count: messages of all topics.
+        start_ns, end_ns: earliest and latest log time; 0 without messages.
+        compressions: of its chunks: some of `zstd`, `lz4` and `none`.
+        file_bytes: size of the file.
+        readable_bytes: where the readable part of the data ends.
+        lost_bytes: bytes of the file, from there on, of which nothing can be read.
+        whole: whether all that was recorded was read, though index or summary be damaged.
+    """
+
+    path: Path
+    finished: bool
+    damage: str | None
+    topics: Mapping[str, Topic]
+    metadata_records: Sequence[tuple[str, Mapping[str, str]]]
+    metadata: Mapping[str, Mapping[str, str]]
+    attachments: Attachments
+    counts: Mapping[str, int]
+    sizes: Mapping[str, int]
+    message_count: int
+    start_ns: int
+    end_ns: int
+    compressions: tuple[str, ...]
+    file_bytes: int
+    readable_bytes: int
+    lost_bytes: int
+    whole: bool
+    _names: Mapping[int, str] = field(repr=False)
+
+    @property
+    def recovered(self) -> Mapping[str, str] | None:
+        """What `recover` noted when it made this bag of a broken one; None if it did not.
+
+        Keys: `complete` (`true`, or `false` where something was lost), `damage` (what was wrong
+        where in the original, or empty) and `lost_bytes`.
+        """
+        return self.metadata.get(RECOVERED_RECORD)
+
+    def messages(self, topics: Collection[str] | None = None) -> Iterator[Message]:
+        """Yield the messages up to the first damage, in the order of the file.
+
+        Args:
+            topics: names of the topics to yield; None: all.
+
+        Raises:
+            BagError: the file has changed since it was opened, or cannot be read.
+        """
+        names = {
+            channel_id: name
+            for channel_id, name in self._names.items()
+            if topics is None or name in topics
+        }
+        if not names:
+            return
+        with _opened(self.path) as source:
+            source.seek(len(MAGIC))
+            while (offset := source.position) < self.readable_bytes:
+                opcode, length = source.head()
+                if opcode == Opcode.CHUNK:
+                    chunk = parse(Chunk, source.read(length), offset)
+                    content = chunk_content(chunk, offset, crc_required=False)
+                    records = chunk_records(content, offset)
+                elif opcode == Opcode.MESSAGE:
+                    content = source.read(length)
+                    records = iter([(opcode, 0, 0, length)])
+                else:
+                    source.seek(source.position + length)
+                    continue
+                for opcode, _, begin, end in records:
+                    if opcode != Opcode.MESSAGE:
+                        continue
+                    channel_id, sequence, log_ns, publish_ns = MESSAGE.unpack_from(content, begin)
+                    name = names.get(channel_id)
+                    if name is not None:
+                        data = content[begin + MESSAGE.size : end]
+                        yield Message(name, data, log_ns, publish_ns, sequence)
+
+
+def open_bag(path: Path) -> Bag:
+    """Read through a bag once, check every byte, and say what is in it.
+
+    Args:
+        path: a bag's directory, that of a run with a `bag` in it, an `.mcap` or an
+            `.mcap.partial` file.
+
+    Returns:
+        The bag; if it is damaged, as far as it can be read.
+
+    Raises:
+        BagError: there is no such file, no or more than one MCAP file in the directory, or the
+            file does not begin as MCAP or holds other messages than those of ROS 2.
+    """
+    path = bag_file(Path(path))
+    with _opened(path) as source:
+        finished = _closed(source)
+        try:
+            scan = Scan(source)
+        except BagError as error:
+            raise BagError(f"{path}: {error}") from error
+        size = source.size
+    damage = scan.damage
+    if damage is None and not scan.closed and path.suffix != PARTIAL:
+        damage = f"byte {size}: the file ends here, without an end: it was cut off"
+    first_texts: dict[str, Mapping[str, str]] = {}
+    for name, texts in scan.metadata:
+        first_texts.setdefault(name, texts)
+    names = {channel_id: topic.name for channel_id, topic in scan.topics.items()}
+    counts = dict.fromkeys(names.values(), 0)
+    sizes = dict.fromkeys(names.values(), 0)
+    for channel_id, name in names.items():
+        counts[name] += scan.counts[channel_id]
+        sizes[name] += scan.sizes[channel_id]
+    return Bag(
+        path=path,
+        finished=finished,
+        damage=damage,
+        topics={topic.name: topic for topic in scan.topics.values()},
+        metadata_records=tuple(scan.metadata),
+        metadata=first_texts,
+        attachments=Attachments(path, scan.attachments),
+        counts=counts,
+        sizes=sizes,
+        message_count=sum(counts.values()),
+        start_ns=scan.start_ns,
+        end_ns=scan.end_ns,
+        compressions=tuple(sorted(name or "none" for name in scan.compressions)),
+        file_bytes=size,
+        readable_bytes=scan.end,
+        lost_bytes=0 if scan.end_found else size - scan.end,
+        whole=scan.whole or (damage is None and not finished),
+        _names=names,
+    )
+
+
+def bag_file(path: Path) -> Path:
+    """Return the MCAP file of a bag's directory, or the file itself; raises BagError.
+
+    Where a finished and an unfinished file lie beside each other, it is the finished one. In a
+    directory without either, it is that of the directory `bag` there, as `run` leaves it.
+    """
+    if not path.is_dir():
+        return path
+    for directory in (path, path / BAG_DIRECTORY):
+        try:
+            files = sorted(p for p in directory.iterdir() if not p.name.startswith("."))
+        except (FileNotFoundError, NotADirectoryError):
+            break
+        except OSError as error:
+            raise BagError(f"cannot read the bag {directory}: {error.strerror}") from error
+        for ending in (".mcap", f".mcap{PARTIAL}"):
+            found = [file for file in files if file.name.endswith(ending)]
+            if len(found) > 1:
+                raise BagError(f"bag {directory} has {len(found)} {ending} files: name one")
+            if found:
+                return found[0]
+    raise BagError(
+        f"{path} is not a bag: it has no .mcap file; give a bag's directory or its file"
+    )
+
+
+class _opened:  # noqa: N801
+    """A file to read from; whatever is wrong with it comes out as BagError."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def __enter__(self) -> Source:
+        self._file = open_to_read(self._path)
+        with contextlib.ExitStack() as failing:
+            failing.callback(self._file.close)
+            try:
+                size = os.fstat(self._file.fileno()).st_size
+                magic = self._file.read(len(MAGIC))
+                self._file.seek(0)
+            except OSError as error:
+                raise BagError(f"cannot read {self._path}: {error.strerror}") from error
+            if magic != MAGIC:
+                raise BagError(f"{self._path} is not an MCAP file: it does not begin like one")
+            failing.pop_all()
+        return Source(self._file, size)
+
+    def __exit__(self, kind, error, trace) -> None:
+        self._file.close()
+        if isinstance(error, Damage):
+            raise BagError(f"{self._path} has changed while it was read: {error}") from error
+        if isinstance(error, OSError):
+            raise BagError(f"cannot read {self._path}: {error.strerror}") from error
+
+
+def _closed(source: Source) -> bool:
+    """Whether the file ends as its recorder's `close` leaves it."""
+    if source.size < len(MAGIC) + _TAIL_BYTES:
+        return False
+    source.seek(source.size - _TAIL_BYTES)
+    tail = source.read(_TAIL_BYTES)
+    return tail.startswith(_FOOTER) and tail.endswith(MAGIC)
