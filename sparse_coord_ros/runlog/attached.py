@@ -1,0 +1,81 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The learned tables that are attached to a bag."""
+
+import hashlib
+import re
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+from sparse_coord_ros.core.agent import Tables
+from sparse_coord_ros.core.run_config import RunConfig
+from sparse_coord_ros.core.tables import unpack_robot
+from sparse_coord_ros.errors import TablesError
+from sparse_coord_ros.recording.reader import Bag
+from sparse_coord_ros.runlog.difference import Difference
+
+PREFIX = "tables/"
+_NAME = re.compile(r"tables/(.+)_([0-9]{1,18})\.npz", re.ASCII)
+
+
+class RecordedTables(NamedTuple):
+    """One robot's tables in the log.
+
+    Attributes:
+        robot: its number from 0.
+        step: everything is learned that happened before this time step.
+        tables: what it had learned.
+        counts: the numbers stored beside them.
+    """
+
+    robot: int
+    step: int
+    tables: Tables
+    counts: Mapping[str, int]
+
+
+def read_tables(
+    bag: Bag, run: RunConfig
+) -> Iterator[tuple[Difference | None, RecordedTables | None]]:
+    """Read the attachments tables/<robot>_<step>.npz; yield what is odd, and the tables."""
+    scenario = run.scenario
+    names = [robot.name for robot in scenario.robots]
+    cells = len(scenario.map.cells)
+    due = (cells, 5), (cells,) * scenario.perceived + (4,)
+    seen: set[tuple[str, bytes]] = set()
+    for place, name in enumerate(bag.attachments.names):
+        if not name.startswith(PREFIX):
+            continue
+        match = _NAME.fullmatch(name)
+        if match is None or match[1] not in names:
+            where = name if len(name) < 100 else f"{name[:60]}..."
+            yield (
+                Difference(None, None, f"attachment {where}", "of no robot of the run", "of one"),
+                None,
+            )
+            continue
+        robot, step = match[1], int(match[2])
+        data = bag.attachments[place].data
+        key = (name, hashlib.sha256(data).digest())
+        if key in seen:
+            yield Difference(step, robot, "tables", "twice", "once"), None
+            continue
+        seen.add(key)
+        k = names.index(robot)
+        try:
+            tables, counts = unpack_robot(data, k + 1, where=name)
+        except TablesError as error:
+            yield Difference(step, robot, "tables", str(error), "readable tables"), None
+            continue
+        shapes = tables.q_star.shape, tables.q_coord.shape
+        if shapes != due:
+            logged, computed = (
+                f"shapes {q_star} and {q_coord}" for q_star, q_coord in (shapes, due)
+            )
+            yield Difference(step, robot, "tables", logged, computed), None
+            continue
+        odd = None
+        if counts.get("step") != step:
+            logged = f"of step {counts.get('step')}"
+            odd = Difference(step, robot, "tables", logged, f"of {step}")
+        yield odd, RecordedTables(k, step, tables, counts)

@@ -1,0 +1,83 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""How a log departs from what was computed: one named tuple for whatever may differ."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from sparse_coord_ros.core.agent import Tables
+from sparse_coord_ros.core.sparse import SparseTable
+
+MISSING = "missing"
+QUANTITIES = (
+    "local_state",
+    "map",
+    "markers",
+    "tables",
+    "coordination_map",
+    "percept",
+    "dialogue",
+    "action",
+    "reward",
+    "log_time",
+)
+"""What comes within a time step, in its order; everything else comes before."""
+
+
+class Difference(NamedTuple):
+    """One thing in which a log differs from the computation.
+
+    Attributes:
+        step: the time step, or None where it belongs to none.
+        robot: the robot's name, or None.
+        quantity: what differs, e.g. "reward"; after a space what about it, e.g. "tables q_star".
+        logged: what the log says.
+        computed: what it ought to say.
+    """
+
+    step: int | None
+    robot: str | None
+    quantity: str
+    logged: str
+    computed: str
+
+    def __str__(self) -> str:
+        """Return one line."""
+        where = [] if self.step is None else [f"step {self.step}"]
+        where += [] if self.robot is None else [self.robot]
+        where.append(f"{self.quantity}: logged {self.logged}, computed {self.computed}")
+        return ", ".join(where)
+
+    @property
+    def rank(self) -> tuple[int, int]:
+        """Sorts differences in the order of time: step, then the course of a step."""
+        kind = self.quantity.split()[0]
+        within = 1 + QUANTITIES.index(kind) if kind in QUANTITIES else 0
+        return (-1 if self.step is None else self.step, within)
+
+
+def first_entry(logged: Tables, computed: Tables) -> tuple[str, str, str]:
+    """Return the first entry in which tables differ, its logged and its computed value."""
+    for name, ours, theirs in zip(("q_star", "q_coord"), logged, computed, strict=True):
+        if isinstance(ours, SparseTable):
+            if ours.same_bits(theirs):
+                continue
+            if ours.unseen != theirs.unseen:
+                return f"tables {name} unseen", repr(ours.unseen), repr(theirs.unseen)
+            keys = sorted({tuple(key) for table in (ours, theirs) for key in table.keys.tolist()})
+            for key in keys:
+                pairs = zip(ours[key].tolist(), theirs[key].tolist(), strict=True)
+                for action, (a, b) in enumerate(pairs):
+                    if repr(a) != repr(b):
+                        return f"tables {name}{[*key, action]}", repr(a), repr(b)
+            return f"tables {name}", f"{len(ours)} rows", f"{len(theirs)} rows"
+        odd = np.argwhere(ours.view(np.int64) != theirs.view(np.int64))
+        if len(odd):
+            entry = tuple(odd[0].tolist())
+            return (
+                f"tables {name}{list(entry)}",
+                repr(float(ours[entry])),
+                repr(float(theirs[entry])),
+            )
+    return "tables", "another kind", "that of the scenario"

@@ -1,0 +1,108 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the run's occupancy grids and markers hold, from the scenario; and what messages hold."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from sparse_coord_ros.core.agent import Tables
+from sparse_coord_ros.core.algorithm import COORDINATE
+from sparse_coord_ros.core.frame import Frame, flat_position
+from sparse_coord_ros.core.scenario import Scenario
+
+UNKNOWN, EMPTY, OCCUPIED = -1, 0, 100
+DOORWAYS, GOALS, ROBOTS = "doorways", "goals", "robots"
+
+
+class Grids:
+    """The data of the run's occupancy grids, as bytes: southmost row first.
+
+    Args:
+        frame: the run's frame.
+    """
+
+    def __init__(self, frame: Frame) -> None:
+        rows, columns = frame.grid.shape
+        walls = [[OCCUPIED * (sign == "#") for sign in row] for row in frame.grid.rows]
+        self.map = np.flipud(np.array(walls, dtype=np.int8)).tobytes()
+        self._grid = np.full(rows * columns, UNKNOWN, dtype=np.int8)
+        self._places = np.array([(rows - 1 - r) * columns + c for r, c in frame.grid.cells])
+
+    def coordination(self, tables: Tables) -> bytes:
+        """Return where a robot with these tables chooses COORDINATE."""
+        values = np.nan_to_num(tables.q_star, nan=-np.inf)
+        self._grid[self._places] = np.where(values.argmax(axis=1) == COORDINATE, OCCUPIED, EMPTY)
+        return self._grid.tobytes()
+
+    def cells(self, data: bytes) -> str:
+        """Return in which cells a coordination map says COORDINATE."""
+        values = np.frombuffer(data, dtype=np.int8)[self._places]
+        return f"COORDINATE in cells {np.flatnonzero(values == OCCUPIED).tolist()}"
+
+
+def occupancy(frame: Frame) -> Callable[[Any], bytes]:
+    """Return a function that gives the data of a decoded OccupancyGrid.
+
+    It raises ValueError where the grid does not lie on the map.
+    """
+    rows, columns = frame.grid.shape
+    resolution = float(np.float32(frame.resolution))
+    due = (resolution, columns, rows, 0, 0)
+
+    def content(message: Any) -> bytes:
+        info = message.info
+        time = info.map_load_time
+        if (info.resolution, info.width, info.height, time.sec, time.nanosec) != due:
+            raise ValueError("has another resolution or size than the map")
+        if flat_position(info.origin) != (0.0, 0.0):
+            raise ValueError("has another origin than the map")
+        data = bytes(value & 0xFF for value in message.data)
+        if len(data) != rows * columns:
+            raise ValueError(f"has {len(data)} cells, not {rows * columns}")
+        return data
+
+    return content
+
+
+def markers(frame: Frame, scenario: Scenario) -> Callable[[Any], tuple[int, tuple]]:
+    """Return a function that gives (time step, robots' positions) of a decoded MarkerArray.
+
+    It raises ValueError where the doorways, the goals or the order of the markers are not those
+    of the scenario, or their stamps differ.
+    """
+    due: list[tuple] = [
+        (DOORWAYS, number, frame.centres[cell])
+        for number, cell in enumerate(sorted(frame.grid.doorways))
+    ]
+    for k, robot in enumerate(scenario.robots):
+        due += [(GOALS, k, frame.centres[robot.goal]), (ROBOTS, k, None)]
+    look: list[tuple] = []
+
+    def content(message: Any) -> tuple[int, tuple]:
+        stamps = {(m.header.stamp.sec, m.header.stamp.nanosec) for m in message.markers}
+        said = [(m.ns, m.id, flat_position(m.pose)) for m in message.markers]
+        places = tuple(place for ns, _, place in said if ns == ROBOTS)
+        if [(ns, k, None if ns == ROBOTS else place) for ns, k, place in said] != due:
+            raise ValueError("shows other doorways, goals or robots than the scenario's")
+        if len(stamps) != 1 or any(m.header.frame_id != "map" for m in message.markers):
+            raise ValueError("holds several stamps, or another frame")
+        step = frame.step(*min(stamps))
+        if frame.stamp(step) != min(stamps):
+            raise ValueError("holds a stamp that is no time step")
+        looks = tuple(map(_look, message.markers))
+        look[:] = look or [looks]
+        if looks != look[0]:
+            raise ValueError("looks otherwise than those before it")
+        return step, places
+
+    return content
+
+
+def _look(marker: Any) -> tuple:
+    size, colour = marker.scale, marker.color
+    return (
+        *(marker.type, marker.action, size.x, size.y, size.z),
+        *(colour.r, colour.g, colour.b, colour.a),
+    )

@@ -1,0 +1,142 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Which run a bag is of, and whether all places of the bag that say so agree."""
+
+from collections import Counter
+from collections.abc import Iterator
+
+import yaml
+
+from sparse_coord_ros.core.run_config import RunConfig, run_from_yaml
+from sparse_coord_ros.errors import BagError, SparseCoordError
+from sparse_coord_ros.recording.reader import Bag
+from sparse_coord_ros.recording.recover import recovered_text
+from sparse_coord_ros.runlog.decode import Decoder
+from sparse_coord_ros.runlog.difference import MISSING, Difference
+
+RUN_TYPE = "std_msgs/msg/String"
+RUN_FILE, SCENARIO_FILE, MAP_FILE = "run.yaml", "scenario.yaml", "map.txt"
+RECORD = "sparse_coord_ros"
+REMEDY = "give the bag that 'sparse_coord run' or the recorder wrote"
+
+
+def find_run(bag: Bag, decode: Decoder) -> tuple[RunConfig, str, str | None]:
+    """Return the run, its topics' prefix, and the text on the topic `run` (None: no message).
+
+    Raises:
+        BagError: the bag holds no run, or several.
+        RunError, ScenarioError, SettingError: the run is not one of this version.
+    """
+    named = [name for name in bag.topics if name.endswith("/run")]
+    topics = [name for name in named if bag.topics[name].type_name == RUN_TYPE]
+    if len(topics) > 1:
+        raise BagError(
+            f"{bag.path}: is not a bag of this package: it has several topics 'run' "
+            f"({', '.join(sorted(topics))}); {REMEDY}"
+        )
+    text = said = None
+    for message in bag.messages(topics):
+        try:
+            text = said = decode(message.topic, message.data).data
+        except ValueError:
+            pass
+        break
+    if text is None and RUN_FILE in bag.attachments.names:
+        text = _attached(bag, RUN_FILE).decode(errors="replace")
+    if text is None:
+        odd = "".join(f"; {name} is a {bag.topics[name].type_name}" for name in named)
+        odd = "" if topics else odd
+        raise BagError(
+            f"{bag.path}: is not a bag of this package: it holds no run of this software (neither "
+            f"a {RUN_TYPE} on the topic 'run' nor the attachment {RUN_FILE}{odd}"
+            f"{'' if bag.damage is None else f'; {bag.damage}'}); {REMEDY}"
+        )
+    prefix = topics[0].removesuffix("run") if topics else "/"
+    try:
+        return run_from_yaml(text, where=f"{bag.path} (run)"), prefix, said
+    except SparseCoordError as error:
+        if not bag.metadata.get(RECORD):
+            raise BagError(f"{bag.path}: is not a bag of this package: {error}") from None
+        raise
+
+
+def check_source(bag: Bag, run: RunConfig, said: str | None) -> Iterator[Difference]:
+    """Yield what is wrong with the file, and in what its places say another run.
+
+    Args:
+        bag: the bag.
+        run: its run.
+        said: the text on the topic `run`, or None.
+    """
+    yield from _about_the_file(bag)
+    yield from _copies(bag, run, said)
+    yield from _record(bag, run)
+
+
+def _about_the_file(bag: Bag) -> Iterator[Difference]:
+    if bag.damage is not None:
+        yield Difference(None, None, "file", bag.damage, "an undamaged file")
+    elif bag.recovered is not None:
+        logged = recovered_text(bag.recovered)
+        yield Difference(None, None, "file", logged, "a file that its recorder closed")
+    elif not bag.finished:
+        yield Difference(None, None, "file", "unfinished", "a file that its recorder closed")
+
+
+def _copies(bag: Bag, run: RunConfig, said: str | None) -> Iterator[Difference]:
+    """Compare the topic `run` and the attached files with the run."""
+    if said is None:
+        yield Difference(None, None, "topic run", MISSING, "the run's settings")
+    if any(count > 1 and name.endswith("/run") for name, count in bag.counts.items()):
+        yield Difference(None, None, "topic run", "twice", "once")
+    due = {RUN_FILE: said, SCENARIO_FILE: run.scenario.to_dict(), MAP_FILE: None}
+    due[MAP_FILE] = run.scenario.map.to_text()
+    found = Counter(bag.attachments.names)
+    for name, expected in due.items():
+        where = f"attachment {name}"
+        if found[name] > 1:
+            yield Difference(None, None, where, "twice", "once")
+        if not found[name]:
+            yield Difference(None, None, where, MISSING, "of the run")
+            continue
+        text = _attached(bag, name).decode(errors="replace")
+        if name == RUN_FILE:
+            if said is not None and text != said:
+                yield _first_line(where, text, said)
+        elif (_parsed(text) if name == SCENARIO_FILE else text) != expected:
+            yield Difference(None, None, where, "another one", "the scenario of the run")
+
+
+def _record(bag: Bag, run: RunConfig) -> Iterator[Difference]:
+    """Compare the metadata record with the run."""
+    records = [texts for name, texts in bag.metadata_records if name == RECORD]
+    due = {"scenario": run.scenario.name, "seed": str(run.seed), "learner": run.learner}
+    due |= {f"version_{name}": str(value) for name, value in run.versions.items()}
+    if not records:
+        yield Difference(None, None, f"metadata {RECORD}", MISSING, "scenario, seed, learner")
+    if len(records) > 1:
+        yield Difference(None, None, f"metadata {RECORD}", "twice", "once")
+    for record in records:
+        for key in sorted(set(due) | set(record)):
+            if record.get(key) != due.get(key):
+                logged, computed = (
+                    repr(one[key]) if key in one else MISSING for one in (record, due)
+                )
+                yield Difference(None, None, f"metadata {key}", logged, computed)
+
+
+def _attached(bag: Bag, name: str) -> bytes:
+    return bag.attachments[bag.attachments.names.index(name)].data
+
+
+def _parsed(text: str):
+    try:
+        return yaml.safe_load(text)
+    except (yaml.YAMLError, ValueError, RecursionError):
+        return None
+
+
+def _first_line(where: str, text: str, said: str) -> Difference:
+    pairs = zip(text.splitlines(), said.splitlines(), strict=False)
+    theirs, ours = next(((a, b) for a, b in pairs if a != b), ("another length", "its text"))
+    return Difference(None, None, where, repr(theirs.strip()), f"as topic run {ours.strip()!r}")

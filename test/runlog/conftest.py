@@ -1,0 +1,355 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Bags of whole runs, made by the lock step's own state machines without any middleware."""
+
+import shutil
+from collections import deque
+from types import SimpleNamespace
+
+import pytest
+import yaml
+from nav_msgs.srv import GetPlan
+from rclpy.serialization import serialize_message
+from std_msgs.msg import String
+
+from sparse_coord_ros.core.agent import Agent
+from sparse_coord_ros.core.run_config import make_run
+from sparse_coord_ros.core.scenario import load_scenario
+from sparse_coord_ros.core.tables import pack_tables
+from sparse_coord_ros.nodes.latched import CoordinationMapLayout, MapLayout, MarkersLayout
+from sparse_coord_ros.nodes.messages import CLOCK_LAYOUT, Converter, status
+from sparse_coord_ros.nodes.peers import AT_ONCE
+from sparse_coord_ros.protocol.robot import RobotProtocol
+from sparse_coord_ros.protocol.world import WorldProtocol
+from sparse_coord_ros.recording import BagWriter, QoS
+from sparse_coord_ros.recording.reader import open_bag
+
+OFTEN = {"q_star_init": 100, "ask_cost": 0, "epsilon": "constant:0.3"}
+"""Settings with which COORDINATE is chosen in every fifth step or so."""
+
+TYPES = {
+    "local_state": "geometry_msgs/msg/PoseStamped",
+    "reward": "sensor_msgs/msg/JointState",
+    "action": "sensor_msgs/msg/JointState",
+    "percept": "nav_msgs/msg/Path",
+    "active_perception/_service_event": "nav_msgs/srv/GetPlan_Event",
+}
+GRID = "nav_msgs/msg/OccupancyGrid"
+WALL = 1_700_000_000_000_000_000
+STATUS_STEPS = 50
+
+
+class Recording:
+    """A team and its recorder in one thread.
+
+    Args:
+        directory: of the bag.
+        run: the run.
+        tables: what the robots begin with.
+        lost: (kind, robot, step) of messages that are recorded but do not arrive, once each.
+        late: (robot, step) of local states that a robot gets with the next one only.
+        deaf: (robot, step) of local states that a robot never gets.
+        resets: transitions after which someone resets the world.
+        stop: transitions after which someone stops the run; None: nobody.
+        finish: whether the recorder closes the bag.
+    """
+
+    def __init__(
+        self,
+        directory,
+        run,
+        *,
+        tables=None,
+        lost=(),
+        late=(),
+        deaf=(),
+        resets=(),
+        stop=None,
+        finish=True,
+    ):
+        self.bag = BagWriter(directory)
+        self.run, self.convert = run, Converter(run)
+        self.map = MapLayout(self.convert)
+        self.markers = MarkersLayout(self.convert, run.scenario)
+        self.names = [robot.name for robot in run.scenario.robots]
+        self.lost, self.deaf, self.resets = set(lost), set(deaf), set(resets)
+        self.late, self.held = set(late), {}
+        self.lost_now, self.again = [], {}
+        self.queue, self.wall, self.now, self.clock = deque(), WALL, 0, 0
+        self.sequences = {}
+        text = run.to_yaml()
+        record = {
+            "scenario": run.scenario.name,
+            "seed": str(run.seed),
+            "learner": run.learner,
+            **{f"version_{name}": value for name, value in run.versions.items()},
+        }
+        self.bag.add_metadata("sparse_coord_ros", record)
+        scenario = yaml.safe_dump(run.scenario.to_dict(), sort_keys=False, allow_unicode=True)
+        self.bag.attach("run.yaml", text.encode(), "application/yaml")
+        self.bag.attach("scenario.yaml", scenario.encode(), "application/yaml")
+        self.bag.attach("map.txt", run.scenario.map.to_text().encode(), "text/plain")
+        self.write("/run", "std_msgs/msg/String", serialize_message(String(data=text)))
+        self.world = WorldProtocol(run, self)
+        begin = tables or [None] * len(self.names)
+        self.robots = [
+            RobotProtocol(
+                run,
+                Agent(
+                    run.scenario,
+                    k,
+                    run.seed,
+                    learner=run.learner,
+                    tables=begin[k],
+                    learning=not run.greedy,
+                ),
+                RobotSide(self, k),
+            )
+            for k in range(len(self.names))
+        ]
+        for kind, type_name in TYPES.items():
+            for name in self.names:
+                self.bag.add_topic(f"/{name}/{kind}", type_name, QoS())
+        self.write("/map", GRID, self.map.pack(0), 0)
+        self.mark()
+        self.say("waiting")
+        for k in range(len(self.names)):
+            self.coordination_map(k, 0)
+            self.attach(k, 0)
+        self.say("learning")
+        self.world.start()
+        self.go(stop)
+        self.say("finished" if self.world.finished else "stopped")
+        for k, robot in enumerate(self.robots):
+            self.attach(k, robot.handled)
+        if finish:
+            self.bag.close()
+        else:
+            self.bag.abandon()
+
+    def go(self, stop):
+        """Let messages arrive; where nothing moves, deadlines pass."""
+        while True:
+            while self.queue:
+                self.queue.popleft()()
+            if self.world.finished or self.world.world.transitions == stop:
+                for robot in self.robots:
+                    robot.expire()
+                return
+            if self.world.world.transitions in self.resets:
+                self.resets.discard(self.world.world.transitions)
+                self.world.new_episode()
+            elif self.world.complete:
+                self.world.advance()
+                if self.world.world.transitions % STATUS_STEPS == 0:
+                    self.say("learning")
+                    self.mark()
+                    for k, robot in enumerate(self.robots):
+                        self.coordination_map(k, robot.newest[0])
+            elif any(robot.waiting for robot in self.robots):
+                for robot in self.robots:
+                    if robot.waiting:
+                        robot.expire()
+            elif self.lost_now:
+                self.lost_now.clear()
+                self.world.repeat()
+            else:
+                assert self.world.expire(), "nobody is missing and nothing moves"
+
+    def write(self, topic, type_name, data, step=None):
+        """Record a message."""
+        if step is not None:
+            self.now = max(self.now, step * self.convert.period)
+        at = self.now if step is None else step * self.convert.period
+        self.bag.write(self.bag.add_topic(topic, type_name, QoS()), data, at, at)
+
+    def say(self, state):
+        """Publish the world's status."""
+        world = self.world.world
+        values = {
+            "step": world.step,
+            "transitions": world.transitions,
+            "timeouts": self.world.timeouts,
+        }
+        message = status(self.run.scenario.name, state, values)
+        self.write("/status", "diagnostic_msgs/msg/DiagnosticStatus", serialize_message(message))
+
+    def mark(self):
+        """Publish the markers."""
+        world = self.world.world
+        data = self.markers.pack(world.step, world.cells)
+        self.write("/markers", "visualization_msgs/msg/MarkerArray", data)
+
+    def coordination_map(self, k, step):
+        """Publish a robot's coordination map."""
+        layout = CoordinationMapLayout(self.convert)
+        data = layout.pack(step, self.robots[k].agent.tables)
+        self.write(f"/{self.names[k]}/coordination_map", GRID, data, step)
+
+    def attach(self, k, step):
+        """Attach a robot's tables."""
+        robot = self.robots[k]
+        counts = {**robot.asks, "dropped": robot.dropped, "step": step}
+        data = pack_tables({k + 1: robot.agent.tables}, counts=counts)
+        self.bag.attach(f"tables/{self.names[k]}_{step}.npz", data, "application/x-npz", self.now)
+
+    def arrives(self, kind, k, step):
+        """Whether a message arrives."""
+        if (kind, k, step) in self.lost:
+            self.lost.discard((kind, k, step))
+            self.lost_now.append((kind, k, step))
+            return False
+        return True
+
+    # The world's port.
+
+    def episode(self, step):
+        """Record map and markers again."""
+        self.write("/map", GRID, self.map.pack(step), step)
+        self.mark()
+
+    def state(self, k, step, cell):
+        """Publish a local state."""
+        if step != self.clock:
+            self.clock = step
+            data = CLOCK_LAYOUT.pack(*self.convert.stamp(step))
+            self.write("/clock", "rosgraph_msgs/msg/Clock", data, step)
+        data = self.convert.pack_state(step, cell)
+        self.write(f"/{self.names[k]}/local_state", TYPES["local_state"], data, step)
+        if (k, step) in self.late:
+            self.held.setdefault(k, []).append((step, cell))
+        elif (k, step) not in self.deaf and self.arrives("local_state", k, step):
+            for one in (*self.held.pop(k, []), (step, cell)):
+                self.queue.append(lambda one=one: self.robots[k].state(*one))
+
+    def reward(self, k, step, reward):
+        """Publish a reward."""
+        data = self.convert.pack_reward(step, reward)
+        self.write(f"/{self.names[k]}/reward", TYPES["reward"], data, step)
+        if self.arrives("reward", k, step):
+            self.queue.append(lambda: self.robots[k].reward(step, reward.total))
+
+    # Active perception.
+
+    def event(self, peer, kind, asker, sequence, content):
+        """Record a service event of GetPlan."""
+        self.wall += 150_000
+        event = GetPlan.Event()
+        event.info.event_type = kind
+        event.info.stamp.sec, event.info.stamp.nanosec = divmod(self.wall, 1_000_000_000)
+        event.info.client_gid[0] = 1 + asker
+        event.info.client_gid[15] = 3 if kind in (0, 3) else 4
+        event.info.sequence_number = sequence
+        if kind in (0, 1):
+            event.request = [content]
+        else:
+            event.response = [content]
+        topic = "active_perception/_service_event"
+        self.write(f"/{self.names[peer]}/{topic}", TYPES[topic], serialize_message(event))
+
+    def ask(self, asker, peer, step, cell):
+        """Send a request."""
+        request = GetPlan.Request()
+        request.start = self.convert.pose(step, cell)
+        request.goal.header.frame_id = self.names[asker]
+        sequence = self.sequences[asker, peer] = self.sequences.get((asker, peer), 0) + 1
+        self.event(peer, 0, asker, sequence, request)
+        again = self.again[asker, peer, step] = self.again.get((asker, peer, step), 0) + 1
+        if again <= AT_ONCE and self.arrives("request", asker, step):
+            self.queue.append(lambda: self.answer(asker, peer, step, cell, sequence, request))
+
+    def answer(self, asker, peer, step, cell, sequence, request):
+        """Let the peer answer, and the answer arrive."""
+        self.event(peer, 1, asker, sequence, request)
+        answer = self.robots[peer].asked(asker, step, cell)
+        response = GetPlan.Response()
+        response.plan = self.convert.path(answer.step, (answer.cell,))
+        self.event(peer, 2, asker, sequence, response)
+        self.event(peer, 3, asker, sequence, response)
+        self.queue.append(lambda: self.robots[asker].answer(peer, step, answer))
+
+
+class RobotSide:
+    """A robot's port."""
+
+    def __init__(self, recording, k):
+        self.all, self.k = recording, k
+
+    def ask(self, peer, step, cell):
+        self.all.ask(self.k, peer, step, cell)
+
+    def act(self, step, action):
+        everything, k = self.all, self.k
+        data = everything.convert.pack_action(step, action)
+        everything.write(f"/{everything.names[k]}/action", TYPES["action"], data, step)
+        if everything.arrives("action", k, step):
+            everything.queue.append(lambda: everything.world.action(k, step, action))
+
+    def percept(self, step, cell, perceived):
+        everything = self.all
+        message = everything.convert.path(step, (cell, *(perceived or ())))
+        topic = f"/{everything.names[self.k]}/percept"
+        everything.write(topic, TYPES["percept"], serialize_message(message), step)
+
+    def episode(self, step):
+        """Record the coordination map."""
+        self.all.coordination_map(self.k, step)
+
+    def checkpoint(self, step):
+        self.all.attach(self.k, step)
+
+
+@pytest.fixture(scope="session")
+def rewritten():
+    """Return a function that writes a bag anew, changed, with all checksums right."""
+
+    def rewrite(
+        bag,
+        directory,
+        change=lambda messages: messages,
+        attach=lambda found: found,
+        *,
+        record=None,
+        gap=(None, 0),
+    ):
+        shutil.rmtree(directory, ignore_errors=True)
+        source = open_bag(bag)
+        with BagWriter(directory) as new:
+            for name, texts in source.metadata.items():
+                if name != "rosbag2":
+                    new.add_metadata(name, {**texts, **(record or {})})
+            channels = {
+                topic.name: new.add_topic(topic.name, topic.type_name, topic.qos[0])
+                for topic in source.topics.values()
+            }
+            for one in change(list(source.messages())):
+                channel = channels[one.topic]
+                if (one.topic, one.sequence) == gap:
+                    new._counts[channel] += 1  # as if the message were cut out of the file
+                    continue
+                new.write(channel, one.data, one.log_time_ns, one.publish_time_ns)
+            for one in attach(list(source.attachments)):
+                new.attach(one.name, one.data, one.media_type, one.log_time_ns)
+        return directory
+
+    return rewrite
+
+
+@pytest.fixture(scope="session")
+def record(tmp_path_factory):
+    """Return a function that records a run and returns its bag, run and protocols."""
+
+    def recorded(name="env1", settings=None, *, values=None, **options):
+        scenario = load_scenario(name).with_settings({"steps": 400, **OFTEN, **(settings or {})})
+        run = make_run(scenario, {"seed": 7, "checkpoint": 150, **(values or {})})
+        bag = tmp_path_factory.mktemp("recorded") / "bag"
+        recording = Recording(bag, run, **options)
+        return SimpleNamespace(bag=bag, run=run, recording=recording, names=recording.names)
+
+    return recorded
+
+
+@pytest.fixture(scope="session")
+def good(record):
+    """Return a recorded run of env1 in which half of the percepts fail; not to be changed."""
+    return record(settings={"perception": "probability:0.5"})

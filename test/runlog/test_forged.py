@@ -1,0 +1,318 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Forgeries beyond the messages of each time step: what is shown, said twice, counted, timed."""
+
+import io
+import random
+import zipfile
+
+import pytest
+from nav_msgs.srv import GetPlan
+from rclpy.serialization import deserialize_message, serialize_message
+from std_msgs.msg import String
+
+from sparse_coord_ros.core.tables import pack_tables, unpack_robot
+from sparse_coord_ros.errors import BagError
+from sparse_coord_ros.recording import BagWriter, QoS
+from sparse_coord_ros.recording.reader import open_bag
+from sparse_coord_ros.recording.recover import recover
+from sparse_coord_ros.runlog import read_run, verify
+from sparse_coord_ros.runlog.explain import coordinations, explain
+
+EVENT = "/robot_2/active_perception/_service_event"
+SHOWN = {"/map": "map", "/markers": "markers", "/robot_1/coordination_map": "coordination_map"}
+
+
+@pytest.fixture
+def alter(good, rewritten, tmp_path):
+    """Return a function that changes messages, attachments or the record, and verifies."""
+
+    def altered(change=lambda messages: messages, attach=lambda found: found, **more):
+        return verify(rewritten(good.bag, tmp_path / "bag", change, attach, **more))
+
+    return altered
+
+
+def quantities(found):
+    return {one.quantity.split()[0] for one in found.differences}
+
+
+def places(messages, topic):
+    return [place for place, one in enumerate(messages) if one.topic == topic]
+
+
+# What is shown.
+
+
+@pytest.mark.parametrize("topic", SHOWN)
+@pytest.mark.parametrize("how", ["changed", "removed", "swapped", "swapped in place"])
+def test_what_is_shown_as_an_episode_begins(alter, good, topic, how):
+    def change(messages):
+        of = places(messages, topic)
+        mine = of[len(of) // 2]
+        other = next(p for p in of[len(of) // 2 + 1 :] if messages[p].data != messages[mine].data)
+        one, two = messages[mine], messages[other]
+        if how == "removed":
+            steps = [messages[p].log_time_ns // 100_000_000 for p in of]
+            only = [
+                p for p, t in zip(of, steps, strict=True) if t in starts and steps.count(t) == 1
+            ]
+            del messages[only[len(only) // 2]]
+        elif how == "changed":
+            data = bytearray(one.data)
+            at = len(data) // 2 if topic == "/markers" else len(data) - 12
+            data[at : at + 4] = bytes(byte ^ 0x64 for byte in data[at : at + 4])
+            messages[mine] = one._replace(data=bytes(data))
+        elif how == "swapped":
+            messages[mine], messages[other] = two, one
+        else:
+            messages[mine] = one._replace(data=two.data)
+            messages[other] = two._replace(data=one.data)
+        return messages
+
+    log = read_run(good.bag)
+    starts = set(log.step[1:][log.step[1:] > log.step[:-1] + 1].tolist())
+    found = alter(change)
+    names = (topic, SHOWN[topic])
+    odd = [one for one in found.differences if any(name in one.quantity for name in names)]
+    assert odd, found.differences
+    if how == "removed":
+        assert (SHOWN[topic], "missing") in {(one.quantity, one.logged) for one in odd}
+
+
+def test_a_coordination_map_that_shows_another_table(alter):
+    """One cell more in which COORDINATE is said to be chosen, in mid-run."""
+
+    def change(messages):
+        mine = places(messages, "/robot_1/coordination_map")[-3]
+        data = bytearray(messages[mine].data)
+        free = [at for at in range(len(data) - 40, len(data)) if data[at] == 0]
+        data[free[-1]] = 100
+        messages[mine] = messages[mine]._replace(data=bytes(data))
+        return messages
+
+    found = alter(change)
+    assert found.first.quantity == "coordination_map" and found.first.robot == "robot_1"
+    assert "COORDINATE in cells" in found.first.logged
+
+
+# Said twice.
+
+
+@pytest.mark.parametrize("name", ["run.yaml", "scenario.yaml", "map.txt"])
+def test_an_attachment_twice(alter, name):
+    found = alter(attach=lambda all: [*all, next(a for a in all if a.name == name)])
+    assert [str(one) for one in found.differences] == [
+        f"attachment {name}: logged twice, computed once"
+    ]
+
+
+def test_a_second_run(alter):
+    def change(messages):
+        data = next(m for m in messages if m.topic == "/run").data.replace(b"seed: 7", b"seed: 8")
+        return [*messages, messages[-1]._replace(topic="/run", data=data)]
+
+    assert "topic run: logged twice, computed once" in map(str, alter(change).differences)
+
+
+def test_a_second_metadata_record(good, tmp_path):
+    source = open_bag(good.bag)
+    with BagWriter(tmp_path / "bag") as bag:
+        bag.add_metadata("sparse_coord_ros", {"scenario": "other"})
+        bag.add_metadata("sparse_coord_ros", dict(source.metadata["sparse_coord_ros"]))
+        bag.attach("run.yaml", source.attachments[0].data, "application/yaml")
+    found = [str(one) for one in verify(tmp_path / "bag").differences]
+    assert "metadata sparse_coord_ros: logged twice, computed once" in found
+    assert "metadata scenario: logged 'other', computed 'env1'" in found
+
+
+def test_a_table_twice(alter):
+    found = alter(attach=lambda all: [*all, all[-1]])
+    assert [one.quantity for one in found.differences] == ["tables"]
+    assert found.first.logged == "twice"
+
+
+@pytest.mark.parametrize("key", ["scenario", "seed", "learner", "version_numpy"])
+def test_the_metadata_record(alter, key):
+    found = alter(record={key: "other"})
+    assert [one.quantity for one in found.differences] == [f"metadata {key}"]
+
+
+def test_bags_of_something_else(tmp_path):
+    text = String(data="a: 1\nseed: 2\n")
+    cases = {
+        "two": [("/a/run", "std_msgs/msg/String"), ("/b/run", "std_msgs/msg/String")],
+        "one": [("/a/run", "std_msgs/msg/String")],
+        "type": [("/foo/run", "std_msgs/msg/UInt8MultiArray")],
+    }
+    for name, topics in cases.items():
+        with BagWriter(tmp_path / name) as bag:
+            for topic, kind in topics:
+                bag.write(bag.add_topic(topic, kind, QoS()), serialize_message(text), 0, 0)
+        with pytest.raises(BagError, match="is not a bag of this package") as caught:
+            read_run(tmp_path / name)
+        assert "\n" not in str(caught.value)
+
+
+# Counted and timed.
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("answered", {"answered": 1}),
+        ("refused", {"refused": -1, "late": 1}),
+        ("late", {"late": 1}),
+        ("dropped", {"dropped": 77}),
+        ("repeated", {"repeated": 5}),
+    ],
+)
+def test_each_count_beside_the_tables(alter, name, change):
+    def attach(found):
+        place = max(p for p, one in enumerate(found) if one.name.startswith("tables/robot_1_"))
+        tables, counts = unpack_robot(found[place].data, 1, where="")
+        for key, more in change.items():
+            counts = {**counts, key: counts[key] + more}
+        found[place] = found[place]._replace(data=pack_tables({1: tables}, counts=counts))
+        return found
+
+    found = alter(attach=attach)
+    assert found.first.quantity.startswith("tables count"), found.differences
+    assert name in found.first.quantity
+
+
+@pytest.mark.parametrize("topic", ["/robot_1/reward", "/status", "/markers", EVENT])
+@pytest.mark.parametrize("which", ["log_time_ns", "publish_time_ns"])
+def test_times_of_the_log(alter, topic, which):
+    def change(messages):
+        of = places(messages, topic)
+        mine = of[len(of) // 2]
+        changed = {which: getattr(messages[mine], which) + 5}
+        messages[mine] = messages[mine]._replace(**changed)
+        return messages
+
+    found = alter(change)
+    assert {one.quantity for one in found.differences} == {f"log_time of {topic}"}
+
+
+def test_swapped_service_events(alter):
+    """Of one writer, of one kind: their clocks tell."""
+
+    def change(messages):
+        of = [
+            place
+            for place in places(messages, EVENT)
+            if deserialize_message(messages[place].data, GetPlan.Event).info.event_type == 0
+        ]
+        one, two = of[3], of[4]
+        data = messages[one].data, messages[two].data
+        messages[one] = messages[one]._replace(data=data[1])
+        messages[two] = messages[two]._replace(data=data[0])
+        return messages
+
+    found = alter(change)
+    assert "dialogue" in quantities(found)
+    assert any("younger" in one.logged for one in found.differences)
+
+
+# Spoiled attachments.
+
+
+MEMBERS = ("q_star_1", "q_coord_1", "count_answered", "count_late", "count_dropped", "count_step")
+
+
+@pytest.mark.parametrize("member", MEMBERS)
+@pytest.mark.parametrize("how", ["data", "local name", "method", "text", "gone"])
+def test_each_member_of_a_table_spoiled(alter, member, how):
+    def attach(found):
+        place = next(p for p, one in enumerate(found) if one.name.startswith("tables/robot_1_1"))
+        found[place] = found[place]._replace(data=spoiled(found[place].data, f"{member}.npy", how))
+        return found
+
+    found = alter(attach=attach)
+    assert found.first.quantity.startswith("tables"), found.differences
+    assert found.first.robot == "robot_1"
+    assert all("\n" not in str(one) for one in found.differences)
+
+
+def spoiled(data, name, how):
+    """Return an .npz file in which one member is altered."""
+    with zipfile.ZipFile(io.BytesIO(data)) as file:
+        info = file.getinfo(name)
+        others = {n: file.read(n) for n in file.namelist()}
+    if how in ("text", "gone"):
+        others[name] = b"no array at all"
+        new = io.BytesIO()
+        with zipfile.ZipFile(new, "w") as file:
+            for one, content in others.items():
+                if one != name or how == "text":
+                    file.writestr(one, content)
+        return new.getvalue()
+    head = info.header_offset
+    content = head + 30 + len(name) + int.from_bytes(data[head + 28 : head + 30], "little")
+    central = data.rindex(name.encode())
+    at = {"data": content + 8, "local name": head + 31, "method": central - 46 + 10}[how]
+    return data[:at] + bytes([data[at] ^ 0x2B]) + data[at + 1 :]
+
+
+@pytest.mark.parametrize("step", ["9" * 5000, "²", "-1", ""])
+def test_a_table_of_no_step(alter, step):
+    found = alter(attach=lambda all: [*all, all[-1]._replace(name=f"tables/robot_1_{step}.npz")])
+    (one,) = found.differences
+    assert one.logged == "of no robot of the run" and len(str(one)) < 200
+
+
+# Recovered.
+
+
+def test_what_was_recovered_is_judged_up_to_where_it_broke_off(good, tmp_path):
+    data = open_bag(good.bag).path.read_bytes()
+    draw = random.Random(5)
+    parts = set()
+    for number in range(25):
+        cut = tmp_path / f"cut{number}_0.mcap.partial"
+        cut.write_bytes(data[: draw.randrange(len(data) // 20, len(data))])
+        found = verify(recover(cut).path)
+        assert [one.quantity for one in found.differences] == ["file"], found.differences
+        assert "recovered" in found.first.logged
+        parts.add(found.steps)
+    assert len(parts) > 1
+
+
+def test_recovered_from_what_was_never_closed(record):
+    run = record(settings={"perception": "probability:0.5"}, finish=False)
+    found = verify(recover(run.bag).path)
+    assert [one.quantity for one in found.differences] == ["file"]
+    assert found.steps > 390 and 0 < found.unchecked < 10
+
+
+# Explained.
+
+
+def test_explain_knows_what_a_left_out_robot_has_not_learned(record):
+    deaf = [(0, 50), (0, 51), (1, 100), (2, 220)]
+    run = record("env2-4r", {"perception": "probability:0.5"}, deaf=deaf)
+    log = read_run(run.bag)
+    found = [explain(log, k, step) for k in range(4) for step in coordinations(log, k)[::5]]
+    assert verify(run.bag).dropped > 0
+    assert all(one is not None and one.agrees and one.doubt is None for one in found)
+    last = explain(log, 0, coordinations(log, 0)[-1])
+    own = run.recording.robots[0].agent.tables
+    entry, _, after = last.update.star
+    assert own.q_star[entry] == after or last.step < log.step[-20]
+
+
+def test_explain_says_what_it_cannot_know(good, rewritten, tmp_path):
+    def attach(found):
+        place = next(p for p, one in enumerate(found) if one.name == "tables/robot_1_0.npz")
+        tables, counts = unpack_robot(found[place].data, 1, where="")
+        tables.q_star[3, 2] += 1.0
+        found[place] = found[place]._replace(data=pack_tables({1: tables}, counts=counts))
+        return found
+
+    log = read_run(rewritten(good.bag, tmp_path / "bag", attach=attach))
+    right = read_run(good.bag)
+    step = coordinations(log, 0)[5]
+    told, known = explain(log, 0, step), explain(right, 0, step)
+    assert "tables q_star[3, 2]" in told.doubt and known.doubt is None
+    assert told.q_values == known.q_values

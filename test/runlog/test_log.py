@@ -1,0 +1,137 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The log as arrays and as a data frame: what the simulation without ROS says."""
+
+import builtins
+import subprocess
+import sys
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from sparse_coord_ros.core.agent import Agent
+from sparse_coord_ros.core.frame import Frame
+from sparse_coord_ros.core.simulation import Team, tables_equal
+from sparse_coord_ros.core.world import World
+from sparse_coord_ros.errors import BagError, RunError
+from sparse_coord_ros.recording import BagWriter
+from sparse_coord_ros.runlog import read_run
+
+
+@pytest.fixture(scope="module", params=["env1", "crowd-3r"])
+def run(request, record):
+    settings = {"perception": "probability:0.5", "steps": 250}
+    if request.param == "crowd-3r":
+        settings["peers"] = "all"
+    return record(request.param, settings)
+
+
+def test_arrays_are_what_the_simulation_says(run):
+    scenario, log = run.run.scenario, read_run(run.bag)
+    robots = range(len(run.names))
+    team = Team(scenario, 7, [Agent(scenario, k, 7) for k in robots])
+    world = World(scenario, 7)
+    rows = {step: row for row, step in enumerate(log.step.tolist())}
+    frame, seen, outcomes = Frame(run.run), set(), Counter()
+
+    def check_states():
+        row = rows[world.step]
+        seen.add(world.step)
+        assert log.cells[row].tolist() == world.cells
+        assert log.position[row].tolist() == [list(frame.centres[cell]) for cell in world.cells]
+        assert log.episode[row] == world.episode
+
+    check_states()
+    while world.transitions < scenario.steps:
+        row = rows[world.step]
+        choices, actions = team.act(world)
+        outcome = world.advance(actions)
+        team.learn(choices, world, outcome)
+        for k in robots:
+            if actions[k] is None:
+                assert log.action[row, k] == log.move[row, k] == log.peer[row, k] == -1
+                assert np.isnan(log.reward[row, k]).all() and not log.asked[row, k]
+                continue
+            _, decision, action, perceived = choices[k]
+            assert log.action[row, k] == decision.action
+            assert log.move[row, k] == action.move
+            assert (log.asked[row, k], log.peer[row, k]) == (action.asked, action.peer)
+            assert log.perceived[row, k] == action.perceived
+            assert tuple(log.reward[row, k]) == outcome.rewards[k]
+            expected = [-1] * len(run.names)
+            for peer, cell in zip(decision.peers, perceived or (), strict=False):
+                expected[peer] = cell
+            assert log.percept[row, k].tolist() == expected
+            outcomes[action.asked, action.perceived] += 1
+        check_states()
+        if outcome.episode_over and world.transitions < scenario.steps:
+            world.begin_episode()
+            check_states()
+    assert seen == set(rows)
+    assert len(outcomes) == 3 and min(outcomes.values()) > 5
+    final = [log.tables[k, world.step] for k in robots]
+    assert tables_equal(final, [agent.tables for agent in team.agents])
+    assert log.damage is None and log.problems == ()
+
+
+def test_every_request_is_there_with_its_times(run):
+    log = read_run(run.bag)
+    asks = sum(
+        sum(robot.asks[how] for how in ("answered", "refused")) for robot in run.recording.robots
+    )
+    assert len({(r.asker, r.step) for r in log.requests}) == asks == log.asked.sum()
+    for request in log.requests:
+        assert sorted(request.wall_ns) == [0, 1, 2, 3]
+        assert list(request.wall_ns.values()) == sorted(request.wall_ns.values())
+        assert 0 < request.seconds < 0.1
+
+
+def test_a_data_frame(run):
+    log = read_run(run.bag)
+    frame = log.frame()
+    assert len(frame) == log.cells.size
+    assert frame["asked"].sum() == log.asked.sum()
+    second = frame[frame["robot"] == "robot_2"].set_index("step")
+    assert second["cell"].tolist() == log.cells[:, 1].tolist()
+    assert second["reward"].sum() == np.nansum(log.reward[:, 1, 3])
+    assert second["percept_robot_1"].tolist() == log.percept[:, 1, 0].tolist()
+
+
+def test_without_pandas_it_is_one_line(good, monkeypatch):
+    log = read_run(good.bag)
+    load = builtins.__import__
+
+    def refuse(name, *arguments, **keywords):
+        if name == "pandas":
+            raise ImportError("No module named 'pandas'")
+        return load(name, *arguments, **keywords)
+
+    monkeypatch.setattr(builtins, "__import__", refuse)
+    with pytest.raises(RunError, match="pip install pandas"):
+        log.frame()
+
+
+def test_without_ros(good):
+    code = (
+        "import sys\n"
+        "sys.modules.update(dict.fromkeys(('rclpy', 'nav_msgs', 'std_msgs'))) # no ROS\n"
+        "from sparse_coord_ros.runlog import verify\n"
+        "print(verify(sys.argv[1]).same)"
+    )
+    path = ":".join(filter(None, sys.path))
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(good.bag)],
+        env={"PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.stdout == "True\n", done.stderr
+
+
+def test_a_bag_of_something_else(tmp_path):
+    with BagWriter(tmp_path / "bag") as bag:
+        bag.add_metadata("a", {"b": "c"})
+    with pytest.raises(BagError, match="holds no run of this software"):
+        read_run(tmp_path / "bag")

@@ -1,0 +1,171 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`sparse_coord verify`, `info` and `explain`: output, JSON, exit codes, bad input."""
+
+import json
+import math
+
+import pytest
+
+from sparse_coord_ros.cli.main import main
+from sparse_coord_ros.core.world import Reward
+from sparse_coord_ros.nodes.messages import REWARD_LAYOUT, Converter
+from sparse_coord_ros.recording.reader import open_bag
+from sparse_coord_ros.runlog import read_run
+
+
+@pytest.fixture
+def sparse_coord(capsys):
+    """Return a function that runs `sparse_coord ...` and returns exit code, stdout, stderr."""
+
+    def run(*arguments):
+        capsys.readouterr()
+        code = main([str(argument) for argument in arguments])
+        out, err = capsys.readouterr()
+        return code, out, err
+
+    return run
+
+
+@pytest.fixture
+def changed(good, rewritten, tmp_path):
+    """Return a bag whose reward of robot_1 at the first step is a little too good."""
+    convert = Converter(good.run)
+
+    def change(messages):
+        place = next(p for p, m in enumerate(messages) if m.topic == "/robot_1/reward")
+        sec, nanosec, *parts = REWARD_LAYOUT.unpack(messages[place].data)
+        parts[3] = math.nextafter(parts[3], math.inf)
+        data = convert.pack_reward(1, Reward(*parts))
+        messages[place] = messages[place]._replace(data=data)
+        return messages
+
+    return rewritten(good.bag, tmp_path / "bag", change)
+
+
+def test_verify_identical(sparse_coord, good):
+    code, out, err = sparse_coord("verify", good.bag)
+    assert (code, err) == (0, "")
+    assert "env1, coop, seed 7, 2 robots\ncomputed again: 400 steps" in out
+    *_, same, beside = out.splitlines()
+    assert same.startswith("identical: ") and beside.startswith("not compared: diagnostics, ")
+    told = json.loads(sparse_coord("verify", good.bag, "--json")[1])
+    assert told["identical"] and told["differences"] == [] and told["steps"] == 400
+
+
+def test_verify_differs(sparse_coord, changed):
+    code, out, err = sparse_coord("verify", changed)
+    assert (code, err) == (1, "")
+    (line,) = [line for line in out.splitlines() if line.startswith("differs: ")]
+    assert line.startswith("differs: step 1, robot_1, reward: logged ")
+    assert ", computed " in line
+    assert "identical" not in out
+    code, out, _ = sparse_coord("verify", changed, "--json")
+    first = json.loads(out)["differences"][0]
+    assert (code, first["step"], first["robot"], first["quantity"]) == (1, 1, "robot_1", "reward")
+
+
+def test_unreadable(sparse_coord, tmp_path):
+    (tmp_path / "x.mcap").write_bytes(b"no bag")
+    for path in (tmp_path / "nowhere", tmp_path / "x.mcap", tmp_path / "y" / "z.mcap"):
+        for verb in ("verify", "info", "explain"):
+            code, out, err = sparse_coord(verb, path)
+            assert (code, out) == (2, "")
+            assert err.startswith("error: ") and err.count("\n") == 1
+
+
+def test_damage_is_said(sparse_coord, good, tmp_path):
+    data = bytearray(open_bag(good.bag).path.read_bytes())
+    data[len(data) // 2] ^= 1
+    (tmp_path / "bad_0.mcap").write_bytes(data)
+    code, out, _ = sparse_coord("verify", tmp_path / "bad_0.mcap")
+    assert code == 1
+    assert "differs: file: logged byte " in out
+    code, out, _ = sparse_coord("info", tmp_path / "bad_0.mcap")
+    assert code == 0
+    assert "damaged: byte " in out
+
+
+def test_info(sparse_coord, good):
+    code, out, err = sparse_coord("info", good.bag)
+    assert (code, err) == (0, "")
+    assert "bytes, finished" in out and "scenario env1, seed 7, learner coop" in out
+    rows = {line.split()[0]: line.split()[1:] for line in out.splitlines() if line[:1] == "/"}
+    del rows[f"{open_bag(good.bag).path}:"]
+    told = json.loads(sparse_coord("info", good.bag, "--json")[1])
+    assert {t["name"]: str(t["messages"]) for t in told["topics"]} == {
+        name: row[0] for name, row in rows.items()
+    }
+    assert sum(t["messages"] for t in told["topics"]) == told["messages"]
+    assert told["finished"] and told["damage"] is None and told["compression"] == ["zstd"]
+    names = [one["name"] for one in told["attachments"]]
+    assert names[:3] == ["run.yaml", "scenario.yaml", "map.txt"]
+    assert f"tables/robot_1_{read_run(good.bag).step[-1]}.npz" in names
+
+
+def test_explain_tells_the_whole_dialogue(sparse_coord, good):
+    log = read_run(good.bag)
+    perceived = log.step[log.perceived[:, 1]]
+    step = int(perceived[len(perceived) // 2])
+    row = int((log.step == step).argmax())
+    code, out, err = sparse_coord("explain", good.bag, "--step", step, "--robot", "robot_2")
+    assert (code, err) == (0, "")
+    own, peer = log.cells[row, 1], log.cells[row, 0]
+    lines = out.splitlines()
+    assert lines[0].startswith(f"step {step}: robot_2 in cell {own} [")
+    assert lines[1].startswith(f"  asks robot_1: answers cell {peer} [")
+    assert lines[1].endswith(" ms")
+    move = ("north", "south", "east", "west")[log.move[row, 1]]
+    assert lines[3].startswith(f"  goes {move} by Q^C[{own}, {peer}]: north ")
+    told = json.loads(
+        sparse_coord("explain", good.bag, "--step", step, "--robot", "robot_2", "--json")[1]
+    )
+    (one,) = told["coordinations"]
+    entry = one["q_coord"]
+    assert (entry["state"], entry["action"]) == ([own, peer], move)
+    assert entry["before"] != entry["after"] and one["agrees_with_log"]
+    assert 0 < one["requests"][0]["seconds"] < 0.01
+
+
+def test_explain_names_the_table_entries_as_they_become(sparse_coord, good):
+    """The last change of an entry that is told is what the final tables hold."""
+    log = read_run(good.bag)
+    final = {}
+    for step in log.step[log.perceived[:, 0]].tolist():
+        out = sparse_coord("explain", good.bag, "--step", step, "--robot", "robot_1", "--json")[1]
+        (one,) = json.loads(out)["coordinations"]
+        if one["q_coord"] is not None:
+            final[*one["q_coord"]["state"], one["q_coord"]["action"]] = one["q_coord"]["after"]
+    learned = log.tables[0, int(log.step[-1])].q_coord
+    moves = ["north", "south", "east", "west"]
+    told = {(*state, moves.index(move)): value for (*state, move), value in final.items()}
+    assert len(told) > 5
+    for entry, value in told.items():
+        assert learned[entry] == value
+    assert (learned != 200.0).sum() == len(told)
+
+
+def test_explain_finds_the_next_one(sparse_coord, good):
+    log = read_run(good.bag)
+    steps = log.step[log.asked.any(axis=1)].tolist()
+    calm = next(t for t in log.step.tolist() if t > steps[3] and t not in steps)
+    following = min(t for t in steps if t > calm)
+    out = sparse_coord("explain", good.bag, "--step", calm)[1].splitlines()
+    assert out[0] == f"at step {calm} nobody chose COORDINATE; the next time is step {following}"
+    assert out[1].startswith(f"step {following}: ")
+    code, out, _ = sparse_coord("explain", good.bag, "--step", 10**9)
+    assert code == 0 and f"the last time was step {steps[-1]}" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--step", "soon"], "--step is 'soon': give a time step"),
+        (["--step", "9" * 5000], "give a time step"),
+        (["--robot", "robot_3"], "no such robot (did you mean 'robot_"),
+    ],
+)
+def test_explain_refuses_bad_input(sparse_coord, good, arguments, words):
+    code, out, err = sparse_coord("explain", good.bag, *arguments)
+    assert (code, out) == (2, "")
+    assert words in err and err.count("\n") == 1

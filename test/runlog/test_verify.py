@@ -1,0 +1,478 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Every alteration of a good log is found and named; what a run can honestly suffer is not."""
+
+import math
+import random
+
+import numpy as np
+import pytest
+from nav_msgs.srv import GetPlan
+from rclpy.serialization import deserialize_message, serialize_message
+
+from sparse_coord_ros.core.tables import pack_tables, unpack_robot
+from sparse_coord_ros.core.world import Action, Reward
+from sparse_coord_ros.errors import SparseCoordError
+from sparse_coord_ros.nodes.messages import ACTION_LAYOUT, REWARD_LAYOUT, Converter
+from sparse_coord_ros.recording.reader import open_bag
+from sparse_coord_ros.runlog import read_run, verify
+
+EVENT = "active_perception/_service_event"
+HALF = {"perception": "probability:0.5"}
+
+
+def step_of(message, convert):
+    return message.log_time_ns // convert.period
+
+
+@pytest.fixture
+def alter(good, rewritten, tmp_path):
+    """Return a function that changes messages or attachments and verifies the result."""
+
+    def altered(change=lambda messages: messages, attach=lambda found: found):
+        return verify(rewritten(good.bag, tmp_path / "bag", change, attach))
+
+    return altered
+
+
+@pytest.fixture(scope="module")
+def convert(good):
+    return Converter(good.run)
+
+
+@pytest.fixture(scope="module")
+def log(good):
+    return read_run(good.bag)
+
+
+@pytest.fixture(scope="module")
+def asked(log):
+    """Return the first steps after 100 at which robot_1's percept succeeds, and fails."""
+    mine = log.asked[:, 0] & (log.step > 100)
+    succeeded = log.step[mine & log.perceived[:, 0]]
+    failed = log.step[mine & ~log.perceived[:, 0]]
+    return int(succeeded[0]), int(failed[0])
+
+
+@pytest.fixture(scope="module")
+def moved(log):
+    """Return a step after 200 at which robot_2 moves, in mid-episode, both being under way."""
+    for t in range(len(log.step) - 1):
+        under_way = (log.action[t] >= 0).all() and (log.action[t + 1] >= 0).all()
+        if log.step[t] > 200 and under_way and not log.asked[t].any():
+            if log.cells[t, 1] != log.cells[t + 1, 1] and log.step[t + 1] == log.step[t] + 1:
+                return int(log.step[t])
+    raise AssertionError
+
+
+def on(topic, step, convert, data):
+    """Return a change of the message of a topic and time step; data: bytes from bytes."""
+
+    def change(messages):
+        places = [
+            place
+            for place, m in enumerate(messages)
+            if m.topic == topic and step_of(m, convert) == step
+        ]
+        (place,) = places
+        messages[place] = messages[place]._replace(data=data(messages[place].data))
+        return messages
+
+    return change
+
+
+def is_first(found, step, robot, quantity):
+    assert not found.same
+    first = found.first
+    assert (first.step, first.robot) == (step, robot), str(first)
+    assert first.quantity.startswith(quantity), str(first)
+    assert str(first).count("\n") == 0
+
+
+# Good logs.
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "values"),
+    [
+        ("env1", HALF, {}),
+        ("env1", {"perception": "range:2"}, {"resolution": 0.3, "step_period": 0.033}),
+        ("env2-4r", HALF, {}),
+        ("crowd-3r", {**HALF, "peers": "all", "steps": 200}, {}),
+        ("env1", {}, {"learner": "noncoop"}),
+        ("env1", {**HALF, "starts": "random", "max_steps": 7}, {"checkpoint": 0}),
+    ],
+)
+def test_a_good_log_is_identical(record, name, settings, values):
+    run = record(name, settings, values=values)
+    found = verify(run.bag)
+    assert found.differences == ()
+    assert found.steps == run.run.scenario.steps
+    assert found.choices == found.updates > found.steps
+    checkpoints = 0 if values.get("checkpoint") == 0 else found.log.step[-1] // 150
+    assert found.tables == len(run.names) * (2 + checkpoints)
+    assert (found.left_out, found.resets, found.repeats, found.unchecked) == (0, 0, 0, 0)
+    if run.run.learner == "coop":
+        outcomes = {request.answer[1] is None for request in found.log.requests}
+        assert outcomes == {True, False}
+
+
+def test_a_greedy_run_from_tables(record, good):
+    tables = [robot.agent.tables for robot in good.recording.robots]
+    run = record(settings=HALF, values={"greedy": True, "tables": "before"}, tables=tables)
+    found = verify(run.bag)
+    assert found.differences == ()
+    assert found.updates == 0 < found.choices
+
+
+def test_a_run_that_goes_on_from_tables(record, good):
+    tables = [robot.agent.tables for robot in good.recording.robots]
+    before = [pack_tables({1: pair}) for pair in tables]
+    run = record(settings=HALF, values={"tables": "before", "seed": 8}, tables=tables)
+    assert verify(run.bag).differences == ()
+    assert before != [pack_tables({1: pair}) for pair in tables], "it learned"
+
+
+# What runs honestly suffer.
+
+
+def test_robots_that_are_left_out_are_followed(record):
+    late = [(0, t) for t in range(20, 60)] + [(2, t) for t in range(100, 130)]
+    found = verify(record("env2-4r", HALF, late=late).bag)
+    assert found.differences == ()
+    assert found.left_out > 20
+
+
+def test_late_percepts_and_repeats_are_followed(record):
+    lost = [("request", 1, t) for t in range(100, 160)]
+    lost += [("action", 0, 60), ("local_state", 1, 78), ("local_state", 0, 90), ("reward", 0, 30)]
+    run = record(settings=HALF, lost=lost)
+    found = verify(run.bag)
+    assert found.differences == ()
+    assert found.repeats > 0
+    assert run.recording.robots[1].asks["late"] > 0
+
+
+def test_resets_and_a_stopped_run_are_followed(record):
+    found = verify(record(settings=HALF, resets=[40, 41, 200], stop=333).bag)
+    assert found.differences == ()
+    assert (found.resets, found.steps) == (3, 333)
+
+
+def test_what_a_left_out_robot_never_heard_is_found_out(record):
+    """It has not learned from transitions whose end it never got; its tables show which."""
+    found = verify(record("env2-4r", HALF, deaf=[(0, 50), (0, 51), (1, 100), (2, 220)]).bag)
+    assert found.differences == ()
+    assert found.dropped > 0 and found.left_out > 0
+
+
+def test_what_the_log_cannot_explain_is_a_difference(record, rewritten, convert, tmp_path):
+    """Of a robot that was left out a wrong action is still found."""
+    run, steps = record("env2-4r", HALF, late=[(0, 50), (0, 51)]), []
+
+    def change(messages):
+        places = [p for p, m in enumerate(messages) if m.topic == "/robot_3/action"]
+        step, action = convert.unpack_action(messages[places[150]].data)
+        data = convert.pack_action(step, action._replace(move=(action.move + 1) % 4))
+        messages[places[150]] = messages[places[150]]._replace(data=data)
+        steps.append(step)
+        return messages
+
+    found = verify(rewritten(run.bag, tmp_path / "bag", change))
+    is_first(found, steps[0], "robot_3", "action")
+
+
+def test_of_an_unfinished_log_the_rest_is_checked(record):
+    run = record(settings=HALF, finish=False)
+    found = verify(run.bag)
+    assert [one.quantity for one in found.differences] == ["file"]
+    assert "unfinished" in found.first.logged
+    assert found.steps > 390 and found.tables == 2 * 3 and 0 < found.unchecked < 10
+
+
+def test_of_a_log_that_was_cut_off_the_rest_is_checked(good, tmp_path):
+    cut = tmp_path / "cut_0.mcap"
+    data = open_bag(good.bag).path.read_bytes()
+    cut.write_bytes(data[: len(data) * 2 // 3])
+    found = verify(cut)
+    assert found.log.damage is not None
+    assert [one.quantity for one in found.differences] == ["file"]
+
+
+# Altered logs.
+
+
+def test_a_rewritten_log_is_still_identical(alter):
+    assert alter().same
+
+
+@pytest.mark.parametrize("label", ["individual", "common", "ask_cost", "total"])
+def test_a_changed_reward(alter, convert, moved, label):
+    def data(old):
+        sec, nanosec, *parts = REWARD_LAYOUT.unpack(old)
+        reward = Reward(*parts)
+        nearest = math.nextafter(getattr(reward, label), math.inf)
+        return convert.pack_reward(moved, reward._replace(**{label: nearest}))
+
+    found = alter(on("/robot_2/reward", moved, convert, data))
+    is_first(found, moved, "robot_2", "reward")
+    assert f"{label}=" in found.first.logged
+
+
+def test_a_changed_state(alter, convert, log, moved):
+    row = int(np.flatnonzero(log.step == moved)[0])
+    other = int(log.cells[row, 1] + 1) % len(convert.grid.cells)
+    change = on(
+        "/robot_2/local_state", moved, convert, lambda old: convert.pack_state(moved, other)
+    )
+    found = alter(change)
+    is_first(found, moved, "robot_2", "local_state")
+    assert f"cell {other} " in found.first.logged
+    assert f"cell {log.cells[row, 1]} " in found.first.computed
+
+
+def test_a_changed_move(alter, convert, log, moved):
+    row = int(np.flatnonzero(log.step == moved)[0])
+    action = Action((int(log.move[row, 1]) + 1) % 4, False, -1, False)
+    change = on("/robot_2/action", moved, convert, lambda old: convert.pack_action(moved, action))
+    is_first(alter(change), moved, "robot_2", "action")
+
+
+@pytest.mark.parametrize("place", range(2, 7))
+def test_a_changed_number_of_an_action(alter, convert, asked, place):
+    def data(old):
+        numbers = list(ACTION_LAYOUT.unpack(old))
+        numbers[place] += 2.0
+        return ACTION_LAYOUT.pack(*numbers)
+
+    found = alter(on("/robot_1/action", asked[0], convert, data))
+    is_first(found, asked[0], "robot_1", "")
+    assert found.first.quantity in ("action", "percept")
+
+
+def test_a_changed_percept(alter, convert, log, asked):
+    row = int(np.flatnonzero(log.step == asked[0])[0])
+    own, seen = int(log.cells[row, 0]), int(log.percept[row, 0, 1])
+    assert seen == log.cells[row, 1]
+
+    def says(*cells):
+        message = serialize_message(convert.path(asked[0], cells))
+        return on("/robot_1/percept", asked[0], convert, lambda old: message)
+
+    for cells in ((own, (seen + 1) % 21), ((own + 1) % 21, seen), (own,), (own, seen, seen)):
+        found = alter(says(*cells))
+        is_first(found, asked[0], "robot_1", "percept")
+
+
+def test_a_percept_that_ought_to_have_failed(alter, convert, log, asked):
+    row = int(np.flatnonzero(log.step == asked[1])[0])
+    cells = log.cells[row].tolist()
+    message = serialize_message(convert.path(asked[1], cells))
+    found = alter(on("/robot_1/percept", asked[1], convert, lambda old: message))
+    is_first(found, asked[1], "robot_1", "percept")
+    assert found.first.computed == "refused"
+
+
+@pytest.mark.parametrize("topic", ["local_state", "reward", "action"])
+@pytest.mark.parametrize("how", ["removed", "doubled", "swapped", "swapped in place"])
+def test_a_message_of_every_step(alter, convert, moved, topic, how):
+    name = f"/robot_2/{topic}"
+
+    def change(messages):
+        one, two = (
+            next(p for p, m in enumerate(messages) if (m.topic, step_of(m, convert)) == (name, t))
+            for t in (moved, moved + 1)
+        )
+        if how == "removed":
+            del messages[one]
+        elif how == "doubled":
+            messages.insert(one, messages[one])
+        elif how == "swapped":
+            messages[one], messages[two] = messages[two], messages[one]
+        else:
+            data = messages[one].data, messages[two].data
+            messages[one] = messages[one]._replace(data=data[1])
+            messages[two] = messages[two]._replace(data=data[0])
+        return messages
+
+    is_first(alter(change), moved, "robot_2", topic)
+
+
+@pytest.mark.parametrize("how", ["removed", "doubled"])
+def test_a_percept_and_the_clock(alter, convert, asked, how):
+    for topic, robot in (("/robot_1/percept", "robot_1"), ("/clock", None)):
+
+        def change(messages, topic=topic):
+            place = next(
+                p
+                for p, m in enumerate(messages)
+                if (m.topic, step_of(m, convert)) == (topic, asked[0])
+            )
+            messages[place : place + 1] = [messages[place]] * (2 if how == "doubled" else 0)
+            return messages
+
+        found = alter(change)
+        is_first(found, asked[0], robot, topic.rpartition("/")[2])
+
+
+def test_a_message_that_says_something_twice_in_two_ways(alter, convert, moved):
+    def change(messages):
+        place = next(
+            p
+            for p, m in enumerate(messages)
+            if (m.topic, step_of(m, convert)) == ("/robot_1/reward", moved)
+        )
+        odd = convert.pack_reward(moved, Reward(1.0, 2.0, 3.0, 6.0))
+        messages.insert(place + 1, messages[place]._replace(data=odd))
+        return messages
+
+    is_first(alter(change), moved, "robot_1", "reward")
+
+
+@pytest.mark.parametrize("kind", range(4))
+@pytest.mark.parametrize("how", ["removed", "doubled", "changed"])
+def test_the_dialogue(alter, convert, asked, kind, how):
+    """Of each of the four events of a question of robot_1."""
+
+    def change(messages):
+        seen = -1
+        for place, message in enumerate(messages):
+            if message.topic != f"/robot_2/{EVENT}":
+                continue
+            event = deserialize_message(message.data, GetPlan.Event)
+            said = [r.start.header.stamp for r in event.request]
+            said += [r.plan.header.stamp for r in event.response]
+            step = convert.step(said[0].sec, said[0].nanosec)
+            if step != asked[0] or event.info.event_type != kind:
+                continue
+            seen = place
+            break
+        assert seen >= 0
+        if how == "removed":
+            del messages[seen]
+        elif how == "doubled":
+            messages.insert(seen, messages[seen])
+        else:
+            poses = [r.start for r in event.request]
+            poses += [pose for r in event.response for pose in r.plan.poses]
+            poses[0].pose.position.x += 1.0
+            messages[seen] = messages[seen]._replace(data=serialize_message(event))
+        return messages
+
+    is_first(alter(change), asked[0], "robot_1", "dialogue")
+
+
+@pytest.mark.parametrize("topic", ["/status", "/run"])
+def test_the_last_message_of_the_worlds_topics(alter, topic):
+    def change(messages):
+        del messages[max(p for p, m in enumerate(messages) if m.topic == topic)]
+        return messages
+
+    found = alter(change)
+    step = None if topic == "/run" else found.log.step[-1]
+    is_first(found, step, None, "topic run" if topic == "/run" else "status")
+
+
+@pytest.mark.parametrize("topic", ["/map", "/robot_1/local_state", "/status"])
+def test_a_gap_in_the_numbers_of_a_topic(good, rewritten, tmp_path, topic):
+    """A message that was taken out without numbering the others anew is missed on any topic."""
+    bag = rewritten(good.bag, tmp_path / "bag", gap=(topic, 2))
+    found = verify(bag)
+    odd = [one.logged for one in found.differences if one.quantity == f"topic {topic}"]
+    assert odd[0] == "number 3 after 1"
+
+
+@pytest.mark.parametrize("which", [0, 1, -1])
+@pytest.mark.parametrize("how", ["off by a bit", "missing", "garbage", "of another step"])
+def test_tables_that_are_changed_or_not_there(alter, which, how):
+    step, entry = None, (3, 4, 1)
+
+    def attach(found):
+        nonlocal step
+        mine = [p for p, one in enumerate(found) if one.name.startswith("tables/robot_2_")]
+        place = mine[which]
+        name, data = found[place].name, found[place].data
+        step = int(name.removesuffix(".npz").rpartition("_")[2])
+        if how == "missing":
+            del found[place]
+        elif how == "garbage":
+            found[place] = found[place]._replace(data=data[:-30])
+        elif how == "of another step":
+            found[place] = found[place]._replace(name=f"tables/robot_2_{step + 1}.npz")
+        else:
+            tables, counts = unpack_robot(data, 2, where="")
+            tables.q_coord[entry] = math.nextafter(tables.q_coord[entry], -math.inf)
+            found[place] = found[place]._replace(data=pack_tables({2: tables}, counts=counts))
+        return found
+
+    quantity = "tables q_coord[3, 4, 1]" if how == "off by a bit" else "tables"
+    is_first(alter(attach=attach), step, "robot_2", quantity)
+
+
+@pytest.mark.parametrize("name", ["run.yaml", "scenario.yaml", "map.txt"])
+@pytest.mark.parametrize("how", ["missing", "changed"])
+def test_the_files_of_the_run(alter, name, how):
+    def attach(found):
+        (place,) = [p for p, one in enumerate(found) if one.name == name]
+        if how == "missing":
+            del found[place]
+        else:
+            old, new = {
+                "run.yaml": (b"seed: 7", b"seed: 8"),
+                "scenario.yaml": (b"penalty: -20.0", b"penalty: -21.0"),
+                "map.txt": (b"D", b"."),
+            }[name]
+            assert old in found[place].data
+            found[place] = found[place]._replace(data=found[place].data.replace(old, new))
+        return found
+
+    found = alter(attach=attach)
+    is_first(found, None, None, f"attachment {name}")
+    if (name, how) == ("run.yaml", "changed"):
+        assert "seed: 8" in found.first.logged and "seed: 7" in found.first.computed
+
+
+def test_a_wrong_seed_everywhere(good, rewritten, tmp_path):
+    """With the seed changed in every place, the world itself gives it away."""
+
+    def change(messages):
+        return [
+            m._replace(data=m.data.replace(b"seed: 7", b"seed: 8")) if m.topic == "/run" else m
+            for m in messages
+        ]
+
+    def attach(found):
+        return [
+            one._replace(data=one.data.replace(b"seed: 7", b"seed: 8"))
+            if one.name == "run.yaml"
+            else one
+            for one in found
+        ]
+
+    bag = rewritten(good.bag, tmp_path / "bag", change, attach, record={"seed": "8"})
+    found = verify(bag)
+    assert found.first.step is not None and found.first.step < 20
+    assert found.first.quantity in ("local_state", "action", "percept")
+
+
+def test_flipped_bytes_of_the_file(good, tmp_path):
+    """Whatever byte it is: named as damage, or nothing can be read."""
+    source = open_bag(good.bag).path.read_bytes()
+    bag = tmp_path / "flipped_0.mcap"
+    generator = random.Random(4)
+    unreadable = 0
+    for _ in range(40):
+        place = generator.randrange(len(source))
+        data = bytearray(source)
+        data[place] ^= 1 << generator.randrange(8)
+        bag.write_bytes(data)
+        try:
+            found = verify(bag)
+        except SparseCoordError as error:
+            assert "\n" not in str(error)
+            unreadable += 1
+            continue
+        assert not found.same
+        assert found.log.damage is not None and found.first.quantity in ("file", "topic run")
+        assert found.log.damage in {one.logged for one in found.differences}
+    assert unreadable < 20
