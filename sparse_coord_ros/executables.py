@@ -30,6 +30,11 @@ def team() -> int:
     return _start("sparse_coord_ros.nodes.team", STOPPED)
 
 
+def player() -> int:
+    """Run the node `player`."""
+    return _start("sparse_coord_ros.nodes.player", STOPPED)
+
+
 def sparse_coord() -> int:
     """Run the command line."""
     return _start("sparse_coord_ros.cli.main", INTERRUPTED)

@@ -19,6 +19,7 @@ from sparse_coord_ros.errors import RunError
 
 SCENARIO = "env1"
 PARTS = ("live", "batch", "all")
+ONE, MANY, RECORDING = "one process, learning", "processes, learning", " and recording"
 STEPS = Setting("steps", int, 10_000, "time steps of a run", low=100, high=10_000_000)
 REPEATS = Setting("repeats", int, 3, "how often each figure is measured", low=1, high=100)
 RUNS = Setting("runs", int, 1000, "learning runs of a batch", low=1, high=1_000_000)
@@ -48,9 +49,9 @@ def execute(options: argparse.Namespace) -> int:
     data = {"scenario": SCENARIO, "steps": steps}
     tables = []
     if options.part != "batch":
-        found = _measure_live(steps, repeats)
-        data["steps_per_second"] = found
-        tables.append(_live_table(found))
+        found, bag_bytes = _measure_live(steps, repeats)
+        data |= {"steps_per_second": found, "bag_bytes": bag_bytes}
+        tables.append(_live_table(found, bag_bytes / steps))
     if options.part != "live":
         figures = batch.measure(SCENARIO, steps=steps, runs=runs, repeats=repeats)
         data["batch"] = {**asdict(figures), "engine_to_c": figures.engine_to_c}
@@ -62,8 +63,8 @@ def execute(options: argparse.Namespace) -> int:
     return 0
 
 
-def _measure_live(steps: int, repeats: int) -> dict[str, list[float]]:
-    """Return steps a second of live runs and of what they are measured against.
+def _measure_live(steps: int, repeats: int) -> tuple[dict[str, list[float]], int]:
+    """Return steps a second of live runs and of what they are measured against, and a bag's size.
 
     Raises:
         RunError: ROS 2 is not there.
@@ -77,23 +78,24 @@ def _measure_live(steps: int, repeats: int) -> dict[str, list[float]]:
             "batch'"
         ) from None
 
+    sizes = []
     measures: dict[str, Callable[[], float]] = {
         "without ROS (train)": lambda: _simulated(steps),
         "one process, bare rclpy nodes": lambda: ceiling.one_process(steps),
-        "one process, learning": lambda: _live(steps, record=False),
-        "one process, learning and recording": lambda: _live(steps, record=True),
+        ONE: lambda: _live(steps, record=False),
+        ONE + RECORDING: lambda: _live(steps, record=True, sizes=sizes),
         "processes, bare rclpy nodes": lambda: ceiling.separate_processes(steps),
-        "processes, learning": lambda: _live(steps, record=False, processes=True),
-        "processes, learning and recording": lambda: _live(steps, record=True, processes=True),
+        MANY: lambda: _live(steps, record=False, processes=True),
+        MANY + RECORDING: lambda: _live(steps, record=True, processes=True),
     }
     found: dict[str, list[float]] = {name: [] for name in measures}
     for _ in range(repeats):
         for name, measure in measures.items():
             found[name].append(measure())
-    return found
+    return found, statistics.median(sizes)
 
 
-def _live_table(found: dict[str, list[float]]) -> str:
+def _live_table(found: dict[str, list[float]], bytes_per_step: float) -> str:
     medians = {name: statistics.median(values) for name, values in found.items()}
     rows = []
     for name, median in medians.items():
@@ -102,7 +104,12 @@ def _live_table(found: dict[str, list[float]]) -> str:
         spread = f"{min(found[name]):.0f} to {max(found[name]):.0f}"
         rows.append([name, f"{median:.0f}", spread, share])
     head = [f"{SCENARIO}, 2 robots, events executor", "steps/s", "range", "of bare nodes"]
-    return shared.format_table(head, rows)
+    one, many = (medians[way + RECORDING] / medians[way] for way in (ONE, MANY))
+    note = (
+        f"with recording {one:.0%} of the speed without in one process, {many:.0%} in many; "
+        f"{bytes_per_step:.0f} bytes a time step"
+    )
+    return f"{shared.format_table(head, rows)}\n{note}"
 
 
 def _batch_table(figures: batch.BatchFigures) -> str:
@@ -155,7 +162,10 @@ def _simulated(steps: int) -> float:
     return steps / (time.perf_counter() - started)
 
 
-def _live(steps: int, *, record: bool, processes: bool = False) -> float:
+def _live(
+    steps: int, *, record: bool, processes: bool = False, sizes: list[int] | None = None
+) -> float:
+    """Return the steps a second of a run; add the size of its bag in bytes to `sizes`."""
     from sparse_coord_ros.cli import live
 
     with tempfile.TemporaryDirectory(prefix="sparse_coord_bench_") as folder:
@@ -165,4 +175,7 @@ def _live(steps: int, *, record: bool, processes: bool = False) -> float:
             "out": str(Path(folder) / "run"),
             "record": record,
         }
-        return live.run(values, processes=processes, quiet=True)["steps_per_second"]
+        rate = live.run(values, processes=processes, quiet=True)["steps_per_second"]
+        if sizes is not None:
+            sizes += [file.stat().st_size for file in Path(folder).glob("run/bag/*.mcap")]
+    return rate

@@ -15,7 +15,7 @@ import yaml
 from rclpy.logging import LoggingSeverity, set_logger_level
 
 from sparse_coord_ros.core.run_config import create_output
-from sparse_coord_ros.errors import EXIT_BAD_INPUT, RunError
+from sparse_coord_ros.errors import EXIT_BAD_INPUT, BagError, RunError
 from sparse_coord_ros.nodes.outputs import gather
 from sparse_coord_ros.nodes.parameters import (
     RECORDER_PARAMETERS,
@@ -67,10 +67,17 @@ def _run_processes(values: dict[str, Any], stop: Stop, quiet: bool) -> dict[str,
         try:
             for module, name, parameters in nodes:
                 processes.append(_start(Path(folder), module, name, parameters, quiet))
-            interrupted = _wait(processes, stop)
+            recorder = processes[-1] if values["record"] else None
+            interrupted = _wait(processes, recorder, out / BAG, stop)
         finally:
             _end(processes)
-    return gather(out, run.scenario, interrupted=interrupted)
+    error = None
+    if recorder is not None and recorder.returncode:
+        error = BagError(
+            f"recorder ended with exit code {recorder.returncode}; the bag {out / BAG} holds what "
+            "was recorded until then, 'sparse_coord recover' finishes it"
+        )
+    return gather(out, run.scenario, interrupted=interrupted, recording_error=error)
 
 
 def _start(folder: Path, module: str, name: str, parameters: Mapping[str, Any], quiet: bool):
@@ -83,25 +90,32 @@ def _start(folder: Path, module: str, name: str, parameters: Mapping[str, Any], 
     return subprocess.Popen(command, start_new_session=True)
 
 
-def _wait(processes: list[subprocess.Popen], stop: Stop) -> bool:
-    """Wait for all processes; return whether they were stopped early."""
-    while any(process.poll() is None for process in processes):
-        if any(process.poll() == EXIT_BAD_INPUT for process in processes):
+def _wait(
+    processes: list[subprocess.Popen], recorder: subprocess.Popen | None, bag: Path, stop: Stop
+) -> bool:
+    """Wait for all processes; return whether they were stopped early.
+
+    The others go on without a recorder that has begun its bag.
+    """
+    while True:
+        running = any(process.poll() is None for process in processes)  # before what they say
+        needed = [process for process in processes if process is not recorder or not bag.exists()]
+        if any(process.poll() == EXIT_BAD_INPUT for process in needed):
             raise RunError("a node stopped because of bad input (see its line above)")
-        failed = [process for process in processes if process.poll() not in (None, 0)]
+        failed = [process for process in needed if process.poll() not in (None, 0)]
         if failed:
             name = failed[0].args[6].removeprefix("__node:=")
+            rest = "the others were stopped" if running else "the others had ended"
             raise RunError(
-                f"{name} ended with exit code {failed[0].returncode}; the others were stopped, "
-                "what they had is saved"
+                f"{name} ended with exit code {failed[0].returncode}; {rest}, what they had is "
+                "saved"
             )
+        if not running:
+            return False
         if stop:
             _end(processes)
             return True
         time.sleep(POLL_SECONDS)
-    if any(process.returncode for process in processes):
-        raise RunError("a node ended with an error (see its line above)")
-    return False
 
 
 def _end(processes: list[subprocess.Popen]) -> None:

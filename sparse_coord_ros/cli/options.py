@@ -20,6 +20,11 @@ VERBS: Mapping[str, str] = {
     "optimum": "compute the exact joint optimum: full joint state and action, no cost of asking; "
     "and the exact worth of fixed shortest paths",
     "maps": "list the maps, or show one",
+    "info": "say what is in a bag: the run, its topics and files, whether it is whole",
+    "verify": "compute a recorded run again, from its seed and its log alone, and compare",
+    "explain": "trace each COORDINATE of a time step: question, answer, what was learned from it",
+    "replay": "play a recorded run back over ROS 2: same messages, types, QoS and clock",
+    "recover": "finish a bag that a crash cut off or that is damaged, as far as it can be read",
     "reproduce": "reproduce the paper's tables and figures, and go beyond them",
     "study": "search for one learning protocol that serves all nine scenarios",
     "bench": "measure the speed of env1: live, beside bare rclpy nodes passing the same messages, "

@@ -6,7 +6,7 @@ import argparse
 
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.core.run_config import RUN_SETTINGS
-from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.errors import BagError, RunError
 
 
 def add_parser(verbs) -> None:
@@ -30,6 +30,18 @@ def add_parser(verbs) -> None:
     parser.add_argument("--processes", action="store_true", help="every node in its own process")
     parser.add_argument("--rate", default="0", metavar="HZ", help="time steps a second, to watch")
     parser.add_argument("--no-record", action="store_true", help="write no bag")
+    parser.add_argument(
+        "--compression",
+        choices=("zstd", "lz4", "none"),
+        default="zstd",
+        help="of the bag (default: zstd)",
+    )
+    parser.add_argument(
+        "--checkpoint",
+        default="10000",
+        metavar="STEPS",
+        help="record the tables each so many steps (default: 10000; 0: only at the end)",
+    )
     parser.add_argument("--tables", metavar="DIR", help="begin with the tables of that run")
     parser.add_argument("--greedy", action="store_true", help="act on --tables without learning")
     shared.add_json(parser)
@@ -50,7 +62,7 @@ def execute(options: argparse.Namespace) -> int:
     scenario = shared.scenario_of(options)
     if options.greedy and not options.tables:
         raise RunError("--greedy needs --tables DIR, the output directory of a run to act on")
-    RUN_SETTINGS.parse({"seed": options.seed})
+    RUN_SETTINGS.parse({"seed": options.seed, "checkpoint": options.checkpoint})
     out = shared.output_directory(options, scenario.name)
     values = {
         "scenario": options.scenario,
@@ -61,6 +73,8 @@ def execute(options: argparse.Namespace) -> int:
         "rate": options.rate,
         "out": str(out),
         "record": not options.no_record,
+        "compression": options.compression,
+        "checkpoint": options.checkpoint,
         "tables": options.tables or "",
         "greedy": options.greedy,
     }
@@ -69,6 +83,8 @@ def execute(options: argparse.Namespace) -> int:
         shared.print_json({"directory": str(out), **summary})
     else:
         _print(out, summary, recorded=not options.no_record)
+    if "recording_error" in summary:
+        raise BagError(summary["recording_error"])
     return 130 if summary["interrupted"] else 0
 
 

@@ -15,15 +15,17 @@ expects.
 """
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
+from builtin_interfaces.msg import Time
 from rclpy.serialization import deserialize_message, serialize_message
 
 PROBE_SECONDS, PROBE_NANOSECONDS = 0x5A17C3E1, 0x2B94D0F7
 PROBE_NUMBER = 7.313131e77
+_STAMP = struct.Struct("=iI")
 LITTLE_ENDIAN_CDR = b"\x00\x01"
 ENCAPSULATION = 4
-SIZES = {"int32": 4, "uint32": 4, "double": 8}
+SIZES = {"boolean": 1, "int8": 1, "uint8": 1, "int32": 4, "uint32": 4, "float": 4, "double": 8}
 
 
 class FixedLayout:
@@ -82,6 +84,43 @@ class FixedLayout:
             if [values[0], *values[3::2]] == self._fixed:
                 return (*values[1:3], *values[4::2])
         return self._read(deserialize_message(data, self.message_type))
+
+
+class Template:
+    """The CDR of one message, of which stamps and some bytes are changed.
+
+    Args:
+        message: the message; each stamp that is to change is that of `probe_stamp`.
+        probes: bytes, each in one place of the CDR, that are to be changed.
+
+    Raises:
+        RuntimeError: a probe or the stamp was not found, or a probe in several places.
+    """
+
+    def __init__(self, message, probes: Sequence[bytes] = ()) -> None:
+        kind = type(message)
+        message = deserialize_message(serialize_message(message), kind)  # float32 as they are sent
+        data = _without_garbage(serialize_message(message), message)
+        mark = _STAMP.pack(PROBE_SECONDS, PROBE_NANOSECONDS)
+        places = range(ENCAPSULATION, len(data), 4)
+        self._stamps = [at for at in places if data.startswith(mark, at)]
+        if not self._stamps or any(data.count(probe) != 1 for probe in probes):
+            raise RuntimeError(f"{kind.__name__}: probe not found in its CDR")
+        self._places = [slice(data.index(p), data.index(p) + len(p)) for p in probes]
+        self._data = bytearray(data)
+
+    def pack(self, sec: int, nanosec: int, *parts: bytes) -> bytes:
+        """Return the CDR with other stamps, and other bytes of the same lengths for the probes."""
+        for at in self._stamps:
+            _STAMP.pack_into(self._data, at, sec, nanosec)
+        for place, part in zip(self._places, parts, strict=True):
+            self._data[place] = part
+        return bytes(self._data)
+
+
+def probe_stamp() -> Time:
+    """Return the stamp by which a `Template` knows the places of stamps."""
+    return Time(sec=PROBE_SECONDS, nanosec=PROBE_NANOSECONDS)
 
 
 def _without_garbage(data: bytes, message) -> bytes:

@@ -15,11 +15,11 @@ from nav_msgs.srv import GetPlan
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Header, String
+from std_msgs.msg import Header, String, UInt8MultiArray
 from visualization_msgs.msg import MarkerArray
 
 MAP_FRAME = "map"
-STEP_DEPTH = 100
+STEP_DEPTH = 10_000
 RECORDER_DEPTH = 10_000
 
 
@@ -40,6 +40,9 @@ EVENT_QOS = _qos(10)
 
 LATCHED_QOS = _qos(1, DurabilityPolicy.TRANSIENT_LOCAL)
 """Reliable, transient local: a late subscriber gets the last message."""
+
+SERIES_QOS = _qos(10, DurabilityPolicy.TRANSIENT_LOCAL)
+"""As `LATCHED_QOS`, for what comes time and again and a recorder is to get all of."""
 
 RECORDER_QOS = _qos(RECORDER_DEPTH)
 RECORDER_LATCHED_QOS = _qos(RECORDER_DEPTH, DurabilityPolicy.TRANSIENT_LOCAL)
@@ -69,19 +72,25 @@ class Topic:
 
 RUN = Topic("run", String, LATCHED_QOS)
 STATUS = Topic("status", DiagnosticStatus, LATCHED_QOS)
-CLOCK = Topic("/clock", Clock, EVENT_QOS, stamped=True)
-MAP = Topic("map", OccupancyGrid, LATCHED_QOS, stamped=True)
-MARKERS = Topic("markers", MarkerArray, LATCHED_QOS)
+CLOCK = Topic("/clock", Clock, STEP_QOS, stamped=True)
+MAP = Topic("map", OccupancyGrid, SERIES_QOS, stamped=True)
+MARKERS = Topic("markers", MarkerArray, SERIES_QOS)
 DIAGNOSTICS = Topic("diagnostics", DiagnosticArray, EVENT_QOS, stamped=True)
 
 LOCAL_STATE = Topic("local_state", PoseStamped, STEP_QOS, stamped=True)
 REWARD = Topic("reward", JointState, STEP_QOS, stamped=True)
 ACTION = Topic("action", JointState, STEP_QOS, stamped=True)
 PERCEPT = Topic("percept", Path, STEP_QOS, stamped=True)
-COORDINATION_MAP = Topic("coordination_map", OccupancyGrid, LATCHED_QOS, stamped=True)
+COORDINATION_MAP = Topic("coordination_map", OccupancyGrid, SERIES_QOS, stamped=True)
+
+TABLES = Topic("tables", UInt8MultiArray, SERIES_QOS)
+"""Of a robot, as the bytes of an .npz file; the recorder attaches them to the bag."""
 
 TEAM_TOPICS = (RUN, STATUS, CLOCK, MAP, MARKERS, DIAGNOSTICS)
 ROBOT_TOPICS = (LOCAL_STATE, REWARD, ACTION, PERCEPT, COORDINATION_MAP)
+
+TAPPED_TOPICS = (CLOCK, LOCAL_STATE, REWARD, ACTION, MAP, MARKERS, COORDINATION_MAP)
+"""What nodes hand to a recorder in their own process: what each time step and episode says."""
 
 CLAIM = Topic("claim", Header, LATCHED_QOS)
 """Of every node, below its name: since when (wall clock) the node has it."""
@@ -91,9 +100,11 @@ CLAIMS_QOS = _qos(100, DurabilityPolicy.TRANSIENT_LOCAL)
 
 ACTIVE_PERCEPTION = "active_perception"
 ACTIVE_PERCEPTION_TYPE = GetPlan
+SERVICE_EVENTS = Topic(f"{ACTIVE_PERCEPTION}/_service_event", GetPlan.Event, STEP_QOS)
+"""What rclpy publishes of the requests to a robot and of its answers."""
 
-REWARD_LABELS = ("individual", "common", "ask_cost", "total")
-ACTION_LABELS = ("east", "north", "coordinate", "peer", "perceived")
+INITIAL, CHECKPOINT, FINAL = "initial", "checkpoint", "final"
+"""Occasions on which a robot publishes its tables."""
 
 WAITING, LEARNING, PAUSED, FINISHED, STOPPED = (
     "waiting",

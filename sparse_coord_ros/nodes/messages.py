@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Conversions between the core's steps, cells and numbers and ROS messages."""
 
+from array import array as packed
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
@@ -11,24 +12,22 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import OccupancyGrid, Path
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from std_msgs.msg import ColorRGBA, Header
+from std_msgs.msg import ColorRGBA, Header, MultiArrayDimension, UInt8MultiArray
 from visualization_msgs.msg import Marker, MarkerArray
 
-from sparse_coord_ros.core.agent import Tables
-from sparse_coord_ros.core.algorithm import COORDINATE
-from sparse_coord_ros.core.grid import MOVES, GridMap
-from sparse_coord_ros.core.run_config import RunConfig
+from sparse_coord_ros.core.frame import (
+    ACTION_LABELS,
+    REWARD_LABELS,
+    Frame,
+    action_from,
+    action_numbers,
+)
 from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.world import Action, Reward
 from sparse_coord_ros.nodes.cdr import FixedLayout
-from sparse_coord_ros.nodes.interface import ACTION_LABELS, MAP_FRAME, REWARD_LABELS
+from sparse_coord_ros.nodes.interface import MAP_FRAME
 
-SECOND = 1_000_000_000
 UNKNOWN, EMPTY, OCCUPIED = -1, 0, 100
-EAST_NORTH = [(float(column), float(-row)) for row, column in MOVES]
-"""The primitive actions as unit vectors (x east, y north: REP-103)."""
-MOVE_OF = {vector: move for move, vector in enumerate(EAST_NORTH)}
-
 ROBOT_COLOURS = (
     (0.12, 0.47, 0.71),
     (1.00, 0.50, 0.05),
@@ -39,6 +38,7 @@ ROBOT_COLOURS = (
     (0.89, 0.47, 0.76),
     (0.09, 0.75, 0.81),
 )
+ROBOTS = "robots"
 DOORWAY_COLOUR = (0.45, 0.45, 0.45)
 
 
@@ -85,49 +85,20 @@ CLOCK_LAYOUT = FixedLayout(
 )
 
 
-class Converter:
-    """Conversions of one run: its time step, its map and its metres.
+class Converter(Frame):
+    """Conversions of one run: its time step, its map and its metres, as messages.
 
     Args:
-        run: the run; time step t is stamped t * step_period seconds, the map's lower left corner
-            is the origin of the frame `map`, x points east, y north.
+        run: the run.
     """
-
-    def __init__(self, run: RunConfig) -> None:
-        self.grid: GridMap = run.scenario.map
-        self.resolution = run.resolution
-        self.period = round(run.step_period * SECOND)
-        rows = self.grid.shape[0]
-        self._centres = [
-            ((column + 0.5) * self.resolution, (rows - row - 0.5) * self.resolution)
-            for row, column in self.grid.cells
-        ]
-        self._cells = {centre: cell for cell, centre in enumerate(self._centres)}
-
-    def stamp(self, step: int) -> tuple[int, int]:
-        """Return (sec, nanosec) of a time step."""
-        return divmod(step * self.period, SECOND)
-
-    def step(self, sec: int, nanosec: int) -> int:
-        """Return the time step of a stamp (the nearest one)."""
-        return (sec * SECOND + nanosec + self.period // 2) // self.period
 
     def header(self, step: int) -> Header:
         """Return a header in the frame `map`."""
         return _header(*self.stamp(step))
 
-    def cell(self, x: float, y: float) -> int | None:
-        """Return the free cell at a position in metres, or None where there is none."""
-        cell = self._cells.get((x, y))
-        if cell is None and np.isfinite(x) and np.isfinite(y):
-            rows = self.grid.shape[0]
-            position = (rows - 1 - int(y // self.resolution), int(x // self.resolution))
-            cell = self.grid.number.get(position)
-        return cell
-
     def pack_state(self, step: int, cell: int) -> bytes:
         """Return X_k(t) as CDR of geometry_msgs/PoseStamped."""
-        return POSE_LAYOUT.pack(*self.stamp(step), *self._centres[cell])
+        return POSE_LAYOUT.pack(*self.stamp(step), *self.centres[cell])
 
     def unpack_state(self, data: bytes) -> tuple[int, int]:
         """Return (step, cell) of a local state.
@@ -152,13 +123,7 @@ class Converter:
 
     def pack_action(self, step: int, action: Action) -> bytes:
         """Return an action as CDR of sensor_msgs/JointState; peers count from 1, 0 is none."""
-        return ACTION_LAYOUT.pack(
-            *self.stamp(step),
-            *EAST_NORTH[action.move],
-            float(action.asked),
-            float(action.peer + 1),
-            float(action.perceived),
-        )
+        return ACTION_LAYOUT.pack(*self.stamp(step), *action_numbers(action))
 
     def unpack_action(self, data: bytes) -> tuple[int, Action]:
         """Return (step, action).
@@ -167,18 +132,12 @@ class Converter:
             ValueError: labels are missing, (east, north) is no primitive action, or peer is no
                 number.
         """
-        sec, nanosec, east, north, asked, peer, perceived = ACTION_LAYOUT.unpack(data)
-        move = MOVE_OF.get((east, north))
-        if move is None:
-            raise ValueError(f"(east, north) is ({east:g}, {north:g}), no primitive action")
-        if not np.isfinite(peer):
-            raise ValueError(f"peer is {peer:g}, no robot's number")
-        action = Action(move, bool(asked), int(peer) - 1, bool(perceived))
-        return self.step(sec, nanosec), action
+        sec, nanosec, *numbers = ACTION_LAYOUT.unpack(data)
+        return self.step(sec, nanosec), action_from(numbers)
 
     def pose(self, step: int, cell: int) -> PoseStamped:
         """Return a cell's centre at a time step."""
-        return _pose(*self.stamp(step), *self._centres[cell])
+        return _pose(*self.stamp(step), *self.centres[cell])
 
     def path(self, step: int, cells: Iterable[int | None]) -> Path:
         """Return the cells' centres as a path, leaving out None."""
@@ -197,17 +156,13 @@ class Converter:
         data = np.array([[OCCUPIED * (s == "#") for s in row] for row in self.grid.rows], np.int8)
         return self._occupancy(0, data)
 
-    def coordination_map(self, step: int, tables: Tables) -> OccupancyGrid:
-        """Return where a robot would choose COORDINATE: 100 there, 0 elsewhere, -1 on walls."""
-        values = np.nan_to_num(tables.q_star, nan=-np.inf)
-        return self.occupancy(step, OCCUPIED * (values.argmax(axis=1) == COORDINATE))
-
     def _occupancy(self, step: int, data: np.ndarray) -> OccupancyGrid:
         message = OccupancyGrid(header=self.header(step))
         message.info.resolution = self.resolution
         message.info.height, message.info.width = data.shape
         message.info.origin.orientation.w = 1.0
-        message.data = np.flipud(data).flatten().tolist()  # row 0 of the message is the south
+        southmost_first = np.flipud(data).astype(np.int8).tobytes()
+        message.data = packed("b", southmost_first)
         return message
 
     def markers(self, step: int, scenario: Scenario, cells: Sequence[int]) -> MarkerArray:
@@ -220,7 +175,7 @@ class Converter:
         for k, robot in enumerate(scenario.robots):
             colour = ROBOT_COLOURS[k % len(ROBOT_COLOURS)]
             goal = self._marker(step, "goals", k, robot.goal, colour, Marker.CYLINDER, 0.04)
-            here = self._marker(step, "robots", k, cells[k], colour, Marker.SPHERE, 0.5)
+            here = self._marker(step, ROBOTS, k, cells[k], colour, Marker.SPHERE, 0.5)
             array.markers += [goal, here]
         return array
 
@@ -233,6 +188,34 @@ class Converter:
         marker.scale.z = height * self.resolution
         marker.color = ColorRGBA(r=colour[0], g=colour[1], b=colour[2], a=0.8)
         return marker
+
+
+def tables_message(data: bytes, step: int, occasion: str) -> UInt8MultiArray:
+    """Return tables, the bytes of an .npz file, as a message.
+
+    Args:
+        data: the bytes.
+        step: all is learned that happened before this time step.
+        occasion: `interface.INITIAL`, `CHECKPOINT` or `FINAL`.
+    """
+    message = UInt8MultiArray(data=packed("B", data))
+    message.layout.dim = [
+        MultiArrayDimension(label="npz", size=len(data), stride=len(data)),
+        MultiArrayDimension(label=occasion, size=step, stride=1),
+    ]
+    return message
+
+
+def read_tables_message(message: UInt8MultiArray) -> tuple[bytes, int, str]:
+    """Return (data, step, occasion) of what `tables_message` made.
+
+    Raises:
+        ValueError: the message has another layout.
+    """
+    labels = [dimension.label for dimension in message.layout.dim]
+    if len(labels) != 2 or labels[0] != "npz":
+        raise ValueError(f"its dimensions are {labels}, not 'npz' and an occasion")
+    return message.data.tobytes(), message.layout.dim[1].size, labels[1]
 
 
 def status(name: str, message: str, values: Mapping[str, object], *, warn: bool = False):

@@ -19,18 +19,21 @@ from sparse_coord_ros.core.tables import (
     robot_file,
     save_team,
 )
-from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.errors import BagError, RunError
 
 RUN_FILE, SUMMARY_FILE = "run.yaml", "summary.yaml"
 
 
-def gather(out: Path, scenario: Scenario, *, interrupted: bool) -> dict[str, Any]:
+def gather(
+    out: Path, scenario: Scenario, *, interrupted: bool, recording_error: BagError | None = None
+) -> dict[str, Any]:
     """Join the robots' tables into `tables.npz` and complete `summary.yaml`.
 
     Args:
         out: the output directory, in which world and robots have written.
         scenario: the problem.
         interrupted: whether the run was stopped before its budget was used up.
+        recording_error: why the recording ended before the run, where it did.
 
     Returns:
         The summary; `asks` says for each robot how its requests ended.
@@ -38,10 +41,14 @@ def gather(out: Path, scenario: Scenario, *, interrupted: bool) -> dict[str, Any
     path = out / SUMMARY_FILE
     summary = yaml.safe_load(path.read_text(encoding="utf-8")) if path.exists() else {}
     summary["interrupted"] = interrupted
+    if recording_error is not None:
+        summary["recording_error"] = str(recording_error)
     parts = [robot_file(out, robot.name) for robot in scenario.robots]
     if all(part.exists() for part in parts):
         tables = [load_tables(part, [k])[0] for k, part in enumerate(parts, start=1)]
         counts = {r.name: load_counts(p) for r, p in zip(scenario.robots, parts, strict=True)}
+        for count in counts.values():
+            del count["step"]
         summary["transitions_dropped"] = sum(count.pop("dropped") for count in counts.values())
         summary["asks"] = counts
         save_team(out, tables)

@@ -22,7 +22,8 @@ from sparse_coord_ros.core.run_config import RUN_SETTINGS, RunConfig, make_run
 from sparse_coord_ros.core.scenario import load_scenario, scenario_names
 from sparse_coord_ros.core.settings import Setting, SettingTable, parse_assignments
 from sparse_coord_ros.errors import RunError, SettingError, SparseCoordError
-from sparse_coord_ros.nodes.interface import RUN, STATUS
+from sparse_coord_ros.nodes.interface import RUN, STATUS, TAPPED_TOPICS, Topic
+from sparse_coord_ros.nodes.tap import Tap, TappedPublisher
 
 EXECUTOR = Setting(
     "executor",
@@ -41,6 +42,33 @@ CLAIM_WINDOW = Setting(
     "seconds that a starting node waits for a sign of an earlier one of its name",
     low=0,
     high=60,
+)
+RECORDING = SettingTable(
+    [
+        Setting(
+            "compression",
+            str,
+            "zstd",
+            "of the bag's chunks",
+            choices=("zstd", "lz4", "none"),
+        ),
+        Setting(
+            "flush_seconds",
+            float,
+            1.0,
+            "seconds of recording that a killed recorder loses at most",
+            low=0.02,
+            high=3600,
+        ),
+        Setting(
+            "flush_steps",
+            int,
+            1000,
+            "time steps of recording that a killed recorder loses at most",
+            low=1,
+            high=10_000_000,
+        ),
+    ]
 )
 
 WORLD_PARAMETERS = SettingTable(
@@ -71,6 +99,7 @@ ROBOT_PARAMETERS = SettingTable(
 RECORDER_PARAMETERS = SettingTable(
     [
         Setting("out", str, "", "directory for the bag; empty: bag_<date>_<time>"),
+        *RECORDING.values(),
         STARTUP_TIMEOUT,
         EXECUTOR,
     ]
@@ -79,6 +108,7 @@ TEAM_PARAMETERS = SettingTable(
     {
         **WORLD_PARAMETERS,
         **ROBOT_PARAMETERS,
+        **RECORDING,
         "out": Setting("out", str, "", "output directory; empty: <scenario>_<date>_<time>"),
         "record": Setting("record", bool, True, "record the run to MCAP"),
     }.values()
@@ -90,7 +120,7 @@ WORLD, RECORDER = "world_simulator", "recorder"
 WORLD_SECONDS = 3.0
 SLOWEST = 0.001
 CHANGEABLE = ("rate",)
-"""Parameters that can be set while the node runs; all others are read once."""
+"""Parameters of a team's nodes that can be set while they run; all others are read once."""
 
 ROS_OWN = ("use_sim_time", "start_type_description_service")
 ROS_OWN_PREFIX = "qos_overrides."
@@ -121,6 +151,8 @@ class ParameterNode(Node):
         context: the ROS context.
         namespace: the team's namespace.
         values: values given by the program; None: those of the command line count.
+        changeable: parameters that can be set while the node runs.
+        tap: the way to a recorder in the same process; None: a recorder subscribes as others do.
 
     Attributes:
         values: every parameter, typed.
@@ -139,6 +171,8 @@ class ParameterNode(Node):
         context: Context | None = None,
         namespace: str = "",
         values: Mapping[str, Any] | None = None,
+        changeable: Collection[str] = CHANGEABLE,
+        tap: Tap | None = None,
     ) -> None:
         given = [Parameter(key, value=value) for key, value in (values or {}).items()]
         super().__init__(
@@ -151,7 +185,8 @@ class ParameterNode(Node):
         )
         self.born = self._world_seen = time.monotonic()
         self.failure: SparseCoordError | None = None
-        self._table = table
+        self._table, self._changeable = table, changeable
+        self._tap = tap
         try:
             self.values = self._declare()
         except BaseException:
@@ -162,6 +197,21 @@ class ParameterNode(Node):
     def fail(self, error: SparseCoordError) -> None:
         """Stop the node because of bad input: whoever spins it raises the error."""
         self.failure = self.failure or error
+
+    def may_stop(self) -> bool:
+        """Whether the node can end now that a signal has come; asked until it can."""
+        return True
+
+    def announce(self, topic: Topic, owner: str = "") -> Publisher:
+        """Return a new publisher of a topic of the team, or of a robot's or node's own."""
+        name = topic.of(owner) if owner else topic.name
+        if self._tap is None or topic not in TAPPED_TOPICS:
+            return self.create_publisher(topic.type, name, topic.qos)
+        publisher = self.create_publisher(
+            topic.type, name, topic.qos, publisher_class=TappedPublisher
+        )
+        publisher.line = self._tap.line(publisher.topic_name)
+        return publisher
 
     def check_startup_time(self) -> None:
         """Raise `RunError` where no world simulator has announced a run in time."""
@@ -184,9 +234,22 @@ class ParameterNode(Node):
 
         Bystanders (`ros2 topic echo`, RViz) do not count.
         """
+        if RECORDER in names and self._tap is not None:
+            tapped = isinstance(publisher, TappedPublisher)
+            if tapped and publisher.line.write is None and not self._tap.closed:
+                return False
+            if tapped or self._tap.closed:
+                names = [name for name in names if name != RECORDER]
         infos = self.get_subscriptions_info_by_topic(publisher.topic_name)
         matched = publisher.get_subscription_count() >= len(names)
         return matched and {info.node_name for info in infos}.issuperset(names)
+
+    def is_recorded(self, topic: str) -> bool:
+        """Whether a recorder subscribes to a topic, or is here and has given up recording."""
+        if self._tap is not None and self._tap.closed:
+            return True
+        infos = self.get_subscriptions_info_by_topic(self.resolve_topic_name(topic))
+        return RECORDER in {info.node_name for info in infos}
 
     def _declare(self) -> dict[str, Any]:
         overrides = {
@@ -202,7 +265,8 @@ class ParameterNode(Node):
         for name in overrides:
             self.undeclare_parameter(name)
         for name, setting in self._table.items():
-            self.declare_parameter(name, values[name], _descriptor(setting), ignore_override=True)
+            descriptor = _descriptor(setting, read_only=name not in self._changeable)
+            self.declare_parameter(name, values[name], descriptor, ignore_override=True)
         return values
 
     def _check_change(self, parameters: list[Parameter]) -> SetParametersResult:
@@ -216,12 +280,12 @@ class ParameterNode(Node):
         return SetParametersResult(successful=True)
 
 
-def _descriptor(setting: Setting) -> ParameterDescriptor:
+def _descriptor(setting: Setting, *, read_only: bool) -> ParameterDescriptor:
     descriptor = ParameterDescriptor(
         name=setting.name,
         description=setting.help,
         additional_constraints=f"allowed: {setting.allowed}",
-        read_only=setting.name not in CHANGEABLE,
+        read_only=read_only,
     )
     if setting.low is not None and setting.high is not None:
         if setting.kind is float:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The recorder node: every topic of the team and the service events, as CDR, into a bag."""
 
+import contextlib
 import functools
 import struct
 import sys
@@ -11,17 +12,18 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import Log, ParameterEvent
 from rclpy.context import Context
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
-from std_msgs.msg import String
+from std_msgs.msg import String, UInt8MultiArray
 
 from sparse_coord_ros.core.run_config import RunConfig, run_from_yaml
-from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.errors import BagError, RunError, SparseCoordError
 from sparse_coord_ros.nodes import interface
-from sparse_coord_ros.nodes.messages import Converter, status
+from sparse_coord_ros.nodes.messages import Converter, read_tables_message, status
 from sparse_coord_ros.nodes.parameters import (
     RECORDER,
     RECORDER_PARAMETERS,
@@ -30,7 +32,9 @@ from sparse_coord_ros.nodes.parameters import (
     stops_on_bad_input,
 )
 from sparse_coord_ros.nodes.spin import run_node
+from sparse_coord_ros.nodes.tap import Tap
 from sparse_coord_ros.recording import BagWriter, QoS
+from sparse_coord_ros.recording.process import BagProcess
 
 TICK_SECONDS = 0.02
 REPORT_SECONDS = 1.0
@@ -41,13 +45,12 @@ ROS_TOPICS = (
     interface.Topic("/rosout", Log, interface.EVENT_QOS),
     interface.Topic("/parameter_events", ParameterEvent, interface.EVENT_QOS),
 )
-SERVICE_EVENTS = interface.Topic(
-    f"{interface.ACTIVE_PERCEPTION}/_service_event",
-    interface.ACTIVE_PERCEPTION_TYPE.Event,
-    interface.STEP_QOS,
-)
 QUIET_SECONDS = 0.3
 """After the run's end, the bag is closed when nothing has come for so long."""
+LAST_WORDS_SECONDS = 6.0
+"""After the run's end, how long the bag is kept open for last words that may be to come."""
+STOP_SECONDS = 1.0
+"""How long a recorder that gets a signal waits for the world's last status: both may get it."""
 
 
 class Recorder(ParameterNode):
@@ -61,6 +64,11 @@ class Recorder(ParameterNode):
         context: the ROS context.
         namespace: the team's namespace.
         values: parameters given by the program; None: by the command line.
+        tap: the way from the other nodes where they are in this process. The recorder then writes
+            by another process, and an error of the recording does not stop the others.
+
+    Attributes:
+        error: why the recording ended too early, or None.
 
     Raises:
         SparseCoordError: a bad parameter, an existing directory, no world simulator, a full disk.
@@ -72,9 +80,15 @@ class Recorder(ParameterNode):
         context: Context,
         namespace: str = "",
         values: Mapping[str, Any] | None = None,
+        tap: Tap | None = None,
     ) -> None:
         super().__init__(
-            RECORDER, RECORDER_PARAMETERS, context=context, namespace=namespace, values=values
+            RECORDER,
+            RECORDER_PARAMETERS,
+            context=context,
+            namespace=namespace,
+            values=values,
+            tap=tap,
         )
         out = self.values["out"] or datetime.now().strftime("bag_%Y%m%d_%H%M%S")
         self.directory = Path(out)
@@ -83,18 +97,30 @@ class Recorder(ParameterNode):
                 f"output directory {self.directory}: exists already, nothing is overwritten; "
                 "choose another one for parameter 'out'"
             )
-        self.bag: BagWriter | None = None
+        self.bag: BagWriter | BagProcess | None = None
+        self.error: BagError | None = None
         self.done = False
         self._run: RunConfig | None = None
-        self._ended = False
+        self._ended: float | None = None
+        self._stopping: float | None = None
         self._now_ns = 0
-        self._last = self._reported = time.monotonic()
+        self._steps = 0
         self._count = 0
-        self._diagnostics_publisher = self.create_publisher(
-            interface.DIAGNOSTICS.type, interface.DIAGNOSTICS.name, interface.DIAGNOSTICS.qos
-        )
+        self._last = self._reported = self._flushed = time.monotonic()
+        self._tables: dict[str, tuple[int, bytes]] = {}
+        self._final: set[str] = set()
+        self._diagnostics_publisher = self.announce(interface.DIAGNOSTICS)
         self._subscribe(interface.RUN.type, interface.RUN.name, interface.RUN.qos, self._on_run)
         self.create_timer(TICK_SECONDS, self._tick)
+
+    def fail(self, error: SparseCoordError) -> None:
+        """Stop; beside nodes in the same process, let them go on where only the bag is broken."""
+        if self._tap is None or self.bag is None or not isinstance(error, BagError):
+            super().fail(error)
+        elif self.error is None:
+            self.error, self.done = error, True
+            self._tap.close()
+            self.get_logger().error(f"{error}; the run goes on unrecorded")
 
     @stops_on_bad_input
     def _on_run(self, data: bytes) -> None:
@@ -103,7 +129,8 @@ class Recorder(ParameterNode):
             return
         text = deserialize_message(data, String).data
         run = run_from_yaml(text, where="topic run")
-        self.bag = BagWriter(self.directory)
+        make = BagWriter if self._tap is None else BagProcess
+        self.bag = make(self.directory, compression=self.values["compression"])
         self.bag.add_metadata(
             "sparse_coord_ros",
             {
@@ -113,7 +140,10 @@ class Recorder(ParameterNode):
                 **{f"version_{name}": value for name, value in run.versions.items()},
             },
         )
+        scenario = yaml.safe_dump(run.scenario.to_dict(), sort_keys=False, allow_unicode=True)
         self.bag.attach("run.yaml", text.encode(), "application/yaml")
+        self.bag.attach("scenario.yaml", scenario.encode(), "application/yaml")
+        self.bag.attach("map.txt", run.scenario.map.to_text().encode(), "text/plain")
         self.bag.write(self._channel(String, interface.RUN.name, interface.RUN.qos), data, 0, 0)
         self._run = run
         for topic in (*interface.TEAM_TOPICS, *ROS_TOPICS):
@@ -121,8 +151,16 @@ class Recorder(ParameterNode):
                 self._record(topic, topic.name, self._on_status if topic is STATUS else None)
         self._record(interface.CLAIM, interface.CLAIM.of(WORLD))
         for robot in run.scenario.robots:
-            for topic in (*interface.ROBOT_TOPICS, interface.CLAIM, SERVICE_EVENTS):
+            for topic in (*interface.ROBOT_TOPICS, interface.CLAIM, interface.SERVICE_EVENTS):
                 self._record(topic, topic.of(robot.name))
+            topic = interface.TABLES
+            self._subscribe(
+                topic.type,
+                topic.of(robot.name),
+                topic.qos,
+                functools.partial(self._on_tables, robot.name),
+            )
+        self.bag.flush()
 
     def _channel(self, message_type: type, name: str, qos: QoSProfile) -> int:
         """Register a topic and return its channel in the bag."""
@@ -137,22 +175,37 @@ class Recorder(ParameterNode):
 
         @stops_on_bad_input
         def stamped_message(self, data: bytes) -> None:
+            if self.error is not None:
+                return
             self._count += 1
             sec, nanosec = unpack_stamp(data, ENCAPSULATION)
             at = sec * 1_000_000_000 + nanosec
             if at > self._now_ns:
                 self._now_ns = at
+                self._steps += 1
+                if self._steps >= self.values["flush_steps"]:
+                    self._flush()
             write(channel, data, at, at)
 
         @stops_on_bad_input
         def other_message(self, data: bytes) -> None:
+            if self.error is not None:
+                return
             self._count += 1
             write(channel, data, self._now_ns, self._now_ns)
             if then is not None:
                 then(data)
 
         callback = functools.partial(stamped_message if topic.stamped else other_message, self)
-        self._subscribe(topic.type, name, topic.qos, callback)
+        if self._tap is not None and topic in interface.TAPPED_TOPICS:
+            self._tap.line(self.resolve_topic_name(name)).write = callback
+        else:
+            self._subscribe(topic.type, name, topic.qos, callback)
+
+    def _flush(self) -> None:
+        """Let all that was recorded survive this process."""
+        self._steps, self._flushed = 0, time.monotonic()
+        self.bag.flush()
 
     def _subscribe(self, message_type: type, name: str, qos: QoSProfile, callback) -> None:
         """Listen to the bytes of a topic, with a queue that nothing is pushed out of."""
@@ -163,22 +216,72 @@ class Recorder(ParameterNode):
     def _on_status(self, data: bytes) -> None:
         message = deserialize_message(data, DiagnosticStatus)
         if message.message in (interface.FINISHED, interface.STOPPED):
-            self._ended = True
+            self._ended = self._ended or time.monotonic()
+
+    @stops_on_bad_input
+    def _on_tables(self, robot: str, data: bytes) -> None:
+        """Attach a robot's tables to the bag, each but once."""
+        if self.error is not None:
+            return
+        try:
+            message = deserialize_message(data, UInt8MultiArray)
+            packed, step, occasion = read_tables_message(message)
+        except ValueError as error:
+            self.get_logger().warning(f"{robot}/tables: {error}; message ignored")
+            return
+        self._last = time.monotonic()
+        if self._tables.get(robot) != (step, packed):
+            self._tables[robot] = (step, packed)
+            self.bag.attach(
+                f"tables/{robot}_{step}.npz", packed, "application/x-npz", self._now_ns
+            )
+        if occasion == interface.FINAL:
+            self._final.add(robot)
 
     @stops_on_bad_input
     def _tick(self) -> None:
         now = time.monotonic()
+        if self.error is not None:
+            return
         if self._count:
             self._count, self._last = 0, now
         if self._run is None:
             self.check_startup_time()
-        elif self._ended and now - self._last >= QUIET_SECONDS:
-            self.done = True
-        elif now - self._reported >= REPORT_SECONDS and not self._ended:
+            return
+        if self._last > self._flushed and now - self._flushed >= self.values["flush_seconds"]:
+            self._flush()
+        if self._ended is not None:
+            self.done = now - self._last >= QUIET_SECONDS and self._heard_all(now)
+        elif now - self._reported >= REPORT_SECONDS:
             self._report(now)
             if self.world_is_gone():
                 self.get_logger().warning("the world simulator is gone: the recorder ends too")
                 self.done = True
+
+    def _heard_all(self, now: float) -> bool:
+        """Whether nobody is left whose last words are still to come.
+
+        Nodes leave when all that they said has arrived. Those in this process stay until the
+        recorder has ended; their last words are the robots' tables.
+        """
+        if now - self._ended > LAST_WORDS_SECONDS:
+            return True
+        speakers = [
+            interface.TABLES.of(robot.name)
+            for robot in self._run.scenario.robots
+            if self._tap is None or robot.name not in self._final
+        ]
+        if self._tap is None:
+            speakers.append(interface.STATUS.name)
+        return not any(self.count_publishers(topic) for topic in speakers)
+
+    def may_stop(self) -> bool:
+        """Whether there is nothing to record any more, or waiting for it has taken too long."""
+        now = time.monotonic()
+        self._stopping = self._stopping or now
+        if self._run is None or self.done or self.error is not None:
+            return True
+        return now - self._stopping > (STOP_SECONDS if self._ended is None else LAST_WORDS_SECONDS)
 
     def _report(self, now: float) -> None:
         self._reported = now
@@ -190,17 +293,25 @@ class Recorder(ParameterNode):
 
     def finish(self, *, interrupted: bool) -> None:
         """Close the bag and say what is in it."""
-        if self.bag is not None:
-            self.close()
-            self.get_logger().info(
-                f"closed {self.directory}: {self.bag.message_count} messages, "
-                f"{self.bag.bytes_written} bytes"
-            )
+        if self.bag is None or self.error is not None or self.failure is not None:
+            return
+        try:
+            self.bag.close()
+        except BagError as error:
+            self.fail(error)
+            if self.failure is not None:
+                raise
+            return
+        self.get_logger().info(
+            f"closed {self.directory}: {self.bag.message_count} messages, "
+            f"{self.bag.bytes_written} bytes"
+        )
 
     def close(self) -> None:
-        """Close the bag, if there is one: its index and `metadata.yaml` are written."""
+        """Close the bag, if there is one and it was not closed; a broken one stays unfinished."""
         if self.bag is not None:
-            self.bag.close()
+            with contextlib.suppress(BagError):
+                self.bag.close()
 
 
 def _type_name(message_type: type) -> str:

@@ -18,12 +18,13 @@ from std_srvs.srv import Trigger
 
 from sparse_coord_ros.core.agent import Agent, Tables
 from sparse_coord_ros.core.run_config import RunConfig, run_from_yaml
-from sparse_coord_ros.core.tables import TEAM_FILE, robot_file, save_tables
+from sparse_coord_ros.core.tables import TEAM_FILE, pack_tables, robot_file, write_tables
 from sparse_coord_ros.core.world import Action
 from sparse_coord_ros.errors import RunError, TablesError, did_you_mean
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.claim import Claim
-from sparse_coord_ros.nodes.messages import Converter, status, status_values
+from sparse_coord_ros.nodes.latched import CoordinationMapLayout
+from sparse_coord_ros.nodes.messages import Converter, status, status_values, tables_message
 from sparse_coord_ros.nodes.outputs import begin_with, open_output
 from sparse_coord_ros.nodes.parameters import (
     RECORDER,
@@ -34,6 +35,7 @@ from sparse_coord_ros.nodes.parameters import (
 )
 from sparse_coord_ros.nodes.peers import Peer
 from sparse_coord_ros.nodes.spin import run_node, wait_for_readers
+from sparse_coord_ros.nodes.tap import Tap
 from sparse_coord_ros.protocol.robot import Answer, RobotProtocol
 
 TICK_SECONDS = 0.02
@@ -52,6 +54,7 @@ class RobotNode(ParameterNode):
         name: the robot's name unless the command line remaps it.
         namespace: the team's namespace.
         values: parameters given by the program; None: by the command line.
+        tap: the way to a recorder in the same process.
 
     Raises:
         SparseCoordError: a bad parameter, a name that is taken or that the scenario does not have,
@@ -65,14 +68,16 @@ class RobotNode(ParameterNode):
         name: str = "robot",
         namespace: str = "",
         values: Mapping[str, Any] | None = None,
+        tap: Tap | None = None,
     ) -> None:
         super().__init__(
-            name, ROBOT_PARAMETERS, context=context, namespace=namespace, values=values
+            name, ROBOT_PARAMETERS, context=context, namespace=namespace, values=values, tap=tap
         )
         self.name = self.get_name()
         self.done = False
         self.protocol: RobotProtocol | None = None
         self._convert: Converter | None = None
+        self._map: CoordinationMapLayout | None = None
         self._out: Path | None = None
         self._run_text: str | None = None
         self._run: RunConfig | None = None
@@ -85,12 +90,11 @@ class RobotNode(ParameterNode):
         self._ready_since: float | None = None
         self._peers: dict[int, Peer] = {}
         self._claim = Claim(self)
-        self._action_publisher = self._publisher(interface.ACTION)
-        self._percept_publisher = self._publisher(interface.PERCEPT)
-        self._map_publisher = self._publisher(interface.COORDINATION_MAP)
-        self._diagnostics_publisher = self.create_publisher(
-            interface.DIAGNOSTICS.type, interface.DIAGNOSTICS.name, interface.DIAGNOSTICS.qos
-        )
+        self._action_publisher = self.announce(interface.ACTION, self.name)
+        self._percept_publisher = self.announce(interface.PERCEPT, self.name)
+        self._map_publisher = self.announce(interface.COORDINATION_MAP, self.name)
+        self._tables_publisher = self.announce(interface.TABLES, self.name)
+        self._diagnostics_publisher = self.announce(interface.DIAGNOSTICS)
         self._listen(interface.RUN, self._on_run)
         self._listen(interface.STATUS, self._on_status)
         self.create_timer(TICK_SECONDS, self._tick)
@@ -109,6 +113,14 @@ class RobotNode(ParameterNode):
         """Request the peer's local state; a peer that fell silent is not waited for."""
         if not self._peers[peer].request(self._convert.pose(step, cell), step):
             self.protocol.expire()
+
+    def episode(self, step: int) -> None:
+        """Publish the coordination map as it is when an episode begins."""
+        self._publish_map(step)
+
+    def checkpoint(self, step: int) -> None:
+        """Publish the tables on the way."""
+        self._publish_tables(interface.CHECKPOINT)
 
     # Incoming.
 
@@ -217,6 +229,7 @@ class RobotNode(ParameterNode):
         number = names.index(self.name)
         tables = self._initial_tables(number)
         self._convert = Converter(self._run)
+        self._map = CoordinationMapLayout(self._convert)
         own = [robot_file(Path(), self.name).name, TEAM_FILE]
         self._out = open_output(self.values["out"], self._run_text, own)
         agent = Agent(
@@ -255,8 +268,9 @@ class RobotNode(ParameterNode):
 
         The world waits for these subscriptions: with them the robot says that it is ready.
         """
-        listeners = [WORLD, RECORDER] if self._run.recorded else [WORLD]
-        if not self.heard_by(self._action_publisher, listeners):
+        if not self.heard_by(self._action_publisher, [WORLD]):
+            return
+        if self._run.recorded and not self._recorder_hears():
             return
         self._ready_since = self._ready_since or now
         if now - self._ready_since < PEER_PATIENCE_SECONDS and not all(
@@ -266,7 +280,16 @@ class RobotNode(ParameterNode):
         self._joined = True
         self._listen(interface.REWARD, self._on_reward, self.name, raw=True)
         self._listen(interface.LOCAL_STATE, self._on_state, self.name, raw=True)
-        self._publish_map()
+        self._publish_map(self.protocol.newest[0])
+        self._publish_tables(interface.INITIAL)
+
+    def _recorder_hears(self) -> bool:
+        """Whether a recorder listens to what this robot does, asks and answers."""
+        own = (self._action_publisher, self._percept_publisher)
+        return all(self.heard_by(publisher, [RECORDER]) for publisher in own) and all(
+            self.is_recorded(interface.SERVICE_EVENTS.of(robot.name))
+            for robot in self._run.scenario.robots
+        )
 
     def _watch_the_deadline(self, now: float) -> None:
         waiting = self.protocol.waiting
@@ -286,21 +309,32 @@ class RobotNode(ParameterNode):
             self.done = True
 
     def finish(self, *, interrupted: bool) -> None:
-        """Save the tables, publish the last coordination map and let it arrive."""
+        """Publish the last coordination map and the tables, save them and let all arrive."""
         if self.protocol is None:
             return
+        self._report(time.monotonic())
+        self._publish_tables(interface.FINAL)
         if self._out is not None:
             self.get_logger().info(f"saved {self._save()}")
-        self._report(time.monotonic())
-        self._publish_map()
-        wait_for_readers((self._action_publisher, self._percept_publisher, self._map_publisher))
+        wait_for_readers(
+            (
+                self._action_publisher,
+                self._percept_publisher,
+                self._map_publisher,
+                self._tables_publisher,
+            )
+        )
 
     def _save(self) -> Path:
         path = robot_file(self._out, self.name)
-        agent = self.protocol.agent
-        counts = {**self.protocol.asks, "dropped": self.protocol.dropped}
-        save_tables(path, {agent.number + 1: agent.tables}, counts=counts)
+        write_tables(path, self._packed())
         return path
+
+    def _packed(self) -> bytes:
+        """Return the tables as they are, with what they are of."""
+        protocol, agent = self.protocol, self.protocol.agent
+        counts = {**protocol.asks, "dropped": protocol.dropped, "step": protocol.handled}
+        return pack_tables({agent.number + 1: agent.tables}, counts=counts)
 
     # Reports.
 
@@ -317,19 +351,20 @@ class RobotNode(ParameterNode):
             status(self.name, "learning" if self.protocol.agent.learning else "greedy", values)
         ]
         self._diagnostics_publisher.publish(message)
-        self._publish_map()
+        self._publish_map(step)
 
-    def _publish_map(self) -> None:
-        step, tables = self.protocol.newest[0], self.protocol.agent.tables
-        self._map_publisher.publish(self._convert.coordination_map(step, tables))
+    def _publish_map(self, step: int) -> None:
+        self._map_publisher.publish(self._map.pack(step, self.protocol.agent.tables))
+
+    def _publish_tables(self, occasion: str) -> None:
+        self._tables_publisher.publish(
+            tables_message(self._packed(), self.protocol.handled, occasion)
+        )
 
     def _ignore(self, topic: interface.Topic, error: ValueError) -> None:
         self.get_logger().warning(
             f"{topic.of(self.name)}: {error}; message ignored", throttle_duration_sec=5.0
         )
-
-    def _publisher(self, topic: interface.Topic):
-        return self.create_publisher(topic.type, topic.of(self.name), topic.qos)
 
     def _listen(self, topic: interface.Topic, callback, robot: str = "", *, raw: bool = False):
         name = topic.of(robot) if robot else topic.name

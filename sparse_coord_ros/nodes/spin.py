@@ -19,8 +19,11 @@ from rclpy.publisher import Publisher
 from rclpy.signals import SignalHandlerOptions
 
 from sparse_coord_ros.errors import EXIT_BAD_INPUT, NameTakenError, RunError, SparseCoordError
+from sparse_coord_ros.nodes.middleware import repair_promptly
 
-READERS_SECONDS = 2.0
+READERS_SECONDS = 3.5
+"""How long the last messages may take: with profiles of the user's own, Fast DDS offers lost ones
+again every three seconds."""
 
 SPIN_SECONDS = 0.1
 """Longest wait of one spin: how soon a signal is noticed."""
@@ -69,12 +72,13 @@ def signals() -> Iterator[Stop]:
 
 @contextmanager
 def ros_context(args: Sequence[str] | None = None, *, domain_id: int | None = None):
-    """Open a ROS context of its own, without ROS's signal handlers.
+    """Open a ROS context of its own, without ROS's signal handlers; see `repair_promptly` too.
 
     Args:
         args: command line with `--ros-args`; None: no arguments.
         domain_id: the ROS domain; None: that of the environment.
     """
+    repair_promptly()
     context = Context()
     try:
         rclpy.init(
@@ -185,7 +189,12 @@ def run_node(make: Callable[[Context], Node], args: Sequence[str] | None = None)
             with ros_context(sys.argv if args is None else args) as context:
                 node = make(context)
                 try:
-                    spin_nodes([node], node.values["executor"], context, lambda: stop or node.done)
+                    spin_nodes(
+                        [node],
+                        node.values["executor"],
+                        context,
+                        lambda: node.done or (stop and node.may_stop()),
+                    )
                     node.finish(interrupted=not node.done)
                 except NameTakenError:
                     raise  # the team is another node's: neither save nor tell anybody

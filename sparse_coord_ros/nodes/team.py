@@ -3,7 +3,6 @@
 """A whole team in one process: world simulator, robots and recorder on one executor."""
 
 import sys
-import time
 from collections.abc import Callable, Mapping
 from datetime import datetime
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import Any
 from rclpy.context import Context
 
 from sparse_coord_ros.core.run_config import RunConfig, create_output
-from sparse_coord_ros.errors import EXIT_BAD_INPUT, SparseCoordError
+from sparse_coord_ros.errors import EXIT_BAD_INPUT, BagError, SparseCoordError
 from sparse_coord_ros.nodes.outputs import begin_with, gather
 from sparse_coord_ros.nodes.parameters import (
     RECORDER_PARAMETERS,
@@ -25,12 +24,11 @@ from sparse_coord_ros.nodes.parameters import (
 from sparse_coord_ros.nodes.recorder import Recorder
 from sparse_coord_ros.nodes.robot import RobotNode
 from sparse_coord_ros.nodes.spin import limited_shutdown, ros_context, signals, spin_nodes
+from sparse_coord_ros.nodes.tap import Tap
 from sparse_coord_ros.nodes.world_simulator import WorldSimulator
 
 BAG = "bag"
 """Name of the bag's directory in the output directory."""
-
-LAST_WORDS_SECONDS = 0.3
 
 
 def team_run(values: dict[str, Any]) -> RunConfig:
@@ -65,7 +63,8 @@ def run_team(
         stop: asked several times a second.
 
     Returns:
-        The summary, as in `summary.yaml`; `interrupted` says whether the run was stopped early.
+        The summary, as in `summary.yaml`; `interrupted` says whether the run was stopped early,
+        `recording_error`, where it is there, why the recording was.
 
     Raises:
         SparseCoordError: bad input.
@@ -74,23 +73,26 @@ def run_team(
     run = team_run(values)
     now = datetime.now().strftime("%Y%m%d_%H%M%S")
     out = create_output(Path(values["out"] or f"{run.scenario.name}_{now}"))
-    place = {"context": context, "namespace": namespace}
+    tap = Tap() if values["record"] else None
+    place = {"context": context, "namespace": namespace, "tap": tap}
     nodes: list[ParameterNode] = []
+    recorder = None
     try:
         if values["record"]:
             own = {name: values[name] for name in RECORDER_PARAMETERS}
-            nodes.append(Recorder(values={**own, "out": str(out / BAG)}, **place))
+            recorder = Recorder(values={**own, "out": str(out / BAG)}, **place)
+            nodes.append(recorder)
         own = {name: values[name] for name in WORLD_PARAMETERS}
         nodes.append(WorldSimulator(values={**own, "out": str(out)}, **place))
         for robot in run.scenario.robots:
             own = {name: values[name] for name in ROBOT_PARAMETERS}
             nodes.append(RobotNode(name=robot.name, values={**own, "out": str(out)}, **place))
         interrupted = _spin(nodes, values["executor"], context, stop)
-        return gather(out, run.scenario, interrupted=interrupted)
+        error = recorder.error if recorder is not None else None
+        return gather(out, run.scenario, interrupted=interrupted, recording_error=error)
     finally:
-        for node in nodes:
-            if isinstance(node, Recorder):
-                node.close()
+        if recorder is not None:
+            recorder.close()
         with limited_shutdown():
             for node in nodes:
                 node.destroy_node()
@@ -113,22 +115,29 @@ def _spin(nodes, kind: str, context: Context, stop: Callable[[], bool]) -> bool:
         return False
     settle(interrupted=True)
     recorders = [node for node in nodes if isinstance(node, Recorder)]
-    deadline = time.monotonic() + LAST_WORDS_SECONDS
-    spin_nodes(recorders, kind, context, lambda: time.monotonic() >= deadline)
+    spin_nodes(recorders, kind, context, lambda: all(node.may_stop() for node in recorders))
     for recorder in recorders:
         recorder.finish(interrupted=True)
     return True
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the executable `team`: exit code 0 after the run and after a signal, 2 on bad input."""
+    """Run the executable `team`.
+
+    Returns:
+        The exit code: 0 after the run and after a signal, 2 on bad input or a broken recording.
+    """
     with signals() as stop:
         try:
             with ros_context(sys.argv if args is None else args) as context:
                 node = ParameterNode("team", TEAM_PARAMETERS, context=context)
                 values, namespace = node.values, node.get_namespace()
                 node.destroy_node()
-                run_team(values, context=context, namespace=namespace, stop=lambda: bool(stop))
+                summary = run_team(
+                    values, context=context, namespace=namespace, stop=lambda: bool(stop)
+                )
+            if "recording_error" in summary:
+                raise BagError(summary["recording_error"])
         except SparseCoordError as error:
             print(f"error: {error}", file=sys.stderr, flush=True)
             return EXIT_BAD_INPUT

@@ -19,6 +19,7 @@ from sparse_coord_ros.core.world import Reward
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.claim import Claim
+from sparse_coord_ros.nodes.latched import MapLayout, MarkersLayout
 from sparse_coord_ros.nodes.messages import CLOCK_LAYOUT, Converter, status
 from sparse_coord_ros.nodes.outputs import RUN_FILE, SUMMARY_FILE, open_output
 from sparse_coord_ros.nodes.parameters import (
@@ -30,6 +31,7 @@ from sparse_coord_ros.nodes.parameters import (
     stops_on_bad_input,
 )
 from sparse_coord_ros.nodes.spin import run_node, wait_for_readers
+from sparse_coord_ros.nodes.tap import Tap
 from sparse_coord_ros.protocol.world import WorldProtocol
 
 TICK_SECONDS = 0.02
@@ -45,6 +47,7 @@ class WorldSimulator(ParameterNode):
         context: the ROS context.
         namespace: the team's namespace.
         values: parameters given by the program; None: by the command line.
+        tap: the way to a recorder in the same process.
 
     Raises:
         SparseCoordError: a bad parameter, a taken name, robots that do not come.
@@ -56,6 +59,7 @@ class WorldSimulator(ParameterNode):
         context: Context,
         namespace: str = "",
         values: Mapping[str, Any] | None = None,
+        tap: Tap | None = None,
     ) -> None:
         super().__init__(
             WORLD,
@@ -63,10 +67,13 @@ class WorldSimulator(ParameterNode):
             context=context,
             namespace=namespace,
             values=values,
+            tap=tap,
         )
         self.run = run_from_parameters(self.values)
         self._out: Path | None = None
         self._convert = Converter(self.run)
+        self._map = MapLayout(self._convert)
+        self._markers = MarkersLayout(self._convert, self.run.scenario)
         self._names = [robot.name for robot in self.run.scenario.robots]
         self.protocol = WorldProtocol(self.run, self)
         self._state = interface.WAITING
@@ -78,7 +85,7 @@ class WorldSimulator(ParameterNode):
         self._repeated = 0.0
         self._slow = [0.0] * len(self._names)
         self._claim = Claim(self)
-        self._run_publisher = self._publisher(interface.RUN)
+        self._run_publisher = self.announce(interface.RUN)
         self._create_publishers()
         self.create_timer(TICK_SECONDS, self._tick)
         self._rate_timer = None
@@ -96,6 +103,11 @@ class WorldSimulator(ParameterNode):
     def reward(self, robot: int, step: int, reward: Reward) -> None:
         """Publish the reward of a robot's action at a time step."""
         self._reward_publishers[robot].publish(self._convert.pack_reward(step, reward))
+
+    def episode(self, step: int) -> None:
+        """Publish map and markers as they are when an episode begins."""
+        self._map_publisher.publish(self._map.pack(step))
+        self._publish_markers()
 
     # Incoming.
 
@@ -156,7 +168,7 @@ class WorldSimulator(ParameterNode):
         self.create_service(SetBool, "~/pause", self._on_pause)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self._run_publisher.publish(String(data=self.run.to_yaml()))
-        self._map_publisher.publish(self._convert.map())
+        self._map_publisher.publish(self._map.pack(0))
         self._publish_markers()
         self._say_state(interface.WAITING)
         self._opened = True
@@ -167,8 +179,8 @@ class WorldSimulator(ParameterNode):
             limit = self.values["startup_timeout"]
             if 0 < limit < now - self.born:
                 command = f"robot --ros-args -r __node:={missing[0]}"
-                if missing[0] == RECORDER:
-                    command = RECORDER
+                if RECORDER in missing:
+                    command = f"{RECORDER} (the robots wait for it too)"
                 raise RunError(
                     f"startup_timeout: after {limit:g} s still no node for {', '.join(missing)}; "
                     f"start each, e.g.: ros2 run sparse_coord_ros {command}"
@@ -327,22 +339,16 @@ class WorldSimulator(ParameterNode):
 
     def _publish_markers(self) -> None:
         world = self.protocol.world
-        self._marker_publisher.publish(
-            self._convert.markers(world.step, self.run.scenario, world.cells)
-        )
-
-    def _publisher(self, topic: interface.Topic, robot: str = ""):
-        name = topic.of(robot) if robot else topic.name
-        return self.create_publisher(topic.type, name, topic.qos)
+        self._marker_publisher.publish(self._markers.pack(world.step, world.cells))
 
     def _create_publishers(self) -> None:
-        self._status_publisher = self._publisher(interface.STATUS)
-        self._clock_publisher = self._publisher(interface.CLOCK)
-        self._map_publisher = self._publisher(interface.MAP)
-        self._marker_publisher = self._publisher(interface.MARKERS)
-        self._diagnostics_publisher = self._publisher(interface.DIAGNOSTICS)
-        self._state_publishers = [self._publisher(interface.LOCAL_STATE, n) for n in self._names]
-        self._reward_publishers = [self._publisher(interface.REWARD, n) for n in self._names]
+        self._status_publisher = self.announce(interface.STATUS)
+        self._clock_publisher = self.announce(interface.CLOCK)
+        self._map_publisher = self.announce(interface.MAP)
+        self._marker_publisher = self.announce(interface.MARKERS)
+        self._diagnostics_publisher = self.announce(interface.DIAGNOSTICS)
+        self._state_publishers = [self.announce(interface.LOCAL_STATE, n) for n in self._names]
+        self._reward_publishers = [self.announce(interface.REWARD, n) for n in self._names]
         self._action_subscriptions = [
             self.create_subscription(
                 interface.ACTION.type,

@@ -40,10 +40,10 @@ def live(monkeypatch):
     names = [
         f"{where}, {what}"
         for where in ("one process", "processes")
-        for what in ("bare rclpy nodes", "learning")
+        for what in ("bare rclpy nodes", "learning", "learning and recording")
     ]
     found = {name: [100.0 * (i + 1), 300.0] for i, name in enumerate(names)}
-    monkeypatch.setattr(bench, "_measure_live", lambda steps, repeats: found)
+    monkeypatch.setattr(bench, "_measure_live", lambda steps, repeats: (found, 240 * steps))
     return found
 
 
@@ -146,7 +146,7 @@ def test_all_prints_both_tables(sparse_coord, live, in_this_process):
     assert "M agent-steps/s" in second
     data = json.loads(sparse_coord("bench", *SHORT, "--json")[1])
     assert data["steps_per_second"] == live
-    assert set(data) == {"scenario", "steps", "steps_per_second", "batch"}
+    assert set(data) == {"scenario", "steps", "steps_per_second", "bag_bytes", "batch"}
 
 
 def test_live_only(sparse_coord, live, monkeypatch):
@@ -154,6 +154,9 @@ def test_live_only(sparse_coord, live, monkeypatch):
     code, out, err = sparse_coord("bench", "live")
     assert (code, err) == (0, "")
     assert "M agent-steps/s" not in out
+    last = out.splitlines()[-1]  # medians are (100 i + 300) / 2 with i from 1
+    assert last.startswith("with recording 120% of the speed without in one process, 112% in many")
+    assert last.endswith("240 bytes a time step")
 
 
 def test_live_without_ros(refused, monkeypatch):

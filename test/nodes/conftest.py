@@ -49,6 +49,9 @@ UDP_ONLY = """\
       <useBuiltinTransports>false</useBuiltinTransports>
     </rtps>
   </participant>
+  <data_writer profile_name="prompt" is_default_profile="true">
+    <times><heartbeatPeriod><nanosec>50000000</nanosec></heartbeatPeriod></times>
+  </data_writer>
 </profiles>
 """
 """Fast DDS without shared memory, which a killed process would leave behind.
@@ -145,9 +148,20 @@ class Bench:
                     node.finish(interrupted=False)
 
     def spin_until_done(self, *nodes: Node) -> None:
-        """Spin until nodes (all by default) are done and have said their last words."""
+        """Spin until nodes (all by default) are done and have said their last words.
+
+        Where a recorder is among them they leave too, for which it waits.
+        """
         wanted = set(nodes) or {node for node in self._nodes if hasattr(node, "done")}
-        self.spin_until(lambda: wanted <= self._finished, "all done")
+        leave = any(isinstance(node, Recorder) for node in wanted)
+
+        def all_done() -> bool:
+            if leave:
+                for node in wanted & self._finished:
+                    self.destroy(node)
+            return wanted <= self._finished
+
+        self.spin_until(all_done, "all done")
 
 
 class Observer(Node):
@@ -258,8 +272,9 @@ def assert_same_tables():
     return check
 
 
+EXECUTABLES_MODULE = "sparse_coord_ros.executables"
 EXECUTABLES = {"cli.main": "sparse_coord"} | {
-    f"nodes.{name}": name for name in ("world_simulator", "robot", "recorder", "team")
+    f"nodes.{name}": name for name in ("world_simulator", "robot", "recorder", "team", "player")
 }
 
 
@@ -273,7 +288,7 @@ class Process:
                 [
                     sys.executable,
                     "-m",
-                    "sparse_coord_ros.executables",
+                    EXECUTABLES_MODULE,
                     EXECUTABLES[module],
                     *arguments,
                 ],
@@ -293,12 +308,13 @@ class Process:
         self._popen.send_signal(number)
 
     def child(self, module: str) -> SimpleNamespace:
-        """Return the child process that runs a module of `nodes`."""
+        """Return the child process that runs a module of `nodes`, or one with its full name."""
         children = Path(f"/proc/{self.pid}/task/{self.pid}/children").read_text().split()
         for pid in map(int, children):
-            if f"executables\0{module}\0" in Path(f"/proc/{pid}/cmdline").read_text():
+            command = Path(f"/proc/{pid}/cmdline").read_text().split("\0")
+            if command[2:3] == [module] or command[2:4] == [EXECUTABLES_MODULE, module]:
                 _note_shared_memory(pid)
-                return SimpleNamespace(send_signal=functools.partial(os.kill, pid))
+                return SimpleNamespace(pid=pid, send_signal=functools.partial(os.kill, pid))
         raise AssertionError(f"no child runs {module}: {children}")
 
     @property
@@ -306,10 +322,10 @@ class Process:
         """What it has printed, on stdout and stderr."""
         return self._log.read_text(errors="replace")
 
-    def wait_for(self, text: str) -> None:
-        """Wait until it has printed a text."""
+    def wait_for(self, text: str, times: int = 1) -> None:
+        """Wait until it has printed a text, so many times."""
         deadline = time.monotonic() + PATIENCE_SECONDS
-        while text not in self.output:
+        while self.output.count(text) < times:
             assert self.running() and time.monotonic() < deadline, f"no {text!r}: {self.output}"
             time.sleep(0.01)
 
@@ -377,6 +393,14 @@ def _note_shared_memory(process: int | str = "self") -> None:
     SHARED_MEMORY_USED.update(re.findall(r"/dev/shm/(?:fastrtps|fastdds)\w+", text))
 
 
+def _is_open_as(path: Path, descriptor: int) -> bool:
+    """Whether a path still names an open file."""
+    try:
+        return os.path.samestat(path.stat(), os.fstat(descriptor))
+    except FileNotFoundError:
+        return False
+
+
 @pytest.fixture(autouse=True)
 def own_domain(monkeypatch):
     """Give each test a ROS domain: what the one before said must not be heard in this one.
@@ -393,8 +417,11 @@ def own_domain(monkeypatch):
             except BlockingIOError:
                 assert time.monotonic() < deadline, "all ROS domains are in use"
                 continue
+            if not _is_open_as(path, lock.fileno()):
+                continue  # whoever had it before has just taken it away
             monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
             yield
+            path.unlink()
             return
 
 

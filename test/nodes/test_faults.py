@@ -18,6 +18,8 @@ from sensor_msgs.msg import JointState
 
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.tables import load_counts, load_tables, load_team, robot_file
+from sparse_coord_ros.recording import open_bag
+from sparse_coord_ros.recording.recover import recover
 
 SIGNALS = pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["INT", "TERM"])
 FAST = {"claim_window": 0.2}
@@ -144,8 +146,10 @@ def test_a_killed_team_leaves_a_readable_bag(bench, start_node, tmp_path):
     for process in (team.recorder, team.world, *team.robots.values()):
         process.send_signal(signal.SIGKILL)
         assert process.exit_code() == -signal.SIGKILL
-    assert (tmp_path / "bag" / "bag_0.mcap").exists()
-    assert not (tmp_path / "bag" / "metadata.yaml").exists()
+    assert [path.name for path in (tmp_path / "bag").iterdir()] == ["bag_0.mcap.partial"]
+    assert not open_bag(tmp_path / "bag").finished
+    recover(tmp_path / "bag")
+    assert_bag_is_whole(tmp_path / "bag")
 
 
 @SIGNALS
@@ -243,11 +247,10 @@ def test_run_stops_the_others_when_a_node_is_killed(start, tmp_path):
     arguments = ["--steps", "1000000", "--rate", "200", "--out", str(out), "--processes"]
     process = start("cli.main", "run", "env1", *arguments)
     process.wait_for(" of 1000000 steps, ")
-    victim = process.child("recorder")
+    victim = process.child("robot")
     victim.send_signal(signal.SIGKILL)
     assert process.exit_code() == 2, process.output
     assert "Traceback" not in process.output
     line = process.output.splitlines()[-1]
-    assert line.startswith("error: recorder ended with exit code -9")
-    for k, name in enumerate(("robot_1", "robot_2"), start=1):
-        assert_tables(robot_file(out, name), k)
+    assert line.startswith("error: robot_1 ended with exit code -9")
+    assert_tables(robot_file(out, "robot_2"), 2)

@@ -8,17 +8,25 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import OccupancyGrid
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
-from visualization_msgs.msg import Marker
+from visualization_msgs.msg import Marker, MarkerArray
 
 from sparse_coord_ros.core.agent import initial_tables
 from sparse_coord_ros.core.algorithm import COORDINATE
+from sparse_coord_ros.core.frame import ACTION_LABELS
 from sparse_coord_ros.core.run_config import make_run
 from sparse_coord_ros.core.scenario import load_scenario, scenario_names
 from sparse_coord_ros.core.world import Action, Reward
-from sparse_coord_ros.nodes.interface import ACTION_LABELS
-from sparse_coord_ros.nodes.messages import Converter, status, status_values
+from sparse_coord_ros.nodes.latched import CoordinationMapLayout, MapLayout, MarkersLayout
+from sparse_coord_ros.nodes.messages import (
+    Converter,
+    read_tables_message,
+    status,
+    status_values,
+    tables_message,
+)
 
 RESOLUTIONS = [0.001, 0.05, 0.3, 1 / 3, 1.0, 7.77, 1000.0]
 PERIODS = [0.001, 0.0123456789, 1 / 3, 0.1, 1.0, 59.94, 60.0]
@@ -151,6 +159,37 @@ def test_the_map_is_drawn_from_the_south():
             assert value == (100 if symbol == "#" else 0)
 
 
+def read_map(data):
+    return deserialize_message(data, OccupancyGrid)
+
+
+def test_episode_messages_are_those_that_rclpy_makes():
+    """Packed twice at different steps: what one left must not show in the other."""
+    convert = converter()
+    scenario = load_scenario("env1")
+    markers, grid = MarkersLayout(convert, scenario), MapLayout(convert)
+    for step, cells in ((3, (4, 9)), (70_000, (20, 0))):
+        wanted = serialize_message(convert.markers(step, scenario, cells))
+        got = deserialize_message(markers.pack(step, cells), MarkerArray)
+        assert got == deserialize_message(wanted, MarkerArray)
+        wanted = convert.map()
+        wanted.header = convert.header(step)
+        wanted = deserialize_message(serialize_message(wanted), OccupancyGrid)
+        assert read_map(grid.pack(step)) == wanted
+
+
+@pytest.mark.parametrize("change", ["label", "count"])
+def test_tables_travel_as_bytes(change):
+    message = tables_message(b"some bytes", 7, "final")
+    assert read_tables_message(message) == (b"some bytes", 7, "final")
+    if change == "label":
+        message.layout.dim[0].label = "csv"
+    else:
+        message.layout.dim = message.layout.dim[:1]
+    with pytest.raises(ValueError, match="npz"):
+        read_tables_message(message)
+
+
 def test_the_coordination_map_shows_where_coordinate_is_best():
     scenario = load_scenario("env1")
     convert = converter("env1")
@@ -158,7 +197,7 @@ def test_the_coordination_map_shows_where_coordinate_is_best():
     tables.q_star[:] = 0.0
     tables.q_star[:, 0] = 1.0
     tables.q_star[7, COORDINATE] = 2.0
-    message = convert.coordination_map(3, tables)
+    message = read_map(CoordinationMapLayout(convert).pack(3, tables))
     rows, columns = convert.grid.shape
     row, column = convert.grid.cells[7]
     values = np.flipud(np.array(message.data).reshape(rows, columns))
@@ -168,7 +207,8 @@ def test_the_coordination_map_shows_where_coordinate_is_best():
 
 
 def test_the_coordination_map_of_a_baseline_is_empty():
-    message = converter().coordination_map(3, initial_tables(load_scenario("env1"), "noncoop"))
+    tables = initial_tables(load_scenario("env1"), "noncoop")
+    message = read_map(CoordinationMapLayout(converter()).pack(3, tables))
     assert 100 not in message.data
 
 

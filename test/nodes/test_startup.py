@@ -162,7 +162,10 @@ def test_robots_that_are_missing_are_named(bench, monkeypatch):
 def test_a_recorder_that_is_missing_is_named(bench):
     bench.world(startup_timeout=0.3, recorded=True)
     bench.robots()
-    text = r"still no node for robot_1, robot_2, recorder; start"
+    text = (
+        r"still no node for robot_1, robot_2, recorder; start each, e\.g\.: "
+        r"ros2 run sparse_coord_ros recorder \(the robots wait for it too\)$"
+    )
     with pytest.raises(RunError, match=text):
         bench.spin_until(lambda: False)
 

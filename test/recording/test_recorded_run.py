@@ -17,12 +17,13 @@ from rosbags.highlevel import AnyReader
 from sparse_coord_ros.core.agent import Agent
 from sparse_coord_ros.core.run_config import run_from_yaml
 from sparse_coord_ros.core.simulation import Team
+from sparse_coord_ros.core.tables import unpack_counts, unpack_tables
 from sparse_coord_ros.core.world import World
 from sparse_coord_ros.nodes.messages import Converter
 from sparse_coord_ros.nodes.spin import ros_context
 from sparse_coord_ros.nodes.team import run_team
 
-SEED, STEPS = 5, 250
+SEED, STEPS, CHECKPOINT = 5, 250, 100
 PERIOD_NS = 200_000_000
 NAMES = ("robot_1", "robot_2")
 CLAIMS = {f"/{name}/claim" for name in ("world_simulator", *NAMES)}
@@ -48,6 +49,7 @@ def recorded(tmp_path_factory):
         "step_period": 0.2,
         "out": str(out),
         "record": True,
+        "checkpoint": CHECKPOINT,
         "claim_window": 0.0,
     }
     with ros_context() as context:
@@ -73,6 +75,12 @@ def said_in(run):
     def note_states():
         said.states.update({(k, world.step): cell for k, cell in enumerate(world.cells)})
 
+    def note_tables():
+        for k, agent in enumerate(team.agents):
+            said.tables[k, world.step] = pack(agent, world.step)
+
+    said.tables = {(k, 0): pack(agent, 0) for k, agent in enumerate(team.agents)}
+    said.episodes = [world.step]
     note_states()
     while world.transitions < scenario.steps:
         step = world.step
@@ -86,10 +94,22 @@ def said_in(run):
                 if actions[k].asked:
                     said.percepts[k, step] = (cell, perceived)
         note_states()
+        if world.step // CHECKPOINT > step // CHECKPOINT:
+            note_tables()
         if outcome.episode_over and world.transitions < scenario.steps:
+            before = world.step
             world.begin_episode()
+            said.episodes.append(world.step)
             note_states()
+            if world.step // CHECKPOINT > before // CHECKPOINT:
+                note_tables()
+    note_tables()
     return said
+
+
+def pack(agent, step):
+    """Return what the tables of an agent are as arrays of bytes, and the step."""
+    return (agent.tables.q_star.tobytes(), agent.tables.q_coord.tobytes(), step)
 
 
 def step_of(time_ns):
@@ -220,14 +240,42 @@ def test_the_run_is_in_the_bag(recorded):
     (path,) = recorded.bag.glob("*.mcap")
     with path.open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
-        (attachment,) = reader.iter_attachments()
+        attachments = {attachment.name: attachment for attachment in reader.iter_attachments()}
         records = {record.name: record.metadata for record in reader.iter_metadata()}
-    assert (attachment.name, attachment.media_type) == ("run.yaml", "application/yaml")
-    assert attachment.data == (recorded.out / "run.yaml").read_bytes()
+    assert attachments["run.yaml"].media_type == "application/yaml"
+    assert attachments["run.yaml"].data == (recorded.out / "run.yaml").read_bytes()
+    scenario = recorded.run.scenario
+    assert yaml.safe_load(attachments["scenario.yaml"].data) == scenario.to_dict()
+    assert attachments["map.txt"].data.decode() == scenario.map.to_text()
     assert records["sparse_coord_ros"]["scenario"] == "env1"
     assert records["sparse_coord_ros"]["seed"] == str(SEED)
     assert records["sparse_coord_ros"]["version_numpy"] == recorded.run.versions["numpy"]
     assert "serialized_metadata" in records["rosbag2"]
+
+
+def test_the_tables_are_in_the_bag(recorded):
+    """At the join, at each checkpoint and at the end, bit for bit those of the simulation."""
+    (path,) = recorded.bag.glob("*.mcap")
+    found = {}
+    with path.open("rb") as file:
+        for attachment in make_reader(file).iter_attachments():
+            if attachment.name.startswith("tables/"):
+                assert attachment.media_type == "application/x-npz"
+                name, step = attachment.name[len("tables/") : -len(".npz")].rsplit("_", 1)
+                k = NAMES.index(name)
+                assert (k, int(step)) not in found
+                (pair,) = unpack_tables(attachment.data, [k + 1], where=attachment.name)
+                count = unpack_counts(attachment.data)["step"]
+                found[k, int(step)] = (pair.q_star.tobytes(), pair.q_coord.tobytes(), count)
+    assert len(found) >= 2 * 4
+    assert found == recorded.said.tables
+
+
+def test_latched_topics_are_there_at_each_episode(recorded):
+    episodes = {step * PERIOD_NS for step in recorded.said.episodes}
+    assert len(episodes) > 2
+    for topic in ("/map", "/markers", *MAPS):
+        assert episodes <= {time_ns for time_ns, _ in recorded.topics[topic]}
 
 
 def test_the_status_tells_the_course(recorded):
@@ -251,4 +299,4 @@ def test_latched_topics_stay_latched(recorded):
         assert profile["reliability"] == "reliable"
         assert profile["durability"] == ("transient_local" if name in LATCHED else "volatile")
         assert profile["history"] == "keep_last"
-        assert (profile["depth"] == 1) == (name in LATCHED)
+        assert (profile["depth"] <= 10) == (name in LATCHED | {"/diagnostics"})

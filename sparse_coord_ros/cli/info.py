@@ -1,0 +1,112 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`sparse_coord info`: what is in a bag."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from sparse_coord_ros.cli import options as shared
+
+RECORD = "sparse_coord_ros"
+
+
+def add_parser(verbs) -> None:
+    """Add the verb."""
+    parser = shared.add_verb(verbs, "info", example="sparse_coord info runs/demo/bag")
+    parser.add_argument(
+        "bag", type=Path, metavar="BAG", help="a bag's or a run's directory, or a file"
+    )
+    shared.add_json(parser)
+    parser.set_defaults(execute=execute)
+
+
+def execute(options: argparse.Namespace) -> int:
+    """Run the verb; 0, also of a damaged bag: `recover` and `verify` judge it."""
+    from sparse_coord_ros.recording.files import being_recorded
+    from sparse_coord_ros.recording.reader import open_bag
+
+    bag = open_bag(options.bag)
+    found = _information(bag, recording=not bag.finished and being_recorded(bag.path))
+    if options.json:
+        shared.print_json(found)
+    else:
+        _print(found)
+    return 0
+
+
+def _information(bag, *, recording: bool) -> dict[str, Any]:
+    record = dict(bag.metadata.get(RECORD, {}))
+    versions = {
+        name.removeprefix("version_"): record.pop(name)
+        for name in list(record)
+        if name.startswith("version_")
+    }
+    return {
+        "file": str(bag.path),
+        "bytes": bag.file_bytes,
+        "finished": bag.finished,
+        "recording": recording,
+        "damage": bag.damage,
+        "recovered": None if bag.recovered is None else dict(bag.recovered),
+        "compression": list(bag.compressions),
+        "run": record,
+        "versions": versions,
+        "start_seconds": bag.start_ns / 1e9,
+        "duration_seconds": (bag.end_ns - bag.start_ns) / 1e9,
+        "messages": bag.message_count,
+        "topics": [
+            {
+                "name": name,
+                "type": topic.type_name,
+                "messages": bag.counts[name],
+                "bytes": bag.sizes[name],
+                "latched": any(qos.durability == "transient_local" for qos in topic.qos),
+                "reliable": all(qos.reliability == "reliable" for qos in topic.qos),
+            }
+            for name, topic in sorted(bag.topics.items())
+        ],
+        "attachments": [
+            {"name": one.name, "type": one.media_type, "bytes": one.size}
+            for one in bag.attachments.places
+        ],
+    }
+
+
+def _print(found: dict[str, Any]) -> None:
+    from sparse_coord_ros.recording.recover import recovered_text
+
+    print(f"{found['file']}: {found['bytes']} bytes, {_state(found)}")
+    if found["recovered"] is not None:
+        print(recovered_text(found["recovered"]))
+    if found["run"]:
+        print("run: " + ", ".join(f"{name} {value}" for name, value in found["run"].items()))
+    if found["versions"]:
+        named = (f"{name} {value}" for name, value in found["versions"].items())
+        print("versions: " + ", ".join(named))
+    print(
+        f"{found['messages']} messages in {found['duration_seconds']:.1f} s of simulated time, "
+        f"chunks {', '.join(found['compression']) or 'none'}\n"
+    )
+    rows = [
+        [
+            topic["name"],
+            str(topic["messages"]),
+            str(topic["bytes"]),
+            "latched" if topic["latched"] else "reliable" if topic["reliable"] else "best effort",
+            topic["type"],
+        ]
+        for topic in found["topics"]
+    ]
+    print(shared.format_table(["topic", "messages", "bytes", "QoS", "type"], rows))
+    if found["attachments"]:
+        rows = [[one["name"], str(one["bytes"]), one["type"]] for one in found["attachments"]]
+        print("\n" + shared.format_table(["attachment", "bytes", "type"], rows))
+
+
+def _state(found: dict[str, Any]) -> str:
+    if found["recording"]:
+        return "being recorded (as far as its recorder has handed it over)"
+    if found["damage"] is not None:
+        return f"damaged: {found['damage']}"
+    return "finished" if found["finished"] else "unfinished (never closed; 'recover' restores it)"

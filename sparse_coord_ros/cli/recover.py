@@ -1,0 +1,81 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`sparse_coord recover`: a whole bag from one that a crash or a bad disk left behind."""
+
+import argparse
+from pathlib import Path
+
+from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.recording.recover import Recovery, recover, recovered_text
+
+EXIT_LOST = 1
+"""Exit code where a part of the original could not be restored."""
+
+
+def add_parser(verbs) -> None:
+    """Add the verb."""
+    parser = shared.add_verb(
+        verbs,
+        "recover",
+        example="sparse_coord recover runs/demo/bag\n\n"
+        "exit codes: 0 the bag was whole or all of it is restored, 1 a damaged or cut part is\n"
+        "lost, 2 nothing can be read, or the result cannot be written",
+    )
+    parser.add_argument(
+        "bag", metavar="BAG", type=Path, help="a bag's or a run's directory, or a file"
+    )
+    shared.add_json(parser)
+    parser.set_defaults(execute=execute)
+
+
+def execute(options: argparse.Namespace) -> int:
+    """Run the verb."""
+    recovery = recover(options.bag)
+    if options.json:
+        shared.print_json(_facts(recovery))
+    else:
+        print("\n".join(_lines(recovery)))
+    return 0 if recovery.complete else EXIT_LOST
+
+
+def _lines(recovery: Recovery) -> list[str]:
+    bag = recovery.bag
+    content = (
+        f"{bag.message_count} messages of {len(bag.topics)} topics, "
+        f"{len(bag.attachments)} attachments, {(bag.end_ns - bag.start_ns) / 1e9:.1f} s"
+    )
+    if not recovery.changed:
+        lines = [f"{recovery.path} is whole: {content}"]
+        return lines if bag.recovered is None else [*lines, recovered_text(bag.recovered)]
+    lines = [f"{recovery.path} is whole again: {content}"]
+    if bag.damage is not None:
+        lines.append(f"damage at {bag.damage}")
+    if not recovery.complete:
+        lines.append(
+            f"lost: what was in the last {bag.lost_bytes} of {bag.file_bytes} bytes"
+            if bag.lost_bytes
+            else "lost: what was cut off"
+            if not bag.finished
+            else "every message is there, but metadata may be wrong"
+        )
+    if bag.recovered is not None:
+        lines.append(f"before, it was {recovered_text(bag.recovered)}")
+    if recovery.kept is not None:
+        lines.append(f"the original is {recovery.kept}")
+    return lines
+
+
+def _facts(recovery: Recovery) -> dict:
+    bag = recovery.bag
+    return {
+        "bag": str(recovery.path),
+        "changed": recovery.changed,
+        "complete": recovery.complete,
+        "damage": bag.damage,
+        "lost_bytes": bag.lost_bytes,
+        "recovered": None if bag.recovered is None else dict(bag.recovered),
+        "messages": bag.message_count,
+        "topics": len(bag.topics),
+        "attachments": len(bag.attachments),
+        "original": None if recovery.kept is None else str(recovery.kept),
+    }

@@ -1,0 +1,82 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`sparse_coord replay`: a recorded run again over ROS 2."""
+
+import argparse
+import re
+
+from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.errors import RunError, SettingError
+
+OPTIONS = {"bag": "BAG", "rate": "--rate", "position": "--start", "topics": "--topics"}
+"""What the player's parameters are called here."""
+
+
+def add_parser(verbs) -> None:
+    """Add the verb."""
+    parser = shared.add_verb(
+        verbs, "replay", example="sparse_coord replay runs/env1/bag --rate 2 --start 12.5"
+    )
+    parser.add_argument("bag", metavar="BAG", help="a bag's or a run's directory, or a file")
+    parser.add_argument(
+        "--rate", default="1", metavar="R", help="seconds of the bag played a second (default: 1)"
+    )
+    parser.add_argument(
+        "--start",
+        default="0",
+        metavar="T",
+        help="begin so many seconds after the bag's first message",
+    )
+    parser.add_argument("--loop", action="store_true", help="begin again at the end")
+    parser.add_argument(
+        "--topics",
+        action="append",
+        metavar="TOPIC",
+        help="only this topic, and /clock; a name, or a pattern like '/robot_1/*'; repeatable "
+        "(default: all but /rosout and /parameter_events)",
+    )
+    parser.add_argument(
+        "--step",
+        action="store_true",
+        help="begin paused; space goes on, the right arrow or the service /player/step shows the "
+        "next time step",
+    )
+    parser.set_defaults(execute=execute)
+
+
+def execute(options: argparse.Namespace) -> int:
+    """Run the verb."""
+    try:
+        from sparse_coord_ros.nodes.player import Player
+        from sparse_coord_ros.nodes.spin import run_node
+    except ImportError as error:
+        raise RunError(
+            f"ROS 2 is not there ({error}); source a ROS 2 Jazzy installation, or install this "
+            "package with the extra 'ros' (pip install '.[ros]')"
+        ) from None
+    if not options.bag:
+        raise SettingError("BAG is empty: give a bag's directory or its file")
+    values = {
+        "bag": options.bag,
+        "rate": options.rate,
+        "position": options.start,
+        "loop": options.loop,
+        "topics": options.topics or [""],
+        "start_paused": options.step,
+    }
+
+    def make(context) -> Player:
+        try:
+            return Player(context=context, values=values, keyboard=True)
+        except SettingError as error:
+            raise SettingError(_as_typed(str(error))) from None
+
+    return run_node(make, [])
+
+
+def _as_typed(text: str) -> str:
+    """Name the option instead of the node's parameter that has its value."""
+    found = re.match(r"(?:node player: )?parameter (\w+)", text)
+    if found is None:
+        return text
+    return OPTIONS.get(found[1], found[1]) + text[found.end() :]

@@ -1,0 +1,85 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`sparse_coord verify`: compute a recorded run again and compare."""
+
+import argparse
+from pathlib import Path
+
+from sparse_coord_ros.cli import options as shared
+
+SHOWN = 10
+BROKEN_OFF = ": the recording broke off, its end is missing"
+NOT_COMPARED = (
+    "diagnostics, /rosout, /parameter_events, claims, what else the bag holds; wall-clock stamps; "
+    "the order of messages of different writers; how often status, markers and coordination maps "
+    "come within an episode; fields that the team does not use"
+)
+
+
+def add_parser(verbs) -> None:
+    """Add the verb."""
+    parser = shared.add_verb(verbs, "verify", example="sparse_coord verify runs/demo/bag")
+    parser.add_argument("bag", type=Path, metavar="BAG", help="a bag's directory or its file")
+    parser.add_argument(
+        "--all", action="store_true", help=f"print all differences, not the first {SHOWN}"
+    )
+    shared.add_json(parser)
+    parser.set_defaults(execute=execute)
+
+
+def execute(options: argparse.Namespace) -> int:
+    """Run the verb; 0: identical, 1: differs."""
+    from sparse_coord_ros.runlog import verify
+
+    found = verify(options.bag)
+    if options.json:
+        shared.print_json(
+            {
+                "bag": str(found.log.bag.path),
+                "identical": found.same,
+                **_numbers(found),
+                "differences": [one._asdict() for one in found.differences],
+            }
+        )
+    else:
+        _print(found, None if options.all else SHOWN)
+    return 0 if found.same else 1
+
+
+def _numbers(found) -> dict[str, int]:
+    names = ("steps", "choices", "updates", "tables")
+    names += ("left_out", "dropped", "resets", "repeats", "unchecked")
+    return {name: getattr(found, name) for name in names}
+
+
+def _print(found, shown: int | None) -> None:
+    run = found.log.run
+    print(f"{found.log.bag.path}{BROKEN_OFF * found.log.broken_off}")
+    print(
+        f"{run.scenario.name}, {run.learner}{', greedy' * run.greedy}, "
+        f"seed {run.seed}, {len(found.log.names)} robots"
+    )
+    print(
+        f"computed again: {found.steps} steps of the world, {found.choices} actions, "
+        f"{found.updates} updates, {found.tables} recorded tables"
+    )
+    for count, what in (
+        (found.left_out, "robots' steps without their action (left out by the world)"),
+        (found.dropped, "transitions that a left-out robot had no chance to learn from"),
+        (found.resets, "episodes begun early (reset, or nobody left to wait for)"),
+        (found.repeats, "messages said again after a silence"),
+        (found.unchecked, "time steps at the end not checked: messages may be missing there"),
+    ):
+        if count:
+            print(f"{count} {what}")
+    if found.same:
+        print("identical: every state, reward, percept, action and table is what it has to be")
+        print(f"not compared: {NOT_COMPARED}")
+        return
+    print(f"differs: {found.first}")
+    rest = found.differences[1:shown]
+    for difference in rest:
+        print(f"         {difference}")
+    more = len(found.differences) - 1 - len(rest)
+    if more:
+        print(f"         and {more} more (--all)")

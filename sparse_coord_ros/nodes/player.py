@@ -1,0 +1,320 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The player node: a recorded run again on its topics, with its types, QoS and clock."""
+
+import sys
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.clock import Clock, ClockType
+from rclpy.context import Context
+from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock as ClockMessage
+from std_srvs.srv import SetBool, Trigger
+
+from sparse_coord_ros.core.settings import Setting, SettingTable
+from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.nodes import interface
+from sparse_coord_ros.nodes.parameters import EXECUTOR, ParameterNode, stops_on_bad_input
+from sparse_coord_ros.nodes.player_keys import Keyboard
+from sparse_coord_ros.nodes.player_topics import advertise, latched
+from sparse_coord_ros.nodes.spin import run_node, wait_for_readers
+from sparse_coord_ros.recording import Message
+from sparse_coord_ros.recording.playback import SECOND_NS, Playback
+from sparse_coord_ros.recording.playlist import CLOCK, Playlist
+
+LOWEST_RATE, HIGHEST_RATE = 0.01, 1000.0
+PLAYER_PARAMETERS = SettingTable(
+    [
+        Setting("bag", str, "", "the bag to play: its directory or its MCAP file"),
+        Setting(
+            "rate",
+            float,
+            1.0,
+            "seconds of the bag played a second",
+            low=LOWEST_RATE,
+            high=HIGHEST_RATE,
+        ),
+        Setting(
+            "position",
+            float,
+            0.0,
+            "where to begin, or to go on: seconds after the bag's first message",
+            low=0,
+        ),
+        Setting("loop", bool, False, "begin again at the end"),
+        Setting("start_paused", bool, False, "show the first time step, and wait"),
+        Setting("topics", list, [""], "only these topics: names, or patterns like /robot_1/*"),
+        Setting(
+            "delay", float, 0.5, "seconds given to subscribers to find the player", low=0, high=60
+        ),
+        EXECUTOR,
+    ]
+)
+CHANGEABLE = ("rate", "position")
+
+KEYS_SECONDS = 0.05
+SEEK_SECONDS = 10.0
+LONGEST_WAIT_NS = 60 * SECOND_NS
+"""Of the timer, which cannot hold every distance of log times; it then waits again."""
+
+KEYS_HELP = (
+    "space: pause or go on, right: next time step, left or Page Up: 10 s back, Page Down: 10 s "
+    "on, up/down: twice or half the rate, Home: start, q: quit"
+)
+REMEDY = "seek back: parameter position, keys left or Home"
+
+
+class Player(ParameterNode):
+    """Publishes the raw messages of a bag at the distances of their log times.
+
+    Args:
+        context: the ROS context.
+        namespace: of the node; the topics have their recorded names.
+        values: parameters given by the program; None: by the command line.
+        keyboard: listen to the terminal's keys, if there is one.
+
+    Attributes:
+        done: whether the end of the bag was reached, or the user quits.
+
+    Raises:
+        SparseCoordError: a bad parameter, or nothing to play.
+    """
+
+    def __init__(
+        self,
+        *,
+        context: Context,
+        namespace: str = "",
+        values: Mapping[str, Any] | None = None,
+        keyboard: bool = False,
+    ) -> None:
+        self._keyboard: Keyboard | None = None
+        super().__init__(
+            "player",
+            PLAYER_PARAMETERS,
+            context=context,
+            namespace=namespace,
+            values=values,
+            changeable=CHANGEABLE,
+        )
+        self.done = False
+        self._begun = False
+        self._clock_ns: int | None = None
+        try:
+            self._open()
+        except BaseException:
+            self.destroy_node()
+            raise
+        self.create_service(SetBool, "~/pause", self._on_pause)
+        self.create_service(Trigger, "~/step", self._on_step)
+        self.add_post_set_parameters_callback(self._on_change)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timer = self.create_timer(self.values["delay"], self._tick, clock=steady)
+        if keyboard:
+            self._keyboard = Keyboard()
+            if self._keyboard.there:
+                self.create_timer(KEYS_SECONDS, self._on_keys, clock=steady)
+                self.get_logger().info(KEYS_HELP)
+
+    def _open(self) -> None:
+        """Open the bag, advertise its topics and look through its messages."""
+        if not self.values["bag"]:
+            raise SettingError(
+                "parameter bag: none is given; start the node with --ros-args -p bag:=DIRECTORY"
+            )
+        patterns = [text for text in self.values["topics"] if text]
+        bag, played = advertise(self, Path(self.values["bag"]), patterns)
+        self._publishers_by_topic = played
+        self._publish_by_topic = {name: p.publish for name, p in played.items()}
+        self._clock_publisher = None
+        if not (CLOCK in played and bag.counts.get(CLOCK, 0)):
+            topic = interface.CLOCK
+            self._clock_publisher = self.create_publisher(topic.type, topic.name, topic.qos)
+        kept = [name for name in played if name == CLOCK or latched(bag.topics[name].qos)]
+        playlist = Playlist(bag, played, kept)
+        self._start_ns = bag.start_ns
+        self._seconds = (playlist.end_ns - bag.start_ns) / SECOND_NS
+        self._check_position(self.values["position"])
+        self._playback = Playback(
+            playlist,
+            self._publish,
+            time.monotonic_ns,
+            on_time=self._on_time,
+            rate=self.values["rate"],
+            loop=self.values["loop"],
+            paused=self.values["start_paused"],
+        )
+        self.get_logger().info(
+            f"{bag.path}: {len(playlist)} messages on {len(played)} topics, "
+            f"{playlist.step_count} time steps, {self._seconds:g} s"
+        )
+
+    @property
+    def _position(self) -> float:
+        """Seconds from the bag's first message to the log time that is reached."""
+        if not self._begun:
+            return self.values["position"]
+        return (self._playback.position_ns - self._start_ns) / SECOND_NS
+
+    def _publish(self, message: Message) -> None:
+        self._publish_by_topic[message.topic](message.data)
+
+    def _on_time(self, time_ns: int) -> None:
+        """Publish the time on /clock where the bag itself does not."""
+        if self._clock_publisher is not None and time_ns != self._clock_ns:
+            self._clock_ns = time_ns
+            message = ClockMessage()
+            seconds, message.clock.nanosec = divmod(time_ns, SECOND_NS)
+            message.clock.sec = min(seconds, 2**31 - 1)
+            self._clock_publisher.publish(message)
+
+    @stops_on_bad_input
+    def _tick(self) -> None:
+        if not self._begun:
+            self._begin()
+        wait_ns = self._playback.play()
+        if wait_ns is None:
+            self._timer.cancel()
+            self.done = self.done or self._playback.done
+        else:
+            self._timer.timer_period_ns = max(1, min(wait_ns, LONGEST_WAIT_NS))
+            self._timer.reset()
+
+    def _begin(self) -> None:
+        """Go to where playing begins, once the subscribers had time to come."""
+        self._begun = True
+        if self.count_publishers(CLOCK) > 1:
+            self.get_logger().warning(
+                f"another node publishes {CLOCK} too: a live run or another player is there; use "
+                "another ROS_DOMAIN_ID"
+            )
+        self._seek(self.values["position"])
+
+    def _seek(self, seconds: float) -> None:
+        self._playback.seek(self._start_ns + round(min(seconds, self._seconds) * SECOND_NS))
+
+    def _wake(self) -> None:
+        """Let the timer look at once at what is to be done."""
+        if self._begun:
+            self._timer.timer_period_ns = 1
+            self._timer.reset()
+
+    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        self._playback.pause(request.data)
+        self._wake()
+        response.success, response.message = True, self._state()
+        return response
+
+    def _on_step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success, response.message = self._step() or (False, "the player fails")
+        return response
+
+    @stops_on_bad_input
+    def _step(self) -> tuple[bool, str]:
+        """Show the next time step; return whether there was one, and a text."""
+        self._playback.pause(True)
+        before = self._playback.published
+        if not self._begun:
+            self._begin()
+        elif not self._playback.step():
+            return False, f"the bag has ended at {self._position:.3f} s; {REMEDY}"
+        return True, f"{self._state()}: {self._playback.published - before} messages"
+
+    def _state(self) -> str:
+        doing = "paused" if self._playback.paused else f"playing at rate {self.values['rate']:g}"
+        return f"{doing} at {self._position:.3f} s"
+
+    def _check_position(self, seconds: float) -> None:
+        if seconds > self._seconds:
+            raise SettingError(
+                f"parameter position: value is {seconds:g}, allowed: 0 to {self._seconds:g}, the "
+                "seconds up to the last message that is played"
+            )
+
+    def _check_change(self, parameters: list[Parameter]) -> SetParametersResult:
+        for parameter in parameters:
+            if parameter.name == "position":
+                try:
+                    self._check_position(parameter.value)
+                except SettingError as error:
+                    return SetParametersResult(successful=False, reason=str(error))
+        return super()._check_change(parameters)
+
+    @stops_on_bad_input
+    def _on_change(self, parameters: list[Parameter]) -> None:
+        """Do what changed parameters say."""
+        for parameter in parameters:
+            if parameter.name == "rate":
+                self._playback.set_rate(self.values["rate"])
+            elif parameter.name == "position" and self._begun:
+                self._seek(self.values["position"])
+        self._wake()
+
+    def _on_keys(self) -> None:
+        for key in self._keyboard.read():
+            if key == "quit":
+                self.done = True
+            elif key == "step":
+                self.get_logger().info((self._step() or (False, ""))[1])
+            else:
+                self._on_key(key)
+                self.get_logger().info(self._state())
+
+    def _on_key(self, key: str) -> None:
+        rate = self.values["rate"]
+        if key == "pause":
+            self._playback.pause(not self._playback.paused)
+            self._wake()
+        elif key == "start":
+            self._set("position", 0.0)
+        elif key == "back":
+            self._set("position", max(0.0, self._position - SEEK_SECONDS))
+        elif key == "on":
+            self._set("position", min(self._seconds, self._position + SEEK_SECONDS))
+        elif key == "faster":
+            self._set("rate", min(HIGHEST_RATE, rate * 2))
+        elif key == "slower":
+            self._set("rate", max(LOWEST_RATE, rate / 2))
+
+    def _set(self, name: str, value: float) -> None:
+        self.set_parameters([Parameter(name, value=value)])
+
+    def finish(self, *, interrupted: bool) -> None:
+        """Say how well time was kept; at the end of the bag wait until readers have it all."""
+        self._close_keyboard()
+        error = self._playback.timing_error
+        kept = (
+            ""
+            if error is None
+            else (
+                f"; timing error: median {error.median_ms:.2f} ms, worst {error.worst_ms:.2f} ms"
+            )
+        )
+        self.get_logger().info(
+            f"{'stopped' if interrupted else 'ended'} at {self._position:.3f} s, "
+            f"{self._playback.published} messages published{kept}"
+        )
+        if self._playback.done:
+            wait_for_readers(self._publishers_by_topic.values())
+
+    def destroy_node(self) -> None:
+        """Give the terminal back, whatever happens, and destroy the node."""
+        self._close_keyboard()
+        super().destroy_node()
+
+    def _close_keyboard(self) -> None:
+        if self._keyboard is not None:
+            self._keyboard.close()
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node `player`."""
+    return run_node(lambda context: Player(context=context, keyboard=True), args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,133 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Which topics of a bag are played, and their publishers: recorded names, types and QoS."""
+
+import importlib
+from collections.abc import Sequence
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+from rclpy.exceptions import InvalidTopicNameException
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+from sparse_coord_ros.errors import BagError, SettingError
+from sparse_coord_ros.recording import Bag, QoS, Topic, open_bag, type_hash
+from sparse_coord_ros.recording.playlist import CLOCK
+
+ROS_OWN = ("/rosout", "/parameter_events")
+"""Topics that every node has itself; played only where they are asked for by name."""
+
+
+def advertise(node: Node, path: Path, patterns: Sequence[str]) -> tuple[Bag, dict[str, Publisher]]:
+    """Open a bag and make the publishers of its topics; warn of what cannot be played.
+
+    Args:
+        node: the node that publishes.
+        path: the bag.
+        patterns: as `chosen_topics` has them.
+
+    Raises:
+        SparseCoordError: no bag, a pattern that fits no topic, or no topic that can be played.
+    """
+    bag = open_bag(path)
+    names = chosen_topics(bag, patterns)
+    warn = node.get_logger().warning
+    if bag.damage is not None:
+        played = "every message" if bag.whole else "what lies before that"
+        warn(f"{bag.path}: {bag.damage}; {played} is played")
+    elif not bag.finished:
+        warn(f"{bag.path} was never closed by its recorder: what there is of it is played")
+    publishers, skipped = make_publishers(node, bag, names)
+    if not publishers:
+        why = ", ".join(skipped) or "it has none"
+        raise BagError(f"bag {bag.path}: no topic can be played: {why}")
+    if skipped:
+        warn(f"not played: {', '.join(skipped)}")
+    return bag, publishers
+
+
+def chosen_topics(bag: Bag, patterns: Sequence[str]) -> list[str]:
+    """Return the topics to play, /clock always among them.
+
+    Args:
+        bag: the bag.
+        patterns: names, or patterns such as `/robot_1/*`; none: all topics but `ROS_OWN`.
+
+    Raises:
+        SettingError: a pattern fits no topic.
+    """
+    chosen = {CLOCK} & set(bag.topics)
+    for pattern in patterns or ["*"]:
+        full = pattern if pattern.startswith(("/", "*")) else f"/{pattern}"
+        fitting = {name for name in bag.topics if fnmatchcase(name, full)} - set(ROS_OWN)
+        fitting |= {full} & set(bag.topics)
+        if patterns and not fitting:
+            raise SettingError(
+                f"parameter topics: {pattern!r} fits no topic of {bag.path}, which has: "
+                f"{', '.join(sorted(bag.topics))}"
+            )
+        chosen |= fitting
+    return sorted(chosen)
+
+
+def make_publishers(
+    node: Node, bag: Bag, names: Sequence[str]
+) -> tuple[dict[str, Publisher], list[str]]:
+    """Advertise topics as they were recorded.
+
+    Returns:
+        The publishers by topic, and for each topic without one a text that says why.
+    """
+    publishers, skipped = {}, []
+    for name in names:
+        topic = bag.topics[name]
+        try:
+            kind = message_class(topic)
+            publishers[name] = node.create_publisher(kind, name, offered_qos(topic.qos))
+        except (ImportError, AttributeError, ValueError, InvalidTopicNameException) as error:
+            skipped.append(f"{name} ({' '.join(str(error).split())})")
+    return publishers, skipped
+
+
+def message_class(topic: Topic) -> type:
+    """Return the class of a topic's messages, the one that wrote the recorded bytes.
+
+    Raises:
+        ValueError: the type is not installed, or another version of it; says so.
+    """
+    name = topic.type_name
+    package, _, rest = name.partition("/")
+    kind, _, stem = rest.partition("/")
+    base, _, part = stem.partition("_")
+    try:
+        found = getattr(importlib.import_module(f"{package}.{kind}"), base)
+        for attribute in {"": [], "FeedbackMessage": ["Impl", part]}.get(part, [part]):
+            found = getattr(found, attribute)
+    except (ImportError, AttributeError, ValueError, TypeError):
+        raise ValueError(f"type {name} is not installed") from None
+    installed = type_hash(name)
+    if topic.type_hash and installed and topic.type_hash != installed:
+        raise ValueError(f"type {name} is installed in another version")
+    return found
+
+
+def offered_qos(profiles: Sequence[QoS]) -> QoSProfile:
+    """Return a profile that offers at least what each of the recorded publishers did."""
+    profiles = profiles or (QoS(),)
+    reliable = any(qos.reliability == "reliable" for qos in profiles)
+    keep_all = any(qos.history == "keep_all" for qos in profiles)
+    return QoSProfile(
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=(
+            DurabilityPolicy.TRANSIENT_LOCAL if latched(profiles) else DurabilityPolicy.VOLATILE
+        ),
+        history=HistoryPolicy.KEEP_ALL if keep_all else HistoryPolicy.KEEP_LAST,
+        depth=max(1, *(qos.depth for qos in profiles)),
+    )
+
+
+def latched(profiles: Sequence[QoS]) -> bool:
+    """Whether a late subscriber gets the last message."""
+    return any(qos.durability == "transient_local" for qos in profiles)

@@ -1,0 +1,517 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The player: bytes, order, types, QoS and clock of a bag; services, parameters, keys, errors."""
+
+import os
+import pty
+import select
+import signal
+import subprocess
+import sys
+import termios
+import time
+from collections import defaultdict
+from types import SimpleNamespace
+
+import pytest
+from nav_msgs.srv import GetPlan
+from rcl_interfaces.msg import Log, Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.serialization import deserialize_message, serialize_message
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Int32, String
+from std_srvs.srv import SetBool, Trigger
+
+from sparse_coord_ros.cli.main import main as sparse_coord
+from sparse_coord_ros.errors import BagError
+from sparse_coord_ros.nodes.player import PLAYER_PARAMETERS, REMEDY, Player, main
+from sparse_coord_ros.recording import BagWriter, QoS, open_bag
+
+LATCHED = QoS(durability="transient_local", depth=1)
+EVENTS = "/robot_1/active_perception/_service_event"
+TYPES = {
+    "/clock": ("rosgraph_msgs/msg/Clock", QoS()),
+    "/map": ("std_msgs/msg/String", LATCHED),
+    "/robot_1/action": ("std_msgs/msg/Int32", QoS(depth=100)),
+    "/robot_2/action": ("std_msgs/msg/Int32", QoS(reliability="best_effort", depth=5)),
+    EVENTS: ("nav_msgs/srv/GetPlan_Event", QoS(depth=100)),
+    "/rosout": ("rcl_interfaces/msg/Log", QoS(depth=10)),
+}
+CLASSES = {"/map": String, "/rosout": Log, "/clock": Clock, EVENTS: GetPlan.Event}
+
+
+def content(step):
+    """Yield what is recorded of a time step: topic and message."""
+    if step % 10 == 0:
+        yield "/map", String(data=f"map {step}")
+    clock = Clock()
+    clock.clock.sec, clock.clock.nanosec = divmod(step * 100_000_000, 1_000_000_000)
+    yield "/clock", clock
+    for robot in (1, 2):
+        yield f"/robot_{robot}/action", Int32(data=1000 * robot + step)
+    if step % 7 == 0:
+        yield EVENTS, GetPlan.Event()
+        yield "/rosout", Log(msg=f"step {step}")
+
+
+def write_bag(directory, *, steps=50, types=TYPES, close=True):
+    """Write a bag of 0.1 s a step; returns its directory."""
+    writer = BagWriter(directory)
+    channels = {name: writer.add_topic(name, *kind) for name, kind in types.items()}
+    for step in range(steps):
+        for topic, message in content(step):
+            if topic in channels:
+                at = step * 100_000_000
+                writer.write(channels[topic], serialize_message(message), at, at)
+        if step == steps // 2:
+            writer.flush()
+    if close:
+        writer.close()
+    else:
+        writer.abandon()
+    return directory
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory):
+    return write_bag(tmp_path_factory.mktemp("bags") / "run")
+
+
+class Audience:
+    """A player, and a node that takes the bytes of its topics."""
+
+    def __init__(self, bench, bag, **values):
+        self.bench = bench
+        self.observer = bench.observer()
+        values = {"bag": str(bag), "delay": 0.0, "start_paused": True, **values}
+        self.player = bench.add(Player(context=bench.place()[0], values=values))
+        self.heard = []
+        self.wait(lambda: self.player._begun, "the first step is shown")
+
+    def listen(self, *topics, latched=False):
+        """Take topics from now on, or with what they latch, and wait until all are matched."""
+        publishers = self.player._publishers_by_topic
+        subscriptions = {}
+        for topic in topics:
+            offered = publishers[topic].qos_profile.reliability
+            durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
+            qos = QoSProfile(depth=1000, reliability=offered, durability=durability)
+
+            def take(data, topic=topic):
+                self.heard.append((topic, data))
+
+            subscriptions[topic] = self.observer.create_subscription(
+                publishers[topic].msg_type, topic, take, qos, raw=True
+            )
+        self.wait(
+            lambda: all(
+                publishers[topic].get_subscription_count() == 1 == own.get_publisher_count()
+                for topic, own in subscriptions.items()
+            ),
+            "player and audience know each other",
+        )
+        return self
+
+    def wait(self, condition, what):
+        self.bench.spin_until(condition, what)
+
+    def texts(self):
+        """Return what was heard since the last call, as (topic, its text or number)."""
+        found = [(topic, value(topic, data)) for topic, data in self.heard]
+        self.heard.clear()
+        return found
+
+    def wait_for(self, *expected):
+        """Wait until just this is heard, in any order of topics."""
+        self.wait(lambda: len(self.heard) >= len(expected), expected)
+        assert sorted(self.texts()) == sorted(expected)
+
+    def set(self, name, number):
+        parameter = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=number)
+        request = SetParameters.Request(parameters=[Parameter(name=name, value=parameter)])
+        return self.observer.call(SetParameters, "player/set_parameters", request).results[0]
+
+    def pause(self, data):
+        return self.observer.call(SetBool, "player/pause", SetBool.Request(data=data)).message
+
+    def step(self):
+        response = self.observer.call(Trigger, "player/step")
+        return response.success, response.message
+
+
+def value(topic, data):
+    message = deserialize_message(data, CLASSES.get(topic, Int32))
+    if topic == "/clock":
+        return message.clock.sec * 10 + message.clock.nanosec // 100_000_000
+    return message.msg if topic == "/rosout" else message.data
+
+
+def test_everything_comes_back_as_it_was_recorded(bench, bag):
+    recorded = defaultdict(list)
+    for message in open_bag(bag).messages():
+        recorded[message.topic].append(message.data)
+    del recorded["/rosout"]
+    there = Audience(bench, bag, rate=1000).listen(*recorded)
+    assert there.set("position", 0.0).successful
+    there.pause(False)
+    bench.spin_until_done(there.player)
+    count = sum(map(len, recorded.values()))
+    there.wait(lambda: len(there.heard) >= count, f"{count} messages")
+    heard = defaultdict(list)
+    for topic, data in there.heard:
+        heard[topic].append(data)
+    assert heard == recorded
+
+
+def test_types_and_qos_are_those_of_the_bag_and_latched_stays_latched(bench, bag):
+    there = Audience(bench, bag)
+    names = [name for name in TYPES if name != "/rosout"]
+    infos = there.observer.get_publishers_info_by_topic
+    there.wait(lambda: all(["player"] == [i.node_name for i in infos(n)] for n in names), "infos")
+    for name in names:
+        type_name, qos = TYPES[name]
+        (info,) = infos(name)
+        assert info.topic_type == type_name
+        assert info.qos_profile.reliability.name.lower() == qos.reliability
+        assert info.qos_profile.durability.name.lower() == qos.durability
+        assert there.player._publishers_by_topic[name].qos_profile.depth == qos.depth
+    assert [info.node_name for info in infos("/rosout")].count("player") == 1, "its own"
+    there.listen("/map", latched=True)
+    there.wait_for(("/map", "map 0"))
+
+
+def test_every_parameter_is_described_and_two_can_be_set(bench, bag):
+    player = Audience(bench, bag).player
+    for name, setting in PLAYER_PARAMETERS.items():
+        descriptor = player.describe_parameter(name)
+        assert len(descriptor.description) > 10
+        assert descriptor.additional_constraints == f"allowed: {setting.allowed}"
+        assert descriptor.read_only == (name not in ("rate", "position"))
+
+
+def test_steps_pauses_rates_and_positions(bench, bag):
+    topics = ("/clock", "/robot_1/action", "/map")
+    there = Audience(bench, bag, rate=0.01).listen(*topics)
+    assert there.step() == (True, "paused at 0.100 s: 3 messages")
+    there.wait_for(("/clock", 1), ("/robot_1/action", 1001))
+    assert there.pause(False) == "playing at rate 0.01 at 0.100 s"
+    assert there.texts() == []
+    assert there.set("rate", 1000.0).successful
+    bench.spin_until_done(there.player)
+    there.wait(lambda: len(there.heard) == 48 + 48 + 4, "the rest")
+    there.heard.clear()
+    assert there.pause(True) == "paused at 4.900 s"
+    assert there.step() == (False, f"the bag has ended at 4.900 s; {REMEDY}")
+    assert there.set("position", 2.5).successful
+    there.wait_for(("/map", "map 20"), ("/clock", 24), ("/clock", 25), ("/robot_1/action", 1025))
+    assert there.set("position", 4.0).successful
+    there.wait_for(
+        ("/map", "map 30"),
+        ("/clock", 39),
+        ("/map", "map 40"),
+        ("/clock", 40),
+        ("/robot_1/action", 1040),
+    )
+    assert there.set("position", 0.35).successful
+    there.wait_for(("/map", "map 0"), ("/clock", 3))
+    assert there.step() == (True, "paused at 0.400 s: 3 messages")
+    assert there.player.get_parameter("position").value == 0.35
+
+
+@pytest.mark.parametrize(
+    ("name", "number", "reason"),
+    [
+        ("position", 4.91, "value is 4.91, allowed: 0 to 4.9, the seconds up to the last"),
+        ("position", -1.0, "value is -1.0, allowed: a number of at least 0"),
+        ("position", float("nan"), "value is nan"),
+        ("rate", 0.0, "out of range"),
+        ("delay", 1.0, "read-only"),
+    ],
+)
+def test_bad_changes_are_refused(bench, bag, name, number, reason):
+    there = Audience(bench, bag)
+    before = there.player.values[name]
+    result = there.set(name, number)
+    assert not result.successful
+    assert reason in result.reason
+    assert there.player.values[name] == before
+
+
+def test_a_start_in_the_middle_and_a_loop(bench, bag):
+    topics = ["/map", "robot_1/*"]
+    there = Audience(bench, bag, position=4.8, loop=True, topics=topics, rate=1000)
+    assert set(there.player._publishers_by_topic) == {"/clock", "/map", "/robot_1/action", EVENTS}
+    there.listen("/map", latched=True).wait_for(("/map", "map 40"))
+    there.pause(False)
+    there.wait(lambda: len(there.heard) >= 12, "two rounds")
+    rounds = [("/map", f"map {step}") for step in range(0, 50, 10)]
+    assert there.texts()[:12] == (rounds * 3)[:12]
+    assert not there.player.done
+
+
+def test_positions_count_from_the_first_message_of_the_bag(bench, tmp_path):
+    """Not from the first that is played: --topics does not move them."""
+    with BagWriter(tmp_path / "bag") as writer:
+        early, late = (writer.add_topic(n, "std_msgs/msg/String", QoS()) for n in ("/a", "/b"))
+        for second in range(6):
+            at = (100 + second) * 1_000_000_000
+            text = serialize_message(String(data=str(second)))
+            writer.write(late if second in (3, 4) else early, text, at, at)
+    there = Audience(bench, tmp_path / "bag", topics=["/b"], position=1.0)
+    assert there.pause(True) == "paused at 1.000 s"
+    assert there.step() == (True, "paused at 3.000 s: 1 messages")
+    assert there.set("position", 4.0).successful
+    assert there.pause(True) == "paused at 4.000 s"
+    assert "allowed: 0 to 4," in there.set("position", 5.0).reason
+
+
+def test_rosout_is_played_where_it_is_asked_for(bench, bag):
+    there = Audience(bench, bag, topics=["/rosout"])
+    assert set(there.player._publishers_by_topic) == {"/clock", "/rosout"}
+
+
+def test_without_a_recorded_clock_the_log_times_are_the_clock(bench, tmp_path):
+    types = {name: TYPES[name] for name in ("/map", "/robot_1/action")}
+    there = Audience(bench, write_bag(tmp_path / "bag", types=types))
+    clock = there.observer.listen(Clock, "/clock")
+    publisher = there.player._clock_publisher
+    there.wait(lambda: publisher.get_subscription_count() == 1, "the clock has a reader")
+    there.step()
+    there.set("position", 2.5)
+    there.set("position", 2.55)
+    there.step()
+    there.wait(lambda: len(clock) >= 4, "four times")
+    times = [m.clock.sec * 1000 + m.clock.nanosec // 1_000_000 for m in clock]
+    assert times == [100, 2500, 2550, 2600]
+
+
+def test_types_that_are_not_installed_are_named_once_and_left_out(bench, tmp_path, capfd):
+    write_bag(tmp_path / "bag", types={**TYPES, "/other": ("std_msgs/msg/Char", QoS())})
+    file = next((tmp_path / "bag").glob("*.mcap"))
+    opened = open_bag(file)
+    strange = {
+        "/map": opened.topics["/map"]._replace(type_name="no_such_msgs/msg/Thing"),
+        "/other": opened.topics["/other"]._replace(type_hash="RIHS01_" + "0" * 64),
+        "/robot_2/action": opened.topics["/robot_2/action"]._replace(type_name="Int32"),
+    }
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            "sparse_coord_ros.nodes.player_topics.open_bag",
+            lambda path: SimpleNamespace(
+                **{**vars(opened), "topics": {**opened.topics, **strange}},
+                messages=opened.messages,
+            ),
+        )
+        there = Audience(bench, file)
+    assert set(there.player._publishers_by_topic) == {"/clock", "/robot_1/action", EVENTS}
+    (line,) = [line for line in capfd.readouterr().err.splitlines() if "WARN" in line]
+    assert "not played: /map (type no_such_msgs/msg/Thing is not installed), " in line
+    assert "/other (type std_msgs/msg/Char is installed in another version), " in line
+    assert "/robot_2/action (type Int32 is not installed)" in line
+
+
+@pytest.mark.parametrize("damage", ["partial", "cut", "flipped"])
+def test_what_is_readable_of_a_broken_bag_is_played(bench, tmp_path, capfd, damage):
+    write_bag(tmp_path / "bag", close=damage != "partial")
+    (file,) = (tmp_path / "bag").glob("*.mcap*")
+    data = bytearray(file.read_bytes())
+    if damage == "cut":
+        del data[len(data) // 2 :]
+    if damage == "flipped":
+        data[len(data) // 2] ^= 1
+    file.write_bytes(data)
+    readable = [m for m in open_bag(file).messages() if m.topic == "/robot_1/action"]
+    assert 0 < len(readable) <= 50
+    there = Audience(bench, file, rate=1000, topics=["/robot_1/action"]).listen("/robot_1/action")
+    there.set("position", 0.0)
+    there.pause(False)
+    bench.spin_until_done(there.player)
+    there.wait(lambda: len(there.heard) >= len(readable), "all")
+    assert [data for _, data in there.heard] == [message.data for message in readable]
+    warnings = [line for line in capfd.readouterr().err.splitlines() if "WARN" in line]
+    assert len(warnings) == 1
+    assert ("never closed" if damage == "partial" else "byte ") in warnings[0]
+
+
+def test_a_bag_that_is_cut_while_it_is_played_stops_the_player(bench, tmp_path):
+    write_bag(tmp_path / "bag")
+    (file,) = (tmp_path / "bag").glob("*.mcap")
+    there = Audience(bench, file)
+    os.truncate(file, 100)
+    with pytest.raises(BagError, match="has changed while it was"):
+        there.set("position", 4.9)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        ([], "parameter bag: none is given"),
+        (["bag:=/nowhere"], "/nowhere"),
+        (["bag:={folder}"], "is not a bag"),
+        (["bag:={bag}", "rate:=0.0"], "parameter rate: value is 0.0, allowed: a number from 0.01"),
+        (["bag:={bag}", "position:=5.0"], "parameter position: value is 5, allowed: 0 to 4.9"),
+        (["bag:={bag}", "topics:=[/mop]"], "parameter topics: '/mop' fits no topic of"),
+        (["bag:={bag}", "topics:=/map"], "allowed: a list of texts"),
+        (["bag:={bag}", "start:=1.0"], "unknown parameter 'start'"),
+        (["bag:={empty}"], "no message to play on /map"),
+    ],
+)
+def test_bad_input_is_one_line(bag, tmp_path, capfd, arguments, text):
+    places = {"bag": bag, "folder": tmp_path, "empty": tmp_path / "empty"}
+    if "{empty}" in "".join(arguments):
+        write_bag(tmp_path / "empty", steps=0, types={"/map": TYPES["/map"]})
+    command = ["player", "--ros-args"]
+    for argument in arguments:
+        command += ["-p", argument.format(**places)]
+    assert main(command) == 2
+    (line,) = capfd.readouterr().err.splitlines()
+    assert line.startswith("error: ")
+    assert text in line
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["nowhere"], "nowhere"),
+        (["{bag}", "--rate", "fast"], "error: --rate: value is 'fast'"),
+        (["{bag}", "--start", "-1"], "error: --start: value is '-1'"),
+        (["{bag}", "--start", "5"], "error: --start: value is 5, allowed: 0 to 4.9"),
+        (["{bag}", "--topics", "nothing"], "error: --topics: 'nothing' fits no topic of"),
+        (["--topics", "/map", "--topics", "x", "{bag}"], "error: --topics: 'x' fits no topic of"),
+        ([""], "error: BAG is empty: give a bag's directory"),
+    ],
+)
+def test_the_verb_refuses_bad_input(bag, capfd, arguments, text):
+    assert sparse_coord(["replay", *[a.format(bag=bag) for a in arguments]]) == 2
+    out, err = capfd.readouterr()
+    assert out == ""
+    (line,) = err.splitlines()
+    assert line.startswith("error: ")
+    assert text in line
+
+
+def test_the_verb_takes_topics_before_the_bag(bag, capfd):
+    assert sparse_coord(["replay", "--rate", "100", "--topics", "/map", str(bag)]) == 0
+    assert "55 messages on 2 topics" in capfd.readouterr().err
+
+
+def test_the_verb_plays_to_the_end_and_says_how_well(bag, capfd):
+    assert sparse_coord(["replay", str(bag), "--rate", "100", "--start", "2"]) == 0
+    err = capfd.readouterr().err
+    assert "50 time steps, 4.9 s" in err
+    assert "ended at 4.900 s" in err
+    assert "timing error: median" in err
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("executor", ["events", "single"])
+def test_signals_end_it_cleanly(start_node, bag, number, executor):
+    player = start_node("player", "player", bag=str(bag), rate=0.01, executor=executor)
+    player.wait_for("time steps")
+    player.send_signal(number)
+    assert player.exit_code() == 0
+    assert "stopped at" in player.output
+    assert "Traceback" not in player.output
+
+
+ON_TERMINAL = (
+    "import fcntl, runpy, sys, termios\n"
+    "fcntl.ioctl(0, termios.TIOCSCTTY, 0)\n"
+    "sys.argv = ['executables', 'sparse_coord', 'replay', *sys.argv[1:]]\n"
+    "runpy.run_module('sparse_coord_ros.executables', run_name='__main__')\n"
+)
+
+
+class Terminal:
+    """`sparse_coord replay` at a terminal of its own."""
+
+    def __init__(self, *arguments):
+        self.ours, self.theirs = pty.openpty()
+        self.before = termios.tcgetattr(self.theirs)
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", ON_TERMINAL, *arguments],
+            stdin=self.theirs,
+            stdout=self.theirs,
+            stderr=self.theirs,
+            start_new_session=True,
+        )
+        self.output = ""
+
+    def wait_for(self, text):
+        """Wait for an output, and forget it and what was before."""
+        deadline = time.monotonic() + 20
+        while text not in self.output:
+            left = deadline - time.monotonic()
+            assert left > 0, f"no {text!r} in {self.output}"
+            if select.select([self.ours], [], [], left)[0]:
+                self.output += os.read(self.ours, 65536).decode()
+        self.output = self.output.partition(text)[2]
+
+    def type(self, keys):
+        os.write(self.ours, keys)
+
+    def end(self):
+        """Wait for the end; return exit code and whether the terminal is as it was."""
+        code = self.process.wait(20)
+        return code, termios.tcgetattr(self.theirs) == self.before
+
+    def close(self):
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.wait()
+        os.close(self.ours)
+        os.close(self.theirs)
+
+
+@pytest.fixture
+def terminal(own_domain):
+    opened = []
+
+    def start(*arguments):
+        opened.append(Terminal(*arguments))
+        return opened[-1]
+
+    yield start
+    for one in opened:
+        one.close()
+
+
+def test_keys(terminal, bag):
+    shell = terminal(str(bag), "--step", "--start", "3")
+    shell.wait_for("space: pause or go on")
+    shell.type(b"\x1b[C")
+    shell.wait_for("paused at 3.")
+    shell.type(b"\x1b[C")
+    shell.wait_for("messages")
+    shell.type(b"\x1b[D")
+    shell.wait_for("paused at 0.000 s")
+    shell.type(b"x\x1bOC\x1b[2~")
+    shell.wait_for("paused at 0.100 s: 3 messages")
+    shell.type(b"\x1b[6~")
+    shell.wait_for("paused at 4.900 s")
+    shell.type(b"\x1b[C")
+    shell.wait_for("has ended at 4.900 s; seek back: parameter position, keys left or Home")
+    shell.type(b"\x1b[5~\x1b[C")
+    shell.wait_for("paused at 0.000 s")
+    shell.wait_for("paused at 0.100 s: 3 messages")
+    shell.type(b"\x1b[B\x1b[B")
+    shell.wait_for("paused at 0.100 s")
+    shell.type(b" ")
+    shell.wait_for("playing at rate 0.25")
+    shell.type(b"\x1b[A ")
+    shell.wait_for("playing at rate 0.5")
+    shell.wait_for("paused at")
+    shell.type(b"\x1b[H")
+    shell.wait_for("paused at 0.000 s")
+    shell.type(b"q")
+    shell.wait_for("ended at 0.000 s")
+    assert shell.end() == (0, True)
+
+
+def test_ctrl_c_ends_it_and_the_terminal_is_as_it_was(terminal, bag):
+    shell = terminal(str(bag), "--rate", "0.01")
+    shell.wait_for("q: quit")
+    shell.type(b"\x03")
+    shell.wait_for("stopped at")
+    assert shell.end() == (0, True)

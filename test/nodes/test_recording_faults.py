@@ -1,0 +1,207 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Killed recorders, writers and teams, and full disks: the run goes on, the bag is read."""
+
+import os
+import re
+import select
+import signal
+from pathlib import Path
+
+import pytest
+import yaml
+
+import sparse_coord_ros
+from sparse_coord_ros.core.scenario import load_scenario
+from sparse_coord_ros.core.tables import load_team
+from sparse_coord_ros.errors import BagError
+from sparse_coord_ros.nodes.recorder import BagProcess
+from sparse_coord_ros.nodes.spin import ros_context
+from sparse_coord_ros.nodes.team import run_team
+from sparse_coord_ros.recording import open_bag
+
+FULL = 350_000
+"""Bytes of a file at which the disk is full."""
+STEPS_UNTIL_FULL = 1000
+"""More time steps than such a file holds, uncompressed."""
+WRITER = "sparse_coord_ros.recording.process"
+PERIOD_NS = 100_000_000
+NEVER = {"flush_seconds": 3600.0, "flush_steps": 10_000_000}
+
+
+def last_step(bag):
+    """Return the last time step that is in a bag, or 0."""
+    return max((m.log_time_ns for m in open_bag(bag).messages(["/clock"])), default=0) // PERIOD_NS
+
+
+def transitions_told(process):
+    """Return the numbers of transitions in the progress lines of a run."""
+    return [int(number) for number in re.findall(r"(\d+) of \d+ steps, ", process.output)]
+
+
+def assert_ends(pid_file_descriptor):
+    """Check that a process that is no child of the test's ends soon."""
+    ended, _, _ = select.select([pid_file_descriptor], [], [], 10.0)
+    assert ended, "it goes on"
+
+
+def assert_run_is_whole(out, transitions, *, error):
+    summary = yaml.safe_load((out / "summary.yaml").read_text())
+    assert summary["transitions"] == transitions
+    assert summary["timeouts"] == 0
+    assert not summary["interrupted"]
+    assert re.search(error, summary["recording_error"])
+    assert len(load_team(out, load_scenario("env1"))) == 2
+
+
+def test_a_killed_run_keeps_what_was_recorded_but_for_the_last_second(start, tmp_path):
+    """A bag of 20 time steps a second is flushed by time; nothing else would write any of them."""
+    out = tmp_path / "out"
+    process = start("cli.main", "run", "env1", "--rate", "20", "--out", str(out))
+    process.wait_for(" of 10000 steps, ", 2)
+    writer = os.pidfd_open(process.child(WRITER).pid)
+    try:
+        process.send_signal(signal.SIGKILL)
+        assert process.exit_code() == -signal.SIGKILL
+        assert_ends(writer)
+    finally:
+        os.close(writer)
+    first, *_ = transitions_told(process)
+    assert [path.name for path in (out / "bag").iterdir()] == ["bag_0.mcap.partial"]
+    bag = open_bag(out / "bag")
+    assert (bag.finished, bag.damage) == (False, None)
+    recovered = start("cli.main", "recover", str(out / "bag"))
+    assert recovered.exit_code() == 0, recovered.output
+    assert open_bag(out / "bag").finished
+    assert last_step(out / "bag") >= first >= 15
+
+
+def test_a_run_goes_on_when_its_writer_is_killed(start, tmp_path):
+    out = tmp_path / "out"
+    process = start(
+        "cli.main", "run", "env1", "--steps", "300", "--rate", "200", "--out", str(out)
+    )
+    process.wait_for(" of 300 steps, ")
+    process.child(WRITER).send_signal(signal.SIGKILL)
+    assert process.exit_code() == 2, process.output
+    assert "Traceback" not in process.output
+    said = process.output.splitlines()[-1]
+    assert said.startswith(
+        f"error: the writer process of the bag {out / 'bag'} has ended; the rec"
+    )
+    assert "sparse_coord recover" in said
+    assert_run_is_whole(out, 300, error="^the writer process of")
+    bag = open_bag(out / "bag")
+    assert (bag.finished, bag.damage) == (False, None)
+    assert 0 < last_step(out / "bag") < 300
+
+
+def test_a_run_goes_on_when_its_recorder_is_killed(start, tmp_path):
+    out = tmp_path / "out"
+    arguments = ["--steps", "60", "--rate", "100", "--out", str(out), "--processes"]
+    process = start("cli.main", "run", "env1", *arguments)
+    process.wait_for("env1: 2 robots, 60 steps, seed 0")
+    process.child("recorder").send_signal(signal.SIGKILL)
+    assert process.exit_code() == 2, process.output
+    assert "Traceback" not in process.output
+    assert process.output.splitlines()[-1].startswith("error: recorder ended with exit code -9")
+    assert_run_is_whole(out, 60, error="^recorder ended with exit code -9")
+    assert not open_bag(out / "bag").finished
+
+
+@pytest.fixture
+def full_disk(tmp_path, monkeypatch):
+    """Let the disk be full for the processes of a test: a limit of a file's size stands for it."""
+    limit = (
+        "import resource, signal; signal.signal(signal.SIGXFSZ, signal.SIG_IGN); "
+        f"resource.setrlimit(resource.RLIMIT_FSIZE, ({FULL}, {FULL}))\n"
+    )
+    (tmp_path / "site").mkdir()
+    (tmp_path / "site" / "sitecustomize.py").write_text(limit)
+    path = f"{tmp_path / 'site'}:{Path(sparse_coord_ros.__file__).parents[1]}"
+    monkeypatch.setenv("PYTHONPATH", path)
+
+
+def assert_bag_is_cut(bag):
+    bag = open_bag(bag)
+    assert (bag.finished, bag.damage) == (False, None)
+    assert sum(1 for _ in bag.messages()) > 100
+
+
+@pytest.mark.parametrize("processes", [[], ["--processes"]], ids=["one process", "processes"])
+def test_a_full_disk_ends_the_recording_but_not_the_run(start, tmp_path, processes, full_disk):
+    out = tmp_path / "out"
+    arguments = ["--steps", str(STEPS_UNTIL_FULL), "--compression", "none", "--out", str(out)]
+    process = start("cli.main", "run", "env1", *arguments, *processes)
+    assert process.exit_code() == 2, process.output
+    assert "Traceback" not in process.output
+    assert process.output.count("cannot write") >= 1
+    assert process.output.splitlines()[-1].startswith("error: ")
+    error = "^recorder ended with exit code 2" if processes else "^cannot write .*File too large"
+    assert_run_is_whole(out, STEPS_UNTIL_FULL, error=error)
+    assert_bag_is_cut(out / "bag")
+
+
+def test_a_recorder_whose_disk_is_full_ends_with_a_line(start_node, tmp_path, full_disk):
+    """The others, started by hand, go on and finish."""
+    out, quick = tmp_path / "out", {"claim_window": 0.1}
+    recorder = start_node("recorder", "recorder", out=out / "bag", compression="none")
+    settings = {"set": [f"steps={STEPS_UNTIL_FULL}"], "recorded": True, "out": out, **quick}
+    world = start_node("world_simulator", "world_simulator", scenario="env1", **settings)
+    names = ("robot_1", "robot_2")
+    robots = [start_node("robot", name, out=out, **quick) for name in names]
+    assert recorder.exit_code() == 2, recorder.output
+    (line,) = [line for line in recorder.output.splitlines() if "[INFO]" not in line]
+    assert re.match(r"error: cannot write .*bag_0\.mcap\.partial beyond \d+ bytes: File too", line)
+    for process in (world, *robots):
+        assert process.exit_code() == 0, process.output
+        assert "Traceback" not in process.output
+    summary = yaml.safe_load((out / "summary.yaml").read_text())
+    assert (summary["transitions"], summary["timeouts"]) == (STEPS_UNTIL_FULL, 0)
+    assert all((out / f"tables_{name}.npz").exists() for name in names)
+    assert_bag_is_cut(out / "bag")
+
+
+def test_a_bag_that_breaks_before_the_first_step_does_not_hold_up_the_run(tmp_path, monkeypatch):
+    class Broken(BagProcess):
+        def attach(self, name, data, media_type, log_time_ns=0):
+            raise BagError(f"cannot write {name}")
+
+    monkeypatch.setattr("sparse_coord_ros.nodes.recorder.BagProcess", Broken)
+    out = tmp_path / "out"
+    values = {"scenario": "env1", "set": ["steps=30"], "out": str(out), "record": True}
+    quick = {"claim_window": 0.0, "startup_timeout": 5.0}
+    with ros_context() as context:
+        summary = run_team({**values, **quick}, context=context)
+    assert (summary["transitions"], summary["recording_error"]) == (30, "cannot write run.yaml")
+    assert open_bag(out / "bag").metadata["sparse_coord_ros"]["scenario"] == "env1"
+
+
+def a_recorded_bench(bench, bag, steps, **flush):
+    """Run that many steps or a few more, then let the world stand still; return its time step."""
+    world = bench.world(recorded=True)
+    recorder = bench.recorder(bag, **{**NEVER, **flush})
+    bench.robots()
+    bench.spin_until(lambda: world.protocol.world.step >= steps, "steps")
+    world.values["rate"] = 0.001
+    bench.spin_until(lambda: world.protocol.complete, "all have acted")
+    return world.protocol.world.step, recorder
+
+
+def test_flush_steps_bounds_what_an_unfinished_bag_lacks(bench, tmp_path):
+    step, recorder = a_recorded_bench(bench, tmp_path / "bag", 30, flush_steps=10)
+    bench.spin_until(lambda: step - last_step(tmp_path / "bag") < 10, "flushed", seconds=5.0)
+    assert recorder.error is None
+
+
+def test_flush_seconds_bounds_what_an_unfinished_bag_lacks(bench, tmp_path):
+    step, recorder = a_recorded_bench(bench, tmp_path / "bag", 30, flush_seconds=0.1)
+    bench.spin_until(lambda: last_step(tmp_path / "bag") == step, "flushed", seconds=5.0)
+    assert recorder.error is None
+
+
+def test_without_either_nothing_is_flushed(bench, tmp_path):
+    """So that the two tests before this one could fail."""
+    step, recorder = a_recorded_bench(bench, tmp_path / "bag", 30)
+    bench.spin_until(lambda: recorder.bag.message_count > 7 * step, "all is there")
+    assert last_step(tmp_path / "bag") == 0
