@@ -14,7 +14,7 @@ demo: $(VENV)/installed
 	@$(BIN)/sparse_coord evaluate $(RUN) --trials 10000
 
 test: $(VENV)/installed
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile
 
 # Every experiment: tables, figures and the text of docs/reproduction.md, into results/.
 reproduce: $(VENV)/installed
