@@ -3,6 +3,7 @@
 """`sparse_coord run`: a team learns live over ROS 2."""
 
 import argparse
+import sys
 
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.core.run_config import RUN_SETTINGS
@@ -84,6 +85,7 @@ def execute(options: argparse.Namespace) -> int:
     else:
         _print(out, summary, recorded=not options.no_record)
     if "recording_error" in summary:
+        sys.stdout.flush()  # the error comes last, wherever both go
         raise BagError(summary["recording_error"])
     return 130 if summary["interrupted"] else 0
 
