@@ -41,8 +41,8 @@ EVENT_QOS = _qos(10)
 LATCHED_QOS = _qos(1, DurabilityPolicy.TRANSIENT_LOCAL)
 """Reliable, transient local: a late subscriber gets the last message."""
 
-SERIES_QOS = _qos(10, DurabilityPolicy.TRANSIENT_LOCAL)
-"""As `LATCHED_QOS`, for what comes time and again and a recorder is to get all of."""
+TABLES_QOS = _qos(10, DurabilityPolicy.TRANSIENT_LOCAL)
+"""As `LATCHED_QOS`, with those before, for a recorder that is to get all of them."""
 
 RECORDER_QOS = _qos(RECORDER_DEPTH)
 RECORDER_LATCHED_QOS = _qos(RECORDER_DEPTH, DurabilityPolicy.TRANSIENT_LOCAL)
@@ -73,17 +73,17 @@ class Topic:
 RUN = Topic("run", String, LATCHED_QOS)
 STATUS = Topic("status", DiagnosticStatus, LATCHED_QOS)
 CLOCK = Topic("/clock", Clock, STEP_QOS, stamped=True)
-MAP = Topic("map", OccupancyGrid, SERIES_QOS, stamped=True)
-MARKERS = Topic("markers", MarkerArray, SERIES_QOS)
+MAP = Topic("map", OccupancyGrid, LATCHED_QOS, stamped=True)
+MARKERS = Topic("markers", MarkerArray, LATCHED_QOS)
 DIAGNOSTICS = Topic("diagnostics", DiagnosticArray, EVENT_QOS, stamped=True)
 
 LOCAL_STATE = Topic("local_state", PoseStamped, STEP_QOS, stamped=True)
 REWARD = Topic("reward", JointState, STEP_QOS, stamped=True)
 ACTION = Topic("action", JointState, STEP_QOS, stamped=True)
 PERCEPT = Topic("percept", Path, STEP_QOS, stamped=True)
-COORDINATION_MAP = Topic("coordination_map", OccupancyGrid, SERIES_QOS, stamped=True)
+COORDINATION_MAP = Topic("coordination_map", OccupancyGrid, LATCHED_QOS, stamped=True)
 
-TABLES = Topic("tables", UInt8MultiArray, SERIES_QOS)
+TABLES = Topic("tables", UInt8MultiArray, TABLES_QOS)
 """Of a robot, as the bytes of an .npz file; the recorder attaches them to the bag."""
 
 TEAM_TOPICS = (RUN, STATUS, CLOCK, MAP, MARKERS, DIAGNOSTICS)

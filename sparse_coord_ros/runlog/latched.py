@@ -68,6 +68,9 @@ class CoordinationMaps:
         k: the robot's number.
         left_out: time steps that the world made without it.
         last: the last time step to check; None: all.
+
+    Attributes:
+        missing: those that ought to have come when an episode began, as far as it was followed.
     """
 
     def __init__(self, log: RunLog, k: int, left_out: frozenset[int], last: int | None) -> None:
@@ -92,6 +95,7 @@ class CoordinationMaps:
     def restart(self) -> None:
         """Begin again from the first state."""
         self._count = 0
+        self.missing: list[Difference] = []
         self._recent: list[tuple[int, bytes]] = []
 
     def begun(self, tables: Tables) -> Difference | None:
@@ -103,7 +107,10 @@ class CoordinationMaps:
         return self._odd(0, self._grids.cells(odd[0]), self._grids.cells(due)) if odd else None
 
     def handled(self, event: Handled) -> Difference | None:
-        """Compare those of a time step; all that happened before it is learned."""
+        """Compare those of a time step; all that happened before it is learned.
+
+        One that is missing is noted only: what the robot does next is worth looking at.
+        """
         step = event.step
         self._count += 1
         if step not in self._wanted:
@@ -111,9 +118,10 @@ class CoordinationMaps:
         now = self._grids.coordination(event.tables)
         self._recent = [*self._recent[1 - EARLIER :], (self._count, now)]
         maps = self._said.get(step, [])
-        if step in self._due and now not in maps:
-            logged = self._grids.cells(maps[0]) if maps else MISSING
-            return self._odd(step, logged, self._grids.cells(now))
+        if step in self._due and not maps:
+            self.missing.append(self._odd(step, MISSING, self._grids.cells(now)))
+        elif step in self._due and now not in maps:
+            return self._odd(step, self._grids.cells(maps[0]), self._grids.cells(now))
         if self._left_out:  # what it has learned when it reports, the log does not say
             return None
         known = [data for count, data in self._recent if self._count - count < EARLIER]

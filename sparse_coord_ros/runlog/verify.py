@@ -22,8 +22,8 @@ class Verification:
 
     Attributes:
         log: the log.
-        differences: in the order of time; of each robot's agent and of the world only the first,
-            as all that follows from it differs too.
+        differences: in the order of time; of what each robot's agent and the world compute only
+            the first, as all that follows from it differs too.
         steps: transitions of the world that were computed again and agree.
         choices: actions that were computed again; updates: of tables.
         tables: recorded tables that were compared.
@@ -79,7 +79,7 @@ def verify(path: Path) -> Verification:
         difference = agent.follow()
         dropped += len(agent.dropped)
         differences += [] if difference is None else [difference]
-        differences += agent.without_tables()
+        differences += [*agent.maps.missing, *agent.without_tables()]
         choices, updates = choices + agent.choices, updates + agent.updates
         tables += agent.compared
     return Verification(

@@ -299,4 +299,4 @@ def test_latched_topics_stay_latched(recorded):
         assert profile["reliability"] == "reliable"
         assert profile["durability"] == ("transient_local" if name in LATCHED else "volatile")
         assert profile["history"] == "keep_last"
-        assert (profile["depth"] <= 10) == (name in LATCHED | {"/diagnostics"})
+        assert (profile["depth"] == 1) == (name in LATCHED)

@@ -96,6 +96,24 @@ def test_a_coordination_map_that_shows_another_table(alter):
     assert "COORDINATE in cells" in found.first.logged
 
 
+def test_missing_coordination_maps_do_not_hide_the_rest(good, alter):
+    """Actions and tables are computed to the end all the same."""
+    log = read_run(good.bag)
+    starts = log.step[1:][log.step[1:] > log.step[:-1] + 1].tolist()[1:3]
+
+    def change(messages):
+        topic, period = "/robot_1/coordination_map", 100_000_000
+        return [m for m in messages if m.topic != topic or m.log_time_ns // period not in starts]
+
+    found, whole = alter(change), verify(good.bag)
+    assert [(one.step, one.robot, one.quantity, one.logged) for one in found.differences] == [
+        (step, "robot_1", "coordination_map", "missing") for step in starts
+    ]
+    assert found.choices == whole.choices
+    assert found.updates == whole.updates
+    assert found.tables == whole.tables
+
+
 # Said twice.
 
 
