@@ -106,7 +106,7 @@ class World:
         self._start = [Stream(seed, k, START, phase) for k in numbers]
         self._exploring = None
         if phase == LEARNING:
-            self._exploring = exploring_starts(scenario.starts, scenario.steps).tolist()
+            self._exploring = exploring_starts(scenario.starts, scenario.steps)
         self._random_cells: dict[int, list[int]] = {}
         self._any_doorway = scenario.conflict == "any_doorway"
         self._penalties = scenario.penalties
@@ -168,7 +168,7 @@ class World:
         """Draw exploring starts where the protocol asks for them; never the goal itself."""
         if self._exploring is None:
             return
-        share = self._exploring[min(self.step, len(self._exploring) - 1)]
+        share = float(self._exploring[min(self.step, len(self._exploring) - 1)])
         for k in self.agents:
             coin, place = self._start[k].at(self.step)
             if coin < share:
