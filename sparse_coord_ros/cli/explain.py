@@ -5,7 +5,6 @@
 import argparse
 import re
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 from sparse_coord_ros.cli import options as shared
@@ -18,7 +17,7 @@ def add_parser(verbs) -> None:
     parser = shared.add_verb(
         verbs, "explain", example="sparse_coord explain runs/demo/bag --step 9"
     )
-    parser.add_argument("bag", type=Path, metavar="BAG", help="a bag's directory or its file")
+    shared.add_bag(parser)
     parser.add_argument(
         "--step",
         default="0",
@@ -108,13 +107,12 @@ def _answer(log, one, request) -> str:
         return f"has gone on (to step {step}){took}"
     if position is None:
         return f"refused{took}"
-    return f"answers {_cell(log, _cell_at(log, position))}{took}"
-
-
-def _cell_at(log, position) -> int:
     from sparse_coord_ros.core.frame import Frame
 
-    return Frame(log.run).cell(*position)
+    cell = Frame(log.run).cell(*position)
+    if cell is None:
+        return f"answers {position}, which is no free cell{took}"
+    return f"answers {_cell(log, cell)}{took}"
 
 
 def _learned(log, one) -> Iterator[str]:

@@ -3,7 +3,6 @@
 """`sparse_coord info`: what is in a bag."""
 
 import argparse
-from pathlib import Path
 from typing import Any
 
 from sparse_coord_ros.cli import options as shared
@@ -14,9 +13,7 @@ RECORD = "sparse_coord_ros"
 def add_parser(verbs) -> None:
     """Add the verb."""
     parser = shared.add_verb(verbs, "info", example="sparse_coord info runs/demo/bag")
-    parser.add_argument(
-        "bag", type=Path, metavar="BAG", help="a bag's or a run's directory, or a file"
-    )
+    shared.add_bag(parser)
     shared.add_json(parser)
     parser.set_defaults(execute=execute)
 

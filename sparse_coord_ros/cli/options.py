@@ -53,6 +53,19 @@ def add_verb(verbs, name: str, *, example: str) -> argparse.ArgumentParser:
     )
 
 
+def add_bag(parser: argparse.ArgumentParser) -> None:
+    """Add BAG."""
+    parser.add_argument(
+        "bag", metavar="BAG", type=_bag, help="a bag's or a run's directory, or a file"
+    )
+
+
+def _bag(text: str) -> Path:
+    if not text:
+        raise argparse.ArgumentTypeError("is empty: give a bag's directory or its file")
+    return Path(text)
+
+
 def add_scenario(parser: argparse.ArgumentParser) -> None:
     """Add SCENARIO and the options that change it."""
     parser.add_argument(

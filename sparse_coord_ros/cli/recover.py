@@ -3,7 +3,6 @@
 """`sparse_coord recover`: a whole bag from one that a crash or a bad disk left behind."""
 
 import argparse
-from pathlib import Path
 
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.recording.recover import Recovery, recover, recovered_text
@@ -21,9 +20,7 @@ def add_parser(verbs) -> None:
         "exit codes: 0 the bag was whole or all of it is restored, 1 a damaged or cut part is\n"
         "lost, 2 nothing can be read, or the result cannot be written",
     )
-    parser.add_argument(
-        "bag", metavar="BAG", type=Path, help="a bag's or a run's directory, or a file"
-    )
+    shared.add_bag(parser)
     shared.add_json(parser)
     parser.set_defaults(execute=execute)
 
@@ -47,7 +44,8 @@ def _lines(recovery: Recovery) -> list[str]:
     if not recovery.changed:
         lines = [f"{recovery.path} is whole: {content}"]
         return lines if bag.recovered is None else [*lines, recovered_text(bag.recovered)]
-    lines = [f"{recovery.path} is whole again: {content}"]
+    now = "is whole again" if recovery.complete else "holds what could be read"
+    lines = [f"{recovery.path} {now}: {content}"]
     if bag.damage is not None:
         lines.append(f"damage at {bag.damage}")
     if not recovery.complete:

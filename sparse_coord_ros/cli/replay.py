@@ -17,7 +17,7 @@ def add_parser(verbs) -> None:
     parser = shared.add_verb(
         verbs, "replay", example="sparse_coord replay runs/env1/bag --rate 2 --start 12.5"
     )
-    parser.add_argument("bag", metavar="BAG", help="a bag's or a run's directory, or a file")
+    shared.add_bag(parser)
     parser.add_argument(
         "--rate", default="1", metavar="R", help="seconds of the bag played a second (default: 1)"
     )
@@ -33,7 +33,7 @@ def add_parser(verbs) -> None:
         action="append",
         metavar="TOPIC",
         help="only this topic, and /clock; a name, or a pattern like '/robot_1/*'; repeatable "
-        "(default: all but /rosout and /parameter_events)",
+        "(default: all but /rosout, /parameter_events and claims)",
     )
     parser.add_argument(
         "--step",
@@ -54,10 +54,8 @@ def execute(options: argparse.Namespace) -> int:
             f"ROS 2 is not there ({error}); source a ROS 2 Jazzy installation, or install this "
             "package with the extra 'ros' (pip install '.[ros]')"
         ) from None
-    if not options.bag:
-        raise SettingError("BAG is empty: give a bag's directory or its file")
     values = {
-        "bag": options.bag,
+        "bag": str(options.bag),
         "rate": options.rate,
         "position": options.start,
         "loop": options.loop,

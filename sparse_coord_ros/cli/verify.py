@@ -3,7 +3,6 @@
 """`sparse_coord verify`: compute a recorded run again and compare."""
 
 import argparse
-from pathlib import Path
 
 from sparse_coord_ros.cli import options as shared
 
@@ -19,7 +18,7 @@ NOT_COMPARED = (
 def add_parser(verbs) -> None:
     """Add the verb."""
     parser = shared.add_verb(verbs, "verify", example="sparse_coord verify runs/demo/bag")
-    parser.add_argument("bag", type=Path, metavar="BAG", help="a bag's directory or its file")
+    shared.add_bag(parser)
     parser.add_argument(
         "--all", action="store_true", help=f"print all differences, not the first {SHOWN}"
     )

@@ -57,7 +57,7 @@ class Topic:
         name: relative to the team's namespace, or to the robot's name.
         type: message class.
         qos: the publisher's profile.
-        stamped: the message begins with its time (a header or a clock).
+        stamped: the message begins with its time (a header or a clock), that of the run.
     """
 
     name: str
@@ -75,7 +75,8 @@ STATUS = Topic("status", DiagnosticStatus, LATCHED_QOS)
 CLOCK = Topic("/clock", Clock, STEP_QOS, stamped=True)
 MAP = Topic("map", OccupancyGrid, LATCHED_QOS, stamped=True)
 MARKERS = Topic("markers", MarkerArray, LATCHED_QOS)
-DIAGNOSTICS = Topic("diagnostics", DiagnosticArray, EVENT_QOS, stamped=True)
+DIAGNOSTICS = Topic("diagnostics", DiagnosticArray, EVENT_QOS)
+"""Drivers and aggregators publish here too, with stamps of other clocks."""
 
 LOCAL_STATE = Topic("local_state", PoseStamped, STEP_QOS, stamped=True)
 REWARD = Topic("reward", JointState, STEP_QOS, stamped=True)

@@ -39,7 +39,8 @@ def gather(
         The summary; `asks` says for each robot how its requests ended.
     """
     path = out / SUMMARY_FILE
-    summary = yaml.safe_load(path.read_text(encoding="utf-8")) if path.exists() else {}
+    text = path.read_text(encoding="utf-8") if path.exists() else ""
+    summary = yaml.safe_load(text) or {}  # empty after a full disk
     summary["interrupted"] = interrupted
     if recording_error is not None:
         summary["recording_error"] = str(recording_error)

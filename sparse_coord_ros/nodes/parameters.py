@@ -21,7 +21,7 @@ from rclpy.publisher import Publisher
 from sparse_coord_ros.core.run_config import RUN_SETTINGS, RunConfig, make_run
 from sparse_coord_ros.core.scenario import load_scenario, scenario_names
 from sparse_coord_ros.core.settings import Setting, SettingTable, parse_assignments
-from sparse_coord_ros.errors import RunError, SettingError, SparseCoordError
+from sparse_coord_ros.errors import RunError, SettingError, SparseCoordError, os_error_text
 from sparse_coord_ros.nodes.interface import RUN, STATUS, TAPPED_TOPICS, Topic
 from sparse_coord_ros.nodes.tap import Tap, TappedPublisher
 
@@ -136,7 +136,7 @@ def stops_on_bad_input(callback: Callable) -> Callable:
         except SparseCoordError as error:
             node.fail(error)
         except OSError as error:
-            node.fail(RunError(f"{error.filename}: {error.strerror}; choose another place"))
+            node.fail(RunError(f"{os_error_text(error)}; choose another place, or make room"))
         return None
 
     return wrapped

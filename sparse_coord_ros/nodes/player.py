@@ -16,7 +16,7 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import SetBool, Trigger
 
 from sparse_coord_ros.core.settings import Setting, SettingTable
-from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.errors import RunError, SettingError
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.parameters import EXECUTOR, ParameterNode, stops_on_bad_input
 from sparse_coord_ros.nodes.player_keys import Keyboard
@@ -57,6 +57,8 @@ PLAYER_PARAMETERS = SettingTable(
 CHANGEABLE = ("rate", "position")
 
 KEYS_SECONDS = 0.05
+TURN_NS = 100_000
+"""The timer's shortest wait, so that services and keys have their turn where messages are late."""
 SEEK_SECONDS = 10.0
 LONGEST_WAIT_NS = 60 * SECOND_NS
 """Of the timer, which cannot hold every distance of log times; it then waits again."""
@@ -181,16 +183,16 @@ class Player(ParameterNode):
             self._timer.cancel()
             self.done = self.done or self._playback.done
         else:
-            self._timer.timer_period_ns = max(1, min(wait_ns, LONGEST_WAIT_NS))
+            self._timer.timer_period_ns = max(TURN_NS, min(wait_ns, LONGEST_WAIT_NS))
             self._timer.reset()
 
     def _begin(self) -> None:
         """Go to where playing begins, once the subscribers had time to come."""
         self._begun = True
         if self.count_publishers(CLOCK) > 1:
-            self.get_logger().warning(
-                f"another node publishes {CLOCK} too: a live run or another player is there; use "
-                "another ROS_DOMAIN_ID"
+            raise RunError(
+                f"another node publishes {CLOCK}: a live run or another player is there, which "
+                "this one would disturb; use another ROS_DOMAIN_ID"
             )
         self._seek(self.values["position"])
 

@@ -13,11 +13,12 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from sparse_coord_ros.errors import BagError, SettingError
+from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.recording import Bag, QoS, Topic, open_bag, type_hash
 from sparse_coord_ros.recording.playlist import CLOCK
 
 ROS_OWN = ("/rosout", "/parameter_events")
-"""Topics that every node has itself; played only where they are asked for by name."""
+"""Topics that every node has itself."""
 
 
 def advertise(node: Node, path: Path, patterns: Sequence[str]) -> tuple[Bag, dict[str, Publisher]]:
@@ -53,15 +54,18 @@ def chosen_topics(bag: Bag, patterns: Sequence[str]) -> list[str]:
 
     Args:
         bag: the bag.
-        patterns: names, or patterns such as `/robot_1/*`; none: all topics but `ROS_OWN`.
+        patterns: names, or patterns such as `/robot_1/*`. Topics that are not to be published
+            beside live nodes, `ROS_OWN` and claims, are played only where they are named.
 
     Raises:
         SettingError: a pattern fits no topic.
     """
     chosen = {CLOCK} & set(bag.topics)
+    claims = {name for name in bag.topics if name.endswith(f"/{interface.CLAIM.name}")}
+    withheld = claims | set(ROS_OWN)
     for pattern in patterns or ["*"]:
         full = pattern if pattern.startswith(("/", "*")) else f"/{pattern}"
-        fitting = {name for name in bag.topics if fnmatchcase(name, full)} - set(ROS_OWN)
+        fitting = {name for name in bag.topics if fnmatchcase(name, full)} - withheld
         fitting |= {full} & set(bag.topics)
         if patterns and not fitting:
             raise SettingError(

@@ -20,7 +20,7 @@ from sparse_coord_ros.core.agent import Agent, Tables
 from sparse_coord_ros.core.run_config import RunConfig, run_from_yaml
 from sparse_coord_ros.core.tables import TEAM_FILE, pack_tables, robot_file, write_tables
 from sparse_coord_ros.core.world import Action
-from sparse_coord_ros.errors import RunError, TablesError, did_you_mean
+from sparse_coord_ros.errors import RunError, TablesError, did_you_mean, os_error_text
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.claim import Claim
 from sparse_coord_ros.nodes.latched import CoordinationMapLayout
@@ -136,9 +136,14 @@ class RobotNode(ParameterNode):
         self._run_text = message.data
 
     def _on_status(self, message: DiagnosticStatus) -> None:
-        if message.message in (interface.FINISHED, interface.STOPPED):
+        if message.message not in (interface.FINISHED, interface.STOPPED):
+            return
+        try:
             self._last_step = int(status_values(message)["step"])
-            self._ended = time.monotonic()
+        except (KeyError, ValueError) as error:
+            self.get_logger().warning(f"{interface.STATUS.name}: no step ({error}); ignored")
+            return
+        self._ended = self._ended or time.monotonic()
 
     def _on_state(self, data: bytes) -> None:
         try:
@@ -190,7 +195,7 @@ class RobotNode(ParameterNode):
                 response.message = f"saved {self._save()}"
             except OSError as error:
                 response.success = False
-                response.message = f"{error.filename}: {error.strerror}"
+                response.message = os_error_text(error)
         return response
 
     # The course of the run.

@@ -18,7 +18,13 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.signals import SignalHandlerOptions
 
-from sparse_coord_ros.errors import EXIT_BAD_INPUT, NameTakenError, RunError, SparseCoordError
+from sparse_coord_ros.errors import (
+    EXIT_BAD_INPUT,
+    NameTakenError,
+    RunError,
+    SparseCoordError,
+    os_error_text,
+)
 from sparse_coord_ros.nodes.middleware import repair_promptly
 
 READERS_SECONDS = 3.5
@@ -208,7 +214,7 @@ def run_node(make: Callable[[Context], Node], args: Sequence[str] | None = None)
             print(f"error: {error}", file=sys.stderr, flush=True)
             return EXIT_BAD_INPUT
         except OSError as error:
-            print(f"error: {error.filename}: {error.strerror}", file=sys.stderr, flush=True)
+            print(f"error: {os_error_text(error)}", file=sys.stderr, flush=True)
             return EXIT_BAD_INPUT
         except KeyboardInterrupt:
             return 128 + signal.SIGINT

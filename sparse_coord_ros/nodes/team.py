@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A whole team in one process: world simulator, robots and recorder on one executor."""
 
+import signal
 import sys
 from collections.abc import Callable, Mapping
 from datetime import datetime
@@ -11,7 +12,7 @@ from typing import Any
 from rclpy.context import Context
 
 from sparse_coord_ros.core.run_config import RunConfig, create_output
-from sparse_coord_ros.errors import EXIT_BAD_INPUT, BagError, SparseCoordError
+from sparse_coord_ros.errors import EXIT_BAD_INPUT, BagError, SparseCoordError, os_error_text
 from sparse_coord_ros.nodes.outputs import begin_with, gather
 from sparse_coord_ros.nodes.parameters import (
     RECORDER_PARAMETERS,
@@ -103,11 +104,17 @@ def _spin(nodes, kind: str, context: Context, stop: Callable[[], bool]) -> bool:
     finished: set[int] = set()
 
     def settle(*, interrupted: bool = False) -> bool:
+        failure: OSError | None = None
         for number, node in enumerate(nodes):
             speaks = not isinstance(node, Recorder)
             if number not in finished and (node.done or (interrupted and speaks)):
                 finished.add(number)
-                node.finish(interrupted=not node.done)
+                try:
+                    node.finish(interrupted=not node.done)
+                except OSError as error:  # the others save what they have all the same
+                    failure = failure or error
+        if failure is not None:
+            raise failure
         return len(finished) == len(nodes)
 
     spin_nodes(nodes, kind, context, lambda: settle() or stop())
@@ -141,6 +148,11 @@ def main(args: list[str] | None = None) -> int:
         except SparseCoordError as error:
             print(f"error: {error}", file=sys.stderr, flush=True)
             return EXIT_BAD_INPUT
+        except OSError as error:
+            print(f"error: {os_error_text(error)}", file=sys.stderr, flush=True)
+            return EXIT_BAD_INPUT
+        except KeyboardInterrupt:
+            return 128 + signal.SIGINT
     return 0
 
 

@@ -238,7 +238,8 @@ def main() -> int:
                 name, *arguments = request
                 value = getattr(child, name)(*arguments)
                 if name != "write_all":
-                    _send(connection, (name, value))
+                    with contextlib.suppress(BrokenPipeError):  # a killed parent wants no answer
+                        _send(connection, (name, value))
                 if name == "close":
                     return 0
         except BagError as error:

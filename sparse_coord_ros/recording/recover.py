@@ -89,8 +89,8 @@ def _in_place(bag: Bag, directory: Path) -> Recovery:
                 _keep(metadata)
             os.replace(draft / f"{name}_0.mcap", directory / f"{name}_0.mcap")
             os.replace(draft / METADATA_FILE, metadata)
-            if file.suffix == PARTIAL:
-                file.unlink(missing_ok=True)
+            if file.name != f"{name}_0.mcap":
+                file.unlink(missing_ok=True)  # it is there as `kept`
             sync_directory(directory)
         return Recovery(directory, bag, kept, True)
     finished = file.with_name(file.name.removesuffix(PARTIAL))

@@ -195,7 +195,7 @@ def _check_source(tracks: Tracks, said: str | None, topics: Iterable[str]) -> No
 def _stamped(tracks: Tracks) -> set[str]:
     """Return the topics whose messages begin with a stamp, at which they are logged."""
     of_robots = {tracks.topic(kind, k) for kind in STAMPED for k in range(len(tracks.names))}
-    return of_robots | {CLOCK, tracks.topic("map"), tracks.topic("diagnostics")}
+    return of_robots | {CLOCK, tracks.topic("map")}
 
 
 def _stamped_reader(tracks: Tracks, frame: Frame, kind: str, k: int, track: Track, content):

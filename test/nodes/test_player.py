@@ -24,8 +24,9 @@ from std_msgs.msg import Int32, String
 from std_srvs.srv import SetBool, Trigger
 
 from sparse_coord_ros.cli.main import main as sparse_coord
-from sparse_coord_ros.errors import BagError
+from sparse_coord_ros.errors import BagError, RunError
 from sparse_coord_ros.nodes.player import PLAYER_PARAMETERS, REMEDY, Player, main
+from sparse_coord_ros.nodes.player_topics import chosen_topics
 from sparse_coord_ros.recording import BagWriter, QoS, open_bag
 
 LATCHED = QoS(durability="transient_local", depth=1)
@@ -271,6 +272,29 @@ def test_rosout_is_played_where_it_is_asked_for(bench, bag):
     assert set(there.player._publishers_by_topic) == {"/clock", "/rosout"}
 
 
+def test_claims_of_names_are_played_only_where_they_are_named(tmp_path):
+    """A replayed one is older than that of a live node, which would give way."""
+    with BagWriter(tmp_path / "bag") as writer:
+        for name in ("/robot_1/claim", "/robot_1/words", "/claim_board"):
+            channel = writer.add_topic(name, "std_msgs/msg/String", QoS())
+            writer.write(channel, serialize_message(String(data=name)), 0, 0)
+    bag = open_bag(tmp_path / "bag")
+    assert chosen_topics(bag, []) == ["/claim_board", "/robot_1/words"]
+    assert chosen_topics(bag, ["/robot_1/*"]) == ["/robot_1/words"]
+    assert chosen_topics(bag, ["robot_1/claim"]) == ["/robot_1/claim"]
+
+
+def test_beside_a_live_run_it_plays_nothing(bench, bag):
+    live = bench.observer()
+    live.create_publisher(Clock, "/clock", 1)
+    heard = live.listen(String, "/map", latched=True)
+    player = Player(context=bench.place()[0], values={"bag": str(bag), "delay": 1.0})
+    bench.add(player)
+    with pytest.raises(RunError, match="another node publishes /clock: .* another ROS_DOMAIN_ID"):
+        bench.spin_until_done(player)
+    assert heard == []
+
+
 def test_without_a_recorded_clock_the_log_times_are_the_clock(bench, tmp_path):
     types = {name: TYPES[name] for name in ("/map", "/robot_1/action")}
     there = Audience(bench, write_bag(tmp_path / "bag", types=types))
@@ -379,7 +403,6 @@ def test_bad_input_is_one_line(bag, tmp_path, capfd, arguments, text):
         (["{bag}", "--start", "5"], "error: --start: value is 5, allowed: 0 to 4.9"),
         (["{bag}", "--topics", "nothing"], "error: --topics: 'nothing' fits no topic of"),
         (["--topics", "/map", "--topics", "x", "{bag}"], "error: --topics: 'x' fits no topic of"),
-        ([""], "error: BAG is empty: give a bag's directory"),
     ],
 )
 def test_the_verb_refuses_bad_input(bag, capfd, arguments, text):
@@ -506,6 +529,24 @@ def test_keys(terminal, bag):
     shell.wait_for("paused at 0.000 s")
     shell.type(b"q")
     shell.wait_for("ended at 0.000 s")
+    assert shell.end() == (0, True)
+
+
+def test_keys_are_heard_at_the_highest_rate(terminal, tmp_path):
+    """Where more is to be published than can be, all the time."""
+    with BagWriter(tmp_path / "bag") as writer:
+        channel = writer.add_topic("/map", "std_msgs/msg/String", QoS())
+        for number in range(20_000):
+            writer.write(channel, serialize_message(String(data="map")), number, number)
+    shell = terminal(str(tmp_path / "bag"), "--rate", "1000", "--loop")
+    shell.wait_for("q: quit")
+    time.sleep(1.5)  # it lets subscribers come, and plays
+    shell.type(b" ")
+    shell.wait_for("paused at")
+    shell.type(b" ")
+    shell.wait_for("playing at rate 1000")
+    shell.type(b"q")
+    shell.wait_for("ended at")
     assert shell.end() == (0, True)
 
 

@@ -3,12 +3,16 @@
 """Services, perception and namespaces of teams that are started for one question each."""
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.srv import GetPlan
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
+from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.messages import Converter
+from sparse_coord_ros.recording import open_bag
+from sparse_coord_ros.runlog import verify
 
 NAMES = ("robot_1", "robot_2")
 TEAM = {"run", "status", "map", "markers", "diagnostics", "world_simulator/claim"}
@@ -109,3 +113,39 @@ def test_a_bystander_is_no_robot(bench):
     assert observer.call(SetBool, "world_simulator/pause", SetBool.Request(data=False)).success
     bench.spin_until_done()
     assert world.summary()["timeouts"] == 0
+
+
+def test_a_stranger_who_says_that_the_run_is_finished_is_not_believed(bench):
+    observer = bench.observer()
+    said = observer.create_publisher(DiagnosticStatus, "status", interface.STATUS.qos)
+    world = bench.world(set=["steps=200"], rate=400.0)
+    robots = bench.robots()
+    bench.spin_until(lambda: world.protocol.world.transitions > 20, "the run is under way")
+    said.publish(DiagnosticStatus(message=interface.FINISHED))
+    said.publish(
+        DiagnosticStatus(message=interface.FINISHED, values=[KeyValue(key="step", value="soon")])
+    )
+    bench.spin_until_done(world, *robots)
+    assert world.summary()["transitions"] == 200
+    assert world.summary()["timeouts"] == 0
+
+
+def test_diagnostics_of_other_programs_do_not_move_the_time_of_the_log(bench, tmp_path):
+    """Drivers stamp them with the wall clock; a stamp may even be negative."""
+    observer = bench.observer()
+    others = observer.create_publisher(DiagnosticArray, "diagnostics", 10)
+    world = bench.world(set=["steps=200"], rate=400.0, recorded=True)
+    recorder = bench.recorder(tmp_path / "bag")
+    bench.robots()
+    bench.spin_until(lambda: world.protocol.world.transitions > 20, "the run is under way")
+    for seconds in (-1, 1_700_000_000):
+        message = DiagnosticArray()
+        message.header.stamp.sec = seconds
+        others.publish(message)
+    bench.spin_until_done()
+    assert recorder.error is None
+    bag = open_bag(tmp_path / "bag")
+    assert bag.end_ns < 100 * 1_000_000_000
+    stamps = {m.data[4:8] for m in bag.messages(["/diagnostics"])}
+    assert (-1).to_bytes(4, "little", signed=True) in stamps
+    assert verify(tmp_path / "bag").same

@@ -62,3 +62,13 @@ def test_attachments_are_measured_without_being_read(recording, info, monkeypatc
     assert json.loads(info("--json"))["attachments"] == [
         {"name": "big.bin", "type": "application/octet-stream", "bytes": 12_345}
     ]
+
+
+@pytest.mark.parametrize("verb", ["info", "verify", "explain", "replay", "recover"])
+def test_an_empty_name_is_not_this_directory(verb, capsys):
+    """As of a shell's variable that is not set."""
+    with pytest.raises(SystemExit) as ended:
+        main([verb, ""])
+    assert ended.value.code == 2
+    line = capsys.readouterr().err
+    assert line.startswith("error: argument BAG: is empty: give a bag's directory or its file;")

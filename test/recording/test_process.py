@@ -3,8 +3,10 @@
 """The writer in a process of its own: what it says when that process fails."""
 
 import fcntl
+import os
 import re
 import resource
+import signal
 import socket
 import sys
 
@@ -78,3 +80,18 @@ def test_a_writer_that_is_killed_leaves_a_bag_to_recover(tmp_path, samples):
         writer.close()
     assert writer._process.returncode is not None
     assert open_bag(tmp_path / "run").message_count == 1
+
+
+def test_all_that_was_handed_over_is_written_when_the_parent_is_gone(tmp_path, samples):
+    """However far behind the writer was: what waits in the socket survives."""
+    writer = BagProcess(tmp_path / "run")
+    channel = writer.add_topic("/a", STRING, QoS())
+    os.kill(writer._process.pid, signal.SIGSTOP)
+    for i in range(30):
+        writer.write(channel, samples.cdr(STRING), i, i)
+        if i % 10 == 9:
+            writer.flush()
+    writer._socket.close()
+    os.kill(writer._process.pid, signal.SIGCONT)
+    assert writer._process.wait(10) == 0
+    assert open_bag(tmp_path / "run").message_count == 30

@@ -178,7 +178,9 @@ def test_cut_bag_loses_its_tail(tmp_path, samples, capsys):
         code, printed = run(capsys, bag)
         assert code == 1
         lines = printed.splitlines()
-        assert lines[0].startswith(f"{bag} is whole again: {read.message_count} messages of 1 to")
+        assert lines[0].startswith(
+            f"{bag} holds what could be read: {read.message_count} messages of 1 to"
+        )
         assert lines[1] == f"damage at {read.damage}"
         assert lines[2] == (f"lost: what was in the last {read.lost_bytes} of {len(cut)} bytes")
         assert [line[:24] for line in lines[3:-1]] == ["before, it was recovered"] * number
@@ -341,3 +343,13 @@ def test_flushed_messages_survive_a_kill(tmp_path, samples):
     assert recover(bag).complete
     with AnyReader([bag]) as reader:
         assert [time for _, time, _ in reader.messages()] == list(range(200))
+
+
+def test_a_file_of_another_name_leaves_one_bag(tmp_path, samples, capsys):
+    bag = write_bag(tmp_path / "run", samples, finish=True)
+    (bag / "run_0.mcap").rename(bag / "other.mcap")
+    os.truncate(bag / "other.mcap", (bag / "other.mcap").stat().st_size - 9)
+    assert run(capsys, bag)[0] in (0, 1)
+    assert names(bag) == ["metadata.yaml", "metadata.yaml.damaged", "other.mcap.damaged"] + [
+        f"{open_bag(bag).path.name}"
+    ]
