@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """One holder a name: of two nodes of the same name, the later one stops.
 
-Every node says on its latched topic `~/claim` since when it has been there. Discovery may take
-seconds, so a claim is never settled for good: whenever two nodes of one name learn of each other,
-the later one gives way.
+World and robots say on their latched topics `~/claim` since when they have been there. Discovery
+may take seconds, so a claim is never settled for good: whenever two nodes of one name learn of
+each other, the later one gives way.
 """
 
 import time

@@ -46,7 +46,7 @@ TABLES_QOS = _qos(10, DurabilityPolicy.TRANSIENT_LOCAL)
 
 RECORDER_QOS = _qos(RECORDER_DEPTH)
 RECORDER_LATCHED_QOS = _qos(RECORDER_DEPTH, DurabilityPolicy.TRANSIENT_LOCAL)
-"""What the recorder asks for: nothing is overwritten before it is written down."""
+"""What the recorder asks for: on its side nothing is overwritten before it is written down."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ TAPPED_TOPICS = (CLOCK, LOCAL_STATE, REWARD, ACTION, MAP, MARKERS, COORDINATION_
 """What nodes hand to a recorder in their own process: what each time step and episode says."""
 
 CLAIM = Topic("claim", Header, LATCHED_QOS)
-"""Of every node, below its name: since when (wall clock) the node has it."""
+"""Of the world and of every robot, below its name: since when (wall clock) the node has it."""
 
 CLAIMS_QOS = _qos(100, DurabilityPolicy.TRANSIENT_LOCAL)
 """For reading claims: with a depth of 1, one's own would push out that of another node."""

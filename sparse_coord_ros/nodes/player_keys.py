@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Single keys from the terminal, which is put back as it was."""
 
+import contextlib
 import os
 import re
 import termios
@@ -47,7 +48,7 @@ class Keyboard:
         try:
             self._prepare()
             typed = os.read(self._descriptor, 1024)
-        except OSError:  # the terminal is gone
+        except (OSError, termios.error):  # the terminal is gone
             self.there = False
             return []
         typed = typed.replace(b"\x1bO", b"\x1b[")
@@ -57,7 +58,8 @@ class Keyboard:
         """Put the terminal back as it was; a second call does nothing."""
         before, self._before, self.there = self._before, None, False
         if before is not None and self._in_front():
-            termios.tcsetattr(self._descriptor, termios.TCSADRAIN, before)
+            with contextlib.suppress(termios.error):  # it is gone by now
+                termios.tcsetattr(self._descriptor, termios.TCSADRAIN, before)
 
     def _prepare(self) -> None:
         """Have keys without Enter, echo or waiting; again after the shell had the terminal."""

@@ -41,7 +41,7 @@ class BagProcess:
         compression: of chunks: `zstd`, `lz4` or `none`.
 
     Attributes:
-        message_count: number of messages written, those that wait included.
+        message_count: number of messages handed over; a few hundred may wait to be.
         bytes_written: bytes handed to the operating system at the last `flush` that was answered.
 
     Raises:
