@@ -15,7 +15,6 @@ from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.settings import Setting
 from sparse_coord_ros.core.simulation import learn
-from sparse_coord_ros.errors import RunError
 
 SCENARIO = "env1"
 PARTS = ("live", "batch", "all")
@@ -72,11 +71,7 @@ def _measure_live(steps: int, repeats: int) -> tuple[dict[str, list[float]], int
     try:
         from sparse_coord_ros.bench import ceiling
     except ImportError as error:
-        raise RunError(
-            f"ROS 2 is not there ({error}); source a ROS 2 Jazzy installation, install this "
-            "package with the extra 'ros' (pip install '.[ros]'), or use 'sparse_coord bench "
-            "batch'"
-        ) from None
+        raise shared.ros_missing(error, "sparse_coord bench batch") from None
 
     sizes = []
     measures: dict[str, Callable[[], float]] = {

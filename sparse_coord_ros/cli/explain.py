@@ -9,6 +9,7 @@ from typing import Any
 
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.core.algorithm import ACTIONS
+from sparse_coord_ros.core.frame import Frame
 from sparse_coord_ros.errors import RunError, did_you_mean
 
 
@@ -107,8 +108,6 @@ def _answer(log, one, request) -> str:
         return f"has gone on (to step {step}){took}"
     if position is None:
         return f"refused{took}"
-    from sparse_coord_ros.core.frame import Frame
-
     cell = Frame(log.run).cell(*position)
     if cell is None:
         return f"answers {position}, which is no free cell{took}"

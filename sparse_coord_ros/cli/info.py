@@ -6,8 +6,8 @@ import argparse
 from typing import Any
 
 from sparse_coord_ros.cli import options as shared
-
-RECORD = "sparse_coord_ros"
+from sparse_coord_ros.core.run_config import RUN_RECORD
+from sparse_coord_ros.recording.qos import latched
 
 
 def add_parser(verbs) -> None:
@@ -33,7 +33,7 @@ def execute(options: argparse.Namespace) -> int:
 
 
 def _information(bag, *, recording: bool) -> dict[str, Any]:
-    record = dict(bag.metadata.get(RECORD, {}))
+    record = dict(bag.metadata.get(RUN_RECORD, {}))
     versions = {
         name.removeprefix("version_"): record.pop(name)
         for name in list(record)
@@ -58,7 +58,7 @@ def _information(bag, *, recording: bool) -> dict[str, Any]:
                 "type": topic.type_name,
                 "messages": bag.counts[name],
                 "bytes": bag.sizes[name],
-                "latched": any(qos.durability == "transient_local" for qos in topic.qos),
+                "latched": latched(topic.qos),
                 "reliable": all(qos.reliability == "reliable" for qos in topic.qos),
             }
             for name, topic in sorted(bag.topics.items())

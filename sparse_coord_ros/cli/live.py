@@ -24,7 +24,8 @@ from sparse_coord_ros.nodes.parameters import (
     WORLD_PARAMETERS,
 )
 from sparse_coord_ros.nodes.spin import Stop, ros_context, signals
-from sparse_coord_ros.nodes.team import BAG, run_team, team_run
+from sparse_coord_ros.nodes.team import run_team, team_run
+from sparse_coord_ros.recording.reader import BAG_DIRECTORY
 
 POLL_SECONDS = 0.05
 GRACE_SECONDS = 15.0
@@ -55,9 +56,10 @@ def run(values: Mapping[str, Any], *, processes: bool, quiet: bool = False) -> d
 def _run_processes(values: dict[str, Any], stop: Stop, quiet: bool) -> dict[str, Any]:
     run = team_run(values)
     out = create_output(Path(values["out"]))
+    bag = out / BAG_DIRECTORY
     world = {name: values[name] for name in WORLD_PARAMETERS}
     robot = {name: values[name] for name in ROBOT_PARAMETERS}
-    recorder = {name: values[name] for name in RECORDER_PARAMETERS} | {"out": str(out / BAG)}
+    recorder = {name: values[name] for name in RECORDER_PARAMETERS} | {"out": str(bag)}
     nodes = [("robot", r.name, robot) for r in run.scenario.robots]
     nodes.insert(0, ("world_simulator", "world_simulator", world))
     if values["record"]:
@@ -68,14 +70,14 @@ def _run_processes(values: dict[str, Any], stop: Stop, quiet: bool) -> dict[str,
             for module, name, parameters in nodes:
                 processes.append(_start(Path(folder), module, name, parameters, quiet))
             recorder = processes[-1] if values["record"] else None
-            interrupted = _wait(processes, recorder, out / BAG, stop)
+            interrupted = _wait(processes, recorder, bag, stop)
         finally:
             _end(processes)
     error = None
     if recorder is not None and recorder.returncode:
         error = BagError(
-            f"recorder ended with exit code {recorder.returncode}; the bag {out / BAG} holds what "
-            "was recorded until then, 'sparse_coord recover' finishes it"
+            f"recorder ended with exit code {recorder.returncode}; the bag {bag} holds what was "
+            "recorded until then, 'sparse_coord recover' finishes it"
         )
     return gather(out, run.scenario, interrupted=interrupted, recording_error=error)
 

@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 
 from sparse_coord_ros.core.scenario import Scenario, load_scenario, scenario_names
 from sparse_coord_ros.core.settings import parse_assignments
-from sparse_coord_ros.errors import EXIT_BAD_INPUT
+from sparse_coord_ros.errors import EXIT_BAD_INPUT, RunError
 
 VERBS: Mapping[str, str] = {
     "run": "let a team learn live over ROS 2 nodes, topics and services, recorded to MCAP",
@@ -51,6 +51,16 @@ def add_verb(verbs, name: str, *, example: str) -> argparse.ArgumentParser:
         epilog=f"example:\n  {example}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+
+
+def ros_missing(error: ImportError, alternative: str | None = None) -> RunError:
+    """Return what to say where ROS 2 cannot be imported, and a command that does without it."""
+    ways = [
+        "source a ROS 2 Jazzy installation",
+        "install this package with the extra 'ros' (pip install '.[ros]')",
+    ]
+    ways += [] if alternative is None else [f"use '{alternative}'"]
+    return RunError(f"ROS 2 is not there ({error}); {', '.join(ways[:-1])}, or {ways[-1]}")
 
 
 def add_bag(parser: argparse.ArgumentParser) -> None:

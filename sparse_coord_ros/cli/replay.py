@@ -6,7 +6,7 @@ import argparse
 import re
 
 from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.errors import RunError, SettingError
+from sparse_coord_ros.errors import SettingError
 
 OPTIONS = {"bag": "BAG", "rate": "--rate", "position": "--start", "topics": "--topics"}
 """What the player's parameters are called here."""
@@ -50,10 +50,7 @@ def execute(options: argparse.Namespace) -> int:
         from sparse_coord_ros.nodes.player import Player
         from sparse_coord_ros.nodes.spin import run_node
     except ImportError as error:
-        raise RunError(
-            f"ROS 2 is not there ({error}); source a ROS 2 Jazzy installation, or install this "
-            "package with the extra 'ros' (pip install '.[ros]')"
-        ) from None
+        raise shared.ros_missing(error) from None
     values = {
         "bag": str(options.bag),
         "rate": options.rate,

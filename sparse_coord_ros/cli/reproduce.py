@@ -16,7 +16,7 @@ from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.evaluate import result_table
 from sparse_coord_ros.core.evaluation import Trials, play, summary
 from sparse_coord_ros.core.optimum import joint_optimum
-from sparse_coord_ros.core.run_config import RUN_SETTINGS, make_run
+from sparse_coord_ros.core.run_config import RUN_FILE, RUN_SETTINGS, make_run
 from sparse_coord_ros.core.settings import Setting
 from sparse_coord_ros.core.tables import load_team, save_team
 from sparse_coord_ros.engine.batch import ENGINES, Run, run_batch, uses_numba
@@ -242,7 +242,7 @@ def one_run(results: Results, cell: Cell, number: int, work: dict) -> Played:
     shutil.rmtree(partial, ignore_errors=True)  # of an interrupted call
     try:
         partial.mkdir(parents=True)
-        (partial / "run.yaml").write_text(text, encoding="utf-8")
+        (partial / RUN_FILE).write_text(text, encoding="utf-8")
         save_team(partial, run.tables)
         os.rename(partial, folder)
     except OSError as error:
@@ -254,7 +254,7 @@ def one_run(results: Results, cell: Cell, number: int, work: dict) -> Played:
 
 def _played_again(folder: Path, text: str, cell: Cell, seed: int, trials: int) -> Trials:
     try:
-        same = (folder / "run.yaml").read_text(encoding="utf-8") == text
+        same = (folder / RUN_FILE).read_text(encoding="utf-8") == text
     except (OSError, UnicodeDecodeError):
         same = False
     if not same:

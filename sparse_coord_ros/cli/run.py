@@ -54,10 +54,7 @@ def execute(options: argparse.Namespace) -> int:
     try:
         import rclpy  # noqa: F401
     except ImportError as error:
-        raise RunError(
-            f"ROS 2 is not there ({error}); source a ROS 2 Jazzy installation, install this "
-            "package with the extra 'ros' (pip install '.[ros]'), or use 'sparse_coord train'"
-        ) from None
+        raise shared.ros_missing(error, "sparse_coord train") from None
     from sparse_coord_ros.cli import live
 
     scenario = shared.scenario_of(options)

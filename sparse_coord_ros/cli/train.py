@@ -8,7 +8,7 @@ import sys
 
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.core.agent import LEARNERS
-from sparse_coord_ros.core.run_config import create_output, make_run
+from sparse_coord_ros.core.run_config import RUN_FILE, create_output, make_run
 from sparse_coord_ros.core.simulation import learn
 from sparse_coord_ros.core.tables import save_team
 
@@ -38,7 +38,7 @@ def execute(options: argparse.Namespace) -> int:
     scenario = shared.scenario_of(options)
     run = make_run(scenario, {"seed": options.seed, "learner": options.learner})
     out = create_output(shared.output_directory(options, scenario.name))
-    (out / "run.yaml").write_text(run.to_yaml(), encoding="utf-8")
+    (out / RUN_FILE).write_text(run.to_yaml(), encoding="utf-8")
     shows = sys.stderr.isatty() and not options.json
 
     def progress(done: int, budget: int) -> None:

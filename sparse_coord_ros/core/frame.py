@@ -5,6 +5,7 @@
 The nodes and whoever reads their log use this same object, so that both mean the same.
 """
 
+import struct
 from collections.abc import Sequence
 from math import isfinite
 from typing import Any
@@ -15,6 +16,12 @@ from sparse_coord_ros.core.world import Action
 
 SECOND = 1_000_000_000
 """Nanoseconds."""
+
+STAMPED = struct.Struct("<4xiI")
+"""How a message that begins with its stamp begins as CDR: encapsulation, sec, nanosec."""
+
+DOORWAYS, GOALS, ROBOTS = "doorways", "goals", "robots"
+"""The namespaces of the markers."""
 
 REWARD_LABELS = ("individual", "common", "ask_cost", "total")
 """What the numbers of a reward are called in its message."""

@@ -22,6 +22,12 @@ from sparse_coord_ros.core.scenario import Scenario, parse_yaml, scenario_from_d
 from sparse_coord_ros.core.settings import Setting, SettingTable
 from sparse_coord_ros.errors import RunError, SettingError
 
+RUN_FILE, SCENARIO_FILE, MAP_FILE = "run.yaml", "scenario.yaml", "map.txt"
+"""The files that say what a run is: in its directory the first, in its bag all."""
+
+RUN_RECORD = "sparse_coord_ros"
+"""Name of the bag's metadata record about the run."""
+
 RUN_SETTINGS = SettingTable(
     [
         Setting("seed", int, 0, "seed of every random draw", low=0, high=2**63 - 1),
@@ -93,6 +99,11 @@ class RunConfig:
         data["versions"] = dict(self.versions)
         return yaml.safe_dump(data, sort_keys=False, allow_unicode=True)
 
+    def record(self) -> dict[str, str]:
+        """Return the texts of the bag's metadata record."""
+        named = {"scenario": self.scenario.name, "seed": str(self.seed), "learner": self.learner}
+        return named | {f"version_{name}": str(value) for name, value in self.versions.items()}
+
 
 def make_run(scenario: Scenario, values: Mapping[str, object]) -> RunConfig:
     """Build a run of this software's versions.
@@ -144,7 +155,7 @@ def load_run(directory: Path) -> RunConfig:
     Raises:
         RunError: there is none, or it is not one of this version.
     """
-    path = directory / "run.yaml"
+    path = directory / RUN_FILE
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError):

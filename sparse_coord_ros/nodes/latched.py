@@ -11,10 +11,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from sparse_coord_ros.core.agent import Tables
-from sparse_coord_ros.core.algorithm import COORDINATE
+from sparse_coord_ros.core.frame import ROBOTS
+from sparse_coord_ros.core.grids import Grids
 from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.nodes.cdr import PROBE_NUMBER, Template, probe_stamp
-from sparse_coord_ros.nodes.messages import OCCUPIED, ROBOTS, UNKNOWN, Converter
+from sparse_coord_ros.nodes.messages import Converter
 
 _PLACE = struct.Struct("=dd")
 
@@ -41,8 +42,7 @@ class CoordinationMapLayout:
         rows, columns = convert.grid.shape
         message = convert.occupancy(0, np.zeros(len(convert.grid.cells)))
         message.header.stamp = probe_stamp()
-        self._grid = np.full(rows * columns, UNKNOWN, dtype=np.int8)
-        self._places = np.array([(rows - 1 - r) * columns + c for r, c in convert.grid.cells])
+        self._grids = Grids(convert)
         probe = (np.arange(rows * columns) % 100).astype(np.int8)
         message.data = probe.tolist()
         # With the length before it, even the data of a tiny map are found.
@@ -51,9 +51,8 @@ class CoordinationMapLayout:
 
     def pack(self, step: int, tables: Tables) -> bytes:
         """Return the map at a time step: 100 where COORDINATE is chosen, 0 elsewhere, -1 walls."""
-        values = np.nan_to_num(tables.q_star, nan=-np.inf)
-        self._grid[self._places] = OCCUPIED * (values.argmax(axis=1) == COORDINATE)
-        return self._template.pack(*self._convert.stamp(step), self._length + self._grid.tobytes())
+        data = self._grids.coordination(tables)
+        return self._template.pack(*self._convert.stamp(step), self._length + data)
 
 
 class MarkersLayout:

@@ -17,17 +17,20 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from sparse_coord_ros.core.frame import (
     ACTION_LABELS,
+    DOORWAYS,
+    GOALS,
     REWARD_LABELS,
+    ROBOTS,
     Frame,
     action_from,
     action_numbers,
 )
+from sparse_coord_ros.core.grids import UNKNOWN, Grids
 from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.world import Action, Reward
 from sparse_coord_ros.nodes.cdr import FixedLayout
 from sparse_coord_ros.nodes.interface import MAP_FRAME
 
-UNKNOWN, EMPTY, OCCUPIED = -1, 0, 100
 ROBOT_COLOURS = (
     (0.12, 0.47, 0.71),
     (1.00, 0.50, 0.05),
@@ -38,7 +41,6 @@ ROBOT_COLOURS = (
     (0.89, 0.47, 0.76),
     (0.09, 0.75, 0.81),
 )
-ROBOTS = "robots"
 DOORWAY_COLOUR = (0.45, 0.45, 0.45)
 
 
@@ -149,19 +151,17 @@ class Converter(Frame):
         rows, columns = self.grid.shape
         data = np.full((rows, columns), UNKNOWN, dtype=np.int8)
         data[tuple(np.array(self.grid.cells).T)] = values
-        return self._occupancy(step, data)
+        return self._occupancy(step, np.flipud(data).tobytes())
 
     def map(self) -> OccupancyGrid:
         """Return the map: walls occupied, all else free."""
-        data = np.array([[OCCUPIED * (s == "#") for s in row] for row in self.grid.rows], np.int8)
-        return self._occupancy(0, data)
+        return self._occupancy(0, Grids(self).map)
 
-    def _occupancy(self, step: int, data: np.ndarray) -> OccupancyGrid:
+    def _occupancy(self, step: int, southmost_first: bytes) -> OccupancyGrid:
         message = OccupancyGrid(header=self.header(step))
         message.info.resolution = self.resolution
-        message.info.height, message.info.width = data.shape
+        message.info.height, message.info.width = self.grid.shape
         message.info.origin.orientation.w = 1.0
-        southmost_first = np.flipud(data).astype(np.int8).tobytes()
         message.data = packed("b", southmost_first)
         return message
 
@@ -170,11 +170,11 @@ class Converter(Frame):
         array = MarkerArray()
         for number, cell in enumerate(sorted(self.grid.doorways)):
             array.markers.append(
-                self._marker(step, "doorways", number, cell, DOORWAY_COLOUR, Marker.CUBE, 0.05)
+                self._marker(step, DOORWAYS, number, cell, DOORWAY_COLOUR, Marker.CUBE, 0.05)
             )
         for k, robot in enumerate(scenario.robots):
             colour = ROBOT_COLOURS[k % len(ROBOT_COLOURS)]
-            goal = self._marker(step, "goals", k, robot.goal, colour, Marker.CYLINDER, 0.04)
+            goal = self._marker(step, GOALS, k, robot.goal, colour, Marker.CYLINDER, 0.04)
             here = self._marker(step, ROBOTS, k, cells[k], colour, Marker.SPHERE, 0.5)
             array.markers += [goal, here]
         return array

@@ -10,7 +10,7 @@ import yaml
 
 from sparse_coord_ros.core.agent import Tables
 from sparse_coord_ros.core.evaluation import check_tables
-from sparse_coord_ros.core.run_config import RunConfig, load_run
+from sparse_coord_ros.core.run_config import RUN_FILE, RunConfig, load_run
 from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.tables import (
     load_counts,
@@ -21,7 +21,7 @@ from sparse_coord_ros.core.tables import (
 )
 from sparse_coord_ros.errors import BagError, RunError
 
-RUN_FILE, SUMMARY_FILE = "run.yaml", "summary.yaml"
+SUMMARY_FILE = "summary.yaml"
 
 
 def gather(

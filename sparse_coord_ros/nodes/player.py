@@ -20,11 +20,12 @@ from sparse_coord_ros.errors import RunError, SettingError
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.parameters import EXECUTOR, ParameterNode, stops_on_bad_input
 from sparse_coord_ros.nodes.player_keys import Keyboard
-from sparse_coord_ros.nodes.player_topics import advertise, latched
+from sparse_coord_ros.nodes.player_topics import advertise
 from sparse_coord_ros.nodes.spin import run_node, wait_for_readers
 from sparse_coord_ros.recording import Message
 from sparse_coord_ros.recording.playback import SECOND_NS, Playback
 from sparse_coord_ros.recording.playlist import CLOCK, Playlist
+from sparse_coord_ros.recording.qos import latched
 
 LOWEST_RATE, HIGHEST_RATE = 0.01, 1000.0
 PLAYER_PARAMETERS = SettingTable(

@@ -16,6 +16,7 @@ from sparse_coord_ros.errors import BagError, SettingError
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.recording import Bag, QoS, Topic, open_bag, type_hash
 from sparse_coord_ros.recording.playlist import CLOCK
+from sparse_coord_ros.recording.qos import latched
 
 ROS_OWN = ("/rosout", "/parameter_events")
 """Topics that every node has itself."""
@@ -130,8 +131,3 @@ def offered_qos(profiles: Sequence[QoS]) -> QoSProfile:
         history=HistoryPolicy.KEEP_ALL if keep_all else HistoryPolicy.KEEP_LAST,
         depth=max(1, *(qos.depth for qos in profiles)),
     )
-
-
-def latched(profiles: Sequence[QoS]) -> bool:
-    """Whether a late subscriber gets the last message."""
-    return any(qos.durability == "transient_local" for qos in profiles)

@@ -4,7 +4,6 @@
 
 import contextlib
 import functools
-import struct
 import sys
 import time
 from collections.abc import Mapping
@@ -20,7 +19,15 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import String, UInt8MultiArray
 
-from sparse_coord_ros.core.run_config import RunConfig, run_from_yaml
+from sparse_coord_ros.core.frame import STAMPED
+from sparse_coord_ros.core.run_config import (
+    MAP_FILE,
+    RUN_FILE,
+    RUN_RECORD,
+    SCENARIO_FILE,
+    RunConfig,
+    run_from_yaml,
+)
 from sparse_coord_ros.errors import BagError, RunError, SparseCoordError
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.messages import Converter, read_tables_message, status
@@ -38,8 +45,6 @@ from sparse_coord_ros.recording.process import BagProcess
 
 TICK_SECONDS = 0.02
 REPORT_SECONDS = 1.0
-STAMP, ENCAPSULATION = struct.Struct("<iI"), 4
-"""Seconds and nanoseconds, which follow the four bytes that begin every CDR message."""
 STATUS = interface.STATUS
 ROS_TOPICS = (
     interface.Topic("/rosout", Log, interface.EVENT_QOS),
@@ -131,19 +136,11 @@ class Recorder(ParameterNode):
         run = run_from_yaml(text, where="topic run")
         make = BagWriter if self._tap is None else BagProcess
         self.bag = make(self.directory, compression=self.values["compression"])
-        self.bag.add_metadata(
-            "sparse_coord_ros",
-            {
-                "scenario": run.scenario.name,
-                "seed": str(run.seed),
-                "learner": run.learner,
-                **{f"version_{name}": value for name, value in run.versions.items()},
-            },
-        )
+        self.bag.add_metadata(RUN_RECORD, run.record())
         scenario = yaml.safe_dump(run.scenario.to_dict(), sort_keys=False, allow_unicode=True)
-        self.bag.attach("run.yaml", text.encode(), "application/yaml")
-        self.bag.attach("scenario.yaml", scenario.encode(), "application/yaml")
-        self.bag.attach("map.txt", run.scenario.map.to_text().encode(), "text/plain")
+        self.bag.attach(RUN_FILE, text.encode(), "application/yaml")
+        self.bag.attach(SCENARIO_FILE, scenario.encode(), "application/yaml")
+        self.bag.attach(MAP_FILE, run.scenario.map.to_text().encode(), "text/plain")
         self.bag.write(self._channel(String, interface.RUN.name, interface.RUN.qos), data, 0, 0)
         self._run = run
         for topic in (*interface.TEAM_TOPICS, *ROS_TOPICS):
@@ -171,14 +168,14 @@ class Recorder(ParameterNode):
     def _record(self, topic: interface.Topic, name: str, then=None) -> None:
         """Write down a topic; `then` sees each message's bytes too."""
         channel = self._channel(topic.type, name, topic.qos)
-        write, unpack_stamp = self.bag.write, STAMP.unpack_from
+        write, unpack_stamp = self.bag.write, STAMPED.unpack_from
 
         @stops_on_bad_input
         def stamped_message(self, data: bytes) -> None:
             if self.error is not None:
                 return
             self._count += 1
-            sec, nanosec = unpack_stamp(data, ENCAPSULATION)
+            sec, nanosec = unpack_stamp(data)
             at = sec * 1_000_000_000 + nanosec
             if at > self._now_ns:
                 self._now_ns = at

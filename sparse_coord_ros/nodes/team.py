@@ -27,9 +27,7 @@ from sparse_coord_ros.nodes.robot import RobotNode
 from sparse_coord_ros.nodes.spin import limited_shutdown, ros_context, signals, spin_nodes
 from sparse_coord_ros.nodes.tap import Tap
 from sparse_coord_ros.nodes.world_simulator import WorldSimulator
-
-BAG = "bag"
-"""Name of the bag's directory in the output directory."""
+from sparse_coord_ros.recording.reader import BAG_DIRECTORY
 
 
 def team_run(values: dict[str, Any]) -> RunConfig:
@@ -81,7 +79,7 @@ def run_team(
     try:
         if values["record"]:
             own = {name: values[name] for name in RECORDER_PARAMETERS}
-            recorder = Recorder(values={**own, "out": str(out / BAG)}, **place)
+            recorder = Recorder(values={**own, "out": str(out / BAG_DIRECTORY)}, **place)
             nodes.append(recorder)
         own = {name: values[name] for name in WORLD_PARAMETERS}
         nodes.append(WorldSimulator(values={**own, "out": str(out)}, **place))

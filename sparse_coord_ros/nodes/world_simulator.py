@@ -14,6 +14,7 @@ from rclpy.context import Context
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
+from sparse_coord_ros.core.run_config import RUN_FILE
 from sparse_coord_ros.core.tables import TEAM_FILE, robot_file
 from sparse_coord_ros.core.world import Reward
 from sparse_coord_ros.errors import RunError
@@ -21,7 +22,7 @@ from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.claim import Claim
 from sparse_coord_ros.nodes.latched import MapLayout, MarkersLayout
 from sparse_coord_ros.nodes.messages import CLOCK_LAYOUT, Converter, status
-from sparse_coord_ros.nodes.outputs import RUN_FILE, SUMMARY_FILE, open_output
+from sparse_coord_ros.nodes.outputs import SUMMARY_FILE, open_output
 from sparse_coord_ros.nodes.parameters import (
     RECORDER,
     WORLD,

@@ -42,8 +42,7 @@ class BagFile:
         self.refusal: str | None = None
         self._position = 0
         self._file = open(self.path, "xb", buffering=0)
-        with contextlib.suppress(OSError):  # some network file systems have no locks
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        take_lock(self._file, exclusive=True)
 
     @property
     def closed(self) -> bool:
@@ -145,13 +144,22 @@ def open_to_read(path: Path) -> BinaryIO:
 def being_recorded(path: Path) -> bool:
     """Whether a recorder holds the file's lock; raises BagError."""
     with open_to_read(path) as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return True
-        except OSError:  # no locks in this file system
-            pass
-    return False
+        return not take_lock(file, exclusive=False)
+
+
+def take_lock(file: BinaryIO, *, exclusive: bool) -> bool:
+    """Lock an open file until it is closed; False where somebody else has the lock.
+
+    True also where there are no locks, as in some network file systems.
+    """
+    how = fcntl.LOCK_EX if exclusive else fcntl.LOCK_SH
+    try:
+        fcntl.flock(file, how | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        pass
+    return True
 
 
 def sync_directory(directory: Path) -> None:

@@ -7,7 +7,7 @@ no longer latched.
 """
 
 import functools
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -144,3 +144,8 @@ def yaml_text(value: Any) -> str:
     layout = {"sort_keys": False, "default_flow_style": False, "width": 2**31}
     text = yaml.dump(value, Dumper=_Dumper, allow_unicode=True, **layout)
     return text.rstrip("\n")
+
+
+def latched(profiles: Sequence[QoS]) -> bool:
+    """Whether a late subscriber gets the last message."""
+    return any(qos.durability == "transient_local" for qos in profiles)

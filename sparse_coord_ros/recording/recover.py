@@ -3,7 +3,6 @@
 """A finished bag from an unfinished or damaged one; the original is kept."""
 
 import contextlib
-import fcntl
 import itertools
 import os
 import shutil
@@ -14,7 +13,13 @@ from pathlib import Path
 import yaml
 
 from sparse_coord_ros.errors import BagError
-from sparse_coord_ros.recording.files import PARTIAL, open_to_read, sync_directory, write_whole
+from sparse_coord_ros.recording.files import (
+    PARTIAL,
+    open_to_read,
+    sync_directory,
+    take_lock,
+    write_whole,
+)
 from sparse_coord_ros.recording.metadata import (
     METADATA_FILE,
     METADATA_RECORD,
@@ -226,10 +231,6 @@ def _write_metadata(metadata: Path, bag: Bag, file_name: str) -> None:
 def _not_recording(file: Path) -> Iterator[None]:
     """Hold the lock of a file that is not being recorded; raises BagError."""
     with open_to_read(file) as held:
-        try:
-            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise BagError(f"{file} is being recorded: stop its recorder first") from None
-        except OSError:  # no locks in this file system
-            pass
+        if not take_lock(held, exclusive=True):
+            raise BagError(f"{file} is being recorded: stop its recorder first")
         yield

@@ -1,45 +1,14 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the run's occupancy grids and markers hold, from the scenario; and what messages hold."""
+"""What decoded occupancy grids and markers show, checked against the scenario."""
 
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from sparse_coord_ros.core.agent import Tables
-from sparse_coord_ros.core.algorithm import COORDINATE
-from sparse_coord_ros.core.frame import Frame, flat_position
+from sparse_coord_ros.core.frame import DOORWAYS, GOALS, ROBOTS, Frame, flat_position
 from sparse_coord_ros.core.scenario import Scenario
-
-UNKNOWN, EMPTY, OCCUPIED = -1, 0, 100
-DOORWAYS, GOALS, ROBOTS = "doorways", "goals", "robots"
-
-
-class Grids:
-    """The data of the run's occupancy grids, as bytes: southmost row first.
-
-    Args:
-        frame: the run's frame.
-    """
-
-    def __init__(self, frame: Frame) -> None:
-        rows, columns = frame.grid.shape
-        walls = [[OCCUPIED * (sign == "#") for sign in row] for row in frame.grid.rows]
-        self.map = np.flipud(np.array(walls, dtype=np.int8)).tobytes()
-        self._grid = np.full(rows * columns, UNKNOWN, dtype=np.int8)
-        self._places = np.array([(rows - 1 - r) * columns + c for r, c in frame.grid.cells])
-
-    def coordination(self, tables: Tables) -> bytes:
-        """Return where a robot with these tables chooses COORDINATE."""
-        values = np.nan_to_num(tables.q_star, nan=-np.inf)
-        self._grid[self._places] = np.where(values.argmax(axis=1) == COORDINATE, OCCUPIED, EMPTY)
-        return self._grid.tobytes()
-
-    def cells(self, data: bytes) -> str:
-        """Return in which cells a coordination map says COORDINATE."""
-        values = np.frombuffer(data, dtype=np.int8)[self._places]
-        return f"COORDINATE in cells {np.flatnonzero(values == OCCUPIED).tolist()}"
 
 
 def occupancy(frame: Frame) -> Callable[[Any], bytes]:

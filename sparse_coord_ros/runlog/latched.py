@@ -10,8 +10,8 @@ from collections.abc import Collection, Iterator, Sequence
 
 from sparse_coord_ros.core.agent import Tables
 from sparse_coord_ros.core.frame import Frame
+from sparse_coord_ros.core.grids import Grids
 from sparse_coord_ros.runlog.difference import MISSING, Difference
-from sparse_coord_ros.runlog.grids import Grids
 from sparse_coord_ros.runlog.log import RunLog
 from sparse_coord_ros.runlog.rerun import Handled
 

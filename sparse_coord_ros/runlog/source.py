@@ -7,7 +7,14 @@ from collections.abc import Iterator
 
 import yaml
 
-from sparse_coord_ros.core.run_config import RunConfig, run_from_yaml
+from sparse_coord_ros.core.run_config import (
+    MAP_FILE,
+    RUN_FILE,
+    RUN_RECORD,
+    SCENARIO_FILE,
+    RunConfig,
+    run_from_yaml,
+)
 from sparse_coord_ros.errors import BagError, SparseCoordError
 from sparse_coord_ros.recording.reader import Bag
 from sparse_coord_ros.recording.recover import recovered_text
@@ -15,8 +22,6 @@ from sparse_coord_ros.runlog.decode import Decoder
 from sparse_coord_ros.runlog.difference import MISSING, Difference
 
 RUN_TYPE = "std_msgs/msg/String"
-RUN_FILE, SCENARIO_FILE, MAP_FILE = "run.yaml", "scenario.yaml", "map.txt"
-RECORD = "sparse_coord_ros"
 REMEDY = "give the bag that 'sparse_coord run' or the recorder wrote"
 
 
@@ -55,7 +60,7 @@ def find_run(bag: Bag, decode: Decoder) -> tuple[RunConfig, str, str | None]:
     try:
         return run_from_yaml(text, where=f"{bag.path} (run)"), prefix, said
     except SparseCoordError as error:
-        if not bag.metadata.get(RECORD):
+        if not bag.metadata.get(RUN_RECORD):
             raise BagError(f"{bag.path}: is not a bag of this package: {error}") from None
         raise
 
@@ -109,13 +114,12 @@ def _copies(bag: Bag, run: RunConfig, said: str | None) -> Iterator[Difference]:
 
 def _record(bag: Bag, run: RunConfig) -> Iterator[Difference]:
     """Compare the metadata record with the run."""
-    records = [texts for name, texts in bag.metadata_records if name == RECORD]
-    due = {"scenario": run.scenario.name, "seed": str(run.seed), "learner": run.learner}
-    due |= {f"version_{name}": str(value) for name, value in run.versions.items()}
+    records = [texts for name, texts in bag.metadata_records if name == RUN_RECORD]
+    due = run.record()
     if not records:
-        yield Difference(None, None, f"metadata {RECORD}", MISSING, "scenario, seed, learner")
+        yield Difference(None, None, f"metadata {RUN_RECORD}", MISSING, "scenario, seed, learner")
     if len(records) > 1:
-        yield Difference(None, None, f"metadata {RECORD}", "twice", "once")
+        yield Difference(None, None, f"metadata {RUN_RECORD}", "twice", "once")
     for record in records:
         for key in sorted(set(due) | set(record)):
             if record.get(key) != due.get(key):

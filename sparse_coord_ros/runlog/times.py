@@ -2,15 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether every message is logged at the time at which a recorder logs it."""
 
-import struct
 from collections.abc import Collection
 
-from sparse_coord_ros.core.frame import SECOND, Frame
+from sparse_coord_ros.core.frame import SECOND, STAMPED, Frame
 from sparse_coord_ros.recording.reader import Message
 from sparse_coord_ros.runlog.difference import Difference
 
 LOG_TIME = "log_time"
-_STAMP, _ENCAPSULATION = struct.Struct("<iI"), 4
 
 
 class LogTimes:
@@ -34,8 +32,8 @@ class LogTimes:
         at = due = message.log_time_ns
         if message.topic not in self._stamped:
             due = self._now
-        elif len(message.data) >= _ENCAPSULATION + _STAMP.size:  # else its reader says so
-            sec, nanosec = _STAMP.unpack_from(message.data, _ENCAPSULATION)
+        elif len(message.data) >= STAMPED.size:  # else its reader says so
+            sec, nanosec = STAMPED.unpack_from(message.data)
             due = sec * SECOND + nanosec
             if at == due > self._now:
                 self._now = at

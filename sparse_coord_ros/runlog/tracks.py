@@ -13,13 +13,14 @@ from sparse_coord_ros.core.frame import (
     Frame,
     flat_position,
 )
+from sparse_coord_ros.core.grids import Grids
 from sparse_coord_ros.core.run_config import RunConfig
 from sparse_coord_ros.recording.reader import Bag, Message, open_bag
 from sparse_coord_ros.runlog.attached import RecordedTables, read_tables
 from sparse_coord_ros.runlog.decode import Decoder
 from sparse_coord_ros.runlog.dialogue import Event, Request, put_together, read_event
 from sparse_coord_ros.runlog.difference import MISSING, Difference
-from sparse_coord_ros.runlog.grids import Grids, markers, occupancy
+from sparse_coord_ros.runlog.grids import markers, occupancy
 from sparse_coord_ros.runlog.source import check_source, find_run
 from sparse_coord_ros.runlog.times import LogTimes
 
