@@ -41,7 +41,7 @@ setup(
         "ros": ["ros-jazzy-rclpy[fastrtps]", "ros-jazzy-common-interfaces"],
         # Compiles the batch engine: the same results, two orders of magnitude faster.
         "fast": ["numba"],
-        "test": ["pytest", "pytest-xdist", "rosbags", "pandas", "pymcap-cli"],
+        "test": ["pytest", "pytest-timeout", "pytest-xdist", "rosbags", "pandas", "pymcap-cli"],
         "lint": ["ruff"],
     },
     entry_points={

@@ -15,6 +15,7 @@ from nav_msgs.srv import GetPlan
 from rclpy.context import Context
 from rclpy.node import Node
 
+from sparse_coord_ros.core import wire
 from sparse_coord_ros.core.run_config import make_run
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.world import Action, Reward
@@ -79,7 +80,7 @@ class BareWorld(Node):
         for publisher, data in self._messages:
             publisher.publish(data)
 
-    def _publisher(self, topic: interface.Topic, robot: str = ""):
+    def _publisher(self, topic: interface.RosTopic, robot: str = ""):
         return self.create_publisher(
             topic.type, topic.of(robot) if robot else topic.name, topic.qos
         )
@@ -97,8 +98,8 @@ class BareRobot(Node):
             interface.ACTION.type, interface.ACTION.of(name), interface.ACTION.qos
         )
         self._path = CONVERT.path(1, (0,))
-        self.create_service(GetPlan, f"{name}/{interface.ACTIVE_PERCEPTION}", self._on_asked)
-        self._client = self.create_client(GetPlan, f"{peer}/{interface.ACTIVE_PERCEPTION}")
+        self.create_service(GetPlan, f"{name}/{wire.ACTIVE_PERCEPTION}", self._on_asked)
+        self._client = self.create_client(GetPlan, f"{peer}/{wire.ACTIVE_PERCEPTION}")
         self._request = GetPlan.Request()
         self._timer = self.create_timer(0.02, self._start)
 

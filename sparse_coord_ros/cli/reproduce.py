@@ -20,10 +20,10 @@ from sparse_coord_ros.core.run_config import RUN_FILE, RUN_SETTINGS, make_run
 from sparse_coord_ros.core.settings import Setting
 from sparse_coord_ros.core.tables import load_team, save_team
 from sparse_coord_ros.engine.batch import ENGINES, Run, run_batch, uses_numba
-from sparse_coord_ros.engine.cells import Cell, parse_id
+from sparse_coord_ros.engine.conditions import Condition, parse_id
 from sparse_coord_ros.engine.experiments import NAMES, Experiment, experiment
 from sparse_coord_ros.engine.results import (
-    CellResult,
+    ConditionResult,
     Plan,
     Results,
     collect,
@@ -123,7 +123,7 @@ def execute(options: argparse.Namespace) -> int:
 
 def parse_targets(
     targets: Sequence[str],
-) -> tuple[list[Experiment], list[Cell], list[tuple[Cell, int]]]:
+) -> tuple[list[Experiment], list[Condition], list[tuple[Condition, int]]]:
     """Return the experiments, the cells (theirs and those named), and single runs, each once.
 
     Raises:
@@ -132,8 +132,8 @@ def parse_targets(
     """
     named = [name for name in NAMES if name in targets or not targets]
     chosen = [experiment(name) for name in named]
-    cells: dict[str, Cell] = {}
-    runs: dict[str, tuple[Cell, int]] = {}
+    cells: dict[str, Condition] = {}
+    runs: dict[str, tuple[Condition, int]] = {}
     digests: dict[str, str] = {}
     for target in targets:
         if target in NAMES:
@@ -157,7 +157,9 @@ def parse_targets(
     return chosen, list(cells.values()), list(runs.values())
 
 
-def compute(results: Results, cells: Iterable[Cell], work: dict) -> dict[str, CellResult]:
+def compute(
+    results: Results, cells: Iterable[Condition], work: dict
+) -> dict[str, ConditionResult]:
     """Return every cell's result; compute and save those that are not there yet."""
     found = {cell.id: results.load(cell) for cell in cells}
     missing = [cell for cell in cells if found[cell.id] is None]
@@ -181,8 +183,8 @@ def compute(results: Results, cells: Iterable[Cell], work: dict) -> dict[str, Ce
 
 
 def complete(
-    results: Results, chosen: Sequence[Experiment], found: dict[str, CellResult]
-) -> tuple[list[Experiment], dict[str, CellResult]]:
+    results: Results, chosen: Sequence[Experiment], found: dict[str, ConditionResult]
+) -> tuple[list[Experiment], dict[str, ConditionResult]]:
     """Return every experiment whose cells are all there, in the order of `NAMES`, and its cells.
 
     Args:
@@ -199,7 +201,7 @@ def complete(
     return shown, found
 
 
-def _there(results: Results, cell: Cell, found: dict[str, CellResult]) -> bool:
+def _there(results: Results, cell: Condition, found: dict[str, ConditionResult]) -> bool:
     """Whether a cell's result is found, or in the directory: then it is put to those found."""
     if cell.id not in found:
         try:
@@ -215,13 +217,13 @@ def _there(results: Results, cell: Cell, found: dict[str, CellResult]) -> bool:
 class Played(NamedTuple):
     """A single run: its cell, its seed, its trials, and the folder of what it learned."""
 
-    cell: Cell
+    cell: Condition
     seed: int
     trials: Trials
     folder: Path
 
 
-def one_run(results: Results, cell: Cell, number: int, work: dict) -> Played:
+def one_run(results: Results, cell: Condition, number: int, work: dict) -> Played:
     """Compute one run of a cell and save what it learned, as `train` does.
 
     Where that run is there already, only its trials are played again.
@@ -252,7 +254,7 @@ def one_run(results: Results, cell: Cell, number: int, work: dict) -> Played:
     return Played(cell, seed, run.trials, folder)
 
 
-def _played_again(folder: Path, text: str, cell: Cell, seed: int, trials: int) -> Trials:
+def _played_again(folder: Path, text: str, cell: Condition, seed: int, trials: int) -> Trials:
     try:
         same = (folder / RUN_FILE).read_text(encoding="utf-8") == text
     except (OSError, UnicodeDecodeError):
@@ -266,7 +268,7 @@ def _played_again(folder: Path, text: str, cell: Cell, seed: int, trials: int) -
     return play(cell.scenario, load_team(folder, cell.scenario), trials=trials, seed=seed)
 
 
-def _agent_steps(cell: Cell) -> int:
+def _agent_steps(cell: Condition) -> int:
     return cell.scenario.steps * len(cell.scenario.robots)
 
 
@@ -286,7 +288,7 @@ def _run_dict(one: Played) -> dict:
 
 
 def _print(
-    out: Path, chosen: list[Experiment], cells: list[Cell], found: dict[str, CellResult]
+    out: Path, chosen: list[Experiment], cells: list[Condition], found: dict[str, ConditionResult]
 ) -> None:
     own = {cell.id for one in chosen for cell in one.cells}
     rows = []

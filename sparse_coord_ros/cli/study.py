@@ -17,10 +17,10 @@ from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.core.run_config import RUN_SETTINGS
 from sparse_coord_ros.core.settings import Setting
 from sparse_coord_ros.engine.batch import ENGINES, run_batch
-from sparse_coord_ros.engine.cells import Cell
+from sparse_coord_ros.engine.conditions import Condition
 from sparse_coord_ros.engine.report.protocol import protocol_document
 from sparse_coord_ros.engine.results import (
-    CellResult,
+    ConditionResult,
     Plan,
     Results,
     collect,
@@ -31,7 +31,7 @@ from sparse_coord_ros.engine.study import (
     FINAL_RUNS,
     FINALISTS,
     SPACE,
-    Outcome,
+    Judgement,
     final,
     judge,
     search,
@@ -112,7 +112,7 @@ def _listed(items: Iterator[T], title: str, total: int) -> list[T]:
     return list(tqdm(items, desc=title, total=total, disable=None, file=sys.stderr))
 
 
-def _result(results: Results, engine: str, cell: Cell) -> CellResult:
+def _result(results: Results, engine: str, cell: Condition) -> ConditionResult:
     result = results.load(cell)
     if result is None:
         plan = results.plan
@@ -124,7 +124,7 @@ def _result(results: Results, engine: str, cell: Cell) -> CellResult:
     return result
 
 
-def _csv(outcomes: Sequence[Outcome]) -> str:
+def _csv(outcomes: Sequence[Judgement]) -> str:
     scenarios = sorted({name for one in outcomes for name in one.difference})
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")

@@ -23,9 +23,9 @@ from sparse_coord_ros.errors import TablesError
 class Measure:
     """Mean, spread over single robots and trials (the paper's ±), and standard error of the mean.
 
-    The standard error is that of independent samples: in an `Evaluation` the trials, the robots of
-    one trial being dependent; in a `CellResult` the learning runs, the trials of one run being
-    dependent.
+    The standard error is that of independent samples: in an `Evaluation` the trials, the robots
+    of one trial being dependent; in a `ConditionResult` the learning runs, the trials of one
+    run being dependent.
     """
 
     mean: float

@@ -20,15 +20,6 @@ SECOND = 1_000_000_000
 STAMPED = struct.Struct("<4xiI")
 """How a message that begins with its stamp begins as CDR: encapsulation, sec, nanosec."""
 
-DOORWAYS, GOALS, ROBOTS = "doorways", "goals", "robots"
-"""The namespaces of the markers."""
-
-REWARD_LABELS = ("individual", "common", "ask_cost", "total")
-"""What the numbers of a reward are called in its message."""
-
-ACTION_LABELS = ("east", "north", "coordinate", "peer", "perceived")
-"""What the numbers of an action are called in its message."""
-
 EAST_NORTH = [(float(column), float(-row)) for row, column in MOVES]
 """The primitive actions as unit vectors (x east, y north: REP-103)."""
 MOVE_OF = {vector: move for move, vector in enumerate(EAST_NORTH)}

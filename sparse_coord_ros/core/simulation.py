@@ -11,7 +11,7 @@ from sparse_coord_ros.core.perception import percept_probabilities
 from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.sparse import SparseTable
 from sparse_coord_ros.core.streams import LEARNING, PERCEPT, Stream
-from sparse_coord_ros.core.world import Action, Outcome, World
+from sparse_coord_ros.core.world import Action, StepOutcome, World
 
 
 class Team:
@@ -52,7 +52,7 @@ class Team:
             actions[k] = action
         return choices, actions
 
-    def learn(self, choices: list, world: World, outcome: Outcome) -> None:
+    def learn(self, choices: list, world: World, outcome: StepOutcome) -> None:
         """Let every agent that acted learn from the step that the world just made."""
         for agent in self.agents:
             choice = choices[agent.number]

@@ -44,7 +44,7 @@ class Action(NamedTuple):
     perceived: bool
 
 
-class Outcome(NamedTuple):
+class StepOutcome(NamedTuple):
     """What one step of the world brought.
 
     Attributes:
@@ -122,7 +122,7 @@ class World:
         self.arrived = [k not in self.agents for k in range(len(self.cells))]
         self._place()
 
-    def advance(self, actions: Sequence[Action | None]) -> Outcome:
+    def advance(self, actions: Sequence[Action | None]) -> StepOutcome:
         """Make one time step.
 
         Args:
@@ -155,7 +155,7 @@ class World:
         self.transitions += 1
         self.miscoordinations += miscoordination
         over = all(self.arrived) or self.step - self._episode_start >= self.max_steps
-        return Outcome(tuple(rewards), miscoordination, tuple(arrivals), over)
+        return StepOutcome(tuple(rewards), miscoordination, tuple(arrivals), over)
 
     def in_conflict(self) -> bool:
         """Whether the joint state is a miscoordination: r^C falls on every agent."""

@@ -280,7 +280,7 @@ class CompiledTeam:
             raise Stopped
 
     def _draws(
-        self, seed: int, problem: kernels.Problem, phase: int
+        self, seed: int, problem: kernels.CompiledScenario, phase: int
     ) -> tuple[list[np.random.PCG64], kernels.Draws]:
         """Return NumPy's own generators, one an agent and role, and the space of their draws.
 
@@ -325,11 +325,13 @@ def _game(team: int, step: int) -> kernels.Game:
     return kernels.Game(clock, np.zeros(team, dtype=np.int64), np.zeros(team, dtype=np.int8))
 
 
-def _choice(team: int) -> kernels.Choice:
-    return kernels.Choice(*np.zeros((4, team), dtype=np.int64))
+def _choice(team: int) -> kernels.Choices:
+    return kernels.Choices(*np.zeros((4, team), dtype=np.int64))
 
 
-def make_problem(scenario: Scenario, learner: str, members: np.ndarray) -> kernels.Problem:
+def make_problem(
+    scenario: Scenario, learner: str, members: np.ndarray
+) -> kernels.CompiledScenario:
     """Return a scenario as arrays.
 
     Args:
@@ -349,7 +351,7 @@ def make_problem(scenario: Scenario, learner: str, members: np.ndarray) -> kerne
     discounts = [1.0]
     for _ in range(scenario.horizon):
         discounts.append(discounts[-1] * scenario.discount)
-    return kernels.Problem(
+    return kernels.CompiledScenario(
         members=members,
         starts=np.array([robot.start for robot in robots]),
         goals=np.array([robot.goal for robot in robots]),

@@ -5,7 +5,7 @@
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
-from sparse_coord_ros.engine.cells import Cell, make_cell
+from sparse_coord_ros.engine.conditions import Condition, make_condition
 
 SMALL = ("env1", "env2-2r", "env2-4r")
 """Scenarios of the paper's Tables 1 and 2."""
@@ -47,64 +47,66 @@ class Experiment:
 
     name: str
     title: str
-    cells: tuple[Cell, ...]
+    cells: tuple[Condition, ...]
 
 
-def _tables(names: Iterable[str]) -> list[Cell]:
-    return [make_cell(n, learner, {"penalty": -20}) for n in names for learner in LEARNERS]
+def _tables(names: Iterable[str]) -> list[Condition]:
+    return [make_condition(n, learner, {"penalty": -20}) for n in names for learner in LEARNERS]
 
 
-def _figure4() -> list[Cell]:
+def _figure4() -> list[Condition]:
     cells = [
-        make_cell(name, learner, {"penalty": penalty})
+        make_condition(name, learner, {"penalty": penalty})
         for name in SMALL + LARGE
         for learner in LEARNERS
         for penalty in PENALTIES
     ]
     return cells + [
-        make_cell(name, learner, {**LONG, "penalty": penalty})
+        make_condition(name, learner, {**LONG, "penalty": penalty})
         for name in SMALL
         for learner in LEARNERS
         for penalty in PENALTIES
     ]
 
 
-def _sweep(setting: str, values: Iterable[object]) -> list[Cell]:
-    return [make_cell(n, "coop", {**LONG, setting: value}) for n in CLOSE for value in values]
+def _sweep(setting: str, values: Iterable[object]) -> list[Condition]:
+    return [make_condition(n, "coop", {**LONG, setting: value}) for n in CLOSE for value in values]
 
 
-def _perception() -> list[Cell]:
+def _perception() -> list[Condition]:
     values = [f"probability:{p}" for p in PROBABILITIES]
     values += ["line_of_sight", *(f"range:{cells}" for cells in RANGES)]
     return _sweep("perception", values)
 
 
-def _uneven() -> list[Cell]:
+def _uneven() -> list[Condition]:
     return [
-        make_cell(name, learner, {**LONG, "common_reward": share})
+        make_condition(name, learner, {**LONG, "common_reward": share})
         for name in CLOSE
         for share in SHARES
         for learner in ("noncoop", "coop")
     ]
 
 
-def _crowd() -> list[Cell]:
+def _crowd() -> list[Condition]:
     cells = []
     for robots in CROWDS:
         name = f"crowd-{robots}r"
-        cells.append(make_cell(name, "noncoop", LONG))
-        cells += [make_cell(name, "coop", {**LONG, "peers": peers}) for peers in ("one", "all")]
+        cells.append(make_condition(name, "noncoop", LONG))
+        cells += [
+            make_condition(name, "coop", {**LONG, "peers": peers}) for peers in ("one", "all")
+        ]
     return cells
 
 
-_EXPERIMENTS: Mapping[str, tuple[str, Callable[[], list[Cell]]]] = {
+_EXPERIMENTS: Mapping[str, tuple[str, Callable[[], list[Condition]]]] = {
     "table1": ("Table 1: total discounted reward", lambda: _tables(SMALL)),
     "table2": ("Table 2: time to goal and miscoordinations", lambda: _tables(SMALL)),
     "table3": ("Table 3: the large scenarios", lambda: _tables(LARGE)),
     "figure4": ("Figure 4: reward against the penalty", _figure4),
     "penalty100": (
         "Penalty -100, 10^5 steps: how much of the gap to the optimum is closed",
-        lambda: [make_cell(name, learner, LONG) for name in CLOSE for learner in LEARNERS],
+        lambda: [make_condition(name, learner, LONG) for name in CLOSE for learner in LEARNERS],
     ),
     "ask_cost": ("Cost of COORDINATE", lambda: _sweep("ask_cost", ASK_COSTS)),
     "perception": ("Success of the percept", _perception),
@@ -112,7 +114,7 @@ _EXPERIMENTS: Mapping[str, tuple[str, Callable[[], list[Cell]]]] = {
     "crowd": ("More robots: one random peer, and all peers (footnote 3)", _crowd),
     "where": (
         "Where in the map COORDINATE is chosen",
-        lambda: [make_cell(name, "coop", LONG) for name in SMALL + LARGE],
+        lambda: [make_condition(name, "coop", LONG) for name in SMALL + LARGE],
     ),
 }
 

@@ -40,7 +40,7 @@ REWARD, TIME, ASKS, CONFLICTS = range(4)
 """Last axis of a trial's result."""
 
 
-class Problem(NamedTuple):
+class CompiledScenario(NamedTuple):
     """A scenario for one learner, as arrays; k is a robot, x its cell.
 
     Attributes:
@@ -126,7 +126,7 @@ class Game(NamedTuple):
     arrived: np.ndarray
 
 
-class Choice(NamedTuple):
+class Choices(NamedTuple):
     """What each robot chose at this time step.
 
     Attributes:

@@ -27,7 +27,7 @@ from sparse_coord_ros.core.reference import shortest_path_reference
 from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.sparse import SparseTable, dense_nbytes
 from sparse_coord_ros.engine.batch import Run
-from sparse_coord_ros.engine.cells import Cell
+from sparse_coord_ros.engine.conditions import Condition
 from sparse_coord_ros.errors import ResultsError, SettingError
 
 FORMAT = 1
@@ -68,7 +68,7 @@ class Plan:
 
 
 @dataclass(frozen=True)
-class CellResult:
+class ConditionResult:
     """What the runs of one cell brought; lists have one entry a run.
 
     Attributes:
@@ -163,7 +163,7 @@ class CellResult:
         }
 
 
-def collect(cell: Cell, trials: int, runs: Iterable[Run]) -> CellResult:
+def collect(cell: Condition, trials: int, runs: Iterable[Run]) -> ConditionResult:
     """Sum up the runs of a cell (>= 1), one after the other (a run's tables are not kept)."""
     scenario = cell.scenario
     cells, robots = len(scenario.map.cells), len(scenario.robots)
@@ -183,7 +183,7 @@ def collect(cell: Cell, trials: int, runs: Iterable[Run]) -> CellResult:
         asked += run.trials.asked
         stays += run.trials.stays
     count, optimum = len(not_arrived), joint_optimum(scenario)
-    return CellResult(
+    return ConditionResult(
         id=cell.id,
         digest=digest(cell),
         trials=trials,
@@ -211,7 +211,7 @@ def _row_bytes(scenario: Scenario) -> int:
     return SparseTable(1, scenario.perceived, 0.0, key, row).nbytes
 
 
-def digest(cell: Cell) -> str:
+def digest(cell: Condition) -> str:
     """Return a digest of everything that a cell's result depends on besides seed and counts."""
     text = json.dumps([cell.learner, cell.scenario.to_dict()], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
@@ -227,7 +227,7 @@ class Results:
         self.directory = directory
         self.plan = plan
 
-    def path(self, cell: Cell) -> Path:
+    def path(self, cell: Condition) -> Path:
         """Return where a cell's result is.
 
         Raises:
@@ -235,7 +235,7 @@ class Results:
         """
         return self._inside("cells", f"{cell.id}.json")
 
-    def run_folder(self, cell: Cell, number: int) -> Path:
+    def run_folder(self, cell: Condition, number: int) -> Path:
         """Return where a single run of a cell is."""
         return self._inside("runs", f"{cell.id}/{number}")
 
@@ -247,7 +247,7 @@ class Results:
             raise unusable_file(path, OSError(errno.ENAMETOOLONG, "File name too long"), "written")
         return path
 
-    def load(self, cell: Cell) -> CellResult | None:
+    def load(self, cell: Condition) -> ConditionResult | None:
         """Return a cell's result, None where it is not there yet.
 
         A file that cannot be read is put aside as `<file>.broken`, and its cell is open again.
@@ -257,7 +257,7 @@ class Results:
         """
         path = self.path(cell)
         try:
-            result = CellResult(**json.loads(path.read_text(encoding="utf-8")))
+            result = ConditionResult(**json.loads(path.read_text(encoding="utf-8")))
             whole = result.runs == self.plan.runs and result.trials == self.plan.trials
         except FileNotFoundError:
             return None
@@ -273,7 +273,7 @@ class Results:
             )
         return result
 
-    def save(self, cell: Cell, result: CellResult) -> None:
+    def save(self, cell: Condition, result: ConditionResult) -> None:
         """Write a cell's result, whole or not at all.
 
         Raises:

@@ -14,9 +14,9 @@ import random
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
-from sparse_coord_ros.engine.cells import Cell, make_cell
+from sparse_coord_ros.engine.conditions import Condition, make_condition
 from sparse_coord_ros.engine.experiments import CLOSE, LARGE, LONG, SMALL, SPARSE
-from sparse_coord_ros.engine.results import CellResult
+from sparse_coord_ros.engine.results import ConditionResult
 
 Choices = Mapping[str, float]
 """One value for each name of `SPACE`."""
@@ -123,7 +123,7 @@ def settings_of(choices: Choices) -> dict[str, str]:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Judgement:
     """What a protocol brought.
 
     Attributes:
@@ -148,7 +148,9 @@ class Outcome:
     teams: int
 
 
-def judge(choices: Choices, compute: Callable[[Cell], CellResult], limit: float) -> Outcome:
+def judge(
+    choices: Choices, compute: Callable[[Condition], ConditionResult], limit: float
+) -> Judgement:
     """Return what a protocol brings; stop early once its loss exceeds a limit.
 
     Args:
@@ -162,9 +164,9 @@ def judge(choices: Choices, compute: Callable[[Cell], CellResult], limit: float)
     difference: dict[str, float] = {}
     asks: dict[str, float] = {}
 
-    def coop(name: str, settings: Mapping[str, object]) -> CellResult:
+    def coop(name: str, settings: Mapping[str, object]) -> ConditionResult:
         nonlocal loss, failed, teams
-        result = compute(make_cell(name, "coop", {**protocol, **settings}))
+        result = compute(make_condition(name, "coop", {**protocol, **settings}))
         failed += result.failed_teams
         teams += result.runs
         loss += 100.0 * result.failed_teams / result.runs
@@ -172,16 +174,16 @@ def judge(choices: Choices, compute: Callable[[Cell], CellResult], limit: float)
 
     for name in CLOSE:
         result = coop(name, LONG)
-        low = compute(make_cell(name, "noncoop", {**protocol, **LONG})).measure("reward").mean
+        low = compute(make_condition(name, "noncoop", {**protocol, **LONG})).measure("reward").mean
         closed[name] = (result.measure("reward").mean - low) / (result.optimum - low)
         loss += 40.0 * max(0.0, CLOSED[name] + MARGIN - closed[name])
         if loss > limit:
-            return Outcome(choices, loss, False, closed, difference, asks, failed, teams)
+            return Judgement(choices, loss, False, closed, difference, asks, failed, teams)
     for name in SMALL + LARGE:
         result = coop(name, {"penalty": -20})
         baseline = result.reference["reward"]
         if name in SMALL:  # in the large ones Non-coop. is worth the shortest paths
-            other = compute(make_cell(name, "noncoop", {**protocol, "penalty": -20}))
+            other = compute(make_condition(name, "noncoop", {**protocol, "penalty": -20}))
             baseline = max(baseline, other.measure("reward").mean)
         difference[name] = result.measure("reward").mean - baseline
         loss += 2.0 * max(0.0, -0.3 - difference[name])
@@ -189,13 +191,13 @@ def judge(choices: Choices, compute: Callable[[Cell], CellResult], limit: float)
             asks[name] = result.measure("asks").mean
             loss += 20.0 * max(0.0, asks[name] - 0.03)
         if loss > limit:
-            return Outcome(choices, loss, False, closed, difference, asks, failed, teams)
-    return Outcome(choices, loss, True, closed, difference, asks, failed, teams)
+            return Judgement(choices, loss, False, closed, difference, asks, failed, teams)
+    return Judgement(choices, loss, True, closed, difference, asks, failed, teams)
 
 
 def search(
-    compute: Callable[[Cell], CellResult], candidates: int, seed: int = 0
-) -> Iterator[Outcome]:
+    compute: Callable[[Condition], ConditionResult], candidates: int, seed: int = 0
+) -> Iterator[Judgement]:
     """Yield the outcome of each protocol tried, those of `STARTS` first.
 
     Then protocols are drawn at random until `KEPT` of them were judged whole; from then on most
@@ -207,7 +209,7 @@ def search(
         seed: of the choice of candidates.
     """
     draw = random.Random(seed)
-    best: list[Outcome] = []
+    best: list[Judgement] = []
     first = list(STARTS.values())
     seen: set[tuple[float, ...]] = set()
     for number in range(min(candidates, math.prod(map(len, SPACE.values())))):
@@ -227,7 +229,9 @@ def search(
             best = sorted([*best, outcome], key=lambda one: one.loss)[:KEPT]
 
 
-def final(outcomes: Iterable[Outcome], compute: Callable[[Cell], CellResult]) -> Iterator[Outcome]:
+def final(
+    outcomes: Iterable[Judgement], compute: Callable[[Condition], ConditionResult]
+) -> Iterator[Judgement]:
     """Judge the best protocols of a search again and yield their new outcomes.
 
     Args:
@@ -241,8 +245,8 @@ def final(outcomes: Iterable[Outcome], compute: Callable[[Cell], CellResult]) ->
 
 
 def vary(
-    best: Outcome, compute: Callable[[Cell], CellResult]
-) -> Iterator[tuple[str, float, Outcome]]:
+    best: Judgement, compute: Callable[[Condition], ConditionResult]
+) -> Iterator[tuple[str, float, Judgement]]:
     """Yield name, new value and outcome of every change of one choice of a protocol."""
     for name, values in SPACE.items():
         for value in values:

@@ -1,24 +1,28 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The ROS interface in one place: names, types and QoS of every topic and service.
+"""The vocabulary of `core.wire`, bound to message classes and QoS profiles.
 
 Names are relative (except /clock and what ROS itself makes absolute), so a whole team moves into
 a namespace together. A robot's topics lie under its name.
 """
 
-from dataclasses import dataclass
+import functools
+from dataclasses import dataclass, fields
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import OccupancyGrid, Path
 from nav_msgs.srv import GetPlan
+from rcl_interfaces.msg import Log, ParameterEvent
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, String, UInt8MultiArray
 from visualization_msgs.msg import MarkerArray
 
-MAP_FRAME = "map"
+from sparse_coord_ros.core import wire
+
 STEP_DEPTH = 10_000
 RECORDER_DEPTH = 10_000
 
@@ -48,70 +52,74 @@ RECORDER_QOS = _qos(RECORDER_DEPTH)
 RECORDER_LATCHED_QOS = _qos(RECORDER_DEPTH, DurabilityPolicy.TRANSIENT_LOCAL)
 """What the recorder asks for: on its side nothing is overwritten before it is written down."""
 
+PROFILES = {
+    wire.STEP: STEP_QOS,
+    wire.EVENT: EVENT_QOS,
+    wire.LATCHED: LATCHED_QOS,
+    wire.TABLES_KEPT: TABLES_QOS,
+}
 
-@dataclass(frozen=True)
-class Topic:
-    """One topic.
+CLASSES: dict[str, Any] = {
+    "diagnostic_msgs/msg/DiagnosticArray": DiagnosticArray,
+    "diagnostic_msgs/msg/DiagnosticStatus": DiagnosticStatus,
+    "geometry_msgs/msg/PoseStamped": PoseStamped,
+    "nav_msgs/msg/OccupancyGrid": OccupancyGrid,
+    "nav_msgs/msg/Path": Path,
+    "nav_msgs/srv/GetPlan": GetPlan,
+    "nav_msgs/srv/GetPlan_Event": GetPlan.Event,
+    "rcl_interfaces/msg/Log": Log,
+    "rcl_interfaces/msg/ParameterEvent": ParameterEvent,
+    "rosgraph_msgs/msg/Clock": Clock,
+    "sensor_msgs/msg/JointState": JointState,
+    "std_msgs/msg/Header": Header,
+    "std_msgs/msg/String": String,
+    "std_msgs/msg/UInt8MultiArray": UInt8MultiArray,
+    "visualization_msgs/msg/MarkerArray": MarkerArray,
+}
+"""The message class of each type that the team speaks of."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RosTopic(wire.Topic):
+    """A topic of the vocabulary for rclpy.
 
     Attributes:
-        name: relative to the team's namespace, or to the robot's name.
         type: message class.
         qos: the publisher's profile.
-        stamped: the message begins with its time (a header or a clock), that of the run.
     """
 
-    name: str
-    type: type
+    type: Any
     qos: QoSProfile
-    stamped: bool = False
-
-    def of(self, robot: str) -> str:
-        """Return the topic's name below a robot's name; `~` is the node's own."""
-        return f"{robot}/{self.name}"
 
 
-RUN = Topic("run", String, LATCHED_QOS)
-STATUS = Topic("status", DiagnosticStatus, LATCHED_QOS)
-CLOCK = Topic("/clock", Clock, STEP_QOS, stamped=True)
-MAP = Topic("map", OccupancyGrid, LATCHED_QOS, stamped=True)
-MARKERS = Topic("markers", MarkerArray, LATCHED_QOS)
-DIAGNOSTICS = Topic("diagnostics", DiagnosticArray, EVENT_QOS)
-"""Drivers and aggregators publish here too, with stamps of other clocks."""
+@functools.cache
+def bind(topic: wire.Topic) -> RosTopic:
+    """Return a topic of the vocabulary with its message class and QoS profile."""
+    said = {field.name: getattr(topic, field.name) for field in fields(wire.Topic)}
+    return RosTopic(**said, type=CLASSES[topic.type_name], qos=PROFILES[topic.delivery])
 
-LOCAL_STATE = Topic("local_state", PoseStamped, STEP_QOS, stamped=True)
-REWARD = Topic("reward", JointState, STEP_QOS, stamped=True)
-ACTION = Topic("action", JointState, STEP_QOS, stamped=True)
-PERCEPT = Topic("percept", Path, STEP_QOS, stamped=True)
-COORDINATION_MAP = Topic("coordination_map", OccupancyGrid, LATCHED_QOS, stamped=True)
 
-TABLES = Topic("tables", UInt8MultiArray, TABLES_QOS)
-"""Of a robot, as the bytes of an .npz file; the recorder attaches them to the bag."""
+RUN = bind(wire.RUN)
+STATUS = bind(wire.STATUS)
+CLOCK = bind(wire.CLOCK)
+MAP = bind(wire.MAP)
+MARKERS = bind(wire.MARKERS)
+DIAGNOSTICS = bind(wire.DIAGNOSTICS)
+LOCAL_STATE = bind(wire.LOCAL_STATE)
+REWARD = bind(wire.REWARD)
+ACTION = bind(wire.ACTION)
+PERCEPT = bind(wire.PERCEPT)
+COORDINATION_MAP = bind(wire.COORDINATION_MAP)
+TABLES = bind(wire.TABLES)
+CLAIM = bind(wire.CLAIM)
+SERVICE_EVENTS = bind(wire.SERVICE_EVENTS)
+ROSOUT = bind(wire.ROSOUT)
+PARAMETER_EVENTS = bind(wire.PARAMETER_EVENTS)
 
-TEAM_TOPICS = (RUN, STATUS, CLOCK, MAP, MARKERS, DIAGNOSTICS)
-ROBOT_TOPICS = (LOCAL_STATE, REWARD, ACTION, PERCEPT, COORDINATION_MAP)
-
-TAPPED_TOPICS = (CLOCK, LOCAL_STATE, REWARD, ACTION, MAP, MARKERS, COORDINATION_MAP)
-"""What nodes hand to a recorder in their own process: what each time step and episode says."""
-
-CLAIM = Topic("claim", Header, LATCHED_QOS)
-"""Of the world and of every robot, below its name: since when (wall clock) the node has it."""
+TEAM_TOPICS = tuple(map(bind, wire.TEAM_TOPICS))
+ROBOT_TOPICS = tuple(map(bind, wire.ROBOT_TOPICS))
 
 CLAIMS_QOS = _qos(100, DurabilityPolicy.TRANSIENT_LOCAL)
 """For reading claims: with a depth of 1, one's own would push out that of another node."""
 
-ACTIVE_PERCEPTION = "active_perception"
-ACTIVE_PERCEPTION_TYPE = GetPlan
-SERVICE_EVENTS = Topic(f"{ACTIVE_PERCEPTION}/_service_event", GetPlan.Event, STEP_QOS)
-"""What rclpy publishes of the requests to a robot and of its answers."""
-
-INITIAL, CHECKPOINT, FINAL = "initial", "checkpoint", "final"
-"""Occasions on which a robot publishes its tables."""
-
-WAITING, LEARNING, PAUSED, FINISHED, STOPPED = (
-    "waiting",
-    "learning",
-    "paused",
-    "finished",
-    "stopped",
-)
-"""The states that `status` can name."""
+ACTIVE_PERCEPTION_TYPE = CLASSES[wire.ACTIVE_PERCEPTION_TYPE]

@@ -15,21 +15,19 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import ColorRGBA, Header, MultiArrayDimension, UInt8MultiArray
 from visualization_msgs.msg import Marker, MarkerArray
 
-from sparse_coord_ros.core.frame import (
+from sparse_coord_ros.core.frame import Frame, action_from, action_numbers
+from sparse_coord_ros.core.occupancy import UNKNOWN, OccupancyData
+from sparse_coord_ros.core.scenario import Scenario
+from sparse_coord_ros.core.wire import (
     ACTION_LABELS,
     DOORWAYS,
     GOALS,
+    MAP_FRAME,
     REWARD_LABELS,
     ROBOTS,
-    Frame,
-    action_from,
-    action_numbers,
 )
-from sparse_coord_ros.core.grids import UNKNOWN, Grids
-from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.world import Action, Reward
 from sparse_coord_ros.nodes.cdr import FixedLayout
-from sparse_coord_ros.nodes.interface import MAP_FRAME
 
 ROBOT_COLOURS = (
     (0.12, 0.47, 0.71),
@@ -155,7 +153,7 @@ class Converter(Frame):
 
     def map(self) -> OccupancyGrid:
         """Return the map: walls occupied, all else free."""
-        return self._occupancy(0, Grids(self).map)
+        return self._occupancy(0, OccupancyData(self).map)
 
     def _occupancy(self, step: int, southmost_first: bytes) -> OccupancyGrid:
         message = OccupancyGrid(header=self.header(step))
@@ -196,7 +194,7 @@ def tables_message(data: bytes, step: int, occasion: str) -> UInt8MultiArray:
     Args:
         data: the bytes.
         step: all is learned that happened before this time step.
-        occasion: `interface.INITIAL`, `CHECKPOINT` or `FINAL`.
+        occasion: `wire.INITIAL`, `CHECKPOINT` or `FINAL`.
     """
     message = UInt8MultiArray(data=packed("B", data))
     message.layout.dim = [

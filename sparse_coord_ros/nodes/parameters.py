@@ -21,8 +21,9 @@ from rclpy.publisher import Publisher
 from sparse_coord_ros.core.run_config import RUN_SETTINGS, RunConfig, make_run
 from sparse_coord_ros.core.scenario import load_scenario, scenario_names
 from sparse_coord_ros.core.settings import Setting, SettingTable, parse_assignments
+from sparse_coord_ros.core.wire import RECORDER
 from sparse_coord_ros.errors import RunError, SettingError, SparseCoordError, os_error_text
-from sparse_coord_ros.nodes.interface import RUN, STATUS, TAPPED_TOPICS, Topic
+from sparse_coord_ros.nodes.interface import RUN, STATUS, RosTopic
 from sparse_coord_ros.nodes.tap import Tap, TappedPublisher
 
 EXECUTOR = Setting(
@@ -114,9 +115,6 @@ TEAM_PARAMETERS = SettingTable(
     }.values()
 )
 
-WORLD, RECORDER = "world_simulator", "recorder"
-"""Node names by which robots know that they are heard; a robot's node has the robot's name."""
-
 WORLD_SECONDS = 3.0
 SLOWEST = 0.001
 CHANGEABLE = ("rate",)
@@ -202,10 +200,10 @@ class ParameterNode(Node):
         """Whether the node can end now that a signal has come; asked until it can."""
         return True
 
-    def announce(self, topic: Topic, owner: str = "") -> Publisher:
+    def announce(self, topic: RosTopic, owner: str = "") -> Publisher:
         """Return a new publisher of a topic of the team, or of a robot's or node's own."""
         name = topic.of(owner) if owner else topic.name
-        if self._tap is None or topic not in TAPPED_TOPICS:
+        if self._tap is None or not topic.tapped:
             return self.create_publisher(topic.type, name, topic.qos)
         publisher = self.create_publisher(
             topic.type, name, topic.qos, publisher_class=TappedPublisher

@@ -14,7 +14,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 
 from sparse_coord_ros.errors import BagError, SettingError
 from sparse_coord_ros.nodes import interface
-from sparse_coord_ros.recording import Bag, QoS, Topic, open_bag, type_hash
+from sparse_coord_ros.recording import Bag, BagTopic, QoS, open_bag, type_hash
 from sparse_coord_ros.recording.playlist import CLOCK
 from sparse_coord_ros.recording.qos import latched
 
@@ -96,7 +96,7 @@ def make_publishers(
     return publishers, skipped
 
 
-def message_class(topic: Topic) -> type:
+def message_class(topic: BagTopic) -> type:
     """Return the class of a topic's messages, the one that wrote the recorded bytes.
 
     Raises:

@@ -13,12 +13,12 @@ from typing import Any
 
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rcl_interfaces.msg import Log, ParameterEvent
 from rclpy.context import Context
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import String, UInt8MultiArray
 
+from sparse_coord_ros.core import wire
 from sparse_coord_ros.core.frame import STAMPED
 from sparse_coord_ros.core.run_config import (
     MAP_FILE,
@@ -28,13 +28,12 @@ from sparse_coord_ros.core.run_config import (
     RunConfig,
     run_from_yaml,
 )
+from sparse_coord_ros.core.wire import RECORDER, WORLD
 from sparse_coord_ros.errors import BagError, RunError, SparseCoordError
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.messages import Converter, read_tables_message, status
 from sparse_coord_ros.nodes.parameters import (
-    RECORDER,
     RECORDER_PARAMETERS,
-    WORLD,
     ParameterNode,
     stops_on_bad_input,
 )
@@ -46,10 +45,7 @@ from sparse_coord_ros.recording.process import BagProcess
 TICK_SECONDS = 0.02
 REPORT_SECONDS = 1.0
 STATUS = interface.STATUS
-ROS_TOPICS = (
-    interface.Topic("/rosout", Log, interface.EVENT_QOS),
-    interface.Topic("/parameter_events", ParameterEvent, interface.EVENT_QOS),
-)
+ROS_TOPICS = (interface.ROSOUT, interface.PARAMETER_EVENTS)
 QUIET_SECONDS = 0.3
 """After the run's end, the bag is closed when nothing has come for so long."""
 LAST_WORDS_SECONDS = 6.0
@@ -165,7 +161,7 @@ class Recorder(ParameterNode):
             self.resolve_topic_name(name), _type_name(message_type), _bag_qos(qos)
         )
 
-    def _record(self, topic: interface.Topic, name: str, then=None) -> None:
+    def _record(self, topic: interface.RosTopic, name: str, then=None) -> None:
         """Write down a topic; `then` sees each message's bytes too."""
         channel = self._channel(topic.type, name, topic.qos)
         write, unpack_stamp = self.bag.write, STAMPED.unpack_from
@@ -194,7 +190,7 @@ class Recorder(ParameterNode):
                 then(data)
 
         callback = functools.partial(stamped_message if topic.stamped else other_message, self)
-        if self._tap is not None and topic in interface.TAPPED_TOPICS:
+        if self._tap is not None and topic.tapped:
             self._tap.line(self.resolve_topic_name(name)).write = callback
         else:
             self._subscribe(topic.type, name, topic.qos, callback)
@@ -212,7 +208,7 @@ class Recorder(ParameterNode):
 
     def _on_status(self, data: bytes) -> None:
         message = deserialize_message(data, DiagnosticStatus)
-        if message.message in (interface.FINISHED, interface.STOPPED):
+        if message.message in (wire.FINISHED, wire.STOPPED):
             self._ended = self._ended or time.monotonic()
 
     @stops_on_bad_input
@@ -232,7 +228,7 @@ class Recorder(ParameterNode):
             self.bag.attach(
                 f"tables/{robot}_{step}.npz", packed, "application/x-npz", self._now_ns
             )
-        if occasion == interface.FINAL:
+        if occasion == wire.FINAL:
             self._final.add(robot)
 
     @stops_on_bad_input

@@ -16,27 +16,23 @@ from rclpy.context import Context
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from sparse_coord_ros.core import wire
 from sparse_coord_ros.core.agent import Agent, Tables
 from sparse_coord_ros.core.run_config import RunConfig, run_from_yaml
 from sparse_coord_ros.core.tables import TEAM_FILE, pack_tables, robot_file, write_tables
+from sparse_coord_ros.core.wire import RECORDER, WORLD
 from sparse_coord_ros.core.world import Action
 from sparse_coord_ros.errors import RunError, TablesError, did_you_mean, os_error_text
+from sparse_coord_ros.lockstep.robot import Answer, RobotSide
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.claim import Claim
-from sparse_coord_ros.nodes.latched import CoordinationMapLayout
+from sparse_coord_ros.nodes.episode_messages import CoordinationMapLayout
 from sparse_coord_ros.nodes.messages import Converter, status, status_values, tables_message
 from sparse_coord_ros.nodes.outputs import begin_with, open_output
-from sparse_coord_ros.nodes.parameters import (
-    RECORDER,
-    ROBOT_PARAMETERS,
-    WORLD,
-    ParameterNode,
-    stops_on_bad_input,
-)
+from sparse_coord_ros.nodes.parameters import ROBOT_PARAMETERS, ParameterNode, stops_on_bad_input
 from sparse_coord_ros.nodes.peers import Peer
 from sparse_coord_ros.nodes.spin import run_node, wait_for_readers
 from sparse_coord_ros.nodes.tap import Tap
-from sparse_coord_ros.protocol.robot import Answer, RobotProtocol
 
 TICK_SECONDS = 0.02
 REPORT_SECONDS = 1.0
@@ -75,7 +71,7 @@ class RobotNode(ParameterNode):
         )
         self.name = self.get_name()
         self.done = False
-        self.protocol: RobotProtocol | None = None
+        self.lockstep: RobotSide | None = None
         self._convert: Converter | None = None
         self._map: CoordinationMapLayout | None = None
         self._out: Path | None = None
@@ -112,7 +108,7 @@ class RobotNode(ParameterNode):
     def ask(self, peer: int, step: int, cell: int) -> None:
         """Request the peer's local state; a peer that fell silent is not waited for."""
         if not self._peers[peer].request(self._convert.pose(step, cell), step):
-            self.protocol.expire()
+            self.lockstep.expire()
 
     def episode(self, step: int) -> None:
         """Publish the coordination map as it is when an episode begins."""
@@ -120,7 +116,7 @@ class RobotNode(ParameterNode):
 
     def checkpoint(self, step: int) -> None:
         """Publish the tables on the way."""
-        self._publish_tables(interface.CHECKPOINT)
+        self._publish_tables(wire.CHECKPOINT)
 
     # Incoming.
 
@@ -136,7 +132,7 @@ class RobotNode(ParameterNode):
         self._run_text = message.data
 
     def _on_status(self, message: DiagnosticStatus) -> None:
-        if message.message not in (interface.FINISHED, interface.STOPPED):
+        if message.message not in (wire.FINISHED, wire.STOPPED):
             return
         try:
             self._last_step = int(status_values(message)["step"])
@@ -151,7 +147,7 @@ class RobotNode(ParameterNode):
         except ValueError as error:
             self._ignore(interface.LOCAL_STATE, error)
             return
-        self.protocol.state(step, cell)
+        self.lockstep.state(step, cell)
 
     def _on_reward(self, data: bytes) -> None:
         try:
@@ -159,7 +155,7 @@ class RobotNode(ParameterNode):
         except ValueError as error:
             self._ignore(interface.REWARD, error)
             return
-        self.protocol.reward(step, total)
+        self.lockstep.reward(step, total)
 
     def _on_asked(self, request: GetPlan.Request, response: GetPlan.Response):
         """Answer a peer (or a person, who gives no stamp and no name)."""
@@ -172,10 +168,10 @@ class RobotNode(ParameterNode):
                 f"active_perception: asker {asker!r} is no robot of the scenario; refused",
                 throttle_duration_sec=5.0,
             )
-            answer = Answer(self.protocol.newest[0], None)
+            answer = Answer(self.lockstep.newest[0], None)
         else:
             number = names.index(asker) if asker in names else 0
-            answer = self.protocol.asked(number, step, self._convert.cell(position.x, position.y))
+            answer = self.lockstep.asked(number, step, self._convert.cell(position.x, position.y))
         response.plan = self._convert.path(answer.step, (answer.cell,))
         return response
 
@@ -185,10 +181,10 @@ class RobotNode(ParameterNode):
         if plan.poses:
             position = plan.poses[0].pose.position
             cell = self._convert.cell(position.x, position.y)
-        self.protocol.answer(peer, request_step, Answer(step, cell))
+        self.lockstep.answer(peer, request_step, Answer(step, cell))
 
     def _on_save(self, request: Trigger.Request, response: Trigger.Response):
-        response.success = self._out is not None and self.protocol is not None
+        response.success = self._out is not None and self.lockstep is not None
         response.message = "no parameter 'out' was given: nowhere to save"
         if response.success:
             try:
@@ -208,7 +204,7 @@ class RobotNode(ParameterNode):
         if self._run is None:
             self.check_startup_time()
             return
-        if self.protocol is None:
+        if self.lockstep is None:
             self._prepare()
         if not self._joined:
             self._join_when_ready(now)
@@ -245,8 +241,8 @@ class RobotNode(ParameterNode):
             tables=tables,
             learning=not self._run.greedy,
         )
-        self.protocol = RobotProtocol(self._run, agent, self)
-        service = f"{self.name}/{interface.ACTIVE_PERCEPTION}"
+        self.lockstep = RobotSide(self._run, agent, self)
+        service = f"{self.name}/{wire.ACTIVE_PERCEPTION}"
         Peer.introspect(
             self, self.create_service(interface.ACTIVE_PERCEPTION_TYPE, service, self._on_asked)
         )
@@ -285,8 +281,8 @@ class RobotNode(ParameterNode):
         self._joined = True
         self._listen(interface.REWARD, self._on_reward, self.name, raw=True)
         self._listen(interface.LOCAL_STATE, self._on_state, self.name, raw=True)
-        self._publish_map(self.protocol.newest[0])
-        self._publish_tables(interface.INITIAL)
+        self._publish_map(self.lockstep.newest[0])
+        self._publish_tables(wire.INITIAL)
 
     def _recorder_hears(self) -> bool:
         """Whether a recorder listens to what this robot does, asks and answers."""
@@ -297,28 +293,28 @@ class RobotNode(ParameterNode):
         )
 
     def _watch_the_deadline(self, now: float) -> None:
-        waiting = self.protocol.waiting
+        waiting = self.lockstep.waiting
         if waiting is None or waiting != self._waiting:
             self._waiting, self._waiting_since = waiting, now
         elif now - self._waiting_since >= self._run.percept_timeout:
             self._waiting = None
             if waiting[0] == "percept":
-                self._peers[self.protocol.asking].gave_up()
-            self.protocol.expire()
+                self._peers[self.lockstep.asking].gave_up()
+            self.lockstep.expire()
         for peer in self._peers.values():
             peer.send_what_waits()
 
     def _end_when_learned(self, now: float) -> None:
-        learned = self.protocol.waiting is None and self.protocol.newest[0] >= self._last_step
+        learned = self.lockstep.waiting is None and self.lockstep.newest[0] >= self._last_step
         if learned or now - self._ended > LAST_WORDS_SECONDS:
             self.done = True
 
     def finish(self, *, interrupted: bool) -> None:
         """Publish the last coordination map and the tables, save them and let all arrive."""
-        if self.protocol is None:
+        if self.lockstep is None:
             return
         self._report(time.monotonic())
-        self._publish_tables(interface.FINAL)
+        self._publish_tables(wire.FINAL)
         if self._out is not None:
             self.get_logger().info(f"saved {self._save()}")
         wait_for_readers(
@@ -337,7 +333,7 @@ class RobotNode(ParameterNode):
 
     def _packed(self) -> bytes:
         """Return the tables as they are, with what they are of."""
-        protocol, agent = self.protocol, self.protocol.agent
+        protocol, agent = self.lockstep, self.lockstep.agent
         counts = {**protocol.asks, "dropped": protocol.dropped, "step": protocol.handled}
         return pack_tables({agent.number + 1: agent.tables}, counts=counts)
 
@@ -345,33 +341,33 @@ class RobotNode(ParameterNode):
 
     def _report(self, now: float) -> None:
         self._reported = now
-        step = self.protocol.newest[0]
+        step = self.lockstep.newest[0]
         values = {
-            **{f"asks_{how}": count for how, count in self.protocol.asks.items()},
-            "epsilon": f"{self.protocol.agent.epsilon(step):.4f}",
-            "transitions_dropped": self.protocol.dropped,
+            **{f"asks_{how}": count for how, count in self.lockstep.asks.items()},
+            "epsilon": f"{self.lockstep.agent.epsilon(step):.4f}",
+            "transitions_dropped": self.lockstep.dropped,
         }
         message = DiagnosticArray(header=self._convert.header(step))
         message.status = [
-            status(self.name, "learning" if self.protocol.agent.learning else "greedy", values)
+            status(self.name, "learning" if self.lockstep.agent.learning else "greedy", values)
         ]
         self._diagnostics_publisher.publish(message)
         self._publish_map(step)
 
     def _publish_map(self, step: int) -> None:
-        self._map_publisher.publish(self._map.pack(step, self.protocol.agent.tables))
+        self._map_publisher.publish(self._map.pack(step, self.lockstep.agent.tables))
 
     def _publish_tables(self, occasion: str) -> None:
         self._tables_publisher.publish(
-            tables_message(self._packed(), self.protocol.handled, occasion)
+            tables_message(self._packed(), self.lockstep.handled, occasion)
         )
 
-    def _ignore(self, topic: interface.Topic, error: ValueError) -> None:
+    def _ignore(self, topic: interface.RosTopic, error: ValueError) -> None:
         self.get_logger().warning(
             f"{topic.of(self.name)}: {error}; message ignored", throttle_duration_sec=5.0
         )
 
-    def _listen(self, topic: interface.Topic, callback, robot: str = "", *, raw: bool = False):
+    def _listen(self, topic: interface.RosTopic, callback, robot: str = "", *, raw: bool = False):
         name = topic.of(robot) if robot else topic.name
         self.create_subscription(topic.type, name, callback, topic.qos, raw=raw)
 

@@ -14,18 +14,19 @@ from rclpy.context import Context
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
+from sparse_coord_ros.core import wire
 from sparse_coord_ros.core.run_config import RUN_FILE
 from sparse_coord_ros.core.tables import TEAM_FILE, robot_file
+from sparse_coord_ros.core.wire import RECORDER, WORLD
 from sparse_coord_ros.core.world import Reward
 from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.lockstep.world import WorldSide
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.claim import Claim
-from sparse_coord_ros.nodes.latched import MapLayout, MarkersLayout
+from sparse_coord_ros.nodes.episode_messages import MapLayout, MarkersLayout
 from sparse_coord_ros.nodes.messages import CLOCK_LAYOUT, Converter, status
 from sparse_coord_ros.nodes.outputs import SUMMARY_FILE, open_output
 from sparse_coord_ros.nodes.parameters import (
-    RECORDER,
-    WORLD,
     WORLD_PARAMETERS,
     ParameterNode,
     run_from_parameters,
@@ -33,7 +34,6 @@ from sparse_coord_ros.nodes.parameters import (
 )
 from sparse_coord_ros.nodes.spin import run_node, wait_for_readers
 from sparse_coord_ros.nodes.tap import Tap
-from sparse_coord_ros.protocol.world import WorldProtocol
 
 TICK_SECONDS = 0.02
 REPORT_SECONDS = 1.0
@@ -76,8 +76,8 @@ class WorldSimulator(ParameterNode):
         self._map = MapLayout(self._convert)
         self._markers = MarkersLayout(self._convert, self.run.scenario)
         self._names = [robot.name for robot in self.run.scenario.robots]
-        self.protocol = WorldProtocol(self.run, self)
-        self._state = interface.WAITING
+        self.lockstep = WorldSide(self.run, self)
+        self._state = wire.WAITING
         self._opened = self._paused = self._started = self.done = False
         self._clock_step = -1
         self._since = self._reported = time.monotonic()
@@ -123,7 +123,7 @@ class WorldSimulator(ParameterNode):
             return
         if not self._started:
             return
-        opened = self.protocol.action(robot, step, action)
+        opened = self.lockstep.action(robot, step, action)
         self._slow[robot] = max(self._slow[robot], time.monotonic() - self._since)
         if opened and not self._paused and self.values["rate"] == 0:
             self._advance()
@@ -132,17 +132,17 @@ class WorldSimulator(ParameterNode):
         self._paused = request.data
         self._since = time.monotonic()
         self._say_state(self._running_state())
-        if not self._paused and self.protocol.complete and self.values["rate"] == 0:
+        if not self._paused and self.lockstep.complete and self.values["rate"] == 0:
             self._advance()
         response.success, response.message = True, self._state
         return response
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response):
-        response.success = self._started and not self.protocol.finished
+        response.success = self._started and not self.lockstep.finished
         response.message = "the run is not under way"
         if response.success:
-            self.protocol.new_episode()
-            response.message = f"episode {self.protocol.world.episode} begins"
+            self.lockstep.new_episode()
+            response.message = f"episode {self.lockstep.world.episode} begins"
         return response
 
     # The course of the run.
@@ -156,7 +156,7 @@ class WorldSimulator(ParameterNode):
             return
         if not self._started:
             self._start_when_complete(now)
-        elif not self.protocol.finished:
+        elif not self.lockstep.finished:
             self._watch_the_barrier(now)
         if now - self._reported >= REPORT_SECONDS:
             self._report(now)
@@ -171,7 +171,7 @@ class WorldSimulator(ParameterNode):
         self._run_publisher.publish(String(data=self.run.to_yaml()))
         self._map_publisher.publish(self._map.pack(0))
         self._publish_markers()
-        self._say_state(interface.WAITING)
+        self._say_state(wire.WAITING)
         self._opened = True
 
     def _start_when_complete(self, now: float) -> None:
@@ -195,7 +195,7 @@ class WorldSimulator(ParameterNode):
             f"{self.run.scenario.name}: {len(self._names)} robots, {self.run.scenario.steps} "
             f"steps, seed {self.run.seed}"
         )
-        self.protocol.start()
+        self.lockstep.start()
 
     def _missing_nodes(self) -> list[str]:
         """Return the robots, and the recorder where one is to be, that do not listen yet."""
@@ -214,24 +214,24 @@ class WorldSimulator(ParameterNode):
         if self.values["rate"] > 0 and not self._paused:
             self._keep_the_rate()
         silent = now - self._since
-        if self.protocol.complete and self.values["rate"] == 0 and not self._paused:
+        if self.lockstep.complete and self.values["rate"] == 0 and not self._paused:
             self._advance()  # the rate was set to 0 while the team waited for its next step
-        if self.protocol.complete or silent < REPEAT_SECONDS:
+        if self.lockstep.complete or silent < REPEAT_SECONDS:
             return
         if now - self._repeated >= REPEAT_SECONDS:
             self._repeated = now
-            self.protocol.repeat()
+            self.lockstep.repeat()
         if self._paused:
             return
         gone = all(
             self._action_subscriptions[k].get_publisher_count() == 0
-            for k in self.protocol.missing()
+            for k in self.lockstep.missing()
         )
-        if silent >= self.run.step_timeout or (gone and self.protocol.missing()):
-            late = [self._names[k] for k in self.protocol.expire()]
+        if silent >= self.run.step_timeout or (gone and self.lockstep.missing()):
+            late = [self._names[k] for k in self.lockstep.expire()]
             self._since = now
             self.get_logger().warning(
-                f"step {self.protocol.world.step}: {', '.join(late)} gone or silent for "
+                f"step {self.lockstep.world.step}: {', '.join(late)} gone or silent for "
                 f"{silent:.1f} s; going on without",
                 throttle_duration_sec=5.0,
             )
@@ -244,20 +244,20 @@ class WorldSimulator(ParameterNode):
             self._rate_timer = self.create_timer(_period(self.values) / 1e9, self._on_rate)
 
     def _on_rate(self) -> None:
-        if self.values["rate"] > 0 and self.protocol.complete and not self._paused:
+        if self.values["rate"] > 0 and self.lockstep.complete and not self._paused:
             self._advance()
             self._publish_markers()
 
     def _advance(self) -> None:
-        self.protocol.advance()
+        self.lockstep.advance()
         self._end_when_finished()
 
     def _end_when_finished(self) -> None:
-        if self.protocol.finished and not self.done:
+        if self.lockstep.finished and not self.done:
             self._seconds += time.monotonic()
             self._report(time.monotonic())
             self._publish_markers()
-            self._say_state(interface.FINISHED)
+            self._say_state(wire.FINISHED)
             self.done = True
 
     def finish(self, *, interrupted: bool) -> None:
@@ -267,7 +267,7 @@ class WorldSimulator(ParameterNode):
         if interrupted:
             if self._started:
                 self._seconds += time.monotonic()
-            self._say_state(interface.STOPPED)
+            self._say_state(wire.STOPPED)
         if self._out is not None:
             text = yaml.safe_dump(self.summary(), sort_keys=False)
             (self._out / SUMMARY_FILE).write_text(text, encoding="utf-8")
@@ -275,15 +275,15 @@ class WorldSimulator(ParameterNode):
 
     def summary(self) -> dict[str, Any]:
         """Return what happened, as plain data."""
-        world = self.protocol.world
+        world = self.lockstep.world
         seconds = self._seconds if self._seconds > 0 else 0.0
         return {
             "transitions": world.transitions,
             "episodes": world.episode + 1,
             "last_step": world.step,
             "miscoordinations": world.miscoordinations,
-            "timeouts": self.protocol.timeouts,
-            "stale_actions": self.protocol.stale,
+            "timeouts": self.lockstep.timeouts,
+            "stale_actions": self.lockstep.stale,
             "executor": self.values["executor"],
             "rate": self.values["rate"],
             "seconds": round(seconds, 3),
@@ -294,20 +294,20 @@ class WorldSimulator(ParameterNode):
 
     def _running_state(self) -> str:
         if self._paused:
-            return interface.PAUSED
-        return interface.LEARNING if self._started else interface.WAITING
+            return wire.PAUSED
+        return wire.LEARNING if self._started else wire.WAITING
 
     def _say_state(self, state: str) -> None:
         self._state = state
         values = {
-            "step": self.protocol.world.step,
-            "transitions": self.protocol.world.transitions,
-            "timeouts": self.protocol.timeouts,
+            "step": self.lockstep.world.step,
+            "transitions": self.lockstep.world.transitions,
+            "timeouts": self.lockstep.timeouts,
         }
         self._status_publisher.publish(status(self.run.scenario.name, state, values))
 
     def _report(self, now: float) -> None:
-        world = self.protocol.world
+        world = self.lockstep.world
         before = self._reported_transitions
         rate = (world.transitions - before) / (now - self._reported + 1e-9)
         self._reported, self._reported_transitions = now, world.transitions
@@ -320,12 +320,12 @@ class WorldSimulator(ParameterNode):
             "miscoordinations": world.miscoordinations,
             "slowest_robot": self._names[slowest],
             "slowest_seconds": f"{self._slow[slowest]:.4f}",
-            "timeouts": self.protocol.timeouts,
+            "timeouts": self.lockstep.timeouts,
         }
         self._slow = [0.0] * len(self._names)
         message = DiagnosticArray(header=self._convert.header(world.step))
         message.status = [
-            status(self.get_name(), self._state, values, warn=bool(self.protocol.absent))
+            status(self.get_name(), self._state, values, warn=bool(self.lockstep.absent))
         ]
         self._diagnostics_publisher.publish(message)
         self._say_state(self._state)
@@ -339,7 +339,7 @@ class WorldSimulator(ParameterNode):
         self._publish_markers()
 
     def _publish_markers(self) -> None:
-        world = self.protocol.world
+        world = self.lockstep.world
         self._marker_publisher.publish(self._markers.pack(world.step, world.cells))
 
     def _create_publishers(self) -> None:

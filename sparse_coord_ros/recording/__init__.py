@@ -7,7 +7,7 @@ from sparse_coord_ros.recording.metadata import TopicSummary, bag_information, m
 from sparse_coord_ros.recording.qos import QoS, offered_qos_profiles
 from sparse_coord_ros.recording.reader import Attachment, Attachments, Bag, Message, open_bag
 from sparse_coord_ros.recording.schemas import schema_text, type_hash
-from sparse_coord_ros.recording.topics import Topic
+from sparse_coord_ros.recording.topics import BagTopic
 from sparse_coord_ros.recording.writer import BagWriter
 
 __all__ = [
@@ -18,7 +18,7 @@ __all__ = [
     "BagWriter",
     "Message",
     "QoS",
-    "Topic",
+    "BagTopic",
     "TopicSummary",
     "bag_information",
     "metadata_yaml",

@@ -26,7 +26,7 @@ from sparse_coord_ros.recording.records import (
     parse,
 )
 from sparse_coord_ros.recording.scan import AttachmentPlace, Scan
-from sparse_coord_ros.recording.topics import Topic
+from sparse_coord_ros.recording.topics import BagTopic
 
 BAG_DIRECTORY = "bag"
 """Name of the bag's directory in that of a run."""
@@ -123,7 +123,7 @@ class Bag:
     path: Path
     finished: bool
     damage: str | None
-    topics: Mapping[str, Topic]
+    topics: Mapping[str, BagTopic]
     metadata_records: Sequence[tuple[str, Mapping[str, str]]]
     metadata: Mapping[str, Mapping[str, str]]
     attachments: Attachments

@@ -23,7 +23,7 @@ from sparse_coord_ros.recording.records import (
     parse,
 )
 from sparse_coord_ros.recording.summary import Found, read_summary
-from sparse_coord_ros.recording.topics import Topic, topic_of
+from sparse_coord_ros.recording.topics import BagTopic, topic_of
 
 OWN_LIBRARY = "sparse_coord_ros "
 """How the header of a file by `BagWriter` begins: in these every checksum is there."""
@@ -62,7 +62,7 @@ class Scan:
         self.damage: str | None = None
         self.end = len(MAGIC)
         self.end_found = self.whole = self.closed = self.own = False
-        self.topics: dict[int, Topic] = {}
+        self.topics: dict[int, BagTopic] = {}
         self.counts: dict[int, int] = {}
         self.sizes: dict[int, int] = {}
         self.metadata: list[tuple[str, dict[str, str]]] = []

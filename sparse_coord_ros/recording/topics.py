@@ -11,7 +11,7 @@ from sparse_coord_ros.recording.qos import QoS, profiles_from_text
 from sparse_coord_ros.recording.records import Damage
 
 
-class Topic(NamedTuple):
+class BagTopic(NamedTuple):
     """A topic of a bag.
 
     Attributes:
@@ -31,7 +31,7 @@ class Topic(NamedTuple):
     schema_encoding: str = "ros2msg"
 
 
-def topic_of(channel: Channel, schemas: dict[int, Schema], offset: int) -> Topic:
+def topic_of(channel: Channel, schemas: dict[int, Schema], offset: int) -> BagTopic:
     """Return what a channel record and its schema say.
 
     Args:
@@ -60,4 +60,4 @@ def topic_of(channel: Channel, schemas: dict[int, Schema], offset: int) -> Topic
     except UnicodeDecodeError as error:
         raise Damage(offset, f"the definition of {schema.name!r} is not UTF-8") from error
     type_hash = channel.metadata.get("topic_type_hash", "")
-    return Topic(channel.topic, schema.name, text, qos, type_hash, schema.encoding)
+    return BagTopic(channel.topic, schema.name, text, qos, type_hash, schema.encoding)

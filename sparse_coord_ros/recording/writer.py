@@ -20,7 +20,7 @@ from sparse_coord_ros.recording.metadata import (
 from sparse_coord_ros.recording.qos import QoS, offered_qos_profiles, yaml_text
 from sparse_coord_ros.recording.records import LARGEST_RECORD, LATEST_NS
 from sparse_coord_ros.recording.schemas import schema_text, type_hash
-from sparse_coord_ros.recording.topics import Topic
+from sparse_coord_ros.recording.topics import BagTopic
 
 DEFAULT_CHUNK_SIZE = 256 * 1024
 """Bytes of uncompressed messages in a chunk: what a killed process loses at most."""
@@ -77,7 +77,7 @@ class BagWriter:
         self._add_message = self._writer.add_message
         self._schema_ids: dict[tuple[str, str, str], int] = {}
         self._channels: dict[str, int] = {}
-        self._topics: dict[str, Topic] = {}
+        self._topics: dict[str, BagTopic] = {}
         self._counts: dict[int, int] = {}
         self._start_ns = LATEST_NS
         self._end_ns = 0
@@ -118,10 +118,10 @@ class BagWriter:
             raise BagError(f"topic {topic!r} is not a full name: give it with a leading slash")
         text = schema_text(type_name)
         return self.add_known_topic(
-            Topic(topic, type_name, text, (qos,), _recorded_hash(type_name))
+            BagTopic(topic, type_name, text, (qos,), _recorded_hash(type_name))
         )
 
-    def add_known_topic(self, topic: Topic) -> int:
+    def add_known_topic(self, topic: BagTopic) -> int:
         """Return the channel id of a new topic, told as another bag tells it.
 
         Raises:

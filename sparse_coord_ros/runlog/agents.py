@@ -5,12 +5,13 @@
 from collections.abc import Iterator, Sequence
 
 from sparse_coord_ros.core.agent import Tables, initial_tables
-from sparse_coord_ros.core.frame import ACTION_LABELS, action_numbers
+from sparse_coord_ros.core.frame import action_numbers
 from sparse_coord_ros.core.simulation import tables_equal
+from sparse_coord_ros.core.wire import ACTION_LABELS
 from sparse_coord_ros.runlog.attached import RecordedTables
 from sparse_coord_ros.runlog.counts import Counts
 from sparse_coord_ros.runlog.difference import MISSING, Difference, first_entry
-from sparse_coord_ros.runlog.latched import CoordinationMaps
+from sparse_coord_ros.runlog.episode_maps import CoordinationMaps
 from sparse_coord_ros.runlog.log import RunLog
 from sparse_coord_ros.runlog.percepts import Percept
 from sparse_coord_ros.runlog.rerun import Choice, Handled, rerun

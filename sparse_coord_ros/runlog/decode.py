@@ -9,7 +9,7 @@ from typing import Any
 from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
 
-from sparse_coord_ros.recording.topics import Topic
+from sparse_coord_ros.recording.topics import BagTopic
 
 _SERVICE_TYPE = re.compile(r"(\w+)/srv/(\w+?)_(\w+)", re.ASCII)
 
@@ -21,7 +21,7 @@ class Decoder:
         topics: the bag's topics with their definitions.
     """
 
-    def __init__(self, topics: Mapping[str, Topic]) -> None:
+    def __init__(self, topics: Mapping[str, BagTopic]) -> None:
         self._topics = topics
         self._decoders: dict[str, Any] = {}
         self._factory = DecoderFactory()
@@ -43,7 +43,7 @@ class Decoder:
                 f"({type(error).__name__}: {' '.join(str(error).split())})"
             ) from error
 
-    def _decoder(self, topic: Topic):
+    def _decoder(self, topic: BagTopic):
         """Return the library's decoder of a topic's type.
 
         The library knows no service types: the parts of an event are told to it as messages.

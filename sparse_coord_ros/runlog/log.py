@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from sparse_coord_ros.core.agent import NOBODY, Tables
-from sparse_coord_ros.core.frame import REWARD_LABELS, Frame, action_from
+from sparse_coord_ros.core.frame import Frame, action_from
 from sparse_coord_ros.core.run_config import RunConfig
+from sparse_coord_ros.core.wire import REWARD_LABELS
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.recording.reader import Bag
 from sparse_coord_ros.runlog.attached import RecordedTables

@@ -6,21 +6,16 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sparse_coord_ros.core.frame import (
-    ACTION_LABELS,
-    REWARD_LABELS,
-    SECOND,
-    Frame,
-    flat_position,
-)
-from sparse_coord_ros.core.grids import Grids
+from sparse_coord_ros.core.frame import SECOND, Frame, flat_position
+from sparse_coord_ros.core.occupancy import OccupancyData
 from sparse_coord_ros.core.run_config import RunConfig
+from sparse_coord_ros.core.wire import ACTION_LABELS, REWARD_LABELS
 from sparse_coord_ros.recording.reader import Bag, Message, open_bag
 from sparse_coord_ros.runlog.attached import RecordedTables, read_tables
 from sparse_coord_ros.runlog.decode import Decoder
 from sparse_coord_ros.runlog.dialogue import Event, Request, put_together, read_event
 from sparse_coord_ros.runlog.difference import MISSING, Difference
-from sparse_coord_ros.runlog.grids import markers, occupancy
+from sparse_coord_ros.runlog.shown import markers, occupancy
 from sparse_coord_ros.runlog.source import check_source, find_run
 from sparse_coord_ros.runlog.times import LogTimes
 
@@ -251,7 +246,7 @@ def _append(tracks: Tracks, of: list, step: int, k, kind: str, content: Any) -> 
 
 
 def _map_content(frame: Frame):
-    content, due = occupancy(frame), Grids(frame).map
+    content, due = occupancy(frame), OccupancyData(frame).map
 
     def read(decoded: Any) -> bytes:
         data = content(decoded)

@@ -9,7 +9,7 @@ import numpy as np
 
 from sparse_coord_ros.runlog.agents import AgentCheck
 from sparse_coord_ros.runlog.difference import Difference
-from sparse_coord_ros.runlog.latched import check_world_latched
+from sparse_coord_ros.runlog.episode_maps import check_world_maps
 from sparse_coord_ros.runlog.log import RunLog, read_run
 from sparse_coord_ros.runlog.percepts import check_percepts
 from sparse_coord_ros.runlog.repeats import check_repeats, repeat_count
@@ -72,7 +72,7 @@ def verify(path: Path) -> Verification:
     differences = [*found, *within, *check_repeats(log, last)]
     world = check_world(log, last)
     differences += [] if world.difference is None else [world.difference]
-    differences += check_world_latched(log, world.starts, world.end, last)
+    differences += check_world_maps(log, world.starts, world.end, last)
     choices = updates = tables = dropped = 0
     for k in range(len(log.names)):
         agent = AgentCheck(log, k, percepts, world.left_out, last)

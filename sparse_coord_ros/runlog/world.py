@@ -6,7 +6,8 @@ import struct
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from sparse_coord_ros.core.frame import REWARD_LABELS, Frame, action_from
+from sparse_coord_ros.core.frame import Frame, action_from
+from sparse_coord_ros.core.wire import REWARD_LABELS
 from sparse_coord_ros.core.world import EPISODE_GAP, Action, World
 from sparse_coord_ros.runlog.difference import MISSING, Difference
 from sparse_coord_ros.runlog.log import RunLog

@@ -46,7 +46,7 @@ def python(code):
     ("package", "modules", "may_use"),
     [
         ("core", 14, {"core"}),
-        ("protocol", 2, {"core", "protocol"}),
+        ("lockstep", 2, {"core", "lockstep"}),
         ("recording", 5, {"recording"}),
         ("runlog", 10, {"core", "recording", "runlog"}),
         ("engine", 20, {"core", "engine"}),

@@ -12,7 +12,7 @@ import pytest
 from sparse_coord_ros.core.evaluation import Measure
 from sparse_coord_ros.core.grid import parse_map
 from sparse_coord_ros.core.optimum import independent_bound
-from sparse_coord_ros.engine.cells import make_cell
+from sparse_coord_ros.engine.conditions import make_condition
 from sparse_coord_ros.engine.experiments import LEARNERS, LONG, NAMES, Experiment, experiment
 from sparse_coord_ros.engine.report import write_report
 from sparse_coord_ros.engine.report.analysis import (
@@ -30,7 +30,7 @@ from sparse_coord_ros.engine.report.analysis import (
 )
 from sparse_coord_ros.engine.report.entries import Entry
 from sparse_coord_ros.engine.report.tables import Table, listed, size
-from sparse_coord_ros.engine.results import SUMS, CellResult, Plan
+from sparse_coord_ros.engine.results import SUMS, ConditionResult, Plan
 
 PLAN = Plan(seed=5, runs=4, trials=50)
 
@@ -86,18 +86,18 @@ def made_up(cell, **changes):
         "asked": asked.tolist(),
         "stays": np.full((robots, cells), 0.5).tolist(),
     }
-    return CellResult(**(values | changes))
+    return ConditionResult(**(values | changes))
 
 
 def entry(name, learner="coop", settings=None, **changes):
-    cell = make_cell(name, learner, settings or {"penalty": -20})
+    cell = make_condition(name, learner, settings or {"penalty": -20})
     return Entry(cell, made_up(cell, **changes))
 
 
 def some_of_figure4():
     """Return Figure 4 with fewer cells: two scenarios, three penalties."""
     cells = [
-        make_cell(name, learner, {"penalty": penalty, "steps": steps})
+        make_condition(name, learner, {"penalty": penalty, "steps": steps})
         for name, budgets in (("env1", (10_000, 100_000)), ("env2-4r", (10_000,)))
         for steps in budgets
         for learner in LEARNERS
@@ -327,7 +327,7 @@ def rewards(*values):
 def test_targets_are_met_or_not(tmp_path, coop, verdict):
     shortest = {"reward": 110.0, "time_to_goal": 10.0, "miscoordinations": 0.4}
     changes = {
-        make_cell("env1", learner, LONG).id: {
+        make_condition("env1", learner, LONG).id: {
             **rewards(*values),
             "optimum": 120.0,
             "reference": shortest,
@@ -348,7 +348,7 @@ def test_targets_are_met_or_not(tmp_path, coop, verdict):
 
 def test_the_better_baseline_can_be_the_learned_one(tmp_path):
     changes = {
-        make_cell("env1", learner, LONG).id: {
+        make_condition("env1", learner, LONG).id: {
             **rewards(*[value] * 4),
             "optimum": 120.0,
             "reference": {"reward": 90.0, "time_to_goal": 10.0, "miscoordinations": 0.4},
@@ -413,10 +413,10 @@ def test_why_nobody_asks_is_said_only_where_it_is_known(tmp_path):
 def test_tables_1_and_3_together(tmp_path, everything):
     both = [experiment("table1"), experiment("table3")]
     found = results_of(both)
-    bad = make_cell("cmu", "coop", {"penalty": -20})
+    bad = make_condition("cmu", "coop", {"penalty": -20})
     found[bad.id] = made_up(bad, **rewards(20.0, 21.0, 20.0, 21.0))
     for name in LEARNERS[:2]:
-        cell = make_cell("cmu", name, {"penalty": -20})
+        cell = make_condition("cmu", name, {"penalty": -20})
         found[cell.id] = made_up(cell, **rewards(22.0, 23.0, 22.0, 23.0))
     write_report(tmp_path, PLAN, both, found)
     text = (tmp_path / "reproduction.md").read_text(encoding="utf-8")
@@ -443,7 +443,7 @@ def test_loses_less_means_surely(tmp_path):
     cells, changes = [], {}
     for (name, learner), fall in falls.items():
         for penalty in (0, -100):
-            cell = make_cell(name, learner, {"penalty": penalty, "steps": 10_000})
+            cell = make_condition(name, learner, {"penalty": penalty, "steps": 10_000})
             cells.append(cell)
             changes[cell.id] = rewards(*(110.0 - x * (penalty < 0) for x in fall))
     few = Experiment("figure4", experiment("figure4").title, tuple(cells))
@@ -472,7 +472,7 @@ def test_worth_more_up_to_a_cost_means_at_every_lower_cost(tmp_path):
 
 def test_uneven_penalties_robot_by_robot(tmp_path):
     one = experiment("uneven")
-    cell = make_cell("env1", "coop", {**LONG, "common_reward": "each:1:0.5"})
+    cell = make_condition("env1", "coop", {**LONG, "common_reward": "each:1:0.5"})
     changes = {cell.id: {"robot_means": {"reward": [111.0, 113.5], "asks": [0.75, 0.125]}}}
     text = reported(tmp_path, one, changes)
     assert "robot by robot, at the factors of r^C: env1 0.75 : 0.12 at 1 : 0.5" in text
@@ -483,8 +483,8 @@ def test_uneven_penalties_robot_by_robot(tmp_path):
 
 
 def test_crowds_compare_by_their_losses(tmp_path):
-    coop = make_cell("crowd-3r", "coop", {**LONG, "peers": "all"})
-    base = make_cell("crowd-3r", "noncoop", LONG)
+    coop = make_condition("crowd-3r", "coop", {**LONG, "peers": "all"})
+    base = make_condition("crowd-3r", "noncoop", LONG)
     alone = independent_bound(coop.scenario)
     changes = {
         coop.id: rewards(*(alone - x for x in (2.0, 4.0, 2.0, 4.0))),
@@ -518,7 +518,7 @@ def test_share_asked_near_doorways():
 
 
 def test_asks_near_doorways_beside_the_time_spent_there(tmp_path):
-    cell = make_cell("env1", "coop", LONG)
+    cell = make_condition("env1", "coop", LONG)
     near = np.flatnonzero(near_doorways(cell.scenario.map))
     asked, stays = np.zeros((2, 2, 21))
     asked[0, near[0]], asked[1, 0] = 0.3, 0.1

@@ -17,11 +17,11 @@ from sparse_coord_ros.core.agent import initial_tables
 from sparse_coord_ros.core.evaluation import Trials
 from sparse_coord_ros.engine import results as module
 from sparse_coord_ros.engine.batch import Run, run_batch
-from sparse_coord_ros.engine.cells import make_cell
+from sparse_coord_ros.engine.conditions import make_condition
 from sparse_coord_ros.engine.results import Plan, collect, open_results
 from sparse_coord_ros.errors import ResultsError, SettingError
 
-CELL = make_cell("env1", "coop", {"penalty": -20})
+CELL = make_condition("env1", "coop", {"penalty": -20})
 PLAN = Plan(seed=5, runs=3, trials=4)
 CELL_FILE = "map: env1\nrobots: {a: {start: 1, goal: 2}, b: {start: 2, goal: 1}}\n"
 
@@ -94,7 +94,7 @@ def test_each_robot_has_its_own_means(result):
     [("crowd-3r", {"peers": "all"}, 32 + 3 * 4), ("crowd-3r", {}, 32), ("env1", {}, 32)],
 )
 def test_the_bytes_of_a_sparse_table_include_its_keys(name, settings, row):
-    cell = make_cell(name, "coop", {"steps": 300, **settings})
+    cell = make_condition(name, "coop", {"steps": 300, **settings})
     runs = list(run_batch(cell.scenario, "coop", [1, 2], trials=2, jobs=1))
     result = collect(cell, 2, runs)
     assert result.row_bytes == row
@@ -220,7 +220,7 @@ def test_too_many_settings_for_a_file_name(tmp_path):
     settings |= {"starts": f"exploring:0.{'9' * 15}:0.{'2' * 15}:0.{'7' * 15}"}
     settings |= {"epsilon": f"linear:0.{'9' * 15}:0.{'2' * 15}:0.{'7' * 15}"}
     settings |= {"perception": f"probability:0.{'3' * 15}", "discount": f"0.{'7' * 15}"}
-    cell = make_cell("env1", "coop", settings)
+    cell = make_condition("env1", "coop", settings)
     with open_results(tmp_path, PLAN) as results:
         assert len(cell.id) > 255
         with pytest.raises(ResultsError, match="File name too long.*fewer settings") as caught:
@@ -242,7 +242,7 @@ def test_paths_stay_in_the_directory(tmp_path):
     directory = tmp_path / "r"
     with open_results(directory, PLAN) as results:
         for typed in (file, tmp_path / "r/../elsewhere/mine.yaml"):
-            cell = make_cell(str(typed), "coop", {"penalty": -5})
+            cell = make_condition(str(typed), "coop", {"penalty": -5})
             assert results.path(cell) == directory / "cells/mine/coop/penalty=-5.json"
             assert results.run_folder(cell, 3) == directory / "runs/mine/coop/penalty=-5/3"
         with pytest.raises(AssertionError):
@@ -257,7 +257,7 @@ def test_different_files_of_one_name_are_not_mixed(tmp_path, result):
         (tmp_path / folder).mkdir()
         file = tmp_path / folder / "mine.yaml"
         file.write_text(f"{CELL_FILE}steps: {steps}\n")
-        cells.append(make_cell(str(file), "coop", {}))
+        cells.append(make_condition(str(file), "coop", {}))
     with open_results(tmp_path / "r", PLAN) as results:
         results.save(cells[0], replace(result, id=cells[0].id, digest=module.digest(cells[0])))
         assert results.load(cells[0]) is not None

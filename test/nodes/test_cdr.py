@@ -14,7 +14,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
-from sparse_coord_ros.core.frame import ACTION_LABELS, REWARD_LABELS
+from sparse_coord_ros.core.wire import ACTION_LABELS, REWARD_LABELS
 from sparse_coord_ros.nodes.cdr import PROBE_NUMBER, FixedLayout
 from sparse_coord_ros.nodes.messages import (
     ACTION_LAYOUT,

@@ -73,7 +73,7 @@ def team(module_bench, simulate, tmp_path_factory):
     assert observer.call(SetBool, "world_simulator/pause", SetBool.Request(data=True)).success
     robots = bench.robots(out=str(seen.out))
     bench.spin_until(lambda: all(observer.count(topic) for topic in TOPICS), "all found")
-    bench.spin_until(lambda: world.protocol.complete, "first barrier")
+    bench.spin_until(lambda: world.lockstep.complete, "first barrier")
     assert observer.call(SetBool, "world_simulator/pause", SetBool.Request(data=False)).success
     bench.spin_until(
         lambda: (
@@ -83,8 +83,8 @@ def team(module_bench, simulate, tmp_path_factory):
         "percepts and diagnostics",
     )
     assert observer.call(SetBool, "world_simulator/pause", SetBool.Request(data=True)).success
-    bench.spin_until(lambda: world.protocol.complete, "barrier complete")
-    newest = round(world.protocol.world.step * PERIOD * 1e9)
+    bench.spin_until(lambda: world.lockstep.complete, "barrier complete")
+    newest = round(world.lockstep.world.step * PERIOD * 1e9)
     bench.spin_until(
         lambda: all(ns(m[-1].header.stamp) == newest for m in seen.actions.values()),
         "last actions",
@@ -295,14 +295,14 @@ def test_pause_stops_and_resumes(team):
     status = observer.listen(DiagnosticStatus, "status", latched=True)
     bench.spin_until(lambda: status, "status")
     assert status[-1].message == "paused"
-    transitions = world.protocol.world.transitions
+    transitions = world.lockstep.world.transitions
     before = len(team.diagnostics)
     bench.spin_until(lambda: len(team.diagnostics) >= before + 6, "two seconds of nothing")
-    assert world.protocol.world.transitions == transitions
+    assert world.lockstep.world.transitions == transitions
     response = observer.call(SetBool, "world_simulator/pause", SetBool.Request(data=False))
     assert (response.success, response.message) == (True, "learning")
     bench.spin_until(lambda: status[-1].message == "learning", "status learning")
-    bench.spin_until(lambda: world.protocol.world.transitions > transitions, "it goes on")
+    bench.spin_until(lambda: world.lockstep.world.transitions > transitions, "it goes on")
     response = observer.call(SetBool, "world_simulator/pause", SetBool.Request(data=True))
     assert (response.success, response.message) == (True, "paused")
 
@@ -313,7 +313,7 @@ def test_save_writes_the_tables(team):
     assert response.success
     assert str(path) in response.message
     (saved,) = load_tables(path, [1])
-    tables = team.robots[0].protocol.agent.tables
+    tables = team.robots[0].lockstep.agent.tables
     assert saved.q_star.tobytes() == tables.q_star.tobytes()
     assert saved.q_coord.tobytes() == tables.q_coord.tobytes()
     assert np.count_nonzero(saved.q_star) > 0

@@ -15,11 +15,11 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from sparse_coord_ros.core.agent import initial_tables
 from sparse_coord_ros.core.algorithm import COORDINATE
-from sparse_coord_ros.core.frame import ACTION_LABELS
 from sparse_coord_ros.core.run_config import make_run
 from sparse_coord_ros.core.scenario import load_scenario, scenario_names
+from sparse_coord_ros.core.wire import ACTION_LABELS
 from sparse_coord_ros.core.world import Action, Reward
-from sparse_coord_ros.nodes.latched import CoordinationMapLayout, MapLayout, MarkersLayout
+from sparse_coord_ros.nodes.episode_messages import CoordinationMapLayout, MapLayout, MarkersLayout
 from sparse_coord_ros.nodes.messages import (
     Converter,
     read_tables_message,

@@ -163,14 +163,14 @@ def test_the_rate_can_be_set_while_the_node_runs(bench):
     observer = bench.observer()
     world = bench.world(rate=0.001, set=["steps=50"])
     robots = bench.robots()
-    bench.spin_until(lambda: world.protocol.complete, "first barrier")
-    assert world.protocol.world.transitions == 0
+    bench.spin_until(lambda: world.lockstep.complete, "first barrier")
+    assert world.lockstep.world.transitions == 0
     result = set_one(observer, "rate", double(-1.0))
     assert not result.successful
     assert "out of range" in result.reason
     assert world.values["rate"] == 0.001
     assert set_one(observer, "rate", double(100.0)).successful
-    bench.spin_until(lambda: world.protocol.world.transitions >= 10, "ten steps")
+    bench.spin_until(lambda: world.lockstep.world.transitions >= 10, "ten steps")
     assert set_one(observer, "rate", double(0.0)).successful
     bench.spin_until_done(world, *robots)
     request = GetParameters.Request(names=["rate", "seed"])

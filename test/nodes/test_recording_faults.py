@@ -182,10 +182,10 @@ def a_recorded_bench(bench, bag, steps, **flush):
     world = bench.world(recorded=True)
     recorder = bench.recorder(bag, **{**NEVER, **flush})
     bench.robots()
-    bench.spin_until(lambda: world.protocol.world.step >= steps, "steps")
+    bench.spin_until(lambda: world.lockstep.world.step >= steps, "steps")
     world.values["rate"] = 0.001
-    bench.spin_until(lambda: world.protocol.complete, "all have acted")
-    return world.protocol.world.step, recorder
+    bench.spin_until(lambda: world.lockstep.complete, "all have acted")
+    return world.lockstep.world.step, recorder
 
 
 def test_flush_steps_bounds_what_an_unfinished_bag_lacks(bench, tmp_path):

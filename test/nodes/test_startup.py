@@ -88,15 +88,15 @@ def test_a_robot_that_the_scenario_does_not_have(bench):
 def test_a_second_robot_of_a_name_stops(bench):
     world = bench.world(rate=0.001)
     first, _ = bench.robots()
-    bench.spin_until(lambda: world.protocol.complete, "first barrier")
+    bench.spin_until(lambda: world.lockstep.complete, "first barrier")
     second = bench.robot("robot_1", place="elsewhere", claim_window=0.3)
     with pytest.raises(RunError, match=TAKEN):
         bench.spin_until(lambda: False)
     bench.destroy(second)
     world.values["rate"] = 0.0
-    before = world.protocol.world.transitions
-    bench.spin_until(lambda: world.protocol.world.transitions > before + 20, "the first goes on")
-    assert first.protocol.newest[0] > 20
+    before = world.lockstep.world.transitions
+    bench.spin_until(lambda: world.lockstep.world.transitions > before + 20, "the first goes on")
+    assert first.lockstep.newest[0] > 20
 
 
 def test_a_second_robot_of_a_name_stops_though_no_world_is_there_yet(bench):
@@ -146,7 +146,7 @@ def test_a_second_world_stops(bench):
     bench.spin_until(lambda: runs, "the run")
     assert [run_from_yaml(m.data, where="run").scenario.name for m in runs] == ["env1"]
     bench.robots()
-    bench.spin_until(lambda: first.protocol.complete, "the first goes on")
+    bench.spin_until(lambda: first.lockstep.complete, "the first goes on")
 
 
 def test_robots_that_are_missing_are_named(bench, monkeypatch):
@@ -301,7 +301,7 @@ def test_learned_tables_are_run_greedily(tmp_path, simulate):
 
     class Watched(RobotNode):
         def act(self, step, action):
-            epsilons.append(self.protocol.agent.epsilon(step))
+            epsilons.append(self.lockstep.agent.epsilon(step))
             super().act(step, action)
 
     with pytest.MonkeyPatch.context() as patch, ros_context() as context:

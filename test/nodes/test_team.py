@@ -9,6 +9,7 @@ from nav_msgs.srv import GetPlan
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
+from sparse_coord_ros.core import wire
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.messages import Converter
 from sparse_coord_ros.recording import open_bag
@@ -23,20 +24,20 @@ def test_reset_begins_an_episode_and_nobody_learns_across_it(bench):
     observer = bench.observer()
     world = bench.world(rate=0.001)
     robots = bench.robots()
-    bench.spin_until(lambda: world.protocol.complete, "first barrier")
+    bench.spin_until(lambda: world.lockstep.complete, "first barrier")
     response = observer.call(Trigger, "world_simulator/reset")
     assert (response.success, response.message) == (True, "episode 1 begins")
-    assert world.protocol.world.step == 3, "two steps later"
-    bench.spin_until(lambda: world.protocol.complete, "new actions")
-    assert world.protocol.world.transitions == 0
-    initial = world.protocol.world.scenario.q_star_init
+    assert world.lockstep.world.step == 3, "two steps later"
+    bench.spin_until(lambda: world.lockstep.complete, "new actions")
+    assert world.lockstep.world.transitions == 0
+    initial = world.lockstep.world.scenario.q_star_init
     for robot in robots:
-        assert robot.protocol.newest[0] == 3
-        assert (robot.protocol.agent.tables.q_star == initial).all()
+        assert robot.lockstep.newest[0] == 3
+        assert (robot.lockstep.agent.tables.q_star == initial).all()
     world.values["rate"] = 0.0
-    bench.spin_until(lambda: world.protocol.world.transitions > 20, "it goes on")
-    assert all((robot.protocol.agent.tables.q_star != initial).any() for robot in robots)
-    assert all(robot.protocol.dropped == 0 for robot in robots)
+    bench.spin_until(lambda: world.lockstep.world.transitions > 20, "it goes on")
+    assert all((robot.lockstep.agent.tables.q_star != initial).any() for robot in robots)
+    assert all(robot.lockstep.dropped == 0 for robot in robots)
 
 
 def test_reset_and_save_say_why_they_cannot(bench):
@@ -55,8 +56,8 @@ def test_the_environment_decides_what_a_robot_perceives(bench, perception, poses
     observer = bench.observer()
     world = bench.world(set=[f"perception={perception}"], rate=0.001)
     bench.robots()
-    bench.spin_until(lambda: world.protocol.complete, "first barrier")
-    present = Converter(world.run).pose(1, world.protocol.world.cells[1])
+    bench.spin_until(lambda: world.lockstep.complete, "first barrier")
+    present = Converter(world.run).pose(1, world.lockstep.world.cells[1])
     request = GetPlan.Request(start=present)
     request.goal.header.frame_id = "robot_2"
     plan = observer.call(GetPlan, "robot_1/active_perception", request).plan
@@ -72,7 +73,7 @@ def test_a_namespace_moves_everything(bench):
     world = bench.world(namespace="team_a", rate=0.001)
     for name in NAMES:
         bench.robot(name, namespace="team_a")
-    bench.spin_until(lambda: world.protocol.complete, "first barrier")
+    bench.spin_until(lambda: world.lockstep.complete, "first barrier")
     own = TEAM | {f"{name}/{topic}" for name in NAMES for topic in ROBOT}
     wanted = {"/clock"} | {f"/team_a/{topic}" for topic in own}
 
@@ -109,7 +110,7 @@ def test_a_bystander_is_no_robot(bench):
     bench.spin_until(lambda: observer.count("robot_2/local_state"), "world found")
     assert observer.call(SetBool, "world_simulator/pause", SetBool.Request(data=True)).success
     bench.robots()
-    bench.spin_until(lambda: world.protocol.complete, "first barrier while paused")
+    bench.spin_until(lambda: world.lockstep.complete, "first barrier while paused")
     assert observer.call(SetBool, "world_simulator/pause", SetBool.Request(data=False)).success
     bench.spin_until_done()
     assert world.summary()["timeouts"] == 0
@@ -120,10 +121,10 @@ def test_a_stranger_who_says_that_the_run_is_finished_is_not_believed(bench):
     said = observer.create_publisher(DiagnosticStatus, "status", interface.STATUS.qos)
     world = bench.world(set=["steps=200"], rate=400.0)
     robots = bench.robots()
-    bench.spin_until(lambda: world.protocol.world.transitions > 20, "the run is under way")
-    said.publish(DiagnosticStatus(message=interface.FINISHED))
+    bench.spin_until(lambda: world.lockstep.world.transitions > 20, "the run is under way")
+    said.publish(DiagnosticStatus(message=wire.FINISHED))
     said.publish(
-        DiagnosticStatus(message=interface.FINISHED, values=[KeyValue(key="step", value="soon")])
+        DiagnosticStatus(message=wire.FINISHED, values=[KeyValue(key="step", value="soon")])
     )
     bench.spin_until_done(world, *robots)
     assert world.summary()["transitions"] == 200
@@ -137,7 +138,7 @@ def test_diagnostics_of_other_programs_do_not_move_the_time_of_the_log(bench, tm
     world = bench.world(set=["steps=200"], rate=400.0, recorded=True)
     recorder = bench.recorder(tmp_path / "bag")
     bench.robots()
-    bench.spin_until(lambda: world.protocol.world.transitions > 20, "the run is under way")
+    bench.spin_until(lambda: world.lockstep.world.transitions > 20, "the run is under way")
     for seconds in (-1, 1_700_000_000):
         message = DiagnosticArray()
         message.header.stamp.sec = seconds

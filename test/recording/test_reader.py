@@ -20,10 +20,10 @@ from rosbags.rosbag2 import Writer as RosbagsWriter
 from sparse_coord_ros.recording import (
     Attachment,
     BagError,
+    BagTopic,
     BagWriter,
     Message,
     QoS,
-    Topic,
     open_bag,
     schema_text,
     type_hash,
@@ -56,8 +56,8 @@ def test_everything_that_was_written_is_read(tmp_path, bag, samples):
         assert (bag.finished, bag.damage, bag.whole, bag.lost_bytes) == (finished, None, True, 0)
         text, digest = schema_text(STRING), type_hash(STRING)
         assert bag.topics == {
-            "/a": Topic("/a", STRING, text, (QoS(),), digest),
-            "/b": Topic("/b", STRING, text, (LATCHED,), digest),
+            "/a": BagTopic("/a", STRING, text, (QoS(),), digest),
+            "/b": BagTopic("/b", STRING, text, (LATCHED,), digest),
         }
         expected = [
             Message(
@@ -176,7 +176,7 @@ def test_files_by_the_mcap_library_are_read(tmp_path, samples, chunked, crcs):
     assert (bag.finished, bag.damage, bag.counts) == (True, None, {"/a": 1, "/b": 1})
     assert [tuple(m) for m in bag.messages(["/a"])] == [("/a", samples.cdr(STRING), 9, 8, 77)]
     profile = QoS("best_effort", "transient_local", "keep_last", 0)
-    assert bag.topics["/a"] == Topic("/a", STRING, "string data", (profile,), "")
+    assert bag.topics["/a"] == BagTopic("/a", STRING, "string data", (profile,), "")
     assert bag.topics["/b"].qos == ()
 
 

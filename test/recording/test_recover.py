@@ -15,7 +15,7 @@ from mcap_ros2.reader import read_ros2_messages
 from rosbags.highlevel import AnyReader
 
 from sparse_coord_ros.cli.main import main
-from sparse_coord_ros.recording import BagError, BagWriter, QoS, Topic, open_bag
+from sparse_coord_ros.recording import BagError, BagTopic, BagWriter, QoS, open_bag
 from sparse_coord_ros.recording.recover import recover
 
 STRING = "std_msgs/msg/String"
@@ -265,7 +265,7 @@ def test_nothing_readable(tmp_path, capsys):
 
 def test_sequence_numbers_and_foreign_types_are_carried_over(tmp_path):
     """A gap in the original is a gap still; no definition needs to be installed."""
-    topic = Topic(
+    topic = BagTopic(
         "/a", "own_msgs/msg/Own", "int8 x", (QoS(), QoS(depth=1)), "RIHS01_ab", "ros2idl"
     )
     writer = BagWriter(tmp_path / "run")

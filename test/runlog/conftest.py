@@ -16,11 +16,11 @@ from sparse_coord_ros.core.agent import Agent
 from sparse_coord_ros.core.run_config import make_run
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.tables import pack_tables
-from sparse_coord_ros.nodes.latched import CoordinationMapLayout, MapLayout, MarkersLayout
+from sparse_coord_ros.lockstep.robot import RobotSide
+from sparse_coord_ros.lockstep.world import WorldSide
+from sparse_coord_ros.nodes.episode_messages import CoordinationMapLayout, MapLayout, MarkersLayout
 from sparse_coord_ros.nodes.messages import CLOCK_LAYOUT, Converter, status
 from sparse_coord_ros.nodes.peers import AT_ONCE
-from sparse_coord_ros.protocol.robot import RobotProtocol
-from sparse_coord_ros.protocol.world import WorldProtocol
 from sparse_coord_ros.recording import BagWriter, QoS
 from sparse_coord_ros.recording.reader import open_bag
 
@@ -90,10 +90,10 @@ class Recording:
         self.bag.attach("scenario.yaml", scenario.encode(), "application/yaml")
         self.bag.attach("map.txt", run.scenario.map.to_text().encode(), "text/plain")
         self.write("/run", "std_msgs/msg/String", serialize_message(String(data=text)))
-        self.world = WorldProtocol(run, self)
+        self.world = WorldSide(run, self)
         begin = tables or [None] * len(self.names)
         self.robots = [
-            RobotProtocol(
+            RobotSide(
                 run,
                 Agent(
                     run.scenario,
@@ -103,7 +103,7 @@ class Recording:
                     tables=begin[k],
                     learning=not run.greedy,
                 ),
-                RobotSide(self, k),
+                LoggedRobot(self, k),
             )
             for k in range(len(self.names))
         ]
@@ -269,7 +269,7 @@ class Recording:
         self.queue.append(lambda: self.robots[asker].answer(peer, step, answer))
 
 
-class RobotSide:
+class LoggedRobot:
     """A robot's port."""
 
     def __init__(self, recording, k):

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from sparse_coord_ros.engine.experiments import Experiment
-from sparse_coord_ros.engine.results import CellResult, Plan
+from sparse_coord_ros.engine.results import ConditionResult, Plan
 
 __all__ = ["write_report"]
 
@@ -15,7 +15,7 @@ def write_report(
     directory: Path,
     plan: Plan,
     chosen: Sequence[Experiment],
-    found: Mapping[str, CellResult],
+    found: Mapping[str, ConditionResult],
 ) -> None:
     """Write tables, figures and `reproduction.md`; the same results give the same bytes.
 

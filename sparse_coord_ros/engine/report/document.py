@@ -24,7 +24,7 @@ from sparse_coord_ros.engine.report.sweeps import (
     uneven_section,
 )
 from sparse_coord_ros.engine.report.tables import to_csv
-from sparse_coord_ros.engine.results import CellResult, Plan, write_whole
+from sparse_coord_ros.engine.results import ConditionResult, Plan, write_whole
 
 SECTIONS: Mapping[str, Callable[[str, Entries], Section]] = {
     "table1": reward_section,
@@ -47,7 +47,7 @@ def write_document(
     directory: Path,
     plan: Plan,
     chosen: Sequence[Experiment],
-    found: Mapping[str, CellResult],
+    found: Mapping[str, ConditionResult],
 ) -> None:
     """Write tables, figures and the document; see `sparse_coord_ros.engine.report`."""
     tables, figures = directory / "tables", directory / "figures"

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 from sparse_coord_ros.core.evaluation import Measure
 from sparse_coord_ros.core.scenario import Scenario
-from sparse_coord_ros.engine.cells import Cell
+from sparse_coord_ros.engine.conditions import Condition
 from sparse_coord_ros.engine.experiments import Experiment
-from sparse_coord_ros.engine.results import CellResult
+from sparse_coord_ros.engine.results import ConditionResult
 
 LEARNER_NAMES = {"indiv": "Indiv.", "noncoop": "Non-coop.", "coop": "Coop."}
 """The paper's names, in the order of its tables."""
@@ -25,8 +25,8 @@ PAPER_TRIALS = 1000
 class Entry:
     """One cell and its result."""
 
-    cell: Cell
-    result: CellResult
+    cell: Condition
+    result: ConditionResult
 
     @property
     def name(self) -> str:
@@ -109,6 +109,6 @@ class Entries:
         )
 
 
-def entries_of(experiment: Experiment, found: Mapping[str, CellResult]) -> Entries:
+def entries_of(experiment: Experiment, found: Mapping[str, ConditionResult]) -> Entries:
     """Return the cells of an experiment with their results."""
     return Entries(Entry(cell, found[cell.id]) for cell in experiment.cells)

@@ -15,7 +15,7 @@ from sparse_coord_ros.engine.study import (
     SPACE,
     STARTS,
     Choices,
-    Outcome,
+    Judgement,
     settings_of,
 )
 
@@ -31,10 +31,10 @@ HEAD = [
 def protocol_document(
     plan: Plan,
     final_plan: Plan,
-    outcomes: Sequence[Outcome],
-    finalists: Sequence[Outcome],
-    reference: Outcome,
-    variations: Sequence[tuple[str, float, Outcome]],
+    outcomes: Sequence[Judgement],
+    finalists: Sequence[Judgement],
+    reference: Judgement,
+    variations: Sequence[tuple[str, float, Judgement]],
 ) -> str:
     """Return the Markdown document of a study.
 
@@ -87,7 +87,9 @@ def protocol_document(
     return "\n".join(parts)
 
 
-def _introduction(plan: Plan, final_plan: Plan, outcomes: Sequence[Outcome], best: Outcome) -> str:
+def _introduction(
+    plan: Plan, final_plan: Plan, outcomes: Sequence[Judgement], best: Judgement
+) -> str:
     found = settings_of(best.choices)
     lines = "\n".join(f"{name}: {value}" for name, value in found.items())
     defaults = {name: str(SCENARIO_SETTINGS[name].default) for name in SETTINGS}
@@ -127,9 +129,9 @@ def _measures() -> str:
     )
 
 
-def _progress(outcomes: Sequence[Outcome]) -> str:
+def _progress(outcomes: Sequence[Judgement]) -> str:
     rows = []
-    best: Outcome | None = None
+    best: Judgement | None = None
     for number, one in enumerate(outcomes):
         if one.whole and (best is None or one.loss < best.loss):
             change = (
@@ -145,7 +147,7 @@ def _changes(old: Choices, new: Choices) -> str:
     return ", ".join(changed) or "-"
 
 
-def _row(one: Outcome) -> list[str]:
+def _row(one: Judgement) -> list[str]:
     if not one.whole:
         closed = [f"{one.closed[name]:.0%}" if name in one.closed else "-" for name in CLOSE]
         return [f"> {one.loss:.0f}", *closed, "-", "-", f"{one.failed_teams} of {one.teams}"]

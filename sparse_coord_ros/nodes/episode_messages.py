@@ -11,9 +11,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from sparse_coord_ros.core.agent import Tables
-from sparse_coord_ros.core.frame import ROBOTS
-from sparse_coord_ros.core.grids import Grids
+from sparse_coord_ros.core.occupancy import OccupancyData
 from sparse_coord_ros.core.scenario import Scenario
+from sparse_coord_ros.core.wire import ROBOTS
 from sparse_coord_ros.nodes.cdr import PROBE_NUMBER, Template, probe_stamp
 from sparse_coord_ros.nodes.messages import Converter
 
@@ -42,7 +42,7 @@ class CoordinationMapLayout:
         rows, columns = convert.grid.shape
         message = convert.occupancy(0, np.zeros(len(convert.grid.cells)))
         message.header.stamp = probe_stamp()
-        self._grids = Grids(convert)
+        self._grids = OccupancyData(convert)
         probe = (np.arange(rows * columns) % 100).astype(np.int8)
         message.data = probe.tolist()
         # With the length before it, even the data of a tiny map are found.

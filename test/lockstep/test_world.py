@@ -7,7 +7,7 @@ import pytest
 from sparse_coord_ros.core.run_config import make_run
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.world import Action
-from sparse_coord_ros.protocol.world import WorldProtocol
+from sparse_coord_ros.lockstep.world import WorldSide
 
 EAST, WEST, NORTH = (
     Action(2, False, -1, False),
@@ -40,7 +40,7 @@ class Port:
 def make_world(name="env1", **settings):
     sure = {"starts": "fixed", "move_success": 1, "max_steps": 50, "steps": 100}
     scenario = load_scenario(name).with_settings({**sure, **settings})
-    world = WorldProtocol(make_run(scenario, {}), Port())
+    world = WorldSide(make_run(scenario, {}), Port())
     world.start()
     return world
 

@@ -11,7 +11,7 @@ from sparse_coord_ros.core.frame import Frame
 UNKNOWN, EMPTY, OCCUPIED = -1, 0, 100
 
 
-class Grids:
+class OccupancyData:
     """The data of the run's occupancy grids, as bytes: southmost row first.
 
     Args:

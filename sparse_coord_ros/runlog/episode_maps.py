@@ -10,7 +10,7 @@ from collections.abc import Collection, Iterator, Sequence
 
 from sparse_coord_ros.core.agent import Tables
 from sparse_coord_ros.core.frame import Frame
-from sparse_coord_ros.core.grids import Grids
+from sparse_coord_ros.core.occupancy import OccupancyData
 from sparse_coord_ros.runlog.difference import MISSING, Difference
 from sparse_coord_ros.runlog.log import RunLog
 from sparse_coord_ros.runlog.rerun import Handled
@@ -20,7 +20,7 @@ EARLIER = 3
 wait for a reward."""
 
 
-def check_world_latched(
+def check_world_maps(
     log: RunLog, starts: Sequence[int], end: int, last: int | None
 ) -> Iterator[Difference]:
     """Yield in what map and markers differ from what they must be.
@@ -74,7 +74,7 @@ class CoordinationMaps:
     """
 
     def __init__(self, log: RunLog, k: int, left_out: frozenset[int], last: int | None) -> None:
-        self._grids = Grids(Frame(log.run))
+        self._grids = OccupancyData(Frame(log.run))
         self._name, self._last, self._left_out = log.names[k], last, left_out
         self._actions = log.tracks.actions[k].first
         self._said: dict[int, list[bytes]] = {}

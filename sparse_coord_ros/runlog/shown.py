@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from sparse_coord_ros.core.frame import DOORWAYS, GOALS, ROBOTS, Frame, flat_position
+from sparse_coord_ros.core.frame import Frame, flat_position
 from sparse_coord_ros.core.scenario import Scenario
+from sparse_coord_ros.core.wire import DOORWAYS, GOALS, ROBOTS
 
 
 def occupancy(frame: Frame) -> Callable[[Any], bytes]:

@@ -22,7 +22,7 @@ from sparse_coord_ros.errors import ScenarioError, SettingError, did_you_mean
 
 
 @dataclass(frozen=True)
-class Cell:
+class Condition:
     """One cell of an experiment.
 
     Attributes:
@@ -76,7 +76,7 @@ def _file(path: str) -> Scenario:
     return scenario
 
 
-def make_cell(name: str, learner: str, settings: Mapping[str, object]) -> Cell:
+def make_condition(name: str, learner: str, settings: Mapping[str, object]) -> Condition:
     """Return a cell in its one canonical form.
 
     Args:
@@ -100,10 +100,10 @@ def make_cell(name: str, learner: str, settings: Mapping[str, object]) -> Cell:
         for key in sorted(settings)
         if key != "penalty" and getattr(changed, key) != getattr(scenario, key)
     ]
-    return Cell(name, learner, (("penalty", _text(changed.penalty)), *kept))
+    return Condition(name, learner, (("penalty", _text(changed.penalty)), *kept))
 
 
-def parse_id(text: str) -> tuple[Cell, int | None]:
+def parse_id(text: str) -> tuple[Condition, int | None]:
     """Read an id; the number is that of a run, None for the whole cell.
 
     Raises:
@@ -127,7 +127,7 @@ def parse_id(text: str) -> tuple[Cell, int | None]:
         )
     *name, learner = path
     try:
-        cell = make_cell("/".join(name), learner, parse_assignments(last.split(",")))
+        cell = make_condition("/".join(name), learner, parse_assignments(last.split(",")))
     except SettingError as error:
         raise SettingError(f"id {_short(text)!r}: {error}") from None
     return cell, number

@@ -17,8 +17,8 @@ from sparse_coord_ros.core.perception import MODELS
 from sparse_coord_ros.core.run_config import make_run
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.simulation import learn, tables_equal
-from sparse_coord_ros.protocol.robot import RobotProtocol
-from sparse_coord_ros.protocol.world import WorldProtocol
+from sparse_coord_ros.lockstep.robot import RobotSide
+from sparse_coord_ros.lockstep.world import WorldSide
 
 PROTOCOL = {
     "starts": "random",
@@ -97,10 +97,10 @@ class Network:
         self.held, self.holds = [], set()
         self.percepts, self.history, self.losses = [], defaultdict(dict), []
         self.repeats, self.step, self.stalled = 0, 0, 0
-        self.world = WorldProtocol(run, self)
+        self.world = WorldSide(run, self)
         numbers = range(len(scenario.robots))
         self.agents = [SpyAgent(scenario, k, run.seed, learner=learner) for k in numbers]
-        self.robots = [RobotProtocol(run, self.agents[k], RobotPort(self, k)) for k in numbers]
+        self.robots = [RobotSide(run, self.agents[k], RobotPort(self, k)) for k in numbers]
         self.world.start()
 
     # The world's port.

@@ -5,7 +5,7 @@
 import pytest
 
 from sparse_coord_ros.core.scenario import load_scenario
-from sparse_coord_ros.engine.cells import make_cell, parse_id
+from sparse_coord_ros.engine.conditions import make_condition, parse_id
 from sparse_coord_ros.engine.experiments import LARGE, NAMES, SMALL, experiment
 from sparse_coord_ros.errors import ScenarioError, SettingError
 
@@ -142,7 +142,7 @@ def test_the_paper_s_cells():
 def test_the_learning_protocol_is_the_same_for_all_nine_scenarios():
     protocols = set()
     for name in SMALL + LARGE:
-        s = make_cell(name, "coop", {}).scenario
+        s = make_condition(name, "coop", {}).scenario
         protocols.add(
             (s.starts, s.step_size, s.epsilon, s.q_star_init, s.q_coord_init, s.goal_value)
             + (s.max_steps, s.discount, s.ask_cost)

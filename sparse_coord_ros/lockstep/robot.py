@@ -84,7 +84,7 @@ class Asking(NamedTuple):
         return self.decision.peers[len(self.seen)]
 
 
-class RobotProtocol:
+class RobotSide:
     """Drives one `Agent` by messages.
 
     Args:

@@ -24,7 +24,7 @@ class WorldPort(Protocol):
         """An episode begins at a time step, whose states follow."""
 
 
-class WorldProtocol:
+class WorldSide:
     """Drives one `World` by messages.
 
     Args:

@@ -10,7 +10,7 @@ from sparse_coord_ros.core.run_config import make_run
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.streams import PERCEPT, Stream
 from sparse_coord_ros.core.world import Action
-from sparse_coord_ros.protocol.robot import Answer, RobotProtocol
+from sparse_coord_ros.lockstep.robot import Answer, RobotSide
 
 SOUTH, EAST = 1, 2
 ASKING_CELL, GOAL = 5, 20
@@ -51,7 +51,7 @@ def make_robot(*, run=None, **settings):
     q_coord = np.zeros((21, 21, 4))
     q_coord[ASKING_CELL, :, EAST] = 7.0
     agent = Agent(scenario, 0, 0, tables=Tables(q_star, q_coord))
-    return RobotProtocol(make_run(scenario, run or {}), agent, Port())
+    return RobotSide(make_run(scenario, run or {}), agent, Port())
 
 
 @pytest.fixture
@@ -306,7 +306,7 @@ def trio():
     agent.tables.q_star[:] = [0, 1, 2, 3, 50]
     for action, value in enumerate([1.0, 2.0, 7.0, 3.0]):
         agent.tables.q_coord[ASKING_CELL, 17, 9, action] = value
-    return RobotProtocol(make_run(scenario, {}), agent, Port())
+    return RobotSide(make_run(scenario, {}), agent, Port())
 
 
 def test_all_peers_are_asked_one_after_the_other(trio):

@@ -1,0 +1,109 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The vocabulary of the wire, without ROS: names, types, labels and states, each said once.
+
+The nodes bind these to message classes and QoS profiles (`nodes/interface.py`); recording and
+run log read bags by them. Topic names are relative: a team's to its namespace, a robot's to its
+own name.
+"""
+
+from dataclasses import dataclass
+
+TEAM, ROBOT, NODE = "team", "robot", "node"
+"""Whose a topic is: one of the team, one of each robot, one of each world or robot node."""
+
+STEP, EVENT, LATCHED, TABLES_KEPT = "step", "event", "latched", "tables"
+"""How a topic is published: at every time step; now and then; its last message is kept for late
+subscribers; its last ten are kept."""
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One topic.
+
+    Attributes:
+        name: relative to the team's namespace, or to the robot's or node's name.
+        type_name: the message's type, such as `std_msgs/msg/String`.
+        owner: TEAM, ROBOT or NODE.
+        delivery: STEP, EVENT, LATCHED or TABLES_KEPT.
+        stamped: the message begins with its time (a header or a clock), that of the run.
+        tapped: nodes hand it to a recorder in their own process: what each time step and
+            episode says.
+    """
+
+    name: str
+    type_name: str
+    owner: str
+    delivery: str
+    stamped: bool = False
+    tapped: bool = False
+
+    def of(self, owner: str) -> str:
+        """Return the topic's name below a robot's name; `~` is the node's own."""
+        return f"{owner}/{self.name}"
+
+
+RUN = Topic("run", "std_msgs/msg/String", TEAM, LATCHED)
+STATUS = Topic("status", "diagnostic_msgs/msg/DiagnosticStatus", TEAM, LATCHED)
+CLOCK = Topic("/clock", "rosgraph_msgs/msg/Clock", TEAM, STEP, stamped=True, tapped=True)
+MAP = Topic("map", "nav_msgs/msg/OccupancyGrid", TEAM, LATCHED, stamped=True, tapped=True)
+MARKERS = Topic("markers", "visualization_msgs/msg/MarkerArray", TEAM, LATCHED, tapped=True)
+DIAGNOSTICS = Topic("diagnostics", "diagnostic_msgs/msg/DiagnosticArray", TEAM, EVENT)
+"""Drivers and aggregators publish here too, with stamps of other clocks."""
+
+LOCAL_STATE = Topic(
+    "local_state", "geometry_msgs/msg/PoseStamped", ROBOT, STEP, stamped=True, tapped=True
+)
+REWARD = Topic("reward", "sensor_msgs/msg/JointState", ROBOT, STEP, stamped=True, tapped=True)
+ACTION = Topic("action", "sensor_msgs/msg/JointState", ROBOT, STEP, stamped=True, tapped=True)
+PERCEPT = Topic("percept", "nav_msgs/msg/Path", ROBOT, STEP, stamped=True)
+COORDINATION_MAP = Topic(
+    "coordination_map", "nav_msgs/msg/OccupancyGrid", ROBOT, LATCHED, stamped=True, tapped=True
+)
+TABLES = Topic("tables", "std_msgs/msg/UInt8MultiArray", ROBOT, TABLES_KEPT)
+"""Of a robot, as the bytes of an .npz file; the recorder attaches them to the bag."""
+
+CLAIM = Topic("claim", "std_msgs/msg/Header", NODE, LATCHED)
+"""Of the world and of every robot: since when (wall clock) the node has its name."""
+
+ACTIVE_PERCEPTION = "active_perception"
+ACTIVE_PERCEPTION_TYPE = "nav_msgs/srv/GetPlan"
+SERVICE_EVENTS = Topic(
+    f"{ACTIVE_PERCEPTION}/_service_event", "nav_msgs/srv/GetPlan_Event", ROBOT, STEP
+)
+"""What rclpy publishes of the requests to a robot and of its answers."""
+
+ROSOUT = Topic("/rosout", "rcl_interfaces/msg/Log", TEAM, EVENT)
+PARAMETER_EVENTS = Topic("/parameter_events", "rcl_interfaces/msg/ParameterEvent", TEAM, EVENT)
+
+TEAM_TOPICS = (RUN, STATUS, CLOCK, MAP, MARKERS, DIAGNOSTICS)
+ROBOT_TOPICS = (LOCAL_STATE, REWARD, ACTION, PERCEPT, COORDINATION_MAP)
+
+SAVE, PAUSE, RESET = "~/save", "~/pause", "~/reset"
+"""Services of a robot and of the world."""
+
+WORLD, RECORDER = "world_simulator", "recorder"
+"""Node names by which robots know that they are heard; a robot's node has the robot's name."""
+
+MAP_FRAME = "map"
+
+DOORWAYS, GOALS, ROBOTS = "doorways", "goals", "robots"
+"""The namespaces of the markers."""
+
+REWARD_LABELS = ("individual", "common", "ask_cost", "total")
+"""What the numbers of a reward are called in its message."""
+
+ACTION_LABELS = ("east", "north", "coordinate", "peer", "perceived")
+"""What the numbers of an action are called in its message."""
+
+INITIAL, CHECKPOINT, FINAL = "initial", "checkpoint", "final"
+"""Occasions on which a robot publishes its tables."""
+
+WAITING, LEARNING, PAUSED, FINISHED, STOPPED = (
+    "waiting",
+    "learning",
+    "paused",
+    "finished",
+    "stopped",
+)
+"""The states that `status` can name."""
