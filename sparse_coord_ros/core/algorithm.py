@@ -71,6 +71,20 @@ def step_size(by_count, by_step):
     return by_step
 
 
+def weighed(individual, common, ask_cost, weights):
+    """Return what an agent learns from as R_k(t): the weighted sum of its parts.
+
+    With every weight 1 it is R_k(t) itself, bit for bit.
+
+    Args:
+        individual: r^I_k.
+        common: r^C.
+        ask_cost: minus the cost of asking, or 0.
+        weights: of these three.
+    """
+    return weights[0] * individual + weights[1] * common + weights[2] * ask_cost
+
+
 def updated(value, alpha, reward, discount, bootstrap):
     """Return the new table entry of QLUpdate (paper, Section 3.2; equation 3).
 

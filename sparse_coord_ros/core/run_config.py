@@ -17,7 +17,7 @@ from typing import Any
 import yaml
 
 from sparse_coord_ros import __version__
-from sparse_coord_ros.core.agent import LEARNERS
+from sparse_coord_ros.core.learners import LEARNERS, Learner, learner_of
 from sparse_coord_ros.core.scenario import Scenario, parse_yaml, scenario_from_dict
 from sparse_coord_ros.core.settings import Setting, SettingTable
 from sparse_coord_ros.errors import RunError, SettingError
@@ -28,16 +28,30 @@ RUN_FILE, SCENARIO_FILE, MAP_FILE = "run.yaml", "scenario.yaml", "map.txt"
 RUN_RECORD = "sparse_coord_ros"
 """Name of the bag's metadata record about the run."""
 
+
+class LearnerName:
+    """The setting that names a learner, as its name or as `module:Class`."""
+
+    @property
+    def usage(self) -> str:
+        """The allowed names, for help and error texts."""
+        return LEARNERS.usage
+
+    def parse(self, value: object) -> str:
+        """Return the learner's name as files have it.
+
+        Raises:
+            SettingError: there is no such learner.
+        """
+        return learner_of(value if isinstance(value, Learner) else str(value)).label
+
+
+LEARNER = LearnerName()
+
 RUN_SETTINGS = SettingTable(
     [
         Setting("seed", int, 0, "seed of every random draw", low=0, high=2**63 - 1),
-        Setting(
-            "learner",
-            str,
-            "coop",
-            "coop: Algorithm 1; noncoop: Q-learning of all robots at once",
-            choices=LEARNERS,
-        ),
+        Setting("learner", LEARNER, "coop", "who learns"),
         Setting("greedy", bool, False, "act on learned tables, without exploring or learning"),
         Setting("step_period", float, 0.1, "simulated seconds a time step", low=1e-3, high=60),
         Setting("resolution", float, 1.0, "metres a cell", low=1e-3, high=1000),
@@ -91,6 +105,11 @@ class RunConfig:
                 f"setting percept_timeout: value is {self.percept_timeout:g}, allowed: less than "
                 f"step_timeout ({self.step_timeout:g})"
             )
+
+    @property
+    def rule(self) -> Learner:
+        """The learner that the run names."""
+        return learner_of(self.learner)
 
     def to_yaml(self) -> str:
         """Return the text of `run.yaml`; `run_from_yaml` reads it back."""

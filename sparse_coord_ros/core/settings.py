@@ -4,12 +4,22 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
-from sparse_coord_ros.core.specs import SpecFamily
 from sparse_coord_ros.errors import SettingError, did_you_mean
 
 TRUE, FALSE = ("true", "yes", "on", "1"), ("false", "no", "off", "0")
+
+
+class Family(Protocol):
+    """Values with a syntax of their own, such as `probability:0.7`."""
+
+    @property
+    def usage(self) -> str:
+        """The allowed forms, for help and error texts."""
+
+    def parse(self, value: object) -> Any:
+        """Read a value; raises `SettingError`."""
 
 
 @dataclass(frozen=True)
@@ -18,7 +28,7 @@ class Setting:
 
     Attributes:
         name: its name in files, on the command line and as a ROS parameter.
-        kind: bool, int, float, str, list (of str) or a `SpecFamily`.
+        kind: bool, int, float, str, list (of str), or a family of values with a syntax of its own.
         default: the value where none is given.
         help: one line: meaning and unit.
         low: smallest number allowed; None: no bound.
@@ -27,7 +37,7 @@ class Setting:
     """
 
     name: str
-    kind: type | SpecFamily
+    kind: type | Family
     default: Any
     help: str
     low: float | None = None
@@ -37,7 +47,7 @@ class Setting:
     @property
     def allowed(self) -> str:
         """What the setting accepts, in words."""
-        if isinstance(self.kind, SpecFamily):
+        if not isinstance(self.kind, type):
             return self.kind.usage
         if self.choices:
             return " or ".join(self.choices)
@@ -62,7 +72,7 @@ class Setting:
         Raises:
             SettingError: the value has another type or lies out of range.
         """
-        if isinstance(self.kind, SpecFamily):
+        if not isinstance(self.kind, type):
             return self.kind.parse(value)
         try:
             parsed = self._converted(value)

@@ -96,7 +96,7 @@ def test_malformed_run_yaml(text, error, words):
 
 def test_bad_values_in_run_yaml(run):
     assert "seed: value is -1" in refusal(spoiled(run, seed=-1), SettingError)
-    assert "coop or noncoop or indiv" in refusal(spoiled(run, learner="best"), SettingError)
+    assert "allowed: coop, noncoop, indiv" in refusal(spoiled(run, learner="best"), SettingError)
     assert "not a run.yaml" in refusal(spoiled(run, scenario="env1"), RunError)
     scenario = {**run.scenario.to_dict(), "penalty": 20.0}
     assert "(scenario): setting penalty" in refusal(spoiled(run, scenario=scenario), ScenarioError)
@@ -107,7 +107,7 @@ def test_bad_values_in_run_yaml(run):
     [
         ({"seed": "-1"}, "setting seed: value is '-1', allowed: a whole number from 0"),
         ({"seed": "1.5"}, "setting seed"),
-        ({"learner": "indi"}, "coop or noncoop or indiv"),
+        ({"learner": "indi"}, "did you mean 'indiv'?"),
         ({"sed": 1}, "unknown setting 'sed' (did you mean 'seed'?)"),
         ({"step_period": 0}, "from 0.001 to 60"),
         (

@@ -45,7 +45,7 @@ def made_up(seed):
         asked=asked,
         stays=stays,
     )
-    tables = [initial_tables(CELL.scenario, "coop")] * 2
+    tables = [initial_tables(CELL.scenario)] * 2
     return Run(seed, tables, np.array([40, 60 + seed]), trials)
 
 
