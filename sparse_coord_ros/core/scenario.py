@@ -241,7 +241,7 @@ def load_scenario(name: str) -> Scenario:
 class UniqueKeyLoader(yaml.SafeLoader):
     """A safe loader that refuses a key given twice instead of dropping the first."""
 
-    def construct_mapping(self, node, deep=False):
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         """Build a mapping; raise `yaml.YAMLError` where a key repeats."""
         keys = set()
         for key_node, _ in node.value:
