@@ -107,7 +107,7 @@ class Learner:
 
     @property
     def label(self) -> str:
-        """What it is called in files: its name, or `module:Class`."""
+        """Its name in files, or `module:Class` where it has none."""
         return self.name or path_of(type(self))
 
     def __repr__(self) -> str:

@@ -22,7 +22,7 @@ COMMON_REWARD = SpecFamily(
     "common_reward",
     {"same": (), "each": (Number("factor", 0.0, 1e6, repeated=True),)},
 )
-"""r^C of a miscoordination: `same` for every robot, or `each:FACTOR:...`: one factor a robot, in
+"""Who pays what of r^C. It is the `same` for every robot, or `each:FACTOR:...`: one factor a robot, in
 the scenario's order, times `penalty` (paper, Section 5: r^C may differ between the agents)."""
 
 PEERS = ("one", "all")
