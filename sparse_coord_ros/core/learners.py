@@ -107,7 +107,7 @@ class Learner:
 
     @property
     def label(self) -> str:
-        """Its name in files, or `module:Class` where it has none."""
+        """Its name in files; one without a name is called by its module and class."""
         return self.name or path_of(type(self))
 
     def __repr__(self) -> str:

@@ -22,8 +22,8 @@ COMMON_REWARD = SpecFamily(
     "common_reward",
     {"same": (), "each": (Number("factor", 0.0, 1e6, repeated=True),)},
 )
-"""Who pays what of r^C. It is the `same` for every robot, or `each:FACTOR:...`: one factor a robot, in
-the scenario's order, times `penalty` (paper, Section 5: r^C may differ between the agents)."""
+"""Who pays what of r^C (paper, Section 5). Either every robot pays the `same`, or `each` its own
+factor times `penalty`, in the scenario's order."""
 
 PEERS = ("one", "all")
 """Whom COORDINATE perceives: a peer drawn at random, or every other robot (paper, footnote 3)."""
