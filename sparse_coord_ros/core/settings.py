@@ -3,6 +3,7 @@
 """Typed settings with ranges: one table for YAML files, `--set key=value` and ROS parameters."""
 
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -113,8 +114,9 @@ class Setting:
             raise ValueError
         if self.kind is float:
             return number
-        if isinstance(value, str | int):  # exact: a float cannot hold every 64-bit seed
-            return int(value)
+        with suppress(ValueError):
+            if isinstance(value, str | int):  # exact: a float cannot hold every 64-bit seed
+                return int(value)
         if int(number) != number:
             raise ValueError
         return int(number)
