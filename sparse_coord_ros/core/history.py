@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.core.world import Action, StepOutcome
 from sparse_coord_ros.errors import RunError, newer_format
+from sparse_coord_ros.files import write_whole
 
 HISTORY_FILE = "history.npz"
 HISTORY_FORMAT = 1

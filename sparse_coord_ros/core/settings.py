@@ -9,6 +9,9 @@ from typing import Any, Protocol
 
 from sparse_coord_ros.errors import SettingError, did_you_mean
 
+LARGEST_WHOLE = 2**53
+"""Whole numbers written like 1e5 are taken up to here: further on floats skip some."""
+
 TRUE, FALSE = ("true", "yes", "on", "1"), ("false", "no", "off", "0")
 
 
@@ -117,7 +120,7 @@ class Setting:
         with suppress(ValueError):
             if isinstance(value, str | int):  # exact: a float cannot hold every 64-bit seed
                 return int(value)
-        if int(number) != number:
+        if int(number) != number or abs(number) > LARGEST_WHOLE:
             raise ValueError
         return int(number)
 

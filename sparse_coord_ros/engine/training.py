@@ -225,7 +225,7 @@ class _Course:
         )
 
     def _learn(self, until: int, caught: list[int]) -> None:
-        learning, budget = self.learning, self.scenario.steps
+        learning, budget, every = self.learning, self.scenario.steps, self.evaluate_every
         part = FIRST_PART
         saved = time.monotonic()
         self.progress(learning.done, budget)
@@ -242,7 +242,7 @@ class _Course:
                 part *= 2
             elif took > PART_SECONDS[1]:
                 part = max(1, part // 2)
-            if self.evaluate_every and (target == budget or target % self.evaluate_every == 0):
+            if every and (target == budget or target % every == 0):
                 self.evaluations.append((target, self.evaluation()))
             self.progress(learning.done, budget)
             if self.checkpoint is not None and time.monotonic() - saved >= SAVE_SECONDS:
