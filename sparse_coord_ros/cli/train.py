@@ -172,20 +172,17 @@ def _train(
             file=sys.stderr,
             flush=True,
         )
-    with tqdm(
-        total=scenario.steps,
-        unit=" steps",
-        unit_scale=True,
-        disable=True if quiet else None,
-        file=sys.stderr,
-        leave=False,
-    ) as bar:
+    bar: tqdm | None = None
 
-        def progress(done: int, budget: int) -> None:
-            if bar.n == 0 and done > 0 and options.resume is not None and bar.initial == 0:
-                bar.initial = done  # what an earlier process learned is no measure of speed
-            bar.update(done - bar.n)
+    def progress(done: int, budget: int) -> None:
+        nonlocal bar
+        if bar is None:  # now the clock starts, where an earlier process may have stopped
+            hidden = True if quiet else None
+            style = {"unit": " steps", "unit_scale": True, "leave": False, "disable": hidden}
+            bar = tqdm(total=budget, initial=done, file=sys.stderr, **style)
+        bar.update(done - bar.n)
 
+    try:
         return train(
             scenario,
             run.rule,
@@ -197,6 +194,9 @@ def _train(
             checkpoint=checkpoint,
             resume=options.resume is not None,
         )
+    finally:
+        if bar is not None:
+            bar.close()
 
 
 def _would_help(options: argparse.Namespace, run: RunConfig) -> bool:
