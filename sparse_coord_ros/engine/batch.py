@@ -97,7 +97,10 @@ def run_batch(
     rule = learner_of(learner)
     if not uses_numba(engine, rule):
         work = [(scenario, rule, seed, trials, history) for seed in seeds]
-        yield from in_processes(_run_plain, work, jobs)
+        if jobs == 1 or len(work) == 1:  # here: a learner of a script is in no other process
+            yield from (_run_plain(*one) for one in work)
+        else:
+            yield from in_processes(_run_plain, work, jobs)
         return
     prepare(scenario, rule, history=history)
     stop = np.zeros(1, dtype=np.bool_)
