@@ -64,7 +64,7 @@ def implied_reward(entry: Entry) -> Measure | None:
     """
     counted = entry.paper("miscoordinations")
     exact = entry.result.reference
-    if counted is None or entry.cell.learner == "coop" or not exact["miscoordinations"]:
+    if counted is None or entry.can_ask or not exact["miscoordinations"]:
         return None
     alone = independent_bound(entry.scenario)
     cost = (alone - exact["reward"]) / exact["miscoordinations"]

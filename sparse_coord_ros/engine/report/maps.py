@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Maps: walls, doorways, starts and goals, cells coloured by a value."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
@@ -11,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from sparse_coord_ros.core.scenario import Scenario
-from sparse_coord_ros.engine.report.entries import Entries, Entry
+from sparse_coord_ros.engine.report.entries import Entry
 
 COLOUR_MAP = "Blues"
 DOORWAY = "#D55E00"
@@ -80,7 +82,7 @@ def _labels(scenario: Scenario) -> dict[int, str]:
     return {x: " ".join(parts) for x, parts in texts.items()}
 
 
-def asked_maps(entries: Entries) -> Figure:
+def asked_maps(entries: Sequence[Entry]) -> Figure:
     """Draw where COORDINATE is chosen: a map an entry, all with one scale of colours."""
     totals = [np.array(entry.result.asked).sum(axis=0) for entry in entries]
     highest = max(float(total.max()) for total in totals)
@@ -124,7 +126,7 @@ def _columns(entry: Entry) -> int:
     return max(LEAST, entry.scenario.map.shape[1])
 
 
-def _lines(entries: Entries) -> list[list[tuple[int, Entry]]]:
+def _lines(entries: Sequence[Entry]) -> list[list[tuple[int, Entry]]]:
     """Break the maps into lines, the widest first to where it still fits, small maps on top."""
     lines: list[list[tuple[int, Entry]]] = []
     for i, entry in sorted(enumerate(entries), key=lambda item: -_columns(item[1])):
