@@ -36,13 +36,22 @@ VALUES = {
 """What every text may use."""
 
 
-def write_document(
+def write_report(
     directory: Path,
     plan: Plan,
     chosen: Sequence[Experiment],
     found: Mapping[str, ConditionResult],
 ) -> None:
-    """Write tables, figures and the document; see `sparse_coord_ros.engine.report`."""
+    """Write tables, figures and `reproduction.md`; the same results give the same bytes.
+
+    Args:
+        directory: gets `reproduction.md` and the folders `tables` (NAME.md and NAME.csv of each
+            experiment) and `figures` (PNG and SVG).
+        plan: seed, runs and trials of every condition.
+        chosen: the experiments, in the order in which they are to appear.
+        found: result of every condition of these experiments, by its id.
+    """
+    (directory / "figures").mkdir(parents=True, exist_ok=True)
     claims: list[Row] = []
     misses: list[Row] = []
     parts = []

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Figures: points in a data frame, one style for all, the same bytes for the same results."""
 
+import io
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping
@@ -12,6 +13,7 @@ import matplotlib
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from PIL import Image
 
 from sparse_coord_ros.core.evaluation import Measure
 from sparse_coord_ros.core.optimum import independent_bound
@@ -28,21 +30,23 @@ LABELS = {
     "variance": "variance of the reward",
 }
 OPTIMUM, BOUND, SHORTEST = "exact joint optimum", "bound of the optimum", "shortest paths, exact"
-ONE, ALL = "Coop., one peer", "Coop., all peers"
+ONE, ALL, SIGHT = "Coop., one peer", "Coop., all peers", "Coop., line of sight"
 LEARNER_STYLES: Mapping[str, Mapping[str, Any]] = {
     "Indiv.": {"color": "#D55E00", "marker": "s", "linestyle": ":"},
     "Non-coop.": {"color": "#0072B2", "marker": "^", "linestyle": "--"},
     "Coop.": {"color": "#009E73", "marker": "o", "linestyle": "-"},
 }
+HOLLOW, ALONE = {"markerfacecolor": "white"}, {"linestyle": "none"}
 STYLES: Mapping[str, Mapping[str, Any]] = {
     **LEARNER_STYLES,
-    **{f"{name}, ours": style for name, style in LEARNER_STYLES.items()},
     **{
-        f"{name}, paper": {**style, "markerfacecolor": "white"}
+        f"{name}, {whose}": {**style, **ALONE, **fill}
         for name, style in LEARNER_STYLES.items()
+        for whose, fill in (("ours", {}), ("paper", HOLLOW))
     },
+    SIGHT: {**LEARNER_STYLES["Coop."], **ALONE, **HOLLOW},
     ONE: LEARNER_STYLES["Coop."],
-    ALL: {"color": "#AA4499", "marker": "D", "linestyle": "-.", "markerfacecolor": "white"},
+    ALL: {"color": "#AA4499", "marker": "D", "linestyle": "-.", **HOLLOW},
     f"{ONE}, dense table": {"color": "0.35", "marker": "x", "linestyle": "-"},
     f"{ALL}, dense table": {"color": "black", "marker": "+", "linestyle": "-."},
     OPTIMUM: {"color": "black", "linestyle": (0, (6, 2)), "linewidth": 1.2, "zorder": 1.5},
@@ -92,6 +96,7 @@ def points(
     measure: str,
     where: Where,
     bars: str = "standard_error",
+    span: float = 0.0,
 ) -> list[dict]:
     """Return the points of conditions, with what they are to be compared with.
 
@@ -102,22 +107,22 @@ def points(
         measure: one of `LABELS`.
         where: returns the place of a condition.
         bars: see `point`.
+        span: by how much the lines to compare with reach beyond a condition, to both sides.
     """
-    found = []
-    compared: dict[tuple, dict] = {}
-    for entry in entries:
-        place = {"panel": entry.name, "line": entry.title, **where(entry)}
-        found.append(point(measured(entry, measure), measure, bars, **place))
-        values = dict(entry.result.reference)
-        values["loss"] = independent_bound(entry.scenario) - entry.shortest_paths
-        yardsticks = {SHORTEST: values[measure]} if measure in values else {}
+    places = [(e, {"panel": e.name, "line": e.title, **where(e)}) for e in entries]
+    found = [point(measured(e, measure), measure, bars, **place) for e, place in places]
+    bounded = {place["panel"] for e, place in places if not e.result.optimum_exact}
+    for entry, place in places:
+        values = {SHORTEST: entry.result.reference.get(measure)}
         if measure == "reward":
-            exact = entry.result.optimum_exact
-            yardsticks[OPTIMUM if exact else BOUND] = entry.result.optimum
-        for line, value in yardsticks.items():
-            own = point(Measure(value, 0, 0), measure, **{**place, "line": line, "shift": 0.0})
-            compared.setdefault((place["panel"], place["x"], line), own)
-    return [*found, *compared.values()]
+            values[BOUND if place["panel"] in bounded else OPTIMUM] = entry.result.optimum
+        if measure == "loss":
+            values[SHORTEST] = independent_bound(entry.scenario) - entry.shortest_paths
+        for line, value in values.items():
+            for shift in {-span, span} if value is not None else ():
+                here = {**place, "line": line, "shift": shift}
+                found.append(point(Measure(value, 0, 0), measure, **here))
+    return found
 
 
 def plot(shown: Iterable[dict], columns: int, width: float = 3.4, height: float = 2.5) -> Figure:
@@ -152,10 +157,11 @@ def plot(shown: Iterable[dict], columns: int, width: float = 3.4, height: float 
 def _panel(axes: Axes, data: pd.DataFrame) -> dict[str, Any]:
     """Draw a panel and return the handle of each line for the legend."""
     handles = {}
-    for line, own in data.groupby("line", sort=False):
+    data = data.assign(place=data["x"] + data["shift"]).sort_values("place", kind="stable")
+    for line, own in data.drop_duplicates(["line", "place"]).groupby("line", sort=False):
         style = {"linewidth": 1.3, "markersize": 4.5, "capsize": 2, **STYLES[str(line)]}
         bars = [own["low"], own["high"]] if own["high"].any() else None
-        handles[str(line)] = axes.errorbar(own["x"] + own["shift"], own["y"], bars, **style)
+        handles[str(line)] = axes.errorbar(own["place"], own["y"], bars, **style)
     ticks = data.dropna(subset="tick").drop_duplicates("x")
     if len(ticks):
         axes.set_xticks(ticks["x"], ticks["tick"])
@@ -175,7 +181,7 @@ def comparison(entries: Iterable[Entry], measures: Iterable[str], columns: int =
             x = places[entry.learner]
             where: dict = {"panel": entry.name, "x": x, "tick": entry.title}
             ours = {**where, "line": f"{entry.title}, ours", "shift": -0.13}
-            shown += points([entry], measure, lambda _, ours=ours: ours, "spread")
+            shown += points([entry], measure, lambda _, ours=ours: ours, "spread", 0.3)
             paper = entry.paper(measure)
             if paper:
                 theirs = {**where, "line": f"{entry.title}, paper", "shift": 0.13}
@@ -190,9 +196,7 @@ def save(figure: Figure, stem: Path) -> None:
             stem.with_name(f"{stem.name}.svg"), metadata={"Date": None, "Creator": None}
         )
         figure.set_layout_engine("none")  # laid out by now: once is enough
-        figure.savefig(
-            stem.with_name(f"{stem.name}.png"),
-            dpi=110,
-            metadata={"Software": None},
-            pil_kwargs={"optimize": True},
-        )
+        drawn = io.BytesIO()
+        figure.savefig(drawn, dpi=110)
+    few = Image.open(drawn).convert("RGB").quantize(128, dither=Image.Dither.NONE)
+    few.save(stem.with_name(f"{stem.name}.png"), optimize=True)  # a third of the size

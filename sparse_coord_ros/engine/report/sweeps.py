@@ -20,6 +20,7 @@ from sparse_coord_ros.engine.report.figures import (
     BYTES,
     GAIN,
     ONE,
+    SIGHT,
     Where,
     plot,
     point,
@@ -131,6 +132,7 @@ def perception_section(entries: Sequence[Entry]) -> Section:
                     "panel": f"{e.name}, by place",
                     "x": order.index(spec(e)),
                     "tick": f"{spec(e).numbers[0]:g}" if spec(e).numbers else "los",
+                    "line": e.title if spec(e).numbers else SIGHT,
                     "xlabel": "range [cells], or line of sight",
                 },
             ),
@@ -215,7 +217,7 @@ def crowd_section(entries: Sequence[Entry]) -> Section:
         return {"one": ONE, "all": ALL}[entry.scenario.peers] if entry.can_ask else entry.title
 
     def where(entry: Entry, end: str = "") -> dict:
-        x, shift = entry.result.robots, 0.2 * ("Non-coop.", ONE, ALL).index(line(entry)) - 0.2
+        x, shift = entry.result.robots, 0.12 * ("Non-coop.", ONE, ALL).index(line(entry)) - 0.12
         own = {"line": line(entry) + end, "xlabel": "robots", "tick": str(x)}
         return {"panel": "", "x": x, "shift": shift, **own}
 
@@ -225,7 +227,7 @@ def crowd_section(entries: Sequence[Entry]) -> Section:
     shown = points(entries, "reward", where) + points(entries, "loss", where)
     for entry, gain in zip([*one, *every], [*gains[0], *gains[1]], strict=True):
         shown.append(point(gain, GAIN, **where(entry)))
-    shown += points(coop, "miscoordinations", where) + points(coop, "asks", where)
+    shown += points(entries, "miscoordinations", where) + points(coop, "asks", where)
     for entry in coop:
         for count, end in ((entry.result.visited_bytes, ""), (entry.dense_bytes, ", dense table")):
             shown.append(point(Measure(count, 0, 0), BYTES, **where(entry, end)))
@@ -361,7 +363,7 @@ def penalty100_section(entries: Sequence[Entry]) -> Section:
         "closed": ", ".join(f"{name} {text}" for name, text in closed_by.items()),
         "targets": ", ".join(f"{name} {percent(CLOSED[name], 0)}" for name in closed_by),
     }
-    figure = plot(points(entries, "reward", where), len(closed_by))
+    figure = plot(points(entries, "reward", where, span=0.3), len(closed_by))
     return Section(values, [rows], [figure], [(met, len(closed_by))])
 
 
