@@ -22,14 +22,17 @@ reproduce: $(VENV)/installed
 
 # The search for the learning protocol: the text of docs/protocol.md, into study/.
 study: $(VENV)/installed
-	$(BIN)/sparse_coord study --out study
+	$(BIN)/python -m tools.study --out study
 
 lint: $(VENV)/installed
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 
+# Live runs beside bare rclpy nodes, the batch engine beside a plain C loop.
 bench: $(VENV)/installed
-	$(BIN)/sparse_coord bench
+	$(BIN)/sparse_coord bench live
+	@echo
+	$(BIN)/python -m tools.c_loop
 
 clean:
 	rm -rf $(VENV) build install log .pytest_cache .ruff_cache *.egg-info

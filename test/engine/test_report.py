@@ -8,6 +8,7 @@ import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 import pytest
+from sparse_coord_ros.engine.report.tables import Table, listed, size
 
 from sparse_coord_ros.core.evaluation import Measure
 from sparse_coord_ros.core.grid import parse_map
@@ -29,7 +30,6 @@ from sparse_coord_ros.engine.report.analysis import (
     time_near,
 )
 from sparse_coord_ros.engine.report.entries import Entry
-from sparse_coord_ros.engine.report.tables import Table, listed, size
 from sparse_coord_ros.engine.results import SUMS, ConditionResult, Plan
 
 PLAN = Plan(seed=5, runs=4, trials=50)
