@@ -77,7 +77,7 @@ def execute(options: argparse.Namespace) -> int:
     return 0
 
 
-def _measure_live(steps: int, repeats: int) -> tuple[dict[str, list[float]], int]:
+def _measure_live(steps: int, repeats: int) -> tuple[dict[str, list[float]], float]:
     """Return steps a second of live runs and of what they are measured against, and a bag's size.
 
     Raises:
@@ -88,7 +88,7 @@ def _measure_live(steps: int, repeats: int) -> tuple[dict[str, list[float]], int
     except ImportError as error:
         raise shared.ros_missing(error, "sparse_coord bench batch") from None
 
-    sizes = []
+    sizes: list[int] = []
     measures: dict[str, Callable[[], float]] = {
         "without ROS (train)": lambda: _simulated(steps),
         "one process, bare rclpy nodes": lambda: ceiling.one_process(steps),

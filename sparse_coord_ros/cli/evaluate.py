@@ -14,7 +14,6 @@ from sparse_coord_ros.core.tables import load_team
 
 TRIALS = Setting("trials", int, 1000, "Monte-Carlo trials", low=2, high=10_000_000)
 PAPER_PENALTY = -20.0
-LEARNER_NAMES = {"coop": "Coop.", "noncoop": "Non-coop.", "indiv": "Indiv."}
 
 
 def add_parser(verbs) -> None:
@@ -38,7 +37,7 @@ def execute(options: argparse.Namespace) -> int:
     run = load_run(options.directory)
     tables = load_team(options.directory, run.scenario)
     check_tables(run.scenario, tables, run.learner)
-    result = evaluate(run.scenario, tables, trials=trials, seed=seed)
+    result = evaluate(run.scenario, tables, trials=trials, seed=seed, learner=run.rule)
     optimum = joint_optimum(run.scenario)
     bag = options.directory / "bag"
     if options.json:
@@ -73,7 +72,7 @@ def same_game_as_paper(run: RunConfig) -> bool:
 
 def result_table(run: RunConfig, result: Evaluation, optimum: Optimum) -> str:
     """Return the table that `evaluate` prints: ours, the paper's, the optimum."""
-    learner = LEARNER_NAMES[run.learner]
+    learner = run.rule.title or run.learner
     rows = [
         [
             f"{learner}, {result.trials} trials",

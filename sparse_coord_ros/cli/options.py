@@ -9,6 +9,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, NoReturn
 
+from sparse_coord_ros.core.learners import LEARNERS
 from sparse_coord_ros.core.scenario import Scenario, load_scenario, scenario_names
 from sparse_coord_ros.core.settings import parse_assignments
 from sparse_coord_ros.errors import EXIT_BAD_INPUT, RunError
@@ -104,6 +105,16 @@ def add_learning(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", default="0", help="seed of every random draw (default: 0)")
     parser.add_argument(
         "--out", type=Path, help="output directory, must not exist (default: runs/<name>_<time>)"
+    )
+
+
+def add_learner(parser: argparse.ArgumentParser) -> None:
+    """Add --learner."""
+    known = [f"{name}: {learner.summary}" for name, learner in LEARNERS.registered.items()]
+    parser.add_argument(
+        "--learner",
+        default="coop",
+        help=f"{'; '.join(known)}; or one of your own as module:Class (default: coop)",
     )
 
 

@@ -19,9 +19,7 @@ def add_parser(verbs) -> None:
     )
     shared.add_scenario(parser)
     shared.add_learning(parser)
-    parser.add_argument(
-        "--learner", choices=("coop", "noncoop"), default="coop", help="default: coop, Algorithm 1"
-    )
+    shared.add_learner(parser)
     parser.add_argument(
         "--executor",
         choices=("events", "single"),

@@ -7,7 +7,6 @@ import shutil
 import sys
 
 from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.core.agent import LEARNERS
 from sparse_coord_ros.core.run_config import RUN_FILE, create_output, make_run
 from sparse_coord_ros.core.simulation import learn
 from sparse_coord_ros.core.tables import save_team
@@ -22,13 +21,7 @@ def add_parser(verbs) -> None:
     )
     shared.add_scenario(parser)
     shared.add_learning(parser)
-    parser.add_argument(
-        "--learner",
-        choices=LEARNERS,
-        default="coop",
-        help="coop: Algorithm 1 (default); noncoop: Q-learning of all robots at once; "
-        "indiv: Q-learning of one robot at a time",
-    )
+    shared.add_learner(parser)
     shared.add_json(parser)
     parser.set_defaults(execute=execute)
 

@@ -20,6 +20,7 @@ from sparse_coord_ros.core.algorithm import (
     greedy,
     step_size,
     updated,
+    weighed,
 )
 from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.schedules import exploration, step_sizes
@@ -34,10 +35,7 @@ from sparse_coord_ros.core.streams import (
     TIE,
     Stream,
 )
-from sparse_coord_ros.core.world import Action
-
-LEARNERS = ("coop", "noncoop", "indiv")
-"""Algorithm 1 and the paper's baselines: Q-learning of all robots at once, and of one alone."""
+from sparse_coord_ros.core.world import SUM_OF_PARTS, Action, Reward, RewardWeights
 
 NOBODY = -1
 
@@ -56,11 +54,16 @@ class Tables(NamedTuple):
     q_coord: np.ndarray | SparseTable
 
 
-def initial_tables(scenario: Scenario, learner: str) -> Tables:
-    """Return the tables before learning (Algorithm 1, line 1)."""
+def initial_tables(scenario: Scenario, *, asks: bool = True) -> Tables:
+    """Return the tables before learning (Algorithm 1, line 1).
+
+    Args:
+        scenario: the problem and its protocol.
+        asks: whether COORDINATE is among the actions; if not, its column of Q* is NaN.
+    """
     cells = len(scenario.map.cells)
     q_star = np.full((cells, len(ACTIONS)), scenario.q_star_init)
-    if learner != "coop":
+    if not asks:
         q_star[:, COORDINATE] = np.nan
     if scenario.sparse:
         return Tables(q_star, SparseTable(cells, scenario.perceived, scenario.q_coord_init))
@@ -87,7 +90,8 @@ class Agent:
             cell ends its episodes.
         number: k, from 0.
         seed: the run's seed.
-        learner: "coop" (Algorithm 1), "noncoop" or "indiv" (four actions).
+        asks: whether COORDINATE is among its actions (Algorithm 1), or only the four moves.
+        weights: how much each part of a reward counts while it learns.
         tables: tables to go on from; initial ones where None.
         learning: False: act greedily and never update.
         phase: LEARNING or EVALUATION: which random draws the agent uses.
@@ -102,7 +106,8 @@ class Agent:
         number: int,
         seed: int,
         *,
-        learner: str = "coop",
+        asks: bool = True,
+        weights: RewardWeights = SUM_OF_PARTS,
         tables: Tables | None = None,
         learning: bool = True,
         phase: int = LEARNING,
@@ -110,8 +115,9 @@ class Agent:
         self.number = number
         self.learning = learning
         self.goal = scenario.robots[number].goal
-        self.actions = len(ACTIONS) if learner == "coop" else PRIMITIVES
-        self.tables = initial_tables(scenario, learner) if tables is None else tables
+        self.actions = len(ACTIONS) if asks else PRIMITIVES
+        self.tables = initial_tables(scenario, asks=asks) if tables is None else tables
+        self._weights = weights
         self._peers = tuple(k for k in range(len(scenario.robots)) if k != number)
         self._asks_all = scenario.peers == "all"
         self._draws = Stream(seed, number, POLICY, phase)
@@ -180,7 +186,7 @@ class Agent:
         decision: Decision,
         action: Action,
         perceived: tuple[int, ...] | None,
-        reward: float,
+        reward: Reward,
         next_cell: int,
     ) -> None:
         """Update Q^C, then Q* (Algorithm 1, lines 12 to 14 and 18).
@@ -193,12 +199,13 @@ class Agent:
             decision: A_k(t).
             action: the primitive action that it became.
             perceived: the perceived local states of the asked peers, or None.
-            reward: R_k(t), all parts together.
+            reward: R_k(t) in its parts.
             next_cell: X_k(t+1).
         """
         if not self.learning:
             return
         q_star, q_coord = self.tables
+        total = weighed(reward.individual, reward.common, reward.ask_cost, self._weights)
         if next_cell == self.goal:
             bootstrap = self._goal_value
         else:
@@ -207,11 +214,11 @@ class Agent:
             entry = (cell, *perceived, action.move)
             alpha = self._alpha(self._coord_updates, entry, step)
             value = float(q_coord[entry])
-            q_coord[entry] = updated(value, alpha, reward, self._discount, bootstrap)
+            q_coord[entry] = updated(value, alpha, total, self._discount, bootstrap)
         entry = (cell, decision.action)
         alpha = self._alpha(self._star_updates, entry, step)
         value = float(q_star[entry])
-        q_star[entry] = updated(value, alpha, reward, self._discount, bootstrap)
+        q_star[entry] = updated(value, alpha, total, self._discount, bootstrap)
 
     def _alpha(
         self, updates: np.ndarray | Counter[tuple[int, ...]], entry: tuple[int, ...], step: int

@@ -8,10 +8,12 @@ All policies are evaluated greedily "in the original problem", all robots moving
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
-from sparse_coord_ros.core.agent import Agent, Tables
+from sparse_coord_ros.core.agent import Tables
+from sparse_coord_ros.core.learners import Learner, learner_of
 from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.simulation import Team
 from sparse_coord_ros.core.streams import EVALUATION
@@ -79,16 +81,21 @@ class Evaluation:
     asks: Measure
     not_arrived: int
 
-    def to_dict(self) -> dict:
+    def to_dict(self) -> dict[str, Any]:
         """Return plain data."""
         return asdict(self)
 
 
 def evaluate(
-    scenario: Scenario, tables: Sequence[Tables], *, trials: int, seed: int
+    scenario: Scenario,
+    tables: Sequence[Tables],
+    *,
+    trials: int,
+    seed: int,
+    learner: str | Learner | None = None,
 ) -> Evaluation:
     """Play greedy trials and sum them up; arguments and errors as of `play`."""
-    return summary(play(scenario, tables, trials=trials, seed=seed))
+    return summary(play(scenario, tables, trials=trials, seed=seed, learner=learner))
 
 
 def summary(trials: Trials) -> Evaluation:
@@ -103,31 +110,34 @@ def summary(trials: Trials) -> Evaluation:
     )
 
 
-def play(scenario: Scenario, tables: Sequence[Tables], *, trials: int, seed: int) -> Trials:
+def play(
+    scenario: Scenario,
+    tables: Sequence[Tables],
+    *,
+    trials: int,
+    seed: int,
+    learner: str | Learner | None = None,
+) -> Trials:
     """Play greedy trials from the scenario's starts.
 
     Args:
         scenario: the problem.
-        tables: the tables of every robot; a NaN COORDINATE column marks a baseline.
+        tables: the tables of every robot.
         trials: how many trials, >= 2.
         seed: seed of the trials' draws, independent of the draws of learning.
+        learner: whose greedy policy acts on them; None: Algorithm 1's, or that of a baseline
+            where the column of COORDINATE is NaN.
 
     Raises:
         TablesError: the tables do not fit the scenario.
     """
-    check_tables(scenario, tables)
-    agents = [
-        Agent(
-            scenario,
-            k,
-            seed,
-            learner="noncoop" if np.isnan(table.q_star[0, -1]) else "coop",
-            tables=table,
-            learning=False,
-            phase=EVALUATION,
+    check_tables(scenario, tables, learner)
+    agents = []
+    for k, table in enumerate(tables):
+        rule = learner_of(learner or ("noncoop" if np.isnan(table.q_star[0, -1]) else "coop"))
+        agents.append(
+            rule.agent(scenario, k, seed, tables=table, learning=False, phase=EVALUATION)
         )
-        for k, table in enumerate(tables)
-    ]
     world = World(scenario, seed, phase=EVALUATION, max_steps=scenario.horizon)
     team = Team(scenario, seed, agents, phase=EVALUATION)
     shape = (trials, len(tables))
@@ -146,10 +156,11 @@ def play(scenario: Scenario, tables: Sequence[Tables], *, trials: int, seed: int
             elapsed += 1
             for k, parts in enumerate(outcome.rewards):
                 reward[trial, k] += discount * (parts.common + parts.ask_cost)
-                if actions[k] is None:
+                action = actions[k]
+                if action is None:
                     continue
                 stays[k, cells[k]] += 1
-                if actions[k].asked:
+                if action.asked:
                     asks[trial, k] += 1
                     asked[k, cells[k]] += 1
             for k in outcome.arrived:
@@ -162,13 +173,15 @@ def play(scenario: Scenario, tables: Sequence[Tables], *, trials: int, seed: int
     return Trials(reward, times, asks, arrived, conflicts, asked, stays)
 
 
-def check_tables(scenario: Scenario, tables: Sequence[Tables], learner: str | None = None) -> None:
+def check_tables(
+    scenario: Scenario, tables: Sequence[Tables], learner: str | Learner | None = None
+) -> None:
     """Raise `TablesError` unless each robot has one pair of tables that fits.
 
     Args:
         scenario: the problem.
         tables: the tables of every robot.
-        learner: who is to use them: "coop" knows COORDINATE, for the others its column is NaN;
+        learner: who is to use them: the column of COORDINATE is NaN for one that does not ask;
             None: whoever learned them.
     """
     cells = len(scenario.map.cells)
@@ -188,11 +201,12 @@ def check_tables(scenario: Scenario, tables: Sequence[Tables], learner: str | No
                     f"{name} has shape {array.shape}, scenario {scenario.name} needs {shape}; use "
                     "the tables of a run on the same map and with the same setting peers"
                 )
-        if learner and np.isnan(table.q_star[:, -1]).any() != (learner != "coop"):
-            others = "coop" if learner != "coop" else "noncoop or indiv"
+        rule = None if learner is None else learner_of(learner)
+        if rule is not None and np.isnan(table.q_star[:, -1]).any() == rule.asks:
+            others = "does not ask" if rule.asks else "asks"
             raise TablesError(
-                f"q_star_{k} was learned by {others}, the learner is {learner}; use the tables of "
-                "a run with that learner, or choose the other one"
+                f"q_star_{k} was learned by a learner that {others}, the learner is {rule.label}; "
+                "use the tables of a run with that learner, or choose the other one"
             )
 
 

@@ -4,27 +4,92 @@
 
 "Whether or not it actually succeeds is environment-dependent." A model is a matrix of success
 probabilities over the asker's and the asked robot's cells; the percept succeeds when the draw of
-(asker, step) lies below the entry. A new model is one function in `MODELS` and its numbers in
-`PERCEPTION`.
+(asker, step) lies below the entry. A model is a function of the map and its numbers, registered
+under a name; one of the user's own may also be named as `module:function`.
 """
 
+import inspect
 from collections.abc import Callable
 
 import numpy as np
 
 from sparse_coord_ros.core.grid import GridMap
+from sparse_coord_ros.core.plugins import Registry, is_path
 from sparse_coord_ros.core.specs import Number, Spec, SpecFamily
+from sparse_coord_ros.errors import SettingError
 
-PERCEPTION = SpecFamily(
-    "perception",
-    {
-        "always": (),
-        "never": (),
-        "probability": (Number("p", 0.0, 1.0),),
-        "line_of_sight": (),
-        "range": (Number("cells", 0.0),),
-    },
+PerceptionModel = Callable[..., np.ndarray]
+"""Takes the map and the numbers of its spec; returns what `percept_probabilities` does. Its
+attribute `numbers`, a tuple of `Number`, says their names and ranges; without one, its parameters
+after the map are numbers without bounds."""
+
+
+def _model(name: str, thing: object) -> PerceptionModel:
+    if not callable(thing):
+        raise TypeError("is no function; it must take a map and return a matrix of probabilities")
+    return thing
+
+
+MODELS: Registry[PerceptionModel] = Registry(
+    "perception model", "sparse_coord_ros.perception", _model
 )
+"""Every perception model, by the name that scenarios give."""
+
+
+def register_perception(name: str, model: PerceptionModel) -> PerceptionModel:
+    """Let a scenario's setting `perception` name a model of one's own, in this process.
+
+    Other processes, and later calls, find a model by themselves where it is named as
+    `module:function`, or where an installed package names it as an entry point of the group
+    `sparse_coord_ros.perception`.
+
+    Args:
+        name: the name.
+        model: function of the map and numbers; see `PerceptionModel`.
+
+    Raises:
+        SettingError: it is no function, or the name is none.
+    """
+    return MODELS.register(name, model)
+
+
+class PerceptionFamily(SpecFamily):
+    """The setting `perception`: the models of this package, and those of the user's own."""
+
+    def __init__(self) -> None:
+        super().__init__("perception", {})
+
+    @property
+    def usage(self) -> str:
+        """The allowed forms, for help and error texts."""
+        own = {name: _numbers(model) for name, model in MODELS.registered.items()}
+        forms = SpecFamily(self.setting, {n: v for n, v in own.items() if ":" not in n}).usage
+        return f"{forms}, or one of your own as module:function"
+
+    def parse(self, value: object) -> Spec:
+        """Read a model with its numbers; errors as of `SpecFamily.parse`."""
+        if isinstance(value, Spec):
+            return value
+        text = str(value)
+        parts = text.split(":")
+        kind = ":".join(parts[:2]) if is_path(":".join(parts[:2])) else parts[0]
+        if kind not in MODELS.names and not is_path(kind):
+            raise self.unknown(text, parts[0], [n for n in MODELS.names if ":" not in n])
+        rest = text.removeprefix(kind).removeprefix(":")
+        return self.numbered(
+            text, kind, rest.split(":") if rest else [], _numbers(MODELS.find(kind))
+        )
+
+
+def _numbers(model: PerceptionModel) -> tuple[Number, ...]:
+    said = getattr(model, "numbers", None)
+    if said is None:
+        names = list(inspect.signature(model).parameters)[1:]
+        said = tuple(Number(name) for name in names)
+    return tuple(said)
+
+
+PERCEPTION = PerceptionFamily()
 """The perception models that a scenario can name."""
 
 
@@ -38,23 +103,39 @@ def percept_probabilities(model: Spec, grid: GridMap) -> np.ndarray:
     Returns:
         Shape (cells, cells), float64 in [0, 1]: first index the asker's cell, second the asked
         robot's cell.
+
+    Raises:
+        SettingError: a model of the user's own returns something else.
     """
-    return MODELS[model.kind](grid, *model.numbers)
+    found = MODELS.find(model.kind)(grid, *model.numbers)
+    cells = len(grid.cells)
+    try:
+        matrix = np.ascontiguousarray(found, dtype=np.float64)
+        fits = matrix.shape == (cells, cells) and bool(((matrix >= 0) & (matrix <= 1)).all())
+    except (TypeError, ValueError):
+        fits = False
+    if not fits:
+        raise SettingError(
+            f"perception model {model.kind!r}: returned {_shown(found)}, allowed: probabilities "
+            f"from 0 to 1, shape ({cells}, {cells}): the asker's cell, then the asked robot's"
+        )
+    return matrix
 
 
-def _constant(p: float) -> Callable[[GridMap], np.ndarray]:
-    return lambda grid: np.full((len(grid.cells), len(grid.cells)), p)
+def _shown(found: object) -> str:
+    shape = getattr(found, "shape", None)
+    return repr(found)[:60] if shape is None else f"an array of shape {shape}"
 
 
 def _probability(grid: GridMap, p: float) -> np.ndarray:
-    return _constant(p)(grid)
+    return np.full((len(grid.cells), len(grid.cells)), p)
 
 
 def _range(grid: GridMap, reach: float) -> np.ndarray:
     """Succeed within `reach` cells, measured straight between the cells' centres."""
     centres = np.array(grid.cells, dtype=float)
     gap = centres[:, None, :] - centres[None, :, :]
-    return (np.hypot(gap[..., 0], gap[..., 1]) <= reach).astype(float)
+    return np.asarray(np.hypot(gap[..., 0], gap[..., 1]) <= reach, dtype=float)
 
 
 def _line_of_sight(grid: GridMap) -> np.ndarray:
@@ -96,10 +177,22 @@ def _sees(grid: GridMap, here: tuple[int, int], there: tuple[int, int]) -> bool:
     return True
 
 
-MODELS: dict[str, Callable[..., np.ndarray]] = {
-    "always": _constant(1.0),
-    "never": _constant(0.0),
-    "probability": _probability,
-    "line_of_sight": _line_of_sight,
-    "range": _range,
-}
+def _always(grid: GridMap) -> np.ndarray:
+    return _probability(grid, 1.0)
+
+
+def _never(grid: GridMap) -> np.ndarray:
+    return _probability(grid, 0.0)
+
+
+setattr(_probability, "numbers", (Number("p", 0.0, 1.0),))  # noqa: B010 - mypy
+setattr(_range, "numbers", (Number("cells", 0.0),))  # noqa: B010
+
+for _name, _function in (
+    ("always", _always),
+    ("never", _never),
+    ("probability", _probability),
+    ("line_of_sight", _line_of_sight),
+    ("range", _range),
+):
+    register_perception(_name, _function)

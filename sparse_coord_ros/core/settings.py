@@ -2,14 +2,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """Typed settings with ranges: one table for YAML files, `--set key=value` and ROS parameters."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
-from sparse_coord_ros.core.specs import SpecFamily
 from sparse_coord_ros.errors import SettingError, did_you_mean
 
 TRUE, FALSE = ("true", "yes", "on", "1"), ("false", "no", "off", "0")
+
+
+class Family(Protocol):
+    """Values with a syntax of their own, such as `probability:0.7`."""
+
+    @property
+    def usage(self) -> str:
+        """The allowed forms, for help and error texts."""
+
+    def parse(self, value: object) -> Any:
+        """Read a value; raises `SettingError`."""
 
 
 @dataclass(frozen=True)
@@ -18,33 +28,36 @@ class Setting:
 
     Attributes:
         name: its name in files, on the command line and as a ROS parameter.
-        kind: bool, int, float, str, list (of str) or a `SpecFamily`.
+        kind: bool, int, float, str, list (of str), or a family of values with a syntax of its own.
         default: the value where none is given.
         help: one line: meaning and unit.
         low: smallest number allowed; None: no bound.
         high: largest number allowed; None: no bound.
         choices: the strings allowed; empty: any.
+        neutral: of a setting that came after version 0.1.0, the value that changes nothing: it
+            holds where an older file lacks the setting, and digests leave it out; None: of 0.1.0.
     """
 
     name: str
-    kind: type | SpecFamily
+    kind: type | Family
     default: Any
     help: str
     low: float | None = None
     high: float | None = None
     choices: tuple[str, ...] = ()
+    neutral: Any = None
 
     @property
     def allowed(self) -> str:
         """What the setting accepts, in words."""
-        if isinstance(self.kind, SpecFamily):
+        if not isinstance(self.kind, type):
             return self.kind.usage
         if self.choices:
             return " or ".join(self.choices)
         if self.kind is bool:
             return "true or false"
         if self.kind not in (int, float):
-            return {str: "a text", list: "a list of texts"}[self.kind]
+            return "a text" if self.kind is str else "a list of texts"
         words = "a whole number" if self.kind is int else "a number"
         low, high = (
             f"{bound}" if self.kind is int else f"{bound:g}" if bound is not None else ""
@@ -62,7 +75,7 @@ class Setting:
         Raises:
             SettingError: the value has another type or lies out of range.
         """
-        if isinstance(self.kind, SpecFamily):
+        if not isinstance(self.kind, type):
             return self.kind.parse(value)
         try:
             parsed = self._converted(value)
@@ -95,7 +108,7 @@ class Setting:
             return text in TRUE
         if isinstance(value, bool):
             raise TypeError
-        number = float(value)
+        number = float(value)  # type: ignore[arg-type]  # what is no number raises
         if number != number or number in (float("inf"), float("-inf")):
             raise ValueError
         if self.kind is float:
@@ -117,7 +130,7 @@ class SettingTable(Mapping[str, Setting]):
         """Return the setting of that name."""
         return self._settings[name]
 
-    def __iter__(self):
+    def __iter__(self) -> Iterator[str]:
         """Iterate over the names, in the table's order."""
         return iter(self._settings)
 
@@ -128,6 +141,21 @@ class SettingTable(Mapping[str, Setting]):
     def defaults(self) -> dict[str, Any]:
         """Return every setting's default, parsed."""
         return {s.name: s.parse(s.default) for s in self.values()}
+
+    def of_older_files(self) -> dict[str, Any]:
+        """Return what holds where a file lacks a setting: its neutral value, or its default."""
+        return {
+            s.name: s.parse(s.default if s.neutral is None else s.neutral) for s in self.values()
+        }
+
+    def effective(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Return those of the values that are not neutral, as plain data for a digest."""
+        kept = {}
+        for name, setting in self.items():
+            value = values[name]
+            if setting.neutral is None or value != setting.parse(setting.neutral):
+                kept[name] = value if isinstance(value, int | float | str) else str(value)
+        return kept
 
     def parse(self, values: Mapping[str, object]) -> dict[str, Any]:
         """Return the given values, each in its setting's type.

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from sparse_coord_ros.core.agent import Agent, Decision, Tables
+from sparse_coord_ros.core.learners import Learner, learner_of
 from sparse_coord_ros.core.perception import percept_probabilities
 from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.sparse import SparseTable
@@ -57,7 +58,7 @@ class Team:
         for agent in self.agents:
             choice = choices[agent.number]
             if choice is not None:
-                reward = outcome.rewards[agent.number].total
+                reward = outcome.rewards[agent.number]
                 agent.learn(world.step - 1, *choice, reward, world.cells[agent.number])
 
     def _perceive(self, world: World, k: int, decision: Decision) -> tuple[int, ...] | None:
@@ -72,7 +73,7 @@ class Team:
 
 def learn(
     scenario: Scenario,
-    learner: str,
+    learner: str | Learner,
     seed: int,
     *,
     progress: Callable[[int, int], None] = lambda done, budget: None,
@@ -86,28 +87,29 @@ def learn(
 
 def learn_agents(
     scenario: Scenario,
-    learner: str,
+    learner: str | Learner,
     seed: int,
     *,
     progress: Callable[[int, int], None] = lambda done, budget: None,
 ) -> list[Agent]:
     """Run one learner for the scenario's budget and return every robot's agent.
 
-    "coop" and "noncoop" learn all at once; "indiv" learns with one robot at a time, each for the
-    whole budget, so that no robot ever meets another (paper, Section 4).
+    Most learners learn all at once; one that learns `alone` has one robot at a time in the world,
+    each for the whole budget, so that no robot ever meets another (paper, Section 4).
 
     Args:
         scenario: the problem and its protocol.
-        learner: "coop", "noncoop" or "indiv".
+        learner: a learner, or its name.
         seed: the run's seed.
         progress: called with transitions done and to be done, about every hundredth.
     """
+    rule = learner_of(learner)
     everyone = range(len(scenario.robots))
-    teams = [[k] for k in everyone] if learner == "indiv" else [list(everyone)]
+    teams = [[k] for k in everyone] if rule.alone else [list(everyone)]
     budget = scenario.steps * len(teams)
     learned: list[Agent] = []
     for members in teams:
-        agents = [Agent(scenario, k, seed, learner=learner) for k in members]
+        agents = [rule.agent(scenario, k, seed) for k in members]
         team = Team(scenario, seed, agents)
         world = World(scenario, seed, agents=members)
         while world.transitions < scenario.steps:

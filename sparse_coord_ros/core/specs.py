@@ -7,7 +7,7 @@ settings. A family of them (the perception models, the schedules) is one `SpecFa
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from sparse_coord_ros.errors import SettingError, did_you_mean
@@ -67,19 +67,36 @@ class SpecFamily:
         """
         if isinstance(value, Spec):
             return value
-        kind, *texts = str(value).split(":")
+        text = str(value)
+        kind, *texts = text.split(":")
         if kind not in self.kinds:
-            raise SettingError(
-                f"setting {self.setting}: unknown value {str(value)!r}"
-                f"{did_you_mean(kind, self.kinds)}; allowed: {self.usage}"
-            )
-        wanted = self.kinds[kind]
+            raise self.unknown(text, kind, self.kinds)
+        return self.numbered(text, kind, texts, self.kinds[kind])
+
+    def unknown(self, text: str, kind: str, known: Iterable[str]) -> SettingError:
+        """Return the error for a kind that is not known; a lone number may lack its kind."""
+        first = next((k for k, wanted in self.kinds.items() if len(wanted) == 1), None)
+        hint = did_you_mean(kind, known)
+        if first is not None and _is_number(text):
+            hint = f" (did you mean '{first}:{text}'?)"
+        return SettingError(
+            f"setting {self.setting}: unknown value {text!r}{hint}; allowed: {self.usage}"
+        )
+
+    def numbered(
+        self, text: str, kind: str, texts: Sequence[str], wanted: tuple[Number, ...]
+    ) -> Spec:
+        """Return a spec of the numbers of a kind.
+
+        Raises:
+            SettingError: wrong count of numbers, or a number out of range.
+        """
         repeated = bool(wanted) and wanted[-1].repeated
         if repeated:
             wanted += wanted[-1:] * (len(texts) - len(wanted))
         if len(texts) != len(wanted):
             raise SettingError(
-                f"setting {self.setting}: {str(value)!r} has {len(texts)} numbers, {kind!r} takes "
+                f"setting {self.setting}: {text!r} has {len(texts)} numbers, {kind!r} takes "
                 f"{len(wanted)}{' or more' if repeated else ''}; allowed: {self.usage}"
             )
         return Spec(kind, tuple(self._number(n, t) for n, t in zip(wanted, texts, strict=True)))
@@ -95,3 +112,10 @@ class SpecFamily:
                 f"{number.low:g} to {number.high:g}"
             )
         return value
+
+
+def _is_number(text: str) -> bool:
+    try:
+        return math.isfinite(float(text))
+    except ValueError:
+        return False

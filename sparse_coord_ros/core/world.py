@@ -28,6 +28,18 @@ class Reward(NamedTuple):
     total: float
 
 
+class RewardWeights(NamedTuple):
+    """How much each part of R_k(t) counts for whoever learns from it."""
+
+    individual: float
+    common: float
+    ask_cost: float
+
+
+SUM_OF_PARTS = RewardWeights(1.0, 1.0, 1.0)
+"""R_k(t) itself, as the paper has it."""
+
+
 class Action(NamedTuple):
     """What an agent does at a time step.
 

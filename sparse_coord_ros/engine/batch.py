@@ -18,6 +18,7 @@ import numpy as np
 from sparse_coord_ros.core.agent import Tables, initial_tables
 from sparse_coord_ros.core.algorithm import ACTIONS, PRIMITIVES
 from sparse_coord_ros.core.evaluation import Trials, play
+from sparse_coord_ros.core.learners import Learner, learner_of
 from sparse_coord_ros.core.perception import percept_probabilities
 from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.schedules import exploration, exploring_starts, step_sizes
@@ -66,7 +67,7 @@ class Run(NamedTuple):
 
 def run_batch(
     scenario: Scenario,
-    learner: str,
+    learner: str | Learner,
     seeds: Sequence[int],
     *,
     trials: int,
@@ -77,7 +78,7 @@ def run_batch(
 
     Args:
         scenario: the problem and its protocol.
-        learner: "coop", "noncoop" or "indiv".
+        learner: a learner, or its name.
         seeds: one run each.
         trials: trials of each run; 0: none.
         engine: "numba", "python", or "auto": numba where it is installed.
@@ -88,8 +89,9 @@ def run_batch(
         RunError: a process that computed runs was killed.
     """
     jobs = len(os.sched_getaffinity(0)) if jobs is None else jobs
-    if not uses_numba(engine):
-        work = [(scenario, learner, seed, trials) for seed in seeds]
+    rule = learner_of(learner)
+    if not uses_numba(engine, rule):
+        work = [(scenario, rule, seed, trials) for seed in seeds]
         yield from in_processes(_run_plain, work, jobs)
         return
     # The loops compile when first called: here, where Ctrl-C is heard, and not in a thread.
@@ -107,25 +109,30 @@ def run_batch(
             pool.shutdown(wait=True, cancel_futures=True)
 
 
-def uses_numba(engine: str) -> bool:
-    """Whether an engine setting means numba on this machine.
+def uses_numba(engine: str, learner: Learner | None = None) -> bool:
+    """Whether an engine setting means numba on this machine, and for a learner if one is named.
 
     Raises:
-        SettingError: numba is asked for and not installed.
+        SettingError: numba is asked for, and not installed or no help to the learner.
     """
+    if engine == "numba" and learner is not None and not learner.compiled:
+        raise SettingError(
+            f"setting engine: value is 'numba', but learner {learner.label} has no compiled form; "
+            "leave the engine out, or choose 'python'"
+        )
     if engine == "numba" and not has_numba():
         raise SettingError(
             "setting engine: value is 'numba', which is not installed; pip install numba, or "
             "leave the engine out: plain Python computes the same bits"
         )
-    return engine != "python" and has_numba()
+    return engine != "python" and has_numba() and (learner is None or learner.compiled)
 
 
-def _run_plain(scenario: Scenario, learner: str, seed: int, trials: int) -> Run:
+def _run_plain(scenario: Scenario, learner: Learner, seed: int, trials: int) -> Run:
     agents = learn_agents(scenario, learner, seed)
     tables = [agent.tables for agent in agents]
     visited = np.array([agent.coord_visited for agent in agents])
-    played = play(scenario, tables, trials=trials, seed=seed) if trials else None
+    played = play(scenario, tables, trials=trials, seed=seed, learner=learner) if trials else None
     return Run(seed, tables, visited, played)
 
 
@@ -138,7 +145,7 @@ class CompiledTeam:
 
     Args:
         scenario: the problem and its protocol.
-        learner: "coop", "noncoop" or "indiv".
+        learner: a learner, or its name.
         loops: the compiled (or plain) loops.
         stop: where its one entry is set, runs raise `Stopped` at the next block.
     """
@@ -146,18 +153,18 @@ class CompiledTeam:
     def __init__(
         self,
         scenario: Scenario,
-        learner: str,
+        learner: str | Learner,
         loops: Loops,
         stop: np.ndarray | None = None,
     ) -> None:
         self.scenario = scenario
-        self.learner = learner
+        self.learner = learner_of(learner)
         self._loops = loops
         self._stop = np.zeros(1, dtype=np.bool_) if stop is None else stop
         everyone = np.arange(len(scenario.robots))
         alone = [everyone[k : k + 1] for k in everyone]
-        groups = alone if learner == "indiv" else [everyone]
-        whole = make_problem(scenario, learner, everyone)
+        groups = alone if self.learner.alone else [everyone]
+        whole = make_problem(scenario, self.learner, everyone)
         self._learning = [whole._replace(members=members) for members in groups]
         self._trying = whole._replace(
             max_steps=scenario.horizon, exploring=np.zeros(1), epsilon=np.zeros(1)
@@ -211,8 +218,8 @@ class CompiledTeam:
     def tables(self, learners: kernels.Learners) -> list[Tables]:
         """Return what each robot learned, in the shapes of `core.agent`."""
         cells = len(self.scenario.map.cells)
-        if self.learner != "coop":
-            initial = initial_tables(self.scenario, self.learner).q_coord
+        if not self.learner.asks:
+            initial = initial_tables(self.scenario, asks=False).q_coord
             return [Tables(q_star, initial) for q_star in learners.q_star]
         if self.scenario.sparse:
             return [
@@ -237,9 +244,9 @@ class CompiledTeam:
     def _initial(self) -> kernels.Learners:
         scenario = self.scenario
         team, cells = len(scenario.robots), len(scenario.map.cells)
-        star = initial_tables(scenario, self.learner).q_star
+        star = initial_tables(scenario, asks=self.learner.asks).q_star
         q_star = np.repeat(star[None], team, axis=0)
-        if self.learner != "coop":
+        if not self.learner.asks:
             rows = 0
         elif scenario.sparse:
             rows = FIRST_ROWS
@@ -330,13 +337,13 @@ def _choice(team: int) -> kernels.Choices:
 
 
 def make_problem(
-    scenario: Scenario, learner: str, members: np.ndarray
+    scenario: Scenario, learner: Learner, members: np.ndarray
 ) -> kernels.CompiledScenario:
     """Return a scenario as arrays.
 
     Args:
         scenario: the problem and its protocol.
-        learner: "coop", "noncoop" or "indiv".
+        learner: the learner.
         members: numbers of the robots that move.
     """
     grid, robots = scenario.map, scenario.robots
@@ -368,7 +375,8 @@ def make_problem(
         alpha_by_count=alpha.by_count,
         alpha_by_step=alpha.by_step,
         discounts=np.array(discounts),
-        actions=len(ACTIONS) if learner == "coop" else PRIMITIVES,
+        actions=len(ACTIONS) if learner.asks else PRIMITIVES,
+        weights=np.array(learner.weights(scenario)),
         budget=scenario.steps,
         max_steps=scenario.max_steps,
         move_success=scenario.move_success,

@@ -18,6 +18,7 @@ CALLED = (
     algorithm.greatest,
     algorithm.step_size,
     algorithm.updated,
+    algorithm.weighed,
     kernels.find_row,
     kernels.perceived_row,
     kernels.draw,

@@ -13,12 +13,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
 
-from sparse_coord_ros.core.agent import LEARNERS
+from sparse_coord_ros.core.learners import learner_of
 from sparse_coord_ros.core.scenario import Scenario, load_scenario, scenario_names
 from sparse_coord_ros.core.settings import parse_assignments
 from sparse_coord_ros.core.share import share_file
 from sparse_coord_ros.core.specs import Spec
-from sparse_coord_ros.errors import ScenarioError, SettingError, did_you_mean
+from sparse_coord_ros.errors import ScenarioError, SettingError
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Condition:
 
     Attributes:
         name: name of a shipped scenario, or path of a scenario file.
-        learner: "coop", "noncoop" or "indiv".
+        learner: name of a learner.
         settings: the penalty, and what else differs from the scenario, as texts.
     """
 
@@ -43,8 +43,9 @@ class Condition:
 
     @cached_property
     def scenario(self) -> Scenario:
-        """The scenario with the cell's settings."""
-        return _load(self.name).with_settings(dict(self.settings))
+        """The scenario with the condition's settings, and its learner's defaults."""
+        scenario = _load(self.name).with_settings(dict(self.settings))
+        return learner_of(self.learner).with_defaults(scenario)
 
 
 def _load(name: str) -> Scenario:
@@ -81,26 +82,22 @@ def make_condition(name: str, learner: str, settings: Mapping[str, object]) -> C
 
     Args:
         name: name of a shipped scenario, or path of a scenario file.
-        learner: "coop", "noncoop" or "indiv".
+        learner: name of a learner.
         settings: changed settings of the scenario.
 
     Raises:
         ScenarioError: no such scenario, or a malformed one.
         SettingError: an unknown learner or setting, or a bad value.
     """
-    if learner not in LEARNERS:
-        raise SettingError(
-            f"unknown learner {learner!r}{did_you_mean(learner, LEARNERS)}; "
-            f"allowed: {', '.join(LEARNERS)}"
-        )
-    scenario = _load(name)
-    changed = scenario.with_settings(settings)
+    rule = learner_of(learner)
+    scenario = rule.with_defaults(_load(name))
+    changed = rule.with_defaults(_load(name).with_settings(settings))
     kept = [
         (key, _text(getattr(changed, key)))
         for key in sorted(settings)
         if key != "penalty" and getattr(changed, key) != getattr(scenario, key)
     ]
-    return Condition(name, learner, (("penalty", _text(changed.penalty)), *kept))
+    return Condition(name, rule.label, (("penalty", _text(changed.penalty)), *kept))
 
 
 def parse_id(text: str) -> tuple[Condition, int | None]:

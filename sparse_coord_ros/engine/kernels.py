@@ -19,6 +19,7 @@ from sparse_coord_ros.core.algorithm import (
     greedy,
     step_size,
     updated,
+    weighed,
 )
 from sparse_coord_ros.core.streams import EXPLORE, EXPLORED_ACTION, PEER, PRIMITIVE_TIE, TIE
 from sparse_coord_ros.core.world import EPISODE_GAP
@@ -61,6 +62,8 @@ class CompiledScenario(NamedTuple):
         alpha_by_step: least step size [time step].
         discounts: gamma to the power of [steps].
         actions: 5 with COORDINATE, 4 for the baselines.
+        weights: how much the individual and the common part of a reward and the cost of asking
+            count while learning [3].
         budget: transitions to learn from.
         max_steps: steps after which an episode ends.
         move_success: probability that a move succeeds.
@@ -87,6 +90,7 @@ class CompiledScenario(NamedTuple):
     alpha_by_step: np.ndarray
     discounts: np.ndarray
     actions: int
+    weights: np.ndarray
     budget: int
     max_steps: int
     move_success: float
@@ -339,7 +343,7 @@ def learn_block(problem, learners, game, choice, draws):
             individual = problem.goal_reward if home else 0.0
             common = problem.penalties[k] if conflict else 0.0
             cost = -problem.ask_cost if action == COORDINATE else 0.0
-            reward = individual + common + cost
+            reward = weighed(individual, common, cost, problem.weights)
             if home:
                 arrived[k] = 1
                 bootstrap = problem.goal_value

@@ -14,7 +14,7 @@ from sparse_coord_ros.core.agent import Agent, Decision
 from sparse_coord_ros.core.perception import percept_probabilities
 from sparse_coord_ros.core.run_config import RunConfig
 from sparse_coord_ros.core.streams import PERCEPT, Stream
-from sparse_coord_ros.core.world import Action
+from sparse_coord_ros.core.world import Action, Reward
 
 NO_STEP = 0
 """The step of a request by a person, who does not know the time step."""
@@ -109,7 +109,7 @@ class RobotSide:
         self._max_steps = run.scenario.max_steps
         self._budget = run.scenario.steps
         self._states: deque[tuple[int, int]] = deque()
-        self._rewards: dict[int, float] = {}
+        self._rewards: dict[int, Reward] = {}
         self._pending: Pending | None = None
         self._asking: Asking | None = None
         self._checkpoint = run.checkpoint
@@ -158,10 +158,10 @@ class RobotSide:
             self.asks["late"] += 1
         self._go_on()
 
-    def reward(self, step: int, total: float) -> None:
+    def reward(self, step: int, reward: Reward) -> None:
         """Take in R_k of the action at a time step."""
         if self._pending is not None and step == self._pending.step:
-            self._rewards[step] = total
+            self._rewards[step] = reward
             self._go_on()
 
     def answer(self, peer: int, request_step: int, answer: Answer) -> None:

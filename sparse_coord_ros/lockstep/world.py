@@ -7,6 +7,7 @@ A time step is a barrier: the world advances when every robot has acted or its d
 
 from typing import Protocol
 
+from sparse_coord_ros.core.game import Game
 from sparse_coord_ros.core.run_config import RunConfig
 from sparse_coord_ros.core.world import Action, Reward, World
 
@@ -30,16 +31,17 @@ class WorldSide:
     Args:
         run: the run.
         port: what the world can do.
+        game: what is played; the Markov game of the run's scenario where None.
 
     Attributes:
-        world: the Markov game.
+        world: the game.
         timeouts: robots' steps that the world went on without.
         stale: actions that came too late, or twice.
         absent: robots that missed a deadline and have not acted since; nobody waits for them.
     """
 
-    def __init__(self, run: RunConfig, port: WorldPort) -> None:
-        self.world = World(run.scenario, run.seed)
+    def __init__(self, run: RunConfig, port: WorldPort, game: Game | None = None) -> None:
+        self.world: Game = World(run.scenario, run.seed) if game is None else game
         self.timeouts = 0
         self.stale = 0
         self.absent: set[int] = set()

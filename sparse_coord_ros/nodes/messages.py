@@ -116,10 +116,10 @@ class Converter(Frame):
         """Return R_k(t) and its parts as CDR of sensor_msgs/JointState."""
         return REWARD_LAYOUT.pack(*self.stamp(step), *reward)
 
-    def unpack_reward(self, data: bytes) -> tuple[int, float]:
-        """Return (step, total) of a reward."""
+    def unpack_reward(self, data: bytes) -> tuple[int, Reward]:
+        """Return (step, reward) of a reward."""
         sec, nanosec, *parts = REWARD_LAYOUT.unpack(data)
-        return self.step(sec, nanosec), parts[-1]
+        return self.step(sec, nanosec), Reward(*parts)
 
     def pack_action(self, step: int, action: Action) -> bytes:
         """Return an action as CDR of sensor_msgs/JointState; peers count from 1, 0 is none."""

@@ -318,9 +318,11 @@ def run_from_parameters(values: Mapping[str, Any]) -> RunConfig:
         )
     assignments = parse_assignments(text for text in values["set"] if text)
     scenario = load_scenario(values["scenario"]).with_settings(assignments)
-    if values["learner"] == "indiv":
+    run = make_run(scenario, {name: values[name] for name in RUN_SETTINGS})
+    if run.rule.alone:
         raise SettingError(
-            "parameter learner: value is 'indiv', allowed here: coop or noncoop; one robot at a "
-            "time is 'sparse_coord train --learner indiv'"
+            f"parameter learner: value is {run.learner!r}, which learns with one robot at a time; "
+            f"allowed here: learners of a whole team; use 'sparse_coord train --learner "
+            f"{run.learner}'"
         )
-    return make_run(scenario, {name: values[name] for name in RUN_SETTINGS})
+    return run

@@ -17,7 +17,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from sparse_coord_ros.core import wire
-from sparse_coord_ros.core.agent import Agent, Tables
+from sparse_coord_ros.core.agent import Tables
 from sparse_coord_ros.core.run_config import RunConfig, run_from_yaml
 from sparse_coord_ros.core.tables import TEAM_FILE, pack_tables, robot_file, write_tables
 from sparse_coord_ros.core.wire import RECORDER, WORLD
@@ -151,11 +151,11 @@ class RobotNode(ParameterNode):
 
     def _on_reward(self, data: bytes) -> None:
         try:
-            step, total = self._convert.unpack_reward(data)
+            step, reward = self._convert.unpack_reward(data)
         except ValueError as error:
             self._ignore(interface.REWARD, error)
             return
-        self.lockstep.reward(step, total)
+        self.lockstep.reward(step, reward)
 
     def _on_asked(self, request: GetPlan.Request, response: GetPlan.Response):
         """Answer a peer (or a person, who gives no stamp and no name)."""
@@ -233,11 +233,10 @@ class RobotNode(ParameterNode):
         self._map = CoordinationMapLayout(self._convert)
         own = [robot_file(Path(), self.name).name, TEAM_FILE]
         self._out = open_output(self.values["out"], self._run_text, own)
-        agent = Agent(
+        agent = self._run.rule.agent(
             self._run.scenario,
             number,
             self._run.seed,
-            learner=self._run.learner,
             tables=tables,
             learning=not self._run.greedy,
         )

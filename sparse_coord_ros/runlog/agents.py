@@ -4,7 +4,7 @@
 
 from collections.abc import Iterator, Sequence
 
-from sparse_coord_ros.core.agent import Tables, initial_tables
+from sparse_coord_ros.core.agent import Tables
 from sparse_coord_ros.core.frame import action_numbers
 from sparse_coord_ros.core.simulation import tables_equal
 from sparse_coord_ros.core.wire import ACTION_LABELS
@@ -30,7 +30,7 @@ def first_tables(log: RunLog, k: int) -> tuple[Tables | None, Difference | None]
     recorded = [e.tables for e in log.all_tables if (e.robot, e.step) == (k, 0)]
     if run.tables or run.greedy:
         return (recorded[0] if recorded else None), None
-    fresh = initial_tables(run.scenario, run.learner)
+    fresh = run.rule.tables(run.scenario)
     if recorded and not tables_equal(recorded[:1], [fresh]):
         return fresh, Difference(0, log.names[k], *first_entry(recorded[0], fresh))
     return fresh, None

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from sparse_coord_ros.core.agent import Agent, Decision, Tables
 from sparse_coord_ros.core.frame import Frame, action_from
-from sparse_coord_ros.core.world import Action
+from sparse_coord_ros.core.world import Action, Reward
 from sparse_coord_ros.runlog.log import RunLog
 
 
@@ -75,13 +75,8 @@ def rerun(
     """
     run, tracks = log.run, log.tracks
     frame = Frame(run)
-    agent = Agent(
-        run.scenario,
-        k,
-        run.seed,
-        learner=run.learner,
-        tables=deepcopy(tables),
-        learning=not run.greedy,
+    agent = run.rule.agent(
+        run.scenario, k, run.seed, tables=deepcopy(tables), learning=not run.greedy
     )
     rewards, actions = tracks.rewards[k].first, tracks.actions[k].first
     percepts = tracks.percepts[k].first
@@ -93,7 +88,7 @@ def rerun(
             return
         known = pending is not None and step == pending.step + 1 and pending.step in rewards
         if known and pending.step not in dropped:
-            yield _learn(agent, pending, rewards[pending.step][-1], cell)
+            yield _learn(agent, pending, Reward(*rewards[pending.step]), cell)
         pending = None
         yield Handled(step, before, agent.tables)
         before = step
@@ -113,7 +108,7 @@ def rerun(
             return
 
 
-def _learn(agent: Agent, done: Choice, reward: float, next_cell: int) -> Update:
+def _learn(agent: Agent, done: Choice, reward: Reward, next_cell: int) -> Update:
     """Let the agent learn, and say what it changed."""
     q_star, q_coord = agent.tables
     action = action_from(done.logged)
@@ -124,4 +119,6 @@ def _learn(agent: Agent, done: Choice, reward: float, next_cell: int) -> Update:
     before = float(q_star[star]), None if coord is None else float(q_coord[coord])
     agent.learn(done.step, done.cell, done.decision, action, done.perceived, reward, next_cell)
     changed = None if coord is None else (coord, before[1], float(q_coord[coord]))
-    return Update(done.step, next_cell, reward, (star, before[0], float(q_star[star])), changed)
+    return Update(
+        done.step, next_cell, reward.total, (star, before[0], float(q_star[star])), changed
+    )

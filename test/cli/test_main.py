@@ -38,8 +38,8 @@ def test_every_verb_has_help_with_an_example(sparse_coord, verb):
         ((), "VERB"),
         (("trian", "env1"), "invalid choice: 'trian'"),
         (("train",), "SCENARIO"),
-        (("train", "env1", "--learner", "best"), "invalid choice: 'best'"),
-        (("run", "env1", "--learner", "indiv"), "invalid choice: 'indiv'"),
+        (("train", "env1", "--learner", "best"), "unknown learner 'best'"),
+        (("run", "env1", "--learner", "indiv"), "one robot at a time"),
         (("maps", "--colour"), "unrecognized arguments: --colour"),
     ],
 )

@@ -7,8 +7,9 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from sparse_coord_ros.core.agent import LEARNERS, NOBODY, Agent, Decision, Tables, initial_tables
+from sparse_coord_ros.core.agent import NOBODY, Agent, Decision, Tables, initial_tables
 from sparse_coord_ros.core.algorithm import COORDINATE
+from sparse_coord_ros.core.learners import LEARNERS, learner_of
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.streams import (
     EVALUATION,
@@ -19,11 +20,16 @@ from sparse_coord_ros.core.streams import (
     TIE,
     Stream,
 )
-from sparse_coord_ros.core.world import Action
+from sparse_coord_ros.core.world import Action, Reward
 
 HALF = {"step_size": "constant:0.5", "epsilon": "constant:0"}
 NORTH, SOUTH, EAST, WEST = range(4)
 ASK = Decision(COORDINATE, (1,))
+
+
+def paid(total):
+    """Return a reward of one part."""
+    return Reward(total, 0.0, 0.0, total)
 
 
 @pytest.fixture
@@ -32,7 +38,7 @@ def agent(make):
 
     def maker(learner="coop", number=0, seed=0, tables=None, **settings):
         scenario = make(**{**HALF, **settings})
-        return Agent(scenario, number, seed, learner=learner, tables=tables)
+        return learner_of(learner).agent(scenario, number, seed, tables=tables)
 
     return maker
 
@@ -47,10 +53,10 @@ def filled(cells=7, baseline=False):
     )
 
 
-@pytest.mark.parametrize("learner", LEARNERS)
+@pytest.mark.parametrize("learner", LEARNERS.registered)
 def test_initial_tables(learner):
     scenario = load_scenario("env1").with_settings({"q_star_init": 3, "q_coord_init": 150})
-    tables = initial_tables(scenario, learner)
+    tables = learner_of(learner).tables(scenario)
     assert tables.q_star.shape == (21, 5)
     assert tables.q_coord.shape == (21, 21, 4)
     assert tables.q_star.dtype == tables.q_coord.dtype == np.float64
@@ -124,7 +130,7 @@ def test_the_asked_peer_is_another_robot_drawn_uniformly(make):
 def test_with_peers_all_every_other_robot_is_asked(make):
     robots = {"a": (1, 2), "b": (2, 1), "c": ([0, 1], 1), "d": ([0, 2], 1)}
     scenario = make(robots=robots, peers="all", **HALF)
-    sparse = initial_tables(scenario, "coop").q_coord
+    sparse = initial_tables(scenario).q_coord
     two = Agent(scenario, 2, 9, tables=Tables(filled().q_star, sparse))
     assert {two.decide(t, 0) for t in range(50)} == {Decision(COORDINATE, (0, 1, 3))}
 
@@ -133,16 +139,16 @@ def test_with_peers_all_q_coord_is_over_the_whole_joint_state(make):
     """Own cell first, then the peers' by ascending robot; only the visited state gets a row."""
     robots = {"a": (1, 2), "b": (2, 1), "c": ([0, 1], 1)}
     scenario = make(robots=robots, peers="all", q_star_init=0, q_coord_init=100, **HALF)
-    one = Agent(scenario, 1, 0, learner="coop")
+    one = Agent(scenario, 1, 0)
     one.tables.q_coord[2, 5, 3, EAST] = 130.0
     one.tables.q_coord[5, 2, 3, WEST] = 130.0
     one.tables.q_coord[2, 3, 5, SOUTH] = 130.0
     decision = Decision(COORDINATE, (0, 2))
     action = one.act(1, 2, decision, (5, 3))
     assert action == Action(EAST, True, NOBODY, True)
-    one.learn(1, 2, decision, action, (5, 3), -60.0, 3)
+    one.learn(1, 2, decision, action, (5, 3), paid(-60.0), 3)
     assert one.tables.q_coord[2, 5, 3].tolist() == [100, 100, 0.5 * 130 - 0.5 * 60, 100]
-    one.learn(1, 2, decision, Action(NORTH, True, NOBODY, True), (4, 4), -60.0, 3)
+    one.learn(1, 2, decision, Action(NORTH, True, NOBODY, True), (4, 4), paid(-60.0), 3)
     assert one.tables.q_coord[2, 4, 4].tolist() == [0.5 * 100 - 0.5 * 60, 100, 100, 100]
     assert len(one.tables.q_coord) == 4
     assert one.coord_visited == 2
@@ -153,8 +159,8 @@ def test_with_peers_all_q_coord_is_over_the_whole_joint_state(make):
 def test_joint_states_are_counted_once(agent):
     one = agent(tables=filled())
     for move, cell in ((EAST, 5), (WEST, 5), (EAST, 4), (EAST, 5)):
-        one.learn(1, 2, ASK, Action(move, True, 1, True), (cell,), 0.0, 3)
-    one.learn(1, 2, ASK, Action(EAST, True, 1, False), None, 0.0, 3)
+        one.learn(1, 2, ASK, Action(move, True, 1, True), (cell,), paid(0.0), 3)
+    one.learn(1, 2, ASK, Action(EAST, True, 1, False), None, paid(0.0), 3)
     assert one.coord_visited == 2
 
 
@@ -216,7 +222,7 @@ def test_lines_7_and_9_break_ties_with_a_draw_of_their_own(agent, perceived):
 def test_line_18_updates_the_chosen_action_and_nothing_else(agent):
     tables, before = filled(), filled()
     one = agent(tables=tables)
-    one.learn(1, 2, Decision(EAST), Action(EAST, False, NOBODY, False), None, -20.0, 3)
+    one.learn(1, 2, Decision(EAST), Action(EAST, False, NOBODY, False), None, paid(-20.0), 3)
     # Q*(3, .) = 16 .. 20: the maximum is in the fifth column.
     before.q_star[2, EAST] = 0.5 * 13 + 0.5 * (-20 + 0.95 * 20)
     assert tables.q_star == pytest.approx(before.q_star, rel=1e-15)
@@ -227,7 +233,7 @@ def test_the_bootstrap_is_over_five_columns_for_both_tables(agent):
     tables, before = filled(), filled()
     tables.q_star[3] = before.q_star[3] = [1, 2, 3, 4, 50]
     one = agent(tables=tables)
-    one.learn(1, 2, ASK, Action(SOUTH, True, 1, True), (5,), 7.0, 3)
+    one.learn(1, 2, ASK, Action(SOUTH, True, 1, True), (5,), paid(7.0), 3)
     before.q_star[2, COORDINATE] = 0.5 * before.q_star[2, 4] + 0.5 * (7 + 0.95 * 50)
     before.q_coord[2, 5, SOUTH] = 0.5 * before.q_coord[2, 5, 1] + 0.5 * (7 + 0.95 * 50)
     assert tables.q_star == pytest.approx(before.q_star, rel=1e-15)
@@ -240,7 +246,7 @@ def test_line_13_comes_before_line_18(agent):
     tables.q_star[2] = [1, 2, 3, 4, 10]
     tables.q_coord[2, 5, SOUTH] = 40
     one = agent(tables=tables)
-    one.learn(1, 2, ASK, Action(SOUTH, True, 1, True), (5,), 100.0, 2)
+    one.learn(1, 2, ASK, Action(SOUTH, True, 1, True), (5,), paid(100.0), 2)
     bootstrap_before = 0.95 * 10
     assert tables.q_coord[2, 5, SOUTH] == 0.5 * 40 + 0.5 * (100 + bootstrap_before)
     assert tables.q_star[2, COORDINATE] == 0.5 * 10 + 0.5 * (100 + bootstrap_before)
@@ -251,7 +257,7 @@ def test_q_coord_bootstraps_on_q_star_not_on_itself(agent):
     tables.q_coord[:] = 1e6
     tables.q_star[3] = 2.0
     one = agent(tables=tables)
-    one.learn(1, 2, ASK, Action(EAST, True, 1, True), (5,), 0.0, 3)
+    one.learn(1, 2, ASK, Action(EAST, True, 1, True), (5,), paid(0.0), 3)
     assert tables.q_coord[2, 5, EAST] == 0.5 * 1e6 + 0.5 * 0.95 * 2
 
 
@@ -259,7 +265,7 @@ def test_failed_percept_updates_coordinate_of_q_star_only(agent):
     """Line 18 credits COORDINATE, not the primitive action that it became."""
     tables, before = filled(), filled()
     one = agent(tables=tables)
-    one.learn(1, 2, ASK, Action(WEST, True, 1, False), None, -1.0, 1)
+    one.learn(1, 2, ASK, Action(WEST, True, 1, False), None, paid(-1.0), 1)
     before.q_star[2, COORDINATE] = 0.5 * 15 + 0.5 * (-1 + 0.95 * 10)
     assert tables.q_star == pytest.approx(before.q_star, rel=1e-15)
     assert (tables.q_coord == before.q_coord).all()
@@ -270,7 +276,7 @@ def test_the_goal_is_worth_goal_value_whatever_its_row_says(agent, goal_value):
     tables = filled()
     tables.q_star[6] = 5000.0
     one = agent(tables=tables, goal_value=goal_value)
-    one.learn(1, 5, ASK, Action(EAST, True, 1, True), (3,), 9.0, 6)
+    one.learn(1, 5, ASK, Action(EAST, True, 1, True), (3,), paid(9.0), 6)
     assert tables.q_star[5, 4] == 0.5 * 30 + 0.5 * (9 + 0.95 * goal_value)
     assert tables.q_coord[5, 3, EAST] == 0.5 * (100 + 5 * 28 + 3 * 4 + 2) + 0.5 * (
         9 + 0.95 * goal_value
@@ -282,7 +288,7 @@ def test_only_the_own_goal_ends_learning(agent):
     tables = filled()
     tables.q_star[6] = 40.0
     one = agent(number=1, tables=tables, goal_value=200)  # its goal is cell 0
-    one.learn(1, 5, Decision(EAST), Action(EAST, False, NOBODY, False), None, 0.0, 6)
+    one.learn(1, 5, Decision(EAST), Action(EAST, False, NOBODY, False), None, paid(0.0), 6)
     assert tables.q_star[5, EAST] == 0.5 * 28 + 0.5 * 0.95 * 40
 
 
@@ -290,7 +296,7 @@ def test_only_the_own_goal_ends_learning(agent):
 def test_baselines_bootstrap_over_four_columns_and_keep_nan(agent, learner):
     tables, before = filled(baseline=True), filled(baseline=True)
     one = agent(learner, tables=tables)
-    one.learn(1, 2, Decision(NORTH), Action(NORTH, False, NOBODY, False), None, 0.0, 3)
+    one.learn(1, 2, Decision(NORTH), Action(NORTH, False, NOBODY, False), None, paid(0.0), 3)
     before.q_star[2, NORTH] = 0.5 * 11 + 0.5 * 0.95 * 19
     assert tables.q_star == pytest.approx(before.q_star, rel=1e-15, nan_ok=True)
     assert np.isnan(tables.q_star[:, COORDINATE]).all()
@@ -302,8 +308,10 @@ def test_step_sizes_count_the_updates_of_each_entry(agent):
     tables = Tables(np.zeros((7, 5)), np.zeros((7, 7, 4)))
     one = agent(tables=tables, step_size="power:1", discount=0)
     for reward, perceived in [(4.0, (5,)), (8.0, (5,)), (3.0, (1,)), (9.0, None)]:
-        one.learn(1, 2, ASK, Action(EAST, True, 1, perceived is not None), perceived, reward, 2)
-    one.learn(1, 2, Decision(EAST), Action(EAST, False, NOBODY, False), None, 7.0, 2)
+        one.learn(
+            1, 2, ASK, Action(EAST, True, 1, perceived is not None), perceived, paid(reward), 2
+        )
+    one.learn(1, 2, Decision(EAST), Action(EAST, False, NOBODY, False), None, paid(7.0), 2)
     assert tables.q_star[2, COORDINATE] == pytest.approx(6.0, rel=1e-15)
     assert tables.q_coord[2, 5, EAST] == pytest.approx(6.0, rel=1e-15)
     assert tables.q_coord[2, 1, EAST] == 3.0
@@ -315,6 +323,6 @@ def test_without_learning_nothing_changes_and_nothing_is_explored(make):
     one = Agent(make(epsilon="constant:1"), 0, 0, tables=tables, learning=False)
     assert one.epsilon(0) == 0.0
     assert {one.decide(t, 2) for t in range(30)} == {ASK}
-    one.learn(1, 2, ASK, Action(EAST, True, 1, True), (5,), 99.0, 3)
+    one.learn(1, 2, ASK, Action(EAST, True, 1, True), (5,), paid(99.0), 3)
     assert (tables.q_star == before.q_star).all()
     assert (tables.q_coord == before.q_coord).all()

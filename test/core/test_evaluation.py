@@ -191,10 +191,10 @@ def test_ties_between_routes_are_broken_at_random():
 
 def test_tables_that_do_not_fit():
     scenario, other = load_scenario("env1"), load_scenario("isr")
-    good = initial_tables(scenario, "coop")
+    good = initial_tables(scenario)
     with pytest.raises(TablesError, match=r"tables of 1 robots for scenario env1, which has 2"):
         evaluate(scenario, [good], trials=1, seed=0)
-    foreign = initial_tables(other, "coop")
+    foreign = initial_tables(other)
     with pytest.raises(TablesError, match=r"q_star_2 has shape \(43, 5\).*env1 needs \(21, 5\)"):
         evaluate(scenario, [good, foreign], trials=1, seed=0)
     mixed = Tables(good.q_star, foreign.q_coord)
@@ -206,6 +206,6 @@ def test_tables_of_another_kind_of_perception_do_not_fit():
     dense = load_scenario("crowd-3r")
     sparse = dense.with_settings({"peers": "all"})
     for scenario, other, shape in ((dense, sparse, "59, 59, 4"), (sparse, dense, "59, 59, 59, 4")):
-        check_tables(scenario, [initial_tables(scenario, "coop")] * 3, "coop")
+        check_tables(scenario, [initial_tables(scenario)] * 3, "coop")
         with pytest.raises(TablesError, match=rf"q_coord_1 has .* needs \({shape}\).*peers"):
-            check_tables(scenario, [initial_tables(other, "coop")] * 3)
+            check_tables(scenario, [initial_tables(other)] * 3)

@@ -14,7 +14,10 @@ def matrix(spec, grid):
 
 
 def test_every_model_that_can_be_named_exists():
-    assert set(MODELS) == set(PERCEPTION.kinds)
+    assert set(MODELS.names) == {"always", "never", "probability", "line_of_sight", "range"}
+    for name, model in MODELS.registered.items():
+        assert name in PERCEPTION.usage
+        assert callable(model)
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """`run.yaml` and output directories: nothing lost, nothing overwritten, bad ones refused."""
 
+from dataclasses import replace
+
 import pytest
 import yaml
 
@@ -75,10 +77,28 @@ def spoiled(run, **changes):
 
 
 def test_missing_and_unknown_fields(run):
-    message = refusal(spoiled(run, seed=None, colour="red"), RunError)
-    assert "['colour', 'seed'] are missing or unknown" in message
-    message = refusal(spoiled(run, seed=None) + "1: 2\n", RunError)
-    assert "['1', 'seed']" in message
+    assert "unknown field 'colour'" in refusal(spoiled(run, colour="red"), RunError)
+    assert "unknown field 1" in refusal(spoiled(run) + "1: 2\n", RunError)
+    assert "did you mean 'learner'?" in refusal(spoiled(run, lerner="coop"), RunError)
+    assert "field 'versions' is missing" in refusal(spoiled(run, versions=None), RunError)
+    read = run_from_yaml(spoiled(run, checkpoint=None, recorded=None), where="here")
+    assert (read.checkpoint, read.recorded) == (10_000, False)
+
+
+def test_formats_of_run_yaml(run):
+    assert "format: 2" in run.to_yaml()
+    assert run_from_yaml(spoiled(run, format=None), where="here") == run
+    assert "format 3, this version reads" in refusal(spoiled(run, format=3), RunError)
+    assert "'format' is 'two'" in refusal(spoiled(run, format="two"), RunError)
+
+
+def test_the_digest_of_a_run(run):
+    same = run.digest
+    assert replace(run, step_timeout=9.0, recorded=True, versions={}).digest == same
+    assert replace(run, scenario=replace(run.scenario, paper={})).digest == same
+    assert replace(run, seed=run.seed + 1).digest != same
+    assert replace(run, learner="indiv").digest != same
+    assert replace(run, scenario=run.scenario.with_settings({"penalty": -3})).digest != same
 
 
 @pytest.mark.parametrize(
@@ -96,7 +116,7 @@ def test_malformed_run_yaml(text, error, words):
 
 def test_bad_values_in_run_yaml(run):
     assert "seed: value is -1" in refusal(spoiled(run, seed=-1), SettingError)
-    assert "coop or noncoop or indiv" in refusal(spoiled(run, learner="best"), SettingError)
+    assert "allowed: coop, noncoop, indiv" in refusal(spoiled(run, learner="best"), SettingError)
     assert "not a run.yaml" in refusal(spoiled(run, scenario="env1"), RunError)
     scenario = {**run.scenario.to_dict(), "penalty": 20.0}
     assert "(scenario): setting penalty" in refusal(spoiled(run, scenario=scenario), ScenarioError)
@@ -107,7 +127,7 @@ def test_bad_values_in_run_yaml(run):
     [
         ({"seed": "-1"}, "setting seed: value is '-1', allowed: a whole number from 0"),
         ({"seed": "1.5"}, "setting seed"),
-        ({"learner": "indi"}, "coop or noncoop or indiv"),
+        ({"learner": "indi"}, "did you mean 'indiv'?"),
         ({"sed": 1}, "unknown setting 'sed' (did you mean 'seed'?)"),
         ({"step_period": 0}, "from 0.001 to 60"),
         (

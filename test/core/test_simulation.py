@@ -207,7 +207,7 @@ def test_equals_a_second_implementation(name, learner, settings):
 def test_perception_is_looked_up_from_the_asker_to_the_asked(monkeypatch):
     """The shipped models are symmetric; one that is not tells the two apart."""
     one_way = lambda grid: np.triu(np.ones((len(grid.cells), len(grid.cells))))  # noqa: E731
-    monkeypatch.setitem(MODELS, "never", one_way)
+    monkeypatch.setitem(MODELS._known, "never", one_way)
     scenario = problem("env1", steps=600, perception="never")
     assert tables_equal(learn(scenario, "coop", 5), Reference(scenario, "coop", 5).run())
 

@@ -234,7 +234,7 @@ def test_baselines_keep_the_initial_q_coord():
     for peers in ("one", "all"):
         scenario = problem("crowd-3r", steps=100, peers=peers)
         (run,) = run_batch(scenario, "noncoop", [0], trials=0, jobs=1)
-        initial = initial_tables(scenario, "noncoop")
+        initial = initial_tables(scenario, asks=False)
         for tables in run.tables:
             assert tables_equal([initial._replace(q_star=tables.q_star)], [tables])
         assert run.visited.tolist() == [0, 0, 0]

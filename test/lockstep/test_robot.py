@@ -9,7 +9,7 @@ from sparse_coord_ros.core.agent import Agent, Tables
 from sparse_coord_ros.core.run_config import make_run
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.streams import PERCEPT, Stream
-from sparse_coord_ros.core.world import Action
+from sparse_coord_ros.core.world import Action, Reward
 from sparse_coord_ros.lockstep.robot import Answer, RobotSide
 
 SOUTH, EAST = 1, 2
@@ -101,7 +101,7 @@ def test_an_older_state_is_ignored(robot, port):
 @pytest.mark.parametrize("order", ["reward first", "state first", "all twice"])
 def test_learning_takes_reward_and_state_in_any_order(robot, port, order):
     robot.state(1, 0)
-    messages = [lambda: robot.reward(1, 4.0), lambda: robot.state(2, 1)]
+    messages = [lambda: robot.reward(1, Reward(4.0, 0.0, 0.0, 4.0)), lambda: robot.state(2, 1)]
     if order == "state first":
         messages.reverse()
     for message in messages * (2 if order == "all twice" else 1):
@@ -119,20 +119,20 @@ def test_no_action_before_the_reward(robot, port):
     robot.state(2, 1)
     assert port.take() == []
     assert robot.waiting == ("reward", 1)
-    robot.reward(1, 4.0)
+    robot.reward(1, Reward(4.0, 0.0, 0.0, 4.0))
     assert port.take() == [("act", 2, GO)]
     assert robot.waiting is None
 
 
 def test_rewards_of_other_steps_are_ignored(robot, port):
-    robot.reward(1, 99.0)
+    robot.reward(1, Reward(99.0, 0.0, 0.0, 99.0))
     robot.state(1, 0)
-    robot.reward(0, 99.0)
-    robot.reward(2, 99.0)
+    robot.reward(0, Reward(99.0, 0.0, 0.0, 99.0))
+    robot.reward(2, Reward(99.0, 0.0, 0.0, 99.0))
     robot.state(2, 1)
     assert robot.waiting == ("reward", 1)
-    robot.reward(1, 4.0)
-    robot.reward(1, 99.0)
+    robot.reward(1, Reward(4.0, 0.0, 0.0, 4.0))
+    robot.reward(1, Reward(99.0, 0.0, 0.0, 99.0))
     assert q_star(robot, 0, SOUTH) == LEARNED
 
 
@@ -140,7 +140,7 @@ def test_rewards_of_other_steps_are_ignored(robot, port):
 def test_nothing_is_learned_across_a_gap(robot, port, gap):
     before = robot.agent.tables.q_star.copy()
     robot.state(1, 0)
-    robot.reward(1, 4.0)
+    robot.reward(1, Reward(4.0, 0.0, 0.0, 4.0))
     robot.state(1 + gap, 1)
     assert (robot.agent.tables.q_star == before).all()
     assert port.take() == [("act", 1, GO), ("act", 1 + gap, GO)]
@@ -149,7 +149,7 @@ def test_nothing_is_learned_across_a_gap(robot, port, gap):
 
 def test_an_arrived_robot_learns_rests_and_answers(robot, port):
     robot.state(1, 0)
-    robot.reward(1, 10.0)
+    robot.reward(1, Reward(10.0, 0.0, 0.0, 10.0))
     robot.state(2, GOAL)
     assert q_star(robot, 0, SOUTH) == 0.5 * 9 + 0.5 * (10 + 0.95 * 200)
     robot.state(3, GOAL)
@@ -164,7 +164,7 @@ def walk(robot, first, steps):
     """Let a robot make so many transitions between free cells."""
     robot.state(first, 0)
     for step in range(first, first + steps):
-        robot.reward(step, 0.0)
+        robot.reward(step, Reward(0.0, 0.0, 0.0, 0.0))
         robot.state(step + 1, 1)
 
 
@@ -209,7 +209,7 @@ def test_an_answer_becomes_the_percept(robot, port):
     assert port.take() == [("percept", 1, ASKING_CELL, (17,)), ("act", 1, action)]
     assert robot.asks == {"answered": 1, "refused": 0, "late": 0, "repeated": 0}
     assert (robot.waiting, robot.asking) == (None, -1)
-    robot.reward(1, 4.0)
+    robot.reward(1, Reward(4.0, 0.0, 0.0, 4.0))
     robot.state(2, 1)
     assert robot.agent.tables.q_coord[ASKING_CELL, 17, EAST] == 0.5 * 7 + 0.5 * (4 + 0.95 * 9)
     assert q_star(robot, ASKING_CELL, 4) == 0.5 * 50 + 0.5 * (4 + 0.95 * 9)
@@ -272,7 +272,7 @@ def test_the_deadline_of_a_reward(robot, port):
     robot.expire()
     assert robot.dropped == 1
     assert port.take() == [("act", 2, GO)]
-    robot.reward(1, 4.0)
+    robot.reward(1, Reward(4.0, 0.0, 0.0, 4.0))
     assert (robot.agent.tables.q_star == before).all()
 
 
@@ -321,7 +321,7 @@ def test_all_peers_are_asked_one_after_the_other(trio):
     action = Action(EAST, True, -1, True)
     assert port.take() == [("percept", 1, ASKING_CELL, (17, 9)), ("act", 1, action)]
     assert trio.asks == {"answered": 1, "refused": 0, "late": 0, "repeated": 0}
-    trio.reward(1, 4.0)
+    trio.reward(1, Reward(4.0, 0.0, 0.0, 4.0))
     trio.state(2, 1)
     learned = 0.5 * 7 + 0.5 * (4 + 0.95 * 50)
     assert trio.agent.tables.q_coord[ASKING_CELL, 17, 9].tolist() == [1, 2, learned, 3]
@@ -363,7 +363,7 @@ def test_the_deadline_of_the_second_request(trio):
     assert port.take()[0] == ("percept", 1, ASKING_CELL, None)
     assert trio.asks == {"answered": 0, "refused": 0, "late": 1, "repeated": 0}
     trio.state(2, ASKING_CELL)
-    trio.reward(1, 0.0)
+    trio.reward(1, Reward(0.0, 0.0, 0.0, 0.0))
     assert port.take() == [("ask", 0, 2, ASKING_CELL)]  # from the first peer on again
 
 
@@ -417,7 +417,7 @@ def test_checkpoints_and_episodes_are_told_before_the_action():
     assert port.take() == [("act", 4, GO)]
     robot.state(5, 1)
     assert port.take() == [], "not before the reward, which belongs to what was learned"
-    robot.reward(4, 4.0)
+    robot.reward(4, Reward(4.0, 0.0, 0.0, 4.0))
     assert port.take() == [("checkpoint", 5), ("act", 5, GO)]
     assert robot.handled == 5
     robot.state(12, 0)

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from sparse_coord_ros.core.agent import Agent
+from sparse_coord_ros.core.learners import learner_of
 from sparse_coord_ros.core.perception import MODELS
 from sparse_coord_ros.core.run_config import make_run
 from sparse_coord_ros.core.scenario import load_scenario
@@ -52,7 +53,7 @@ class SpyAgent(Agent):
     def learn(self, step, cell, decision, action, perceived, reward, next_cell):
         seen = self.__dict__.setdefault("learned", {})
         assert self.decided not in seen
-        seen[self.decided] = (cell, reward, next_cell)
+        seen[self.decided] = (cell, reward.total, next_cell)
         super().learn(step, cell, decision, action, perceived, reward, next_cell)
 
 
@@ -99,7 +100,9 @@ class Network:
         self.repeats, self.step, self.stalled = 0, 0, 0
         self.world = WorldSide(run, self)
         numbers = range(len(scenario.robots))
-        self.agents = [SpyAgent(scenario, k, run.seed, learner=learner) for k in numbers]
+        self.agents = [
+            SpyAgent(scenario, k, run.seed, asks=learner_of(learner).asks) for k in numbers
+        ]
         self.robots = [RobotSide(run, self.agents[k], RobotPort(self, k)) for k in numbers]
         self.world.start()
 
@@ -152,7 +155,7 @@ class Network:
         self.robots[robot].state(step, cell)
 
     def on_reward(self, robot, step, reward):
-        self.robots[robot].reward(step, reward.total)
+        self.robots[robot].reward(step, reward)
 
     def on_action(self, robot, step, action):
         if self.world.action(robot, step, action):
@@ -292,7 +295,7 @@ def test_one_of_three_that_never_answers_fails_every_percept():
 def test_perception_that_works_one_way(monkeypatch):
     """The shipped models are symmetric; one that is not tells asker and asked apart."""
     one_way = lambda grid: np.triu(np.ones((len(grid.cells), len(grid.cells))))  # noqa: E731
-    monkeypatch.setitem(MODELS, "never", one_way)
+    monkeypatch.setitem(MODELS._known, "never", one_way)
     scenario = problem("env1", steps=400, perception="never")
     network = Network(scenario, 1)
     network.run()

@@ -23,7 +23,7 @@ import pytest
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from sparse_coord_ros.core.agent import Agent
+from sparse_coord_ros.core.learners import learner_of
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.simulation import Team
 from sparse_coord_ros.core.sparse import SparseTable
@@ -224,7 +224,7 @@ def simulate():
         scenario = load_scenario(name).with_settings(settings)
         everyone = range(len(scenario.robots))
         before = [None] * len(everyone) if tables is None else deepcopy(tables)
-        agents = [Agent(scenario, k, seed, learner=learner, tables=before[k]) for k in everyone]
+        agents = [learner_of(learner).agent(scenario, k, seed, tables=before[k]) for k in everyone]
         team = Team(scenario, seed, agents)
         world = World(scenario, seed)
         said = SimpleNamespace(scenario=scenario, states={}, actions={}, rewards={}, percepts={})

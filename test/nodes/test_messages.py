@@ -193,7 +193,7 @@ def test_tables_travel_as_bytes(change):
 def test_the_coordination_map_shows_where_coordinate_is_best():
     scenario = load_scenario("env1")
     convert = converter("env1")
-    tables = initial_tables(scenario, "coop")
+    tables = initial_tables(scenario)
     tables.q_star[:] = 0.0
     tables.q_star[:, 0] = 1.0
     tables.q_star[7, COORDINATE] = 2.0
@@ -207,7 +207,7 @@ def test_the_coordination_map_shows_where_coordinate_is_best():
 
 
 def test_the_coordination_map_of_a_baseline_is_empty():
-    tables = initial_tables(load_scenario("env1"), "noncoop")
+    tables = initial_tables(load_scenario("env1"), asks=False)
     message = read_map(CoordinationMapLayout(converter()).pack(3, tables))
     assert 100 not in message.data
 

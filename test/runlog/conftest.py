@@ -12,7 +12,6 @@ from nav_msgs.srv import GetPlan
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 
-from sparse_coord_ros.core.agent import Agent
 from sparse_coord_ros.core.run_config import make_run
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.tables import pack_tables
@@ -95,13 +94,8 @@ class Recording:
         self.robots = [
             RobotSide(
                 run,
-                Agent(
-                    run.scenario,
-                    k,
-                    run.seed,
-                    learner=run.learner,
-                    tables=begin[k],
-                    learning=not run.greedy,
+                run.rule.agent(
+                    run.scenario, k, run.seed, tables=begin[k], learning=not run.greedy
                 ),
                 LoggedRobot(self, k),
             )
@@ -227,7 +221,7 @@ class Recording:
         data = self.convert.pack_reward(step, reward)
         self.write(f"/{self.names[k]}/reward", TYPES["reward"], data, step)
         if self.arrives("reward", k, step):
-            self.queue.append(lambda: self.robots[k].reward(step, reward.total))
+            self.queue.append(lambda: self.robots[k].reward(step, reward))
 
     # Active perception.
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from sparse_coord_ros.bench import batch
+from sparse_coord_ros.core.learners import learner_of
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.simulation import learn, tables_equal
 from sparse_coord_ros.engine.batch import make_problem
@@ -66,7 +67,7 @@ def test_seeding_the_c_loop_is_on_the_clock_as_the_engine_s_is(monkeypatch):
 @needs_compiler
 def test_the_c_loop_s_problem_is_the_engine_s(monkeypatch):
     scenario = load_scenario("env1").with_settings({"steps": 10})
-    problem = make_problem(scenario, "coop", np.arange(2))
+    problem = make_problem(scenario, learner_of("coop"), np.arange(2))
     changed = problem._replace(goals=problem.goals[::-1], budget=7, move_success=0.5)
     monkeypatch.setattr(loop, "make_problem", lambda *_: changed)
     c_loop = CLoop(scenario)

@@ -16,6 +16,7 @@ import numpy as np
 from sparse_coord_ros.bench.batch import LEARNER, agent_steps_rate
 from sparse_coord_ros.core.agent import Tables
 from sparse_coord_ros.core.algorithm import ACTIONS, PRIMITIVES
+from sparse_coord_ros.core.learners import learner_of
 from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.streams import DRAWS, LEARNING, bit_generator
 from sparse_coord_ros.engine.batch import make_problem
@@ -71,7 +72,7 @@ class CLoop:
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
         self._learn_run = _compiled_loop()
-        problem = make_problem(scenario, LEARNER, np.arange(len(scenario.robots)))
+        problem = make_problem(scenario, learner_of(LEARNER), np.arange(len(scenario.robots)))
         sizes = (len(problem.starts), len(problem.doorway), problem.start_cells.shape[1])
         initial = {name: getattr(scenario, name) for name in _INITIAL}
         # Kept: the structure only points to them.

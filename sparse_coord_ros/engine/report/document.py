@@ -4,6 +4,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from sparse_coord_ros import __version__
 from sparse_coord_ros.engine.experiments import NAMES, Experiment
@@ -13,7 +14,7 @@ from sparse_coord_ros.engine.report.entries import Entry, entries_of, to_csv
 from sparse_coord_ros.engine.report.figures import save
 from sparse_coord_ros.engine.report.section import Section
 from sparse_coord_ros.engine.report.text import TEXTS, Row, percent, shared, to_markdown
-from sparse_coord_ros.engine.results import ConditionResult, Plan, write_whole
+from sparse_coord_ros.engine.results import ConditionResult, Plan, write_result
 
 SECTIONS: Mapping[str, Callable[[Sequence[Entry]], Section]] = {
     "table1": paper.reward_section,
@@ -27,7 +28,7 @@ SECTIONS: Mapping[str, Callable[[Sequence[Entry]], Section]] = {
     "crowd": sweeps.crowd_section,
     "where": sweeps.where_section,
 }
-"""What shows each experiment."""
+"""What shows each experiment; others have the default section."""
 
 VALUES = {
     **{name: TEXTS[name] for name in ("points", "spreads")},
@@ -59,28 +60,28 @@ def write_report(
     tables = [entry for entries in rewards.values() for entry in entries]
     for one in chosen:
         entries = entries_of(one, found)
-        section = SECTIONS[one.name](entries)
+        section = SECTIONS.get(one.name, sweeps.default_section)(entries)
         title = one.title.split(":")[0]
         values = {**VALUES, **shared(entries), "title": title, **section.values}
-        texts = TEXTS[one.name]
+        texts = TEXTS.get(one.name, TEXTS["default"])
         parts.append(f"## {one.title}\n\n{texts['shown']}\n")
         body = [
             f"{caption.format(**values)}\n\n{to_markdown(rows)}"
             for caption, rows in zip(texts["tables"], section.tables, strict=True)
         ]
-        write_whole(directory / f"tables/{one.name}.md", "\n".join([f"# {one.title}\n", *body]))
-        write_whole(directory / f"tables/{one.name}.csv", to_csv(entries))
+        write_result(directory / f"tables/{one.name}.md", "\n".join([f"# {one.title}\n", *body]))
+        write_result(directory / f"tables/{one.name}.csv", to_csv(entries))
         parts += body
-        names = [one.name, f"{one.name}_variance"]
-        for name, caption, figure in zip(names, texts["figures"], section.figures, strict=False):
+        stems = [one.name, f"{one.name}_variance"]
+        for name, caption, figure in zip(stems, texts["figures"], section.figures, strict=False):
             save(figure, directory / f"figures/{name}")
             parts.append(f"![{name}](figures/{name}.png)\n\n*{caption.format(**values)}*\n")
         parts += [f"{text}\n" for note in texts["notes"] if (text := note.format(**values))]
         claims += _claims(texts, values, section.agrees)
         if one.name == next(iter(rewards), None):
-            names = " and ".join(name[-1] for name in rewards)
+            numbers = " and ".join(name[-1] for name in rewards)
             compared, agrees = paper.compared(tables)
-            values = {**VALUES, **compared, "title": f"Table{'s' * (len(rewards) - 1)} {names}"}
+            values = {**VALUES, **compared, "title": f"Table{'s' * (len(rewards) - 1)} {numbers}"}
             claims += _claims(TEXTS["rewards"], values, agrees)
         misses += section.misses
     if misses:
@@ -100,11 +101,11 @@ def write_report(
         names="" if whole else " ".join([*names, ""]),
         findings=to_markdown(claims),
     )
-    write_whole(directory / "reproduction.md", "\n".join([opening, *parts]))
+    write_result(directory / "reproduction.md", "\n".join([opening, *parts]))
 
 
 def _claims(
-    texts: Mapping, values: Mapping[str, object], agrees: Sequence[tuple[int, int]]
+    texts: Mapping[str, Any], values: Mapping[str, object], agrees: Sequence[tuple[int, int]]
 ) -> Iterator[Row]:
     """Yield rows of the table of findings."""
     for (source, text, measured), (holds, cases) in zip(texts["claims"], agrees, strict=True):

@@ -9,15 +9,13 @@ from typing import Any
 import pandas as pd
 
 from sparse_coord_ros.core.evaluation import Measure
+from sparse_coord_ros.core.learners import learner_of
 from sparse_coord_ros.core.scenario import SETTINGS, Scenario
 from sparse_coord_ros.core.sparse import dense_nbytes
 from sparse_coord_ros.core.specs import Spec
 from sparse_coord_ros.engine.conditions import Condition
 from sparse_coord_ros.engine.experiments import Experiment
 from sparse_coord_ros.engine.results import BY_ROBOT, SUMS, ConditionResult
-
-TITLES = {"indiv": "Indiv.", "noncoop": "Non-coop.", "coop": "Coop."}
-"""The paper's names of the learners, in the order of its tables."""
 
 PAPER_SETTINGS = (("penalty", "-20"),)
 """Settings of the conditions that the paper's Tables 1 to 3 show."""
@@ -53,12 +51,12 @@ class Entry:
     @property
     def title(self) -> str:
         """The learner's name in print."""
-        return TITLES[self.learner]
+        return learner_of(self.learner).title
 
     @property
     def can_ask(self) -> bool:
         """Whether the learner can choose COORDINATE."""
-        return self.learner == "coop"
+        return learner_of(self.learner).asks
 
     @property
     def shortest_paths(self) -> float:

@@ -16,9 +16,11 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from sparse_coord_ros.core.evaluation import Measure
+from sparse_coord_ros.core.learners import learner_of
 from sparse_coord_ros.core.optimum import independent_bound
+from sparse_coord_ros.engine.experiments import LEARNERS
 from sparse_coord_ros.engine.report.analysis import loss_alone
-from sparse_coord_ros.engine.report.entries import TITLES, Entry
+from sparse_coord_ros.engine.report.entries import Entry
 
 BYTES, GAIN = "$Q^C$ of one robot [bytes]", "reward above\nNon-coop. (paired)"
 LABELS = {
@@ -30,11 +32,12 @@ LABELS = {
     "variance": "variance of the reward",
 }
 OPTIMUM, BOUND, SHORTEST = "exact joint optimum", "bound of the optimum", "shortest paths, exact"
-ONE, ALL, SIGHT = "Coop., one peer", "Coop., all peers", "Coop., line of sight"
+INDIV, NONCOOP, COOP = (learner_of(name).title for name in LEARNERS)
+ONE, ALL, SIGHT = (f"{COOP}, {what}" for what in ("one peer", "all peers", "line of sight"))
 LEARNER_STYLES: Mapping[str, Mapping[str, Any]] = {
-    "Indiv.": {"color": "#D55E00", "marker": "s", "linestyle": ":"},
-    "Non-coop.": {"color": "#0072B2", "marker": "^", "linestyle": "--"},
-    "Coop.": {"color": "#009E73", "marker": "o", "linestyle": "-"},
+    INDIV: {"color": "#D55E00", "marker": "s", "linestyle": ":"},
+    NONCOOP: {"color": "#0072B2", "marker": "^", "linestyle": "--"},
+    COOP: {"color": "#009E73", "marker": "o", "linestyle": "-"},
 }
 HOLLOW, ALONE = {"markerfacecolor": "white"}, {"linestyle": "none"}
 STYLES: Mapping[str, Mapping[str, Any]] = {
@@ -44,8 +47,8 @@ STYLES: Mapping[str, Mapping[str, Any]] = {
         for name, style in LEARNER_STYLES.items()
         for whose, fill in (("ours", {}), ("paper", HOLLOW))
     },
-    SIGHT: {**LEARNER_STYLES["Coop."], **ALONE, **HOLLOW},
-    ONE: LEARNER_STYLES["Coop."],
+    SIGHT: {**LEARNER_STYLES[COOP], **ALONE, **HOLLOW},
+    ONE: LEARNER_STYLES[COOP],
     ALL: {"color": "#AA4499", "marker": "D", "linestyle": "-.", **HOLLOW},
     f"{ONE}, dense table": {"color": "0.35", "marker": "x", "linestyle": "-"},
     f"{ALL}, dense table": {"color": "black", "marker": "+", "linestyle": "-."},
@@ -55,7 +58,10 @@ STYLES: Mapping[str, Mapping[str, Any]] = {
 }
 """How each line is drawn, in the order of the legend; told apart in greyscale too."""
 
-OUTPUT = {"svg.hashsalt": "sparse_coord_ros", "svg.fonttype": "path"}
+OTHER: Mapping[str, Any] = {"color": "#CC79A7", "marker": "v", "linestyle": (0, (3, 1, 1, 1))}
+"""How other learners are drawn."""
+
+OUTPUT: Any = {"svg.hashsalt": "sparse_coord_ros", "svg.fonttype": "path"}
 """Without a fixed salt the ids in an SVG file are random."""
 
 Where = Callable[[Entry], Mapping[str, Any]]
@@ -71,7 +77,9 @@ def measured(entry: Entry, name: str) -> Measure:
     return entry.measure(name)
 
 
-def point(measure: Measure, label: str, bars: str = "standard_error", **where: Any) -> dict:
+def point(
+    measure: Measure, label: str, bars: str = "standard_error", **where: Any
+) -> dict[str, Any]:
     """Return a point of a figure.
 
     Args:
@@ -97,7 +105,7 @@ def points(
     where: Where,
     bars: str = "standard_error",
     span: float = 0.0,
-) -> list[dict]:
+) -> list[dict[str, Any]]:
     """Return the points of conditions, with what they are to be compared with.
 
     Those are the joint optimum, or its bound, and the exact value of shortest-path policies.
@@ -113,19 +121,22 @@ def points(
     found = [point(measured(e, measure), measure, bars, **place) for e, place in places]
     bounded = {place["panel"] for e, place in places if not e.result.optimum_exact}
     for entry, place in places:
-        values = {SHORTEST: entry.result.reference.get(measure)}
+        reference = entry.result.reference
+        values = {SHORTEST: reference[measure]} if measure in reference else {}
         if measure == "reward":
             values[BOUND if place["panel"] in bounded else OPTIMUM] = entry.result.optimum
         if measure == "loss":
             values[SHORTEST] = independent_bound(entry.scenario) - entry.shortest_paths
         for line, value in values.items():
-            for shift in {-span, span} if value is not None else ():
+            for shift in {-span, span}:
                 here = {**place, "line": line, "shift": shift}
                 found.append(point(Measure(value, 0, 0), measure, **here))
     return found
 
 
-def plot(shown: Iterable[dict], columns: int, width: float = 3.4, height: float = 2.5) -> Figure:
+def plot(
+    shown: Iterable[dict[str, Any]], columns: int, width: float = 3.4, height: float = 2.5
+) -> Figure:
     """Draw points: a panel for each title and measure, `columns` a row, of that size in inches."""
     panels = list(pd.DataFrame(shown).groupby(["ylabel", "panel"], sort=False, dropna=False))
     rows = math.ceil(len(panels) / columns)
@@ -134,7 +145,7 @@ def plot(shown: Iterable[dict], columns: int, width: float = 3.4, height: float 
     handles: dict[str, Any] = {}
     for number, (((ylabel, title), data), axes) in enumerate(zip(panels, grid, strict=False)):
         handles |= _panel(axes, data)
-        axes.set_title(re.sub(r"10\^(\d+)", r"$10^{\1}$", title), fontsize=11)
+        axes.set_title(re.sub(r"10\^(\d+)", r"$10^{\1}$", str(title)), fontsize=11)
         if number % columns == 0 or panels[number - 1][0][0] != ylabel:
             axes.set_ylabel(ylabel)
         xlabel = data["xlabel"].iloc[0]
@@ -143,7 +154,7 @@ def plot(shown: Iterable[dict], columns: int, width: float = 3.4, height: float 
             axes.set_xlabel(xlabel)
     for axes in grid[len(panels) :]:
         axes.remove()
-    named = [name for name in STYLES if name in handles]
+    named = sorted(handles, key=[*STYLES, *handles].index)
     figure.legend(
         [handles[name] for name in named],
         named,
@@ -159,7 +170,7 @@ def _panel(axes: Axes, data: pd.DataFrame) -> dict[str, Any]:
     handles = {}
     data = data.assign(place=data["x"] + data["shift"]).sort_values("place", kind="stable")
     for line, own in data.drop_duplicates(["line", "place"]).groupby("line", sort=False):
-        style = {"linewidth": 1.3, "markersize": 4.5, "capsize": 2, **STYLES[str(line)]}
+        style = {"linewidth": 1.3, "markersize": 4.5, "capsize": 2, **STYLES.get(str(line), OTHER)}
         bars = [own["low"], own["high"]] if own["high"].any() else None
         handles[str(line)] = axes.errorbar(own["place"], own["y"], bars, **style)
     ticks = data.dropna(subset="tick").drop_duplicates("x")
@@ -174,12 +185,11 @@ def _panel(axes: Axes, data: pd.DataFrame) -> dict[str, Any]:
 
 def comparison(entries: Iterable[Entry], measures: Iterable[str], columns: int = 3) -> Figure:
     """Draw ours and the paper's mean and spread, a panel a scenario and measure."""
-    places = {learner: x for x, learner in enumerate(TITLES)}
     shown = []
     for measure in measures:
         for entry in entries:
-            x = places[entry.learner]
-            where: dict = {"panel": entry.name, "x": x, "tick": entry.title}
+            x = LEARNERS.index(entry.learner)
+            where: dict[str, Any] = {"panel": entry.name, "x": x, "tick": entry.title}
             ours = {**where, "line": f"{entry.title}, ours", "shift": -0.13}
             shown += points([entry], measure, lambda _, ours=ours: ours, "spread", 0.3)
             paper = entry.paper(measure)

@@ -2,14 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The paper's Tables 1 to 3: ours, the paper's, the exact values; which rows differ, and why."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from sparse_coord_ros.core.evaluation import Measure
 from sparse_coord_ros.core.optimum import independent_bound
 from sparse_coord_ros.core.reference import shortest_path_reference
 from sparse_coord_ros.engine.report import analysis
 from sparse_coord_ros.engine.report.analysis import AGREE, errors_from
-from sparse_coord_ros.engine.report.entries import TITLES, Entry, by_scenario, names, pick
+from sparse_coord_ros.engine.report.entries import Entry, by_scenario, names, pick
 from sparse_coord_ros.engine.report.figures import comparison
 from sparse_coord_ros.engine.report.section import Section, common, failed, memory
 from sparse_coord_ros.engine.report.text import (
@@ -135,7 +135,7 @@ def compared(entries: Sequence[Entry]) -> tuple[dict[str, str], list[tuple[int, 
     below = []
     for own in by_scenario(entries):
         best = max((e for e in own if not e.can_ask), key=lambda e: e.measure("reward").mean)
-        lead = analysis.difference(*pick(own, learner="coop"), best)
+        lead = analysis.difference(pick(own, learner="coop")[0], best)
         if lead.mean < -MARGIN:
             below.append(f"{best.name} {signed(lead)}")
     indiv = pick(entries, learner="indiv")
@@ -149,9 +149,8 @@ def compared(entries: Sequence[Entry]) -> tuple[dict[str, str], list[tuple[int, 
         e.result.runs for e in coop
     )
     least = min(coop, key=lambda entry: entry.result.arrived)
-    baselines = [
-        f"{failed(pick(entries, learner=name))} ({TITLES[name]})" for name in ("indiv", "noncoop")
-    ]
+    others = [pick(entries, learner=name) for name in ("indiv", "noncoop")]
+    baselines = [f"{failed(own)} ({own[0].title})" for own in others]
     paired = " (differences with paired standard errors)" if below else ""
     return {
         "better": f"{total - len(below)} of {total}",
@@ -217,7 +216,8 @@ def _misses(entries: Iterable[Entry]) -> list[Row]:
 
 def _reason(entry: Entry, paper: Measure) -> str:
     """Return why the paper's reward of a row is not reproduced."""
-    texts, best = TEXTS["reasons"], entry.result.optimum
+    texts: Mapping[str, str] = TEXTS["reasons"]
+    best = entry.result.optimum
     bound = "exact joint optimum" if entry.result.optimum_exact else "upper bound of the optimum"
     alone = independent_bound(entry.scenario)
     ideal = abs(errors_from(paper, alone)) <= AGREE
@@ -253,9 +253,8 @@ def _turning(entry: Entry) -> str:
     alike = abs(errors_from(paper, same.miscoordinations)) <= AGREE
     if not alike or abs(errors_from(paper, chance)) <= AGREE:
         return ""
-    return TEXTS["reasons"]["turning"].format(
-        reward=same.reward, miscoordinations=same.miscoordinations, mean=paper.mean
-    )
+    text: str = TEXTS["reasons"]["turning"]
+    return text.format(reward=same.reward, miscoordinations=same.miscoordinations, mean=paper.mean)
 
 
 def provenances(entries: Sequence[Entry], misses: Iterable[Row]) -> str:

@@ -6,19 +6,23 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from itertools import takewhile
+from typing import Any
 
 import numpy as np
 
 from sparse_coord_ros.core.evaluation import Measure
+from sparse_coord_ros.core.learners import learner_of
+from sparse_coord_ros.core.scenario import SETTINGS
 from sparse_coord_ros.core.specs import Spec
-from sparse_coord_ros.engine.experiments import CLOSED
+from sparse_coord_ros.engine.experiments import CLOSED, LEARNERS
 from sparse_coord_ros.engine.report import analysis
 from sparse_coord_ros.engine.report.analysis import difference, paired, run_means, surely_positive
-from sparse_coord_ros.engine.report.entries import TITLES, Entry, by_scenario, names, pick
+from sparse_coord_ros.engine.report.entries import Entry, by_scenario, names, pick
 from sparse_coord_ros.engine.report.figures import (
     ALL,
     BYTES,
     GAIN,
+    NONCOOP,
     ONE,
     SIGHT,
     Where,
@@ -39,6 +43,9 @@ from sparse_coord_ros.engine.report.text import (
     with_error,
 )
 
+TICKS = 8
+"""Texts that fit below a panel."""
+
 
 def sweep(
     entries: Sequence[Entry],
@@ -46,7 +53,7 @@ def sweep(
     value: Callable[[Entry], str],
     where: Sequence[tuple[Sequence[Entry], Where]],
     values: dict[str, str],
-    agrees: tuple[int, int],
+    agrees: Sequence[tuple[int, int]],
     *,
     measures: Sequence[str] = ("reward", "asks"),
     more: Sequence[Sequence[Row]] = (),
@@ -59,7 +66,7 @@ def sweep(
         value: returns the setting of a condition.
         where: which conditions are drawn, and where: see `figures.points`.
         values: what the texts leave open.
-        agrees: in how many cases the section's claim holds, and of how many.
+        agrees: for each claim, in how many cases it holds, and of how many.
         measures: what is drawn, a line of panels each.
         more: further tables.
     """
@@ -67,7 +74,36 @@ def sweep(
         {"scenario": e.name, "learner": e.title, setting: value(e), **common(e)} for e in entries
     ]
     shown = [p for own, place in where for name in measures for p in points(own, name, place)]
-    return Section(values, [rows, *more], [plot(shown, len(names(entries)))], [agrees])
+    return Section(values, [rows, *more], [plot(shown, len(names(entries)))], agrees)
+
+
+def default_section(entries: Sequence[Entry]) -> Section:
+    """Return a section on any experiment: its conditions by the settings in which they differ."""
+    first = entries[0].scenario
+    varied = [
+        n for n in SETTINGS if any(getattr(e.scenario, n) != getattr(first, n) for e in entries)
+    ]
+
+    def text(entry: Entry) -> str:
+        values = [getattr(entry.scenario, name) for name in varied]
+        return ", ".join(f"{v:g}" if isinstance(v, float) else str(v) for v in values) or "-"
+
+    order = list(dict.fromkeys(map(text, entries)))
+
+    def where(entry: Entry) -> dict[str, Any]:
+        x = {"x": order.index(text(entry)), "tick": text(entry), "xlabel": ", ".join(varied)}
+        return x if len(order) <= TICKS else {**x, "tick": None}
+
+    measures = ("reward", "miscoordinations", "asks")
+    return sweep(
+        entries,
+        ", ".join(varied) or "setting",
+        text,
+        [(entries, where)],
+        {},
+        [],
+        measures=measures,
+    )
 
 
 def ask_cost_section(entries: Sequence[Entry]) -> Section:
@@ -89,7 +125,7 @@ def ask_cost_section(entries: Sequence[Entry]) -> Section:
         lambda e: f"{e.scenario.ask_cost:g}",
         [(entries, lambda e: {"x": e.scenario.ask_cost, "xlabel": "cost of COORDINATE"})],
         {"asks": "; ".join(asks), "lines": "; ".join(lines)},
-        _surely(less),
+        [_surely(less)],
     )
 
 
@@ -141,7 +177,7 @@ def perception_section(entries: Sequence[Entry]) -> Section:
             "lines": "; ".join(lines),
             "gains": ", ".join(f"{name} {signed(gain)}" for name, gain in gains.items()),
         },
-        _surely(gains.values()),
+        [_surely(gains.values())],
     )
 
 
@@ -194,7 +230,7 @@ def uneven_section(entries: Sequence[Entry]) -> Section:
             "count": str(len(sure)),
             "asking": "; ".join(asking),
         },
-        _surely(gains.values()),
+        [_surely(gains.values())],
         measures=("reward", "miscoordinations", "asks"),
         more=[rows],
     )
@@ -207,17 +243,18 @@ def _factors(entry: Entry) -> str:
 
 def _shift(entry: Entry) -> float:
     """Return by how much a learner's points are moved, so that equal ones are all seen."""
-    return 0.1 * (list(TITLES).index(entry.learner) - 1)
+    return 0.1 * (LEARNERS.index(entry.learner) - 1)
 
 
 def crowd_section(entries: Sequence[Entry]) -> Section:
     """Return what more robots do, with one random peer and with all of them perceived."""
+    lines = (NONCOOP, ONE, ALL)
 
     def line(entry: Entry) -> str:
         return {"one": ONE, "all": ALL}[entry.scenario.peers] if entry.can_ask else entry.title
 
-    def where(entry: Entry, end: str = "") -> dict:
-        x, shift = entry.result.robots, 0.12 * ("Non-coop.", ONE, ALL).index(line(entry)) - 0.12
+    def where(entry: Entry, end: str = "") -> dict[str, Any]:
+        x, shift = entry.result.robots, 0.12 * lines.index(line(entry)) - 0.12
         own = {"line": line(entry) + end, "xlabel": "robots", "tick": str(x)}
         return {"panel": "", "x": x, "shift": shift, **own}
 
@@ -242,7 +279,7 @@ def crowd_section(entries: Sequence[Entry]) -> Section:
         }
         for entry in entries
     ]
-    lines = [
+    leads = [
         f"{entry.result.robots} robots {signed(a)} and {signed(b)}"
         for entry, a, b in zip(base, *gains, strict=True)
     ]
@@ -251,7 +288,7 @@ def crowd_section(entries: Sequence[Entry]) -> Section:
         "robots": str(every[-1].result.robots),
         "dense": size(every[-1].dense_bytes),
         "visited": size(every[-1].result.visited_bytes),
-        "lines": "; ".join(lines),
+        "lines": "; ".join(leads),
         "one": "{} of {}".format(*counts[0]),
         "all": "{} of {}".format(*counts[1]),
     }
@@ -272,25 +309,28 @@ def figure4_section(entries: Sequence[Entry]) -> Section:
     rows: list[Row] = []
     for (name, budget), group in groups.items():
         place, falls = {"scenario": name, "steps": budget}, {}
-        for learner, title in TITLES.items():
+        for learner in LEARNERS:
             own = pick(group, learner=learner)
             first, last = _ends(own)
             falls[learner] = run_means(first) - run_means(last)
             rewards = {_tick(e): f"{e.measure('reward').mean:.2f}" for e in own}
             fall = {"fall (s.e.)": with_error(paired(falls[learner]))}
-            rows.append({**place, "learner": title, **rewards, **fall})
+            rows.append({**place, "learner": own[0].title, **rewards, **fall})
         exact = max(0.0, first.result.optimum - last.result.optimum)
         known = f"{exact:.2f}" if first.result.optimum_exact else None
         best = {_tick(e): optimum(e) for e in own}
         rows.append({**place, "learner": "joint optimum", **best, "fall (s.e.)": known})
-        texts = [f"{TITLES[n]} {with_error(paired(falls[n]), 1)}" for n in reversed(TITLES)]
+        texts = [
+            f"{learner_of(name).title} {with_error(paired(falls[name]), 1)}"
+            for name in reversed(LEARNERS)
+        ]
         texts.append(f"optimum {exact:.1f}" if known else "optimum not known exactly")
         lines.append(f"- {name} ({budget} steps): {', '.join(texts)}")
         coop_falls.append(falls["coop"].mean())
         if _surely(paired(falls[n] - falls["coop"]) for n in ("indiv", "noncoop")) == (2, 2):
             less.append(f"{name} ({budget} steps)")
 
-    def where(entry: Entry) -> dict:
+    def where(entry: Entry) -> dict[str, Any]:
         return {
             "panel": f"{entry.name}, {steps(entry)} steps",
             "x": penalties.index(entry.scenario.penalty),
@@ -354,9 +394,9 @@ def penalty100_section(entries: Sequence[Entry]) -> Section:
             for entry in own
         ]
 
-    def where(entry: Entry) -> dict:
+    def where(entry: Entry) -> dict[str, Any]:
         title = f"{entry.name}\ngap closed: {closed_by[entry.name]}"
-        return {"panel": title, "x": list(TITLES).index(entry.learner), "tick": entry.title}
+        return {"panel": title, "x": LEARNERS.index(entry.learner), "tick": entry.title}
 
     values = {
         "lines": "; ".join(lines),

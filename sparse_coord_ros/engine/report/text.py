@@ -17,8 +17,8 @@ TEXTS: Mapping[str, Any] = yaml.safe_load(
     Path(__file__).with_name("texts.yaml").read_text(encoding="utf-8")
 )
 UNITS = ("B", "kB", "MB", "GB", "TB", "PB", "EB", "ZB", "YB")
-LEFT = ("scenario", "learner", "learner, peers", "steps", "cost", "percept", "factors")
-LEFT += ("claim", "from", "measured here", "why")
+LEFT = {"scenario", "learner", "learner, peers", "steps", "cost", "percept", "factors"}
+LEFT |= {"claim", "from", "measured here", "why"}
 """Columns that are aligned to the left, and the first one of every table."""
 
 Row = Mapping[str, str | None]
@@ -37,7 +37,7 @@ def to_markdown(rows: Sequence[Row]) -> str:
 
 def pair(measure: Measure | None) -> str | None:
     """Return `mean ± spread`."""
-    return measure and f"{measure.mean:.2f} ± {measure.spread:.2f}"
+    return f"{measure.mean:.2f} ± {measure.spread:.2f}" if measure else None
 
 
 def with_error(measure: Measure, digits: int = 2, sign: str = "") -> str:
