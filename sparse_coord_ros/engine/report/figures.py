@@ -5,7 +5,7 @@
 import io
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -47,7 +47,7 @@ STYLES: Mapping[str, Mapping[str, Any]] = {
         for name, style in LEARNER_STYLES.items()
         for whose, fill in (("ours", {}), ("paper", HOLLOW))
     },
-    SIGHT: {**LEARNER_STYLES[COOP], **ALONE, **HOLLOW},
+    SIGHT: {**LEARNER_STYLES[COOP], **ALONE, **HOLLOW, "marker": "D"},
     ONE: LEARNER_STYLES[COOP],
     ALL: {"color": "#AA4499", "marker": "D", "linestyle": "-.", **HOLLOW},
     f"{ONE}, dense table": {"color": "0.35", "marker": "x", "linestyle": "-"},
@@ -183,19 +183,18 @@ def _panel(axes: Axes, data: pd.DataFrame) -> dict[str, Any]:
     return handles
 
 
-def comparison(entries: Iterable[Entry], measures: Iterable[str], columns: int = 3) -> Figure:
+def comparison(entries: Sequence[Entry], measures: Iterable[str], columns: int = 3) -> Figure:
     """Draw ours and the paper's mean and spread, a panel a scenario and measure."""
+
+    def where(entry: Entry, whose: str = "ours", shift: float = -0.13) -> dict[str, Any]:
+        x, line = LEARNERS.index(entry.learner), f"{entry.title}, {whose}"
+        return {"panel": entry.name, "x": x, "tick": entry.title, "line": line, "shift": shift}
+
     shown = []
     for measure in measures:
-        for entry in entries:
-            x = LEARNERS.index(entry.learner)
-            where: dict[str, Any] = {"panel": entry.name, "x": x, "tick": entry.title}
-            ours = {**where, "line": f"{entry.title}, ours", "shift": -0.13}
-            shown += points([entry], measure, lambda _, ours=ours: ours, "spread", 0.3)
-            paper = entry.paper(measure)
-            if paper:
-                theirs = {**where, "line": f"{entry.title}, paper", "shift": 0.13}
-                shown.append(point(paper, measure, "spread", **theirs))
+        shown += points(entries, measure, where, "spread", span=0.3)
+        theirs = [(where(entry, "paper", 0.13), entry.paper(measure)) for entry in entries]
+        shown += [point(paper, measure, "spread", **place) for place, paper in theirs if paper]
     return plot(shown, columns)
 
 

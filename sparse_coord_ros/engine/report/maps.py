@@ -70,6 +70,7 @@ def draw_map(
         row, column = grid.cells[x]
         inner = (left + column + 0.06, top + row + 0.06)
         axes.add_patch(Rectangle(inner, 0.88, 0.88, fill=False, edgecolor=DOORWAY, linewidth=1.8))
+    axes.add_patch(Rectangle(corner, columns, rows, fill=False, edgecolor="black"))
     axes.set(xlim=(0, columns), ylim=(rows, 0), xticks=[], yticks=[], aspect="equal")
 
 
@@ -78,9 +79,10 @@ def asked_maps(entries: Sequence[Entry]) -> Figure:
     totals = {entry.name: np.array(entry.result.asked).sum(axis=0) for entry in entries}
     norm = PowerNorm(0.5, vmin=0, vmax=max(float(total.max()) for total in totals.values()) or 1)
     lines = _lines(entries)
-    height = sum(max(e.scenario.map.shape[0] for e in line) + 2.2 for line in lines)
-    figure = Figure(figsize=(WIDTH * CELL, height * CELL + 0.7), layout="constrained")
-    axes, top = figure.subplots(), 0.0
+    below = 0.8  # inches, for the scale
+    height = sum(max(e.scenario.map.shape[0] for e in line) + 2.4 for line in lines) * CELL + below
+    figure = Figure(figsize=(WIDTH * CELL, height))
+    axes, top = figure.add_axes((0, below / height, 1, 1 - below / height)), 0.0
     for line in lines:
         gap = (WIDTH - sum(map(_columns, line))) / (len(line) + 1)
         left = gap
@@ -92,15 +94,13 @@ def asked_maps(entries: Sequence[Entry]) -> Figure:
             title = f"{entry.name}\n{entry.measure('asks').mean:.3f} asks a robot"
             axes.text(corner[0] + columns / 2, top + 1.8, title, ha="center", fontsize=9)
             left += _columns(entry) + gap
-        top += max(entry.scenario.map.shape[0] for entry in line) + 2.2
+        top += max(entry.scenario.map.shape[0] for entry in line) + 2.4
     axes.set(xlim=(0, WIDTH), ylim=(top, 0))
     axes.axis("off")
     figure.colorbar(
         ScalarMappable(norm, colormaps[COLOUR_MAP].resampled(256)),
-        ax=axes,
+        cax=figure.add_axes((0.25, 0.55 / height, 0.5, 0.12 / height)),
         orientation="horizontal",
-        shrink=0.5,
-        aspect=50,
         label="COORDINATE chosen in the cell, per episode, all robots together",
     )
     return figure
