@@ -43,18 +43,18 @@ from sparse_coord_ros.engine.report.text import (
     with_error,
 )
 
-TICKS = 8
-"""Texts that fit below a panel."""
+MEASURES = ("reward", "miscoordinations", "asks")
 
 
 def sweep(
     entries: Sequence[Entry],
     setting: str,
     value: Callable[[Entry], str],
-    where: Sequence[tuple[Sequence[Entry], Where]],
+    xlabel: str,
     values: dict[str, str],
     agrees: Sequence[tuple[int, int]],
     *,
+    where: Sequence[tuple[Sequence[Entry], Where]] = (),
     measures: Sequence[str] = ("reward", "asks"),
     more: Sequence[Sequence[Row]] = (),
 ) -> Section:
@@ -64,68 +64,60 @@ def sweep(
         entries: its conditions.
         setting: what the setting is called in the table.
         value: returns the setting of a condition.
-        where: which conditions are drawn, and where: see `figures.points`.
+        xlabel: what it is called in the figure.
         values: what the texts leave open.
         agrees: for each claim, in how many cases it holds, and of how many.
+        where: which conditions are drawn, and where (see `figures.points`); else all of them, the
+            values spaced evenly.
         measures: what is drawn, a line of panels each.
         more: further tables.
     """
+    order = list(dict.fromkeys(map(value, entries)))
+    several = len({entry.learner for entry in entries}) > 1
+
+    def evenly(entry: Entry) -> dict[str, Any]:
+        x, shift = order.index(value(entry)), _shift(entry) if several else 0.0
+        return {"x": x, "tick": value(entry), "shift": shift, "xlabel": xlabel}
+
     rows = [
         {"scenario": e.name, "learner": e.title, setting: value(e), **common(e)} for e in entries
     ]
-    shown = [p for own, place in where for name in measures for p in points(own, name, place)]
+    drawn = where or [(entries, evenly)]
+    shown = [p for own, place in drawn for name in measures for p in points(own, name, place)]
     return Section(values, [rows, *more], [plot(shown, len(names(entries)))], agrees)
 
 
 def default_section(entries: Sequence[Entry]) -> Section:
     """Return a section on any experiment: its conditions by the settings in which they differ."""
-    first = entries[0].scenario
-    varied = [
-        n for n in SETTINGS if any(getattr(e.scenario, n) != getattr(first, n) for e in entries)
-    ]
+    given = [entry.scenario for entry in entries]
+    varied = [name for name in SETTINGS if len({str(getattr(s, name)) for s in given}) > 1]
 
-    def text(entry: Entry) -> str:
-        values = [getattr(entry.scenario, name) for name in varied]
-        return ", ".join(f"{v:g}" if isinstance(v, float) else str(v) for v in values) or "-"
+    def value(entry: Entry) -> str:
+        return ", ".join(f"{getattr(entry.scenario, name)}" for name in varied) or "-"
 
-    order = list(dict.fromkeys(map(text, entries)))
-
-    def where(entry: Entry) -> dict[str, Any]:
-        x = {"x": order.index(text(entry)), "tick": text(entry), "xlabel": ", ".join(varied)}
-        return x if len(order) <= TICKS else {**x, "tick": None}
-
-    measures = ("reward", "miscoordinations", "asks")
-    return sweep(
-        entries,
-        ", ".join(varied) or "setting",
-        text,
-        [(entries, where)],
-        {},
-        [],
-        measures=measures,
-    )
+    setting = ", ".join(varied) or "setting"
+    return sweep(entries, setting, value, setting, {}, [], measures=MEASURES)
 
 
 def ask_cost_section(entries: Sequence[Entry]) -> Section:
     """Return reward and asks against the cost of COORDINATE."""
-    asks, limits, less = [], [], []
+    asks, lines, less = [], [], []
     for own in by_scenario(entries):
         first, *_, last = own = sorted(own, key=lambda entry: entry.scenario.ask_cost)
         dear = list(takewhile(_worth_it, own))
-        cost = (dear or own[:1])[-1].scenario.ask_cost
-        limits.append(f"{'up to' if dear else 'not even at'} a cost of {cost:g}")
+        limit = "up to" if dear else "not even at"
+        cost = (dear or own)[-1 if dear else 0].scenario.ask_cost
         ends = [f"{e.measure('asks').mean:.2f} at {e.scenario.ask_cost:g}" for e in (first, last)]
         asks.append(f"{first.name} {' and '.join(ends)}")
+        lines.append(
+            f"{asks[-1]} (more than {analysis.AGREE:g} standard errors above shortest paths "
+            f"{limit} a cost of {cost:g})"
+        )
         less.append(difference(first, last, "asks"))
-    more = f"more than {analysis.AGREE:g} standard errors above shortest paths"
-    lines = [f"{text} ({more} {limit})" for text, limit in zip(asks, limits, strict=True)]
+    values = {"asks": "; ".join(asks), "lines": "; ".join(lines)}
+    cost_of = "cost of COORDINATE"
     return sweep(
-        entries,
-        "cost",
-        lambda e: f"{e.scenario.ask_cost:g}",
-        [(entries, lambda e: {"x": e.scenario.ask_cost, "xlabel": "cost of COORDINATE"})],
-        {"asks": "; ".join(asks), "lines": "; ".join(lines)},
-        [_surely(less)],
+        entries, "cost", lambda e: f"{e.scenario.ask_cost:g}", cost_of, values, [_surely(less)]
     )
 
 
@@ -147,6 +139,19 @@ def perception_section(entries: Sequence[Entry]) -> Section:
     def spec(entry: Entry) -> Spec:
         return entry.scenario.perception
 
+    def chance(entry: Entry) -> dict[str, Any]:
+        return {"x": spec(entry).numbers[0], "xlabel": "probability of a percept"}
+
+    def place(entry: Entry) -> dict[str, Any]:
+        numbers = spec(entry).numbers
+        return {
+            "panel": f"{entry.name}, by place",
+            "x": order.index(spec(entry)),
+            "tick": f"{numbers[0]:g}" if numbers else "los",
+            "line": entry.title if numbers else SIGHT,
+            "xlabel": "range [cells], or line of sight",
+        }
+
     drawn = [entry for entry in entries if spec(entry).kind == "probability"]
     placed = [entry for entry in entries if entry not in drawn]
     order = sorted({spec(e) for e in placed}, key=lambda one: one.numbers or (math.inf,))
@@ -160,30 +165,18 @@ def perception_section(entries: Sequence[Entry]) -> Section:
         entries,
         "percept",
         lambda e: str(spec(e)),
-        [
-            (drawn, lambda e: {"x": spec(e).numbers[0], "xlabel": "probability of a percept"}),
-            (
-                placed,
-                lambda e: {
-                    "panel": f"{e.name}, by place",
-                    "x": order.index(spec(e)),
-                    "tick": f"{spec(e).numbers[0]:g}" if spec(e).numbers else "los",
-                    "line": e.title if spec(e).numbers else SIGHT,
-                    "xlabel": "range [cells], or line of sight",
-                },
-            ),
-        ],
+        "",
         {
             "lines": "; ".join(lines),
             "gains": ", ".join(f"{name} {signed(gain)}" for name, gain in gains.items()),
         },
         [_surely(gains.values())],
+        where=[(drawn, chance), (placed, place)],
     )
 
 
 def uneven_section(entries: Sequence[Entry]) -> Section:
     """Return what uneven common rewards do."""
-    shares = list(dict.fromkeys(map(_factors, entries)))
     gains: dict[str, Measure] = {}
     rows: list[Row] = []
     asking = []
@@ -213,17 +206,7 @@ def uneven_section(entries: Sequence[Entry]) -> Section:
         entries,
         "factors",
         _factors,
-        [
-            (
-                entries,
-                lambda e: {
-                    "x": shares.index(_factors(e)),
-                    "tick": _factors(e),
-                    "shift": _shift(e),
-                    "xlabel": "factors of $r^C$, robot by robot",
-                },
-            )
-        ],
+        "factors of $r^C$, robot by robot",
         {
             "better": f"{better} of {len(gains)}",
             "sure": listed(sure),
@@ -231,7 +214,7 @@ def uneven_section(entries: Sequence[Entry]) -> Section:
             "asking": "; ".join(asking),
         },
         [_surely(gains.values())],
-        measures=("reward", "miscoordinations", "asks"),
+        measures=MEASURES,
         more=[rows],
     )
 
