@@ -605,6 +605,18 @@ def test_an_experiment_without_a_section_of_its_own(tmp_path):
     assert (tmp_path / "figures/horizons.png").exists()
 
 
+def test_a_single_run_has_no_errors(tmp_path):
+    one = dict.fromkeys(SUMS, [100.0])
+    single = {"means": one, "variances": one, "not_arrived": [0], "visited": [100.0]}
+    chosen = [some_of_figure4() if name == "figure4" else experiment(name) for name in NAMES]
+    found = {cell.id: made_up(cell, **single) for c in chosen for cell in c.cells}
+    write_report(tmp_path, Plan(seed=5, runs=1, trials=50), chosen, found)
+    text = (tmp_path / "reproduction.md").read_text(encoding="utf-8")
+    assert row(text, "env1", "Indiv.")[2:5] == ["100.00 ± 10.00", "-", "119.50 ± 12.50"]
+    assert [line for line in text.split("\n") if re.search(r"\bnan\b", line)] == []
+    assert finding(text, "Indiv. learns shortest paths")[2] == "-"
+
+
 def test_bars_end_at_zero_where_nothing_is_below():
     measure = Measure(0.2, 0.5, 0.3)
     assert point(measure, "miscoordinations", "spread", panel="", line="", x=0)["low"] == 0.2

@@ -90,6 +90,9 @@ def write_report(
     names = [one.name for one in chosen]
     whole = tuple(names) == NAMES
     make = "`make reproduce` runs all experiments with the default numbers. " if whole else ""
+    alone = "" if plan.runs > 1 else " A single run has no standard error: nothing is judged."
+    if alone:
+        claims = [{**row, "agrees": None} for row in claims]
     opening = TEXTS["opening"].format(
         **VALUES,
         version=__version__,
@@ -99,6 +102,7 @@ def write_report(
         last=plan.seeds[-1],
         make=make,
         names="" if whole else " ".join([*names, ""]),
+        alone=alone,
         findings=to_markdown(claims),
     )
     write_result(directory / "reproduction.md", "\n".join([opening, *parts]))

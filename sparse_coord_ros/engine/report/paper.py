@@ -16,6 +16,7 @@ from sparse_coord_ros.engine.report.text import (
     TEXTS,
     Row,
     exceptions,
+    fixed,
     listed,
     optimum,
     pair,
@@ -93,10 +94,10 @@ def _row(entry: Entry, measure: str, head: str = "ours") -> Row:
         "scenario": entry.name,
         "learner": entry.title,
         head: pair(ours),
-        "s.e.": f"{ours.standard_error:.3f}",
+        "s.e.": fixed(ours.standard_error, 3),
         "paper": pair(entry.paper(measure)),
         "shortest paths, exact": f"{exact:.2f}" if known else None,
-        "s.e. from exact": f"{errors_from(ours, exact):+.1f}" if known else None,
+        "s.e. from exact": fixed(errors_from(ours, exact), 1, "+") if known else None,
     }
 
 
@@ -140,7 +141,7 @@ def compared(entries: Sequence[Entry]) -> tuple[dict[str, str], list[tuple[int, 
             below.append(f"{best.name} {signed(lead)}")
     indiv = pick(entries, learner="indiv")
     far = [
-        f"{e.name} ({errors_from(e.measure('reward'), e.shortest_paths):+.1f} s.e.)"
+        f"{e.name} ({fixed(errors_from(e.measure('reward'), e.shortest_paths), 1, '+')} s.e.)"
         for e in indiv
         if not _is_shortest(e)
     ]

@@ -35,6 +35,11 @@ def to_markdown(rows: Sequence[Row]) -> str:
     return "".join("| " + " | ".join(line) + " |\n" for line in lines)
 
 
+def fixed(value: float, digits: int = 2, sign: str = "") -> str:
+    """Return a number; a dash where there is none, such as the standard error of a single run."""
+    return "-" if math.isnan(value) else f"{value:{sign}.{digits}f}"
+
+
 def pair(measure: Measure | None) -> str | None:
     """Return `mean ± spread`."""
     return f"{measure.mean:.2f} ± {measure.spread:.2f}" if measure else None
@@ -42,7 +47,7 @@ def pair(measure: Measure | None) -> str | None:
 
 def with_error(measure: Measure, digits: int = 2, sign: str = "") -> str:
     """Return `mean (standard error)`, with its sign where `sign` is "+"."""
-    return f"{measure.mean:{sign}.{digits}f} ({measure.standard_error:.{digits}f})"
+    return f"{measure.mean:{sign}.{digits}f} ({fixed(measure.standard_error, digits)})"
 
 
 def signed(measure: Measure) -> str:
