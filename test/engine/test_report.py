@@ -366,7 +366,7 @@ def test_targets_are_met_or_not(tmp_path, coop, verdict):
     assert f"{100 * above:.1f} % ± " in line.split(verdict)[1].split(" from the better")[0]
     assert "every robot arrives in 99.00 % of trials, 1 of 4 teams fail;" in line
     cells = row((tmp_path / "tables/penalty100.md").read_text(encoding="utf-8"), "env1", "Coop.")
-    assert cells[2] == "110.00"
+    assert cells[3] == "110.00"
     assert cells[-2:] == ["99.00 %", "1 of 4"]
 
 

@@ -368,7 +368,9 @@ def penalty100_section(entries: Sequence[Entry]) -> Section:
             {
                 "scenario": entry.name,
                 "learner": entry.title,
+                "reward (s.e.)": with_error(entry.measure("reward")),
                 "shortest paths, exact": f"{entry.shortest_paths:.2f}",
+                "joint optimum": optimum(entry),
                 "closed": text if entry.can_ask else None,
                 "closed from the better": above if entry.can_ask else None,
                 **common(entry),
