@@ -115,15 +115,15 @@ def _listed(items: Iterator[T], title: str, total: int) -> list[T]:
     return list(tqdm(items, desc=title, total=total, disable=None, file=sys.stderr))
 
 
-def _result(results: Results, engine: str, cell: Condition) -> ConditionResult:
-    result = results.load(cell)
+def _result(results: Results, engine: str, condition: Condition) -> ConditionResult:
+    result = results.load(condition)
     if result is None:
         plan = results.plan
         runs = run_batch(
-            cell.scenario, cell.learner, plan.seeds, trials=plan.trials, engine=engine
+            condition.scenario, condition.learner, plan.seeds, trials=plan.trials, engine=engine
         )
-        result = collect(cell, plan.trials, runs)
-        results.save(cell, result)
+        result = collect(condition, plan.trials, runs)
+        results.save(condition, result)
     return result
 
 
