@@ -62,9 +62,13 @@ class PerceptionFamily(SpecFamily):
     @property
     def usage(self) -> str:
         """The allowed forms, for help and error texts."""
+        return f"{self._named.usage}, or one of your own as module:function"
+
+    @property
+    def _named(self) -> SpecFamily:
+        """The registered models, without those that are `module:function`."""
         own = {name: _numbers(model) for name, model in MODELS.registered.items()}
-        forms = SpecFamily(self.setting, {n: v for n, v in own.items() if ":" not in n}).usage
-        return f"{forms}, or one of your own as module:function"
+        return SpecFamily(self.setting, {n: v for n, v in own.items() if ":" not in n})
 
     def parse(self, value: object) -> Spec:
         """Read a model with its numbers; errors as of `SpecFamily.parse`."""
@@ -74,7 +78,8 @@ class PerceptionFamily(SpecFamily):
         parts = text.split(":")
         kind = ":".join(parts[:2]) if is_path(":".join(parts[:2])) else parts[0]
         if kind not in MODELS.names and not is_path(kind):
-            raise self.unknown(text, parts[0], [n for n in MODELS.names if ":" not in n])
+            named = self._named.kinds
+            raise self.unknown(text, parts[0], {**dict.fromkeys(MODELS.names, ()), **named})
         rest = text.removeprefix(kind).removeprefix(":")
         return self.numbered(
             text, kind, rest.split(":") if rest else [], _numbers(MODELS.find(kind))

@@ -167,13 +167,19 @@ class Scenario:
         """Whether Q^C has rows for visited joint states only: it is over more than a pair."""
         return self.perceived > 2
 
-    def with_settings(self, values: Mapping[str, object]) -> "Scenario":
-        """Return a copy with some settings changed; values may be texts.
+    def with_settings(
+        self, values: Mapping[str, object] | None = None, /, **settings: object
+    ) -> "Scenario":
+        """Return a copy with some settings changed, e.g. `with_settings(penalty=-100)`.
+
+        Args:
+            values: settings by name; values may be texts, as on the command line.
+            **settings: more of them.
 
         Raises:
             SettingError: an unknown name, a bad value, or one that does not fit the robots.
         """
-        return replace(self, **SETTINGS.parse(values))
+        return replace(self, **SETTINGS.parse({**(values or {}), **settings}))
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data, the map's text included; `scenario_from_dict` reads it back."""
@@ -201,14 +207,19 @@ def scenario_names() -> list[str]:
     return share_names("config", ".yaml")
 
 
-def load_scenario(name: str) -> Scenario:
-    """Read a scenario by the name of a shipped one or by the path of a scenario file.
+def load_scenario(name: str | Path, **settings: object) -> Scenario:
+    """Read a scenario, e.g. `load_scenario("env1", penalty=-100)`.
+
+    Args:
+        name: the name of a shipped scenario, or the path of a scenario file.
+        **settings: settings to change, as of `Scenario.with_settings`.
 
     Raises:
         ScenarioError: there is no such scenario, or it is malformed.
         MapError: its map is missing or malformed.
+        SettingError: a bad setting.
     """
-    path = Path(name)
+    path, name = Path(name), str(name)
     if not path.is_file():
         shipped = share_file("config", f"{name}.yaml")
         if shipped is None:
@@ -217,7 +228,9 @@ def load_scenario(name: str) -> Scenario:
                 f"the path of a scenario file or one of: {', '.join(scenario_names())}"
             )
         path = shipped
-    return scenario_from_dict(read_yaml(path), where=str(path), name=path.stem, beside=path.parent)
+    data = read_yaml(path)
+    scenario = scenario_from_dict(data, where=str(path), name=path.stem, beside=path.parent)
+    return scenario.with_settings(settings)
 
 
 class UniqueKeyLoader(yaml.SafeLoader):
@@ -323,9 +336,14 @@ def _map(value: object, where: str, beside: Path | None) -> GridMap:
 
 
 def _robots(value: object, grid: GridMap, where: str) -> tuple[Robot, ...]:
-    if not isinstance(value, dict) or not value:
+    form = "robot_1: {start: 1, goal: 2}"
+    if not value:
+        raise ScenarioError(f"{where}: field 'robots' has no robot; add e.g. {form}")
+    if not isinstance(value, dict):
+        kind = "a list" if isinstance(value, list) else repr(value)
         raise ScenarioError(
-            f"{where}: field 'robots' has no robot; add e.g. robot_1: {{start: 1, goal: 2}}"
+            f"{where}: field 'robots' is {kind}, must be lines 'name: {{start: ..., goal: ...}}'; "
+            f"write each robot with its name and without '-', e.g. {form}"
         )
     robots = []
     for name, entry in value.items():

@@ -42,12 +42,17 @@ class Experiment:
     Attributes:
         name: what `reproduce` calls it.
         title: what it shows.
-        cells: its cells.
+        conditions: its conditions.
     """
 
     name: str
     title: str
-    cells: tuple[Condition, ...]
+    conditions: tuple[Condition, ...]
+
+    @property
+    def cells(self) -> tuple[Condition, ...]:
+        """The conditions, by their name of version 0.1 (deprecated)."""
+        return self.conditions
 
 
 def _tables(names: Iterable[str]) -> list[Condition]:
@@ -124,5 +129,5 @@ NAMES = tuple(_EXPERIMENTS)
 
 def experiment(name: str) -> Experiment:
     """Return the experiment of one of `NAMES`."""
-    title, cells = _EXPERIMENTS[name]
-    return Experiment(name, title, tuple(cells()))
+    title, conditions = _EXPERIMENTS[name]
+    return Experiment(name, title, tuple(conditions()))

@@ -111,4 +111,4 @@ class Entries:
 
 def entries_of(experiment: Experiment, found: Mapping[str, ConditionResult]) -> Entries:
     """Return the cells of an experiment with their results."""
-    return Entries(Entry(cell, found[cell.id]) for cell in experiment.cells)
+    return Entries(Entry(cell, found[cell.id]) for cell in experiment.conditions)
