@@ -55,6 +55,14 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     return f" (did you mean {near[0]!r}?)" if near else ""
 
 
+def newer_format(where: str, found: int, known: int) -> str:
+    """Return what to say of a file in a format that a later version brought."""
+    return (
+        f"{where}: is in format {found}, this version reads formats up to {known}; update "
+        "sparse_coord_ros"
+    )
+
+
 def os_error_text(error: OSError) -> str:
     """Return what went wrong, and with which file where the system says so."""
     problem = error.strerror or str(error)

@@ -25,7 +25,7 @@ from sparse_coord_ros.engine.results import (
     Results,
     collect,
     open_results,
-    write_whole,
+    write_result,
 )
 from sparse_coord_ros.engine.study import (
     FINAL_RUNS,
@@ -95,8 +95,8 @@ def execute(options: argparse.Namespace) -> int:
         changes = sum(map(len, SPACE.values())) - len(SPACE)
         variations = _listed(vary(reference, compute), "one choice at a time", changes)
     document = protocol_document(plan, final_plan, outcomes, finalists, reference, variations)
-    write_whole(options.out / "protocol.md", document)
-    write_whole(options.out / "protocols.csv", _csv(outcomes))
+    write_result(options.out / "protocol.md", document)
+    write_result(options.out / "protocols.csv", _csv(outcomes))
     if options.json:
         data = {"protocol": settings_of(best.choices), "loss": best.loss, "closed": best.closed}
         shared.print_json({**data, "difference": best.difference, "asks": best.asks})

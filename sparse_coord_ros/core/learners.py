@@ -7,6 +7,10 @@ ask these objects; none of them knows a learner by its name. A learner of one's 
 of `Learner`: see examples/own_learner.py.
 """
 
+from collections.abc import Mapping
+from dataclasses import replace
+from types import MappingProxyType
+
 from sparse_coord_ros.core.agent import Agent, Tables, initial_tables
 from sparse_coord_ros.core.plugins import Registry, path_of
 from sparse_coord_ros.core.scenario import Scenario
@@ -28,6 +32,8 @@ class Learner:
         asks: whether COORDINATE is among its actions; if not, the fifth column of Q* is NaN.
         alone: whether each robot learns with no other robot in the world (Indiv. of Section 4).
             Such a learner cannot run live.
+        defaults: values of scenario settings where neither the scenario nor the user chose one;
+            `run.yaml` says each value that held.
     """
 
     name: str | None = None
@@ -35,6 +41,18 @@ class Learner:
     summary: str = ""
     asks: bool = True
     alone: bool = False
+    defaults: Mapping[str, object] = MappingProxyType({})
+
+    def with_defaults(self, scenario: Scenario) -> Scenario:
+        """Return the scenario with this learner's defaults for settings that nobody chose.
+
+        Raises:
+            SettingError: a default is no setting, or has a bad value.
+        """
+        values = {k: v for k, v in self.defaults.items() if k not in scenario.given}
+        if not values:
+            return scenario
+        return replace(scenario.with_settings(values), given=scenario.given)
 
     def weights(self, scenario: Scenario) -> RewardWeights:
         """Return how much each part of R_k(t) counts while it learns: their sum, unless changed.

@@ -6,6 +6,8 @@ The world simulator publishes this text once, latched, on the topic `run`; robot
 need nothing else, and the log holds it too.
 """
 
+import hashlib
+import json
 import platform
 from collections.abc import Mapping
 from contextlib import suppress
@@ -20,10 +22,13 @@ from sparse_coord_ros import __version__
 from sparse_coord_ros.core.learners import LEARNERS, Learner, learner_of
 from sparse_coord_ros.core.scenario import Scenario, parse_yaml, scenario_from_dict
 from sparse_coord_ros.core.settings import Setting, SettingTable
-from sparse_coord_ros.errors import RunError, SettingError
+from sparse_coord_ros.errors import RunError, SettingError, did_you_mean, newer_format
 
 RUN_FILE, SCENARIO_FILE, MAP_FILE = "run.yaml", "scenario.yaml", "map.txt"
 """The files that say what a run is: in its directory the first, in its bag all."""
+
+FORMAT = 2
+"""Number of the format of `run.yaml`, its field `format`. Files of 0.1.0 have none: format 1."""
 
 RUN_RECORD = "sparse_coord_ros"
 """Name of the bag's metadata record about the run."""
@@ -111,9 +116,16 @@ class RunConfig:
         """The learner that the run names."""
         return learner_of(self.learner)
 
+    @property
+    def digest(self) -> str:
+        """A digest of all that affects what is learned: the same where the same bits come out."""
+        said = [self.learner, self.seed, self.greedy, self.tables, self.scenario.computation()]
+        return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()[:16]
+
     def to_yaml(self) -> str:
         """Return the text of `run.yaml`; `run_from_yaml` reads it back."""
-        data: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
+        data: dict[str, Any] = {"format": FORMAT}
+        data |= {f.name: getattr(self, f.name) for f in fields(self)}
         data["scenario"] = self.scenario.to_dict()
         data["versions"] = dict(self.versions)
         return yaml.safe_dump(data, sort_keys=False, allow_unicode=True)
@@ -135,6 +147,7 @@ def make_run(scenario: Scenario, values: Mapping[str, object]) -> RunConfig:
         SettingError: an unknown name or a bad value.
     """
     settings = {**RUN_SETTINGS.defaults(), **RUN_SETTINGS.parse(values)}
+    scenario = learner_of(settings["learner"]).with_defaults(scenario)
     return RunConfig(scenario=scenario, versions=versions(), **settings)
 
 
@@ -148,23 +161,37 @@ def versions() -> dict[str, str]:
 
 
 def run_from_yaml(text: str, *, where: str) -> RunConfig:
-    """Read a run back.
+    """Read a run back; settings that the text lacks have the values that hold for older files.
 
     Raises:
-        RunError: a field is missing or unknown.
+        RunError: it is no run, has an unknown field, or is in a newer format.
         ScenarioError: not YAML, or the scenario in it is malformed.
         SettingError: a bad value.
     """
     data = parse_yaml(text, where=where)
-    known = {f.name for f in fields(RunConfig)}
-    if set(data) != known or not all(isinstance(data[n], dict) for n in ("scenario", "versions")):
-        odd = sorted(map(str, set(data) ^ known))
-        raise RunError(
-            f"{where}: is not a run.yaml of this version: fields {odd} are missing or unknown; "
-            "use the file that run or train wrote"
-        )
-    scenario = scenario_from_dict(data["scenario"], where=f"{where} (scenario)", name="scenario")
-    settings = RUN_SETTINGS.parse({n: data[n] for n in RUN_SETTINGS})
+    written = data.pop("format", 1)
+    if not isinstance(written, int) or written < 1:
+        raise RunError(f"{where}: field 'format' is {written!r}, allowed: 1 to {FORMAT}")
+    if written > FORMAT:
+        raise RunError(newer_format(where, written, FORMAT))
+    known = [f.name for f in fields(RunConfig)]
+    for name in data:
+        if name not in known:
+            raise RunError(
+                f"{where}: is not a run.yaml of this software: unknown field {name!r}"
+                f"{did_you_mean(str(name), known)}; use the file that run or train wrote"
+            )
+    for name in ("scenario", "versions"):
+        if not isinstance(data.get(name), dict):
+            raise RunError(
+                f"{where}: is not a run.yaml of this software: field {name!r} is missing or no "
+                "mapping; use the file that run or train wrote"
+            )
+    scenario = scenario_from_dict(
+        data["scenario"], where=f"{where} (scenario)", name="scenario", recorded=True
+    )
+    given = RUN_SETTINGS.parse({n: data[n] for n in RUN_SETTINGS if n in data})
+    settings = {**RUN_SETTINGS.of_older_files(), **given}
     return RunConfig(scenario=scenario, versions=data["versions"], **settings)
 
 

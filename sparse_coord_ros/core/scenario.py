@@ -109,7 +109,11 @@ class Robot:
 
 @dataclass(frozen=True)
 class Scenario:
-    """One learning problem and its protocol; the settings are described in `SETTINGS`."""
+    """One learning problem and its protocol; the settings are described in `SETTINGS`.
+
+    `given` names the settings that somebody chose, in the file or later; a learner may have
+    defaults of its own for the others (`Learner.defaults`).
+    """
 
     name: str
     map: GridMap
@@ -133,6 +137,7 @@ class Scenario:
     q_star_init: float
     q_coord_init: float
     goal_value: float
+    given: frozenset[str] = field(default=frozenset(), compare=False)
 
     def __post_init__(self) -> None:
         """Raise `SettingError` where a setting does not fit the robots."""
@@ -179,7 +184,8 @@ class Scenario:
         Raises:
             SettingError: an unknown name, a bad value, or one that does not fit the robots.
         """
-        return replace(self, **SETTINGS.parse({**(values or {}), **settings}))
+        parsed = SETTINGS.parse({**(values or {}), **settings})
+        return replace(self, **parsed, given=self.given | set(parsed))
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data, the map's text included; `scenario_from_dict` reads it back."""
@@ -193,6 +199,18 @@ class Scenario:
             },
             **{n: str(v) if isinstance(v, Spec) else v for n, v in settings.items()},
             "paper": {learner: dict(row) for learner, row in self.paper.items()},
+        }
+
+    def computation(self) -> dict[str, Any]:
+        """Return plain data of all that affects what is computed, for digests.
+
+        Left out are names, provenance, the paper's rows, and settings at values that change
+        nothing (`Setting.neutral`).
+        """
+        return {
+            "map": list(self.map.rows),
+            "robots": [[robot.start, robot.goal] for robot in self.robots],
+            **SETTINGS.effective({name: getattr(self, name) for name in SETTINGS}),
         }
 
 
@@ -282,7 +300,12 @@ def parse_yaml(text: str, *, where: str) -> dict[str, Any]:
 
 
 def scenario_from_dict(
-    data: Mapping[str, Any], *, where: str, name: str, beside: Path | None = None
+    data: Mapping[str, Any],
+    *,
+    where: str,
+    name: str,
+    beside: Path | None = None,
+    recorded: bool = False,
 ) -> Scenario:
     """Build a scenario from plain data (a parsed scenario file or `Scenario.to_dict`).
 
@@ -291,6 +314,8 @@ def scenario_from_dict(
         where: what error messages call it.
         name: the scenario's name where the data has none.
         beside: folder for a relative map path.
+        recorded: it is that of a recorded run, where a setting that is missing had not been
+            thought of yet: its neutral value holds, not its default.
 
     Raises:
         ScenarioError: a field is missing, unknown or bad.
@@ -317,9 +342,11 @@ def scenario_from_dict(
         )
     robots = _robots(data.get("robots"), grid, where)
     paper = _paper(data.get("paper", {}), where)
-    settings = {**SETTINGS.defaults(), **given}
+    settings = {**(SETTINGS.of_older_files() if recorded else SETTINGS.defaults()), **given}
     try:
-        return Scenario(name=name, map=grid, robots=robots, paper=paper, **settings)
+        return Scenario(
+            name=name, map=grid, robots=robots, paper=paper, given=frozenset(given), **settings
+        )
     except SettingError as error:
         raise ScenarioError(f"{where}: {error}") from None
 
@@ -336,14 +363,11 @@ def _map(value: object, where: str, beside: Path | None) -> GridMap:
 
 
 def _robots(value: object, grid: GridMap, where: str) -> tuple[Robot, ...]:
-    form = "robot_1: {start: 1, goal: 2}"
-    if not value:
-        raise ScenarioError(f"{where}: field 'robots' has no robot; add e.g. {form}")
-    if not isinstance(value, dict):
-        kind = "a list" if isinstance(value, list) else repr(value)
+    if not isinstance(value, dict) or not value:
+        problem = "has no robot" if not value else f"is {type(value).__name__}, not a mapping"
         raise ScenarioError(
-            f"{where}: field 'robots' is {kind}, must be lines 'name: {{start: ..., goal: ...}}'; "
-            f"write each robot with its name and without '-', e.g. {form}"
+            f"{where}: field 'robots' {problem}; write one line a robot under it, its name first, "
+            "e.g. robot_1: {start: 1, goal: 2}"
         )
     robots = []
     for name, entry in value.items():

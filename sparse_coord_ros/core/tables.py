@@ -10,7 +10,6 @@ what all others read as. Cells are numbered row by row from the top left, free c
 """
 
 import io
-import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -20,9 +19,14 @@ import numpy as np
 from sparse_coord_ros.core.agent import Tables
 from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.sparse import SparseTable
-from sparse_coord_ros.errors import TablesError
+from sparse_coord_ros.errors import TablesError, newer_format
+from sparse_coord_ros.files import write_whole
 
 TEAM_FILE = "tables.npz"
+
+FORMAT = 2
+"""Number of the format, in the array `format`. Files of 0.1.0 have none: that is format 1, with
+the same arrays."""
 
 
 def robot_file(directory: Path, robot: str) -> Path:
@@ -39,7 +43,8 @@ def pack_tables(tables: Mapping[int, Tables], *, counts: Mapping[str, int] | Non
         tables: what each robot learned.
         counts: numbers to store beside them, as arrays `count_<name>`.
     """
-    arrays = {f"count_{name}": np.int64(count) for name, count in (counts or {}).items()}
+    arrays: dict[str, Any] = {"format": np.int64(FORMAT)}
+    arrays |= {f"count_{name}": np.int64(count) for name, count in (counts or {}).items()}
     for number, pair in tables.items():
         arrays[f"q_star_{number}"] = pair.q_star
         if isinstance(pair.q_coord, SparseTable):
@@ -62,9 +67,7 @@ def save_tables(
 
 def write_tables(path: Path, data: bytes) -> None:
     """Write the bytes of tables into a file, whole or not at all."""
-    partial = path.with_suffix(".partial")
-    partial.write_bytes(data)
-    os.replace(partial, path)
+    write_whole(path, data)
 
 
 def save_team(directory: Path, tables: Sequence[Tables]) -> None:
@@ -103,13 +106,16 @@ def _read(data: bytes, where: str, take: Callable[[Mapping[str, np.ndarray]], An
     """Return what `take` takes out of an .npz file; TablesError for whatever is wrong with it."""
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as file:
-            return take(file)
+            written = int(file["format"]) if "format" in file else 1
+            if written <= FORMAT:
+                return take(file)
     except KeyError as error:
         raise TablesError(
             f"{where}: {error.args[0]}; use a file that run or train wrote"
         ) from None
     except Exception as error:  # zip, zlib and NumPy's parser raise what a broken file makes them
         raise _unreadable(where, error) from None
+    raise TablesError(newer_format(where, written, FORMAT))
 
 
 def _counts(file: Mapping[str, np.ndarray]) -> dict[str, int]:

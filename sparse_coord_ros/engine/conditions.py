@@ -45,8 +45,9 @@ class Condition:
 
     @cached_property
     def scenario(self) -> Scenario:
-        """The scenario with the condition's settings."""
-        return _load(self.name).with_settings(dict(self.settings))
+        """The scenario with the condition's settings, and its learner's defaults."""
+        scenario = _load(self.name).with_settings(dict(self.settings))
+        return learner_of(self.learner).with_defaults(scenario)
 
 
 def _load(name: str) -> Scenario:
@@ -90,15 +91,15 @@ def make_condition(name: str, learner: str, settings: Mapping[str, object]) -> C
         ScenarioError: no such scenario, or a malformed one.
         SettingError: an unknown learner or setting, or a bad value.
     """
-    learner = learner_of(learner).label
-    scenario = _load(name)
-    changed = scenario.with_settings(settings)
+    rule = learner_of(learner)
+    scenario = rule.with_defaults(_load(name))
+    changed = rule.with_defaults(_load(name).with_settings(settings))
     kept = [
         (key, _text(getattr(changed, key)))
         for key in sorted(settings)
         if key != "penalty" and getattr(changed, key) != getattr(scenario, key)
     ]
-    return Condition(name, learner, (("penalty", _text(changed.penalty)), *kept))
+    return Condition(name, rule.label, (("penalty", _text(changed.penalty)), *kept))
 
 
 def parse_id(text: str) -> tuple[Condition, int | None]:

@@ -1,9 +1,10 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Results on disk: one JSON file a cell, in a directory that never mixes seeds or versions.
+"""Results on disk: one JSON file a condition, in a directory that never mixes seeds or versions.
 
-`results.json` says what the directory holds; `cells/<id>.json` is written whole when its cell is
-done, so an interrupted experiment goes on where it stopped.
+`results.json` says what the directory holds; `cells/<id>.json` is written whole when its condition
+is done, so an interrupted experiment goes on where it stopped. (The folder is called `cells` since
+version 0.1.0.)
 """
 
 import errno
@@ -13,7 +14,7 @@ import json
 import math
 import os
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -24,13 +25,16 @@ from sparse_coord_ros.core.algorithm import PRIMITIVES
 from sparse_coord_ros.core.evaluation import Measure
 from sparse_coord_ros.core.optimum import joint_optimum
 from sparse_coord_ros.core.reference import shortest_path_reference
-from sparse_coord_ros.core.scenario import Scenario
+from sparse_coord_ros.core.scenario import SETTINGS, Scenario
 from sparse_coord_ros.core.sparse import SparseTable, dense_nbytes
 from sparse_coord_ros.engine.batch import Run
 from sparse_coord_ros.engine.conditions import Condition
-from sparse_coord_ros.errors import ResultsError, SettingError
+from sparse_coord_ros.errors import ResultsError, SettingError, newer_format
+from sparse_coord_ros.files import PARTIAL, write_whole
 
-FORMAT = 1
+FORMAT = 2
+"""Number of the format of a results directory and its files. Format 1 is that of 0.1.0."""
+
 MANIFEST = "results.json"
 LONGEST_NAME = 255
 """Characters of a file's name, on common file systems."""
@@ -41,11 +45,11 @@ BY_ROBOT = ("reward", "asks")
 
 @dataclass(frozen=True)
 class Plan:
-    """What every cell of a results directory has in common.
+    """What every condition of a results directory has in common.
 
     Attributes:
         seed: seed of run 0; run i has seed + i.
-        runs: independent learning runs of a cell, >= 2.
+        runs: independent learning runs of a condition, >= 2.
         trials: Monte-Carlo trials of each run, >= 2.
     """
 
@@ -69,10 +73,10 @@ class Plan:
 
 @dataclass(frozen=True)
 class ConditionResult:
-    """What the runs of one cell brought; lists have one entry a run.
+    """What the runs of one condition brought; lists have one entry a run.
 
     Attributes:
-        id: the cell's id.
+        id: the condition's id.
         digest: of the scenario with all its settings, map and protocol.
         trials: trials of each run.
         robots: robots of the scenario.
@@ -163,9 +167,9 @@ class ConditionResult:
         }
 
 
-def collect(cell: Condition, trials: int, runs: Iterable[Run]) -> ConditionResult:
-    """Sum up the runs of a cell (>= 1), one after the other (a run's tables are not kept)."""
-    scenario = cell.scenario
+def collect(condition: Condition, trials: int, runs: Iterable[Run]) -> ConditionResult:
+    """Sum up the runs of a condition (>= 1), one after the other (a run's tables are not kept)."""
+    scenario = condition.scenario
     cells, robots = len(scenario.map.cells), len(scenario.robots)
     means: dict[str, list[float]] = {name: [] for name in SUMS}
     variances: dict[str, list[float]] = {name: [] for name in SUMS}
@@ -184,8 +188,8 @@ def collect(cell: Condition, trials: int, runs: Iterable[Run]) -> ConditionResul
         stays += run.trials.stays
     count, optimum = len(not_arrived), joint_optimum(scenario)
     return ConditionResult(
-        id=cell.id,
-        digest=digest(cell),
+        id=condition.id,
+        digest=digest(condition),
         trials=trials,
         robots=robots,
         joint_states=cells**scenario.perceived,
@@ -211,10 +215,22 @@ def _row_bytes(scenario: Scenario) -> int:
     return SparseTable(1, scenario.perceived, 0.0, key, row).nbytes
 
 
-def digest(cell: Condition) -> str:
-    """Return a digest of everything that a cell's result depends on besides seed and counts."""
-    text = json.dumps([cell.learner, cell.scenario.to_dict()], sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
+def digest(condition: Condition) -> str:
+    """Return a digest of everything that a result depends on besides seed and counts."""
+    return _digest([condition.learner, condition.scenario.computation()])
+
+
+def _digest_of_format_1(condition: Condition) -> str:
+    """Return the digest that version 0.1.0 gave: it covered names and provenance too."""
+    said = condition.scenario.to_dict()
+    for name, setting in SETTINGS.items():
+        if setting.neutral is not None:
+            del said[name]
+    return _digest([condition.learner, said])
+
+
+def _digest(said: object) -> str:
+    return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()[:16]
 
 
 class Results:
@@ -227,60 +243,66 @@ class Results:
         self.directory = directory
         self.plan = plan
 
-    def path(self, cell: Condition) -> Path:
-        """Return where a cell's result is.
+    def path(self, condition: Condition) -> Path:
+        """Return where a condition's result is.
 
         Raises:
             ResultsError: the file's name would be too long.
         """
-        return self._inside("cells", f"{cell.id}.json")
+        return self._inside("cells", f"{condition.id}.json")
 
-    def run_folder(self, cell: Condition, number: int) -> Path:
-        """Return where a single run of a cell is."""
-        return self._inside("runs", f"{cell.id}/{number}")
+    def run_folder(self, condition: Condition, number: int) -> Path:
+        """Return where a single run of a condition is."""
+        return self._inside("runs", f"{condition.id}/{number}")
 
     def _inside(self, folder: str, name: str) -> Path:
         path = self.directory / folder / name
         assert ".." not in path.parts[len(self.directory.parts) :]  # an id has plain names only
         assert path.is_relative_to(self.directory / folder)
-        if len(_partial(path).name) > LONGEST_NAME:  # said before hours are spent on the cell
+        if len(path.name + PARTIAL) > LONGEST_NAME:  # said before hours are spent on the condition
             raise unusable_file(path, OSError(errno.ENAMETOOLONG, "File name too long"), "written")
         return path
 
-    def load(self, cell: Condition) -> ConditionResult | None:
-        """Return a cell's result, None where it is not there yet.
+    def load(self, condition: Condition) -> ConditionResult | None:
+        """Return a condition's result, None where it is not there yet.
 
-        A file that cannot be read is put aside as `<file>.broken`, and its cell is open again.
+        A file that cannot be read is put aside as `<file>.broken`; its condition is open again.
 
         Raises:
             ResultsError: the result is of another scenario, protocol or plan.
         """
-        path = self.path(cell)
+        path = self.path(condition)
         try:
-            result = ConditionResult(**json.loads(path.read_text(encoding="utf-8")))
+            data = json.loads(path.read_text(encoding="utf-8"))
+            written = int(data.pop("format", 1))
+            if written > FORMAT:
+                raise ResultsError(newer_format(str(path), written, FORMAT))
+            result = ConditionResult(**data)
             whole = result.runs == self.plan.runs and result.trials == self.plan.trials
         except FileNotFoundError:
             return None
         except OSError as error:
             raise unusable_file(path, error, "read") from None
-        except (ValueError, TypeError):
+        except (AttributeError, ValueError, TypeError):
             os.replace(path, path.with_name(path.name + ".broken"))
             return None
-        if result.id != cell.id or result.digest != digest(cell) or not whole:
+        known = {digest(condition), _digest_of_format_1(condition)}
+        if result.id != condition.id or result.digest not in known or not whole:
             raise ResultsError(
                 f"{path}: was computed for another scenario, learning protocol or plan than "
-                f"{cell.id} has now; nothing is mixed: choose another --out, or remove this file"
+                f"{condition.id} has now; nothing is mixed: choose another --out, or remove this "
+                "file"
             )
         return result
 
-    def save(self, cell: Condition, result: ConditionResult) -> None:
-        """Write a cell's result, whole or not at all.
+    def save(self, condition: Condition, result: ConditionResult) -> None:
+        """Write a condition's result, whole or not at all.
 
         Raises:
             ResultsError: it cannot be written.
         """
-        path = self.path(cell)
-        write_whole(path, json.dumps(asdict(result)))
+        path = self.path(condition)
+        write_result(path, json.dumps({"format": FORMAT, **asdict(result)}))
 
 
 @contextmanager
@@ -317,52 +339,51 @@ def _unusable(directory: Path, error: OSError) -> ResultsError:
 
 
 def _check_manifest(directory: Path, plan: Plan) -> None:
+    """Make sure that the directory is of this plan; write its manifest where it is new."""
     path = directory / MANIFEST
     wanted = {"format": FORMAT, "version": __version__, **asdict(plan)}
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         # An interruption right at the beginning leaves our own half-written manifest.
-        if any(found.name != _partial(path).name for found in directory.iterdir()):
+        if any(found.name != path.name + PARTIAL for found in directory.iterdir()):
             raise ResultsError(
                 f"results directory {directory}: holds other files and no {MANIFEST}; choose an "
                 "empty or new directory for --out"
             ) from None
-        write_whole(path, json.dumps(wanted, indent=2) + "\n")
+        write_result(path, json.dumps(wanted, indent=2) + "\n")
         return
     except OSError as error:
         raise _unusable(directory, error) from None
     except ValueError:
         found = None
-    if not isinstance(found, dict):
+    if not isinstance(found, dict) or not isinstance(found.get("format"), int):
         raise ResultsError(
             f"{path}: is not readable as JSON; choose another --out, or remove the directory"
         )
-    for name, value in wanted.items():
+    if found["format"] > FORMAT:
+        raise ResultsError(newer_format(str(path), found["format"], FORMAT))
+    for name, value in asdict(plan).items():
         if found.get(name) != value:
             raise ResultsError(
                 f"results directory {directory}: was made with {name} {found.get(name)!r}, this "
                 f"is {name} {value!r}; nothing is mixed: use the same, or another --out"
             )
+    if found["format"] < FORMAT:
+        write_result(path, json.dumps(wanted, indent=2) + "\n")
 
 
-def write_whole(path: Path, text: str) -> None:
+def write_result(path: Path, text: str) -> None:
     """Write a text file, whole or not at all; its folder is made where it is missing.
 
     Raises:
         ResultsError: it cannot be written.
     """
-    partial = _partial(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        partial.write_text(text, encoding="utf-8")
-        os.replace(partial, path)
-    except BaseException as error:
-        with suppress(OSError):
-            partial.unlink(missing_ok=True)
-        if isinstance(error, OSError):
-            raise unusable_file(path, error, "written") from None
-        raise
+        write_whole(path, text)
+    except OSError as error:
+        raise unusable_file(path, error, "written") from None
 
 
 def unusable_file(path: Path, error: OSError, what: str) -> ResultsError:
@@ -373,11 +394,7 @@ def unusable_file(path: Path, error: OSError, what: str) -> ResultsError:
     if error.errno == errno.ENAMETOOLONG:
         remedy = "change fewer settings at once, or choose a shorter --out"
     elif error.errno in (errno.ENOSPC, errno.EDQUOT):
-        remedy = "make room and call again: what was finished is there and is gone on with"
+        remedy = "make room and call again: what was finished is kept"
     else:
         remedy = "mend that, or choose another --out"
     return ResultsError(f"{name}: cannot be {what} ({error.strerror}); {remedy}")
-
-
-def _partial(path: Path) -> Path:
-    return path.with_name(path.name + ".partial")

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from sparse_coord_ros.core.evaluation import Trials, play, summary
 from sparse_coord_ros.core.frames import data_frame
-from sparse_coord_ros.core.run_config import RUN_FILE, make_run
+from sparse_coord_ros.core.run_config import RUN_FILE, RunConfig, load_run, make_run
 from sparse_coord_ros.core.specs import Spec
 from sparse_coord_ros.core.tables import load_team, save_team
 from sparse_coord_ros.engine.batch import Run, run_batch
@@ -32,7 +32,7 @@ from sparse_coord_ros.engine.results import (
     open_results,
     unusable_file,
 )
-from sparse_coord_ros.errors import ResultsError, SettingError, did_you_mean
+from sparse_coord_ros.errors import ResultsError, SettingError, SparseCoordError, did_you_mean
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -379,10 +379,10 @@ def one_run(
     seed, trials = results.plan.seed + number, results.plan.trials
     scenario, learner = condition.scenario, condition.learner
     folder = results.run_folder(condition, number)
-    text = make_run(scenario, {"seed": seed, "learner": learner}).to_yaml()
+    run_config = make_run(scenario, {"seed": seed, "learner": learner})
     try:
         if folder.exists():
-            played = _played_again(folder, text, condition, seed, trials)
+            played = _played_again(folder, run_config, trials)
             return SingleRun(condition, seed, played, folder)
     except OSError as error:
         raise unusable_file(folder, error, "read") from None
@@ -392,7 +392,7 @@ def one_run(
     shutil.rmtree(partial, ignore_errors=True)  # of an interrupted call
     try:
         partial.mkdir(parents=True)
-        (partial / RUN_FILE).write_text(text, encoding="utf-8")
+        (partial / RUN_FILE).write_text(run_config.to_yaml(), encoding="utf-8")
         save_team(partial, run.tables)
         os.rename(partial, folder)
     except OSError as error:
@@ -402,17 +402,16 @@ def one_run(
     return SingleRun(condition, seed, run.trials, folder)
 
 
-def _played_again(folder: Path, text: str, condition: Condition, seed: int, trials: int) -> Trials:
+def _played_again(folder: Path, wanted: RunConfig, trials: int) -> Trials:
     try:
-        same = (folder / RUN_FILE).read_text(encoding="utf-8") == text
-    except (OSError, UnicodeDecodeError):
+        same = load_run(folder).digest == wanted.digest
+    except SparseCoordError:
         same = False
     if not same:
         raise ResultsError(
             f"{folder}: exists already and is another run than this would be (scenario, learning "
-            "protocol, seed or versions); nothing is overwritten: remove it, or choose another "
-            "--out"
+            "protocol or seed); nothing is overwritten: remove it, or choose another --out"
         )
-    scenario, learner = condition.scenario, condition.learner
+    scenario = wanted.scenario
     tables = load_team(folder, scenario)
-    return play(scenario, tables, trials=trials, seed=seed, learner=learner)
+    return play(scenario, tables, trials=trials, seed=wanted.seed, learner=wanted.rule)

@@ -13,9 +13,7 @@ from typing import BinaryIO
 from mcap.writer import CompressionType
 
 from sparse_coord_ros.errors import BagError
-
-PARTIAL = ".partial"
-"""What the name of a file ends with until it is finished."""
+from sparse_coord_ros.files import PARTIAL, sync_directory, write_whole
 
 _COMPRESSIONS = {
     "zstd": CompressionType.ZSTD,
@@ -162,28 +160,9 @@ def take_lock(file: BinaryIO, *, exclusive: bool) -> bool:
     return True
 
 
-def sync_directory(directory: Path) -> None:
-    """Let the disk have the names in a directory; an OSError passes."""
-    descriptor = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
+def write_text(path: Path, text: str) -> None:
+    """Write a text file all or nothing, and let the disk have it; BagError where that fails."""
     try:
-        os.fsync(descriptor)
+        write_whole(path, text, sync=True)
     except OSError as error:
-        if error.errno != errno.EINVAL:  # this file system has nothing to do
-            raise
-    finally:
-        os.close(descriptor)
-
-
-def write_whole(path: Path, text: str) -> None:
-    """Write a text file all or nothing, and let the disk have it."""
-    draft = path.with_name(f".{path.name}")
-    try:
-        with draft.open("w", encoding="utf-8") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(draft, path)
-        sync_directory(path.parent)
-    except OSError as error:
-        draft.unlink(missing_ok=True)
         raise BagError(f"cannot write {path}: {error.strerror}; make room") from error

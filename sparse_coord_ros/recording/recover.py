@@ -18,7 +18,7 @@ from sparse_coord_ros.recording.files import (
     open_to_read,
     sync_directory,
     take_lock,
-    write_whole,
+    write_text,
 )
 from sparse_coord_ros.recording.metadata import (
     METADATA_FILE,
@@ -224,7 +224,7 @@ def _write_metadata(metadata: Path, bag: Bag, file_name: str) -> None:
     information = bag_information(
         file_name, topics, start_time_ns=bag.start_ns, end_time_ns=bag.end_ns
     )
-    write_whole(metadata, metadata_yaml(information))
+    write_text(metadata, metadata_yaml(information))
 
 
 @contextlib.contextmanager

@@ -9,7 +9,7 @@ from mcap.writer import Writer
 
 from sparse_coord_ros import __version__
 from sparse_coord_ros.errors import BagError
-from sparse_coord_ros.recording.files import chunk_compression, create_bag_file, write_whole
+from sparse_coord_ros.recording.files import chunk_compression, create_bag_file, write_text
 from sparse_coord_ros.recording.metadata import (
     METADATA_FILE,
     METADATA_RECORD,
@@ -260,7 +260,7 @@ class BagWriter:
             self._file.finish()
         finally:
             self._file.close()
-        write_whole(self._directory / METADATA_FILE, metadata_yaml(information))
+        write_text(self._directory / METADATA_FILE, metadata_yaml(information))
 
     def abandon(self) -> None:
         """Write the current chunk and close the file without finishing it.

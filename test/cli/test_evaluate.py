@@ -90,7 +90,7 @@ def test_bad_input(refused, trained, arguments, words):
     ("text", "words"),
     [
         ("scenario: [\n", ["run.yaml, line 2", "not YAML"]),
-        ("seed: 1\n", ["run.yaml", "not a run.yaml of this version"]),
+        ("seed: 1\n", ["run.yaml", "not a run.yaml of this software"]),
         ("", ["run.yaml", "'key: value'"]),
     ],
 )

@@ -13,7 +13,7 @@ from sparse_coord_ros.core.tables import load_team
 
 BAD_SCENARIOS = [
     ("map: env1\nrobots: {r: {start: 1\nsteps: 3\n", ["f.yaml, line 3", "not YAML"]),
-    ("map: env1\nrobots: {}\n", ["f.yaml", "no robot", "add e.g."]),
+    ("map: env1\nrobots: {}\n", ["f.yaml", "no robot", "e.g. robot_1"]),
     ("map: env1\nrobots: {r: {start: [0, 2], goal: 1}}\n", ["robot r: start [0, 2] is a wall"]),
     ("map: env1\nrobots: {r: {start: 1, goal: [9, 9]}}\n", ["robot r: goal [9, 9] is outside"]),
     ("map: env3\nrobots: {r: {start: 1, goal: 2}}\n", ["map 'env3'", "did you mean 'env2'"]),

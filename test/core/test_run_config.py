@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """`run.yaml` and output directories: nothing lost, nothing overwritten, bad ones refused."""
 
+from dataclasses import replace
+
 import pytest
 import yaml
 
@@ -75,10 +77,28 @@ def spoiled(run, **changes):
 
 
 def test_missing_and_unknown_fields(run):
-    message = refusal(spoiled(run, seed=None, colour="red"), RunError)
-    assert "['colour', 'seed'] are missing or unknown" in message
-    message = refusal(spoiled(run, seed=None) + "1: 2\n", RunError)
-    assert "['1', 'seed']" in message
+    assert "unknown field 'colour'" in refusal(spoiled(run, colour="red"), RunError)
+    assert "unknown field 1" in refusal(spoiled(run) + "1: 2\n", RunError)
+    assert "did you mean 'learner'?" in refusal(spoiled(run, lerner="coop"), RunError)
+    assert "field 'versions' is missing" in refusal(spoiled(run, versions=None), RunError)
+    read = run_from_yaml(spoiled(run, checkpoint=None, recorded=None), where="here")
+    assert (read.checkpoint, read.recorded) == (10_000, False)
+
+
+def test_formats_of_run_yaml(run):
+    assert "format: 2" in run.to_yaml()
+    assert run_from_yaml(spoiled(run, format=None), where="here") == run
+    assert "format 3, this version reads" in refusal(spoiled(run, format=3), RunError)
+    assert "'format' is 'two'" in refusal(spoiled(run, format="two"), RunError)
+
+
+def test_the_digest_of_a_run(run):
+    same = run.digest
+    assert replace(run, step_timeout=9.0, recorded=True, versions={}).digest == same
+    assert replace(run, scenario=replace(run.scenario, paper={})).digest == same
+    assert replace(run, seed=run.seed + 1).digest != same
+    assert replace(run, learner="indiv").digest != same
+    assert replace(run, scenario=run.scenario.with_settings({"penalty": -3})).digest != same
 
 
 @pytest.mark.parametrize(

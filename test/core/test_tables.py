@@ -3,13 +3,15 @@
 """Tables on disk: bits kept, broken files refused with a line, nothing half written."""
 
 import contextlib
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from sparse_coord_ros.core.agent import Tables
+from sparse_coord_ros.core.run_config import load_run
 from sparse_coord_ros.core.scenario import load_scenario
-from sparse_coord_ros.core.simulation import tables_equal
+from sparse_coord_ros.core.simulation import learn, tables_equal
 from sparse_coord_ros.core.sparse import SparseTable
 from sparse_coord_ros.core.tables import (
     TEAM_FILE,
@@ -74,6 +76,7 @@ def test_sparse_team_round_trip(tmp_path, sparse_team):
         shapes = {name: (file[name].shape, file[name].dtype) for name in file.files}
     rows = [len(pair.q_coord) for pair in sparse_team]
     assert shapes == {
+        "format": ((), np.int64),
         **{f"q_star_{k}": ((21, 5), float) for k in (1, 2, 3)},
         **{f"q_coord_keys_{k}": ((rows[k - 1], 3), np.int32) for k in (1, 2, 3)},
         **{f"q_coord_rows_{k}": ((rows[k - 1], 4), float) for k in (1, 2, 3)},
@@ -137,6 +140,7 @@ def test_names_and_shapes_in_the_file(tmp_path, team):
     with np.load(tmp_path / TEAM_FILE) as file:
         shapes = {name: file[name].shape for name in file.files}
     assert shapes == {
+        "format": (),
         **{f"q_star_{k}": (21, 5) for k in (1, 2)},
         **{f"q_coord_{k}": (21, 21, 4) for k in (1, 2)},
     }
@@ -246,3 +250,15 @@ def test_a_spoiled_byte_is_refused_or_without_effect(tmp_path, team):
             assert str(path) in str(error)
             refused += 1
     assert refused > 100
+
+
+def test_files_of_0_1_0_and_of_later_versions(tmp_path, team):
+    old = Path(__file__).parents[1] / "fixtures/0.1.0/train_noncoop"
+    run = load_run(old)
+    assert tables_equal(load_team(old, run.scenario), learn(run.scenario, run.learner, run.seed))
+    with np.load(old / TEAM_FILE) as file:
+        assert "format" not in file.files
+        arrays = {**file, "format": np.int64(3)}
+    np.savez(tmp_path / "later.npz", **arrays)
+    with pytest.raises(TablesError, match="later.npz: is in format 3, this version reads .* 2"):
+        load_tables(tmp_path / "later.npz", [1])

@@ -6,15 +6,18 @@ import errno
 import json
 import math
 import os
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import yaml
 
 from sparse_coord_ros.core.agent import initial_tables
 from sparse_coord_ros.core.evaluation import Trials
+from sparse_coord_ros.core.scenario import scenario_from_dict
 from sparse_coord_ros.engine import results as module
 from sparse_coord_ros.engine.batch import Run, run_batch
 from sparse_coord_ros.engine.conditions import make_condition
@@ -22,6 +25,7 @@ from sparse_coord_ros.engine.results import Plan, collect, open_results
 from sparse_coord_ros.errors import ResultsError, SettingError
 
 CELL = make_condition("env1", "coop", {"penalty": -20})
+OLD = Path(__file__).parents[1] / "fixtures/0.1.0"
 PLAN = Plan(seed=5, runs=3, trials=4)
 CELL_FILE = "map: env1\nrobots: {a: {start: 1, goal: 2}, b: {start: 2, goal: 1}}\n"
 
@@ -127,19 +131,70 @@ def test_other_plans_are_refused(tmp_path, plan, words):
         pass
 
 
-def test_another_version_is_refused(tmp_path, monkeypatch):
-    with open_results(tmp_path, PLAN):
+def test_a_newer_format_is_refused(tmp_path, result):
+    with open_results(tmp_path, PLAN) as results:
+        results.save(CELL, result)
+        path = results.path(CELL)
+        path.write_text(path.read_text().replace('"format": 2', '"format": 3'))
+        with pytest.raises(ResultsError, match="format 3, this version reads formats up to 2"):
+            results.load(CELL)
+        assert path.exists()
+    manifest = tmp_path / "results.json"
+    manifest.write_text(manifest.read_text().replace('"format": 2', '"format": 3'))
+    with pytest.raises(ResultsError, match="format 3.*update"), open_results(tmp_path, PLAN):
         pass
+
+
+def test_another_version_of_the_software_goes_on(tmp_path, result, monkeypatch):
+    with open_results(tmp_path, PLAN) as results:
+        results.save(CELL, result)
     monkeypatch.setattr(module, "__version__", "99.0")
-    with pytest.raises(ResultsError, match="99.0.*--out"), open_results(tmp_path, PLAN):
-        pass
+    with open_results(tmp_path, PLAN) as results:
+        assert results.load(CELL) == result
+
+
+def test_results_of_version_0_1_0_are_gone_on_with(tmp_path):
+    shutil.copytree(OLD / "results", tmp_path / "r")
+    plan = Plan(seed=0, runs=3, trials=20)
+    settings = {"penalty": -20, "steps": 300}
+    conditions = [
+        make_condition("env1", "coop", settings),
+        make_condition("env2-4r", "noncoop", {**settings, "perception": "range:2"}),
+    ]
+    with open_results(tmp_path / "r", plan) as results:
+        for one in conditions:
+            old = results.load(one)
+            runs = run_batch(one.scenario, one.learner, plan.seeds, trials=plan.trials)
+            new = collect(one, plan.trials, runs)
+            assert old.digest != new.digest
+            assert replace(old, digest=new.digest) == new
+        other = make_condition("env1", "coop", {**settings, "discount": 0.9})
+        results.path(conditions[0]).rename(results.path(other))
+        with pytest.raises(ResultsError, match="nothing is mixed"):
+            results.load(other)
+    assert json.loads((tmp_path / "r/results.json").read_text())["format"] == 2
+
+
+def test_the_digest_covers_what_affects_the_computation_and_no_more():
+    def digest(text, learner="coop", **settings):
+        scenario = scenario_from_dict(yaml.safe_load(text), where="here", name="mine")
+        return module.digest(SimpleNamespace(learner=learner, scenario=scenario))
+
+    text = yaml.safe_dump(CELL.scenario.to_dict())
+    same = digest(text)
+    assert digest(text.replace("certain", "doubtful")) == same
+    assert digest(text.replace("119.5", "119.4")) == same
+    assert digest(text.replace("name: env1", "name: other")) == same
+    assert digest(text, "noncoop") != same
+    assert digest(text.replace("penalty: -20.0", "penalty: -20.5")) != same
+    assert digest(text.replace("1.#.2", "..#12")) != same
 
 
 def test_another_protocol_is_refused_and_nothing_is_lost(tmp_path, result, monkeypatch):
     with open_results(tmp_path, PLAN) as results:
         results.save(CELL, result)
         before = results.path(CELL).read_bytes()
-        monkeypatch.setattr(module, "digest", lambda cell: "0" * 16)
+        monkeypatch.setattr(module, "_digest", lambda said: "0" * 16)
         with pytest.raises(ResultsError, match="nothing is mixed"):
             results.load(CELL)
         assert results.path(CELL).read_bytes() == before
@@ -189,7 +244,7 @@ def test_an_interrupted_first_call_leaves_nothing_in_the_way(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["results.json"]
 
 
-@pytest.mark.parametrize("when", ["write_text", "replace"])
+@pytest.mark.parametrize("when", ["open", "replace"])
 @pytest.mark.parametrize(
     ("number", "words"),
     [
@@ -201,12 +256,14 @@ def test_what_cannot_be_written_leaves_no_part(tmp_path, monkeypatch, result, wh
     with open_results(tmp_path, PLAN) as results:
         path = results.path(CELL)
 
-        def refuse(first, *_, **__):
-            if when == "write_text":
-                first.touch()  # a full disk takes the name and not what is in it
+        real = Path.open
+
+        def refuse(first, *mode, **__):
+            if when == "open":
+                real(first, *mode).close()  # a full disk takes the name and not what is in it
             raise OSError(number, os.strerror(number))
 
-        monkeypatch.setattr(module.os if when == "replace" else Path, when, refuse)
+        monkeypatch.setattr(os if when == "replace" else Path, when, refuse)
         with pytest.raises(ResultsError, match=f"{path}: cannot be written.*{words}"):
             results.save(CELL, result)
         monkeypatch.undo()
@@ -231,7 +288,7 @@ def test_too_many_settings_for_a_file_name(tmp_path):
 
 def test_a_name_that_the_file_system_finds_too_long(tmp_path):
     with pytest.raises(ResultsError, match="File name too long.*fewer settings") as caught:
-        module.write_whole(tmp_path / f"{'x' * 5000}.json", "text")
+        module.write_result(tmp_path / f"{'x' * 5000}.json", "text")
     assert len(str(caught.value)) < 600
 
 

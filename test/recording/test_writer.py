@@ -466,4 +466,4 @@ def test_the_disk_has_file_names_and_metadata(tmp_path, samples, monkeypatch):
     monkeypatch.setattr(os, "fsync", fsync)
     with BagWriter(tmp_path / "run") as writer:
         writer.write(writer.add_topic("/a", STRING, QoS()), samples.cdr(STRING), 1, 1)
-    assert synced == ["run_0.mcap.partial", "run", ".metadata.yaml", "run"]
+    assert synced == ["run_0.mcap.partial", "run", "metadata.yaml.partial", "run"]

@@ -24,7 +24,7 @@ from sparse_coord_ros.engine.report.sweeps import (
     uneven_section,
 )
 from sparse_coord_ros.engine.report.tables import to_csv
-from sparse_coord_ros.engine.results import ConditionResult, Plan, write_whole
+from sparse_coord_ros.engine.results import ConditionResult, Plan, write_result
 
 SECTIONS: Mapping[str, Callable[[str, Entries], Section]] = {
     "table1": reward_section,
@@ -60,11 +60,11 @@ def write_document(
         sections[experiment.name] = section
         tabled[experiment.name] = entries
         body = "\n".join(table.to_markdown() for table in section.tables)
-        write_whole(tables / f"{experiment.name}.md", f"# {experiment.title}\n\n{body}")
-        write_whole(tables / f"{experiment.name}.csv", to_csv(entries))
+        write_result(tables / f"{experiment.name}.md", f"# {experiment.title}\n\n{body}")
+        write_result(tables / f"{experiment.name}.csv", to_csv(entries))
         for picture in section.pictures:
             save(picture.figure, figures / picture.name)
-    write_whole(directory / "reproduction.md", _document(plan, chosen, sections, tabled))
+    write_result(directory / "reproduction.md", _document(plan, chosen, sections, tabled))
 
 
 def _document(

@@ -1,0 +1,50 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Files that are written whole or not at all."""
+
+import errno
+import os
+from contextlib import suppress
+from pathlib import Path
+
+PARTIAL = ".partial"
+"""What the name of a file ends with while it is written."""
+
+
+def write_whole(path: Path, data: bytes | str, *, sync: bool = False) -> None:
+    """Write a file so that whoever looks finds the old content or the new, never a part of it.
+
+    Args:
+        path: the file; its folder must exist.
+        data: the content; a text is written as UTF-8.
+        sync: also wait until the disk has the file and its name.
+
+    Raises:
+        OSError: it cannot be written; the old content is still there.
+    """
+    partial = path.with_name(path.name + PARTIAL)
+    try:
+        with partial.open("wb") as file:
+            file.write(data.encode() if isinstance(data, str) else data)
+            if sync:
+                file.flush()
+                os.fsync(file.fileno())
+        os.replace(partial, path)
+    except BaseException:
+        with suppress(OSError):
+            partial.unlink(missing_ok=True)
+        raise
+    if sync:
+        sync_directory(path.parent)
+
+
+def sync_directory(directory: Path) -> None:
+    """Let the disk have the names in a directory; an OSError passes."""
+    descriptor = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    except OSError as error:
+        if error.errno != errno.EINVAL:  # this file system has nothing to do
+            raise
+    finally:
+        os.close(descriptor)
