@@ -14,7 +14,7 @@ from collections.abc import Callable
 import numpy as np
 
 from sparse_coord_ros.core.grid import GridMap
-from sparse_coord_ros.core.plugins import Registry, is_path
+from sparse_coord_ros.core.plugins import Registry, failing_as, is_path
 from sparse_coord_ros.core.specs import Number, Spec, SpecFamily
 from sparse_coord_ros.errors import SettingError
 
@@ -89,7 +89,10 @@ class PerceptionFamily(SpecFamily):
 def _numbers(model: PerceptionModel) -> tuple[Number, ...]:
     said = getattr(model, "numbers", None)
     if said is None:
-        names = list(inspect.signature(model).parameters)[1:]
+        try:
+            names = list(inspect.signature(model).parameters)[1:]
+        except ValueError:  # some functions in C do not say
+            names = []
         said = tuple(Number(name) for name in names)
     return tuple(said)
 
@@ -111,8 +114,11 @@ def percept_probabilities(model: Spec, grid: GridMap) -> np.ndarray:
 
     Raises:
         SettingError: a model of the user's own returns something else.
+        PluginError: it fails.
     """
-    found = MODELS.find(model.kind)(grid, *model.numbers)
+    name = f"perception model {model.kind!r}"
+    with failing_as(name, f"it looked at map {grid.name}"):
+        found = MODELS.find(model.kind)(grid, *model.numbers)
     cells = len(grid.cells)
     try:
         matrix = np.ascontiguousarray(found, dtype=np.float64)
@@ -121,15 +127,18 @@ def percept_probabilities(model: Spec, grid: GridMap) -> np.ndarray:
         fits = False
     if not fits:
         raise SettingError(
-            f"perception model {model.kind!r}: returned {_shown(found)}, allowed: probabilities "
-            f"from 0 to 1, shape ({cells}, {cells}): the asker's cell, then the asked robot's"
+            f"{name}: returned {_shown(found)}, allowed: probabilities from 0 to 1, shape "
+            f"({cells}, {cells}): the asker's cell, then the asked robot's"
         )
     return matrix
 
 
 def _shown(found: object) -> str:
-    shape = getattr(found, "shape", None)
-    return repr(found)[:60] if shape is None else f"an array of shape {shape}"
+    if not isinstance(found, np.ndarray):
+        return repr(found)[:60]
+    numbers = found.size and np.issubdtype(found.dtype, np.number)
+    values = f" with values from {found.min():g} to {found.max():g}" if numbers else ""
+    return f"an array of shape {found.shape}{values}"
 
 
 def _probability(grid: GridMap, p: float) -> np.ndarray:
