@@ -177,8 +177,8 @@ def _checked_weights(said: str, made: Any) -> Any:
         weights = RewardWeights(math.nan, math.nan, math.nan)
     if not all(map(math.isfinite, weights)):
         raise SettingError(
-            f"{said}: its weights are {made!r}, allowed: three numbers, for the individual reward, "
-            "the common reward and the cost of asking"
+            f"{said}: its weights are {made!r}, allowed: three numbers, for the individual "
+            "reward, the common reward and the cost of asking"
         )
     return weights
 
