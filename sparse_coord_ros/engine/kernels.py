@@ -168,6 +168,24 @@ class Draws(NamedTuple):
     stop: np.ndarray
 
 
+class Record(NamedTuple):
+    """The learning history in the making: arrays as of `core.history.History`, with room.
+
+    Attributes:
+        used: its one entry is the number of rows in use; the last one is that of the episode
+            under way, or of the one that ended last.
+        first_step, length, reward, miscoordinations, asks, arrived: [row], or [row, k].
+    """
+
+    used: np.ndarray
+    first_step: np.ndarray
+    length: np.ndarray
+    reward: np.ndarray
+    miscoordinations: np.ndarray
+    asks: np.ndarray
+    arrived: np.ndarray
+
+
 def draw(game, draws):
     """Make the draws of the next block of time steps."""
     for number in range(len(draws.states)):
@@ -310,15 +328,41 @@ def move(problem, game, choice, draws, now):
     return False
 
 
-def learn(problem, learners, game, choice, draws):
-    """Learn until the budget is used up, a sparse table needs more room, or it is to stop."""
+def has_rows(record, block):
+    """Whether a record has room for all episodes that can begin in so many time steps."""
+    if record is None:
+        return True
+    return record.used[0] + block <= len(record.length)
+
+
+def learn(problem, learners, game, choice, draws, record):
+    """Learn until the budget is used up, something needs more room, or it is to stop.
+
+    What needs room are sparse tables and the record. Draws that are left from an earlier call are
+    used up first, so that a run in parts is the unbroken run.
+
+    Args:
+        problem: the scenario and the budget.
+        learners: the tables, changed.
+        game: the game in progress, changed.
+        choice: space for the robots' choices.
+        draws: the block of draws.
+        record: the history, added to; or None. Numba compiles the loop for each by itself, and
+            without a record nothing of it is left.
+    """
     block = draws.policy.shape[1]
-    while game.clock[DONE] < problem.budget and not draws.stop[0] and has_room(learners, block):
-        draw(game, draws)
-        learn_block(problem, learners, game, choice, draws)
+    while (
+        game.clock[DONE] < problem.budget
+        and not draws.stop[0]
+        and has_room(learners, block)
+        and has_rows(record, block)
+    ):
+        if game.clock[STEP] >= game.clock[END]:
+            draw(game, draws)
+        learn_block(problem, learners, game, choice, draws, record)
 
 
-def learn_block(problem, learners, game, choice, draws):
+def learn_block(problem, learners, game, choice, draws, record):
     """Learn until the block of draws, or the budget, is used up (Algorithm 1)."""
     q_star, q_coord = learners.q_star, learners.q_coord
     clock, arrived = game.clock, game.arrived
@@ -327,36 +371,47 @@ def learn_block(problem, learners, game, choice, draws):
     while clock[DONE] < problem.budget and clock[STEP] < end:
         if not clock[PLACED]:
             place(problem, game, draws)
+            if record is not None:
+                record.first_step[record.used[0]] = clock[STEP]
+                record.used[0] += 1
         step = clock[STEP]
         now = step - clock[FIRST]
         scheduled = min(step, last)
         choose(problem, learners, game, choice, draws, now, problem.epsilon[scheduled])
         conflict = move(problem, game, choice, draws, now)
         least_alpha = problem.alpha_by_step[scheduled]
+        if record is not None:
+            row = record.used[0] - 1
+            record.length[row] += 1
+            record.miscoordinations[row] += conflict
         over = True
         for k in problem.members:
             if arrived[k]:
                 continue
             x, y = choice.cells[k], game.cells[k]
-            action, row = choice.actions[k], choice.rows[k]
+            action, seen = choice.actions[k], choice.rows[k]
             home = y == problem.goals[k]
             individual = problem.goal_reward if home else 0.0
             common = problem.penalties[k] if conflict else 0.0
             cost = -problem.ask_cost if action == COORDINATE else 0.0
             reward = weighed(individual, common, cost, problem.weights)
+            if record is not None:
+                record.reward[row, k] += individual + common + cost
+                record.asks[row, k] += action == COORDINATE
+                record.arrived[row, k] = home
             if home:
                 arrived[k] = 1
                 bootstrap = problem.goal_value
             else:
                 over = False
                 bootstrap = greatest(q_star[k, y], problem.actions)
-            if row != NO_ROW:
+            if seen != NO_ROW:
                 primitive = choice.moves[k]
-                count = learners.coord_updates[k, row, primitive] + 1
-                learners.coord_updates[k, row, primitive] = count
+                count = learners.coord_updates[k, seen, primitive] + 1
+                learners.coord_updates[k, seen, primitive] = count
                 alpha = step_size(problem.alpha_by_count[count], least_alpha)
-                q_coord[k, row, primitive] = updated(
-                    q_coord[k, row, primitive], alpha, reward, problem.discount, bootstrap
+                q_coord[k, seen, primitive] = updated(
+                    q_coord[k, seen, primitive], alpha, reward, problem.discount, bootstrap
                 )
             count = learners.star_updates[k, x, action] + 1
             learners.star_updates[k, x, action] = count

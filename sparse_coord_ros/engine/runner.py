@@ -19,7 +19,7 @@ from sparse_coord_ros.core.frames import data_frame
 from sparse_coord_ros.core.run_config import RUN_FILE, RunConfig, load_run, make_run
 from sparse_coord_ros.core.specs import Spec
 from sparse_coord_ros.core.tables import load_team, save_team
-from sparse_coord_ros.engine.batch import Run, run_batch
+from sparse_coord_ros.engine.batch import Run, prepare, run_batch
 from sparse_coord_ros.engine.conditions import Condition, parse_id
 from sparse_coord_ros.engine.experiments import NAMES, Experiment, experiment
 from sparse_coord_ros.engine.results import (
@@ -292,6 +292,7 @@ def compute(
     found = {name: result for name, result in there.items() if result is not None}
     done, total = 0, sum(_agent_steps(one) * plan.runs for one in missing)
     for one in missing:
+        prepare(one.scenario, one.learner, engine=engine)
         progress(one.id, done, total)
         runs = run_batch(
             one.scenario, one.learner, plan.seeds, trials=plan.trials, engine=engine, jobs=jobs

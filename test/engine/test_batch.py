@@ -15,7 +15,7 @@ from sparse_coord_ros.core.agent import initial_tables
 from sparse_coord_ros.core.algorithm import COORDINATE
 from sparse_coord_ros.core.evaluation import check_tables, play
 from sparse_coord_ros.core.scenario import load_scenario
-from sparse_coord_ros.core.simulation import learn_agents, tables_equal
+from sparse_coord_ros.core.simulation import Learning, tables_equal
 from sparse_coord_ros.engine import batch, kernels
 from sparse_coord_ros.engine.batch import CompiledTeam, run_batch, uses_numba
 from sparse_coord_ros.engine.compiled import PLAIN, compiled
@@ -41,10 +41,11 @@ def problem(name, **settings):
 
 def single(scenario, learner, seed, trials):
     """Return the run as the core makes it."""
-    agents = learn_agents(scenario, learner, seed)
-    tables = [agent.tables for agent in agents]
-    visited = np.array([agent.coord_visited for agent in agents])
-    return batch.Run(seed, tables, visited, play(scenario, tables, trials=trials, seed=seed))
+    learning = Learning(scenario, learner, seed)
+    learning.advance(scenario.steps)
+    tables = learning.tables
+    played = play(scenario, tables, trials=trials, seed=seed)
+    return batch.Run(seed, tables, learning.visited, played, learning.history)
 
 
 def assert_same_run(one, other):
