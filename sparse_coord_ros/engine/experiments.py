@@ -127,6 +127,11 @@ NAMES = tuple(_EXPERIMENTS)
 """Every experiment, in the order in which they are reported."""
 
 
+def experiment_names() -> list[str]:
+    """Return the name of every experiment, in the order in which they are reported."""
+    return list(NAMES)
+
+
 def experiment(name: str) -> Experiment:
     """Return the experiment of one of `NAMES`."""
     title, conditions = _EXPERIMENTS[name]
