@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from sparse_coord_ros.core.tables import write_tables
 from sparse_coord_ros.core.world import Action, StepOutcome
-from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.errors import RunError, newer_format
+from sparse_coord_ros.files import write_whole
 
 HISTORY_FILE = "history.npz"
 HISTORY_FORMAT = 1
@@ -151,7 +151,7 @@ class History:
         """Write `history.npz`, whole or not at all."""
         file = io.BytesIO()
         np.savez_compressed(file, format=np.int64(HISTORY_FORMAT), **self.arrays())
-        write_tables(directory / HISTORY_FILE, file.getvalue())
+        write_whole(directory / HISTORY_FILE, file.getvalue())
 
 
 def no_history(robots: int) -> History:
@@ -188,10 +188,7 @@ def load_history(directory: Path) -> History:
             f"{path}: cannot be read as a learning history ({problem}); use a file that run or "
             "train wrote"
         ) from None
-    raise RunError(
-        f"{path}: has format {number}, this version reads up to {HISTORY_FORMAT}; use a newer "
-        "version of sparse_coord_ros"
-    )
+    raise RunError(newer_format(str(path), number, HISTORY_FORMAT))
 
 
 def history_from(arrays: Any, prefix: str = "") -> History:

@@ -428,7 +428,7 @@ class CompiledLearning:
     ) -> None:
         robots = len(team.scenario.robots)
         self.done = 0
-        self._team = team
+        self._team, self._seed = team, seed
         self._choice = _choice(robots)
         self._gathering = gathering
         self._games = [_game(robots, FIRST_STEP) for _ in team.learning]
@@ -461,6 +461,11 @@ class CompiledLearning:
                 team.loops.learn(part, self.learners, game, self._choice, draws, record)
                 team.check_wanted()
         self.done = max(self.done, until)
+
+    def play(self, trials: int) -> Trials:
+        """Play greedy trials with what was learned so far."""
+        self.learners = self._team.with_room(self.learners)
+        return self._team.play(self.learners, self._seed, trials)
 
     @property
     def tables(self) -> list[Tables]:
