@@ -21,10 +21,12 @@ if TYPE_CHECKING:
     from sparse_coord_ros.api import evaluate as evaluate
     from sparse_coord_ros.api import load_run as load_run
     from sparse_coord_ros.api import optimum as optimum
+    from sparse_coord_ros.api import read_log as read_log
     from sparse_coord_ros.api import run_experiment as run_experiment
     from sparse_coord_ros.api import shortest_paths as shortest_paths
     from sparse_coord_ros.api import train as train
     from sparse_coord_ros.api import train_many as train_many
+    from sparse_coord_ros.api import verify as verify
     from sparse_coord_ros.core.agent import Agent as Agent
     from sparse_coord_ros.core.agent import Tables as Tables
     from sparse_coord_ros.core.evaluation import Evaluation as Evaluation
@@ -43,8 +45,6 @@ if TYPE_CHECKING:
     from sparse_coord_ros.errors import SparseCoordError as SparseCoordError
     from sparse_coord_ros.runlog import RunLog as RunLog
     from sparse_coord_ros.runlog import Verification as Verification
-    from sparse_coord_ros.runlog import read_run as read_log
-    from sparse_coord_ros.runlog import verify as verify
 
 __version__ = "0.2.0"
 
@@ -68,9 +68,9 @@ _PLACES = {
     # What is on disk
     "load_run": "api",
     "SavedRun": "api",
-    "read_log": "runlog:read_run",
+    "read_log": "api",
     "RunLog": "runlog",
-    "verify": "runlog",
+    "verify": "api",
     "Verification": "runlog",
     # Experiments
     "experiment_names": "engine.experiments",
@@ -86,7 +86,7 @@ _PLACES = {
     # Errors
     "SparseCoordError": "errors",
 }
-"""Where each name of the API is defined, and what it is called there if not the same."""
+"""Where each name of the API is defined."""
 
 __all__ = [*_PLACES, "__version__"]  # noqa: PLE0604 - all of them are texts
 
@@ -95,8 +95,7 @@ def __getattr__(name: str) -> object:
     """Load a name of the API when it is first used (PEP 562)."""
     if name not in _PLACES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    module, _, there = _PLACES[name].partition(":")
-    found: object = getattr(import_module(f"{__name__}.{module}"), there or name)
+    found: object = getattr(import_module(f"{__name__}.{_PLACES[name]}"), name)
     globals()[name] = found
     return found
 

@@ -22,9 +22,10 @@ from sparse_coord_ros.core.history import History, load_history
 from sparse_coord_ros.core.learners import Learner, learner_of
 from sparse_coord_ros.core.optimum import Optimum, joint_optimum
 from sparse_coord_ros.core.reference import Reference, shortest_path_reference
-from sparse_coord_ros.core.run_config import RunConfig
+from sparse_coord_ros.core.run_config import RUN_SETTINGS, RunConfig
 from sparse_coord_ros.core.scenario import Scenario, load_scenario
 from sparse_coord_ros.core.tables import load_team
+from sparse_coord_ros.engine import training
 from sparse_coord_ros.engine.batch import Run, run_batch
 from sparse_coord_ros.engine.conditions import Condition
 from sparse_coord_ros.engine.results import SUMS, Plan
@@ -35,10 +36,13 @@ from sparse_coord_ros.engine.runner import (
     parse_targets,
     run_targets,
 )
-from sparse_coord_ros.errors import TablesError
+from sparse_coord_ros.engine.training import Training
+from sparse_coord_ros.errors import SettingError, TablesError
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from sparse_coord_ros.runlog import RunLog, Verification
 
 LearnerLike = str | Learner | type[Learner]
 ScenarioLike = str | Path | Scenario
@@ -174,6 +178,46 @@ def load_run(directory: str | Path) -> SavedRun:
     return SavedRun(Path(directory), run_config.load_run(Path(directory)))
 
 
+def train(
+    scenario: ScenarioLike,
+    learner: LearnerLike = "coop",
+    *,
+    seed: int = 0,
+    evaluate_every: int = 0,
+    trials: int = 200,
+    engine: str = "auto",
+    progress: Callable[[int, int], None] = lambda done, budget: None,
+) -> Training:
+    """Learn once, for the scenario's budget: its setting `steps`, in transitions.
+
+    `Training.history` is what happened in each episode, `Training.save` writes a run's directory.
+
+    Args:
+        scenario: the problem and its protocol.
+        learner: who learns.
+        seed: seed of every random draw.
+        evaluate_every: transitions between two evaluations on the way (`Training.evaluations`);
+            0: none.
+        trials: greedy trials of each of these evaluations.
+        engine: "numba", "python", or "auto": what is quicker here. The bits are the same.
+        progress: called with the transitions done and the budget, several times a second.
+
+    Raises:
+        ScenarioError, SettingError: no such scenario or learner, or a bad setting.
+        PluginError: a learner or perception model of the user's own failed.
+    """
+    rule = learner_of(learner)
+    return training.train(
+        rule.with_defaults(_scenario(scenario)),
+        rule,
+        RUN_SETTINGS["seed"].parse(seed),
+        evaluate_every=evaluate_every,
+        trials=trials,
+        engine=engine,
+        progress=progress,
+    )
+
+
 def train_many(
     scenario: ScenarioLike,
     learner: LearnerLike = "coop",
@@ -207,7 +251,7 @@ def train_many(
     """
     rule = learner_of(learner)
     problem = rule.with_defaults(_scenario(scenario))
-    plan = Plan(seed, runs, trials)
+    plan = _plan(seed, runs, trials, least_trials=0)
     done: list[Run] = []
     for run in run_batch(
         problem, rule, plan.seeds, trials=trials, engine=engine, jobs=jobs, history=history
@@ -250,9 +294,7 @@ def evaluate(
     if scenario is None:
         raise TablesError("tables alone do not say their scenario; give evaluate(scenario=...)")
     who = None if learner is None else learner_of(learner)
-    return evaluation.evaluate(
-        _scenario(scenario), tables, trials=trials, seed=seed, learner=who
-    )
+    return evaluation.evaluate(_scenario(scenario), tables, trials=trials, seed=seed, learner=who)
 
 
 def optimum(scenario: ScenarioLike) -> Optimum:
@@ -267,10 +309,42 @@ def optimum(scenario: ScenarioLike) -> Optimum:
 def shortest_paths(scenario: ScenarioLike) -> Reference:
     """Return the exact worth of fixed shortest paths that mind nobody (paper, Section 4).
 
-    It is what Indiv. tends to: `reward` (total discounted, mean of a robot), `time_to_goal` (steps,
-    mean of a robot), `miscoordinations` (of a trial).
+    It is what Indiv. tends to. `reward` (total discounted) and `time_to_goal` (steps) are means
+    over the robots, `miscoordinations` is that of a trial.
     """
     return shortest_path_reference(_scenario(scenario))
+
+
+def read_log(bag: str | Path) -> "RunLog":
+    """Read a run's log as arrays: who was where, chose what, asked whom, perceived and got what.
+
+    Args:
+        bag: a bag's directory or that of its run, an `.mcap` or an `.mcap.partial`. Of an
+            unfinished or damaged file, what can be read before the damage.
+
+    Raises:
+        BagError: nothing can be read, or the bag holds no run.
+        SettingError: its learner or its perception model is missing here.
+    """
+    from sparse_coord_ros.runlog import read_run
+
+    return read_run(Path(bag))
+
+
+def verify(bag: str | Path) -> "Verification":
+    """Compute a recorded run again from its seed and its log alone, and compare.
+
+    Its attribute `same` says whether nothing differs, `differences` says what does.
+
+    Args:
+        bag: as of `read_log`.
+
+    Raises:
+        BagError, SettingError: as `read_log`.
+    """
+    from sparse_coord_ros import runlog
+
+    return runlog.verify(Path(bag))
 
 
 def run_experiment(
@@ -307,7 +381,7 @@ def run_experiment(
     asked = [what] if isinstance(what, str | Condition) else list(what)
     return run_targets(
         parse_targets(asked),
-        Plan(seed, runs, trials),
+        _plan(seed, runs, trials),
         out=None if out is None else Path(out),
         report=report,
         engine=engine,
@@ -318,3 +392,10 @@ def run_experiment(
 
 def _scenario(scenario: ScenarioLike) -> Scenario:
     return scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
+
+
+def _plan(seed: int, runs: int, trials: int, *, least_trials: int = 1) -> Plan:
+    for name, value, low in (("runs", runs, 1), ("trials", trials, least_trials)):
+        if value < low:
+            raise SettingError(f"setting {name}: value is {value}, allowed: at least {low}")
+    return Plan(RUN_SETTINGS["seed"].parse(seed), runs, trials)
