@@ -227,7 +227,7 @@ class Indiv(Learner):
     alone = True
 
 
-def _learner(name: str, thing: object) -> Learner:
+def _learner(_name: str, thing: object) -> Learner:
     made = thing() if isinstance(thing, type) and issubclass(thing, Learner) else thing
     if not isinstance(made, Learner):
         raise TypeError(
@@ -252,7 +252,7 @@ def learner_of(learner: "str | Learner | type[Learner]") -> Learner:
     """
     if isinstance(learner, str):
         return LEARNERS.find(learner)
-    made = _learner("", learner)
+    made = LEARNERS.made(getattr(learner, "__name__", str(learner)), learner)
     known = LEARNERS.registered.get(made.label)
     if known is None or type(known) is not type(made):
         LEARNERS.register(made.label, made)
@@ -269,5 +269,5 @@ def register_learner(learner: "Learner | type[Learner]") -> Learner:
     Raises:
         SettingError: it is no learner, or its name is none or taken.
     """
-    made = _learner("", learner)
+    made = LEARNERS.made(getattr(learner, "__name__", str(learner)), learner)
     return LEARNERS.register(made.name or made.label, made)

@@ -14,7 +14,7 @@ from collections.abc import Callable
 import numpy as np
 
 from sparse_coord_ros.core.grid import GridMap
-from sparse_coord_ros.core.plugins import Registry, failing_as, is_path
+from sparse_coord_ros.core.plugins import Registry, failing_as, is_path, is_shipped, path_of
 from sparse_coord_ros.core.specs import Number, Spec, SpecFamily
 from sparse_coord_ros.errors import SettingError
 
@@ -39,16 +39,16 @@ MODELS: Registry[PerceptionModel] = Registry(
 def register_perception(name: str, model: PerceptionModel) -> PerceptionModel:
     """Let a scenario's setting `perception` name a model of one's own, in this process.
 
-    Other processes, and later calls, find a model by themselves where it is named as
-    `module:function`, or where an installed package names it as an entry point of the group
-    `sparse_coord_ros.perception`.
+    What is written names it as `module:function`, which other processes, and later calls, find by
+    themselves; a model that an installed package names as an entry point of the group
+    `sparse_coord_ros.perception` is found by that name.
 
     Args:
         name: the name.
         model: function of the map and numbers; see `PerceptionModel`.
 
     Raises:
-        SettingError: it is no function, or the name is none.
+        SettingError: it is no function, or the name is none or taken.
     """
     return MODELS.register(name, model)
 
@@ -80,10 +80,19 @@ class PerceptionFamily(SpecFamily):
         if kind not in MODELS.names and not is_path(kind):
             named = self._named.kinds
             raise self.unknown(text, parts[0], {**dict.fromkeys(MODELS.names, ()), **named})
+        model = MODELS.find(kind)
         rest = text.removeprefix(kind).removeprefix(":")
-        return self.numbered(
-            text, kind, rest.split(":") if rest else [], _numbers(MODELS.find(kind))
-        )
+        spec = self.numbered(text, kind, rest.split(":") if rest else [], _numbers(model))
+        return Spec(_portable(kind, model), spec.numbers)
+
+
+def _portable(kind: str, model: PerceptionModel) -> str:
+    """Return by what name other processes find a model: `module:function`, where it can be."""
+    path = path_of(model)
+    if path is None or is_shipped(model) or is_path(kind) or kind in MODELS.installed:
+        return kind
+    MODELS.register(path, model)
+    return path
 
 
 def _numbers(model: PerceptionModel) -> tuple[Number, ...]:

@@ -49,7 +49,7 @@ class Registry(Generic[T]):
             raise SettingError(
                 f"{self.kind} name {name!r}: allowed: letters, digits and '_', not a digit first"
             )
-        made = self._made(name, thing)
+        made = self.made(name, thing)
         if is_shipped(self._known.get(name)) and not is_shipped(made):
             raise SettingError(
                 f"{self.kind} name {name!r}: is taken by this package's own; choose another name"
@@ -117,7 +117,12 @@ class Registry(Generic[T]):
             "Python finds its module (PYTHONPATH, or the current directory)"
         )
 
-    def _made(self, name: str, thing: object) -> T:
+    def made(self, name: str, thing: object) -> T:
+        """Return what a thing that goes by that name stands for.
+
+        Raises:
+            SettingError: it is nothing of this kind.
+        """
         try:
             return self._check(name, thing)
         except TypeError as error:
@@ -134,7 +139,7 @@ def path_of(thing: type | Callable[..., object]) -> str | None:
 
     None where they could not: it was made within a function or typed in, not read from a file.
     """
-    module, name = thing.__module__, getattr(thing, "__qualname__", "")
+    module, name = getattr(thing, "__module__", ""), getattr(thing, "__qualname__", "")
     if module == "__main__":  # a script: others find it by its file's name
         module = Path(getattr(sys.modules["__main__"], "__file__", None) or "").stem
     path = f"{module}:{name}"
