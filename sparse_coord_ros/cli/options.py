@@ -78,10 +78,11 @@ def _bag(text: str) -> Path:
     return Path(text)
 
 
-def add_scenario(parser: argparse.ArgumentParser) -> None:
+def add_scenario(parser: argparse.ArgumentParser, *, optional: bool = False) -> None:
     """Add SCENARIO and the options that change it."""
     parser.add_argument(
         "scenario",
+        nargs="?" if optional else None,
         metavar="SCENARIO",
         help=f"path of a scenario file, or one of: {', '.join(scenario_names())}",
     )

@@ -252,11 +252,11 @@ def learner_of(learner: "str | Learner | type[Learner]") -> Learner:
     """
     if isinstance(learner, str):
         return LEARNERS.find(learner)
-    made = LEARNERS.made(getattr(learner, "__name__", str(learner)), learner)
+    made = LEARNERS.made(repr(learner), learner)
     known = LEARNERS.registered.get(made.label)
-    if known is None or type(known) is not type(made):
-        LEARNERS.register(made.label, made)
-    return made
+    if isinstance(learner, type) and type(known) is learner:
+        return known
+    return LEARNERS.register(made.label, made)
 
 
 def register_learner(learner: "Learner | type[Learner]") -> Learner:
@@ -269,5 +269,5 @@ def register_learner(learner: "Learner | type[Learner]") -> Learner:
     Raises:
         SettingError: it is no learner, or its name is none or taken.
     """
-    made = LEARNERS.made(getattr(learner, "__name__", str(learner)), learner)
+    made = LEARNERS.made(repr(learner), learner)
     return LEARNERS.register(made.name or made.label, made)

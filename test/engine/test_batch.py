@@ -52,6 +52,8 @@ def assert_same_run(one, other):
     assert one.seed == other.seed
     assert tables_equal(one.tables, other.tables)
     assert one.visited.tolist() == other.visited.tolist()
+    if one.history is not None and other.history is not None:
+        assert one.history.same_bits(other.history)
     assert_same_trials(one.trials, other.trials)
 
 
@@ -95,6 +97,7 @@ def test_compiled_loops_equal_a_single_run(name, learner, settings):
     expected = single(scenario, learner, 7, 20)
     team = CompiledTeam(scenario, learner, compiled())
     assert_same_run(team.run(7, 20), expected)
+    assert_same_run(team.run(7, 20, gathering=True), expected)
     if learner == "coop":
         assert (expected.visited.min() > 5) == (settings.get("perception") != "never")
         learners = team.learn(7)
@@ -213,11 +216,12 @@ def test_both_engines_give_the_same_runs_in_the_order_of_the_seeds(learner):
     scenario = problem("crowd-3r", steps=400, **settings)
     seeds = [11, 3, 8]
     plain, numba = (
-        list(run_batch(scenario, learner, seeds, trials=10, engine=engine, jobs=2))
+        list(run_batch(scenario, learner, seeds, trials=10, engine=engine, jobs=2, history=True))
         for engine in ("python", "numba")
     )
     assert [run.seed for run in numba] == seeds
     for one, other in zip(plain, numba, strict=True):
+        assert one.history.episodes > 0 and one.history.same_bits(other.history)
         assert_same_run(one, other)
         assert (other.trials.asks.sum() > 0) == (learner == "coop")
     assert not tables_equal(numba[0].tables, numba[1].tables)
@@ -228,6 +232,7 @@ def test_a_batch_without_trials(engine):
     scenario = problem("env1", steps=50)
     (run,) = run_batch(scenario, "coop", [4], trials=0, engine=engine, jobs=1)
     assert run.trials is None
+    assert run.history is None
     assert tables_equal(run.tables, single(scenario, "coop", 4, 2).tables)
 
 
