@@ -92,6 +92,7 @@ def execute(options: argparse.Namespace) -> int:
             engine=options.engine,
             jobs=jobs,
             progress=bar.show,
+            compiling=bar.compiling,
             report=True,
         )
     if options.json:
@@ -117,6 +118,10 @@ class Bar(ExitStack):
         super().__init__()
         self._warns = warns
         self._bar: tqdm | None = None
+
+    def compiling(self) -> None:
+        """Say that it takes some seconds until the first run."""
+        print("compiling the learning loop (some 10 s) ...", file=sys.stderr, flush=True)
 
     def show(self, name: str, done: int, total: int) -> None:
         """Show the agent-steps that are done; see `engine.runner.Progress`."""

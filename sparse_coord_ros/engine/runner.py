@@ -16,10 +16,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from sparse_coord_ros.core.evaluation import Trials, play, summary
 from sparse_coord_ros.core.frames import data_frame
+from sparse_coord_ros.core.learners import learner_of
 from sparse_coord_ros.core.run_config import RUN_FILE, RunConfig, load_run, make_run
 from sparse_coord_ros.core.specs import Spec
 from sparse_coord_ros.core.tables import load_team, save_team
-from sparse_coord_ros.engine.batch import Run, prepare, run_batch
+from sparse_coord_ros.engine.batch import Run, is_prepared, prepare, run_batch, uses_numba
 from sparse_coord_ros.engine.conditions import Condition, parse_id
 from sparse_coord_ros.engine.experiments import NAMES, Experiment, experiment
 from sparse_coord_ros.engine.results import (
@@ -44,6 +45,10 @@ condition begins, after what it needs is compiled, and after each of its runs.""
 
 def no_progress(name: str, done: int, total: int) -> None:
     """Show nothing."""
+
+
+def say_nothing() -> None:
+    """Say nothing."""
 
 
 @dataclass(frozen=True)
@@ -228,6 +233,7 @@ def run_targets(
     engine: str = "auto",
     jobs: int | None = None,
     progress: Progress = no_progress,
+    compiling: Callable[[], None] = say_nothing,
     report: bool = False,
 ) -> ExperimentResults:
     """Compute what is asked for, or take it from the results directory where it is there.
@@ -239,6 +245,7 @@ def run_targets(
         engine: "numba", "python", or "auto": numba where it is installed.
         jobs: threads (or processes); all cores that this process may use where None.
         progress: see `Progress`.
+        compiling: called before some seconds go by in which numba compiles, if they do.
         report: write the report of the experiments, with its tables and figures, into `out`.
 
     Raises:
@@ -254,7 +261,13 @@ def run_targets(
     opened = nullcontext() if out is None else open_results(out, plan)
     with opened as results:
         found = compute(
-            targets.conditions, plan, results=results, engine=engine, jobs=jobs, progress=progress
+            targets.conditions,
+            plan,
+            results=results,
+            engine=engine,
+            jobs=jobs,
+            progress=progress,
+            compiling=compiling,
         )
         played = []
         if results is not None:
@@ -275,6 +288,7 @@ def compute(
     engine: str = "auto",
     jobs: int | None = None,
     progress: Progress = no_progress,
+    compiling: Callable[[], None] = say_nothing,
 ) -> dict[str, ConditionResult]:
     """Return every condition's result; compute (and save) those that are not there yet.
 
@@ -285,6 +299,7 @@ def compute(
         engine: as of `run_batch`.
         jobs: as of `run_batch`.
         progress: see `Progress`.
+        compiling: called before some seconds go by in which numba compiles, if they do.
     """
     conditions = list(conditions)
     there = {one.id: None if results is None else results.load(one) for one in conditions}
@@ -292,7 +307,9 @@ def compute(
     found = {name: result for name, result in there.items() if result is not None}
     done, total = 0, sum(_agent_steps(one) * plan.runs for one in missing)
     for one in missing:
-        prepare(one.scenario, one.learner, engine=engine)
+        if uses_numba(engine, learner_of(one.learner)) and not is_prepared():
+            compiling()
+            prepare(one.scenario, one.learner, engine=engine)
         progress(one.id, done, total)
         runs = run_batch(
             one.scenario, one.learner, plan.seeds, trials=plan.trials, engine=engine, jobs=jobs
@@ -387,14 +404,18 @@ def one_run(
             return SingleRun(condition, seed, played, folder)
     except OSError as error:
         raise unusable_file(folder, error, "read") from None
-    [run] = run_batch(scenario, learner, [seed], trials=trials, engine=engine, jobs=jobs)
+    [run] = run_batch(
+        scenario, learner, [seed], trials=trials, engine=engine, jobs=jobs, history=True
+    )
     assert run.trials is not None
+    assert run.history is not None
     partial = folder.with_name(f"{folder.name}.partial")
     shutil.rmtree(partial, ignore_errors=True)  # of an interrupted call
     try:
         partial.mkdir(parents=True)
         (partial / RUN_FILE).write_text(run_config.to_yaml(), encoding="utf-8")
         save_team(partial, run.tables)
+        run.history.save(partial)
         os.rename(partial, folder)
     except OSError as error:
         raise unusable_file(folder, error, "written") from None

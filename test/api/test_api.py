@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`import sparse_coord_ros as sc`: what is there, what it costs, and what the command line says."""
+"""`import sparse_coord_ros as sc`: what is there, what it costs, what the verbs say."""
 
 import inspect
 import json
