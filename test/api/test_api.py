@@ -8,6 +8,7 @@ import os
 import subprocess
 import sys
 import typing
+from functools import cached_property
 
 import numpy as np
 import pytest
@@ -47,17 +48,15 @@ def test_every_name_is_there_documented_and_typed(name):
     if name == "__version__":
         return
     assert inspect.getdoc(thing)
-    functions = [thing]
-    if inspect.isclass(thing):
-        functions = [f for n, f in inspect.getmembers(thing, inspect.isfunction) if n[0] != "_"]
-        functions += [p.fget for _, p in inspect.getmembers(thing, lambda m: type(m) is property)]
-    for function in functions:
-        if not function.__module__.startswith("sparse_coord_ros"):
-            continue  # of Sequence, of Mapping
-        assert inspect.getdoc(function), function
-        said = function.__annotations__
-        given = [p for p in inspect.signature(function).parameters if p != "self"]
-        assert {*given, "return"} <= set(said), function
+    if not inspect.isclass(thing):
+        given = inspect.signature(thing).parameters
+        assert {*given, "return"} <= set(thing.__annotations__)
+        return
+    assert thing.__module__.startswith("sparse_coord_ros")
+    public = [member for key, member in vars(thing).items() if key[0] != "_"]
+    for member in public:
+        if inspect.isfunction(member) or isinstance(member, property | cached_property):
+            assert inspect.getdoc(member), member
 
 
 def test_type_checkers_see_the_names_that_there_are():
