@@ -97,7 +97,10 @@ def run_batch(
     rule = learner_of(learner)
     if not uses_numba(engine, rule):
         work = [(scenario, rule, seed, trials, history) for seed in seeds]
-        yield from in_processes(_run_plain, work, jobs)
+        if jobs == 1 or len(work) == 1:  # here: a learner of a script is in no other process
+            yield from (_run_plain(*one) for one in work)
+        else:
+            yield from in_processes(_run_plain, work, jobs)
         return
     prepare(scenario, rule, history=history)
     stop = np.zeros(1, dtype=np.bool_)
@@ -105,9 +108,9 @@ def run_batch(
     with ThreadPoolExecutor(jobs) as pool:
         try:
             futures = [pool.submit(team.run, seed, trials, gathering=history) for seed in seeds]
-            for i, future in enumerate(futures):
-                yield future.result()
-                futures[i] = None  # a run's tables can be large: keep none that was handed out
+            futures.reverse()
+            while futures:  # a run's tables can be large: keep none that was handed out
+                yield futures.pop().result()
         finally:
             stop[0] = True
             pool.shutdown(wait=True, cancel_futures=True)
@@ -475,7 +478,8 @@ class CompiledLearning:
     @property
     def visited(self) -> np.ndarray:
         """Joint states of Q^C that each robot has updated, shape (robots,), int64."""
-        return (self.learners.coord_updates > 0).any(axis=2).sum(axis=1)
+        updated = np.any(self.learners.coord_updates > 0, axis=2)
+        return np.asarray(np.sum(updated, axis=1))
 
     @property
     def history(self) -> History:
@@ -522,7 +526,9 @@ def _history(record: kernels.Record, members: np.ndarray) -> History:
     episodes = int(record.used[0])
     present = np.zeros((episodes, record.reward.shape[1]), dtype=np.bool_)
     present[:, members] = True
-    return History(*(array[:episodes].copy() for array in record[1:]), present)
+    names = kernels.Record._fields[1:]
+    arrays = {name: getattr(record, name)[:episodes].copy() for name in names}
+    return History(**arrays, present=present)
 
 
 def _position(game: kernels.Game) -> Position:

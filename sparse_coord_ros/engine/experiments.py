@@ -22,6 +22,9 @@ PENALTIES = (0, -0.1, -1, -10, -20, -100)
 CLOSE = ("env1", "env2-2r", "pentagon")
 """Two-robot scenarios in which coordination pays at a penalty of -100."""
 
+CLOSED: Mapping[str, float] = {"env1": 0.8, "env2-2r": 0.5, "pentagon": 0.5}
+"""Share of the gap between Non-coop. and the optimum that Coop. is to close there."""
+
 SPARSE = ("isr", "mit", "cit", "suny")
 """Scenarios in which no coordination is needed."""
 
@@ -48,11 +51,6 @@ class Experiment:
     name: str
     title: str
     conditions: tuple[Condition, ...]
-
-    @property
-    def cells(self) -> tuple[Condition, ...]:
-        """The conditions, by their name of version 0.1 (deprecated)."""
-        return self.conditions
 
 
 def _tables(names: Iterable[str]) -> list[Condition]:

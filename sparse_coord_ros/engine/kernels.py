@@ -186,7 +186,7 @@ class Record(NamedTuple):
     arrived: np.ndarray
 
 
-def draw(game, draws):
+def draw(game: Game, draws: Draws) -> None:
     """Make the draws of the next block of time steps."""
     for number in range(len(draws.states)):
         state = int(draws.states[number])
@@ -196,7 +196,7 @@ def draw(game, draws):
     game.clock[END] += draws.policy.shape[1]
 
 
-def place(problem, game, draws):
+def place(problem: CompiledScenario, game: Game, draws: Draws) -> None:
     """Begin an episode: every robot at its start, or at an exploring start."""
     clock = game.clock
     step = clock[STEP]
@@ -214,7 +214,7 @@ def place(problem, game, draws):
     clock[PLACED] = 1
 
 
-def find_row(keys, key):
+def find_row(keys: np.ndarray, key: int) -> int:
     """Return the row of a joint state in a sparse table, or the free place that it would take.
 
     Open addressing with linear probing; the table must have a free place.
@@ -226,7 +226,7 @@ def find_row(keys, key):
     return row
 
 
-def has_room(learners, block):
+def has_room(learners: Learners, block: int) -> bool:
     """Whether sparse tables stay half empty whatever a block of so many time steps brings."""
     rows = learners.keys.shape[1]
     if rows > 0:
@@ -236,7 +236,7 @@ def has_room(learners, block):
     return True
 
 
-def rehash(old, new):
+def rehash(old: Learners, new: Learners) -> None:
     """Copy the rows of sparse tables into larger ones, which have no rows yet."""
     for k in range(len(old.keys)):
         for row in range(old.keys.shape[1]):
@@ -250,7 +250,9 @@ def rehash(old, new):
         new.used[k] = old.used[k]
 
 
-def perceived_row(problem, learners, game, k, draws, now):
+def perceived_row(
+    problem: CompiledScenario, learners: Learners, game: Game, k: int, draws: Draws, now: int
+) -> int:
     """Return the row of Q^C that robot k's COORDINATE perceives, or `NO_ROW`."""
     cells = game.cells
     x = cells[k]
@@ -272,7 +274,7 @@ def perceived_row(problem, learners, game, k, draws, now):
             return NO_ROW
         key = x * size + cells[peer]
     if learners.keys.shape[1] == 0:
-        return key
+        return int(key)
     row = find_row(learners.keys[k], key)
     if learners.keys[k, row] == FREE_PLACE:
         learners.keys[k, row] = key
@@ -280,7 +282,15 @@ def perceived_row(problem, learners, game, k, draws, now):
     return row
 
 
-def choose(problem, learners, game, choice, draws, now, epsilon):
+def choose(
+    problem: CompiledScenario,
+    learners: Learners,
+    game: Game,
+    choice: Choices,
+    draws: Draws,
+    now: int,
+    epsilon: float,
+) -> None:
     """Let every robot that has not arrived choose (Algorithm 1, lines 4 to 10)."""
     for k in problem.members:
         if game.arrived[k]:
@@ -311,7 +321,7 @@ def choose(problem, learners, game, choice, draws, now, epsilon):
         choice.rows[k] = row
 
 
-def move(problem, game, choice, draws, now):
+def move(problem: CompiledScenario, game: Game, choice: Choices, draws: Draws, now: int) -> bool:
     """Move every robot that acts; return whether the step ends in a miscoordination."""
     cells = game.cells
     members = problem.members
@@ -328,14 +338,21 @@ def move(problem, game, choice, draws, now):
     return False
 
 
-def has_rows(record, block):
+def has_rows(record: Record | None, block: int) -> bool:
     """Whether a record has room for all episodes that can begin in so many time steps."""
     if record is None:
         return True
-    return record.used[0] + block <= len(record.length)
+    return bool(record.used[0] + block <= len(record.length))
 
 
-def learn(problem, learners, game, choice, draws, record):
+def learn(
+    problem: CompiledScenario,
+    learners: Learners,
+    game: Game,
+    choice: Choices,
+    draws: Draws,
+    record: Record | None,
+) -> None:
     """Learn until the budget is used up, something needs more room, or it is to stop.
 
     What needs room are sparse tables and the record. Draws that are left from an earlier call are
@@ -362,7 +379,14 @@ def learn(problem, learners, game, choice, draws, record):
         learn_block(problem, learners, game, choice, draws, record)
 
 
-def learn_block(problem, learners, game, choice, draws, record):
+def learn_block(
+    problem: CompiledScenario,
+    learners: Learners,
+    game: Game,
+    choice: Choices,
+    draws: Draws,
+    record: Record | None,
+) -> None:
     """Learn until the block of draws, or the budget, is used up (Algorithm 1)."""
     q_star, q_coord = learners.q_star, learners.q_coord
     clock, arrived = game.clock, game.arrived
@@ -426,7 +450,16 @@ def learn_block(problem, learners, game, choice, draws, record):
             clock[PLACED] = 0
 
 
-def play(problem, learners, game, choice, draws, results, asked, stays):
+def play(
+    problem: CompiledScenario,
+    learners: Learners,
+    game: Game,
+    choice: Choices,
+    draws: Draws,
+    results: np.ndarray,
+    asked: np.ndarray,
+    stays: np.ndarray,
+) -> None:
     """Play greedy trials until all are played, or as `learn` does; arguments as `play_block`."""
     block = draws.policy.shape[1]
     while game.clock[DONE] < problem.budget and not draws.stop[0] and has_room(learners, block):
@@ -434,7 +467,16 @@ def play(problem, learners, game, choice, draws, results, asked, stays):
         play_block(problem, learners, game, choice, draws, results, asked, stays)
 
 
-def play_block(problem, learners, game, choice, draws, results, asked, stays):
+def play_block(
+    problem: CompiledScenario,
+    learners: Learners,
+    game: Game,
+    choice: Choices,
+    draws: Draws,
+    results: np.ndarray,
+    asked: np.ndarray,
+    stays: np.ndarray,
+) -> None:
     """Play greedy trials until the block of draws, or the trials, are used up.
 
     Args:
