@@ -132,7 +132,8 @@ class Recorder(ParameterNode):
         run = run_from_yaml(text, where="topic run")
         make = BagWriter if self._tap is None else BagProcess
         self.bag = make(self.directory, compression=self.values["compression"])
-        self.bag.add_metadata(RUN_RECORD, run.record())
+        record = {**run.record(), wire.FORMAT_KEY: str(wire.BAG_FORMAT)}
+        self.bag.add_metadata(RUN_RECORD, record)
         scenario = yaml.safe_dump(run.scenario.to_dict(), sort_keys=False, allow_unicode=True)
         self.bag.attach(RUN_FILE, text.encode(), "application/yaml")
         self.bag.attach(SCENARIO_FILE, scenario.encode(), "application/yaml")

@@ -299,11 +299,9 @@ class WorldSimulator(ParameterNode):
 
     def _say_state(self, state: str) -> None:
         self._state = state
-        values = {
-            "step": self.lockstep.world.step,
-            "transitions": self.lockstep.world.transitions,
-            "timeouts": self.lockstep.timeouts,
-        }
+        side = self.lockstep
+        said = (side.world.step, side.world.transitions, side.left_out, side.began)
+        values = dict(zip(wire.STATUS_VALUES, said, strict=True))
         self._status_publisher.publish(status(self.run.scenario.name, state, values))
 
     def _report(self, now: float) -> None:
