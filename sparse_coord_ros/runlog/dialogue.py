@@ -118,7 +118,8 @@ def put_together(
 def _put(peer: int, rows, requests: dict, problems: list, names, frame: Frame) -> None:
     """Add what one asked robot's topic says."""
     steps = (rows["ns"] + frame.period // 2) // frame.period
-    client = np.unique(rows["client"], return_inverse=True)[1].reshape(-1)
+    codes = {client: code for code, client in enumerate(dict.fromkeys(rows["client"].tolist()))}
+    client = np.array([codes[one] for one in rows["client"].tolist()], dtype=np.int64)
     server = (rows["kind"] == RECEIVED) | (rows["kind"] == ANSWERED)
     writers = np.where(server, -1, client)
     for writer in np.unique(writers).tolist():

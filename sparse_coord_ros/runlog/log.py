@@ -3,7 +3,7 @@
 """A recorded run as NumPy arrays over time step and robot."""
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -212,6 +212,12 @@ def cell_numbers(frame: Frame, places: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return found, exact
 
 
+def merged(steps: Sequence[np.ndarray]) -> np.ndarray:
+    """Return the time steps that are in any of some ascending arrays, ascending, each once."""
+    together = np.sort(np.concatenate(steps), kind="stable")
+    return together[np.concatenate([[True], together[1:] != together[:-1]])[: len(together)]]
+
+
 def read_run(path: Path) -> RunLog:
     """Read a run's log: a bag's directory, an `.mcap` or an `.mcap.partial`.
 
@@ -226,7 +232,7 @@ def read_run(path: Path) -> RunLog:
     frame = Frame(run)
     robots = range(len(names))
     all_steps = [track.step for k in robots for track in tracks.of(k)]
-    step = np.unique(np.concatenate(all_steps))
+    step = merged(all_steps)
     shape = (len(step), len(names))
     position = np.full((*shape, 2), np.nan)
     numbers = np.full((*shape, NUMBERS), np.nan)

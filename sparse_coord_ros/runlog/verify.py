@@ -85,8 +85,9 @@ def verify(path: Path, *, compiled: bool | None = None) -> Verification:
     log = read_run(path)
     last = log.last_step
     unchecked = 0 if last is None else int(np.count_nonzero(log.step > last))
-    differences = [p for p in log.problems if last is None or p.step is None or p.step <= last]
-    differences += [*check_percepts(log, last), *check_repeats(log, last)]
+    differences = check_percepts(log, last)
+    differences += [p for p in log.problems if last is None or p.step is None or p.step <= last]
+    differences += check_repeats(log, last)
     world = check_world(log, last)
     differences += [] if world.difference is None else [world.difference]
     differences += check_world_maps(log, world.starts, world.end, last)

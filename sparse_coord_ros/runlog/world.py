@@ -32,7 +32,7 @@ from sparse_coord_ros.core.wire import START as RUN_START
 from sparse_coord_ros.core.world import EPISODE_GAP, FIRST_STEP
 from sparse_coord_ros.runlog.difference import MISSING, Difference
 from sparse_coord_ros.runlog.draws import draws_at
-from sparse_coord_ros.runlog.log import RunLog, miscoordinations
+from sparse_coord_ros.runlog.log import RunLog, merged, miscoordinations
 
 THE_CLOCK = CLOCK.name.lstrip("/")
 
@@ -78,7 +78,7 @@ class _Walk:
         tracks = log.tracks
         # Steps that only actions or percepts speak of are not the world's.
         speakers = (*tracks.states, *tracks.rewards, tracks.clock)
-        steps = np.unique(np.concatenate([track.step for track in speakers]))
+        steps = merged([track.step for track in speakers])
         steps = steps if last is None else steps[steps <= last]
         self.steps = steps
         self.in_log = np.isin(steps, log.step)

@@ -89,7 +89,7 @@ def test_every_request_is_there_with_its_times(run):
 
 def test_a_data_frame(run):
     log = read_run(run.bag)
-    frame = log.frame()
+    frame = log.to_pandas()
     assert len(frame) == log.cells.size
     assert frame["asked"].sum() == log.asked.sum()
     second = frame[frame["robot"] == "robot_2"].set_index("step")
@@ -109,7 +109,7 @@ def test_without_pandas_it_is_one_line(good, monkeypatch):
 
     monkeypatch.setattr(builtins, "__import__", refuse)
     with pytest.raises(RunError, match="pip install pandas"):
-        log.frame()
+        log.to_pandas()
 
 
 def test_without_ros(good):
