@@ -208,11 +208,11 @@ class AgentCheck:
             handled = (log.move[rows, self.k] >= 0) | (log.cells[rows, self.k] == goal)
             crossed = states[:-1] // run.checkpoint < states[1:] // run.checkpoint
             due += states[1:][crossed & handled[1:]].tolist()
-        if len(states):
-            end = int(states[-1])
-            due += [end] if self.state == FINISHED else []
-            if self.state == STOPPED and max(steps, default=0) < end - 1:
-                due.append(end)
+        # A robot's last tables are of a state that it has acted on, or of one after it: it may
+        # have missed those that came when it was stopped.
+        acted = int(self.story.step.max(initial=0))
+        if self.state in (FINISHED, STOPPED) and max(steps, default=0) < acted:
+            due.append(int(states[-1]))
         unreadable = {
             p.step for p in log.problems if p.robot == self.name and p.quantity == "tables"
         }

@@ -114,6 +114,7 @@ class _Judge:
         seen = places[1 : int(row["count"])]
         expected = _words(cells) if peers and all(visible) else PERCEPT_ENDS[REFUSED]
         exact = peers and all(visible) and seen == [centres[cell] for cell in cells]
+        exact = exact and row["count"] == 1 + len(peers)
         if row["count"] > 1 and not exact:
             found = [self.frame.cell(*place) for place in seen]
             yield Difference(step, name, PERCEPT.name, _words(found), expected)

@@ -127,12 +127,14 @@ class _Walk:
         early[1:] &= ~self.over[:-1]
         early[:1] = False
         end = min(place, len(self.steps) - 1)
+        # Where the first difference is no time step that was not due, its row is one of the run.
+        known = place + (place <= end and not self._gaps()[place])
         return WorldCheck(
             difference=difference,
             transitions=int(self.made[:place].sum()),
             left_out=int(self.left_out[:place].sum()),
             resets=int(early[rows].sum()),
-            starts=self.steps[:place][self.begins[:place]],
+            starts=self.steps[:known][self.begins[:known]],
             end=int(self.steps[end]) if len(self.steps) else FIRST_STEP,
         )
 

@@ -76,7 +76,7 @@ class Recording:
         self.late, self.held = set(late), {}
         self.lost_now, self.again = [], {}
         self.queue, self.wall, self.now, self.clock = deque(), WALL, 0, 0
-        self.sequences = {}
+        self.sequences, self.tables = {}, {}
         text = run.to_yaml()
         record = {
             "scenario": run.scenario.name,
@@ -150,7 +150,12 @@ class Recording:
                 self.lost_now.clear()
                 self.world.repeat()
             else:
+                step = self.world.world.step
                 assert self.world.expire(), "nobody is missing and nothing moves"
+                if self.world.world.step == step:  # nobody is left: it goes on saying so
+                    self.deaf.clear()
+                    self.late.clear()
+                    self.world.repeat()
 
     def write(self, topic, type_name, data, step=None):
         """Record a message."""
@@ -183,6 +188,9 @@ class Recording:
         """Attach a robot's tables."""
         robot = self.robots[k]
         data = pack_tables({k + 1: robot.agent.tables}, counts=robot.counts)
+        if self.tables.get(k) == (step, data):  # the recorder attaches them but once
+            return
+        self.tables[k] = (step, data)
         self.bag.attach(f"tables/{self.names[k]}_{step}.npz", data, "application/x-npz", self.now)
 
     def arrives(self, kind, k, step):
