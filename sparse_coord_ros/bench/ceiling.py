@@ -16,9 +16,9 @@ from rclpy.context import Context
 from rclpy.node import Node
 
 from sparse_coord_ros.core import wire
+from sparse_coord_ros.core.frame import Account
 from sparse_coord_ros.core.run_config import make_run
 from sparse_coord_ros.core.scenario import load_scenario
-from sparse_coord_ros.core.frame import Account
 from sparse_coord_ros.core.world import Action, Reward
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.messages import CLOCK_LAYOUT, Converter

@@ -83,8 +83,8 @@ def _print(found, shown: int | None) -> None:
         return
     if found.cannot_tell:
         print(
-            "cannot tell: a robot was late or left out, and a bag of format 1 (version 0.1.0) does "
-            "not say what it heard in time; all that the log does say is as it has to be"
+            "cannot tell: a robot was late or left out, and a bag of format 1 (version 0.1.0) "
+            "does not say what it heard in time; all that the log does say is as it has to be"
         )
         print(f"open: {found.first}")
         return

@@ -63,6 +63,15 @@ COORDINATION_MAP = Topic(
 TABLES = Topic("tables", "std_msgs/msg/UInt8MultiArray", ROBOT, TABLES_KEPT)
 """Of a robot, as the bytes of an .npz file; the recorder attaches them to the bag."""
 
+TABLES_FOLDER = "tables/"
+"""What the names of a bag's attached tables begin with."""
+
+
+def tables_attachment(robot: str, step: int | str) -> str:
+    """Return what a robot's tables of a time step are called as an attachment of a bag."""
+    return f"{TABLES_FOLDER}{robot}_{step}.npz"
+
+
 CLAIM = Topic("claim", "std_msgs/msg/Header", NODE, LATCHED)
 """Of the world and of every robot: since when (wall clock) the node has its name."""
 
@@ -115,8 +124,8 @@ START, ARRIVED, STEPS, RESET, NOBODY_LEFT = "start", "arrived", "steps", "reset"
 for it; nobody was left to wait for."""
 
 COUNTS = ("answered", "refused", "late", "repeated", "dropped", "learned", "step")
-"""The numbers stored beside a robot's tables: how its percepts ended; requests repeated as the peer
-was behind; transitions given up as no reward came; updates made; the time step of the tables."""
+"""The numbers stored beside a robot's tables: how its percepts ended; requests repeated as the
+peer was behind; transitions given up as no reward came; updates made; the time step of the tables."""
 
 BAG_FORMAT = 2
 """Number of what a bag holds, in its metadata record; 1: version 0.1.0, which wrote no number."""

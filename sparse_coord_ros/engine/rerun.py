@@ -113,7 +113,9 @@ def follow(rule, learned, said, by_count, begin, end):
         x = said.cell[i]
         values = q_star[x]
         draws = said.draws[i]
-        action = epsilon_greedy(values, rule.actions, said.epsilon[i], draws[0], draws[1], draws[2])
+        action = epsilon_greedy(
+            values, rule.actions, said.epsilon[i], draws[0], draws[1], draws[2]
+        )
         row = said.row[i]
         move = action
         if action == COORDINATE:

@@ -54,7 +54,10 @@ def _pose(sec: int, nanosec: int, x: float, y: float) -> PoseStamped:
 
 
 def _labelled(required: Sequence[str], optional: Sequence[str] = ()) -> FixedLayout:
-    """Return the layout of a JointState whose names label its positions; optional ones read as 0."""
+    """Return the layout of a JointState whose names label its positions.
+
+    Optional ones that a message lacks read as 0.
+    """
     labels = (*required, *optional)
 
     def build(sec: int, nanosec: int, *numbers: float) -> JointState:

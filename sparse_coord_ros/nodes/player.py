@@ -195,8 +195,8 @@ class Player(ParameterNode):
         self._begun = True
         if self.count_publishers(self._clock_name) > 1:
             raise RunError(
-                f"another node publishes {self._clock_name}: a live run or another player is there, which "
-                "this one would disturb; use another ROS_DOMAIN_ID"
+                f"another node publishes {self._clock_name}: a live run or another player is "
+                "there, which this one would disturb; use another ROS_DOMAIN_ID"
             )
         self._seek(self.values["position"])
 

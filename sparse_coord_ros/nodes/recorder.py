@@ -221,14 +221,13 @@ class Recorder(ParameterNode):
             message = deserialize_message(data, UInt8MultiArray)
             packed, step, occasion = read_tables_message(message)
         except ValueError as error:
-            self.get_logger().warning(f"{robot}/tables: {error}; message ignored")
+            self.get_logger().warning(f"{interface.TABLES.of(robot)}: {error}; message ignored")
             return
         self._last = time.monotonic()
         if self._tables.get(robot) != (step, packed):
             self._tables[robot] = (step, packed)
-            self.bag.attach(
-                f"tables/{robot}_{step}.npz", packed, "application/x-npz", self._now_ns
-            )
+            name = wire.tables_attachment(robot, step)
+            self.bag.attach(name, packed, "application/x-npz", self._now_ns)
         if occasion == wire.FINAL:
             self._final.add(robot)
 

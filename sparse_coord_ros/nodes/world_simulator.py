@@ -117,7 +117,7 @@ class WorldSimulator(ParameterNode):
             step, action = self._convert.unpack_action(data)
         except ValueError as error:
             self.get_logger().warning(
-                f"{self._names[robot]}/action: {error}; message ignored",
+                f"{interface.ACTION.of(self._names[robot])}: {error}; message ignored",
                 throttle_duration_sec=5.0,
             )
             return

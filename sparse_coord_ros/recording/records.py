@@ -9,8 +9,8 @@ from io import BytesIO
 from typing import Any, BinaryIO
 
 import lz4.frame
-import zstandard
 import numpy as np
+import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode

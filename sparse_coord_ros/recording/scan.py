@@ -10,9 +10,9 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, DataEnd, Header, Metadata, Schema
 
 from sparse_coord_ros.recording.records import (
+    HEAD,
     LATEST_NS,
     MAGIC,
-    HEAD,
     MESSAGE,
     PIECE,
     Damage,

@@ -12,10 +12,15 @@ from sparse_coord_ros.core.occupancy import OCCUPIED, OccupancyData
 from sparse_coord_ros.core.simulation import tables_equal
 from sparse_coord_ros.core.wire import (
     ACCOUNT_LABELS,
+    ACTION,
     ACTION_LABELS,
+    COORDINATION_MAP,
     FINISHED,
+    PERCEPT,
     PERCEPT_ENDS,
     STOPPED,
+    TABLES,
+    tables_attachment,
 )
 from sparse_coord_ros.runlog.attached import RecordedTables
 from sparse_coord_ros.runlog.difference import MISSING, Difference, first_entry
@@ -96,12 +101,12 @@ class AgentCheck:
         follower = Follower(log, self.k, story, begun, compiled=self._compiled)
         stops = sorted([*self._table_stops(), *self._map_stops()], key=lambda stop: stop[:2])
         states = log.tracks.states[self.k].step
-        for step, place, what in stops:
+        for step, _, what in stops:
             if self.last is not None and step > self.last:
                 break
             if isinstance(what, RecordedTables) and step > states.max(initial=0):
                 end = int(states.max(initial=0))
-                return self._differ(step, "tables", "there", f"the log ends at step {end}")
+                return self._differ(step, TABLES.name, "there", f"the log ends at step {end}")
             to = int(np.searchsorted(story.step, step))
             if odd is not None and to > odd[0]:
                 break
@@ -118,7 +123,7 @@ class AgentCheck:
             logged = log.numbers[story.row[follower.reached], self.k]
             step = int(story.step[follower.reached])
             said = said_otherwise(logged, follower.other)
-            return self._counted(follower, self._differ(step, "action", *said))
+            return self._counted(follower, self._differ(step, ACTION.name, *said))
         return self._counted(follower, None if odd is None else odd[1])
 
     def _counted(self, follower: Follower, difference: Difference | None) -> Difference | None:
@@ -145,9 +150,9 @@ class AgentCheck:
         i = int(np.argmax(wrong | lies))
         step = int(story.step[i])
         if wrong[i]:
-            return i, self._differ(step, "action", *said_otherwise(numbers[i], due[i]))
+            return i, self._differ(step, ACTION.name, *said_otherwise(numbers[i], due[i]))
         allowed = "0 or 1" if able[i] else "0: there was nothing to learn from"
-        return i, self._differ(step, "action", f"learned={account[i]:g}", allowed)
+        return i, self._differ(step, ACTION.name, f"learned={account[i]:g}", allowed)
 
     # Tables.
 
@@ -171,14 +176,12 @@ class AgentCheck:
                 return None
         return self._differ(entry.step, *odd)
 
-    def _odd_count(
-        self, entry: RecordedTables, to: int, end: int
-    ) -> tuple[str, str, str] | None:
+    def _odd_count(self, entry: RecordedTables, to: int, end: int) -> tuple[str, str, str] | None:
         """Return (quantity, logged, computed) of the first number that cannot be."""
         log, story = self.log, self.story
         if log.tracks.format == 1:
             return None
-        place = len(ACTION_LABELS) + ACCOUNT_LABELS.index("percept")
+        place = len(ACTION_LABELS) + ACCOUNT_LABELS.index(PERCEPT.name)
         ended = log.numbers[story.row[:end], self.k, place]
         due = {name: int((ended == code).sum()) for code, name in enumerate(PERCEPT_ENDS)}
         learned = int(story.learned[:to].sum())
@@ -192,7 +195,7 @@ class AgentCheck:
             logged = entry.counts.get(name)
             if logged is None or not low <= logged <= high:
                 allowed = f"{low}" if low == high else f"{low} to {high}"
-                return f"tables count {name}", f"{logged}", allowed
+                return f"{TABLES.name} count {name}", f"{logged}", allowed
         return None
 
     def _missing_tables(self) -> Iterator[Difference]:
@@ -214,12 +217,12 @@ class AgentCheck:
         if self.state in (FINISHED, STOPPED) and max(steps, default=0) < acted:
             due.append(int(states[-1]))
         unreadable = {
-            p.step for p in log.problems if p.robot == self.name and p.quantity == "tables"
+            p.step for p in log.problems if p.robot == self.name and p.quantity == TABLES.name
         }
         for step in due:
             beyond = self.last is not None and step > min(self.last, max(steps, default=0))
             if step not in steps and step not in unreadable and not beyond:
-                yield self._differ(step, "tables", MISSING, f"tables/{self.name}_{step}.npz")
+                yield self._differ(step, TABLES.name, MISSING, tables_attachment(self.name, step))
 
     # Coordination maps.
 
@@ -254,7 +257,7 @@ class AgentCheck:
         if shown == due:
             return None
         logged = "there, or with walls elsewhere" if shown is None else _cells(shown)
-        return self._differ(step, "coordination_map", logged, _cells(due))
+        return self._differ(step, COORDINATION_MAP.name, logged, _cells(due))
 
     def _missing_maps(self) -> Iterator[Difference]:
         """Yield the coordination maps that ought to be in the log and are not.
@@ -266,7 +269,7 @@ class AgentCheck:
         if self.last is not None:
             due = due[due <= min(self.last, steps.max(initial=0))]
         for step in due[~np.isin(due, steps)].tolist():
-            yield self._differ(step, "coordination_map", MISSING, "one as the episode begins")
+            yield self._differ(step, COORDINATION_MAP.name, MISSING, "one as the episode begins")
 
     def _differ(self, step: int, quantity: str, logged: str, computed: str) -> Difference:
         return Difference(step, self.name, quantity, logged, computed)

@@ -11,14 +11,13 @@ from sparse_coord_ros.core.frame import SECOND
 from sparse_coord_ros.recording.reader import Bag, Part
 from sparse_coord_ros.recording.records import MESSAGE, rows_at
 from sparse_coord_ros.runlog.decode import Decoder
-from sparse_coord_ros.runlog.difference import Difference
+from sparse_coord_ros.runlog.difference import LOG_TIME, Difference
 from sparse_coord_ros.runlog.layouts import Layout
 
 PART_BYTES = 4 * 1024 * 1024
 """Bytes of messages that are decoded at once: more take no less time."""
 
 _STAMP = np.dtype([("encapsulation", "V4"), ("sec", "<i4"), ("nanosec", "<u4")])
-LOG_TIME = "log_time"
 
 
 class Reader(NamedTuple):

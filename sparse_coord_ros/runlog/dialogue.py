@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from sparse_coord_ros.core.frame import SECOND, Frame
-from sparse_coord_ros.runlog.difference import Difference
+from sparse_coord_ros.runlog.difference import DIALOGUE, Difference
 
 SENT, RECEIVED, ANSWERED, RETURNED = range(4)
 """Event types of service_msgs/ServiceEventInfo: request sent, request received, response sent,
@@ -30,10 +30,10 @@ EVENT = np.dtype(
         ("seen", "?"),
     ]
 )
-"""One service event: stamp of the request or the answer; SENT, RECEIVED, ANSWERED or RETURNED; when
-by the wall clock of the robot that says it; the client's identity and its request's number; whether
-it holds a request; of one the asker (-1: no robot) and where it is, of a response whether and where
-the asked robot is."""
+"""One service event: stamp of the request or the answer; SENT, RECEIVED, ANSWERED or RETURNED; when,
+by the wall clock of the robot that says it; the client's identity and its request's number;
+whether it holds a request; of one the asker (-1: no robot) and where it is, of a response whether
+and where the asked robot is."""
 
 
 @dataclass(slots=True)
@@ -127,7 +127,7 @@ def _put(peer: int, rows, requests: dict, problems: list, names, frame: Frame) -
         wall = rows["wall_ns"][mine]
         late = np.maximum.accumulate(wall) - wall
         for place in np.flatnonzero(late > 0).tolist():
-            what = f"dialogue {EVENT_NAMES[rows['kind'][mine[place]]]}"
+            what = f"{DIALOGUE} {EVENT_NAMES[rows['kind'][mine[place]]]}"
             logged = f"after one that is {late[place]} ns younger"
             step = int(steps[mine[place]])
             problems.append(Difference(step, names[peer], what, logged, "before it"))
@@ -151,9 +151,7 @@ def _put(peer: int, rows, requests: dict, problems: list, names, frame: Frame) -
             request = requests[place_of] = Request(asker, peer, step, tuple(xy))
         elif request.position != tuple(xy):
             said = f"from {request.position}"
-            problems.append(
-                _problem(names, request, EVENT_NAMES[kind], f"from {tuple(xy)}", said)
-            )
+            problems.append(_problem(names, request, EVENT_NAMES[kind], f"from {tuple(xy)}", said))
         asked[key] = request
         _note(request, kind, wall_ns, problems, names)
     for kind, wall_ns, who, number, _, _, xy, seen, step in waiting:
@@ -161,7 +159,7 @@ def _put(peer: int, rows, requests: dict, problems: list, names, frame: Frame) -
         request = asked.get(key)
         if request is None:
             if key not in strangers:
-                what = f"dialogue {EVENT_NAMES[kind]}"
+                what = f"{DIALOGUE} {EVENT_NAMES[kind]}"
                 problems.append(
                     Difference(step, names[peer], what, "without its request", "with it")
                 )
@@ -182,5 +180,5 @@ def _note(request: Request, kind: int, wall_ns: int, problems: list, names) -> N
 
 
 def _problem(names, request: Request, what: str, logged: str, computed: str) -> Difference:
-    quantity = f"dialogue with {names[request.peer]}, {what}"
+    quantity = f"{DIALOGUE} with {names[request.peer]}, {what}"
     return Difference(request.step, names[request.asker], quantity, logged, computed)

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Map and markers: they come as each episode begins, markers at other times too, by the wall clock."""
+"""Map and markers: they come as each episode begins, markers at other times too."""
 
 from collections.abc import Iterator
 

@@ -290,7 +290,9 @@ class Follower:
         begun = self._begun.q_coord
         q_coord: np.ndarray | SparseTable
         if isinstance(begun, SparseTable):
-            q_coord = SparseTable(begun.shape[0], len(begun.shape) - 1, begun.unseen, begun.keys, begun.rows)
+            q_coord = SparseTable(
+                begun.shape[0], len(begun.shape) - 1, begun.unseen, begun.keys, begun.rows
+            )
             for key, row in zip(self._keys[updated].tolist(), rows[updated].tolist(), strict=True):
                 for action, value in enumerate(row):
                     q_coord[(*key, action)] = value

@@ -166,9 +166,7 @@ def event(rest: Sequence[Item]) -> Layout:
 def request(asker: str) -> Layout:
     """Return the layout of an event with a request of nav_msgs/GetPlan."""
     goal = [*no_stamp(), asker, *NO_POSE]
-    return event(
-        [Fixed("<u4", 1), *pose_stamped(), *goal, Fixed("<f4", 0.0), Fixed("<u4", 0)]
-    )
+    return event([Fixed("<u4", 1), *pose_stamped(), *goal, Fixed("<f4", 0.0), Fixed("<u4", 0)])
 
 
 def response(count: int) -> Layout:

@@ -22,13 +22,12 @@ from sparse_coord_ros.core.wire import (
     REFUSED,
 )
 from sparse_coord_ros.runlog.dialogue import EVENT_NAMES, RETURNED, Request
-from sparse_coord_ros.runlog.difference import MISSING, Difference
+from sparse_coord_ros.runlog.difference import DIALOGUE, MISSING, Difference
 from sparse_coord_ros.runlog.draws import draws_at
 from sparse_coord_ros.runlog.follower import tell
 from sparse_coord_ros.runlog.log import NONE, RunLog
 
-ENDED = len(ACTION_LABELS) + ACCOUNT_LABELS.index("percept")
-DIALOGUE = "dialogue"
+ENDED = len(ACTION_LABELS) + ACCOUNT_LABELS.index(PERCEPT.name)
 
 
 def check_percepts(log: RunLog, last: int | None) -> list[Difference]:
@@ -146,9 +145,7 @@ class _Judge:
             if answer is None or not visible[place]:
                 yield from self._answers(k, step, peers, cells, visible, place + 1)
                 return
-            yield from self._answers(
-                k, step, [peer], [cells[place]], [visible[place]], 1
-            )
+            yield from self._answers(k, step, [peer], [cells[place]], [visible[place]], 1)
         name = self.log.names[k]
         yield Difference(step, name, PERCEPT.name, PERCEPT_ENDS[REFUSED], _words(cells))
 

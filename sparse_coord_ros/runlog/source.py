@@ -57,7 +57,7 @@ def find_run(bag: Bag, decode: Decoder) -> tuple[RunConfig, int, str, str | None
         odd = "" if topics else odd
         raise BagError(
             f"{bag.path}: is not a bag of this package: it holds no run of this software (neither "
-            f"a {RUN.type_name} on the topic 'run' nor the attachment {RUN_FILE}{odd}"
+            f"a {RUN.type_name} on the topic '{RUN.name}' nor the attachment {RUN_FILE}{odd}"
             f"{'' if bag.damage is None else f'; {bag.damage}'}); {REMEDY}"
         )
     prefix = topics[0].removesuffix(RUN.name) if topics else "/"
@@ -73,7 +73,9 @@ def _format(bag: Bag) -> int:
     """Return the number of the bag's format; BagError where this version cannot read it."""
     text = bag.metadata.get(RUN_RECORD, {}).get(FORMAT_KEY, "1")
     if not re.fullmatch("[1-9][0-9]{0,8}", text):
-        raise BagError(f"{bag.path}: its format is {text[:40]!r}, no whole number from 1; {REMEDY}")
+        raise BagError(
+            f"{bag.path}: its format is {text[:40]!r}, no whole number from 1; {REMEDY}"
+        )
     if int(text) > BAG_FORMAT:
         raise BagError(newer_format(bag.path, int(text), BAG_FORMAT))
     return int(text)
@@ -105,9 +107,9 @@ def _about_the_file(bag: Bag) -> Iterator[Difference]:
 def _copies(bag: Bag, run: RunConfig, said: str | None) -> Iterator[Difference]:
     """Compare the topic `run` and the attached files with the run."""
     if said is None:
-        yield Difference(None, None, "topic run", MISSING, "the run's settings")
+        yield Difference(None, None, f"topic {RUN.name}", MISSING, "the run's settings")
     if any(count > 1 and name.endswith(f"/{RUN.name}") for name, count in bag.counts.items()):
-        yield Difference(None, None, "topic run", "twice", "once")
+        yield Difference(None, None, f"topic {RUN.name}", "twice", "once")
     due = {RUN_FILE: said, SCENARIO_FILE: run.scenario.to_dict(), MAP_FILE: None}
     due[MAP_FILE] = run.scenario.map.to_text()
     found = Counter(bag.attachments.names)
@@ -154,4 +156,6 @@ def _parsed(text: str):
 def _first_line(where: str, text: str, said: str) -> Difference:
     pairs = zip(text.splitlines(), said.splitlines(), strict=False)
     theirs, ours = next(((a, b) for a, b in pairs if a != b), ("another length", "its text"))
-    return Difference(None, None, where, repr(theirs.strip()), f"as topic run {ours.strip()!r}")
+    return Difference(
+        None, None, where, repr(theirs.strip()), f"as topic {RUN.name} {ours.strip()!r}"
+    )

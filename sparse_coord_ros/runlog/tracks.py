@@ -27,6 +27,7 @@ from sparse_coord_ros.runlog.source import check_source, find_run
 
 NUMBERS = len(ACTION_LABELS) + len(ACCOUNT_LABELS)
 STAMP = ("ns", "i8")
+THE_CLOCK = wire.CLOCK.name.lstrip("/")
 
 
 class Track(NamedTuple):
@@ -139,9 +140,10 @@ def read_tracks(path: Path) -> Tracks:
     columns = Columns(bag, by_name, stamped, frame.period)
     tracks.problems += columns.problems
     sort = _Sorter(tracks, frame)
-    tracks.clock = sort.track(columns.rows[clock], None, "clock")
+    tracks.clock = sort.track(columns.rows[clock], None, THE_CLOCK)
     tracks.problems += [
-        Difference(step, None, "clock", "twice", "once") for step in tracks.clock.repeats.tolist()
+        Difference(step, None, THE_CLOCK, "twice", "once")
+        for step in tracks.clock.repeats.tolist()
     ]
     tracks.maps = sort.several(columns.rows[tracks.topic(wire.MAP)], None, wire.MAP.name)[0]
     rows = columns.rows[tracks.topic(wire.MARKERS)]
@@ -196,8 +198,10 @@ class _Sorter:
         steps = (rows["ns"] + period // 2) // period
         for place in np.flatnonzero(rows["ns"] != steps * period).tolist():
             step = int(steps[place])
-            said, due = (f"{n // SECOND}.{n % SECOND:09d} s" for n in (
-                int(rows["ns"][place]), step * period))
+            said, due = (
+                f"{n // SECOND}.{n % SECOND:09d} s"
+                for n in (int(rows["ns"][place]), step * period)
+            )
             self._tracks.problem(step, k, f"{kind} stamp", said, due)
         return steps
 
@@ -229,9 +233,7 @@ class _Sorter:
         order = order[np.argsort(steps[order], kind="stable")]
         return Track(steps[order], rows[order], np.array(repeats, dtype=np.int64))
 
-    def several(
-        self, rows: np.ndarray, k: int | None, kind: str
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def several(self, rows: np.ndarray, k: int | None, kind: str) -> tuple[np.ndarray, np.ndarray]:
         """Return time steps and rows, of which there may be several a time step."""
         steps = self._steps(rows, k, kind)
         for place in np.flatnonzero(np.diff(steps) < 0).tolist():

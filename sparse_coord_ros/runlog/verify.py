@@ -7,16 +7,16 @@ from pathlib import Path
 
 import numpy as np
 
-from sparse_coord_ros.core.wire import ACTION, COORDINATION_MAP, PERCEPT
+from sparse_coord_ros.core.wire import ACTION, COORDINATION_MAP, PERCEPT, TABLES
 from sparse_coord_ros.runlog.agents import AgentCheck
-from sparse_coord_ros.runlog.difference import Difference
+from sparse_coord_ros.runlog.difference import DIALOGUE, Difference
 from sparse_coord_ros.runlog.episode_maps import check_world_maps
 from sparse_coord_ros.runlog.log import RunLog, read_run
-from sparse_coord_ros.runlog.percepts import DIALOGUE, check_percepts
+from sparse_coord_ros.runlog.percepts import check_percepts
 from sparse_coord_ros.runlog.repeats import check_repeats, repeat_count
 from sparse_coord_ros.runlog.world import WorldCheck, check_world
 
-LEFT_OPEN = (ACTION.name, PERCEPT.name, DIALOGUE, COORDINATION_MAP.name, "tables")
+LEFT_OPEN = (ACTION.name, PERCEPT.name, DIALOGUE, COORDINATION_MAP.name, TABLES.name)
 """What bags of format 1 do not explain where something went wrong in the run."""
 
 

@@ -17,7 +17,6 @@ from sparse_coord_ros.core.streams import MOTION, START
 from sparse_coord_ros.core.wire import (
     ACTION,
     ARRIVED,
-    CLOCK,
     FINISHED,
     LOCAL_STATE,
     NOBODY_LEFT,
@@ -33,8 +32,7 @@ from sparse_coord_ros.core.world import EPISODE_GAP, FIRST_STEP
 from sparse_coord_ros.runlog.difference import MISSING, Difference
 from sparse_coord_ros.runlog.draws import draws_at
 from sparse_coord_ros.runlog.log import RunLog, merged, miscoordinations
-
-THE_CLOCK = CLOCK.name.lstrip("/")
+from sparse_coord_ros.runlog.tracks import THE_CLOCK
 
 
 class WorldCheck(NamedTuple):
@@ -94,7 +92,9 @@ class _Walk:
         self.reward, self.position = at(log.reward, np.nan), at(log.position, np.nan)
         self.numbers = at(log.numbers, np.nan)
         columns = [track.has(steps) for track in tracks.rewards]
-        self.rewarded = np.stack(columns, axis=1) if len(steps) else np.zeros((0, len(columns)), bool)
+        self.rewarded = (
+            np.stack(columns, axis=1) if len(steps) else np.zeros((0, len(columns)), bool)
+        )
         self.stated = np.stack([track.has(steps) for track in tracks.states], axis=1)
         self.acted = np.stack([track.has(steps) for track in tracks.actions], axis=1)
         self.made = self.rewarded.any(axis=1)
@@ -176,9 +176,7 @@ class _Walk:
         if self.finished[row - 1]:
             return Difference(step, None, LOCAL_STATE.name, "there", "the run is over")
         if step != before + 1:
-            return self._differ(
-                before + EPISODE_GAP, 0, LOCAL_STATE.name, MISSING, "a state"
-            )
+            return self._differ(before + EPISODE_GAP, 0, LOCAL_STATE.name, MISSING, "a state")
         for k in self.robots:
             if self.acted[row - 1, k]:
                 due = "one: it acted and the world went on"
