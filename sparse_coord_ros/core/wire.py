@@ -124,8 +124,8 @@ START, ARRIVED, STEPS, RESET, NOBODY_LEFT = "start", "arrived", "steps", "reset"
 for it; nobody was left to wait for."""
 
 COUNTS = ("answered", "refused", "late", "repeated", "dropped", "learned", "step")
-"""The numbers stored beside a robot's tables: how its percepts ended; requests repeated as the
-peer was behind; transitions given up as no reward came; updates made; the time step of the tables."""
+"""The numbers stored beside a robot's tables: how percepts ended; requests repeated as the peer
+was behind; transitions given up as no reward came; updates made; the time step of the tables."""
 
 BAG_FORMAT = 2
 """Number of what a bag holds, in its metadata record; 1: version 0.1.0, which wrote no number."""

@@ -30,8 +30,8 @@ EVENT = np.dtype(
         ("seen", "?"),
     ]
 )
-"""One service event: stamp of the request or the answer; SENT, RECEIVED, ANSWERED or RETURNED; when,
-by the wall clock of the robot that says it; the client's identity and its request's number;
+"""One service event: stamp of the request or the answer; SENT, RECEIVED, ANSWERED or RETURNED;
+when, by the wall clock of the robot that says it; the client's identity and its request's number;
 whether it holds a request; of one the asker (-1: no robot) and where it is, of a response whether
 and where the asked robot is."""
 

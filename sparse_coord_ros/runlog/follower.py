@@ -69,7 +69,7 @@ def tell(log: RunLog, k: int) -> Story:
     said = log.numbers[rows, k, len(ACTION_LABELS) + ACCOUNT_LABELS.index("learned")]
     learned = told & (not log.run.greedy)
     if log.tracks.format > 1:
-        learned[:-1] = said[1:] == 1.0
+        learned[:-1], learned[-1:] = said[1:] == 1.0, False
         for entry in log.all_tables:
             if entry.robot == k and count and entry.step > step[-1]:
                 learned[-1] = entry.counts.get("learned", 0) > int(learned[:-1].sum())

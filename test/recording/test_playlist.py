@@ -26,6 +26,8 @@ class Log:
             for place, (topic, at) in enumerate(entries)
         ]
         self.read = 0
+        self.topics = {m.topic: BagTopic(m.topic, TYPES.get(m.topic, "a/msg/B"), "") for m in self.entries}
+        self.counts = {name: sum(m.topic == name for m in self.entries) for name in self.topics}
 
     def messages(self, topics=None):
         for message in self.entries:

@@ -75,11 +75,11 @@ def test_each_coordination_of_a_disturbed_run_is_explained(record):
 
 def test_a_robot_stopped_beyond_the_deadline(record):
     """It hears of many states at once when it goes on, and its percepts were late."""
-    late = [(0, t) for t in range(30, 60)]
-    lost = [("request", 0, t) for t in range(25, 70)]
+    late = [(0, t) for t in range(30, 160)]
+    lost = [("request", 0, t) for t in range(160, 300)]
     found = verify(record(late=late, lost=lost).bag)
     assert found.same, found.first
-    assert found.left_out > 0 and found.unlearned > 0
+    assert found.left_out > 0
 
 
 def test_left_out_while_its_peer_had_arrived(record):
