@@ -123,7 +123,7 @@ class RobotSide:
         self._max_steps = run.scenario.max_steps
         self._budget = run.scenario.steps
         self._states: deque[tuple[int, int]] = deque()
-        self._rewards: dict[int, Reward] = {}
+        self._reward: Reward | None = None
         self._pending: Pending | None = None
         self._asking: Asking | None = None
         self._checkpoint = run.checkpoint
@@ -180,7 +180,7 @@ class RobotSide:
     def reward(self, step: int, reward: Reward) -> None:
         """Take in R_k of the action at a time step."""
         if self._pending is not None and step == self._pending.step:
-            self._rewards[step] = reward
+            self._reward = reward
             self._go_on()
 
     def answer(self, peer: int, request_step: int, answer: Answer) -> None:
@@ -233,7 +233,7 @@ class RobotSide:
             step, cell = self._states[0]
             pending = self._pending
             if pending is not None and step == pending.step + 1:
-                if pending.step not in self._rewards:
+                if self._reward is None:
                     return
                 self.agent.learn(
                     pending.step,
@@ -241,13 +241,13 @@ class RobotSide:
                     pending.decision,
                     pending.action,
                     pending.perceived,
-                    self._rewards[pending.step],
+                    self._reward,
                     cell,
                 )
                 self._learned_last = self.agent.learning
                 self.learned += self.agent.learning
             self._pending = None
-            self._rewards.clear()
+            self._reward = None
             self._states.popleft()
             if step == self._handled + 1:
                 self._transitions += 1

@@ -135,3 +135,55 @@ def test_a_bag_of_something_else(tmp_path):
         bag.add_metadata("a", {"b": "c"})
     with pytest.raises(BagError, match="holds no run of this software"):
         read_run(tmp_path / "bag")
+
+
+@pytest.mark.parametrize(
+    ("name", "settings"),
+    [("env1", HALF), ("env2-4r", {"max_steps": 9}), ("crowd-3r", {**HALF, "peers": "all"})],
+)
+def test_its_history_is_that_of_the_simulation(record, name, settings):
+    run = record(name, {"steps": 300, **settings})
+    found = read_run(run.bag).history()
+    recorder = HistoryRecorder(run.run.scenario)
+    learn_agents(run.run.scenario, "coop", run.run.seed, history=recorder)
+    expected = recorder.history()
+    assert found.length.sum() == 300
+    for field in fields(expected):
+        mine, theirs = getattr(found, field.name), getattr(expected, field.name)
+        assert mine.dtype == theirs.dtype and np.array_equal(mine, theirs), field.name
+
+
+def test_a_history_without_penalty_has_its_miscoordinations(record):
+    run = record(settings={"penalty": 0, "steps": 2000, "epsilon": "constant:1"})
+    found = read_run(run.bag).history()
+    assert found.miscoordinations.sum() == run.recording.world.world.miscoordinations > 0
+
+
+def test_the_old_name_of_the_data_frame_warns(good):
+    pytest.importorskip("pandas")
+    log = read_run(good.bag)
+    with pytest.warns(DeprecationWarning, match="to_pandas"):
+        old = log.frame()
+    assert old.equals(log.to_pandas())
+
+
+def test_a_team_in_a_namespace_with_a_clock_of_its_own(good, tmp_path):
+    source, bag = open_bag(good.bag), tmp_path / "bag"
+    with BagWriter(bag) as new:
+        new.add_metadata("sparse_coord_ros", source.metadata["sparse_coord_ros"])
+        channels = {
+            name: new.add_topic(f"/team_a{name}", topic.type_name, topic.qos[0])
+            for name, topic in source.topics.items()
+        }
+        for one in source.messages():
+            new.write(channels[one.topic], one.data, one.log_time_ns, one.publish_time_ns)
+        for one in source.attachments:
+            new.attach(one.name, one.data, one.media_type, one.log_time_ns)
+    found = verify(bag)
+    assert found.same, found.first
+    assert found.steps == 400
+    log = read_run(bag)
+    assert explain(log, 0, coordinations(log, 0)[3]).agrees
+    opened = open_bag(bag)
+    assert find_clock(opened.topics, opened.counts) == "/team_a/clock"
+    assert Playlist(opened, opened.topics).step_count == Playlist(source, source.topics).step_count
