@@ -6,7 +6,7 @@ PYTHON ?= python3
 # Stay on this machine, so that demos on one network do not meet.
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: demo test reproduce study lint bench clean
+.PHONY: demo test check-long reproduce study lint types docs coverage bench clean
 
 demo: $(VENV)/installed
 	$(BIN)/sparse_coord run env1 --penalty -100 --steps 20000 --seed 1 --out $(RUN)
@@ -16,23 +16,44 @@ demo: $(VENV)/installed
 test: $(VENV)/installed
 	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile
 
+# What takes minutes: every command of the documentation, long runs, fuzzing.
+check-long: $(VENV)/installed
+	$(BIN)/python -m pytest -m long -n auto --maxprocesses 2 --dist loadfile --timeout 1800
+
 # Every experiment: tables, figures and the text of docs/reproduction.md, into results/.
 reproduce: $(VENV)/installed
 	$(BIN)/sparse_coord reproduce --out results
 
 # The search for the learning protocol: the text of docs/protocol.md, into study/.
 study: $(VENV)/installed
-	$(BIN)/sparse_coord study --out study
+	$(BIN)/python -m tools.study --out study
 
 lint: $(VENV)/installed
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 
+types: $(VENV)/installed
+	$(BIN)/mypy
+
+# The documentation with the reference of the Python API, as pages in docs/_build/html.
+docs: $(VENV)/installed
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[docs]'
+	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build/html
+	@echo docs/_build/html/index.html
+
+# Which lines the tests run.
+coverage: $(VENV)/installed
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[coverage]'
+	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile --cov=sparse_coord_ros --cov-report=term:skip-covered
+
+# Live runs beside bare rclpy nodes, the batch engine beside a plain C loop.
 bench: $(VENV)/installed
-	$(BIN)/sparse_coord bench
+	$(BIN)/sparse_coord bench live
+	@echo
+	$(BIN)/python -m tools.c_loop
 
 clean:
-	rm -rf $(VENV) build install log .pytest_cache .ruff_cache *.egg-info
+	rm -rf $(VENV) docs/_build .coverage .mypy_cache build install log .pytest_cache .ruff_cache *.egg-info
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # Where ROS 2 is there already (rclpy imports), the environment uses it; elsewhere ROS 2 comes from PyPI.

@@ -23,9 +23,9 @@ def execute(options: argparse.Namespace) -> int:
         shared.print_json([_facts(grid) for grid in grids])
     elif options.name:
         grid = grids[0]
-        rows, columns = grid.shape
+        height, width = grid.shape
         print(f"{grid.name}: {grid.title}\nsource: {grid.source}\nprovenance: {grid.provenance}")
-        print(f"{rows} x {columns}, {len(grid.cells)} cells, {len(grid.doorways)} doorways\n")
+        print(f"{height} x {width}, {len(grid.cells)} cells, {len(grid.doorways)} doorways\n")
         print("\n".join(grid.rows))
     else:
         rows = [

@@ -27,11 +27,15 @@ VERBS: Mapping[str, str] = {
     "replay": "play a recorded run back over ROS 2: same messages, types, QoS and clock",
     "recover": "finish a bag that a crash cut off or that is damaged, as far as it can be read",
     "reproduce": "reproduce the paper's tables and figures, and go beyond them",
-    "study": "search for one learning protocol that serves all nine scenarios",
     "bench": "measure the speed of env1: live, beside bare rclpy nodes passing the same messages, "
-    "and the batch engine, beside a plain C loop of the same work",
+    "and the batch engine",
 }
 """Every verb and what it does; `sparse_coord_ros.cli.<verb>` is imported where it is chosen."""
+
+MOVED: Mapping[str, str] = {
+    "study": "'study' is not a verb any more: run 'make study' in a checkout of the repository"
+}
+"""What to say of verbs that there were once."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -77,10 +81,11 @@ def _bag(text: str) -> Path:
     return Path(text)
 
 
-def add_scenario(parser: argparse.ArgumentParser) -> None:
+def add_scenario(parser: argparse.ArgumentParser, *, optional: bool = False) -> None:
     """Add SCENARIO and the options that change it."""
     parser.add_argument(
         "scenario",
+        nargs="?" if optional else None,
         metavar="SCENARIO",
         help=f"path of a scenario file, or one of: {', '.join(scenario_names())}",
     )

@@ -7,13 +7,21 @@ them call these same objects. Q* has shape (cells, 5), Q^C four columns for each
 state; for the baselines, which know no COORDINATE, Q* uses its first four columns.
 """
 
+from collections.abc import Sequence
+from typing import TypeAlias
+
+import numpy as np
+
+Values: TypeAlias = Sequence[float] | np.ndarray
+"""One row of a table: the values of the actions, in their order."""
+
 NORTH, SOUTH, EAST, WEST, COORDINATE = range(5)
 ACTIONS = ("north", "south", "east", "west", "coordinate")
 PRIMITIVES = 4
 """Number of primitive actions; COORDINATE comes after them."""
 
 
-def greedy(values, count, tie):
+def greedy(values: Values, count: int, tie: float) -> int:
     """Return the greedy action pi_g: uniform among the exact maxima of the first `count` values.
 
     Args:
@@ -39,7 +47,14 @@ def greedy(values, count, tie):
     return 0
 
 
-def epsilon_greedy(values, count, epsilon, explore, explored_action, tie):
+def epsilon_greedy(
+    values: Values,
+    count: int,
+    epsilon: float,
+    explore: float,
+    explored_action: float,
+    tie: float,
+) -> int:
     """Return the action of the learning policy pi_epsilon (Algorithm 1, line 4).
 
     Args:
@@ -55,23 +70,23 @@ def epsilon_greedy(values, count, epsilon, explore, explored_action, tie):
     return greedy(values, count, tie)
 
 
-def greatest(values, count):
+def greatest(values: Values, count: int) -> float:
     """Return the maximum of the first `count` values: max_b Q'(y, b) of QLUpdate."""
-    best = values[0]
+    best: float = values[0]
     for action in range(1, count):
         if values[action] > best:
             best = values[action]
     return best
 
 
-def step_size(by_count, by_step):
+def step_size(by_count: float, by_step: float) -> float:
     """Return alpha: what the entry's own count asks for, but never less than the step's floor."""
     if by_count > by_step:
         return by_count
     return by_step
 
 
-def weighed(individual, common, ask_cost, weights):
+def weighed(individual: float, common: float, ask_cost: float, weights: Values) -> float:
     """Return what an agent learns from as R_k(t): the weighted sum of its parts.
 
     With every weight 1 it is R_k(t) itself, bit for bit.
@@ -85,7 +100,7 @@ def weighed(individual, common, ask_cost, weights):
     return weights[0] * individual + weights[1] * common + weights[2] * ask_cost
 
 
-def updated(value, alpha, reward, discount, bootstrap):
+def updated(value: float, alpha: float, reward: float, discount: float, bootstrap: float) -> float:
     """Return the new table entry of QLUpdate (paper, Section 3.2; equation 3).
 
     Q(x, a) = (1 - alpha) Q(x, a) + alpha (r + gamma max_b Q'(y, b))

@@ -8,6 +8,7 @@ All policies are evaluated greedily "in the original problem", all robots moving
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
@@ -80,7 +81,7 @@ class Evaluation:
     asks: Measure
     not_arrived: int
 
-    def to_dict(self) -> dict:
+    def to_dict(self) -> dict[str, Any]:
         """Return plain data."""
         return asdict(self)
 
@@ -155,10 +156,11 @@ def play(
             elapsed += 1
             for k, parts in enumerate(outcome.rewards):
                 reward[trial, k] += discount * (parts.common + parts.ask_cost)
-                if actions[k] is None:
+                action = actions[k]
+                if action is None:
                     continue
                 stays[k, cells[k]] += 1
-                if actions[k].asked:
+                if action.asked:
                     asks[trial, k] += 1
                     asked[k, cells[k]] += 1
             for k in outcome.arrived:

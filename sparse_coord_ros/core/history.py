@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from sparse_coord_ros.core.tables import write_tables
 from sparse_coord_ros.core.world import Action, StepOutcome
-from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.errors import RunError, newer_format
+from sparse_coord_ros.files import write_whole
 
 HISTORY_FILE = "history.npz"
 HISTORY_FORMAT = 1
@@ -150,8 +150,9 @@ class History:
     def save(self, directory: Path) -> None:
         """Write `history.npz`, whole or not at all."""
         file = io.BytesIO()
-        np.savez_compressed(file, format=np.int64(HISTORY_FORMAT), **self.arrays())
-        write_tables(directory / HISTORY_FILE, file.getvalue())
+        arrays: dict[str, Any] = {"format": np.int64(HISTORY_FORMAT), **self.arrays()}
+        np.savez_compressed(file, **arrays)
+        write_whole(directory / HISTORY_FILE, file.getvalue())
 
 
 def no_history(robots: int) -> History:
@@ -188,10 +189,7 @@ def load_history(directory: Path) -> History:
             f"{path}: cannot be read as a learning history ({problem}); use a file that run or "
             "train wrote"
         ) from None
-    raise RunError(
-        f"{path}: has format {number}, this version reads up to {HISTORY_FORMAT}; use a newer "
-        "version of sparse_coord_ros"
-    )
+    raise RunError(newer_format(str(path), number, HISTORY_FORMAT))
 
 
 def history_from(arrays: Any, prefix: str = "") -> History:
@@ -233,16 +231,26 @@ class HistoryRecorder:
         history: History | None = None,
         under_way: bool = False,
     ) -> None:
-        everyone = range(robots)
-        self._members = tuple(everyone if members is None else members)
-        self._present = [k in self._members for k in everyone]
+        self._members = tuple(range(robots) if members is None else members)
+        self._present = [k in self._members for k in range(robots)]
+        self._rows = _rows(FIRST_EPISODES, robots)
+        self._used = 0
         self._episode: int | None = None
         self._goes_on = under_way
-        self._used = 0
-        self._rows = _rows(FIRST_EPISODES, robots)
+        # The episode under way, as plain numbers: quicker to add to than arrays.
+        self._first_step = self._length = self._miscoordinations = 0
+        self._reward, self._asks = [0.0] * robots, [0] * robots
+        self._arrived = [False] * robots
         if history is not None:
-            self._used = history.episodes
+            self._used = history.episodes - under_way
             self._rows = concatenated([history, self._rows])
+            if under_way:
+                self._first_step = int(history.first_step[-1])
+                self._length = int(history.length[-1])
+                self._miscoordinations = int(history.miscoordinations[-1])
+                self._reward = history.reward[-1].tolist()
+                self._asks = history.asks[-1].tolist()
+                self._arrived = history.arrived[-1].tolist()
 
     def add(
         self, episode: int, step: int, actions: Sequence[Action | None], outcome: StepOutcome
@@ -255,33 +263,51 @@ class HistoryRecorder:
             actions: what each robot did; None where it did not act.
             outcome: what the world returned.
         """
-        if self._goes_on:
-            self._episode, self._goes_on = episode, False
         if episode != self._episode:
             self._begin(episode, step)
-        rows, row = self._rows, self._used - 1
-        rows.length[row] += 1
-        rows.miscoordinations[row] += outcome.miscoordination
+        self._length += 1
+        self._miscoordinations += outcome.miscoordination
         for k in self._members:
             action = actions[k]
             if action is not None:
-                rows.reward[row, k] += outcome.rewards[k].total
-                rows.asks[row, k] += action.asked
+                self._reward[k] += outcome.rewards[k].total
+                self._asks[k] += action.asked
         for k in outcome.arrived:
-            rows.arrived[row, k] = True
+            self._arrived[k] = True
 
     def _begin(self, episode: int, step: int) -> None:
-        if self._used == len(self._rows.length):
-            more = _rows(max(FIRST_EPISODES, self._used), len(self._present))
-            self._rows = concatenated([self._rows, more])
         self._episode = episode
-        self._rows.first_step[self._used] = step
-        self._rows.present[self._used] = self._present
+        if self._goes_on:
+            self._goes_on = False
+            return
+        self._write()
+        robots = len(self._present)
+        self._first_step, self._length, self._miscoordinations = step, 0, 0
+        self._reward, self._asks = [0.0] * robots, [0] * robots
+        self._arrived = [False] * robots
+
+    def _write(self) -> None:
+        """Write the episode under way into the next row."""
+        if self._length == 0:
+            return
+        if self._used == len(self._rows.length):
+            self._rows = concatenated([self._rows, _rows(self._used, len(self._present))])
+        rows, row = self._rows, self._used
+        rows.first_step[row] = self._first_step
+        rows.length[row] = self._length
+        rows.reward[row] = self._reward
+        rows.miscoordinations[row] = self._miscoordinations
+        rows.asks[row] = self._asks
+        rows.arrived[row] = self._arrived
+        rows.present[row] = self._present
         self._used += 1
 
     def history(self) -> History:
         """Return the episodes so far, the one under way included; a copy."""
-        return History(*(array[: self._used].copy() for array in self._rows.arrays().values()))
+        self._write()
+        found = History(*(array[: self._used].copy() for array in self._rows.arrays().values()))
+        self._used -= self._length > 0
+        return found
 
 
 def _rows(count: int, robots: int) -> History:

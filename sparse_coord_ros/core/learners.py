@@ -107,7 +107,7 @@ class Learner:
 
     @property
     def label(self) -> str:
-        """What it is called in files: its name, or `module:Class`."""
+        """Its name in files; one without a name is called by its module and class."""
         return self.name or path_of(type(self))
 
     def __repr__(self) -> str:
@@ -167,10 +167,11 @@ def learner_of(learner: "str | Learner | type[Learner]") -> Learner:
     """
     if isinstance(learner, str):
         return LEARNERS.find(learner)
-    made = _learner("", learner)
-    if made.label not in LEARNERS.registered:
-        LEARNERS.register(made.label, made)
-    return made
+    made = LEARNERS.made(repr(learner), learner)
+    known = LEARNERS.registered.get(made.label)
+    if isinstance(learner, type) and type(known) is learner:
+        return known
+    return LEARNERS.register(made.label, made)
 
 
 def register_learner(learner: "Learner | type[Learner]") -> Learner:
@@ -183,5 +184,5 @@ def register_learner(learner: "Learner | type[Learner]") -> Learner:
     Raises:
         SettingError: it is no learner.
     """
-    made = _learner("", learner)
+    made = LEARNERS.made(repr(learner), learner)
     return LEARNERS.register(made.label, made)

@@ -135,7 +135,7 @@ def _range(grid: GridMap, reach: float) -> np.ndarray:
     """Succeed within `reach` cells, measured straight between the cells' centres."""
     centres = np.array(grid.cells, dtype=float)
     gap = centres[:, None, :] - centres[None, :, :]
-    return (np.hypot(gap[..., 0], gap[..., 1]) <= reach).astype(float)
+    return np.asarray(np.hypot(gap[..., 0], gap[..., 1]) <= reach, dtype=float)
 
 
 def _line_of_sight(grid: GridMap) -> np.ndarray:

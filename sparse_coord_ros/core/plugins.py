@@ -43,11 +43,11 @@ class Registry(Generic[T]):
         Raises:
             SettingError: it is nothing of this kind, or the name is none.
         """
-        if not re.fullmatch(r"[A-Za-z_]\w*(:[A-Za-z_][\w.]*)?", name, re.ASCII):
+        if ":" not in name and not re.fullmatch(r"[A-Za-z_]\w*", name, re.ASCII):
             raise SettingError(
                 f"{self.kind} name {name!r}: allowed: letters, digits and '_', not a digit first"
             )
-        self._known[name] = self._made(name, thing)
+        self._known[name] = self.made(name, thing)
         return self._known[name]
 
     @property
@@ -106,7 +106,12 @@ class Registry(Generic[T]):
             "Python finds its module (PYTHONPATH, or the current directory)"
         )
 
-    def _made(self, name: str, thing: object) -> T:
+    def made(self, name: str, thing: object) -> T:
+        """Return what a thing makes as one of this kind; `name` is for the error.
+
+        Raises:
+            SettingError: it is nothing of this kind.
+        """
         try:
             return self._check(name, thing)
         except TypeError as error:

@@ -72,7 +72,8 @@ def _miscoordination_probability(scenario: Scenario, turning: str) -> np.ndarray
     transition = np.stack([_transition(scenario, robot, turning) for robot in robots])
     place = np.zeros(transition.shape[:2])  # [k, x]: probability of robot k in cell x
     place[numbers, [robot.start for robot in robots]] = 1.0
-    in_doorway, all_arrived = [], []
+    in_doorway: list[np.ndarray] = []
+    all_arrived: list[float] = []
     moving = np.ones(place.shape, dtype=bool)
     moving[numbers, goals] = False
     while True:

@@ -22,8 +22,8 @@ COMMON_REWARD = SpecFamily(
     "common_reward",
     {"same": (), "each": (Number("factor", 0.0, 1e6, repeated=True),)},
 )
-"""r^C of a miscoordination: `same` for every robot, or `each:FACTOR:...`: one factor a robot, in
-the scenario's order, times `penalty` (paper, Section 5: r^C may differ between the agents)."""
+"""Who pays what of r^C (paper, Section 5). Either every robot pays the `same`, or `each` its own
+factor times `penalty`, in the scenario's order."""
 
 PEERS = ("one", "all")
 """Whom COORDINATE perceives: a peer drawn at random, or every other robot (paper, footnote 3)."""
@@ -241,7 +241,7 @@ def load_scenario(name: str) -> Scenario:
 class UniqueKeyLoader(yaml.SafeLoader):
     """A safe loader that refuses a key given twice instead of dropping the first."""
 
-    def construct_mapping(self, node, deep=False):
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         """Build a mapping; raise `yaml.YAMLError` where a key repeats."""
         keys = set()
         for key_node, _ in node.value:

@@ -86,8 +86,8 @@ def step_sizes(schedule: Spec, budget: int) -> StepSizes:
     # Python's power, not NumPy's: the last bit of NumPy's depends on the processor (AVX-512).
     powers = (float(max(n, 1)) ** exponent for n in range(budget + 1))
     by_count = np.fromiter(powers, dtype=np.float64, count=budget + 1)
-    floor = (*schedule.numbers[1:], 1.0) if schedule.kind == "floored" else (0.0, 0.0, 1.0)
-    return StepSizes(by_count, _linear(*floor, budget))
+    _, first, last = schedule.numbers if schedule.kind == "floored" else (0.0, 0.0, 0.0)
+    return StepSizes(by_count, _linear((first, last, 1.0), budget))
 
 
 @functools.lru_cache(maxsize=8)
@@ -104,7 +104,7 @@ def exploration(schedule: Spec, budget: int) -> np.ndarray:
     """
     if schedule.kind == "constant":
         return np.full(budget + 1, schedule.numbers[0])
-    return _linear(*schedule.numbers, budget)
+    return _linear(schedule.numbers, budget)
 
 
 @functools.lru_cache(maxsize=8)
@@ -120,13 +120,14 @@ def exploring_starts(schedule: Spec, budget: int) -> np.ndarray:
         the end of the table its last entry holds.
     """
     if schedule.kind == "exploring":
-        return _linear(*schedule.numbers, budget)
+        return _linear(schedule.numbers, budget)
     share = {"fixed": 0.0, "random": 1.0, "mixed": sum(schedule.numbers)}[schedule.kind]
     return np.full(budget + 1, share)
 
 
-def _linear(first: float, last: float, fraction: float, budget: int) -> np.ndarray:
-    """Fall from `first` to `last` over a fraction of the budget, then stay."""
+def _linear(numbers: tuple[float, ...], budget: int) -> np.ndarray:
+    """Fall from the first number to the second over a fraction of the budget, then stay."""
+    first, last, fraction = numbers
     span = max(1.0, fraction * budget)
     done = np.minimum(np.arange(budget + 1, dtype=np.float64) / span, 1.0)
-    return first + (last - first) * done
+    return np.asarray(first + (last - first) * done)

@@ -2,11 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Typed settings with ranges: one table for YAML files, `--set key=value` and ROS parameters."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 from sparse_coord_ros.errors import SettingError, did_you_mean
+
+LARGEST_WHOLE = 2**53
+"""Whole numbers written like 1e5 are taken up to here: further on floats skip some."""
 
 TRUE, FALSE = ("true", "yes", "on", "1"), ("false", "no", "off", "0")
 
@@ -57,7 +61,7 @@ class Setting:
         if self.kind is bool:
             return "true or false"
         if self.kind not in (int, float):
-            return {str: "a text", list: "a list of texts"}[self.kind]
+            return "a text" if self.kind is str else "a list of texts"
         words = "a whole number" if self.kind is int else "a number"
         low, high = (
             f"{bound}" if self.kind is int else f"{bound:g}" if bound is not None else ""
@@ -108,14 +112,15 @@ class Setting:
             return text in TRUE
         if isinstance(value, bool):
             raise TypeError
-        number = float(value)
+        number = float(value)  # type: ignore[arg-type]  # what is no number raises
         if number != number or number in (float("inf"), float("-inf")):
             raise ValueError
         if self.kind is float:
             return number
-        if isinstance(value, str | int):  # exact: a float cannot hold every 64-bit seed
-            return int(value)
-        if int(number) != number:
+        with suppress(ValueError):
+            if isinstance(value, str | int):  # exact: a float cannot hold every 64-bit seed
+                return int(value)
+        if int(number) != number or abs(number) > LARGEST_WHOLE:
             raise ValueError
         return int(number)
 
@@ -130,7 +135,7 @@ class SettingTable(Mapping[str, Setting]):
         """Return the setting of that name."""
         return self._settings[name]
 
-    def __iter__(self):
+    def __iter__(self) -> Iterator[str]:
         """Iterate over the names, in the table's order."""
         return iter(self._settings)
 

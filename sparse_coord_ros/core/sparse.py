@@ -6,6 +6,8 @@
 m^n rows, a sparse one as many as COORDINATE has met.
 """
 
+from typing import Any
+
 import numpy as np
 
 from sparse_coord_ros.core.algorithm import PRIMITIVES
@@ -16,7 +18,7 @@ FIRST_ROWS = 16
 
 def dense_nbytes(cells: int, agents: int) -> int:
     """Return the bytes of Q^C as an array: four float64 for each joint state of the agents."""
-    return cells**agents * PRIMITIVES * np.dtype(np.float64).itemsize
+    return int(cells**agents * PRIMITIVES * np.dtype(np.float64).itemsize)
 
 
 class SparseTable:
@@ -49,7 +51,7 @@ class SparseTable:
         self._agents = agents
         self._nothing = np.full(PRIMITIVES, self.unseen)
         self._nothing.flags.writeable = False
-        if keys is None:
+        if keys is None or rows is None:
             keys, rows = np.empty((0, agents), dtype=np.int32), np.empty((0, PRIMITIVES))
         if keys.shape != (len(rows), agents) or rows.shape != (len(keys), PRIMITIVES):
             raise ValueError(f"keys {keys.shape} and rows {rows.shape} do not fit {agents} agents")
@@ -64,7 +66,7 @@ class SparseTable:
         """Return the number of joint states that have a row."""
         return len(self._places)
 
-    def __getitem__(self, index: tuple[int, ...]):
+    def __getitem__(self, index: tuple[int, ...]) -> Any:
         """Return the row of a joint state (not to be written to), or one entry of it."""
         place = self._places.get(index[: self._agents])
         row = self._nothing if place is None else self._rows[place]

@@ -12,7 +12,7 @@ what all others read as. Cells are numbered row by row from the top left, free c
 import io
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -21,6 +21,8 @@ from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.sparse import SparseTable
 from sparse_coord_ros.errors import TablesError, newer_format
 from sparse_coord_ros.files import write_whole
+
+T = TypeVar("T")
 
 TEAM_FILE = "tables.npz"
 
@@ -102,7 +104,7 @@ def unpack_counts(data: bytes, *, where: str = "tables") -> dict[str, int]:
     return _read(data, where, _counts)
 
 
-def _read(data: bytes, where: str, take: Callable[[Mapping[str, np.ndarray]], Any]) -> Any:
+def _read(data: bytes, where: str, take: Callable[[Mapping[str, np.ndarray]], T]) -> T:
     """Return what `take` takes out of an .npz file; TablesError for whatever is wrong with it."""
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as file:

@@ -22,6 +22,9 @@ PENALTIES = (0, -0.1, -1, -10, -20, -100)
 CLOSE = ("env1", "env2-2r", "pentagon")
 """Two-robot scenarios in which coordination pays at a penalty of -100."""
 
+CLOSED: Mapping[str, float] = {"env1": 0.8, "env2-2r": 0.5, "pentagon": 0.5}
+"""Share of the gap between Non-coop. and the optimum that Coop. is to close there."""
+
 SPARSE = ("isr", "mit", "cit", "suny")
 """Scenarios in which no coordination is needed."""
 

@@ -8,6 +8,7 @@ A time step is a barrier: the world advances when every robot has acted or its d
 from typing import Protocol
 
 from sparse_coord_ros.core.game import Game
+from sparse_coord_ros.core.history import HistoryRecorder
 from sparse_coord_ros.core.run_config import RunConfig
 from sparse_coord_ros.core.wire import ARRIVED, NOBODY_LEFT, RESET, START, STEPS
 from sparse_coord_ros.core.world import Action, Reward, World
@@ -42,6 +43,7 @@ class WorldSide:
         began: why the episode began: one of the reasons of `core.wire`.
         stale: actions that came too late, or twice.
         absent: robots that missed a deadline and have not acted since; nobody waits for them.
+        history: gathers the episodes.
     """
 
     def __init__(self, run: RunConfig, port: WorldPort, game: Game | None = None) -> None:
@@ -51,6 +53,7 @@ class WorldSide:
         self.began = START
         self.stale = 0
         self.absent: set[int] = set()
+        self.history = HistoryRecorder(len(run.scenario.robots))
         self._port = port
         self._budget = run.scenario.steps
         self._robots = range(len(run.scenario.robots))
@@ -100,6 +103,7 @@ class WorldSide:
         acted = [k for k in self._robots if self._actions[k] is not None]
         self.left_out += sum(not self.world.arrived[k] for k in self._robots) - len(acted)
         outcome = self.world.advance(self._actions)
+        self.history.add(self.world.episode, step, self._actions, outcome)
         self._actions = [None] * len(self._robots)
         self._rewards = [None] * len(self._robots)
         for k in acted:

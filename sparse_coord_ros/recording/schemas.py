@@ -43,7 +43,8 @@ def schema_text(type_name: str) -> str:
         type_name: `package/msg/Type`, or `package/srv/Service_Event` (`_Request`, `_Response`).
 
     Returns:
-        The type's definition, then each dependency after a line of 80 `=` and `MSG: name`.
+        The type's definition, then each dependency after a line of 80 equals signs and one
+        that names it.
 
     Raises:
         BagError: the name has another form, or a definition is not installed.

@@ -6,17 +6,24 @@ import builtins
 import subprocess
 import sys
 from collections import Counter
+from dataclasses import fields
 
 import numpy as np
 import pytest
 
 from sparse_coord_ros.core.agent import Agent
 from sparse_coord_ros.core.frame import Frame
-from sparse_coord_ros.core.simulation import Team, tables_equal
+from sparse_coord_ros.core.simulation import Learning, Team, tables_equal
 from sparse_coord_ros.core.world import World
 from sparse_coord_ros.errors import BagError, RunError
 from sparse_coord_ros.recording import BagWriter
-from sparse_coord_ros.runlog import read_run
+from sparse_coord_ros.recording.playlist import Playlist
+from sparse_coord_ros.recording.reader import open_bag
+from sparse_coord_ros.recording.topics import find_clock
+from sparse_coord_ros.runlog import read_run, verify
+from sparse_coord_ros.runlog.explain import coordinations, explain
+
+HALF = {"perception": "probability:0.5"}
 
 
 @pytest.fixture(scope="module", params=["env1", "crowd-3r"])
@@ -144,9 +151,9 @@ def test_a_bag_of_something_else(tmp_path):
 def test_its_history_is_that_of_the_simulation(record, name, settings):
     run = record(name, {"steps": 300, **settings})
     found = read_run(run.bag).history()
-    recorder = HistoryRecorder(run.run.scenario)
-    learn_agents(run.run.scenario, "coop", run.run.seed, history=recorder)
-    expected = recorder.history()
+    learning = Learning(run.run.scenario, "coop", run.run.seed)
+    learning.advance(300)
+    expected = learning.history
     assert found.length.sum() == 300
     for field in fields(expected):
         mine, theirs = getattr(found, field.name), getattr(expected, field.name)

@@ -1,0 +1,196 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Every command of the README, the docs and the verbs' help runs as it is written.
+
+A comment before a code block says how:
+
+    <!-- test: no, REASON -->        not run here: REASON says why
+    <!-- test: long -->              run by `make check-long` only
+    <!-- test: together -->          each line a process of its own; stopped after a while
+    <!-- test: file NAME -->         not commands: the text of the file NAME
+
+Without one, a block of `bash` or `python` is run, line by line or as a whole, in the page's order,
+in one directory a page.
+"""
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from sparse_coord_ros.cli.main import make_parser
+from sparse_coord_ros.cli.options import VERBS
+
+ROOT = Path(__file__).parents[2]
+_BLOCK = re.compile(
+    r"(?:<!-- test: (?P<how>[^\n]*?) -->\n)?^```(?P<language>\w*)\n(?P<text>.*?)^```$",
+    re.DOTALL | re.MULTILINE,
+)
+
+
+@dataclass(frozen=True)
+class Block:
+    """One code block: how it is run, its language and its text."""
+
+    how: str
+    language: str
+    text: str
+
+    @property
+    def commands(self):
+        """The lines to run, continued lines joined."""
+        lines = self.text.replace("\\\n", " ").splitlines()
+        return [line for line in lines if line.strip() and not line.startswith("#")]
+
+
+def blocks(page):
+    """Return the blocks of a page that are commands or files, in its order."""
+    text = (ROOT / page).read_text(encoding="utf-8")
+    found = [Block(m["how"] or "", m["language"], m["text"]) for m in _BLOCK.finditer(text)]
+    return [one for one in found if one.language in ("bash", "python") or one.how]
+
+
+def pages():
+    """Return every page of the documentation that is written by hand, and the README."""
+    generated = {"reproduction.md", "protocol.md"}
+    docs = sorted(path for path in (ROOT / "docs").glob("*.md") if path.name not in generated)
+    shown = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "examples/README.md", *docs]
+    return [str(path.relative_to(ROOT)) for path in shown if path.exists()]
+
+
+LIVE_SECONDS = 12.0
+"""How long processes that are started together run before they are stopped."""
+
+
+@pytest.fixture
+def shell(tmp_path):
+    """Return a function that runs a command line as a user would, in a directory of its own."""
+    folder = tmp_path / "bin"
+    folder.mkdir()
+    shutil.copy(Path(__file__).with_name("ros2"), folder / "ros2")
+    program = (
+        f'#!/bin/sh\nexec "{sys.executable}" -m sparse_coord_ros.executables sparse_coord "$@"\n'
+    )
+    (folder / "sparse_coord").write_text(program)
+    (folder / "sparse_coord").chmod(0o755)
+    work = tmp_path / "work"
+    work.mkdir()
+    shutil.copytree(ROOT / "examples", work / "examples", dirs_exist_ok=True)
+    path = os.pathsep.join([str(folder), os.path.dirname(sys.executable), os.environ["PATH"]])
+    environment = {
+        **os.environ,
+        "PATH": path,
+        "PYTHONPATH": str(ROOT),
+        "MPLBACKEND": "Agg",
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "ROS_DOMAIN_ID": str(1 + os.getpid() % 100),
+    }
+
+    def run(command, *, wait=True):
+        process = subprocess.Popen(
+            command,
+            shell=isinstance(command, str),
+            cwd=work,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            start_new_session=True,
+        )
+        if not wait:
+            return process
+        try:
+            output, _ = process.communicate(timeout=1500)
+        finally:
+            _stop(process, signal.SIGKILL)
+        assert process.returncode == 0, f"{command}\nexit code {process.returncode}\n{output}"
+        return output
+
+    run.work = work
+    return run
+
+
+def _stop(process, number):
+    try:
+        os.killpg(process.pid, number)
+    except ProcessLookupError:
+        pass
+
+
+def run_page(page, shell, *, everything):
+    """Run the blocks of a page in its order; those that take minutes only where `everything`."""
+    for block in blocks(page):
+        if block.how.startswith("no,") or (block.how == "long" and not everything):
+            continue
+        if block.how.startswith("file "):
+            (shell.work / block.how.removeprefix("file ")).write_text(block.text)
+        elif block.language == "python":
+            shell([sys.executable, "-c", block.text])
+        elif block.how == "together":
+            together(block.commands, shell)
+        else:
+            for command in block.commands:
+                shell(command)
+
+
+def together(commands, shell):
+    """Start every line as a process of its own, then stop all of them as Ctrl-C does."""
+    processes = [shell(f"exec {command}", wait=False) for command in commands]
+    try:
+        time.sleep(LIVE_SECONDS)
+        assert [p.poll() for p in processes] == [None] * len(processes)
+        for process in processes:
+            _stop(process, signal.SIGINT)
+        for command, process in zip(commands, processes, strict=True):
+            output, _ = process.communicate(timeout=30)
+            assert process.returncode == 0, f"{command}\n{output}"
+    finally:
+        for process in processes:
+            _stop(process, signal.SIGKILL)
+            process.wait()
+
+
+@pytest.mark.parametrize("page", pages())
+def test_every_block_is_run_or_says_why_not(page):
+    for block in blocks(page):
+        known = ("", "long", "together")
+        assert block.how in known or re.match(r"(no, \S|file \S+$)", block.how), block
+
+
+@pytest.mark.parametrize("page", [p for p in pages() if any(b.how == "" for b in blocks(p))])
+def test_commands_of_a_page(page, shell):
+    run_page(page, shell, everything=False)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("page", [p for p in pages() if any(b.how == "long" for b in blocks(p))])
+def test_all_commands_of_a_page(page, shell):
+    run_page(page, shell, everything=True)
+
+
+LONG_VERBS = ("reproduce", "bench")
+NEEDS_A_BAG = ("info", "verify", "explain", "replay", "recover")
+
+
+@pytest.mark.parametrize(
+    "verb",
+    [pytest.param(v, marks=pytest.mark.long) if v in LONG_VERBS else v for v in VERBS],
+)
+def test_examples_of_help(verb, shell):
+    parser = make_parser(verb)
+    epilog = parser._subparsers._group_actions[0].choices[verb].epilog
+    commands = [line.strip() for line in epilog.removeprefix("example:").strip().splitlines()]
+    assert commands
+    if verb in NEEDS_A_BAG:
+        bag = re.search(r"runs/\w+", epilog)[0]
+        shell(f"sparse_coord run env1 --steps 1500 --seed 1 --out {bag}")
+    for command in commands:
+        shell(command)
