@@ -389,7 +389,6 @@ def test_parts_put_chunks_together(tmp_path, samples):
     one, several = list(found.parts(10**6)), list(found.parts())
     assert (len(one), len(several)) == (1, 9)
     assert one[0].heads["log_ns"].tolist() == list(range(9))
-    size = len(samples.cdr(STRING, 0))
-    assert [one[0].content[at : at + size] for at in one[0].begins.tolist()] == [
-        message.data for message in found.messages()
-    ]
+    data = [samples.cdr(STRING, at) for at in range(9)]
+    for begin, expected in zip(one[0].begins.tolist(), data, strict=True):
+        assert one[0].content[begin : begin + len(expected)] == expected

@@ -161,7 +161,7 @@ def test_its_history_is_that_of_the_simulation(record, name, settings):
 
 
 def test_a_history_without_penalty_has_its_miscoordinations(record):
-    run = record(settings={"penalty": 0, "steps": 2000, "epsilon": "constant:1"})
+    run = record("env2-4r", {"penalty": 0, "conflict": "any_doorway"})
     found = read_run(run.bag).history()
     assert found.miscoordinations.sum() == run.recording.world.world.miscoordinations > 0
 
