@@ -300,9 +300,9 @@ def test_learned_tables_are_run_greedily(tmp_path, simulate):
     epsilons = []
 
     class Watched(RobotNode):
-        def act(self, step, action):
+        def act(self, step, action, account):
             epsilons.append(self.lockstep.agent.epsilon(step))
-            super().act(step, action)
+            super().act(step, action, account)
 
     with pytest.MonkeyPatch.context() as patch, ros_context() as context:
         out = tmp_path / "first"
