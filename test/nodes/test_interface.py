@@ -314,7 +314,7 @@ def test_save_writes_the_tables(team):
     assert response.success
     assert str(path) in response.message
     (saved,) = load_tables(path, [1])
-    tables = team.robots[0].lockstep.agent.tables
+    tables = team.robots[0].member.lockstep.agent.tables
     assert saved.q_star.tobytes() == tables.q_star.tobytes()
     assert saved.q_coord.tobytes() == tables.q_coord.tobytes()
     assert np.count_nonzero(saved.q_star) > 0

@@ -96,7 +96,7 @@ def test_a_second_robot_of_a_name_stops(bench):
     world.values["rate"] = 0.0
     before = world.lockstep.world.transitions
     bench.spin_until(lambda: world.lockstep.world.transitions > before + 20, "the first goes on")
-    assert first.lockstep.newest[0] > 20
+    assert first.member.lockstep.newest[0] > 20
 
 
 def test_a_second_robot_of_a_name_stops_though_no_world_is_there_yet(bench):
@@ -146,7 +146,7 @@ def test_a_second_world_stops(bench):
     bench.spin_until(lambda: runs, "the run")
     assert [run_from_yaml(m.data, where="run").scenario.name for m in runs] == ["env1"]
     bench.robots()
-    bench.spin_until(lambda: first.lockstep.complete, "the first goes on")
+    bench.spin_until(lambda: first.member.lockstep.complete, "the first goes on")
 
 
 def test_robots_that_are_missing_are_named(bench, monkeypatch):
