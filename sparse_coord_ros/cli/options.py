@@ -4,6 +4,7 @@
 
 import argparse
 import json
+import math
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
@@ -153,8 +154,16 @@ def output_directory(options: argparse.Namespace, name: str) -> Path:
 
 
 def print_json(data: Any) -> None:
-    """Print one JSON object."""
-    print(json.dumps(data, indent=2))
+    """Print one JSON object; numbers that are none (NaN) are null."""
+    print(json.dumps(_plain(data), indent=2, allow_nan=False))
+
+
+def _plain(data: Any) -> Any:
+    if isinstance(data, Mapping):
+        return {name: _plain(value) for name, value in data.items()}
+    if isinstance(data, list | tuple):
+        return [_plain(value) for value in data]
+    return None if isinstance(data, float) and not math.isfinite(data) else data
 
 
 def format_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

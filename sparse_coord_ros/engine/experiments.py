@@ -45,12 +45,12 @@ class Experiment:
     Attributes:
         name: what `reproduce` calls it.
         title: what it shows.
-        cells: its cells.
+        conditions: its conditions.
     """
 
     name: str
     title: str
-    cells: tuple[Condition, ...]
+    conditions: tuple[Condition, ...]
 
 
 def _tables(names: Iterable[str]) -> list[Condition]:
@@ -125,7 +125,12 @@ NAMES = tuple(_EXPERIMENTS)
 """Every experiment, in the order in which they are reported."""
 
 
+def experiment_names() -> list[str]:
+    """Return the name of every experiment, in the order in which they are reported."""
+    return list(NAMES)
+
+
 def experiment(name: str) -> Experiment:
     """Return the experiment of one of `NAMES`."""
-    title, cells = _EXPERIMENTS[name]
-    return Experiment(name, title, tuple(cells()))
+    title, conditions = _EXPERIMENTS[name]
+    return Experiment(name, title, tuple(conditions()))

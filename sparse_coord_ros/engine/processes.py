@@ -8,7 +8,9 @@ the parent is killed. These are started afresh, so they inherit no lock of the p
 
 import os
 import signal
+import sys
 import threading
+import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from multiprocessing import get_context, parent_process, resource_tracker
@@ -96,6 +98,8 @@ def _received(end: Connection) -> Any:
 
 def _serve(function: Callable[..., Any], end: Connection) -> None:
     """Answer calls until killed."""
+    if os.getcwd() not in sys.path:  # where modules of the user's own may lie
+        sys.path.append(os.getcwd())
     threading.Thread(target=_end_with_parent, daemon=True).start()
     answer: tuple[Any, Exception | None]
     while True:
@@ -104,6 +108,7 @@ def _serve(function: Callable[..., Any], end: Connection) -> None:
         except EOFError:
             return
         except Exception as error:
+            error.add_note(traceback.format_exc())  # what its cause was, too: it is not sent
             answer = None, error
         end.send(answer)
 

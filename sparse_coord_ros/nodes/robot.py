@@ -18,6 +18,7 @@ from std_srvs.srv import Trigger
 
 from sparse_coord_ros.core import wire
 from sparse_coord_ros.core.agent import Tables
+from sparse_coord_ros.core.frame import Account
 from sparse_coord_ros.core.run_config import RunConfig, run_from_yaml
 from sparse_coord_ros.core.tables import TEAM_FILE, pack_tables, robot_file, write_tables
 from sparse_coord_ros.core.wire import RECORDER, WORLD
@@ -97,9 +98,9 @@ class RobotNode(ParameterNode):
 
     # Outgoing: the port of the protocol.
 
-    def act(self, step: int, action: Action) -> None:
+    def act(self, step: int, action: Action, account: Account) -> None:
         """Publish the action that answers the local state of a time step."""
-        self._action_publisher.publish(self._convert.pack_action(step, action))
+        self._action_publisher.publish(self._convert.pack_action(step, action, account))
 
     def percept(self, step: int, cell: int, perceived: tuple[int, ...] | None) -> None:
         """Publish what came of COORDINATE."""
@@ -165,7 +166,7 @@ class RobotNode(ParameterNode):
         asker = request.goal.header.frame_id
         if step and asker not in names:
             self.get_logger().warning(
-                f"active_perception: asker {asker!r} is no robot of the scenario; refused",
+                f"{wire.ACTIVE_PERCEPTION}: asker {asker!r} is no robot of the scenario; refused",
                 throttle_duration_sec=5.0,
             )
             answer = Answer(self.lockstep.newest[0], None)
@@ -280,7 +281,7 @@ class RobotNode(ParameterNode):
         self._joined = True
         self._listen(interface.REWARD, self._on_reward, self.name, raw=True)
         self._listen(interface.LOCAL_STATE, self._on_state, self.name, raw=True)
-        self._publish_map(self.lockstep.newest[0])
+        self._publish_map(self.lockstep.handled)
         self._publish_tables(wire.INITIAL)
 
     def _recorder_hears(self) -> bool:
@@ -332,9 +333,8 @@ class RobotNode(ParameterNode):
 
     def _packed(self) -> bytes:
         """Return the tables as they are, with what they are of."""
-        protocol, agent = self.lockstep, self.lockstep.agent
-        counts = {**protocol.asks, "dropped": protocol.dropped, "step": protocol.handled}
-        return pack_tables({agent.number + 1: agent.tables}, counts=counts)
+        agent = self.lockstep.agent
+        return pack_tables({agent.number + 1: agent.tables}, counts=self.lockstep.counts)
 
     # Reports.
 
@@ -351,7 +351,7 @@ class RobotNode(ParameterNode):
             status(self.name, "learning" if self.lockstep.agent.learning else "greedy", values)
         ]
         self._diagnostics_publisher.publish(message)
-        self._publish_map(step)
+        self._publish_map(self.lockstep.handled)
 
     def _publish_map(self, step: int) -> None:
         self._map_publisher.publish(self._map.pack(step, self.lockstep.agent.tables))

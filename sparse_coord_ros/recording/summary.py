@@ -169,9 +169,9 @@ class _Summary:
         ):
             if self._repeated[opcode] != set(known) and (self._own or self._repeated[opcode]):
                 raise Damage(start, f"the summary does not repeat every {_name(opcode)}")
-        for stated, (begin, length) in self._stated.items():
-            if self._groups.get(stated, (begin, 0)) != (begin, length):
-                raise Damage(start, f"the summary's {_name(stated)} records are elsewhere")
+        for code, (begin, length) in self._stated.items():
+            if self._groups.get(code, (begin, 0)) != (begin, length):
+                raise Damage(start, f"the summary's {_name(code)} records are elsewhere")
         statistics, data = self._statistics, self._data
         if statistics is None:
             if self._own:

@@ -110,7 +110,7 @@ def some_of_figure4():
 
 
 def results_of(chosen):
-    return {cell.id: made_up(cell) for one in chosen for cell in one.cells}
+    return {cell.id: made_up(cell) for one in chosen for cell in one.conditions}
 
 
 @pytest.fixture(scope="module")
@@ -166,8 +166,8 @@ def test_tables_have_a_line_for_each_row_and_equal_columns(everything):
 
 def test_csv_has_one_value_a_field_in_full_precision(everything):
     rows = read_csv(everything, "table1")
-    assert [r["id"] for r in rows] == [cell.id for cell in experiment("table1").cells]
-    result = made_up(experiment("table1").cells[2])
+    assert [r["id"] for r in rows] == [cell.id for cell in experiment("table1").conditions]
+    result = made_up(experiment("table1").conditions[2])
     coop = rows[2]
     assert float(coop["reward_mean"]) == result.measure("reward").mean
     assert float(coop["asks_standard_error"]) == result.measure("asks").standard_error
@@ -205,7 +205,7 @@ def test_the_paper_stands_beside_its_own_settings_only(everything):
 def test_numbers_of_a_table_are_those_of_the_runs(tmp_path):
     one = experiment("table1")
     found = results_of([one])
-    first = one.cells[0]
+    first = one.conditions[0]
     found[first.id] = made_up(
         first,
         means={name: [119.0, 121.0, 119.0, 121.0] for name in SUMS},
@@ -326,8 +326,8 @@ def test_differences_of_cells_are_paired():
 def reported(tmp_path, name, changes):
     """Return the document on an experiment; `changes` by cell id."""
     one = name if isinstance(name, Experiment) else experiment(name)
-    assert set(changes) <= {cell.id for cell in one.cells}
-    found = {cell.id: made_up(cell, **changes.get(cell.id, {})) for cell in one.cells}
+    assert set(changes) <= {cell.id for cell in one.conditions}
+    found = {cell.id: made_up(cell, **changes.get(cell.id, {})) for cell in one.conditions}
     write_report(tmp_path, PLAN, [one], found)
     return (tmp_path / "reproduction.md").read_text(encoding="utf-8")
 
@@ -509,7 +509,7 @@ def test_worth_more_up_to_a_cost_means_at_every_lower_cost(tmp_path):
     good, bad = rewards(109.0, 110.0, 109.0, 110.0), rewards(99.0, 100.0, 99.0, 100.0)
     changes = {}
     for name, worth in (("env1", (0, 0.5, 1, 10)), ("env2-2r", (0.5, 1)), ("pentagon", (0, 10))):
-        for cell in one.cells:
+        for cell in one.conditions:
             if cell.name == name:
                 value = good if cell.scenario.ask_cost in worth else bad
                 changes[cell.id] = {**value, "reference": shortest}
@@ -609,7 +609,7 @@ def test_a_single_run_has_no_errors(tmp_path):
     one = dict.fromkeys(SUMS, [100.0])
     single = {"means": one, "variances": one, "not_arrived": [0], "visited": [100.0]}
     chosen = [some_of_figure4() if name == "figure4" else experiment(name) for name in NAMES]
-    found = {cell.id: made_up(cell, **single) for c in chosen for cell in c.cells}
+    found = {cell.id: made_up(cell, **single) for c in chosen for cell in c.conditions}
     write_report(tmp_path, Plan(seed=5, runs=1, trials=50), chosen, found)
     text = (tmp_path / "reproduction.md").read_text(encoding="utf-8")
     assert row(text, "env1", "Indiv.")[2:5] == ["100.00 ± 10.00", "-", "119.50 ± 12.50"]

@@ -217,7 +217,8 @@ def test_actions_are_labelled(team):
         assert len(team.actions[name]) > 20
         for message in team.actions[name]:
             said = numbers(message)
-            assert list(said) == ["east", "north", "coordinate", "peer", "perceived"]
+            labels = ["east", "north", "coordinate", "peer", "perceived", "percept", "learned"]
+            assert list(said) == labels
             action = team.said.actions[k, step_of(message.header.stamp)]
             assert (said["east"], said["north"]) == vectors[action.move]
             assert said["coordinate"] == action.asked

@@ -193,7 +193,7 @@ def test_a_world_that_waits_for_ever(bench):
 def test_a_greedy_robot_without_tables(bench):
     bench.world(greedy=True)
     bench.robots()
-    with pytest.raises(TablesError, match="^robot robot_1: the run is greedy but parameter"):
+    with pytest.raises(TablesError, match="^robot robot_[12]: the run is greedy but parameter"):
         bench.spin_until(lambda: False)
 
 
@@ -300,9 +300,9 @@ def test_learned_tables_are_run_greedily(tmp_path, simulate):
     epsilons = []
 
     class Watched(RobotNode):
-        def act(self, step, action):
+        def act(self, step, action, account):
             epsilons.append(self.lockstep.agent.epsilon(step))
-            super().act(step, action)
+            super().act(step, action, account)
 
     with pytest.MonkeyPatch.context() as patch, ros_context() as context:
         out = tmp_path / "first"

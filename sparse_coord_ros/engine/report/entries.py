@@ -87,7 +87,7 @@ class Entry:
 
 def entries_of(experiment: Experiment, found: Mapping[str, ConditionResult]) -> list[Entry]:
     """Return the conditions of an experiment with their results."""
-    return [Entry(condition, found[condition.id]) for condition in experiment.cells]
+    return [Entry(condition, found[condition.id]) for condition in experiment.conditions]
 
 
 def pick(entries: Iterable[Entry], **wanted: object) -> list[Entry]:
