@@ -28,7 +28,7 @@ from sparse_coord_ros.nodes.spin import Stop, ros_context, signals
 from sparse_coord_ros.nodes.team import run_team, team_run
 from sparse_coord_ros.recording.reader import BAG_DIRECTORY
 
-Process: TypeAlias = "subprocess.Popen[bytes]"
+Process: TypeAlias = subprocess.Popen[bytes]
 
 POLL_SECONDS = 0.05
 GRACE_SECONDS = 15.0
