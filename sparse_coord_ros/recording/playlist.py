@@ -97,7 +97,7 @@ class Playlist:
         lasts = (np.flatnonzero(before == kind)[-1:] for kind in self._kept)
         wanted = sorted(int(last[0]) for last in lasts if len(last))
         self._stream = zip(
-            memoryview(self._places), self._bag.messages(self._topics), strict=False
+            memoryview(self._places.data), self._bag.messages(self._topics), strict=False
         )
         self._waiting.clear()
         found = {place: self._find(place, set(wanted)) for place in wanted}

@@ -157,7 +157,7 @@ class _Exact(ReadDataStream):
         return self._body[begin : self._place]
 
 
-def parse(kind: type, body: bytes, offset: int) -> Any:
+def parse(kind: Any, body: bytes, offset: int) -> Any:
     """Return a record of one of mcap's classes, made of exactly these bytes.
 
     Args:

@@ -193,7 +193,7 @@ def test_a_world_that_waits_for_ever(bench):
 def test_a_greedy_robot_without_tables(bench):
     bench.world(greedy=True)
     bench.robots()
-    with pytest.raises(TablesError, match="^robot robot_1: the run is greedy but parameter"):
+    with pytest.raises(TablesError, match="^robot robot_[12]: the run is greedy but parameter"):
         bench.spin_until(lambda: False)
 
 
