@@ -146,7 +146,7 @@ def test_a_second_world_stops(bench):
     bench.spin_until(lambda: runs, "the run")
     assert [run_from_yaml(m.data, where="run").scenario.name for m in runs] == ["env1"]
     bench.robots()
-    bench.spin_until(lambda: first.member.lockstep.complete, "the first goes on")
+    bench.spin_until(lambda: first.lockstep.complete, "the first goes on")
 
 
 def test_robots_that_are_missing_are_named(bench, monkeypatch):
