@@ -101,18 +101,18 @@ class _Walk:
         )
         self.stated = np.stack([track.has(steps) for track in tracks.states], axis=1)
         self.acted = np.stack([track.has(steps) for track in tracks.actions], axis=1)
-        self.made = self.rewarded.any(axis=1)
+        self.made: np.ndarray = self.rewarded.any(axis=1)
         goals = np.array([robot.goal for robot in self.scenario.robots])
-        self.arrived: np.ndarray = np.asarray(self.cells == goals)
+        self.arrived: np.ndarray = np.equal(self.cells, goals)
         self.goals = goals
         # Transitions before each row.
         self.before = np.concatenate([[0], np.cumsum(self.made)])[:-1] if len(steps) else steps
-        self.finished = np.asarray(self.before >= self.scenario.steps)
+        self.finished: np.ndarray = np.greater_equal(self.before, self.scenario.steps)
         begins = np.concatenate([[True], ~self.made[:-1]])[: len(steps)]
         begun = np.maximum.accumulate(np.where(begins, np.arange(len(steps)), 0))
         self.begins, self.begun = begins, begun
-        self.used_up = np.asarray(steps - steps[begun] >= self.scenario.max_steps)
-        self.over = np.asarray(self.arrived.all(axis=1) | self.used_up)
+        self.used_up: np.ndarray = np.asarray(steps - steps[begun] >= self.scenario.max_steps)
+        self.over: np.ndarray = np.asarray(self.arrived.all(axis=1) | self.used_up)
         self.left_out = self.made[:, None] & ~self.rewarded & ~self.arrived
         counted = np.cumsum(self.left_out.sum(axis=1))
         self.left_before = np.concatenate([[0], counted])[:-1] if len(steps) else steps
