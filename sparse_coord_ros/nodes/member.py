@@ -13,12 +13,13 @@ from std_srvs.srv import Trigger
 
 from sparse_coord_ros.core import wire
 from sparse_coord_ros.core.agent import Tables
+from sparse_coord_ros.core.frame import Account
 from sparse_coord_ros.core.run_config import RunConfig
 from sparse_coord_ros.core.tables import TEAM_FILE, pack_tables, robot_file, write_tables
 from sparse_coord_ros.core.wire import RECORDER, WORLD
 from sparse_coord_ros.core.world import Action
 from sparse_coord_ros.errors import RunError, TablesError, did_you_mean, os_error_text
-from sparse_coord_ros.lockstep.robot import Account, Answer, RobotSide
+from sparse_coord_ros.lockstep.robot import Answer, RobotSide
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.episode_messages import CoordinationMapLayout
 from sparse_coord_ros.nodes.messages import Converter, status, tables_message

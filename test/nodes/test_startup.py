@@ -14,7 +14,7 @@ from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.simulation import learn
 from sparse_coord_ros.core.tables import load_team, save_team
 from sparse_coord_ros.errors import RunError, SettingError, TablesError
-from sparse_coord_ros.nodes.robot import RobotNode
+from sparse_coord_ros.nodes.member import Member
 from sparse_coord_ros.nodes.spin import ros_context
 from sparse_coord_ros.nodes.team import run_team
 from sparse_coord_ros.nodes.world_simulator import WorldSimulator
@@ -150,7 +150,7 @@ def test_a_second_world_stops(bench):
 
 
 def test_robots_that_are_missing_are_named(bench, monkeypatch):
-    monkeypatch.setattr("sparse_coord_ros.nodes.robot.PEER_PATIENCE_SECONDS", 0.1)
+    monkeypatch.setattr("sparse_coord_ros.nodes.member.PEER_PATIENCE_SECONDS", 0.1)
     bench.world(startup_timeout=0.6, scenario="env2-4r")
     for name in ("robot_1", "robot_3"):
         bench.robot(name)
@@ -299,7 +299,7 @@ def test_learned_tables_are_run_greedily(tmp_path, simulate):
     values = {"scenario": "env1", "claim_window": 0.0, "record": False}
     epsilons = []
 
-    class Watched(RobotNode):
+    class Watched(Member):
         def act(self, step, action, account):
             epsilons.append(self.lockstep.agent.epsilon(step))
             super().act(step, action, account)
@@ -308,7 +308,7 @@ def test_learned_tables_are_run_greedily(tmp_path, simulate):
         out = tmp_path / "first"
         run_team({**values, "out": str(out), "set": ["steps=1"]}, context=context)
         (before / "run.yaml").write_text((out / "run.yaml").read_text())
-        patch.setattr("sparse_coord_ros.nodes.team.RobotNode", Watched)
+        patch.setattr("sparse_coord_ros.nodes.robot.Member", Watched)
         out = tmp_path / "greedy"
         more = {"out": str(out), "set": ["steps=80"], "greedy": True, "tables": str(before)}
         summary = run_team({**values, **more}, context=context)
