@@ -101,7 +101,7 @@ class _Walk:
         )
         self.stated = np.stack([track.has(steps) for track in tracks.states], axis=1)
         self.acted = np.stack([track.has(steps) for track in tracks.actions], axis=1)
-        self.made: np.ndarray = self.rewarded.any(axis=1)
+        self.made = np.asarray(self.rewarded.any(axis=1))
         goals = np.array([robot.goal for robot in self.scenario.robots])
         self.arrived: np.ndarray = np.equal(self.cells, goals)
         self.goals = goals
