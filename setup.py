@@ -28,6 +28,7 @@ setup(
     install_requires=[
         "setuptools",
         "numpy",
+        "scipy",
         "PyYAML",
         "mcap>=1.6,<2",
         "lz4",
