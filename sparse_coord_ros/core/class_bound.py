@@ -4,9 +4,9 @@
 
 The joint optimum sees everything always and pays nothing for it; no team that has to ask reaches
 it. A team of Algorithm 1's form has for each robot a map from its own cell to a move or to
-COORDINATE, and under COORDINATE a map from its own and its peer's cell to a move (where the percept
-fails, from its own cell alone); it pays for every ask. The search is `engine.class_search`; its
-results for the paper's scenarios are shipped.
+COORDINATE, and under COORDINATE a map from its own and its peer's cell to a move (where the
+percept fails, from its own cell alone); it pays for every ask. The search is
+`engine.class_search`; its results for the paper's scenarios are shipped.
 """
 
 import hashlib

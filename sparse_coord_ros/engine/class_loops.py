@@ -27,6 +27,10 @@ CLOSE = 1e-9
 
 BETTER = 1e-7
 
+OUTSIDE_SWEEPS = 1
+"""Sweeps over the joint states where a team does not get: from above, they stay bounds. More take
+longer than they spare."""
+
 
 class Game(NamedTuple):
     """The game of two robots, and whose reward counts how much.
@@ -80,7 +84,10 @@ class Space(NamedTuple):
         order: joint states in the order in which they are computed, numbered; (cells * cells,).
         stack: joint states whose successors are looked at.
         tried: how many combinations of outcomes of a joint state were looked at; -1: unknown.
-        visited: whether a robot acts in a cell, (2, cells).
+        inside: whether the team gets into a joint state; (cells * cells,).
+        visited: whether a robot acts in a cell; (2, cells).
+        above: what no team can be worth more than from a joint state; (cells, cells).
+        everything: every joint state but that in which both have arrived, in a good order.
     """
 
     value: np.ndarray
@@ -88,7 +95,10 @@ class Space(NamedTuple):
     order: np.ndarray
     stack: np.ndarray
     tried: np.ndarray
+    inside: np.ndarray
     visited: np.ndarray
+    above: np.ndarray
+    everything: np.ndarray
 
 
 def can_do(
@@ -231,22 +241,28 @@ def solve(game: Game, policy: Policy, free: np.ndarray, space: Space, target: fl
         space: what is written to; begins with the values that it has.
         target: give up as soon as the value is known to be less.
     """
-    return sweep(game, policy, free, space, reach(game, policy, free, space), target)
+    count = reach(game, policy, free, space)
+    return sweep(game, policy, free, space.value, space.order[:count], target)
 
 
 def sweep(
-    game: Game, policy: Policy, free: np.ndarray, space: Space, count: int, target: float
+    game: Game,
+    policy: Policy,
+    free: np.ndarray,
+    value: np.ndarray,
+    order: np.ndarray,
+    target: float,
+    sweeps: int = MOST_SWEEPS,
 ) -> float:
-    """Iterate over the first joint states of `order`; arguments and value as of `solve`."""
+    """Iterate over the joint states of `order`; other arguments and value as of `solve`."""
     cells = game.lead.shape[0]
     x0, y0 = game.starts
-    value = space.value
     value[game.goals[0], game.goals[1]] = 0.0
     ratio = game.discount / (1.0 - game.discount)
-    for _ in range(MOST_SWEEPS):
+    for _ in range(sweeps):
         change = 0.0
-        for i in range(count):
-            x, y = space.order[i] // cells, space.order[i] % cells
+        for state in order:
+            x, y = state // cells, state % cells
             new = best_at(game, policy, free, value, x, y)
             change = max(change, abs(new - value[x, y]))
             value[x, y] = new
@@ -256,21 +272,55 @@ def sweep(
 
 
 def visit(game: Game, policy: Policy, space: Space) -> None:
-    """Write to `visited` where each robot acts; its moves after percepts are as they are."""
+    """Write to `visited` and `inside` where the team gets, its moves after percepts given."""
     cells = game.lead.shape[0]
     free = np.zeros(2, dtype=np.bool_)
     space.visited[:] = False
-    for i in range(reach(game, policy, free, space)):
-        x, y = space.order[i] // cells, space.order[i] % cells
+    space.inside[:] = False
+    for state in space.order[: reach(game, policy, free, space)]:
+        x, y = state // cells, state % cells
+        space.inside[state] = True
         if x != game.goals[0]:
             space.visited[0, x] = True
         if y != game.goals[1]:
             space.visited[1, y] = True
 
 
-def climb(
-    game: Game, policy: Policy, free: np.ndarray, space: Space, trials: np.ndarray
-) -> float:
+def fill(game: Game, policy: Policy, free: np.ndarray, space: Space) -> None:
+    """Compute every joint state, also where the team never gets."""
+    sweep(game, policy, free, space.value, space.everything, -np.inf)
+
+
+def surround(game: Game, policy: Policy, free: np.ndarray, space: Space) -> None:
+    """Write where the team gets, and what the joint states elsewhere are worth at most."""
+    visit(game, policy, space)
+    cells = game.lead.shape[0]
+    count = 0
+    for state in space.everything:
+        if not space.inside[state]:
+            x, y = state // cells, state % cells
+            space.value[x, y] = space.above[x, y]
+            space.order[count] = state
+            count += 1
+    sweep(game, policy, free, space.value, space.order[:count], -np.inf, OUTSIDE_SWEEPS)
+
+
+def promising(game: Game, policy: Policy, free: np.ndarray, space: Space, k: int, x: int) -> bool:
+    """Whether a new choice of robot k in cell x beats the team's value for some peer's cell.
+
+    If a step of it, before all goes on as it was, is better nowhere, the new team is not better.
+    """
+    cells = game.lead.shape[0]
+    enough = 0.5 * BETTER * (1.0 - game.discount)
+    for z in range(cells):
+        a, b = (x, z) if k == 0 else (z, x)
+        if space.inside[a * cells + b]:
+            if best_at(game, policy, free, space.value, a, b) > space.value[a, b] + enough:
+                return True
+    return False
+
+
+def climb(game: Game, policy: Policy, free: np.ndarray, space: Space, trials: np.ndarray) -> float:
     """Change one robot's choice in one cell as long as that makes the team better.
 
     Args:
@@ -285,7 +335,7 @@ def climb(
     """
     cells = game.lead.shape[0]
     best = solve(game, policy, free, space, -np.inf)
-    visit(game, policy, space)
+    surround(game, policy, free, space)
     failed, i = 0, 0
     while failed < len(trials):
         trial = trials[i]
@@ -302,30 +352,19 @@ def climb(
         if asks == old_asks and move == old_move:
             continue
         policy.moves[k, x], policy.asks[k, x] = move, asks
-        space.kept[:] = space.value
-        found = solve(game, policy, free, space, best + BETTER)
-        if found > best + BETTER:
-            best = found
-            failed = 0
-            visit(game, policy, space)
-        else:
-            policy.moves[k, x], policy.asks[k, x] = old_move, old_asks
+        if promising(game, policy, free, space, k, x):
+            space.kept[:] = space.value
+            found = solve(game, policy, free, space, best + BETTER)
+            if found > best + BETTER:
+                best = found
+                failed = 0
+                surround(game, policy, free, space)
+                continue
             space.value[:] = space.kept
+        policy.moves[k, x], policy.asks[k, x] = old_move, old_asks
     best = solve(game, policy, free, space, -np.inf)
     visit(game, policy, space)
     return best
-
-
-def fill(game: Game, policy: Policy, free: np.ndarray, space: Space) -> None:
-    """Choose the moves after percepts in every joint state, also where the team never gets."""
-    cells = game.lead.shape[0]
-    last = game.goals[0] * cells + game.goals[1]
-    count = 0
-    for state in range(cells * cells):
-        if state != last:
-            space.order[count] = state
-            count += 1
-    sweep(game, policy, free, space, count, -np.inf)
 
 
 class Loops(NamedTuple):
@@ -340,7 +379,17 @@ class Loops(NamedTuple):
 PLAIN = Loops(solve, visit, climb, fill)
 """The loops as plain Python: slow, for tests and where numba is missing."""
 
-CALLED: tuple[Callable[..., Any], ...] = (can_do, reach, pair, best_at, sweep, solve, visit)
+CALLED: tuple[Callable[..., Any], ...] = (
+    can_do,
+    reach,
+    pair,
+    best_at,
+    sweep,
+    solve,
+    visit,
+    surround,
+    promising,
+)
 
 
 @functools.cache

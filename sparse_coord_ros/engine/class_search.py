@@ -2,11 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The search for the class bound: iterated local search, every team evaluated exactly.
 
-A restart begins with random routes and random cells to ask in. It climbs: one robot's choice in one
-cell is changed as long as that makes the team better. The moves after percepts are never searched:
-with everything else fixed they are those of a Markov decision process over joint states, and value
-iteration finds the best. Then a few choices are shaken and it climbs again, until that has been in
-vain for a while. Restart i draws from (seed, i), so a search that was cut off goes on where it was.
+A restart begins with random routes and random cells to ask in. It climbs: one robot's choice in
+one cell is changed as long as that makes the team better. The moves after percepts are never
+searched: with everything else fixed they are those of a Markov decision process over joint states,
+and value iteration finds the best. Then a few choices are shaken and it climbs again, until that
+has been in vain for a while. Restart i draws from (seed, i), so a search that was cut off goes on
+where it was.
 """
 
 from __future__ import annotations
@@ -55,7 +56,7 @@ ROUTES = (0.01, 0.5, 3.0)
 ASKED = (0.0, 0.1, 0.3)
 """Share of cells that a restart begins to ask in."""
 
-DEVIATIONS = 10
+DEVIATIONS = 5
 """Restarts of the search for what one robot alone could gain."""
 
 Progress = Callable[[int, int, float], None]
@@ -119,9 +120,11 @@ def class_value(
     scenario: Scenario, robots: Sequence[RobotPolicy], *, loops: Loops = class_loops.PLAIN
 ) -> float:
     """Return what a team of these policies is worth, averaged and to infinity."""
-    policy, space = _from_texts(scenario, robots), _space(scenario)
+    game = _game(scenario, (0.5, 0.5))
     nobody = np.zeros(2, dtype=np.bool_)
-    return loops.solve(_game(scenario, (0.5, 0.5)), policy, nobody, space, -np.inf)
+    return loops.solve(
+        game, _from_texts(scenario, robots), nobody, _space(scenario, game), -np.inf
+    )
 
 
 def _game(scenario: Scenario, weights: tuple[float, float]) -> Game:
@@ -150,15 +153,28 @@ def _game(scenario: Scenario, weights: tuple[float, float]) -> Game:
     )
 
 
-def _space(scenario: Scenario) -> Space:
+def _space(scenario: Scenario, game: Game) -> Space:
     cells = len(scenario.map.cells)
+    gamma, p = game.discount, game.success
+    one, other = (scenario.map.distances_to(robot.goal) for robot in scenario.robots)
+    near = np.argsort((one[:, None] + other[None, :]).ravel(), kind="stable")
+    # Each robot alone: arrival at step T is worth gamma^(T-1), and T is negative binomial.
+    alone = [
+        np.where(far > 0, game.prize[k] * (p / (1.0 - gamma * (1.0 - p))) ** far, 0.0)
+        * gamma ** np.maximum(far - 1.0, 0.0)
+        for k, far in enumerate((one, other))
+    ]
+    goal = scenario.robots[0].goal * cells + scenario.robots[1].goal
     return Space(
         value=np.zeros((cells, cells)),
         kept=np.zeros((cells, cells)),
         order=np.zeros(cells * cells, dtype=np.int64),
         stack=np.zeros(cells * cells, dtype=np.int64),
         tried=np.zeros(cells * cells, dtype=np.int64),
+        inside=np.zeros(cells * cells, dtype=np.bool_),
         visited=np.zeros((2, cells), dtype=np.bool_),
+        above=alone[0][:, None] + alone[1][None, :],
+        everything=near[near != goal],
     )
 
 
@@ -186,7 +202,7 @@ def _restart(
         for k in np.flatnonzero(~free):
             for mine, theirs in zip(best, fixed, strict=True):
                 mine[k] = theirs[k]
-    space = _space(scenario)
+    space = _space(scenario, game)
     trials = np.arange(2 * len(scenario.map.cells) * OPTIONS)
     top = loops.climb(game, best, free, space, rng.permutation(trials))
     vain = 0
@@ -241,7 +257,7 @@ def _texts(
 ) -> tuple[RobotPolicy, RobotPolicy]:
     """Return the team as texts; a robot that never gets to a cell does not ask there."""
     new = Policy(*(array.copy() for array in policy))
-    space = _space(scenario)
+    space = _space(scenario, game)
     both = np.ones(2, dtype=np.bool_)
     loops.solve(game, new, both, space, -np.inf)
     loops.visit(game, new, space)
@@ -278,12 +294,12 @@ def _gain(
     """Return the most that robot k was found to gain for itself, the other staying as it is."""
     game = _game(scenario, (1.0, 0.0) if k == 0 else (0.0, 1.0))
     alone = np.arange(2) == k
-    space = _space(scenario)
+    space = _space(scenario, game)
     fixed = _from_texts(scenario, robots)
     now = loops.solve(game, fixed, np.zeros(2, dtype=np.bool_), space, -np.inf)
     trials = np.arange(2 * len(scenario.map.cells) * OPTIONS)
     own = Policy(*(array.copy() for array in fixed))
-    best = loops.climb(game, own, alone, _space(scenario), trials)
+    best = loops.climb(game, own, alone, _space(scenario, game), trials)
     for i in range(DEVIATIONS):
         best = max(best, _restart(scenario, game, loops, alone, [seed, k, i], fixed)[1])
     return best - now if best > now + class_loops.BETTER else 0.0
@@ -340,8 +356,8 @@ def in_words(scenario: Scenario, robots: Sequence[RobotPolicy]) -> list[str]:
 
     Cells that a robot gets to only because it stepped aside follow its way.
     """
-    policy, space = _from_texts(scenario, robots), _space(scenario)
-    seen = _peers_seen(scenario, policy, space)
+    policy = _from_texts(scenario, robots)
+    seen, visited = _peers_seen(scenario, policy)
     lines = []
     for k, robot in enumerate(scenario.robots):
         peer = scenario.robots[1 - k].name
@@ -350,7 +366,7 @@ def in_words(scenario: Scenario, robots: Sequence[RobotPolicy]) -> list[str]:
             usual[x] = np.bincount(policy.seen[k, x, others], minlength=4).argmax()
         way = _way(scenario, robot.start, robot.goal, usual)
         lines.append(f"{robot.name}: {_route(scenario, way, usual, robot.goal)}")
-        aside = [x for x in np.flatnonzero(space.visited[k]) if x not in way]
+        aside = [x for x in np.flatnonzero(visited[k]) if x not in way]
         for x, others in sorted(seen[k].items()):
             text = f"  asks in {_place(scenario, x)}: {ACTIONS[usual[x]]}"
             for move in range(4):
@@ -365,12 +381,15 @@ def in_words(scenario: Scenario, robots: Sequence[RobotPolicy]) -> list[str]:
     return lines
 
 
-def _peers_seen(scenario: Scenario, policy: Policy, space: Space) -> list[dict[int, list[int]]]:
+def _peers_seen(
+    scenario: Scenario, policy: Policy
+) -> tuple[list[dict[int, list[int]]], np.ndarray]:
     """Return, of each robot, the peer's cells that it can perceive in each cell to ask in.
 
-    `visited` is written too.
+    And in which cells it acts, shape (2, cells).
     """
     game = _game(scenario, (0.5, 0.5))
+    space = _space(scenario, game)
     nobody = np.zeros(2, dtype=np.bool_)
     cells = len(scenario.map.cells)
     class_loops.visit(game, policy, space)
@@ -382,7 +401,7 @@ def _peers_seen(scenario: Scenario, policy: Policy, space: Space) -> list[dict[i
             x, z = here[k], here[1 - k]
             if x != game.goals[k] and policy.asks[k, x] and game.percept[x, z] > 0.0:
                 seen[k].setdefault(x, []).append(z)
-    return [{x: sorted(others) for x, others in robot.items()} for robot in seen]
+    return [{x: sorted(others) for x, others in robot.items()} for robot in seen], space.visited
 
 
 def _way(scenario: Scenario, start: int, goal: int, moves: np.ndarray) -> list[int]:
@@ -421,11 +440,11 @@ def draw(axes: Axes, scenario: Scenario, bound: ClassBound) -> None:
 
     colours = ("#0072B2", "#E69F00")
     draw_map(axes, scenario, label_size=8, label_height=0.13)
-    policy, space = _from_texts(scenario, bound.robots), _space(scenario)
-    seen = _peers_seen(scenario, policy, space)
+    policy = _from_texts(scenario, bound.robots)
+    seen, visited = _peers_seen(scenario, policy)
     for k in range(2):
         shift = 0.18 * (k - 0.5)
-        for x in np.flatnonzero(space.visited[k]):
+        for x in np.flatnonzero(visited[k]):
             row, column = scenario.map.cells[x]
             centre = (column + 0.5 + shift, row + 0.5 + shift)
             moves = {int(policy.moves[k, x])}

@@ -323,7 +323,9 @@ def _measured(scenario: Scenario, chain: _Chain) -> ExactEvaluation:
     return ExactEvaluation(
         reward=_measure(means[:team], squares[:team]),
         time_to_goal=_measure(means[team : 2 * team], squares[team : 2 * team]),
-        miscoordinations=_measure(means[3 * team : 3 * team + 1], squares[3 * team : 3 * team + 1]),
+        miscoordinations=_measure(
+            means[3 * team : 3 * team + 1], squares[3 * team : 3 * team + 1]
+        ),
         asks=_measure(means[2 * team : 3 * team], squares[2 * team : 3 * team]),
         all_arrived=min(1.0, float(means[-1])),
         robots=tuple(float(mean) for mean in means[:team]),
