@@ -153,8 +153,7 @@ def separate_processes(steps: int) -> float:
         )
     finally:
         for robot in robots:
-            robot.stdin.close()
-            robot.wait()
+            robot.communicate()  # closes standard input, and waits
     return float(world.stdout)
 
 
@@ -162,13 +161,14 @@ def main() -> int:
     """Run one bare node as a process: `robot NUMBER`, or `world STEPS`, which prints the rate."""
     role, number = sys.argv[1], int(sys.argv[2])
     with ros_context() as context:
+        node: Node
         if role == "robot":
             node = BareRobot(context, number)
             spin_nodes([node], "events", context, _stdin_closed)
         else:
-            node = BareWorld(context, number)
-            spin_nodes([node], "events", context, lambda: node.done)
-            print(number / node.seconds)
+            node = world = BareWorld(context, number)
+            spin_nodes([node], "events", context, lambda: world.done)
+            print(number / world.seconds)
         node.destroy_node()
     return 0
 

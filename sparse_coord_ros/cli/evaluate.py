@@ -19,7 +19,7 @@ from sparse_coord_ros.core.tables import load_team
 if TYPE_CHECKING:
     from sparse_coord_ros.engine.exact import ExactEvaluation
 
-TRIALS = Setting("trials", int, 1000, "Monte-Carlo trials", low=2, high=10_000_000)
+TRIALS = Setting("trials", int, 1000, "Monte-Carlo trials", low=1, high=10_000_000)
 PAPER_PENALTY = -20.0
 
 

@@ -4,6 +4,7 @@
 
 import argparse
 import json
+import math
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
@@ -17,9 +18,9 @@ from sparse_coord_ros.errors import EXIT_BAD_INPUT, RunError
 VERBS: Mapping[str, str] = {
     "run": "let a team learn live over ROS 2 nodes, topics and services, recorded to MCAP",
     "train": "learn without ROS: the same computation, the same bits",
-    "evaluate": "evaluate learned tables by Monte-Carlo trials, as in the paper",
+    "evaluate": "evaluate learned tables by Monte-Carlo trials, as in the paper, or exactly",
     "optimum": "compute the exact joint optimum: full joint state and action, no cost of asking; "
-    "and the exact worth of fixed shortest paths",
+    "the exact worth of fixed shortest paths; and the best team of Algorithm 1's form",
     "maps": "list the maps, or show one",
     "info": "say what is in a bag: the run, its topics and files, whether it is whole",
     "verify": "compute a recorded run again, from its seed and its log alone, and compare",
@@ -27,11 +28,15 @@ VERBS: Mapping[str, str] = {
     "replay": "play a recorded run back over ROS 2: same messages, types, QoS and clock",
     "recover": "finish a bag that a crash cut off or that is damaged, as far as it can be read",
     "reproduce": "reproduce the paper's tables and figures, and go beyond them",
-    "study": "search for one learning protocol that serves all nine scenarios",
     "bench": "measure the speed of env1: live, beside bare rclpy nodes passing the same messages, "
-    "and the batch engine, beside a plain C loop of the same work",
+    "and the batch engine",
 }
 """Every verb and what it does; `sparse_coord_ros.cli.<verb>` is imported where it is chosen."""
+
+MOVED: Mapping[str, str] = {
+    "study": "'study' is not a verb any more: run 'make study' in a checkout of the repository"
+}
+"""What to say of verbs that there were once."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -77,10 +82,11 @@ def _bag(text: str) -> Path:
     return Path(text)
 
 
-def add_scenario(parser: argparse.ArgumentParser) -> None:
+def add_scenario(parser: argparse.ArgumentParser, *, optional: bool = False) -> None:
     """Add SCENARIO and the options that change it."""
     parser.add_argument(
         "scenario",
+        nargs="?" if optional else None,
         metavar="SCENARIO",
         help=f"path of a scenario file, or one of: {', '.join(scenario_names())}",
     )
@@ -148,8 +154,16 @@ def output_directory(options: argparse.Namespace, name: str) -> Path:
 
 
 def print_json(data: Any) -> None:
-    """Print one JSON object."""
-    print(json.dumps(data, indent=2))
+    """Print one JSON object; numbers that are none (NaN) are null."""
+    print(json.dumps(_plain(data), indent=2, allow_nan=False))
+
+
+def _plain(data: Any) -> Any:
+    if isinstance(data, Mapping):
+        return {name: _plain(value) for name, value in data.items()}
+    if isinstance(data, list | tuple):
+        return [_plain(value) for value in data]
+    return None if isinstance(data, float) and not math.isfinite(data) else data
 
 
 def format_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

@@ -3,13 +3,49 @@
 """`sparse_coord train`: the same computation without ROS."""
 
 import argparse
+import csv
+import io
 import shutil
+import signal
 import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
 
 from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.core.run_config import RUN_FILE, create_output, make_run
-from sparse_coord_ros.core.simulation import learn
-from sparse_coord_ros.core.tables import save_team
+from sparse_coord_ros.cli.evaluate import result_table
+from sparse_coord_ros.core.evaluation import Evaluation, evaluate
+from sparse_coord_ros.core.optimum import joint_optimum
+from sparse_coord_ros.core.run_config import (
+    RUN_FILE,
+    RUN_SETTINGS,
+    RunConfig,
+    create_output,
+    load_run,
+    make_run,
+)
+from sparse_coord_ros.core.scenario import SETTINGS, Scenario
+from sparse_coord_ros.core.settings import Setting
+from sparse_coord_ros.core.tables import TEAM_FILE, save_team
+from sparse_coord_ros.engine.batch import ENGINES, is_prepared, prepare
+from sparse_coord_ros.engine.checkpoint import CHECKPOINT_FILE, MEASURES
+from sparse_coord_ros.engine.compiled import has_numba
+from sparse_coord_ros.engine.training import Training, engine_for, train, worth_compiling
+from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.files import write_whole
+
+EVALUATIONS_FILE = "evaluations.csv"
+TRIALS = Setting("trials", int, 1000, "trials of the evaluation", low=0, high=10_000_000)
+EVERY = Setting("evaluate-every", int, 0, "steps between evaluations", low=0, high=10_000_000)
+EVERY_TRIALS = 200
+"""Trials of each evaluation on the way."""
+
+FAR = 0.05
+"""A goal whose worth is discounted to less than this share, seen from the start, is far away."""
 
 
 def add_parser(verbs) -> None:
@@ -17,36 +53,265 @@ def add_parser(verbs) -> None:
     parser = shared.add_verb(
         verbs,
         "train",
-        example="sparse_coord train env1 --learner coop --steps 10000 --seed 7",
+        example="sparse_coord train env1 --learner coop --steps 1e5 --seed 7\n"
+        "  sparse_coord train --resume runs/a",
     )
-    shared.add_scenario(parser)
+    shared.add_scenario(parser, optional=True)
     shared.add_learning(parser)
     shared.add_learner(parser)
+    parser.add_argument(
+        "--resume",
+        type=Path,
+        metavar="DIR",
+        help="go on with an interrupted run, instead of SCENARIO; DIR is its output directory",
+    )
+    parser.add_argument(
+        "--engine",
+        choices=ENGINES,
+        default="auto",
+        help="what computes, with the same bits: auto is numba where it is installed and the run "
+        "is long enough to be worth compiling (default: auto)",
+    )
+    parser.add_argument(
+        "--evaluate-every",
+        metavar="STEPS",
+        help=f"evaluate each so many steps too, by {EVERY_TRIALS} trials, into {EVALUATIONS_FILE}",
+    )
+    parser.add_argument(
+        "--trials",
+        default="1000",
+        help="Monte-Carlo trials of what was learned (default: 1000; 0: do not evaluate it)",
+    )
     shared.add_json(parser)
     parser.set_defaults(execute=execute)
 
 
 def execute(options: argparse.Namespace) -> int:
     """Run the verb."""
+    trials = TRIALS.parse(options.trials)
+    every = None if options.evaluate_every is None else EVERY.parse(options.evaluate_every)
+    if options.resume is None:
+        out, run = _begin(options)
+    else:
+        out, run = _go_on(options)
+    checkpoint = out / CHECKPOINT_FILE
+    try:
+        with _terminated_like_interrupted():
+            done = _train(run, options, every, checkpoint)
+            _save(out, done)
+    except BaseException as error:
+        if checkpoint.exists():
+            print(
+                f"what was learned is saved; go on with: sparse_coord train --resume {out}",
+                file=sys.stderr,
+            )
+        elif not (out / TEAM_FILE).exists():
+            shutil.rmtree(out)  # leave no half of a run
+            if isinstance(error, KeyboardInterrupt):
+                print("nothing had been learned yet, nothing is left", file=sys.stderr)
+        raise
+    _say(out, run, done, trials, as_json=options.json)
+    return 0
+
+
+def _begin(options: argparse.Namespace) -> tuple[Path, RunConfig]:
+    if options.scenario is None:
+        raise RunError("a SCENARIO is missing, or --resume DIR; see sparse_coord train --help")
     scenario = shared.scenario_of(options)
     run = make_run(scenario, {"seed": options.seed, "learner": options.learner})
+    engine_for(scenario, run.rule, options.engine)  # refused before a directory is made
     out = create_output(shared.output_directory(options, scenario.name))
     (out / RUN_FILE).write_text(run.to_yaml(), encoding="utf-8")
-    shows = sys.stderr.isatty() and not options.json
+    return out, run
+
+
+def _go_on(options: argparse.Namespace) -> tuple[Path, RunConfig]:
+    given = [
+        name
+        for name, value, default in (
+            ("SCENARIO", options.scenario, None),
+            ("--penalty", options.penalty, None),
+            ("--set", options.assignments, []),
+            ("--steps", options.steps, None),
+            ("--seed", options.seed, str(RUN_SETTINGS["seed"].default)),
+            ("--out", options.out, None),
+            ("--learner", options.learner, RUN_SETTINGS["learner"].default),
+        )
+        if value != default
+    ]
+    if given:
+        raise RunError(
+            f"{', '.join(given)} cannot change a run that is resumed; leave it out: "
+            f"sparse_coord train --resume {options.resume}"
+        )
+    run = load_run(options.resume)
+    if not (options.resume / CHECKPOINT_FILE).exists():
+        what = "is finished" if (options.resume / TEAM_FILE).exists() else "has no checkpoint"
+        raise RunError(
+            f"{options.resume}: the run {what}, there is nothing to go on with; begin another one"
+        )
+    return options.resume, run
+
+
+def _train(
+    run: RunConfig, options: argparse.Namespace, every: int | None, checkpoint: Path
+) -> Training:
+    """Let the team learn, with a line of progress."""
+    scenario, quiet = run.scenario, options.json
+    engine = engine_for(scenario, run.rule, options.engine)
+    if not quiet and engine == "numba" and not is_prepared(history=True):
+        print(
+            "compiling the learning loop (about 5 s, once a process) ...",
+            file=sys.stderr,
+            flush=True,
+        )
+        prepare(scenario, run.rule, engine=engine, history=True)
+    elif not quiet and _would_help(options, run) and not has_numba():
+        print(
+            "numba is not installed: plain Python, about 100 times slower; pip install numba",
+            file=sys.stderr,
+            flush=True,
+        )
+    bar: tqdm | None = None
 
     def progress(done: int, budget: int) -> None:
-        if shows:
-            print(f"\r{done:>9} of {budget} steps", end="", file=sys.stderr, flush=True)
+        nonlocal bar
+        if bar is None:  # now the clock starts, where an earlier process may have stopped
+            hidden = True if quiet else None
+            style = {"unit": " steps", "unit_scale": True, "leave": False, "disable": hidden}
+            bar = tqdm(total=budget, initial=done, file=sys.stderr, **style)
+        bar.update(done - bar.n)
 
     try:
-        save_team(out, learn(scenario, run.learner, run.seed, progress=progress))
-    except BaseException:
-        shutil.rmtree(out)  # nothing was learned to the end: leave no half of a run
-        raise
-    if shows:
-        print("\r\x1b[K", end="", file=sys.stderr)
-    if options.json:
-        shared.print_json({"directory": str(out), "learner": run.learner, "seed": run.seed})
-    else:
-        print(f"tables  {out / 'tables.npz'}\nrun     {out / 'run.yaml'}")
-    return 0
+        return train(
+            scenario,
+            run.rule,
+            run.seed,
+            engine=engine,
+            evaluate_every=every,
+            trials=EVERY_TRIALS,
+            progress=progress,
+            checkpoint=checkpoint,
+            resume=options.resume is not None,
+        )
+    finally:
+        if bar is not None:
+            bar.close()
+
+
+def _would_help(options: argparse.Namespace, run: RunConfig) -> bool:
+    """Whether numba would make the run quicker."""
+    return options.engine == "auto" and run.rule.compiled and worth_compiling(run.scenario)
+
+
+def _save(out: Path, done: Training) -> None:
+    done.history.save(out)
+    if done.evaluations:
+        file = io.StringIO()
+        writer = csv.writer(file, lineterminator="\n")
+        parts = ("", "_spread", "_standard_error")
+        names = [f"{name}{part}" for name in MEASURES for part in parts]
+        writer.writerow(["steps", "trials", *names, "not_arrived"])
+        for steps, found in done.evaluations:
+            measures = [getattr(found, name) for name in MEASURES]
+            numbers = [n for m in measures for n in (m.mean, m.spread, m.standard_error)]
+            writer.writerow([steps, found.trials, *numbers, found.not_arrived])
+        write_whole(out / EVALUATIONS_FILE, file.getvalue())
+    save_team(out, done.tables)
+    (out / CHECKPOINT_FILE).unlink(missing_ok=True)
+
+
+def _say(out: Path, run: RunConfig, done: Training, trials: int, *, as_json: bool) -> None:
+    """Print what was learned and where it is."""
+    scenario = run.scenario
+    result = None
+    if trials:
+        result = evaluate(scenario, done.tables, trials=trials, seed=0, learner=run.rule)
+    optimum = joint_optimum(scenario) if trials else None
+    if as_json:
+        said: dict[str, Any] = {"directory": str(out), "learner": run.learner, "seed": run.seed}
+        said |= {"engine": done.engine, "episodes": done.history.episodes}
+        if result is not None and optimum is not None:
+            said["evaluation"] = result.to_dict()
+            said |= {"optimum": optimum.value, "optimum_exact": optimum.exact}
+        if done.evaluations:
+            said["evaluations"] = [{"steps": n, **e.to_dict()} for n, e in done.evaluations]
+        shared.print_json(said)
+        return
+    if done.evaluations:
+        head = ["after steps", "reward", "time to goal", "miscoordinations", "asks", "arrived"]
+        print(shared.format_table(head, [_row(n, e) for n, e in done.evaluations]), end="\n\n")
+    if result is not None and optimum is not None:
+        print(result_table(run, result, optimum))
+        if result.not_arrived:
+            print(f"In {result.not_arrived} of {trials} trials some robot did not arrive.")
+            for line in advice(scenario, done):
+                print(line)
+    print(f"tables   {out / TEAM_FILE}\nhistory  {out / 'history.npz'}\nrun      {out / RUN_FILE}")
+
+
+def _row(steps: int, found: Evaluation) -> list[str]:
+    means = [f"{getattr(found, name).mean:.2f}" for name in MEASURES]
+    return [f"{steps}", *means, f"{found.trials - found.not_arrived} of {found.trials}"]
+
+
+def advice(scenario: Scenario, done: Training) -> list[str]:
+    """Return what to try where robots do not arrive, at most two sentences.
+
+    Args:
+        scenario: the problem.
+        done: the run, in which they did not.
+    """
+    robots = scenario.robots
+    moves = max(int(scenario.map.distances_to(r.goal)[r.start]) for r in robots)
+    needed = int(1.5 * moves / scenario.move_success) + 1
+    tips = []
+    if scenario.horizon < needed:
+        tips.append(
+            f"A trial ends after {scenario.horizon} steps and the longest way takes about "
+            f"{needed}: --set horizon={2 * needed}."
+        )
+    if scenario.max_steps < needed:
+        tips.append(
+            f"An episode ends after {scenario.max_steps} steps and the longest way takes about "
+            f"{needed}: --set max_steps={2 * needed}."
+        )
+    if scenario.goal_value == 0 and scenario.q_star_init > 0:
+        tips.append(
+            "Arriving pays once (goal_value 0), less than the initial values promise elsewhere: "
+            "--set goal_value=200."
+        )
+    if scenario.discount**moves < FAR:
+        tips.append(
+            f"The goal is {moves} moves away, and discount {scenario.discount:g} leaves "
+            f"{scenario.discount**moves:.1%} of its worth there: --set discount=0.99."
+        )
+    if str(scenario.starts) == "fixed":
+        tips.append(
+            "Episodes that always begin at the same cells seldom find a goal far away: "
+            f"--set starts={SETTINGS['starts'].default}."
+        )
+    history = done.history
+    last = slice(history.episodes // 2, None)
+    found = history.arrived[last][history.present[last]].mean()
+    most = SETTINGS["steps"].high
+    if scenario.steps * 10 <= (most or 0):
+        tips.insert(
+            min(1, len(tips)),
+            f"In the second half of learning {found:.0%} of the robots' episodes ended at the "
+            f"goal; learn longer: --steps {10 * scenario.steps}.",
+        )
+    return tips[:2]
+
+
+@contextmanager
+def _terminated_like_interrupted() -> Iterator[None]:
+    """Let SIGTERM do what Ctrl-C does, in the main thread."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)

@@ -54,6 +54,25 @@ class Tables(NamedTuple):
     q_coord: np.ndarray | SparseTable
 
 
+class Memory(NamedTuple):
+    """All that one agent has learned, so that another one can go on from there.
+
+    Attributes:
+        q_star: Q*_k, shape (cells, 5), float64.
+        star_updates: updates of each of its entries, same shape, int64.
+        states: joint states with an updated entry in Q^C_k, in ascending order, shape (rows, n),
+            int32: the own cell, then the perceived peers'.
+        values: their entries, shape (rows, 4), float64.
+        updates: updates of each of them, same shape, int64.
+    """
+
+    q_star: np.ndarray
+    star_updates: np.ndarray
+    states: np.ndarray
+    values: np.ndarray
+    updates: np.ndarray
+
+
 def initial_tables(scenario: Scenario, *, asks: bool = True) -> Tables:
     """Return the tables before learning (Algorithm 1, line 1).
 
@@ -219,6 +238,35 @@ class Agent:
         alpha = self._alpha(self._star_updates, entry, step)
         value = float(q_star[entry])
         q_star[entry] = updated(value, alpha, total, self._discount, bootstrap)
+
+    def memory(self) -> Memory:
+        """Return what the agent has learned; a copy.
+
+        An agent of one's own that remembers more than tables and their counts of updates cannot
+        go on from here: its learning is not to be broken off.
+        """
+        q_star, q_coord = self.tables
+        states = sorted({entry[:-1] for entry in self._coord_updates})
+        moves = range(PRIMITIVES)
+        updates = [[self._coord_updates[*state, move] for move in moves] for state in states]
+        return Memory(
+            q_star.copy(),
+            self._star_updates.copy(),
+            np.array(states, dtype=np.int32).reshape(len(states), len(q_coord.shape) - 1),
+            np.array([q_coord[state] for state in states]).reshape(len(states), PRIMITIVES),
+            np.array(updates, dtype=np.int64).reshape(len(states), PRIMITIVES),
+        )
+
+    def go_on_from(self, memory: Memory) -> None:
+        """Go on with what another agent of the same run has learned."""
+        self.tables.q_star[:] = memory.q_star
+        self._star_updates[:] = memory.star_updates
+        rows = zip(memory.states.tolist(), memory.values, memory.updates.tolist(), strict=True)
+        for state, values, updates in rows:
+            for move, count in enumerate(updates):
+                if count:
+                    self.tables.q_coord[*state, move] = values[move]
+                    self._coord_updates[*state, move] = count
 
     def _alpha(
         self, updates: np.ndarray | Counter[tuple[int, ...]], entry: tuple[int, ...], step: int

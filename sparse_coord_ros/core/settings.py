@@ -3,10 +3,14 @@
 """Typed settings with ranges: one table for YAML files, `--set key=value` and ROS parameters."""
 
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 from sparse_coord_ros.errors import SettingError, did_you_mean
+
+LARGEST_WHOLE = 2**53
+"""Whole numbers written like 1e5 are taken up to here: further on floats skip some."""
 
 TRUE, FALSE = ("true", "yes", "on", "1"), ("false", "no", "off", "0")
 
@@ -113,9 +117,10 @@ class Setting:
             raise ValueError
         if self.kind is float:
             return number
-        if isinstance(value, str | int):  # exact: a float cannot hold every 64-bit seed
-            return int(value)
-        if int(number) != number:
+        with suppress(ValueError):
+            if isinstance(value, str | int):  # exact: a float cannot hold every 64-bit seed
+                return int(value)
+        if int(number) != number or abs(number) > LARGEST_WHOLE:
             raise ValueError
         return int(number)
 

@@ -2,17 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """A learning run without ROS: the same world and the same agents, one after the other."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.core.agent import Agent, Decision, Tables
+from sparse_coord_ros.core.agent import Agent, Decision, Memory, Tables
+from sparse_coord_ros.core.history import History, HistoryRecorder, concatenated
 from sparse_coord_ros.core.learners import Learner, learner_of
 from sparse_coord_ros.core.perception import percept_probabilities
 from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.sparse import SparseTable
 from sparse_coord_ros.core.streams import LEARNING, PERCEPT, Stream
-from sparse_coord_ros.core.world import Action, StepOutcome, World
+from sparse_coord_ros.core.world import Action, Position, StepOutcome, World
+
+Choice = tuple[int, Decision, Action, tuple[int, ...] | None]
+"""What an agent decided: its cell, its decision, the action that it became, what it perceived."""
 
 
 class Team:
@@ -32,14 +37,14 @@ class Team:
         self._percepts = [Stream(seed, agent.number, PERCEPT, phase) for agent in agents]
         self._probabilities = percept_probabilities(scenario.perception, scenario.map).tolist()
 
-    def act(self, world: World) -> tuple[list, list[Action | None]]:
+    def act(self, world: World) -> tuple[list[Choice | None], list[Action | None]]:
         """Let every agent that has not arrived choose.
 
         Returns:
-            What each agent decided and perceived, as `(cell, decision, action, perceived)`, and
-            the joint action; None in both for agents that do not act.
+            What each agent decided and perceived, and the joint action; None in both for agents
+            that do not act.
         """
-        choices: list = [None] * len(world.cells)
+        choices: list[Choice | None] = [None] * len(world.cells)
         actions: list[Action | None] = [None] * len(world.cells)
         for agent in self.agents:
             k = agent.number
@@ -53,7 +58,7 @@ class Team:
             actions[k] = action
         return choices, actions
 
-    def learn(self, choices: list, world: World, outcome: StepOutcome) -> None:
+    def learn(self, choices: Sequence[Choice | None], world: World, outcome: StepOutcome) -> None:
         """Let every agent that acted learn from the step that the world just made."""
         for agent in self.agents:
             choice = choices[agent.number]
@@ -69,6 +74,113 @@ class Team:
         draw = self._percepts[k].at(world.step)[0]
         probabilities = self._probabilities[world.cells[k]]
         return peer_cells if all(draw < probabilities[cell] for cell in peer_cells) else None
+
+
+class LearningState(NamedTuple):
+    """A learning run between two transitions: either engine can go on from it, bit for bit.
+
+    Attributes:
+        positions: the game of each group of robots that learn together.
+        memories: what each robot has learned.
+        histories: the episodes of each group.
+    """
+
+    positions: tuple[Position, ...]
+    memories: tuple[Memory, ...]
+    histories: tuple[History, ...]
+
+
+def groups_of(scenario: Scenario, learner: Learner) -> list[list[int]]:
+    """Return the robots (from 0) that learn together.
+
+    They are all, or for a learner that learns `alone` each robot by itself: one robot at a time
+    in the world, each for the whole budget, so that none ever meets another (paper, Section 4).
+    """
+    everyone = list(range(len(scenario.robots)))
+    return [[k] for k in everyone] if learner.alone else [everyone]
+
+
+class Learning:
+    """A learning run in progress, in plain Python.
+
+    Args:
+        scenario: the problem and its protocol.
+        learner: a learner, or its name.
+        seed: the run's seed.
+        state: where to go on; None: at the beginning.
+        gathering: whether to gather the history; without it learning is a little faster.
+
+    Attributes:
+        done: transitions made, by each group of robots.
+        agents: every robot's agent.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        learner: str | Learner,
+        seed: int,
+        state: LearningState | None = None,
+        *,
+        gathering: bool = True,
+    ) -> None:
+        rule = learner_of(learner)
+        self.done = 0
+        self.agents: list[Agent] = []
+        self._gathering = gathering
+        self._groups: list[tuple[World, Team, HistoryRecorder]] = []
+        robots = len(scenario.robots)
+        for number, members in enumerate(groups_of(scenario, rule)):
+            agents = [rule.agent(scenario, k, seed) for k in members]
+            world = World(scenario, seed, agents=members)
+            recorder = HistoryRecorder(robots, members=members)
+            if state is not None:
+                position, history = state.positions[number], state.histories[number]
+                self.done = position.transitions
+                world.go_on_from(position)
+                for agent in agents:
+                    agent.go_on_from(state.memories[agent.number])
+                recorder = HistoryRecorder(
+                    robots, members=members, history=history, under_way=position.under_way
+                )
+            self._groups.append((world, Team(scenario, seed, agents), recorder))
+            self.agents += agents
+
+    def advance(self, until: int) -> None:
+        """Let every group of robots learn until it has made so many transitions."""
+        for world, team, recorder in self._groups:
+            while world.transitions < until:
+                choices, actions = team.act(world)
+                outcome = world.advance(actions)
+                team.learn(choices, world, outcome)
+                if self._gathering:
+                    recorder.add(world.episode, world.step - 1, actions, outcome)
+                if outcome.episode_over:
+                    world.begin_episode()
+        self.done = max(self.done, until)
+
+    @property
+    def tables(self) -> list[Tables]:
+        """What every robot has learned so far; it goes on learning in them."""
+        return [agent.tables for agent in self.agents]
+
+    @property
+    def visited(self) -> np.ndarray:
+        """Joint states of Q^C that each robot has updated, shape (robots,), int64."""
+        return np.array([agent.coord_visited for agent in self.agents])
+
+    @property
+    def history(self) -> History:
+        """The episodes so far."""
+        return concatenated([recorder.history() for _, _, recorder in self._groups])
+
+    def state(self) -> LearningState:
+        """Return where the run is."""
+        return LearningState(
+            tuple(world.position() for world, _, _ in self._groups),
+            tuple(agent.memory() for agent in self.agents),
+            tuple(recorder.history() for _, _, recorder in self._groups),
+        )
 
 
 def learn(
@@ -94,34 +206,20 @@ def learn_agents(
 ) -> list[Agent]:
     """Run one learner for the scenario's budget and return every robot's agent.
 
-    Most learners learn all at once; one that learns `alone` has one robot at a time in the world,
-    each for the whole budget, so that no robot ever meets another (paper, Section 4).
-
     Args:
         scenario: the problem and its protocol.
         learner: a learner, or its name.
         seed: the run's seed.
-        progress: called with transitions done and to be done, about every hundredth.
+        progress: called with transitions done and to be done, of all groups of robots together,
+            about every hundredth.
     """
-    rule = learner_of(learner)
-    everyone = range(len(scenario.robots))
-    teams = [[k] for k in everyone] if rule.alone else [list(everyone)]
-    budget = scenario.steps * len(teams)
-    learned: list[Agent] = []
-    for members in teams:
-        agents = [rule.agent(scenario, k, seed) for k in members]
-        team = Team(scenario, seed, agents)
-        world = World(scenario, seed, agents=members)
-        while world.transitions < scenario.steps:
-            choices, actions = team.act(world)
-            outcome = world.advance(actions)
-            team.learn(choices, world, outcome)
-            if outcome.episode_over:
-                world.begin_episode()
-            if world.transitions % max(1, budget // 100) == 0:
-                progress(len(learned) * scenario.steps + world.transitions, budget)
-        learned += agents
-    return learned
+    learning = Learning(scenario, learner, seed, gathering=False)
+    groups = len(groups_of(scenario, learner_of(learner)))
+    part = max(1, scenario.steps // 100)
+    while learning.done < scenario.steps:
+        learning.advance(min(learning.done + part, scenario.steps))
+        progress(learning.done * groups, scenario.steps * groups)
+    return learning.agents
 
 
 def tables_equal(one: list[Tables], other: list[Tables]) -> bool:
@@ -134,6 +232,8 @@ def tables_equal(one: list[Tables], other: list[Tables]) -> bool:
 
 
 def _same_bits(one: np.ndarray | SparseTable, other: np.ndarray | SparseTable) -> bool:
+    if isinstance(one, SparseTable) and isinstance(other, SparseTable):
+        return one.same_bits(other)
     if isinstance(one, SparseTable) or isinstance(other, SparseTable):
-        return type(one) is type(other) and one.same_bits(other)
+        return False
     return np.array_equal(one.view(np.int64), other.view(np.int64))

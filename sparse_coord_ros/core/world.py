@@ -72,6 +72,27 @@ class StepOutcome(NamedTuple):
     episode_over: bool
 
 
+class Position(NamedTuple):
+    """Where a game is between two transitions, so that another world can go on from there.
+
+    Attributes:
+        transitions: steps made so far.
+        step: the current time step t.
+        under_way: whether the episode has had a transition; if not, it is yet to begin at `step`,
+            and what follows here means nothing.
+        episode_start: the time step at which it began.
+        cells: the local state X_k(t) of every agent.
+        arrived: whether each agent has reached its goal, or is no part of the game.
+    """
+
+    transitions: int
+    step: int
+    under_way: bool
+    episode_start: int
+    cells: tuple[int, ...]
+    arrived: tuple[bool, ...]
+
+
 class World:
     """The joint state of a team on its map, stepped by joint actions.
 
@@ -109,8 +130,6 @@ class World:
         self.transitions = 0
         self.miscoordinations = 0
         numbers = range(len(scenario.robots))
-        self.cells = [robot.start for robot in scenario.robots]
-        self.arrived = [k not in self.agents for k in numbers]
         self._goals = [robot.goal for robot in scenario.robots]
         self._next_cell = scenario.map.next_cell.tolist()
         self._doorways = scenario.map.doorways
@@ -122,17 +141,39 @@ class World:
         self._random_cells: dict[int, list[int]] = {}
         self._any_doorway = scenario.conflict == "any_doorway"
         self._penalties = scenario.penalties
-        self._episode_start = self.step
-        self._place()
+        self._begin_here()
 
     def begin_episode(self) -> None:
         """Put every agent at a start; the new episode's first step lies `EPISODE_GAP` later."""
         self.episode += 1
         self.step += EPISODE_GAP
+        self._begin_here()
+
+    def _begin_here(self) -> None:
         self._episode_start = self.step
         self.cells = [robot.start for robot in self.scenario.robots]
         self.arrived = [k not in self.agents for k in range(len(self.cells))]
         self._place()
+
+    def position(self) -> Position:
+        """Return where the game is."""
+        if self.step == self._episode_start:
+            nothing = (0,) * len(self.cells), (False,) * len(self.cells)
+            return Position(self.transitions, self.step, False, self.step, *nothing)
+        cells, arrived = tuple(self.cells), tuple(self.arrived)
+        return Position(self.transitions, self.step, True, self._episode_start, cells, arrived)
+
+    def go_on_from(self, position: Position) -> None:
+        """Go on where another world of the same run was; `episode` counts from 0 again."""
+        self.transitions, self.step, self._episode_start = (
+            position.transitions,
+            position.step,
+            position.episode_start,
+        )
+        if position.under_way:
+            self.cells, self.arrived = list(position.cells), list(position.arrived)
+        else:
+            self._begin_here()
 
     def advance(self, actions: Sequence[Action | None]) -> StepOutcome:
         """Make one time step.

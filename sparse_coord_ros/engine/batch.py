@@ -15,14 +15,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.core.agent import Tables, initial_tables
+from sparse_coord_ros.core.agent import Memory, Tables, initial_tables
 from sparse_coord_ros.core.algorithm import ACTIONS, PRIMITIVES
 from sparse_coord_ros.core.evaluation import Trials, play
+from sparse_coord_ros.core.history import History, concatenated
 from sparse_coord_ros.core.learners import Learner, learner_of
 from sparse_coord_ros.core.perception import percept_probabilities
 from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.schedules import exploration, exploring_starts, step_sizes
-from sparse_coord_ros.core.simulation import learn_agents
+from sparse_coord_ros.core.simulation import Learning, LearningState, groups_of
 from sparse_coord_ros.core.sparse import SparseTable
 from sparse_coord_ros.core.streams import (
     DRAWS,
@@ -34,9 +35,9 @@ from sparse_coord_ros.core.streams import (
     START,
     bit_generator,
 )
-from sparse_coord_ros.core.world import EPISODE_GAP, FIRST_STEP
+from sparse_coord_ros.core.world import EPISODE_GAP, FIRST_STEP, Position
 from sparse_coord_ros.engine import kernels
-from sparse_coord_ros.engine.compiled import Loops, compiled, has_numba
+from sparse_coord_ros.engine.compiled import Loops, compile_once, compiled, has_numba, is_compiled
 from sparse_coord_ros.engine.processes import in_processes
 from sparse_coord_ros.errors import SettingError
 
@@ -57,12 +58,14 @@ class Run(NamedTuple):
         tables: what each robot learned.
         visited: joint states of Q^C that each robot has updated, shape (robots,).
         trials: greedy trials with these tables, seeded by the run's seed; None where none.
+        history: the learning history; None where it was not asked for.
     """
 
     seed: int
     tables: list[Tables]
     visited: np.ndarray
     trials: Trials | None
+    history: History | None = None
 
 
 def run_batch(
@@ -73,6 +76,7 @@ def run_batch(
     trials: int,
     engine: str = "auto",
     jobs: int | None = None,
+    history: bool = False,
 ) -> Iterator[Run]:
     """Learn once for each seed, play greedy trials, and yield the runs in the order of the seeds.
 
@@ -83,6 +87,7 @@ def run_batch(
         trials: trials of each run; 0: none.
         engine: "numba", "python", or "auto": numba where it is installed.
         jobs: threads (or processes); all cores that this process may use where None.
+        history: whether each run comes with its learning history.
 
     Raises:
         SettingError: numba is asked for and not installed.
@@ -91,19 +96,21 @@ def run_batch(
     jobs = len(os.sched_getaffinity(0)) if jobs is None else jobs
     rule = learner_of(learner)
     if not uses_numba(engine, rule):
-        work = [(scenario, rule, seed, trials) for seed in seeds]
-        yield from in_processes(_run_plain, work, jobs)
+        work = [(scenario, rule, seed, trials, history) for seed in seeds]
+        if jobs == 1 or len(work) == 1:  # here: a learner of a script is in no other process
+            yield from (_run_plain(*one) for one in work)
+        else:
+            yield from in_processes(_run_plain, work, jobs)
         return
-    # The loops compile when first called: here, where Ctrl-C is heard, and not in a thread.
-    CompiledTeam(scenario.with_settings({"steps": 1}), learner, compiled()).run(0, min(trials, 1))
+    prepare(scenario, rule, history=history)
     stop = np.zeros(1, dtype=np.bool_)
     team = CompiledTeam(scenario, learner, compiled(), stop)
     with ThreadPoolExecutor(jobs) as pool:
         try:
-            futures = [pool.submit(team.run, seed, trials) for seed in seeds]
-            for i, future in enumerate(futures):
-                yield future.result()
-                futures[i] = None  # a run's tables can be large: keep none that was handed out
+            futures = [pool.submit(team.run, seed, trials, gathering=history) for seed in seeds]
+            futures.reverse()
+            while futures:  # a run's tables can be large: keep none that was handed out
+                yield futures.pop().result()
         finally:
             stop[0] = True
             pool.shutdown(wait=True, cancel_futures=True)
@@ -128,12 +135,47 @@ def uses_numba(engine: str, learner: Learner | None = None) -> bool:
     return engine != "python" and has_numba() and (learner is None or learner.compiled)
 
 
-def _run_plain(scenario: Scenario, learner: Learner, seed: int, trials: int) -> Run:
-    agents = learn_agents(scenario, learner, seed)
-    tables = [agent.tables for agent in agents]
-    visited = np.array([agent.coord_visited for agent in agents])
+def _run_plain(
+    scenario: Scenario, learner: Learner, seed: int, trials: int, gathering: bool
+) -> Run:
+    learning = Learning(scenario, learner, seed, gathering=gathering)
+    learning.advance(scenario.steps)
+    tables = learning.tables
     played = play(scenario, tables, trials=trials, seed=seed, learner=learner) if trials else None
-    return Run(seed, tables, visited, played)
+    history = learning.history if gathering else None
+    return Run(seed, tables, learning.visited, played, history)
+
+
+def prepare(
+    scenario: Scenario, learner: str | Learner, *, engine: str = "auto", history: bool = False
+) -> None:
+    """Compile the loops for a learner where that has not been done in this process.
+
+    Does nothing where plain Python is going to compute. What shows progress calls it before its
+    clock starts: it takes some seconds, once a process, and Ctrl-C ends it at once.
+
+    Args:
+        scenario: the problem.
+        learner: a learner, or its name.
+        engine: as of `run_batch`.
+        history: whether the loop is needed that gathers the learning history.
+
+    Raises:
+        SettingError: numba is asked for and not installed.
+    """
+    if uses_numba(engine, learner_of(learner)):
+        compile_once(history, lambda: _warm_up(scenario, learner, history))
+
+
+def is_prepared(*, history: bool = False) -> bool:
+    """Whether the loops are compiled in this process."""
+    return is_compiled(history)
+
+
+def _warm_up(scenario: Scenario, learner: str | Learner, history: bool) -> None:
+    """Call each loop once: that is when numba compiles it."""
+    team = CompiledTeam(scenario.with_settings({"steps": 1}), learner, compiled())
+    team.run(0, 1, gathering=history)
 
 
 class Stopped(Exception):  # noqa: N818 - no error: nobody waits for the run any more
@@ -159,36 +201,29 @@ class CompiledTeam:
     ) -> None:
         self.scenario = scenario
         self.learner = learner_of(learner)
-        self._loops = loops
+        self.loops = loops
         self._stop = np.zeros(1, dtype=np.bool_) if stop is None else stop
-        everyone = np.arange(len(scenario.robots))
-        alone = [everyone[k : k + 1] for k in everyone]
-        groups = alone if self.learner.alone else [everyone]
-        whole = make_problem(scenario, self.learner, everyone)
-        self._learning = [whole._replace(members=members) for members in groups]
+        whole = make_problem(scenario, self.learner, np.arange(len(scenario.robots)))
+        groups = [np.array(members) for members in groups_of(scenario, self.learner)]
+        self.learning = [whole._replace(members=members) for members in groups]
         self._trying = whole._replace(
             max_steps=scenario.horizon, exploring=np.zeros(1), epsilon=np.zeros(1)
         )
 
-    def run(self, seed: int, trials: int) -> Run:
+    def run(self, seed: int, trials: int, *, gathering: bool = False) -> Run:
         """Learn once and play greedy trials with what was learned."""
-        learners = self.learn(seed)
-        visited = (learners.coord_updates > 0).any(axis=2).sum(axis=1)
-        played = self.play(learners, seed, trials) if trials else None
-        return Run(seed, self.tables(learners), visited, played)
+        learning = CompiledLearning(self, seed, gathering=gathering)
+        learning.advance(self.scenario.steps)
+        visited = learning.visited
+        played = self.play(learning.learners, seed, trials) if trials else None
+        history = learning.history if gathering else None
+        return Run(seed, self.tables(learning.learners), visited, played, history)
 
     def learn(self, seed: int) -> kernels.Learners:
         """Learn for the scenario's budget."""
-        learners = self._initial()
-        choice = _choice(len(self.scenario.robots))
-        for problem in self._learning:
-            game = _game(len(self.scenario.robots), FIRST_STEP)
-            kept, draws = self._draws(seed, problem, LEARNING)
-            while game.clock[kernels.DONE] < problem.budget:
-                learners = self._with_room(learners)
-                self._loops.learn(problem, learners, game, choice, draws)
-                self._check_wanted()
-        return learners
+        learning = CompiledLearning(self, seed, gathering=False)
+        learning.advance(self.scenario.steps)
+        return learning.learners
 
     def play(self, learners: kernels.Learners, seed: int, trials: int) -> Trials:
         """Play greedy trials."""
@@ -199,11 +234,11 @@ class CompiledTeam:
         asked, stays = np.zeros((2, team, len(scenario.map.cells)), dtype=np.int64)
         game = _game(team, FIRST_STEP + EPISODE_GAP)
         choice = _choice(team)
-        kept, draws = self._draws(seed, problem, EVALUATION)
+        kept, draws = self.draws(seed, problem, EVALUATION)
         while game.clock[kernels.DONE] < trials:
-            learners = self._with_room(learners)
-            self._loops.play(problem, learners, game, choice, draws, results, asked, stays)
-            self._check_wanted()
+            learners = self.with_room(learners)
+            self.loops.play(problem, learners, game, choice, draws, results, asked, stays)
+            self.check_wanted()
         times = results[:, :, kernels.TIME]
         return Trials(
             reward=results[:, :, kernels.REWARD],
@@ -241,7 +276,8 @@ class CompiledTeam:
         rows = learners.q_coord[k, learned]
         return SparseTable(cells, agents, self.scenario.q_coord_init, keys, rows)
 
-    def _initial(self) -> kernels.Learners:
+    def initial(self) -> kernels.Learners:
+        """Return the tables before learning."""
         scenario = self.scenario
         team, cells = len(scenario.robots), len(scenario.map.cells)
         star = initial_tables(scenario, asks=self.learner.asks).q_star
@@ -262,6 +298,47 @@ class CompiledTeam:
         )
         return self._with_rows(learners, rows)
 
+    def memories(self, learners: kernels.Learners) -> tuple[Memory, ...]:
+        """Return what each robot has learned, as an agent of `core.agent` remembers it."""
+        return tuple(self._memory(learners, k) for k in range(len(self.scenario.robots)))
+
+    def _memory(self, learners: kernels.Learners, k: int) -> Memory:
+        cells, agents = len(self.scenario.map.cells), self.scenario.perceived
+        rows = np.flatnonzero((learners.coord_updates[k] > 0).any(axis=1))
+        keys = learners.keys[k, rows] if self.scenario.sparse else rows
+        order = np.argsort(keys)
+        states = np.unravel_index(keys[order], (cells,) * agents)
+        return Memory(
+            learners.q_star[k].copy(),
+            learners.star_updates[k].astype(np.int64),
+            np.stack(states, axis=1).astype(np.int32),
+            learners.q_coord[k, rows[order]],
+            learners.coord_updates[k, rows[order]].astype(np.int64),
+        )
+
+    def remembered(self, memories: Sequence[Memory]) -> kernels.Learners:
+        """Return tables to go on learning in from what each robot remembers."""
+        learners = self.initial()
+        for k, memory in enumerate(memories):
+            learners.q_star[k] = memory.q_star
+            learners.star_updates[k] = memory.star_updates
+        if not self.learner.asks:
+            return learners
+        shape = (len(self.scenario.map.cells),) * self.scenario.perceived
+        keys = [np.ravel_multi_index(memory.states.T, shape) for memory in memories]
+        # A table with all that is remembered, in any order; `rehash` finds the places.
+        most = max(1, *map(len, keys))
+        listed = self._with_rows(learners, most)
+        for k, memory in enumerate(memories):
+            target = learners if not self.scenario.sparse else listed
+            rows = keys[k] if not self.scenario.sparse else np.arange(len(keys[k]))
+            target.q_coord[k, rows] = memory.values
+            target.coord_updates[k, rows] = memory.updates
+            if self.scenario.sparse:
+                listed.keys[k, rows] = keys[k]
+                listed.used[k] = len(rows)
+        return self.with_room(listed) if self.scenario.sparse else learners
+
     def _with_rows(self, learners: kernels.Learners, rows: int) -> kernels.Learners:
         """Return learners whose Q^C has so many rows, all of them new."""
         team = len(learners.used)
@@ -273,26 +350,28 @@ class CompiledTeam:
             used=np.zeros(team, dtype=np.int64),
         )
 
-    def _with_room(self, learners: kernels.Learners) -> kernels.Learners:
+    def with_room(self, learners: kernels.Learners) -> kernels.Learners:
         """Return learners whose sparse tables stay half empty whatever a block brings."""
         if kernels.has_room(learners, BLOCK):
             return learners
         needed = 2 * (int(learners.used.max()) + BLOCK)
         larger = self._with_rows(learners, 1 << (needed - 1).bit_length())
-        self._loops.rehash(learners, larger)
+        self.loops.rehash(learners, larger)
         return larger
 
-    def _check_wanted(self) -> None:
+    def check_wanted(self) -> None:
+        """Raise `Stopped` where nobody waits for the run any more."""
         if self._stop[0]:
             raise Stopped
 
-    def _draws(
-        self, seed: int, problem: kernels.CompiledScenario, phase: int
+    def draws(
+        self, seed: int, problem: kernels.CompiledScenario, phase: int, first: int = 0
     ) -> tuple[list[np.random.PCG64], kernels.Draws]:
         """Return NumPy's own generators, one an agent and role, and the space of their draws.
 
         The draws hold addresses of the generators' states: keep the generators while they are
-        used. Roles whose draws nothing looks at have none.
+        used. Roles whose draws nothing looks at have none. The first block of draws begins with
+        the time step `first`.
         """
         team = len(problem.starts)
         looked_at = {
@@ -303,15 +382,17 @@ class CompiledTeam:
         }
         values = np.zeros(team * BLOCK * sum(DRAWS.values()))
         spaces, generators, parts = [], [], []
-        first = 0
+        begin = 0
         for role, width in DRAWS.items():
-            end = first + team * BLOCK * width
-            spaces.append(values[first:end].reshape(team, BLOCK, width))
+            end = begin + team * BLOCK * width
+            spaces.append(values[begin:end].reshape(team, BLOCK, width))
             for k in problem.members if looked_at[role] else ():
-                generators.append(bit_generator(seed, int(k), role, phase))
-                part = first + k * BLOCK * width
+                generator = bit_generator(seed, int(k), role, phase)
+                generator.advance(first * width)
+                generators.append(generator)
+                part = begin + k * BLOCK * width
                 parts.append((part, part + BLOCK * width))
-            first = end
+            begin = end
         states = [generator.ctypes.state_address for generator in generators]
         policy, motion, percept, start = spaces
         return generators, kernels.Draws(
@@ -324,6 +405,153 @@ class CompiledTeam:
             np.array(parts),
             self._stop,
         )
+
+
+class CompiledLearning:
+    """A learning run in progress: as `core.simulation.Learning`, by the loops of a team.
+
+    Args:
+        team: scenario, learner and loops.
+        seed: the run's seed.
+        state: where to go on; None: at the beginning.
+        gathering: whether to gather the history.
+
+    Attributes:
+        done: transitions made, by each group of robots.
+        learners: the tables of all robots.
+    """
+
+    def __init__(
+        self,
+        team: CompiledTeam,
+        seed: int,
+        state: LearningState | None = None,
+        *,
+        gathering: bool = True,
+    ) -> None:
+        robots = len(team.scenario.robots)
+        self.done = 0
+        self._team, self._seed = team, seed
+        self._choice = _choice(robots)
+        self._gathering = gathering
+        self._games = [_game(robots, FIRST_STEP) for _ in team.learning]
+        self._records = [_record(2 * BLOCK, robots) for _ in team.learning if gathering]
+        if state is None:
+            self.learners = team.initial()
+        else:
+            self.learners = team.remembered(state.memories)
+            self.done = state.positions[0].transitions
+            self._games = [_game_at(position) for position in state.positions]
+            self._records = [_record_of(history) for history in state.histories if gathering]
+        self._draws = [
+            team.draws(seed, problem, LEARNING, int(game.clock[kernels.END]))
+            for problem, game in zip(team.learning, self._games, strict=True)
+        ]
+
+    def advance(self, until: int) -> None:
+        """Let every group of robots learn until it has made so many transitions.
+
+        Raises:
+            Stopped: nobody waits for the run any more.
+        """
+        team = self._team
+        for number, (problem, game) in enumerate(zip(team.learning, self._games, strict=True)):
+            part = problem._replace(budget=until)
+            _, draws = self._draws[number]
+            while game.clock[kernels.DONE] < until:
+                self.learners = team.with_room(self.learners)
+                record = self._record_with_rows(number) if self._gathering else None
+                team.loops.learn(part, self.learners, game, self._choice, draws, record)
+                team.check_wanted()
+        self.done = max(self.done, until)
+
+    def play(self, trials: int) -> Trials:
+        """Play greedy trials with what was learned so far."""
+        self.learners = self._team.with_room(self.learners)
+        return self._team.play(self.learners, self._seed, trials)
+
+    @property
+    def tables(self) -> list[Tables]:
+        """What every robot has learned so far; it may go on learning in them."""
+        return self._team.tables(self.learners)
+
+    @property
+    def visited(self) -> np.ndarray:
+        """Joint states of Q^C that each robot has updated, shape (robots,), int64."""
+        updated = np.any(self.learners.coord_updates > 0, axis=2)
+        return np.asarray(np.sum(updated, axis=1))
+
+    @property
+    def history(self) -> History:
+        """The episodes so far."""
+        return concatenated(self._histories())
+
+    def state(self) -> LearningState:
+        """Return where the run is."""
+        positions = tuple(_position(game) for game in self._games)
+        return LearningState(positions, self._team.memories(self.learners), self._histories())
+
+    def _histories(self) -> tuple[History, ...]:
+        pairs = zip(self._records, self._team.learning, strict=True)
+        return tuple(_history(record, problem.members) for record, problem in pairs)
+
+    def _record_with_rows(self, number: int) -> kernels.Record:
+        """Return a group's record, with room for whatever a block brings."""
+        record = self._records[number]
+        if not kernels.has_rows(record, BLOCK):
+            rows, robots = record.reward.shape
+            more = _record(rows + BLOCK, robots)
+            arrays = [np.concatenate(pair) for pair in zip(record[1:], more[1:], strict=True)]
+            self._records[number] = kernels.Record(record.used, *arrays)
+        return self._records[number]
+
+
+def _record(rows: int, robots: int) -> kernels.Record:
+    whole = np.zeros((3, rows), dtype=np.int64)
+    asks, arrived = np.zeros((rows, robots), np.int64), np.zeros((rows, robots), np.bool_)
+    sums = np.zeros((rows, robots))
+    used = np.zeros(1, dtype=np.int64)
+    return kernels.Record(used, whole[0], whole[1], sums, whole[2], asks, arrived)
+
+
+def _record_of(history: History) -> kernels.Record:
+    record = _record(history.episodes + 2 * BLOCK, history.robots)
+    record.used[0] = history.episodes
+    for name in kernels.Record._fields[1:]:
+        getattr(record, name)[: history.episodes] = getattr(history, name)
+    return record
+
+
+def _history(record: kernels.Record, members: np.ndarray) -> History:
+    episodes = int(record.used[0])
+    present = np.zeros((episodes, record.reward.shape[1]), dtype=np.bool_)
+    present[:, members] = True
+    names = kernels.Record._fields[1:]
+    arrays = {name: getattr(record, name)[:episodes].copy() for name in names}
+    return History(**arrays, present=present)
+
+
+def _position(game: kernels.Game) -> Position:
+    clock, team = game.clock, len(game.cells)
+    transitions, step = int(clock[kernels.DONE]), int(clock[kernels.STEP])
+    if not clock[kernels.PLACED]:
+        nothing = (0,) * team, (False,) * team
+        return Position(transitions, step, False, step, *nothing)
+    cells = tuple(game.cells.tolist())
+    arrived = tuple(map(bool, game.arrived.tolist()))
+    return Position(transitions, step, True, int(clock[kernels.EPISODE_START]), cells, arrived)
+
+
+def _game_at(position: Position) -> kernels.Game:
+    """Return the game at a position; the next block of draws begins there."""
+    game = _game(len(position.cells), position.step)
+    game.clock[kernels.EPISODE_START] = position.episode_start
+    game.clock[kernels.DONE] = position.transitions
+    game.clock[kernels.PLACED] = position.under_way
+    game.clock[kernels.END] = position.step
+    game.cells[:] = position.cells
+    game.arrived[:] = position.arrived
+    return game
 
 
 def _game(team: int, step: int) -> kernels.Game:

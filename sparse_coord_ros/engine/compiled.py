@@ -2,10 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The loops of `kernels`, compiled by numba where it is installed."""
 
+import atexit
 import functools
+import os
+import sys
+import threading
 from collections.abc import Callable
+from concurrent.futures import Future, wait
 from types import ModuleType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,6 +28,7 @@ CALLED = (
     kernels.perceived_row,
     kernels.draw,
     kernels.has_room,
+    kernels.has_rows,
     kernels.place,
     kernels.choose,
     kernels.move,
@@ -30,6 +36,13 @@ CALLED = (
     kernels.play_block,
 )
 """Functions that the loops call; they stay plain Python for everyone else."""
+
+
+WAIT_SECONDS = 0.2
+"""How long an interrupt may go unnoticed where the system does not wake up the waiting thread."""
+
+INTERRUPTED = 130
+"""Exit code of a process that was interrupted."""
 
 
 class Loops(NamedTuple):
@@ -46,6 +59,10 @@ PLAIN = Loops(kernels.learn, kernels.play, kernels.rehash)
 
 def has_numba() -> bool:
     """Whether numba is installed, and fits this NumPy."""
+    return bool(in_background("numba", _imports))
+
+
+def _imports() -> bool:
     try:
         _numba()
     except ImportError:
@@ -58,6 +75,65 @@ def _numba() -> ModuleType:
     import numba
 
     return numba
+
+
+_background: dict[object, Future[Any]] = {}
+
+
+def in_background(key: object, work: Callable[[], Any]) -> Any:
+    """Do some work once a process and return its result, in a thread of its own.
+
+    An interrupt that arrives inside numba can get lost: LLVM calls back into Python through
+    ctypes, which swallows exceptions. Here it reaches the caller, who only waits, at once. The
+    work goes on for whoever calls next; a process that ends before it does so without it.
+
+    Args:
+        key: names the work.
+        work: what to do the first time.
+    """
+    future = _background.get(key)
+    if future is None or (future.done() and future.exception() is not None):
+        future = _background[key] = Future()
+        thread = threading.Thread(target=_do, args=(work, future), name=f"{key}", daemon=True)
+        thread.start()
+    try:
+        while not future.done():
+            wait([future], timeout=WAIT_SECONDS)
+    except KeyboardInterrupt:
+        atexit.register(_end_without, future)
+        raise
+    return future.result()
+
+
+def _do(work: Callable[[], Any], future: Future[Any]) -> None:
+    try:
+        future.set_result(work())
+    except BaseException as error:
+        future.set_exception(error)
+
+
+def _end_without(future: Future[Any]) -> None:
+    """End the process while LLVM still works in another thread: taking it down would crash."""
+    if not future.done():
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(INTERRUPTED)
+
+
+def compile_once(key: object, warm_up: Callable[[], None]) -> None:
+    """Let numba compile, in the background; return when it has.
+
+    Args:
+        key: names the loops.
+        warm_up: calls each of them.
+    """
+    in_background(("compile", key), warm_up)
+
+
+def is_compiled(key: object) -> bool:
+    """Whether `compile_once` has compiled the loops of that name."""
+    future = _background.get(("compile", key))
+    return future is not None and future.done() and future.exception() is None
 
 
 @functools.cache

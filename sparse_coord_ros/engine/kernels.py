@@ -168,7 +168,25 @@ class Draws(NamedTuple):
     stop: np.ndarray
 
 
-def draw(game, draws):
+class Record(NamedTuple):
+    """The learning history in the making: arrays as of `core.history.History`, with room.
+
+    Attributes:
+        used: its one entry is the number of rows in use; the last one is that of the episode
+            under way, or of the one that ended last.
+        first_step, length, reward, miscoordinations, asks, arrived: [row], or [row, k].
+    """
+
+    used: np.ndarray
+    first_step: np.ndarray
+    length: np.ndarray
+    reward: np.ndarray
+    miscoordinations: np.ndarray
+    asks: np.ndarray
+    arrived: np.ndarray
+
+
+def draw(game: Game, draws: Draws) -> None:
     """Make the draws of the next block of time steps."""
     for number in range(len(draws.states)):
         state = int(draws.states[number])
@@ -178,7 +196,7 @@ def draw(game, draws):
     game.clock[END] += draws.policy.shape[1]
 
 
-def place(problem, game, draws):
+def place(problem: CompiledScenario, game: Game, draws: Draws) -> None:
     """Begin an episode: every robot at its start, or at an exploring start."""
     clock = game.clock
     step = clock[STEP]
@@ -196,7 +214,7 @@ def place(problem, game, draws):
     clock[PLACED] = 1
 
 
-def find_row(keys, key):
+def find_row(keys: np.ndarray, key: int) -> int:
     """Return the row of a joint state in a sparse table, or the free place that it would take.
 
     Open addressing with linear probing; the table must have a free place.
@@ -208,7 +226,7 @@ def find_row(keys, key):
     return row
 
 
-def has_room(learners, block):
+def has_room(learners: Learners, block: int) -> bool:
     """Whether sparse tables stay half empty whatever a block of so many time steps brings."""
     rows = learners.keys.shape[1]
     if rows > 0:
@@ -218,7 +236,7 @@ def has_room(learners, block):
     return True
 
 
-def rehash(old, new):
+def rehash(old: Learners, new: Learners) -> None:
     """Copy the rows of sparse tables into larger ones, which have no rows yet."""
     for k in range(len(old.keys)):
         for row in range(old.keys.shape[1]):
@@ -232,7 +250,9 @@ def rehash(old, new):
         new.used[k] = old.used[k]
 
 
-def perceived_row(problem, learners, game, k, draws, now):
+def perceived_row(
+    problem: CompiledScenario, learners: Learners, game: Game, k: int, draws: Draws, now: int
+) -> int:
     """Return the row of Q^C that robot k's COORDINATE perceives, or `NO_ROW`."""
     cells = game.cells
     x = cells[k]
@@ -254,7 +274,7 @@ def perceived_row(problem, learners, game, k, draws, now):
             return NO_ROW
         key = x * size + cells[peer]
     if learners.keys.shape[1] == 0:
-        return key
+        return int(key)
     row = find_row(learners.keys[k], key)
     if learners.keys[k, row] == FREE_PLACE:
         learners.keys[k, row] = key
@@ -262,7 +282,15 @@ def perceived_row(problem, learners, game, k, draws, now):
     return row
 
 
-def choose(problem, learners, game, choice, draws, now, epsilon):
+def choose(
+    problem: CompiledScenario,
+    learners: Learners,
+    game: Game,
+    choice: Choices,
+    draws: Draws,
+    now: int,
+    epsilon: float,
+) -> None:
     """Let every robot that has not arrived choose (Algorithm 1, lines 4 to 10)."""
     for k in problem.members:
         if game.arrived[k]:
@@ -293,7 +321,7 @@ def choose(problem, learners, game, choice, draws, now, epsilon):
         choice.rows[k] = row
 
 
-def move(problem, game, choice, draws, now):
+def move(problem: CompiledScenario, game: Game, choice: Choices, draws: Draws, now: int) -> bool:
     """Move every robot that acts; return whether the step ends in a miscoordination."""
     cells = game.cells
     members = problem.members
@@ -310,15 +338,55 @@ def move(problem, game, choice, draws, now):
     return False
 
 
-def learn(problem, learners, game, choice, draws):
-    """Learn until the budget is used up, a sparse table needs more room, or it is to stop."""
+def has_rows(record: Record | None, block: int) -> bool:
+    """Whether a record has room for all episodes that can begin in so many time steps."""
+    if record is None:
+        return True
+    return bool(record.used[0] + block <= len(record.length))
+
+
+def learn(
+    problem: CompiledScenario,
+    learners: Learners,
+    game: Game,
+    choice: Choices,
+    draws: Draws,
+    record: Record | None,
+) -> None:
+    """Learn until the budget is used up, something needs more room, or it is to stop.
+
+    What needs room are sparse tables and the record. Draws that are left from an earlier call are
+    used up first, so that a run in parts is the unbroken run.
+
+    Args:
+        problem: the scenario and the budget.
+        learners: the tables, changed.
+        game: the game in progress, changed.
+        choice: space for the robots' choices.
+        draws: the block of draws.
+        record: the history, added to; or None. Numba compiles the loop for each by itself, and
+            without a record nothing of it is left.
+    """
     block = draws.policy.shape[1]
-    while game.clock[DONE] < problem.budget and not draws.stop[0] and has_room(learners, block):
-        draw(game, draws)
-        learn_block(problem, learners, game, choice, draws)
+    while (
+        game.clock[DONE] < problem.budget
+        and not draws.stop[0]
+        and has_room(learners, block)
+        and has_rows(record, block)
+    ):
+        if game.clock[STEP] >= game.clock[END]:
+            draw(game, draws)
+        learn_block(problem, learners, game, choice, draws, record)
 
 
-def learn_block(problem, learners, game, choice, draws):
+def learn_block(
+    problem: CompiledScenario,
+    learners: Learners,
+    game: Game,
+    choice: Choices,
+    draws: Draws,
+    record: Record | None,
+) -> None:
     """Learn until the block of draws, or the budget, is used up (Algorithm 1)."""
     q_star, q_coord = learners.q_star, learners.q_coord
     clock, arrived = game.clock, game.arrived
@@ -327,36 +395,47 @@ def learn_block(problem, learners, game, choice, draws):
     while clock[DONE] < problem.budget and clock[STEP] < end:
         if not clock[PLACED]:
             place(problem, game, draws)
+            if record is not None:
+                record.first_step[record.used[0]] = clock[STEP]
+                record.used[0] += 1
         step = clock[STEP]
         now = step - clock[FIRST]
         scheduled = min(step, last)
         choose(problem, learners, game, choice, draws, now, problem.epsilon[scheduled])
         conflict = move(problem, game, choice, draws, now)
         least_alpha = problem.alpha_by_step[scheduled]
+        if record is not None:
+            row = record.used[0] - 1
+            record.length[row] += 1
+            record.miscoordinations[row] += conflict
         over = True
         for k in problem.members:
             if arrived[k]:
                 continue
             x, y = choice.cells[k], game.cells[k]
-            action, row = choice.actions[k], choice.rows[k]
+            action, seen = choice.actions[k], choice.rows[k]
             home = y == problem.goals[k]
             individual = problem.goal_reward if home else 0.0
             common = problem.penalties[k] if conflict else 0.0
             cost = -problem.ask_cost if action == COORDINATE else 0.0
             reward = weighed(individual, common, cost, problem.weights)
+            if record is not None:
+                record.reward[row, k] += individual + common + cost
+                record.asks[row, k] += action == COORDINATE
+                record.arrived[row, k] = home
             if home:
                 arrived[k] = 1
                 bootstrap = problem.goal_value
             else:
                 over = False
                 bootstrap = greatest(q_star[k, y], problem.actions)
-            if row != NO_ROW:
+            if seen != NO_ROW:
                 primitive = choice.moves[k]
-                count = learners.coord_updates[k, row, primitive] + 1
-                learners.coord_updates[k, row, primitive] = count
+                count = learners.coord_updates[k, seen, primitive] + 1
+                learners.coord_updates[k, seen, primitive] = count
                 alpha = step_size(problem.alpha_by_count[count], least_alpha)
-                q_coord[k, row, primitive] = updated(
-                    q_coord[k, row, primitive], alpha, reward, problem.discount, bootstrap
+                q_coord[k, seen, primitive] = updated(
+                    q_coord[k, seen, primitive], alpha, reward, problem.discount, bootstrap
                 )
             count = learners.star_updates[k, x, action] + 1
             learners.star_updates[k, x, action] = count
@@ -371,7 +450,16 @@ def learn_block(problem, learners, game, choice, draws):
             clock[PLACED] = 0
 
 
-def play(problem, learners, game, choice, draws, results, asked, stays):
+def play(
+    problem: CompiledScenario,
+    learners: Learners,
+    game: Game,
+    choice: Choices,
+    draws: Draws,
+    results: np.ndarray,
+    asked: np.ndarray,
+    stays: np.ndarray,
+) -> None:
     """Play greedy trials until all are played, or as `learn` does; arguments as `play_block`."""
     block = draws.policy.shape[1]
     while game.clock[DONE] < problem.budget and not draws.stop[0] and has_room(learners, block):
@@ -379,7 +467,16 @@ def play(problem, learners, game, choice, draws, results, asked, stays):
         play_block(problem, learners, game, choice, draws, results, asked, stays)
 
 
-def play_block(problem, learners, game, choice, draws, results, asked, stays):
+def play_block(
+    problem: CompiledScenario,
+    learners: Learners,
+    game: Game,
+    choice: Choices,
+    draws: Draws,
+    results: np.ndarray,
+    asked: np.ndarray,
+    stays: np.ndarray,
+) -> None:
     """Play greedy trials until the block of draws, or the trials, are used up.
 
     Args:

@@ -8,6 +8,7 @@ A time step is a barrier: the world advances when every robot has acted or its d
 from typing import Protocol
 
 from sparse_coord_ros.core.game import Game
+from sparse_coord_ros.core.history import HistoryRecorder
 from sparse_coord_ros.core.run_config import RunConfig
 from sparse_coord_ros.core.world import Action, Reward, World
 
@@ -38,6 +39,7 @@ class WorldSide:
         timeouts: robots' steps that the world went on without.
         stale: actions that came too late, or twice.
         absent: robots that missed a deadline and have not acted since; nobody waits for them.
+        history: gathers the episodes.
     """
 
     def __init__(self, run: RunConfig, port: WorldPort, game: Game | None = None) -> None:
@@ -45,6 +47,7 @@ class WorldSide:
         self.timeouts = 0
         self.stale = 0
         self.absent: set[int] = set()
+        self.history = HistoryRecorder(len(run.scenario.robots))
         self._port = port
         self._budget = run.scenario.steps
         self._robots = range(len(run.scenario.robots))
@@ -93,6 +96,7 @@ class WorldSide:
         step = self.world.step
         acted = [k for k in self._robots if self._actions[k] is not None]
         outcome = self.world.advance(self._actions)
+        self.history.add(self.world.episode, step, self._actions, outcome)
         self._actions = [None] * len(self._robots)
         self._rewards = [None] * len(self._robots)
         for k in acted:

@@ -15,6 +15,7 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from sparse_coord_ros.core import wire
+from sparse_coord_ros.core.history import HISTORY_FILE
 from sparse_coord_ros.core.run_config import RUN_FILE
 from sparse_coord_ros.core.tables import TEAM_FILE, robot_file
 from sparse_coord_ros.core.wire import RECORDER, WORLD
@@ -164,7 +165,7 @@ class WorldSimulator(ParameterNode):
     def _open(self) -> None:
         """Offer the services and tell everybody what the run is."""
         robots = [robot_file(Path(), name).name for name in self._names]
-        own = [RUN_FILE, SUMMARY_FILE, TEAM_FILE, *robots]
+        own = [RUN_FILE, SUMMARY_FILE, TEAM_FILE, HISTORY_FILE, *robots]
         self._out = open_output(self.values["out"], self.run.to_yaml(), own)
         self.create_service(SetBool, "~/pause", self._on_pause)
         self.create_service(Trigger, "~/reset", self._on_reset)
@@ -261,7 +262,7 @@ class WorldSimulator(ParameterNode):
             self.done = True
 
     def finish(self, *, interrupted: bool) -> None:
-        """Say good-bye, write `summary.yaml` and let the last messages arrive."""
+        """Say good-bye, write summary and history, and let the last messages arrive."""
         if not self._opened:
             return
         if interrupted:
@@ -271,6 +272,7 @@ class WorldSimulator(ParameterNode):
         if self._out is not None:
             text = yaml.safe_dump(self.summary(), sort_keys=False)
             (self._out / SUMMARY_FILE).write_text(text, encoding="utf-8")
+            self.lockstep.history.history().save(self._out)
         wait_for_readers(self.publishers)
 
     def summary(self) -> dict[str, Any]:

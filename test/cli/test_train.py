@@ -2,14 +2,25 @@
 # SPDX-License-Identifier: Apache-2.0
 """`sparse_coord train`: the tables of `core.simulation.learn`, and bad input."""
 
+import csv
 import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
 
 import pytest
 
+from sparse_coord_ros.cli import train as train_verb
+from sparse_coord_ros.core.history import load_history
 from sparse_coord_ros.core.run_config import load_run
 from sparse_coord_ros.core.scenario import load_scenario
-from sparse_coord_ros.core.simulation import learn, tables_equal
+from sparse_coord_ros.core.simulation import Learning, learn, tables_equal
 from sparse_coord_ros.core.tables import load_team
+
+SHORT = ("train", "env1", "--steps", 5, "--trials", 0)
 
 BAD_SCENARIOS = [
     ("map: env1\nrobots: {r: {start: 1\nsteps: 3\n", ["f.yaml, line 3", "not YAML"]),
@@ -24,14 +35,41 @@ BAD_SCENARIOS = [
 ]
 
 
+def learned(directory):
+    """Return what the run of a directory learns, computed in one go."""
+    run = load_run(directory)
+    learning = Learning(run.scenario, run.learner, run.seed)
+    learning.advance(run.scenario.steps)
+    return learning
+
+
 @pytest.mark.parametrize("learner", ["coop", "noncoop", "indiv"])
 def test_train(sparse_coord, folder, learner):
-    arguments = ("--learner", learner, "--steps", 300, "--seed", 4, "--set", "max_steps=40")
-    code, out, err = sparse_coord("train", "env1", *arguments, "--out", "runs/a")
+    arguments = (
+        "--learner",
+        learner,
+        "--steps",
+        300,
+        "--seed",
+        4,
+        "--set",
+        "max_steps=40",
+        "--trials",
+        50,
+    )
+    code, out, err = sparse_coord("train", "env1", *arguments, "--trials", 50, "--out", "runs/a")
     assert (code, err) == (0, "")
-    assert out.split() == ["tables", "runs/a/tables.npz", "run", "runs/a/run.yaml"]
+    files = ["tables", "runs/a/tables.npz", "history", "runs/a/history.npz", "run"]
+    assert out.split()[-6:] == [*files, "runs/a/run.yaml"]
     directory = folder / "runs" / "a"
-    assert sorted(path.name for path in directory.iterdir()) == ["run.yaml", "tables.npz"]
+    assert sorted(path.name for path in directory.iterdir()) == [
+        "history.npz",
+        "run.yaml",
+        "tables.npz",
+    ]
+    assert load_history(directory).same_bits(learned(directory).history)
+    table = sparse_coord("evaluate", "runs/a", "--trials", 50)[1]
+    assert out.startswith(table.split("in 5")[0])
     run = load_run(directory)
     assert (run.learner, run.seed, run.scenario.steps, run.scenario.max_steps) == (
         learner,
@@ -45,11 +83,12 @@ def test_train(sparse_coord, folder, learner):
 
 
 def test_default_directory_is_named_after_the_scenario(sparse_coord, folder):
-    code, out, _ = sparse_coord("train", "env1", "--steps", 5, "--json")
+    code, out, _ = sparse_coord("train", "env1", "--steps", 5, "--json", "--trials", 0)
     (directory,) = (folder / "runs").iterdir()
     assert code == 0
     assert directory.name.startswith("env1_")
     expected = {"directory": f"runs/{directory.name}", "learner": "coop", "seed": 0}
+    expected |= {"engine": "python", "episodes": 1}
     assert json.loads(out) == expected
 
 
@@ -63,7 +102,12 @@ def test_default_directory_is_named_after_the_scenario(sparse_coord, folder):
         (["env1", "--penalty", "5"], ["setting penalty: value is '5'", "at most 0"]),
         (["env1", "--steps", "0"], ["setting steps: value is '0'", "from 1 to"]),
         (["env1", "--steps", "many"], ["setting steps: value is 'many'", "whole number"]),
+        (["env1", "--steps", "1e5.5"], ["setting steps: value is '1e5.5'", "whole number"]),
+        (["env1", "--steps", "10.5"], ["setting steps: value is '10.5'", "whole number"]),
         (["env1", "--seed", "-1"], ["setting seed: value is '-1'", "from 0"]),
+        (["env1", "--trials", "-1"], ["setting trials: value is '-1'", "from 0"]),
+        (["env1", "--evaluate-every", "x"], ["setting evaluate-every: value is 'x'"]),
+        ([], ["a SCENARIO is missing, or --resume DIR"]),
     ],
 )
 def test_bad_input(refused, arguments, words):
@@ -82,7 +126,7 @@ def test_bad_scenario_files(refused, folder, text, words):
 
 def test_the_largest_seed(sparse_coord, folder):
     seed = 2**63 - 1
-    assert sparse_coord("train", "env1", "--steps", 5, "--seed", seed, "--out", "a")[0] == 0
+    assert sparse_coord(*SHORT, "--seed", seed, "--out", "a")[0] == 0
     assert load_run(folder / "a").seed == seed
 
 
@@ -98,3 +142,134 @@ def test_output_below_a_file(refused, folder):
     assert "output directory file/out: cannot be created" in refused(
         "train", "env1", "--steps", 5, "--out", "file/out"
     )
+
+
+def test_steps_written_like_1e3(sparse_coord, folder):
+    arguments = ("train", "env1", "--steps", "1e3", "--trials", 0, "--out", "a")
+    assert sparse_coord(*arguments)[0] == 0
+    assert load_run(folder / "a").scenario.steps == 1000
+
+
+@pytest.mark.parametrize("engine", ["python", "numba"])
+def test_evaluations_on_the_way(sparse_coord, folder, engine):
+    arguments = ("--steps", 1000, "--evaluate-every", 400, "--engine", engine, "--trials", 20)
+    code, out, _ = sparse_coord("train", "env1", *arguments, "--out", "a")
+    assert code == 0
+    assert out.startswith("after steps  reward")
+    with (folder / "a" / "evaluations.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["steps"] for row in rows] == ["400", "800", "1000"]
+    assert {row["trials"] for row in rows} == {"200"}
+    said = json.loads(sparse_coord("train", "env1", *arguments, "--json", "--out", "b")[1])
+    assert said["engine"] == engine
+    assert [entry["steps"] for entry in said["evaluations"]] == [400, 800, 1000]
+    for row, entry in zip(rows, said["evaluations"], strict=True):
+        assert float(row["reward_spread"]) == entry["reward"]["spread"]
+        assert float(row["asks"]) == entry["asks"]["mean"]
+        assert int(row["not_arrived"]) == entry["not_arrived"]
+    assert said["evaluation"]["trials"] == 20
+    assert said["optimum_exact"] is True
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({}, ["learn longer: --steps 500"]),
+        ({"max_steps": 10}, ["An episode ends after 10 steps", "--set max_steps=", "--steps 500"]),
+        ({"horizon": 10}, ["A trial ends after 10 steps", "--set horizon="]),
+        ({"goal_value": 0}, ["--set goal_value=200"]),
+        ({"discount": 0.5}, ["discount 0.5 leaves", "--set discount=0.99"]),
+        ({"starts": "fixed"}, ["--set starts=exploring:1:0.2:0.5"]),
+    ],
+)
+def test_advice_where_robots_do_not_arrive(sparse_coord, settings, words):
+    options = [part for name, value in settings.items() for part in ("--set", f"{name}={value}")]
+    arguments = ("--steps", 50, "--trials", 20, *options)
+    code, out, _ = sparse_coord("train", "env1", *arguments, "--out", "a")
+    assert code == 0
+    assert "of 20 trials some robot did not arrive." in out
+    assert [word for word in words if word not in out] == []
+
+
+def test_no_advice_where_all_arrive(sparse_coord):
+    arguments = ("--steps", 10_000, "--learner", "indiv", "--trials", 20)
+    out = sparse_coord("train", "env1", *arguments, "--out", "a")[1]
+    assert "20 of 20" in out
+    assert "did not arrive" not in out and "--s" not in out
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_interrupt_and_resume(sparse_coord, folder, monkeypatch, number):
+    real = train_verb.train
+
+    def interrupted(*arguments, progress, **keywords):
+        def after_a_while(done, budget):
+            progress(done, budget)
+            if done == 1000 and not keywords["resume"]:
+                os.kill(os.getpid(), number)
+
+        return real(*arguments, progress=after_a_while, **keywords)
+
+    monkeypatch.setattr(train_verb, "train", interrupted)
+    before = signal.getsignal(signal.SIGTERM)
+    arguments = ("--steps", 5000, "--seed", 3, "--evaluate-every", 2000, "--engine", "python")
+    code, out, err = sparse_coord("train", "env1", *arguments, "--out", "a")
+    assert signal.getsignal(signal.SIGTERM) == before
+    assert (code, out) == (130, "")
+    assert "go on with: sparse_coord train --resume a\n" in err
+    assert sorted(path.name for path in (folder / "a").iterdir()) == ["checkpoint.npz", "run.yaml"]
+    message = sparse_coord("train", "env2-2r", "--steps", 7, "--resume", "a")[2]
+    assert "SCENARIO, --steps cannot change a run that is resumed" in message
+    code, out, err = sparse_coord("train", "--resume", "a", "--engine", "numba", "--trials", 20)
+    assert code == 0, err
+    assert sorted(path.name for path in (folder / "a").iterdir()) == [
+        "evaluations.csv",
+        "history.npz",
+        "run.yaml",
+        "tables.npz",
+    ]
+    expected = learned(folder / "a")
+    assert tables_equal(load_team(folder / "a", load_scenario("env1")), expected.tables)
+    assert load_history(folder / "a").same_bits(expected.history)
+    assert "is finished, there is nothing" in sparse_coord("train", "--resume", "a")[2]
+
+
+def test_resume_what_is_no_run(refused, folder):
+    assert "no readable run.yaml there" in refused("train", "--resume", "nowhere")
+
+
+def test_numba_is_missed_only_where_it_would_help(sparse_coord, monkeypatch):
+    def not_now(*_arguments, **_keywords):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(train_verb, "train", not_now)
+    monkeypatch.setattr(train_verb, "has_numba", lambda: False)
+    monkeypatch.setattr(train_verb, "engine_for", lambda *_: "python")
+    note = "numba is not installed: plain Python, about 100 times slower; pip install numba\n"
+    long = ("train", "env1", "--steps", "1e6", "--out", "a")
+    assert note in sparse_coord(*long)[2]
+    assert note not in sparse_coord(*long, "--json")[2]
+    assert note not in sparse_coord(*long, "--engine", "python")[2]
+    assert note not in sparse_coord("train", "env1", "--steps", 1000, "--out", "a")[2]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_while_numba_compiles(folder, number):
+    command = [sys.executable, "-m", "sparse_coord_ros.cli.main", "train", "env1"]
+    command += ["--engine", "numba", "--steps", "1e7", "--out"]
+    for attempt in range(3):
+        out = folder / f"out{attempt}"
+        process = subprocess.Popen(
+            [*command, str(out)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        try:
+            assert process.stderr.readline().startswith("compiling the learning loop")
+            time.sleep(random.uniform(0.0, 1.5))
+            process.send_signal(number)
+            printed, said = process.communicate(timeout=30)
+        finally:
+            process.kill()
+            process.wait()
+        assert (process.returncode, printed) == (130, "")
+        assert said.endswith("interrupted\n") and "Traceback" not in said
+        assert "go on with" in said or not out.exists()

@@ -32,6 +32,9 @@ TABLE = SettingTable(
     [
         ("count", "7", 7),
         ("count", 7.0, 7),
+        ("count", "1e5", 100_000),
+        ("count", "2.5e3", 2500),
+        ("count", "7.0", 7),
         ("count", str(2**63 - 1), 2**63 - 1),  # a float would round it up, out of range
         ("count", "1234567890123456789", 1234567890123456789),
         ("count", 1234567890123456789, 1234567890123456789),
@@ -59,6 +62,10 @@ def test_values_become_the_setting_s_type(name, value, parsed):
         ("count", "0", "a whole number from 1 to 9223372036854775807"),
         ("count", str(2**63), "a whole number from 1 to 9223372036854775807"),
         ("count", "1.5", "a whole number"),
+        ("count", "1e5.5", "a whole number"),
+        ("count", "1e-1", "a whole number"),
+        ("count", "1e17", "a whole number"),  # floats skip numbers there
+        ("count", "inf", "a whole number"),
         ("count", 1.5, "a whole number"),
         ("count", True, "a whole number"),
         ("count", None, "a whole number"),

@@ -15,7 +15,7 @@ from sparse_coord_ros.core.agent import initial_tables
 from sparse_coord_ros.core.algorithm import COORDINATE
 from sparse_coord_ros.core.evaluation import check_tables, play
 from sparse_coord_ros.core.scenario import load_scenario
-from sparse_coord_ros.core.simulation import learn_agents, tables_equal
+from sparse_coord_ros.core.simulation import Learning, tables_equal
 from sparse_coord_ros.engine import batch, kernels
 from sparse_coord_ros.engine.batch import CompiledTeam, run_batch, uses_numba
 from sparse_coord_ros.engine.compiled import PLAIN, compiled
@@ -41,16 +41,19 @@ def problem(name, **settings):
 
 def single(scenario, learner, seed, trials):
     """Return the run as the core makes it."""
-    agents = learn_agents(scenario, learner, seed)
-    tables = [agent.tables for agent in agents]
-    visited = np.array([agent.coord_visited for agent in agents])
-    return batch.Run(seed, tables, visited, play(scenario, tables, trials=trials, seed=seed))
+    learning = Learning(scenario, learner, seed)
+    learning.advance(scenario.steps)
+    tables = learning.tables
+    played = play(scenario, tables, trials=trials, seed=seed)
+    return batch.Run(seed, tables, learning.visited, played, learning.history)
 
 
 def assert_same_run(one, other):
     assert one.seed == other.seed
     assert tables_equal(one.tables, other.tables)
     assert one.visited.tolist() == other.visited.tolist()
+    if one.history is not None and other.history is not None:
+        assert one.history.same_bits(other.history)
     assert_same_trials(one.trials, other.trials)
 
 
@@ -94,6 +97,7 @@ def test_compiled_loops_equal_a_single_run(name, learner, settings):
     expected = single(scenario, learner, 7, 20)
     team = CompiledTeam(scenario, learner, compiled())
     assert_same_run(team.run(7, 20), expected)
+    assert_same_run(team.run(7, 20, gathering=True), expected)
     if learner == "coop":
         assert (expected.visited.min() > 5) == (settings.get("perception") != "never")
         learners = team.learn(7)
@@ -212,11 +216,12 @@ def test_both_engines_give_the_same_runs_in_the_order_of_the_seeds(learner):
     scenario = problem("crowd-3r", steps=400, **settings)
     seeds = [11, 3, 8]
     plain, numba = (
-        list(run_batch(scenario, learner, seeds, trials=10, engine=engine, jobs=2))
+        list(run_batch(scenario, learner, seeds, trials=10, engine=engine, jobs=2, history=True))
         for engine in ("python", "numba")
     )
     assert [run.seed for run in numba] == seeds
     for one, other in zip(plain, numba, strict=True):
+        assert one.history.episodes > 0 and one.history.same_bits(other.history)
         assert_same_run(one, other)
         assert (other.trials.asks.sum() > 0) == (learner == "coop")
     assert not tables_equal(numba[0].tables, numba[1].tables)
@@ -227,6 +232,7 @@ def test_a_batch_without_trials(engine):
     scenario = problem("env1", steps=50)
     (run,) = run_batch(scenario, "coop", [4], trials=0, engine=engine, jobs=1)
     assert run.trials is None
+    assert run.history is None
     assert tables_equal(run.tables, single(scenario, "coop", 4, 2).tables)
 
 

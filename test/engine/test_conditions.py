@@ -12,7 +12,7 @@ from sparse_coord_ros.errors import ScenarioError, SettingError
 
 def test_an_id_reads_back_as_the_same_cell():
     for name in NAMES:
-        for cell in experiment(name).cells:
+        for cell in experiment(name).conditions:
             assert parse_id(cell.id) == (cell, None)
             assert parse_id(f"{cell.id}/17") == (cell, 17)
 
@@ -120,7 +120,7 @@ def test_a_name_that_leads_elsewhere_is_refused(file, name):
 
 def test_every_cell_of_every_experiment_loads():
     for name in NAMES:
-        cells = experiment(name).cells
+        cells = experiment(name).conditions
         assert cells
         for cell in cells:
             assert cell.scenario.name == cell.name
@@ -128,13 +128,13 @@ def test_every_cell_of_every_experiment_loads():
 
 def test_the_paper_s_cells():
     for name, scenarios, steps in (("table1", SMALL, 10**4), ("table3", LARGE, 10**5)):
-        cells = experiment(name).cells
+        cells = experiment(name).conditions
         assert {cell.name for cell in cells} == set(scenarios)
         assert {cell.learner for cell in cells} == {"indiv", "noncoop", "coop"}
         assert {cell.scenario.steps for cell in cells} == {steps}
         assert {cell.scenario.penalty for cell in cells} == {-20}
-    assert experiment("table2").cells == experiment("table1").cells
-    paper = [c for c in experiment("figure4").cells if "steps=" not in c.id]
+    assert experiment("table2").conditions == experiment("table1").conditions
+    paper = [c for c in experiment("figure4").conditions if "steps=" not in c.id]
     assert len(paper) == 9 * 3 * 6
     assert {cell.scenario.penalty for cell in paper} >= {0, -0.1, -1, -10, -100}
 

@@ -23,6 +23,7 @@ import pytest
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
+from sparse_coord_ros.core.history import HistoryRecorder, load_history
 from sparse_coord_ros.core.learners import learner_of
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.simulation import Team
@@ -227,6 +228,7 @@ def simulate():
         agents = [learner_of(learner).agent(scenario, k, seed, tables=before[k]) for k in everyone]
         team = Team(scenario, seed, agents)
         world = World(scenario, seed)
+        recorder = HistoryRecorder(len(everyone))
         said = SimpleNamespace(scenario=scenario, states={}, actions={}, rewards={}, percepts={})
         said.states[world.step] = tuple(world.cells)
         while world.transitions < scenario.steps:
@@ -234,6 +236,7 @@ def simulate():
             choices, actions = team.act(world)
             outcome = world.advance(actions)
             team.learn(choices, world, outcome)
+            recorder.add(world.episode, step, actions, outcome)
             said.states[world.step] = tuple(world.cells)
             for k in everyone:
                 if actions[k] is not None:
@@ -245,6 +248,7 @@ def simulate():
                 world.begin_episode()
                 said.states[world.step] = tuple(world.cells)
         said.tables = [agent.tables for agent in team.agents]
+        said.history = recorder.history()
         return said
 
     return simulation
@@ -252,7 +256,7 @@ def simulate():
 
 @pytest.fixture(scope="session")
 def assert_same_tables():
-    """Return a check that a run's tables are, byte for byte, those of the simulation."""
+    """Return a check that tables and history of a run are, byte for byte, the simulation's."""
 
     def check(out: Path, said) -> None:
         got = load_team(out, said.scenario)
@@ -268,6 +272,7 @@ def assert_same_tables():
                 assert a.shape == b.shape and a.dtype == b.dtype
                 differ = np.flatnonzero(a.view(np.int64) != b.view(np.int64))
                 assert a.tobytes() == b.tobytes(), f"{name}_{k} differs at {differ[:9]}"
+        assert load_history(out).same_bits(said.history)
 
     return check
 

@@ -16,6 +16,7 @@ from rcl_interfaces.srv import SetParameters
 from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import JointState
 
+from sparse_coord_ros.core.history import load_history
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.tables import load_counts, load_tables, load_team, robot_file
 from sparse_coord_ros.recording import open_bag
@@ -234,8 +235,10 @@ def test_run_ends_well_on_a_signal(start, tmp_path, number, processes):
     assert summary["timeouts"] == 0
     tables = load_team(out, load_scenario("env1"))
     assert (tables[0].q_star != 0).any()
+    assert load_history(out).length.sum() == summary["transitions"]
     assert {path.name for path in out.iterdir()} == {
         "bag",
+        "history.npz",
         "run.yaml",
         "summary.yaml",
         "tables.npz",

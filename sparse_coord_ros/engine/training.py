@@ -1,0 +1,320 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""One learning run, on the engine that is quickest, with its history, evaluations and checkpoints.
+
+The engines give the same bits, and either goes on where the other one stopped.
+"""
+
+import shutil
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from sparse_coord_ros.core.agent import Tables
+from sparse_coord_ros.core.evaluation import Evaluation, play, summary
+from sparse_coord_ros.core.history import History
+from sparse_coord_ros.core.learners import Learner, learner_of
+from sparse_coord_ros.core.run_config import RUN_FILE, create_output, make_run
+from sparse_coord_ros.core.scenario import Scenario
+from sparse_coord_ros.core.simulation import Learning, LearningState
+from sparse_coord_ros.core.tables import save_team
+from sparse_coord_ros.engine.batch import (
+    CompiledLearning,
+    CompiledTeam,
+    is_prepared,
+    prepare,
+    uses_numba,
+)
+from sparse_coord_ros.engine.checkpoint import Checkpoint, load_checkpoint
+from sparse_coord_ros.engine.compiled import compiled
+from sparse_coord_ros.errors import RunError, SettingError
+from sparse_coord_ros.files import write_whole
+
+WORTH_COMPILING = 500_000
+"""Agent-steps that plain Python makes while numba compiles: a shorter run is quicker without."""
+
+FIRST_PART = 1000
+"""Transitions learned at first between two looks at the clock and at signals."""
+
+PART_SECONDS = (0.05, 0.2)
+"""How long they may take; there are more of them, or fewer, next time."""
+
+SAVE_SECONDS = 30.0
+"""Time between two checkpoints."""
+
+
+@dataclass(frozen=True, eq=False)
+class Training:
+    """A learning run: what was learned, and how.
+
+    Attributes:
+        scenario: the problem and its protocol.
+        learner: who learned.
+        seed: the run's seed.
+        engine: "numba" or "python": what computed it; the bits are the same.
+        tables: what each robot learned.
+        history: one row an episode.
+        visited: joint states of Q^C that each robot has updated, shape (robots,), int64.
+        evaluations: what the team was worth on the way, as (transitions, evaluation).
+        transitions: transitions learned from; of a learner that learns `alone`, by each robot.
+        finished: whether they are the scenario's budget.
+    """
+
+    scenario: Scenario
+    learner: Learner
+    seed: int
+    engine: str
+    tables: list[Tables]
+    history: History
+    visited: np.ndarray
+    evaluations: tuple[tuple[int, Evaluation], ...]
+    transitions: int
+    finished: bool
+
+    def save(self, directory: str | Path) -> Path:
+        """Write a run's directory, as `sparse_coord train` does: every verb reads it.
+
+        Args:
+            directory: it must not exist; nothing is overwritten.
+
+        Returns:
+            The directory, with `run.yaml`, `tables.npz` and `history.npz`.
+
+        Raises:
+            RunError: it exists already, or cannot be written.
+        """
+        run = make_run(self.scenario, {"seed": self.seed, "learner": self.learner})
+        folder = create_output(Path(directory))
+        try:
+            write_whole(folder / RUN_FILE, run.to_yaml())
+            save_team(folder, self.tables)
+            self.history.save(folder)
+        except BaseException as error:
+            shutil.rmtree(folder, ignore_errors=True)  # leave no half of a run
+            if isinstance(error, OSError):
+                raise RunError(
+                    f"output directory {folder}: cannot be written ({error.strerror}); choose "
+                    "another"
+                ) from None
+            raise
+        return folder
+
+
+class _Learning(Protocol):
+    """What both engines offer."""
+
+    done: int
+
+    def advance(self, until: int) -> None:
+        """Learn until so many transitions have been made."""
+
+    @property
+    def tables(self) -> list[Tables]:
+        """What every robot has learned so far."""
+
+    @property
+    def visited(self) -> np.ndarray:
+        """Joint states of Q^C that each robot has updated."""
+
+    @property
+    def history(self) -> History:
+        """The episodes so far."""
+
+    def state(self) -> LearningState:
+        """Return where the run is."""
+
+
+def engine_for(scenario: Scenario, learner: str | Learner, engine: str = "auto") -> str:
+    """Return what computes a run: "numba" or "python".
+
+    "auto" is numba where it is installed, the learner has a compiled form, and the run is long
+    enough to be worth the seconds that compiling takes (or they have been spent already).
+
+    Raises:
+        SettingError: numba is asked for, and not installed or no help to the learner.
+    """
+    rule = learner_of(learner)
+    if engine == "auto" and not worth_compiling(scenario) and not is_prepared(history=True):
+        return "python"
+    return "numba" if uses_numba(engine, rule) else "python"
+
+
+def worth_compiling(scenario: Scenario) -> bool:
+    """Whether plain Python takes longer for a run than numba takes to compile."""
+    return scenario.steps * len(scenario.robots) >= WORTH_COMPILING
+
+
+def train(
+    scenario: Scenario,
+    learner: str | Learner = "coop",
+    seed: int = 0,
+    *,
+    engine: str = "auto",
+    evaluate_every: int | None = None,
+    trials: int = 200,
+    progress: Callable[[int, int], None] = lambda done, budget: None,
+    checkpoint: Path | None = None,
+    resume: bool = False,
+    until: int | None = None,
+) -> Training:
+    """Let one learner learn for the scenario's budget.
+
+    With a `checkpoint` an interrupt (SIGINT or SIGTERM, in the main thread) is held back until
+    the run is saved; a second one is not. `train(..., resume=True)` goes on from there, on either
+    engine, and ends with the bits of an unbroken run.
+
+    Args:
+        scenario: the problem and its protocol.
+        learner: a learner, or its name.
+        seed: the run's seed.
+        engine: as of `engine_for`.
+        evaluate_every: transitions between two evaluations, the last one after the budget; 0:
+            none; None: none, or where a run goes on, as it began.
+        trials: greedy trials of each evaluation, seeded by the run's seed.
+        progress: called with the transitions done and the budget, several times a second.
+        checkpoint: file to save to, every half minute and when interrupted; None: nowhere.
+        resume: whether to go on from `checkpoint`.
+        until: transitions after which to stop, and to save; the budget where None.
+
+    Raises:
+        SettingError: a bad value, or numba is asked for and not installed.
+        RunError: there is no checkpoint, it cannot be read, or is that of another run.
+    """
+    rule = learner_of(learner)
+    if (evaluate_every or 0) < 0 or trials < 2:
+        raise SettingError(
+            f"setting evaluate_every: value is {evaluate_every} with {trials} trials, allowed: at "
+            "least 0, and at least 2 trials"
+        )
+    saved = None
+    if resume:
+        if checkpoint is None:
+            raise SettingError("setting resume: value is True, which needs a checkpoint to go on")
+        saved = load_checkpoint(checkpoint, scenario, rule, seed)
+        if evaluate_every is None:
+            evaluate_every, trials = saved.evaluate_every, saved.trials
+    chosen = engine_for(scenario, rule, engine)
+    course = _Course(
+        scenario, rule, seed, chosen, evaluate_every or 0, trials, checkpoint, progress, saved
+    )
+    return course.run(scenario.steps if until is None else min(until, scenario.steps))
+
+
+class _Course:
+    """A run under way; arguments as of `train`."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        learner: Learner,
+        seed: int,
+        engine: str,
+        evaluate_every: int,
+        trials: int,
+        checkpoint: Path | None,
+        progress: Callable[[int, int], None],
+        saved: Checkpoint | None,
+    ) -> None:
+        self.scenario, self.learner, self.seed, self.engine = scenario, learner, seed, engine
+        self.evaluate_every, self.trials = evaluate_every, trials
+        self.checkpoint, self.progress = checkpoint, progress
+        self.evaluations = [] if saved is None else list(saved.evaluations)
+        state = None if saved is None else saved.state
+        self.learning: _Learning
+        if engine == "numba":
+            prepare(scenario, learner, history=True)
+            team = CompiledTeam(scenario, learner, compiled())
+            self.learning = CompiledLearning(team, seed, state)
+        else:
+            self.learning = Learning(scenario, learner, seed, state)
+
+    def run(self, until: int) -> Training:
+        """Learn until so many transitions have been made, or a signal comes."""
+        with _held_back(wanted=self.checkpoint is not None) as caught:
+            self._learn(until, caught)
+            if self.checkpoint is not None and self.learning.done < self.scenario.steps:
+                self.save()
+        if caught:
+            signal.raise_signal(caught[0])
+        return Training(
+            self.scenario,
+            self.learner,
+            self.seed,
+            self.engine,
+            self.learning.tables,
+            self.learning.history,
+            self.learning.visited,
+            tuple(self.evaluations),
+            self.learning.done,
+            self.learning.done >= self.scenario.steps,
+        )
+
+    def _learn(self, until: int, caught: list[int]) -> None:
+        learning, budget, every = self.learning, self.scenario.steps, self.evaluate_every
+        part = FIRST_PART
+        saved = time.monotonic()
+        self.progress(learning.done, budget)
+        while learning.done < until and not caught:
+            target = min(until, learning.done + part)
+            if self.evaluate_every:
+                target = min(
+                    target, (learning.done // self.evaluate_every + 1) * self.evaluate_every
+                )
+            began = time.monotonic()
+            learning.advance(target)
+            took = time.monotonic() - began
+            if took < PART_SECONDS[0]:
+                part *= 2
+            elif took > PART_SECONDS[1]:
+                part = max(1, part // 2)
+            if every and (target == budget or target % every == 0):
+                self.evaluations.append((target, self.evaluation()))
+            self.progress(learning.done, budget)
+            if self.checkpoint is not None and time.monotonic() - saved >= SAVE_SECONDS:
+                self.save()
+                saved = time.monotonic()
+
+    def evaluation(self) -> Evaluation:
+        """Return what the team is worth now."""
+        if isinstance(self.learning, CompiledLearning):
+            return summary(self.learning.play(self.trials))
+        tables = self.learning.tables
+        return summary(
+            play(self.scenario, tables, trials=self.trials, seed=self.seed, learner=self.learner)
+        )
+
+    def save(self) -> None:
+        """Write the checkpoint."""
+        assert self.checkpoint is not None
+        Checkpoint(
+            self.learning.state(), tuple(self.evaluations), self.evaluate_every, self.trials
+        ).save(self.checkpoint, self.scenario, self.learner, self.seed)
+
+
+@contextmanager
+def _held_back(*, wanted: bool) -> Iterator[list[int]]:
+    """Hold back the first SIGINT or SIGTERM; a list of one that came. The second interrupts."""
+    caught: list[int] = []
+    if not wanted or threading.current_thread() is not threading.main_thread():
+        yield caught
+        return
+
+    def note(number: int, _frame: object) -> None:
+        if caught:
+            raise KeyboardInterrupt
+        caught.append(number)
+
+    numbers = [n for n in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(n) != signal.SIG_IGN]
+    before = {number: signal.signal(number, note) for number in numbers}
+    try:
+        yield caught
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

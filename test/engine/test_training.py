@@ -1,0 +1,297 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""One learning run: in parts, on either engine, from a checkpoint: always the same bits."""
+
+import os
+import signal
+import threading
+
+import numpy as np
+import pytest
+
+from sparse_coord_ros.core.evaluation import evaluate
+from sparse_coord_ros.core.learners import Coop, learner_of
+from sparse_coord_ros.core.scenario import load_scenario
+from sparse_coord_ros.core.simulation import Learning, tables_equal
+from sparse_coord_ros.engine import batch, training
+from sparse_coord_ros.engine.batch import CompiledLearning, CompiledTeam
+from sparse_coord_ros.engine.compiled import PLAIN, compiled
+from sparse_coord_ros.engine.training import engine_for, train
+from sparse_coord_ros.errors import RunError, SettingError
+
+SETTINGS = {"steps": 1200, "max_steps": 30, "perception": "probability:0.7", "penalty": -50}
+CASES = [
+    ("env1", "coop", {}),
+    ("env1", "indiv", {}),
+    ("env2-4r", "noncoop", {}),
+    ("crowd-3r", "coop", {"peers": "all"}),
+    ("crowd-3r", "indiv", {"peers": "all"}),
+]
+
+
+def problem(name, **settings):
+    return load_scenario(name).with_settings({**SETTINGS, **settings})
+
+
+def unbroken(scenario, learner, seed):
+    learning = Learning(scenario, learner, seed)
+    learning.advance(scenario.steps)
+    return learning
+
+
+def make(engine, scenario, learner, seed, state=None):
+    if engine == "python":
+        return Learning(scenario, learner, seed, state)
+    loops = compiled() if engine == "numba" else PLAIN
+    return CompiledLearning(CompiledTeam(scenario, learner, loops), seed, state)
+
+
+def assert_same(one, other):
+    assert tables_equal(one.tables, other.tables)
+    assert one.history.same_bits(other.history)
+    assert np.array_equal(one.visited, other.visited)
+
+
+def assert_same_state(one, other):
+    assert one.positions == other.positions
+    for mine, theirs in zip(one.memories, other.memories, strict=True):
+        for a, b in zip(mine, theirs, strict=True):
+            assert (a.shape, a.dtype, a.tobytes()) == (b.shape, b.dtype, b.tobytes())
+    for mine, theirs in zip(one.histories, other.histories, strict=True):
+        assert mine.same_bits(theirs)
+
+
+@pytest.mark.parametrize(("name", "learner", "settings"), CASES)
+def test_a_run_in_parts_is_the_unbroken_run(monkeypatch, name, learner, settings):
+    monkeypatch.setattr(batch, "BLOCK", 64)
+    monkeypatch.setattr(batch, "FIRST_ROWS", 128)
+    scenario = problem(name, **settings)
+    expected = unbroken(scenario, learner, 5)
+    assert expected.history.length.sum() == scenario.steps * (
+        len(scenario.robots) if learner == "indiv" else 1
+    )
+    parts = [1, 2, 3, 64, 65, 200, 201, 777, scenario.steps]
+    running = {engine: make(engine, scenario, learner, 5) for engine in ("python", "numba")}
+    resumed = dict(running)
+    for until in parts:
+        for engine in running:
+            running[engine].advance(until)
+            resumed[engine].advance(until)
+        states = [learning.state() for learning in resumed.values()]
+        assert_same_state(*states)
+        # Each goes on where the other one was.
+        resumed = {
+            "numba": make("numba", scenario, learner, 5, states[0]),
+            "python": make("python", scenario, learner, 5, states[1]),
+        }
+    for learning in [*running.values(), *resumed.values()]:
+        assert learning.done == scenario.steps
+        assert_same(learning, expected)
+
+
+def test_the_loops_as_plain_python_in_parts(monkeypatch):
+    monkeypatch.setattr(batch, "BLOCK", 32)
+    scenario = problem("env1", steps=300)
+    learning = make("plain", scenario, "coop", 2)
+    for until in (7, 100, 300):
+        learning.advance(until)
+        learning = make("plain", scenario, "coop", 2, learning.state())
+    assert_same(learning, unbroken(scenario, "coop", 2))
+
+
+@pytest.mark.parametrize("engine", ["python", "numba"])
+def test_history_says_what_happened(engine):
+    settings = {"conflict": "any_doorway", "starts": "random", "q_star_init": 0, "steps": 4000}
+    scenario = problem("env2-4r", **settings)
+    learning = make(engine, scenario, "coop", 3)
+    learning.advance(scenario.steps)
+    history = learning.history
+    assert history.length.sum() == scenario.steps
+    assert (history.length[:-1] <= scenario.max_steps).all()
+    ended = history.length[:-1] < scenario.max_steps
+    assert history.arrived[:-1][ended].all()
+    assert history.present.all()
+    assert history.first_step[0] == 1
+    assert (np.diff(history.first_step) == history.length[:-1] + 2).all()
+    assert history.miscoordinations.sum() > 0
+    assert history.asks.sum() > 50
+    paid = 10.0 * history.arrived - history.asks
+    assert np.allclose((history.reward - paid) % 50, 0)
+    met = history.miscoordinations == 0
+    assert np.array_equal(history.reward[met], paid[met])
+    assert (history.reward[~met] < paid[~met]).any()
+
+
+def test_robots_that_learn_alone_have_episodes_of_their_own():
+    scenario = problem("env2-4r")
+    history = unbroken(scenario, "indiv", 1).history
+    assert (history.present.sum(axis=1) == 1).all()
+    assert (np.diff(np.argmax(history.present, axis=1)) >= 0).all()
+    for k in range(4):
+        assert history.length[history.present[:, k]].sum() == scenario.steps
+    assert not history.reward[~history.present].any()
+    assert not history.arrived[~history.present].any()
+
+
+@pytest.mark.parametrize("engine", ["python", "numba"])
+@pytest.mark.parametrize("learner", ["coop", "indiv"])
+def test_train(engine, learner):
+    scenario = problem("env1")
+    seen = []
+    done = train(
+        scenario,
+        learner,
+        4,
+        engine=engine,
+        evaluate_every=500,
+        trials=10,
+        progress=lambda *numbers: seen.append(numbers),
+    )
+    assert_same(done, unbroken(scenario, learner, 4))
+    assert (done.engine, done.transitions, done.finished) == (engine, 1200, True)
+    assert seen[0] == (0, 1200) and seen[-1] == (1200, 1200)
+    assert [step for step, _ in done.evaluations] == [500, 1000, 1200]
+    expected = evaluate(scenario, done.tables, trials=10, seed=4, learner=learner)
+    assert done.evaluations[-1][1] == expected
+    assert done.evaluations[0][1] != expected
+
+
+@pytest.mark.parametrize(("name", "learner", "settings"), CASES)
+@pytest.mark.parametrize("engines", [("python", "numba"), ("numba", "python")])
+def test_resume(tmp_path, name, learner, settings, engines):
+    scenario = problem(name, **settings)
+    file = tmp_path / "checkpoint.npz"
+    first, second = engines
+    part = train(
+        scenario, learner, 4, engine=first, checkpoint=file, until=450, evaluate_every=200,
+        trials=4,
+    )  # fmt: skip
+    assert (part.transitions, part.finished) == (450, False)
+    done = train(scenario, learner, 4, engine=second, checkpoint=file, resume=True)
+    assert_same(done, unbroken(scenario, learner, 4))
+    whole = train(scenario, learner, 4, engine=first, evaluate_every=200, trials=4)
+    assert done.evaluations == whole.evaluations
+    assert [path.name for path in tmp_path.iterdir()] == ["checkpoint.npz"]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("engine", ["python", "numba"])
+def test_an_interrupt_saves_before_it_is_heard(tmp_path, engine, number):
+    scenario = problem("env1", steps=10_000_000 if engine == "numba" else 200_000)
+    file = tmp_path / "checkpoint.npz"
+
+    def progress(done, budget):
+        if done > 20_000 and not sent:
+            sent.append(done)
+            os.kill(os.getpid(), number)
+
+    sent = []
+    before = {n: signal.signal(n, signal.default_int_handler) for n in (number, signal.SIGINT)}
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            train(scenario, "coop", 1, engine=engine, checkpoint=file, progress=progress)
+        assert signal.getsignal(number) is signal.default_int_handler
+    finally:
+        for n, handler in before.items():
+            signal.signal(n, handler)
+    until = sent[0] + 1000
+    part = train(scenario, "coop", 1, engine=engine, checkpoint=file, resume=True, until=until)
+    assert part.transitions == until
+    assert_same(part, train(scenario, "coop", 1, engine=engine, until=until))
+
+
+def test_a_second_interrupt_does_not_wait(tmp_path):
+    scenario = problem("env1", steps=10**6)
+
+    def progress(done, budget):
+        os.kill(os.getpid(), signal.SIGINT)
+        os.kill(os.getpid(), signal.SIGINT)
+        pytest.fail("the second interrupt was not heard")
+
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            train(scenario, engine="python", checkpoint=tmp_path / "c.npz", progress=progress)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_checkpoints_are_written_every_so_often(tmp_path, monkeypatch):
+    monkeypatch.setattr(training, "SAVE_SECONDS", 0.0)
+    file = tmp_path / "checkpoint.npz"
+    found = []
+    scenario = problem("env1", steps=5000)
+    train(
+        scenario,
+        engine="python",
+        checkpoint=file,
+        progress=lambda done, budget: found.append(file.exists()),
+    )
+    assert found[0] is False and found[-1] is True
+    done = train(scenario, engine="python", checkpoint=file, resume=True)
+    assert_same(done, unbroken(scenario, "coop", 0))
+
+
+def test_what_cannot_be_gone_on_with(tmp_path):
+    scenario = problem("env1")
+    file = tmp_path / "checkpoint.npz"
+    train(scenario, "coop", 4, checkpoint=file, until=100)
+
+    def refused(match, scenario=scenario, learner="coop", seed=4, file=file):
+        with pytest.raises(RunError, match=match) as caught:
+            train(scenario, learner, seed, checkpoint=file, resume=True)
+        assert "\n" not in str(caught.value)
+
+    another = "checkpoint.npz: is the checkpoint of another run"
+    refused(another, scenario=problem("env1", penalty=-51))
+    refused(another, scenario=problem("env1", steps=1201))
+    refused(another, learner="noncoop")
+    refused(another, seed=5)
+    refused("there is no such file", file=tmp_path / "none.npz")
+    whole = file.read_bytes()
+    for cut in (0, 10, len(whole) // 2):
+        file.write_bytes(whole[:cut])
+        refused("cannot be read as a checkpoint")
+    file.write_bytes(whole)
+    with np.load(file) as arrays:
+        known = dict(arrays)
+    np.savez(file, **{**known, "format": np.array(2)})
+    refused("is in format 2, this version reads formats up to 1")
+    np.savez(file, **{**known, "cells": known["cells"][:, :1]})
+    refused("cannot be read as a checkpoint")
+    with pytest.raises(SettingError, match="needs a checkpoint"):
+        train(scenario, resume=True)
+
+
+def test_auto_compiles_only_what_is_long(monkeypatch):
+    monkeypatch.setattr(training, "is_prepared", lambda **_: False)
+    short, long = problem("env1", steps=1000), problem("env1", steps=10**6)
+    assert engine_for(short, "coop") == "python"
+    assert engine_for(long, "coop") == "numba"
+    assert engine_for(short, "coop", "numba") == "numba"
+    assert engine_for(long, "coop", "python") == "python"
+    monkeypatch.setattr(training, "is_prepared", lambda **_: True)
+    assert engine_for(short, "coop") == "numba"
+
+
+def test_a_learner_without_a_compiled_form():
+    class Own(Coop):
+        name = "own"
+
+        def agent(self, *arguments, **keywords):
+            return super().agent(*arguments, **keywords)
+
+    scenario = problem("env1", steps=400)
+    assert engine_for(problem("env1", steps=10**7), Own()) == "python"
+    assert_same(train(scenario, Own(), 2), unbroken(scenario, learner_of("coop"), 2))
+
+
+def test_training_in_another_thread(tmp_path):
+    """Signals are the main thread's: elsewhere nothing is held back."""
+    scenario, found = problem("env1", steps=300), []
+    work = lambda: found.append(train(scenario, checkpoint=tmp_path / "c.npz"))  # noqa: E731
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert_same(found[0], unbroken(scenario, "coop", 0))
