@@ -22,6 +22,7 @@ from sparse_coord_ros.core.settings import Setting
 from sparse_coord_ros.errors import SettingError
 
 RESTARTS = Setting("restarts", int, 20, "restarts of the search", low=1, high=1_000_000)
+PICTURES = (".png", ".pdf", ".svg")
 OF_THE_SEARCH = ("restarts", "seed", "out", "picture")
 
 
@@ -87,6 +88,9 @@ def _class_bound(options: argparse.Namespace, scenario: Scenario) -> int:
     check_class(scenario)
     restarts = RESTARTS.parse(20 if options.restarts is None else options.restarts)
     seed = RUN_SETTINGS["seed"].parse(0 if options.seed is None else options.seed)
+    picture = options.picture
+    if picture is not None and picture.suffix.lower() not in PICTURES:
+        raise SettingError(f"--picture {picture}: allowed: a name ending in {', '.join(PICTURES)}")
     from sparse_coord_ros.engine.class_search import class_bound, in_words
 
     def progress(done: int, of: int, best: float) -> None:
@@ -97,8 +101,8 @@ def _class_bound(options: argparse.Namespace, scenario: Scenario) -> int:
     found = class_bound(
         scenario, restarts=restarts, seed=seed, file=options.out, progress=progress
     )
-    if options.picture is not None:
-        _draw(options.picture, scenario, found)
+    if picture is not None:
+        _draw(picture, scenario, found)
     if options.json:
         shared.print_json({"scenario": scenario.name, **found.to_dict()})
         return 0
@@ -119,21 +123,16 @@ def _class_bound(options: argparse.Namespace, scenario: Scenario) -> int:
         print("no robot was found to gain by changing alone: an equilibrium, as far as known")
     if options.out is not None:
         print(f"search: {options.out}")
-    if options.picture is not None:
-        print(f"picture: {options.picture}")
+    if picture is not None:
+        print(f"picture: {picture}")
     return 0
 
 
 def _draw(path: Path, scenario: Scenario, bound: ClassBound) -> None:
-    import matplotlib
-
-    matplotlib.use("Agg")
     from matplotlib.figure import Figure
 
     from sparse_coord_ros.engine.class_search import draw
 
-    if path.suffix.lstrip(".").lower() not in ("png", "pdf", "svg"):
-        raise SettingError(f"--picture {path}: allowed: a name ending in .png, .pdf or .svg")
     rows, columns = scenario.map.shape
     size = (max(4.0, 0.6 * columns), max(3.0, 0.6 * rows))
     figure = Figure(figsize=size, layout="constrained")

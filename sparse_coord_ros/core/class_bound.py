@@ -140,9 +140,9 @@ def class_tables(scenario: Scenario, robots: Sequence[RobotPolicy]) -> list[Tabl
         q_coord = np.zeros((cells, cells, PRIMITIVES))
         for x, letter in enumerate(robot.moves):
             q_star[x, LETTERS.index(letter)] = 1.0
-        for x, letters in robot.asks.items():
-            q_star[int(x), COORDINATE] = 2.0
+        for cell, letters in robot.asks.items():
+            q_star[int(cell), COORDINATE] = 2.0
             for z, letter in enumerate(letters):
-                q_coord[int(x), z, LETTERS.index(letter)] = 1.0
+                q_coord[int(cell), z, LETTERS.index(letter)] = 1.0
         tables.append(Tables(q_star, q_coord))
     return tables

@@ -401,4 +401,5 @@ def compiled() -> Loops:
         return PLAIN
     for function in CALLED:
         numba.extending.register_jitable(function)
-    return Loops(*(numba.njit(nogil=True)(loop) for loop in PLAIN))
+    made: list[Any] = [numba.njit(nogil=True)(loop) for loop in PLAIN]
+    return Loops(*made)

@@ -144,7 +144,7 @@ def _game(scenario: Scenario, weights: tuple[float, float]) -> Game:
         starts=np.array([robot.start for robot in scenario.robots]),
         goals=np.array([robot.goal for robot in scenario.robots]),
         percept=percept,
-        fails=(percept < 1.0).any(axis=1),
+        fails=percept.min(axis=1) < 1.0,
         toll=toll,
         prize=share * scenario.goal_reward / (1.0 - scenario.discount),
         cost=share * scenario.ask_cost,
@@ -243,7 +243,7 @@ def _shaken(
     near = visited.copy()
     for k in range(2):
         near[k, scenario.map.next_cell[visited[k]]] = True
-    places = np.argwhere(near & visited.any(axis=1)[:, None])
+    places = np.argwhere(near & visited.max(axis=1, keepdims=True))
     for _ in range(rng.integers(1, MOST_SHAKEN + 1)):
         k, x = places[rng.integers(len(places))]
         new.asks[k, x] = rng.random() < 0.5
@@ -366,7 +366,7 @@ def in_words(scenario: Scenario, robots: Sequence[RobotPolicy]) -> list[str]:
             usual[x] = np.bincount(policy.seen[k, x, others], minlength=4).argmax()
         way = _way(scenario, robot.start, robot.goal, usual)
         lines.append(f"{robot.name}: {_route(scenario, way, usual, robot.goal)}")
-        aside = [x for x in np.flatnonzero(visited[k]) if x not in way]
+        aside = [x for x in np.flatnonzero(visited[k]).tolist() if x not in way]
         for x, others in sorted(seen[k].items()):
             text = f"  asks in {_place(scenario, x)}: {ACTIONS[usual[x]]}"
             for move in range(4):
@@ -444,7 +444,7 @@ def draw(axes: Axes, scenario: Scenario, bound: ClassBound) -> None:
     seen, visited = _peers_seen(scenario, policy)
     for k in range(2):
         shift = 0.18 * (k - 0.5)
-        for x in np.flatnonzero(visited[k]):
+        for x in np.flatnonzero(visited[k]).tolist():
             row, column = scenario.map.cells[x]
             centre = (column + 0.5 + shift, row + 0.5 + shift)
             moves = {int(policy.moves[k, x])}

@@ -162,7 +162,8 @@ def _policies(
 def _greedy(values: np.ndarray) -> np.ndarray:
     """Return the probabilities of pi_g over the last axis: uniform among the exact maxima."""
     best = values == values.max(axis=-1, keepdims=True)
-    return best / best.sum(axis=-1, keepdims=True)
+    chosen: np.ndarray = best / best.sum(axis=-1, keepdims=True)
+    return chosen
 
 
 def _chain(scenario: Scenario, asking: list[np.ndarray], moves: list[np.ndarray]) -> _Chain:
@@ -172,13 +173,8 @@ def _chain(scenario: Scenario, asking: list[np.ndarray], moves: list[np.ndarray]
     cells, team = len(scenario.map.cells), len(scenario.robots)
     source, target, probability, asked = _transitions(scenario, moves)
     size = cells**team
-    start, goal = (
-        sum(x * cells**k for k, x in enumerate(reversed(which)))
-        for which in (
-            [robot.start for robot in scenario.robots],
-            [robot.goal for robot in scenario.robots],
-        )
-    )
+    start = int(np.ravel_multi_index([r.start for r in scenario.robots], (cells,) * team))
+    goal = int(np.ravel_multi_index([r.goal for r in scenario.robots], (cells,) * team))
     graph = sparse.csr_array((probability, (source, target)), shape=(size, size))
     found = sparse.csgraph.breadth_first_order(graph, start, return_predecessors=False)
     known = np.zeros(size, dtype=bool)
@@ -248,10 +244,9 @@ def _transitions(
         places = np.nonzero(likely)
         if not len(places[0]):
             continue
-        here, there = 0, 0
-        for k in range(team):
-            here = here * cells + places[k]
-            there = there * cells + lead[places[k], choice[2 * k + 1]]
+        ends = [lead[places[k], choice[2 * k + 1]] for k in range(team)]
+        here = np.ravel_multi_index(places[:team], (cells,) * team)
+        there = np.ravel_multi_index(ends, (cells,) * team)
         who = np.array([[choice[2 * k]] for k in range(team)]).repeat(len(places[0]), axis=1)
         parts.append((here, there, likely[places], who))
     source, target, probability, asked = zip(*parts, strict=True)
