@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The class bound: every team of a tiny map, known values, plain and compiled, cut off, in words."""
+"""The class bound: every team of a tiny map, known values, plain and compiled, in words."""
 
 import itertools
 import json
@@ -132,7 +132,7 @@ def test_known_values(name, penalty, value):
 
 @needs_numba
 def test_who_steps_aside_for_both_would_rather_not():
-    """env1 at -20: the robot that asks pays for what both gain; on its shortest path it has more."""
+    """env1 at -20: the robot that asks pays for what both gain."""
     scenario = load_scenario("env1")
     found = class_bound(scenario, restarts=3)
     asking = [bool(robot.asks) for robot in found.robots]
