@@ -16,6 +16,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 
 from sparse_coord_ros.core import wire
+from sparse_coord_ros.core.frame import Account
 from sparse_coord_ros.core.run_config import make_run
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.world import Action, Reward
@@ -93,7 +94,7 @@ class BareRobot(Node):
         name, peer = ROBOTS[number], ROBOTS[1 - number]
         super().__init__(name, context=context)
         self._count = 0
-        self._action = CONVERT.pack_action(1, Action(0, False, -1, False))
+        self._action = CONVERT.pack_action(1, Action(0, False, -1, False), Account(0, False))
         self._publisher = self.create_publisher(
             interface.ACTION.type, interface.ACTION.of(name), interface.ACTION.qos
         )

@@ -47,8 +47,8 @@ def python(code):
     [
         ("core", 14, {"core"}),
         ("lockstep", 2, {"core", "lockstep"}),
-        ("recording", 5, {"recording"}),
-        ("runlog", 10, {"core", "recording", "runlog"}),
+        ("recording", 5, {"core", "recording"}),
+        ("runlog", 10, {"core", "engine", "recording", "runlog"}),
         ("engine", 17, {"core", "engine"}),
     ],
 )

@@ -205,12 +205,13 @@ def test_names_that_collide(module):
         ("Odd", ["failed while making its tables: AttributeError", line("no_such")]),
     ],
 )
-@pytest.mark.parametrize("jobs", [0, 1])
-def test_a_learner_that_fails_is_blamed(module, small, name, words, jobs):
+@pytest.mark.parametrize("in_processes", [False, True])
+def test_a_learner_that_fails_is_blamed(module, small, name, words, in_processes):
     def batch(scenario, learner, seed):
-        return list(run_batch(scenario, learner, [seed], trials=1, jobs=jobs, engine="python"))
+        seeds = [seed, seed + 1]
+        return list(run_batch(scenario, learner, seeds, trials=1, jobs=2, engine="python"))
 
-    message = refusal(batch if jobs else learn, small, f"their_code:{name}", 1)
+    message = refusal(batch if in_processes else learn, small, f"their_code:{name}", 1)
     assert f"learner 'their_code:{name}'" in message
     assert [word for word in words if word not in message] == []
 
@@ -220,7 +221,7 @@ def test_the_traceback_stays_available(module, small):
         learn(small, "their_code:Broken", 1)
     assert isinstance(caught.value.__cause__, KeyError)
     with pytest.raises(PluginError) as caught:
-        list(run_batch(small, "their_code:Broken", [1], trials=0, engine="python"))
+        list(run_batch(small, "their_code:Broken", [1, 2], trials=0, engine="python", jobs=2))
     assert 'return {}["learned"]' in "".join(caught.value.__notes__)
 
 
