@@ -63,7 +63,7 @@ class Difference(NamedTuple):
 def first_entry(logged: Tables, computed: Tables) -> tuple[str, str, str]:
     """Return the first entry in which tables differ, its logged and its computed value."""
     for name, ours, theirs in zip(("q_star", "q_coord"), logged, computed, strict=True):
-        if isinstance(ours, SparseTable):
+        if isinstance(ours, SparseTable) and isinstance(theirs, SparseTable):
             if ours.same_bits(theirs):
                 continue
             if ours.unseen != theirs.unseen:
@@ -75,6 +75,8 @@ def first_entry(logged: Tables, computed: Tables) -> tuple[str, str, str]:
                     if repr(a) != repr(b):
                         return f"{wire.TABLES.name} {name}{[*key, action]}", repr(a), repr(b)
             return f"{wire.TABLES.name} {name}", f"{len(ours)} rows", f"{len(theirs)} rows"
+        if isinstance(ours, SparseTable) or isinstance(theirs, SparseTable):
+            break
         odd = np.argwhere(ours.view(np.int64) != theirs.view(np.int64))
         if len(odd):
             entry = tuple(odd[0].tolist())
