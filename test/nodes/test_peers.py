@@ -143,3 +143,9 @@ def test_the_deadline_of_what_is_waited_for():
     assert done == ["gave up", "expired"]
     Member.watch_the_deadline(member, 12.1)
     assert done == ["gave up", "expired", "expired"], "no peer is to blame for a late reward"
+    for step, now in ((5, 13.0), (6, 13.9), (6, 14.8)):
+        lockstep.waiting = ("reward", step)
+        Member.watch_the_deadline(member, now)
+    lockstep.waiting = None
+    Member.watch_the_deadline(member, 99.0)
+    assert len(done) == 3
