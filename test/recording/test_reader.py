@@ -528,6 +528,22 @@ def test_something_after_the_end(tmp_path, bag):
         assert "the file does not end with MCAP's magic bytes" in open_bag(file).damage
 
 
+def test_a_topic_with_a_second_type(tmp_path):
+    """A topic has one type, in whichever chunk or channel of it."""
+    stream = io.BytesIO()
+    writer = Writer(stream, chunk_size=1, compression=CompressionType.NONE)
+    writer.start("ros2", "another library")
+    for number, kind in enumerate((STRING, "std_msgs/msg/Bool")):
+        schema = writer.register_schema(kind, "ros2msg", b"bool data")
+        channel = writer.register_channel("/a", "cdr", schema)
+        writer.add_message(channel, number, bytes(5), number)
+    writer.finish()
+    (tmp_path / "other.mcap").write_bytes(stream.getvalue())
+    bag = open_bag(tmp_path / "other.mcap")
+    assert "topic '/a' has a second type" in bag.damage
+    assert bag.counts == {"/a": 1}
+
+
 def test_parts_put_chunks_together(tmp_path, samples):
     with BagWriter(tmp_path / "run", chunk_size=1) as writer:
         channel = writer.add_topic("/a", STRING, QoS())
