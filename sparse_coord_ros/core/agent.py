@@ -207,13 +207,26 @@ class Agent:
         """
         if decision.action != COORDINATE:
             return Action(decision.action, False, NOBODY, False)
-        tie = self._draws.at(step)[PRIMITIVE_TIE]
-        if perceived is None:
-            move = greedy(self.values(cell), PRIMITIVES, tie)
-        else:
-            move = greedy(self.tables.q_coord[cell, *perceived].tolist(), PRIMITIVES, tie)
+        move = self.coordinate(step, cell, perceived)
         peer = decision.peers[0] if len(decision.peers) == 1 else NOBODY
         return Action(move, True, peer, perceived is not None)
+
+    def coordinate(self, step: int, cell: int, perceived: tuple[int, ...] | None) -> int:
+        """Return the primitive action that COORDINATE becomes; arguments as of `act`."""
+        tie = self._draws.at(step)[PRIMITIVE_TIE]
+        return greedy(self.values_asking(cell, perceived), PRIMITIVES, tie)
+
+    def values_asking(self, cell: int, perceived: tuple[int, ...] | None) -> list[float]:
+        """Return the values by which COORDINATE chooses a move: Q^C, or Q* after a failed percept.
+
+        Args:
+            cell: X_k(t).
+            perceived: the local states of the asked peers; None where ActivePercept is FALSE.
+        """
+        if perceived is None:
+            return self.values(cell)
+        values: list[float] = self._tables.q_coord[cell, *perceived].tolist()
+        return values
 
     def learn(
         self,

@@ -5,13 +5,12 @@
 import numpy as np
 
 from sparse_coord_ros.core.agent import (
-    NOBODY,
     Agent,
     Decision,
     Memory,
     Tables,
 )
-from sparse_coord_ros.core.algorithm import COORDINATE, PRIMITIVES, greedy
+from sparse_coord_ros.core.algorithm import COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.factors import (
     FactorMemory,
     FactorRule,
@@ -38,12 +37,15 @@ from sparse_coord_ros.core.streams import (
     BLIND_EXPLORE,
     LEARNING,
     PERCEPT,
-    PRIMITIVE_TIE,
     REPLAY,
     Stream,
 )
 from sparse_coord_ros.core.world import SUM_OF_PARTS, Action, Reward, RewardWeights
 from sparse_coord_ros.errors import SettingError
+
+STEPS_AT_ONCE = 3
+"""Time steps whose askers are remembered: a peer may ask in the next step before the reward of the
+last one has come."""
 
 
 def check_peers(scenario: Scenario) -> None:
@@ -147,7 +149,7 @@ class FactoredAgent(Agent):
         self._probabilities = percept_probabilities(scenario.perception, scenario.map).tolist()
         self._replays = Stream(seed, number, REPLAY, phase)
         self._blind = Stream(seed, number, BLIND, phase)
-        self._askers: tuple[int, dict[int, int]] = (-1, {})
+        self._askers: dict[int, dict[int, int]] = {}
 
     def _take(self, star: np.ndarray, updates: np.ndarray, memory: FactorMemory) -> None:
         tried = np.zeros(self._cells * PRIMITIVES, dtype=np.int64)
@@ -209,25 +211,21 @@ class FactoredAgent(Agent):
 
     def asked(self, step: int, peer: int, cell: int) -> None:
         """Take note that a peer asks in a time step, from that cell."""
-        if self._askers[0] != step:
-            self._askers = (step, {})
-        self._askers[1][peer] = cell
+        self._askers.setdefault(step, {})[peer] = cell
+        if len(self._askers) > STEPS_AT_ONCE:
+            del self._askers[min(self._askers)]
 
-    def act(
-        self, step: int, cell: int, decision: Decision, perceived: tuple[int, ...] | None
-    ) -> Action:
-        """Turn the decision into a primitive action; after a failed percept it is explored."""
-        if decision.action != COORDINATE:
-            return Action(decision.action, False, NOBODY, False)
+    def coordinate(self, step: int, cell: int, perceived: tuple[int, ...] | None) -> int:
+        """Return the move that COORDINATE becomes; after a failed percept it is explored."""
+        draws = self._blind.at(step)
+        if perceived is None and draws[BLIND_EXPLORE] < self.epsilon(step):
+            return int(draws[BLIND_ACTION] * PRIMITIVES)
+        return super().coordinate(step, cell, perceived)
+
+    def values_asking(self, cell: int, perceived: tuple[int, ...] | None) -> list[float]:
+        """Return U + rho, of what was perceived or of failed percepts."""
         correction = self.correction(cell, perceived)
-        values = [u + c for u, c in zip(self._own.u[cell], correction, strict=True)]
-        move = greedy(values, PRIMITIVES, self._draws.at(step)[PRIMITIVE_TIE])
-        if perceived is None:
-            draws = self._blind.at(step)
-            if draws[BLIND_EXPLORE] < self.epsilon(step):
-                move = int(draws[BLIND_ACTION] * PRIMITIVES)
-        peer = decision.peers[0] if len(decision.peers) == 1 else NOBODY
-        return Action(move, True, peer, perceived is not None)
+        return [u + c for u, c in zip(self._own.u[cell], correction, strict=True)]
 
     def learn(
         self,
@@ -267,11 +265,11 @@ class FactoredAgent(Agent):
         """Return the cells of the peers that it knows of, in ascending order of the peers."""
         if perceived is not None:
             return dict(zip(self._peers, perceived, strict=True))
-        if not self._rule.share or self._askers[0] != step:
+        if not self._rule.share or step not in self._askers:
             return {}
         draw = self._percepts.at(step)[0]
         probabilities = self._probabilities[cell]
-        askers = sorted(self._askers[1].items())
+        askers = sorted(self._askers[step].items())
         return {peer: place for peer, place in askers if draw < probabilities[place]}
 
     def _key(self, cell: int, peer: int, place: int) -> int:

@@ -658,7 +658,9 @@ def play(problem, learners, game, choice, draws, results, asked, stays):
         and has_room(problem, learners, block)
     ):
         draw(game, draws)
-        play_block(problem, learners, learners.factored, game, choice, draws, results, asked, stays)
+        play_block(
+            problem, learners, learners.factored, game, choice, draws, results, asked, stays
+        )
 
 
 def play_block(problem, learners, factored, game, choice, draws, results, asked, stays):

@@ -7,7 +7,7 @@ from copy import deepcopy
 from typing import NamedTuple
 
 from sparse_coord_ros.core.agent import Agent, Decision, Tables
-from sparse_coord_ros.core.frame import Frame, action_from
+from sparse_coord_ros.core.frame import Frame, action_from, reward_from
 from sparse_coord_ros.core.world import Action, Reward
 from sparse_coord_ros.runlog.log import RunLog
 
@@ -88,7 +88,7 @@ def rerun(
             return
         known = pending is not None and step == pending.step + 1 and pending.step in rewards
         if known and pending.step not in dropped:
-            yield _learn(agent, pending, Reward(*rewards[pending.step]), cell)
+            yield _learn(agent, pending, reward_from(rewards[pending.step]), cell)
         pending = None
         yield Handled(step, before, agent.tables)
         before = step

@@ -60,12 +60,13 @@ def forget():
     LEARNERS._known.update(before)
 
 
-def test_the_papers_three():
+def test_the_papers_three_and_the_factored_one():
     said = {n: (one.title, one.asks, one.alone) for n, one in LEARNERS.registered.items()}
     assert said == {
         "coop": ("Coop.", True, False),
         "noncoop": ("Non-coop.", False, False),
         "indiv": ("Indiv.", False, True),
+        "factored": ("Factored", True, False),
     }
     for name, one in LEARNERS.registered.items():
         assert one.label == name
