@@ -7,9 +7,10 @@ For robot k (1-based): `q_star_k`, shape (cells, 5), columns north, south, east,
 `q_coord_k`: `q_coord_keys_k`, shape (rows, robots), the joint states in ascending order, each the
 own cell and then the peers'; `q_coord_rows_k`, shape (rows, 4), their entries; `q_coord_unseen_k`,
 what all others read as. Of a learner that learns in factors (`core.factors.Factors`):
-`u_k` and `r_bar_k`, shape (cells, 4), `w_k`, (cells,), `rho_states_k`, (rows, 3): own cell, number
-of the peer (from 1) and its cell, 0 and -1 for failed percepts; `rho_k`, (rows, 4). With two robots
-`q_coord_k` is there as well, as the robot acts on it; with more it is read from the factors.
+`u_k` and `r_bar_k`, shape (cells, 4); `w_k`, (cells,); `rho_states_k`, (rows, 3): own cell, number
+of the peer (from 1) and its cell, 0 and -1 for failed percepts; `rho_k`, (rows, 4). With two
+robots `q_coord_k` is there as well, as the robot acts on it; with more it is read from the
+factors, and `robots_k` says how many there are.
 Cells are numbered row by row from the top left, free cells only.
 """
 

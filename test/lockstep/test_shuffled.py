@@ -338,8 +338,8 @@ def test_noncoop(name):
         ("env1", {"perception": "probability:0.7", "steps": 1500}),
         ("env1", {"perception": "line_of_sight", "steps": 1500, "max_steps": 25, "credit": 3}),
         ("env2-4r", {"perception": "probability:0.7", "steps": 800, "conflict": "any_doorway"}),
-        ("crowd-3r", {"perception": "range:5", "steps": 600, "conflict": "any_doorway"}),
-        ("crowd-3r", {"steps": 600, "referee": False, "conflict": "any_doorway"}),
+        ("env2-4r", {"perception": "range:5", "steps": 800, "peers": "all"}),
+        ("env2-4r", {"steps": 600, "referee": False}),
     ],
 )
 def test_factored_learns_from_being_asked_whatever_the_order(name, settings, shuffle):
