@@ -26,7 +26,7 @@ reproduce: $(VENV)/installed
 
 # The search for the learning protocol: the text of docs/protocol.md, into study/.
 study: $(VENV)/installed
-	$(BIN)/sparse_coord study --out study
+	$(BIN)/python -m tools.study --out study
 
 lint: $(VENV)/installed
 	$(BIN)/ruff check .
@@ -46,8 +46,11 @@ coverage: $(VENV)/installed
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[coverage]'
 	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile --cov=sparse_coord_ros --cov-report=term:skip-covered
 
+# Live runs beside bare rclpy nodes, the batch engine beside a plain C loop.
 bench: $(VENV)/installed
-	$(BIN)/sparse_coord bench
+	$(BIN)/sparse_coord bench live
+	@echo
+	$(BIN)/python -m tools.c_loop
 
 clean:
 	rm -rf $(VENV) docs/_build .coverage .mypy_cache build install log .pytest_cache .ruff_cache *.egg-info

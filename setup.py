@@ -16,7 +16,7 @@ setup(
     license="Apache-2.0",
     python_requires=">=3.11",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
-    package_data={PACKAGE: ["py.typed"], f"{PACKAGE}.bench": ["*.c"]},
+    package_data={PACKAGE: ["py.typed"], f"{PACKAGE}.engine.report": ["*.yaml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
@@ -34,6 +34,7 @@ setup(
         "zstandard",
         "mcap-ros2-support",
         "matplotlib",
+        "pandas",
         "tqdm",
     ],
     extras_require={
@@ -41,8 +42,8 @@ setup(
         "ros": ["ros-jazzy-rclpy[fastrtps]", "ros-jazzy-common-interfaces"],
         # Compiles the batch engine: the same results, two orders of magnitude faster.
         "fast": ["numba"],
-        "test": ["pytest", "pytest-timeout", "pytest-xdist", "rosbags", "pandas", "pymcap-cli"],
-        "lint": ["ruff", "mypy", "types-PyYAML", "pandas-stubs"],
+        "test": ["pytest", "pytest-timeout", "pytest-xdist", "rosbags", "pymcap-cli"],
+        "lint": ["ruff", "mypy", "types-PyYAML", "types-tqdm", "pandas-stubs"],
         # The documentation as pages (make docs), and how much of the code the tests run.
         "docs": ["sphinx", "myst-parser", "furo"],
         "coverage": ["pytest-cov"],

@@ -1,7 +1,105 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Robots that learn when and how to coordinate (Melo & Veloso, AAMAS 2009) on ROS 2."""
+"""Robots that learn when and how to coordinate (Melo & Veloso, AAMAS 2009) on ROS 2.
+
+The Python API. It needs neither ROS nor a compiler, and loads what a name needs when the name is
+first used:
+
+    import sparse_coord_ros as sc
+
+    scenario = sc.load_scenario("env1", penalty=-100)
+    training = sc.train(scenario, "coop", seed=1)
+    print(sc.evaluate(training).reward.mean, sc.optimum(scenario).value)
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from sparse_coord_ros.api import Runs as Runs
+    from sparse_coord_ros.api import SavedRun as SavedRun
+    from sparse_coord_ros.api import evaluate as evaluate
+    from sparse_coord_ros.api import load_run as load_run
+    from sparse_coord_ros.api import optimum as optimum
+    from sparse_coord_ros.api import read_log as read_log
+    from sparse_coord_ros.api import run_experiment as run_experiment
+    from sparse_coord_ros.api import shortest_paths as shortest_paths
+    from sparse_coord_ros.api import train as train
+    from sparse_coord_ros.api import train_many as train_many
+    from sparse_coord_ros.api import verify as verify
+    from sparse_coord_ros.core.agent import Agent as Agent
+    from sparse_coord_ros.core.agent import Tables as Tables
+    from sparse_coord_ros.core.evaluation import Evaluation as Evaluation
+    from sparse_coord_ros.core.history import History as History
+    from sparse_coord_ros.core.learners import Learner as Learner
+    from sparse_coord_ros.core.learners import register_learner as register_learner
+    from sparse_coord_ros.core.perception import register_perception as register_perception
+    from sparse_coord_ros.core.scenario import Scenario as Scenario
+    from sparse_coord_ros.core.scenario import load_scenario as load_scenario
+    from sparse_coord_ros.core.scenario import scenario_names as scenario_names
+    from sparse_coord_ros.core.world import Reward as Reward
+    from sparse_coord_ros.core.world import RewardWeights as RewardWeights
+    from sparse_coord_ros.engine.experiments import experiment_names as experiment_names
+    from sparse_coord_ros.engine.runner import ExperimentResults as ExperimentResults
+    from sparse_coord_ros.engine.training import Training as Training
+    from sparse_coord_ros.errors import SparseCoordError as SparseCoordError
+    from sparse_coord_ros.runlog import RunLog as RunLog
+    from sparse_coord_ros.runlog import Verification as Verification
 
 __version__ = "0.2.0"
 
-__all__ = ["__version__"]
+_PLACES = {
+    # Scenarios
+    "load_scenario": "core.scenario",
+    "scenario_names": "core.scenario",
+    "Scenario": "core.scenario",
+    # Learning
+    "train": "api",
+    "train_many": "api",
+    "Training": "engine.training",
+    "Runs": "api",
+    "Tables": "core.agent",
+    "History": "core.history",
+    # What it is worth
+    "evaluate": "api",
+    "optimum": "api",
+    "shortest_paths": "api",
+    "Evaluation": "core.evaluation",
+    # What is on disk
+    "load_run": "api",
+    "SavedRun": "api",
+    "read_log": "api",
+    "RunLog": "runlog",
+    "verify": "api",
+    "Verification": "runlog",
+    # Experiments
+    "experiment_names": "engine.experiments",
+    "run_experiment": "api",
+    "ExperimentResults": "engine.runner",
+    # Learners and perception models of one's own
+    "Learner": "core.learners",
+    "Agent": "core.agent",
+    "Reward": "core.world",
+    "RewardWeights": "core.world",
+    "register_learner": "core.learners",
+    "register_perception": "core.perception",
+    # Errors
+    "SparseCoordError": "errors",
+}
+"""Where each name of the API is defined."""
+
+__all__ = [*_PLACES, "__version__"]  # noqa: PLE0604 - all of them are texts
+
+
+def __getattr__(name: str) -> object:
+    """Load a name of the API when it is first used (PEP 562)."""
+    if name not in _PLACES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    found: object = getattr(import_module(f"{__name__}.{_PLACES[name]}"), name)
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    """Return the names of the API, loaded or not."""
+    return sorted({*globals(), *_PLACES})

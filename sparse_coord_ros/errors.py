@@ -29,6 +29,10 @@ class SettingError(SparseCoordError):
     """A setting (scenario field, `--set`, ROS parameter) is unknown or out of range."""
 
 
+class PluginError(SparseCoordError):
+    """A learner or perception model of the user's own failed; the cause has its traceback."""
+
+
 class RunError(SparseCoordError):
     """A run cannot start or go on: a robot is missing, a name is taken, a directory exists."""
 

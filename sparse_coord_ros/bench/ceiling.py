@@ -16,6 +16,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 
 from sparse_coord_ros.core import wire
+from sparse_coord_ros.core.frame import Account
 from sparse_coord_ros.core.run_config import make_run
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.world import Action, Reward
@@ -93,7 +94,7 @@ class BareRobot(Node):
         name, peer = ROBOTS[number], ROBOTS[1 - number]
         super().__init__(name, context=context)
         self._count = 0
-        self._action = CONVERT.pack_action(1, Action(0, False, -1, False))
+        self._action = CONVERT.pack_action(1, Action(0, False, -1, False), Account(0, False))
         self._publisher = self.create_publisher(
             interface.ACTION.type, interface.ACTION.of(name), interface.ACTION.qos
         )
@@ -153,8 +154,7 @@ def separate_processes(steps: int) -> float:
         )
     finally:
         for robot in robots:
-            robot.stdin.close()
-            robot.wait()
+            robot.communicate()  # closes standard input, and waits
     return float(world.stdout)
 
 
@@ -162,13 +162,14 @@ def main() -> int:
     """Run one bare node as a process: `robot NUMBER`, or `world STEPS`, which prints the rate."""
     role, number = sys.argv[1], int(sys.argv[2])
     with ros_context() as context:
+        node: Node
         if role == "robot":
             node = BareRobot(context, number)
             spin_nodes([node], "events", context, _stdin_closed)
         else:
-            node = BareWorld(context, number)
-            spin_nodes([node], "events", context, lambda: node.done)
-            print(number / node.seconds)
+            node = world = BareWorld(context, number)
+            spin_nodes([node], "events", context, lambda: world.done)
+            print(number / world.seconds)
         node.destroy_node()
     return 0
 

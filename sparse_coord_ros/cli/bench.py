@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`sparse_coord bench`: speed of live runs beside bare nodes, of batches beside a plain C loop."""
+"""`sparse_coord bench`: speed of live runs beside bare nodes, of batches of runs."""
 
 import argparse
 import statistics
@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 from sparse_coord_ros.bench import batch
 from sparse_coord_ros.cli import options as shared
@@ -34,18 +35,32 @@ def add_parser(verbs) -> None:
     parser.add_argument(
         "part", nargs="?", choices=PARTS, default="all", help="what to measure (default: all)"
     )
+    add_sizes(parser)
+    parser.set_defaults(execute=execute)
+
+
+def add_sizes(parser: argparse.ArgumentParser) -> None:
+    """Add how much is measured, and --json."""
     parser.add_argument("--steps", default="10000", help="steps of a run (default: 10000)")
     parser.add_argument("--repeats", default="3", help="measurements a figure (default: 3)")
     parser.add_argument("--runs", default="1000", help="runs of a batch (default: 1000)")
     shared.add_json(parser)
-    parser.set_defaults(execute=execute)
+
+
+def sizes_of(options: argparse.Namespace) -> tuple[int, int, int, bool]:
+    """Return steps, repeats, runs, and whether to print JSON.
+
+    Raises:
+        SettingError: a bad number.
+    """
+    steps, repeats = STEPS.parse(options.steps), REPEATS.parse(options.repeats)
+    return steps, repeats, RUNS.parse(options.runs), options.json
 
 
 def execute(options: argparse.Namespace) -> int:
     """Run the verb: live runs, then batches; each figure as often as asked, then the medians."""
-    steps, repeats = STEPS.parse(options.steps), REPEATS.parse(options.repeats)
-    runs = RUNS.parse(options.runs)
-    data = {"scenario": SCENARIO, "steps": steps}
+    steps, repeats, runs, as_json = sizes_of(options)
+    data: dict[str, Any] = {"scenario": SCENARIO, "steps": steps}
     tables = []
     if options.part != "batch":
         found, bag_bytes = _measure_live(steps, repeats)
@@ -53,16 +68,16 @@ def execute(options: argparse.Namespace) -> int:
         tables.append(_live_table(found, bag_bytes / steps))
     if options.part != "live":
         figures = batch.measure(SCENARIO, steps=steps, runs=runs, repeats=repeats)
-        data["batch"] = {**asdict(figures), "engine_to_c": figures.engine_to_c}
-        tables.append(_batch_table(figures))
-    if options.json:
+        data["batch"] = asdict(figures)
+        tables.append(batch_table(figures))
+    if as_json:
         shared.print_json(data)
     else:
         print("\n\n".join(tables))
     return 0
 
 
-def _measure_live(steps: int, repeats: int) -> tuple[dict[str, list[float]], int]:
+def _measure_live(steps: int, repeats: int) -> tuple[dict[str, list[float]], float]:
     """Return steps a second of live runs and of what they are measured against, and a bag's size.
 
     Raises:
@@ -73,7 +88,7 @@ def _measure_live(steps: int, repeats: int) -> tuple[dict[str, list[float]], int
     except ImportError as error:
         raise shared.ros_missing(error, "sparse_coord bench batch") from None
 
-    sizes = []
+    sizes: list[int] = []
     measures: dict[str, Callable[[], float]] = {
         "without ROS (train)": lambda: _simulated(steps),
         "one process, bare rclpy nodes": lambda: ceiling.one_process(steps),
@@ -107,43 +122,32 @@ def _live_table(found: dict[str, list[float]], bytes_per_step: float) -> str:
     return f"{shared.format_table(head, rows)}\n{note}"
 
 
-def _batch_table(figures: batch.BatchFigures) -> str:
-    c_loop = {
-        figure.threads: figure.median for figure in figures.figures if figure.name == batch.C_LOOP
-    }
+def batch_table(figures: batch.BatchFigures, rival: str = "") -> str:
+    """Return the table of a batch's speed; with a column beside a rival where one is named."""
+    against = {f.threads: f.median for f in figures.figures if f.name == rival}
     rows, notes = [], []
     for figure in figures.figures:
         name = f"{figure.name}, {figure.threads} thread{'s' * (figure.threads > 1)}"
-        median = figure.median
+        median, rates = figure.median, figure.agent_steps_per_second
+        share = "-"
         if median is None:
-            rows.append([name, "-", "-", "-", "-"])
-            if f"{figure.name}: {figure.missing}" not in notes:
-                notes.append(f"{figure.name}: {figure.missing}")
+            rows.append([name, "-", "-", "-", share])
+            notes.append(f"{figure.name}: {figure.missing}")
             continue
-        low, high = min(figure.agent_steps_per_second), max(figure.agent_steps_per_second)
-        against = c_loop.get(figure.threads)
-        rows.append(
-            [
-                name,
-                _millions(median),
-                f"{_millions(low)} to {_millions(high)}",
-                _millions(median / figure.threads),
-                f"{median / against:.0%}" if against else "-",
-            ]
-        )
-    head = [
-        f"{figures.scenario}, Coop., {figures.runs} runs of {figures.steps} steps",
-        "M agent-steps/s",
-        "range",
-        "per core",
-        "of the C loop",
-    ]
+        if other := against.get(figure.threads):
+            share = f"{median / other:.0%}"
+        spread = f"{_millions(min(rates))} to {_millions(max(rates))}"
+        rows.append([name, _millions(median), spread, _millions(median / figure.threads), share])
+    title = f"{figures.scenario}, Coop., {figures.runs} runs of {figures.steps} steps"
+    head = [title, "M agent-steps/s", "range", "per core", f"of the {rival}"]
     if figures.compile_seconds is not None and figures.peak_memory is not None:
         notes.append(
             f"engine: compiles in {figures.compile_seconds:.1f} s, once a process (not counted "
             f"above); peak memory {figures.peak_memory / 1e6:.0f} MB"
         )
-    return "\n".join([shared.format_table(head, rows), *notes])
+    columns = 5 if rival else 4
+    table = shared.format_table(head[:columns], [row[:columns] for row in rows])
+    return "\n".join([table, *dict.fromkeys(notes)])
 
 
 def _millions(rate: float) -> str:

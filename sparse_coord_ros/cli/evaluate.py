@@ -12,7 +12,7 @@ from sparse_coord_ros.core.run_config import RUN_SETTINGS, RunConfig, load_run
 from sparse_coord_ros.core.settings import Setting
 from sparse_coord_ros.core.tables import load_team
 
-TRIALS = Setting("trials", int, 1000, "Monte-Carlo trials", low=2, high=10_000_000)
+TRIALS = Setting("trials", int, 1000, "Monte-Carlo trials", low=1, high=10_000_000)
 PAPER_PENALTY = -20.0
 
 

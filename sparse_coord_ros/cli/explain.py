@@ -117,7 +117,7 @@ def _answer(log, one, request) -> str:
 def _learned(log, one) -> Iterator[str]:
     update = one.update
     if update is None:
-        yield "  learns nothing from it: the log holds no reward, or not the state after it"
+        yield "  learns nothing from it: no reward came in time, or the next action was another"
         return
     yield f"  reward {update.reward:g}, to {_cell(log, update.next_cell)}"
     if log.run.greedy:

@@ -7,14 +7,15 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import yaml
 from rclpy.logging import LoggingSeverity, set_logger_level
 
 from sparse_coord_ros.core.run_config import create_output
+from sparse_coord_ros.core.wire import RECORDER, WORLD
 from sparse_coord_ros.errors import EXIT_BAD_INPUT, BagError, RunError
 from sparse_coord_ros.nodes.outputs import gather
 from sparse_coord_ros.nodes.parameters import (
@@ -26,6 +27,8 @@ from sparse_coord_ros.nodes.parameters import (
 from sparse_coord_ros.nodes.spin import Stop, ros_context, signals
 from sparse_coord_ros.nodes.team import run_team, team_run
 from sparse_coord_ros.recording.reader import BAG_DIRECTORY
+
+Process: TypeAlias = subprocess.Popen[bytes]
 
 POLL_SECONDS = 0.05
 GRACE_SECONDS = 15.0
@@ -59,20 +62,20 @@ def _run_processes(values: dict[str, Any], stop: Stop, quiet: bool) -> dict[str,
     bag = out / BAG_DIRECTORY
     world = {name: values[name] for name in WORLD_PARAMETERS}
     robot = {name: values[name] for name in ROBOT_PARAMETERS}
-    recorder = {name: values[name] for name in RECORDER_PARAMETERS} | {"out": str(bag)}
-    nodes = [("robot", r.name, robot) for r in run.scenario.robots]
-    nodes.insert(0, ("world_simulator", "world_simulator", world))
+    nodes = [(WORLD, WORLD, world)]
+    nodes += [("robot", one.name, robot) for one in run.scenario.robots]
     if values["record"]:
-        nodes.append(("recorder", "recorder", recorder))
+        recording = {name: values[name] for name in RECORDER_PARAMETERS}
+        nodes.append((RECORDER, RECORDER, recording | {"out": str(bag)}))
     with tempfile.TemporaryDirectory(prefix="sparse_coord_") as folder:
-        processes = []
+        processes: dict[str, Process] = {}
         try:
             for module, name, parameters in nodes:
-                processes.append(_start(Path(folder), module, name, parameters, quiet))
-            recorder = processes[-1] if values["record"] else None
+                processes[name] = _start(Path(folder), module, name, parameters, quiet)
+            recorder = processes.get(RECORDER)
             interrupted = _wait(processes, recorder, bag, stop)
         finally:
-            _end(processes)
+            _end(processes.values())
     error = None
     if recorder is not None and recorder.returncode:
         error = BagError(
@@ -82,7 +85,9 @@ def _run_processes(values: dict[str, Any], stop: Stop, quiet: bool) -> dict[str,
     return gather(out, run.scenario, interrupted=interrupted, recording_error=error)
 
 
-def _start(folder: Path, module: str, name: str, parameters: Mapping[str, Any], quiet: bool):
+def _start(
+    folder: Path, module: str, name: str, parameters: Mapping[str, Any], quiet: bool
+) -> Process:
     """Start a node in a session of its own: a Ctrl-C reaches it once, through this process."""
     file = folder / f"{name}.yaml"
     file.write_text(yaml.safe_dump({"/**": {"ros__parameters": dict(parameters)}}))
@@ -93,34 +98,33 @@ def _start(folder: Path, module: str, name: str, parameters: Mapping[str, Any], 
 
 
 def _wait(
-    processes: list[subprocess.Popen], recorder: subprocess.Popen | None, bag: Path, stop: Stop
+    processes: Mapping[str, Process], recorder: Process | None, bag: Path, stop: Stop
 ) -> bool:
     """Wait for all processes; return whether they were stopped early.
 
     The others go on without a recorder that has begun its bag.
     """
     while True:
-        running = any(process.poll() is None for process in processes)  # before what they say
-        needed = [process for process in processes if process is not recorder or not bag.exists()]
-        if any(process.poll() == EXIT_BAD_INPUT for process in needed):
+        running = any(one.poll() is None for one in processes.values())  # before what they say
+        needed = {n: p for n, p in processes.items() if p is not recorder or not bag.exists()}
+        if any(process.poll() == EXIT_BAD_INPUT for process in needed.values()):
             raise RunError("a node stopped because of bad input (see its line above)")
-        failed = [process for process in needed if process.poll() not in (None, 0)]
+        failed = [name for name, process in needed.items() if process.poll() not in (None, 0)]
         if failed:
-            name = failed[0].args[6].removeprefix("__node:=")
             rest = "the others were stopped" if running else "the others had ended"
             raise RunError(
-                f"{name} ended with exit code {failed[0].returncode}; {rest}, what they had is "
-                "saved"
+                f"{failed[0]} ended with exit code {needed[failed[0]].returncode}; {rest}, what "
+                "they had is saved"
             )
         if not running:
             return False
         if stop:
-            _end(processes)
+            _end(processes.values())
             return True
         time.sleep(POLL_SECONDS)
 
 
-def _end(processes: list[subprocess.Popen]) -> None:
+def _end(processes: Collection[Process]) -> None:
     """Ask the processes that still run to end, the world first; kill what does not."""
     deadline = time.monotonic() + GRACE_SECONDS
     for process in processes:

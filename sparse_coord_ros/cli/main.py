@@ -10,8 +10,8 @@ import sys
 from collections.abc import Sequence
 
 from sparse_coord_ros import __version__
-from sparse_coord_ros.cli.options import VERBS, Parser
-from sparse_coord_ros.errors import EXIT_BAD_INPUT, SparseCoordError
+from sparse_coord_ros.cli.options import MOVED, VERBS, Parser
+from sparse_coord_ros.errors import EXIT_BAD_INPUT, SettingError, SparseCoordError
 
 INTERRUPTED = 130
 
@@ -43,6 +43,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     verb = next((text for text in arguments if not text.startswith("-")), None)
     try:
+        if verb in MOVED:
+            raise SettingError(MOVED[verb])
         options = make_parser(verb).parse_args(arguments)
         return options.execute(options)
     except SparseCoordError as error:

@@ -4,6 +4,7 @@
 
 import argparse
 import json
+import math
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
@@ -27,11 +28,15 @@ VERBS: Mapping[str, str] = {
     "replay": "play a recorded run back over ROS 2: same messages, types, QoS and clock",
     "recover": "finish a bag that a crash cut off or that is damaged, as far as it can be read",
     "reproduce": "reproduce the paper's tables and figures, and go beyond them",
-    "study": "search for one learning protocol that serves all nine scenarios",
     "bench": "measure the speed of env1: live, beside bare rclpy nodes passing the same messages, "
-    "and the batch engine, beside a plain C loop of the same work",
+    "and the batch engine",
 }
 """Every verb and what it does; `sparse_coord_ros.cli.<verb>` is imported where it is chosen."""
+
+MOVED: Mapping[str, str] = {
+    "study": "'study' is not a verb any more: run 'make study' in a checkout of the repository"
+}
+"""What to say of verbs that there were once."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -149,8 +154,16 @@ def output_directory(options: argparse.Namespace, name: str) -> Path:
 
 
 def print_json(data: Any) -> None:
-    """Print one JSON object."""
-    print(json.dumps(data, indent=2))
+    """Print one JSON object; numbers that are none (NaN) are null."""
+    print(json.dumps(_plain(data), indent=2, allow_nan=False))
+
+
+def _plain(data: Any) -> Any:
+    if isinstance(data, Mapping):
+        return {name: _plain(value) for name, value in data.items()}
+    if isinstance(data, list | tuple):
+        return [_plain(value) for value in data]
+    return None if isinstance(data, float) and not math.isfinite(data) else data
 
 
 def format_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

@@ -178,7 +178,12 @@ def _train(
         nonlocal bar
         if bar is None:  # now the clock starts, where an earlier process may have stopped
             hidden = True if quiet else None
-            style = {"unit": " steps", "unit_scale": True, "leave": False, "disable": hidden}
+            style: dict[str, Any] = {
+                "unit": " steps",
+                "unit_scale": True,
+                "leave": False,
+                "disable": hidden,
+            }
             bar = tqdm(total=budget, initial=done, file=sys.stderr, **style)
         bar.update(done - bar.n)
 

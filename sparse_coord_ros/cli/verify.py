@@ -7,6 +7,8 @@ import argparse
 from sparse_coord_ros.cli import options as shared
 
 SHOWN = 10
+CANNOT_TELL = 3
+"""Exit code."""
 BROKEN_OFF = ": the recording broke off, its end is missing"
 NOT_COMPARED = (
     "diagnostics, /rosout, /parameter_events, claims, what else the bag holds; wall-clock stamps; "
@@ -27,7 +29,7 @@ def add_parser(verbs) -> None:
 
 
 def execute(options: argparse.Namespace) -> int:
-    """Run the verb; 0: identical, 1: differs."""
+    """Run the verb; 0: identical, 1: differs, 3: a log of format 1 that leaves it open."""
     from sparse_coord_ros.runlog import verify
 
     found = verify(options.bag)
@@ -36,18 +38,22 @@ def execute(options: argparse.Namespace) -> int:
             {
                 "bag": str(found.log.bag.path),
                 "identical": found.same,
+                "cannot_tell": found.cannot_tell,
                 **_numbers(found),
                 "differences": [one._asdict() for one in found.differences],
+                "open": [one._asdict() for one in found.open],
             }
         )
     else:
         _print(found, None if options.all else SHOWN)
+    if found.cannot_tell:
+        return CANNOT_TELL
     return 0 if found.same else 1
 
 
 def _numbers(found) -> dict[str, int]:
     names = ("steps", "choices", "updates", "tables")
-    names += ("left_out", "dropped", "resets", "repeats", "unchecked")
+    names += ("left_out", "unlearned", "resets", "repeats", "unchecked")
     return {name: getattr(found, name) for name in names}
 
 
@@ -64,7 +70,7 @@ def _print(found, shown: int | None) -> None:
     )
     for count, what in (
         (found.left_out, "robots' steps without their action (left out by the world)"),
-        (found.dropped, "transitions that a left-out robot had no chance to learn from"),
+        (found.unlearned, "transitions that robots say they have not learned from"),
         (found.resets, "episodes begun early (reset, or nobody left to wait for)"),
         (found.repeats, "messages said again after a silence"),
         (found.unchecked, "time steps at the end not checked: messages may be missing there"),
@@ -74,6 +80,13 @@ def _print(found, shown: int | None) -> None:
     if found.same:
         print("identical: every state, reward, percept, action and table is what it has to be")
         print(f"not compared: {NOT_COMPARED}")
+        return
+    if found.cannot_tell:
+        print(
+            "cannot tell: a robot was late or left out, and a bag of format 1 (version 0.1.0) "
+            "does not say what it heard in time; all that the log does say is as it has to be"
+        )
+        print(f"open: {found.first}")
         return
     print(f"differs: {found.first}")
     rest = found.differences[1:shown]

@@ -21,6 +21,7 @@ from sparse_coord_ros.core.algorithm import (
     ACTIONS,
     COORDINATE,
     PRIMITIVES,
+    Values,
     greatest,
     step_size,
 )
@@ -240,7 +241,7 @@ def toward(value: float, alpha: float, target: float) -> float:
     return value + alpha * (target - value)
 
 
-def refresh(own, x, terms):
+def refresh(own: Own, x: int, terms: Terms) -> None:
     """Set Q*(x, .) and its maximum from the factors."""
     u, r_bar, star = own.u[x], own.r_bar[x], own.star[x]
     for b in range(PRIMITIVES):
@@ -249,7 +250,18 @@ def refresh(own, x, terms):
     own.value[x] = greatest(star, len(ACTIONS))
 
 
-def learn_move(own, x, m, y, individual, common, asked, terms, by_count, floor):
+def learn_move(
+    own: Own,
+    x: int,
+    m: int,
+    y: int,
+    individual: float,
+    common: float,
+    asked: bool,
+    terms: Terms,
+    by_count: Values,
+    floor: float,
+) -> None:
     """Learn U and the model from the move m from x to y and, if nobody was asked, r_bar.
 
     Args:
@@ -283,7 +295,9 @@ def learn_move(own, x, m, y, individual, common, asked, terms, by_count, floor):
         own.r_bar[x][m] = toward(own.r_bar[x][m], alpha, common)
 
 
-def learn_correction(rho, counts, m, common, by_count, floor):
+def learn_correction(
+    rho: Any, counts: Any, m: int, common: float, by_count: Values, floor: float
+) -> None:
     """Learn one entry of a row of rho from the r^C that is its peer's doing."""
     count = counts[m] + 1
     counts[m] = count
@@ -291,7 +305,9 @@ def learn_correction(rho, counts, m, common, by_count, floor):
     rho[m] = toward(rho[m], alpha, common)
 
 
-def learn_asking(own, x, correction, percept_update, by_count, floor):
+def learn_asking(
+    own: Own, x: int, correction: Values, percept_update: bool, by_count: Values, floor: float
+) -> None:
     """Learn from a percept what percepts are worth in x and, if so ruled, r_bar.
 
     Args:
@@ -316,7 +332,7 @@ def learn_asking(own, x, correction, percept_update, by_count, floor):
             own.r_bar[x][b] = toward(own.r_bar[x][b], floor, correction[b])
 
 
-def replay(own, draw, terms):
+def replay(own: Own, draw: float, terms: Terms) -> None:
     """Set U of a move that was tried to what the own model says of it (Dyna).
 
     Args:

@@ -8,7 +8,7 @@ The nodes and whoever reads their log use this same object, so that both mean th
 import struct
 from collections.abc import Sequence
 from math import isfinite
-from typing import Any
+from typing import Any, NamedTuple
 
 from sparse_coord_ros.core.grid import MOVES, GridMap
 from sparse_coord_ros.core.run_config import RunConfig
@@ -99,6 +99,18 @@ def reward_from(numbers: Sequence[float]) -> Reward:
     if not isfinite(partners[0]):
         raise ValueError(f"partners is {partners[0]:g}, no sum of powers of two")
     return Reward(individual, common, ask_cost, total, int(partners[0]))
+
+
+class Account(NamedTuple):
+    """What a robot says of itself beside its action.
+
+    Attributes:
+        percept: how its percept ended: one of `wire.PERCEPT_ENDS`, by number.
+        learned: whether it has learned from its action before this one.
+    """
+
+    percept: int
+    learned: bool
 
 
 def action_from(numbers: Sequence[float]) -> Action:

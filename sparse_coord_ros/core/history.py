@@ -150,7 +150,8 @@ class History:
     def save(self, directory: Path) -> None:
         """Write `history.npz`, whole or not at all."""
         file = io.BytesIO()
-        np.savez_compressed(file, format=np.int64(HISTORY_FORMAT), **self.arrays())
+        arrays: dict[str, Any] = {"format": np.int64(HISTORY_FORMAT), **self.arrays()}
+        np.savez_compressed(file, **arrays)
         write_whole(directory / HISTORY_FILE, file.getvalue())
 
 

@@ -7,17 +7,21 @@ ask these objects; none of them knows a learner by its name. A learner of one's 
 of `Learner`: see examples/own_learner.py.
 """
 
-from collections.abc import Mapping
+import functools
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from types import MappingProxyType
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from sparse_coord_ros.core.agent import Agent, Tables, initial_tables
 from sparse_coord_ros.core.factored import FactoredAgent, initial_factored
 from sparse_coord_ros.core.factors import FactorRule
-from sparse_coord_ros.core.plugins import Registry, path_of
+from sparse_coord_ros.core.plugins import Registry, failing_as, is_shipped, path_of
 from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.streams import LEARNING
 from sparse_coord_ros.core.world import RewardWeights
+from sparse_coord_ros.errors import SettingError
 
 
 class Learner:
@@ -27,9 +31,12 @@ class Learner:
     batch engine computes the learner compiled; else it runs in plain Python, with the same bits
     in every way of running.
 
+    A name, a title and a summary are not inherited. What a subclass does wrong is said in one
+    line (`PluginError`), whichever way of running calls it.
+
     Attributes:
-        name: what it is called in files and on the command line; None: `module:Class`.
-        title: what it is called in print.
+        name: what it may be called where learners are named, once it is registered.
+        title: what it is called in print; empty: its label.
         summary: one line: what it is.
         asks: whether COORDINATE is among its actions; if not, the fifth column of Q* is NaN.
         alone: whether each robot learns with no other robot in the world (Indiv. of Section 4).
@@ -46,6 +53,18 @@ class Learner:
     alone: bool = False
     factors: FactorRule | None = None
     defaults: Mapping[str, object] = MappingProxyType({})
+
+    def __init_subclass__(cls, **more: object) -> None:
+        """Give the class its own name, and let it say in one line where it fails."""
+        super().__init_subclass__(**more)
+        for attribute in ("name", "title", "summary"):
+            if attribute not in vars(cls):
+                setattr(cls, attribute, getattr(Learner, attribute))
+        if is_shipped(cls):
+            return
+        for method in ("weights", "tables", "agent"):
+            if method in vars(cls):
+                setattr(cls, method, _guarded(vars(cls)[method]))
 
     def with_defaults(self, scenario: Scenario) -> Scenario:
         """Return the scenario with this learner's defaults for settings that nobody chose.
@@ -70,8 +89,8 @@ class Learner:
         """
         return RewardWeights(1.0, scenario.common_weight, 1.0)
 
-    def tables(self, scenario: Scenario, number: int = 0) -> Tables:
-        """Return the tables of one robot (from 0) before learning (Algorithm 1, line 1)."""
+    def tables(self, scenario: Scenario) -> Tables:
+        """Return the tables of one robot before learning (Algorithm 1, line 1)."""
         return initial_tables(scenario, asks=self.asks)
 
     def agent(
@@ -100,7 +119,7 @@ class Learner:
             seed,
             asks=self.asks,
             weights=self.weights(scenario),
-            tables=self.tables(scenario, number) if tables is None else tables,
+            tables=self.tables(scenario) if tables is None else tables,
             learning=learning,
             phase=phase,
         )
@@ -113,12 +132,78 @@ class Learner:
 
     @property
     def label(self) -> str:
-        """Its name in files; one without a name is called by its module and class."""
-        return self.name or path_of(type(self))
+        """What it is called in files, so that other processes find it.
+
+        The name of a learner of this package, or of one that an installed package registers as an
+        entry point; else `module:Class`; else its name, under which each process must register it.
+
+        Raises:
+            SettingError: there is none.
+        """
+        named = self.name is not None and (is_shipped(self) or self.name in LEARNERS.installed)
+        path = None if vars(self) else path_of(type(self))
+        label = self.name if named else path or self.name
+        if label is None:
+            raise SettingError(
+                f"learner {type(self).__qualname__}: other processes cannot find it; define its "
+                "class in a module (a file), or give it an attribute 'name' and register it"
+            )
+        return label
 
     def __repr__(self) -> str:
         """Return what the learner is called in files."""
         return f"<learner {self.label}>"
+
+
+_P = ParamSpec("_P")
+_T = TypeVar("_T")
+
+
+def _guarded(method: Callable[Concatenate[Learner, _P], _T]) -> Callable[..., _T]:
+    """Return a method of a learner of the user's own, checked."""
+
+    @functools.wraps(method)
+    def checked(self: Learner, *args: _P.args, **kwargs: _P.kwargs) -> _T:
+        said = f"learner {self.label!r}"
+        with failing_as(said, f"making its {method.__name__}"):
+            made = method(self, *args, **kwargs)
+            if method.__name__ == "agent":
+                _guard_agent(said, made)
+            elif method.__name__ == "weights":
+                made = _checked_weights(said, made)
+        return made
+
+    return checked
+
+
+def _checked_weights(said: str, made: Any) -> Any:
+    try:
+        weights = RewardWeights(*map(float, made))
+    except (TypeError, ValueError):
+        weights = RewardWeights(math.nan, math.nan, math.nan)
+    if not all(map(math.isfinite, weights)):
+        raise SettingError(
+            f"{said}: its weights are {made!r}, allowed: three numbers, for the individual "
+            "reward, the common reward and the cost of asking"
+        )
+    return weights
+
+
+def _guard_agent(said: str, agent: object) -> None:
+    """Let the agent of a learner of the user's own say in one line where it fails."""
+    if not isinstance(agent, Agent):
+        raise SettingError(f"{said}: {agent!r} is no agent, must be a sparse_coord_ros.Agent")
+    for name, doing in (("decide", "deciding"), ("act", "acting"), ("learn", "learning")):
+        method = getattr(agent, name)
+        if is_shipped(method.__func__ if hasattr(method, "__func__") else method):
+            continue
+
+        @functools.wraps(method)
+        def checked(*args: Any, _method: Any = method, _doing: str = doing, **kwargs: Any) -> Any:
+            with failing_as(said, _doing):
+                return _method(*args, **kwargs)
+
+        setattr(agent, name, checked)
 
 
 class Coop(Learner):
@@ -169,13 +254,13 @@ class Factored(Learner):
             chosen = replace(chosen, referee=True)
         return chosen
 
-    def tables(self, scenario: Scenario, number: int = 0) -> Tables:
-        """Return the tables of one robot (from 0) before learning.
+    def tables(self, scenario: Scenario) -> Tables:
+        """Return the tables of the first robot before learning; others have the same factors.
 
         Raises:
             SettingError: COORDINATE does not perceive every peer.
         """
-        return initial_factored(scenario, number, self.weights(scenario))
+        return initial_factored(scenario, 0, self.weights(scenario))
 
     def agent(
         self,
@@ -194,7 +279,7 @@ class Factored(Learner):
             seed,
             rule=self.factors,
             weights=self.weights(scenario),
-            tables=self.tables(scenario, number) if tables is None else tables,
+            tables=tables,
             learning=learning,
             phase=phase,
         )
@@ -206,7 +291,7 @@ class Factored(Learner):
         return own.agent is Factored.agent and own.tables is Factored.tables
 
 
-def _learner(name: str, thing: object) -> Learner:
+def _learner(_name: str, thing: object) -> Learner:
     made = thing() if isinstance(thing, type) and issubclass(thing, Learner) else thing
     if not isinstance(made, Learner):
         raise TypeError(
@@ -239,14 +324,14 @@ def learner_of(learner: "str | Learner | type[Learner]") -> Learner:
 
 
 def register_learner(learner: "Learner | type[Learner]") -> Learner:
-    """Let a learner of one's own be named wherever learners are named, in this process.
+    """Let a learner of one's own be named by its attribute `name`, in this process.
 
-    Its name is its attribute `name`. Runs name a learner without one as `module:Class`, which
-    other processes, and later calls, find by themselves; so they do where an installed package
-    names it as an entry point of the group `sparse_coord_ros.learners`.
+    What is written names it as `module:Class`, which other processes, and later calls, find by
+    themselves; a learner that an installed package names as an entry point of the group
+    `sparse_coord_ros.learners` is found by that name.
 
     Raises:
-        SettingError: it is no learner.
+        SettingError: it is no learner, or its name is none or taken.
     """
     made = LEARNERS.made(repr(learner), learner)
-    return LEARNERS.register(made.label, made)
+    return LEARNERS.register(made.name or made.label, made)

@@ -23,15 +23,15 @@ class OccupancyData:
         walls = [[OCCUPIED * (sign == "#") for sign in row] for row in frame.grid.rows]
         self.map = np.flipud(np.array(walls, dtype=np.int8)).tobytes()
         self._grid = np.full(rows * columns, UNKNOWN, dtype=np.int8)
-        self._places = np.array([(rows - 1 - r) * columns + c for r, c in frame.grid.cells])
+        self.places = np.array([(rows - 1 - r) * columns + c for r, c in frame.grid.cells])
 
     def coordination(self, tables: Tables) -> bytes:
         """Return where a robot with these tables chooses COORDINATE."""
         values = np.nan_to_num(tables.q_star, nan=-np.inf)
-        self._grid[self._places] = np.where(values.argmax(axis=1) == COORDINATE, OCCUPIED, EMPTY)
+        self._grid[self.places] = np.where(values.argmax(axis=1) == COORDINATE, OCCUPIED, EMPTY)
         return self._grid.tobytes()
 
     def cells(self, data: bytes) -> str:
         """Return in which cells a coordination map says COORDINATE."""
-        values = np.frombuffer(data, dtype=np.int8)[self._places]
+        values = np.frombuffer(data, dtype=np.int8)[self.places]
         return f"COORDINATE in cells {np.flatnonzero(values == OCCUPIED).tolist()}"

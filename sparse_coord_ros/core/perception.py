@@ -14,7 +14,7 @@ from collections.abc import Callable
 import numpy as np
 
 from sparse_coord_ros.core.grid import GridMap
-from sparse_coord_ros.core.plugins import Registry, is_path
+from sparse_coord_ros.core.plugins import Registry, failing_as, is_path, is_shipped, path_of
 from sparse_coord_ros.core.specs import Number, Spec, SpecFamily
 from sparse_coord_ros.errors import SettingError
 
@@ -39,16 +39,16 @@ MODELS: Registry[PerceptionModel] = Registry(
 def register_perception(name: str, model: PerceptionModel) -> PerceptionModel:
     """Let a scenario's setting `perception` name a model of one's own, in this process.
 
-    Other processes, and later calls, find a model by themselves where it is named as
-    `module:function`, or where an installed package names it as an entry point of the group
-    `sparse_coord_ros.perception`.
+    What is written names it as `module:function`, which other processes, and later calls, find by
+    themselves; a model that an installed package names as an entry point of the group
+    `sparse_coord_ros.perception` is found by that name.
 
     Args:
         name: the name.
         model: function of the map and numbers; see `PerceptionModel`.
 
     Raises:
-        SettingError: it is no function, or the name is none.
+        SettingError: it is no function, or the name is none or taken.
     """
     return MODELS.register(name, model)
 
@@ -62,9 +62,13 @@ class PerceptionFamily(SpecFamily):
     @property
     def usage(self) -> str:
         """The allowed forms, for help and error texts."""
+        return f"{self._named.usage}, or one of your own as module:function"
+
+    @property
+    def _named(self) -> SpecFamily:
+        """The registered models, without those that are `module:function`."""
         own = {name: _numbers(model) for name, model in MODELS.registered.items()}
-        forms = SpecFamily(self.setting, {n: v for n, v in own.items() if ":" not in n}).usage
-        return f"{forms}, or one of your own as module:function"
+        return SpecFamily(self.setting, {n: v for n, v in own.items() if ":" not in n})
 
     def parse(self, value: object) -> Spec:
         """Read a model with its numbers; errors as of `SpecFamily.parse`."""
@@ -74,17 +78,30 @@ class PerceptionFamily(SpecFamily):
         parts = text.split(":")
         kind = ":".join(parts[:2]) if is_path(":".join(parts[:2])) else parts[0]
         if kind not in MODELS.names and not is_path(kind):
-            raise self.unknown(text, parts[0], [n for n in MODELS.names if ":" not in n])
+            named = self._named.kinds
+            raise self.unknown(text, parts[0], {**dict.fromkeys(MODELS.names, ()), **named})
+        model = MODELS.find(kind)
         rest = text.removeprefix(kind).removeprefix(":")
-        return self.numbered(
-            text, kind, rest.split(":") if rest else [], _numbers(MODELS.find(kind))
-        )
+        spec = self.numbered(text, kind, rest.split(":") if rest else [], _numbers(model))
+        return Spec(_portable(kind, model), spec.numbers)
+
+
+def _portable(kind: str, model: PerceptionModel) -> str:
+    """Return by what name other processes find a model: `module:function`, where it can be."""
+    path = path_of(model)
+    if path is None or is_shipped(model) or is_path(kind) or kind in MODELS.installed:
+        return kind
+    MODELS.register(path, model)
+    return path
 
 
 def _numbers(model: PerceptionModel) -> tuple[Number, ...]:
     said = getattr(model, "numbers", None)
     if said is None:
-        names = list(inspect.signature(model).parameters)[1:]
+        try:
+            names = list(inspect.signature(model).parameters)[1:]
+        except ValueError:  # some functions in C do not say
+            names = []
         said = tuple(Number(name) for name in names)
     return tuple(said)
 
@@ -106,8 +123,11 @@ def percept_probabilities(model: Spec, grid: GridMap) -> np.ndarray:
 
     Raises:
         SettingError: a model of the user's own returns something else.
+        PluginError: it fails.
     """
-    found = MODELS.find(model.kind)(grid, *model.numbers)
+    name = f"perception model {model.kind!r}"
+    with failing_as(name, f"it looked at map {grid.name}"):
+        found = MODELS.find(model.kind)(grid, *model.numbers)
     cells = len(grid.cells)
     try:
         matrix = np.ascontiguousarray(found, dtype=np.float64)
@@ -116,15 +136,18 @@ def percept_probabilities(model: Spec, grid: GridMap) -> np.ndarray:
         fits = False
     if not fits:
         raise SettingError(
-            f"perception model {model.kind!r}: returned {_shown(found)}, allowed: probabilities "
-            f"from 0 to 1, shape ({cells}, {cells}): the asker's cell, then the asked robot's"
+            f"{name}: returned {_shown(found)}, allowed: probabilities from 0 to 1, shape "
+            f"({cells}, {cells}): the asker's cell, then the asked robot's"
         )
     return matrix
 
 
 def _shown(found: object) -> str:
-    shape = getattr(found, "shape", None)
-    return repr(found)[:60] if shape is None else f"an array of shape {shape}"
+    if not isinstance(found, np.ndarray):
+        return repr(found)[:60]
+    numbers = found.size and np.issubdtype(found.dtype, np.number)
+    values = f" with values from {found.min():g} to {found.max():g}" if numbers else ""
+    return f"an array of shape {found.shape}{values}"
 
 
 def _probability(grid: GridMap, p: float) -> np.ndarray:

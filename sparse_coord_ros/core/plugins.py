@@ -11,12 +11,14 @@ import importlib
 import os
 import re
 import sys
+import traceback
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib.metadata import entry_points
+from pathlib import Path
 from typing import Generic, TypeVar
 
-from sparse_coord_ros.errors import SettingError, did_you_mean
+from sparse_coord_ros.errors import PluginError, SettingError, SparseCoordError, did_you_mean
 
 T = TypeVar("T")
 
@@ -38,23 +40,32 @@ class Registry(Generic[T]):
         self._known: dict[str, T] = {}
 
     def register(self, name: str, thing: object) -> T:
-        """Let a name stand for something of one's own; an equal name is replaced.
+        """Let a name stand for something of one's own; an equal name of one's own is replaced.
 
         Raises:
-            SettingError: it is nothing of this kind, or the name is none.
+            SettingError: it is nothing of this kind, or the name is none or taken.
         """
-        if ":" not in name and not re.fullmatch(r"[A-Za-z_]\w*", name, re.ASCII):
+        if not (is_path(name) or (name.isidentifier() and name.isascii())):
             raise SettingError(
                 f"{self.kind} name {name!r}: allowed: letters, digits and '_', not a digit first"
             )
-        self._known[name] = self.made(name, thing)
-        return self._known[name]
+        made = self.made(name, thing)
+        if is_shipped(self._known.get(name)) and not is_shipped(made):
+            raise SettingError(
+                f"{self.kind} name {name!r}: is taken by this package's own; choose another name"
+            )
+        self._known[name] = made
+        return made
 
     @property
     def names(self) -> tuple[str, ...]:
         """Every name that is registered or an entry point of an installed package."""
-        found = (point.name for point in entry_points(group=self.group))
-        return tuple(dict.fromkeys([*self._known, *found]))
+        return tuple(dict.fromkeys([*self._known, *self.installed]))
+
+    @property
+    def installed(self) -> tuple[str, ...]:
+        """The names that are entry points of installed packages."""
+        return tuple(point.name for point in entry_points(group=self.group))
 
     @property
     def registered(self) -> Mapping[str, T]:
@@ -107,7 +118,7 @@ class Registry(Generic[T]):
         )
 
     def made(self, name: str, thing: object) -> T:
-        """Return what a thing makes as one of this kind; `name` is for the error.
+        """Return what a thing that goes by that name stands for.
 
         Raises:
             SettingError: it is nothing of this kind.
@@ -123,9 +134,50 @@ def is_path(name: str) -> bool:
     return _PATH.fullmatch(name) is not None
 
 
-def path_of(thing: object) -> str:
-    """Return `module:name` of a class or function, by which other processes find it."""
-    return f"{thing.__module__}:{getattr(thing, '__qualname__', '?')}"
+def path_of(thing: type | Callable[..., object]) -> str | None:
+    """Return `module:name` of a class or function, by which other processes find it.
+
+    None where they could not: it was made within a function or typed in, not read from a file.
+    """
+    module, name = getattr(thing, "__module__", ""), getattr(thing, "__qualname__", "")
+    if module == "__main__":  # a script: others find it by its file's name
+        module = Path(getattr(sys.modules["__main__"], "__file__", None) or "").stem
+    path = f"{module}:{name}"
+    return path if is_path(path) else None
+
+
+def is_shipped(thing: object) -> bool:
+    """Whether a class, function or object comes with this package."""
+    module = getattr(thing, "__module__", None) or ""
+    return module.partition(".")[0] == __name__.partition(".")[0]
+
+
+@contextmanager
+def failing_as(what: str, doing: str) -> Iterator[None]:
+    """Say in one line where code of the user's own failed.
+
+    Args:
+        what: the code's kind and name.
+        doing: what it was called for.
+
+    Raises:
+        PluginError: it raised; the exception that it raised is the cause.
+    """
+    try:
+        yield
+    except (SparseCoordError, MemoryError):
+        raise
+    except Exception as error:  # of other people's code, whatever it raises
+        theirs = [f for f in traceback.extract_tb(error.__traceback__) if not _is_ours(f.filename)]
+        place = f" ({Path(theirs[-1].filename).name}, line {theirs[-1].lineno})" if theirs else ""
+        problem = " ".join(f"{type(error).__name__}: {error}".split())
+        raise PluginError(
+            f"{what} failed while {doing}: {problem}{place}; mend it, and call again"
+        ) from error
+
+
+def _is_ours(name: str) -> bool:
+    return Path(name).is_relative_to(Path(__file__).parents[1])
 
 
 @contextmanager

@@ -56,7 +56,7 @@ LEARNER = LearnerName()
 RUN_SETTINGS = SettingTable(
     [
         Setting("seed", int, 0, "seed of every random draw", low=0, high=2**63 - 1),
-        Setting("learner", LEARNER, "coop", "who learns"),
+        Setting("learner", LEARNER, "coop", "who learns; coop is Algorithm 1 of the paper"),
         Setting("greedy", bool, False, "act on learned tables, without exploring or learning"),
         Setting("step_period", float, 0.1, "simulated seconds a time step", low=1e-3, high=60),
         Setting("resolution", float, 1.0, "metres a cell", low=1e-3, high=1000),

@@ -218,13 +218,19 @@ class Scenario:
         """Whether Q^C has rows for visited joint states only: it is over more than a pair."""
         return self.perceived > 2
 
-    def with_settings(self, values: Mapping[str, object]) -> "Scenario":
-        """Return a copy with some settings changed; values may be texts.
+    def with_settings(
+        self, values: Mapping[str, object] | None = None, /, **settings: object
+    ) -> "Scenario":
+        """Return a copy with some settings changed, e.g. `with_settings(penalty=-100)`.
+
+        Args:
+            values: settings by name; values may be texts, as on the command line.
+            **settings: more of them.
 
         Raises:
             SettingError: an unknown name, a bad value, or one that does not fit the robots.
         """
-        parsed = SETTINGS.parse(values)
+        parsed = SETTINGS.parse({**(values or {}), **settings})
         return replace(self, **parsed, given=self.given | set(parsed))
 
     def to_dict(self) -> dict[str, Any]:
@@ -265,14 +271,19 @@ def scenario_names() -> list[str]:
     return share_names("config", ".yaml")
 
 
-def load_scenario(name: str) -> Scenario:
-    """Read a scenario by the name of a shipped one or by the path of a scenario file.
+def load_scenario(name: str | Path, **settings: object) -> Scenario:
+    """Read a scenario, e.g. `load_scenario("env1", penalty=-100)`.
+
+    Args:
+        name: the name of a shipped scenario, or the path of a scenario file.
+        **settings: settings to change, as of `Scenario.with_settings`.
 
     Raises:
         ScenarioError: there is no such scenario, or it is malformed.
         MapError: its map is missing or malformed.
+        SettingError: a bad setting.
     """
-    path = Path(name)
+    path, name = Path(name), str(name)
     if not path.is_file():
         shipped = share_file("config", f"{name}.yaml")
         if shipped is None:
@@ -281,7 +292,9 @@ def load_scenario(name: str) -> Scenario:
                 f"the path of a scenario file or one of: {', '.join(scenario_names())}"
             )
         path = shipped
-    return scenario_from_dict(read_yaml(path), where=str(path), name=path.stem, beside=path.parent)
+    data = read_yaml(path)
+    scenario = scenario_from_dict(data, where=str(path), name=path.stem, beside=path.parent)
+    return scenario.with_settings(settings)
 
 
 class UniqueKeyLoader(yaml.SafeLoader):

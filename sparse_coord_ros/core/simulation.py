@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A learning run without ROS: the same world and the same agents, one after the other."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +16,9 @@ from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.sparse import SparseTable
 from sparse_coord_ros.core.streams import LEARNING, PERCEPT, Stream
 from sparse_coord_ros.core.world import Action, Position, StepOutcome, World
+
+Choice = tuple[int, Decision, Action, tuple[int, ...] | None]
+"""What an agent decided: its cell, its decision, the action that it became, what it perceived."""
 
 
 class Team:
@@ -36,14 +39,14 @@ class Team:
         self._percepts = [Stream(seed, agent.number, PERCEPT, phase) for agent in agents]
         self._probabilities = percept_probabilities(scenario.perception, scenario.map).tolist()
 
-    def act(self, world: World) -> tuple[list, list[Action | None]]:
+    def act(self, world: World) -> tuple[list[Choice | None], list[Action | None]]:
         """Let every agent that has not arrived choose.
 
         Returns:
-            What each agent decided and perceived, as `(cell, decision, action, perceived)`, and
-            the joint action; None in both for agents that do not act.
+            What each agent decided and perceived, and the joint action; None in both for agents
+            that do not act.
         """
-        choices: list = [None] * len(world.cells)
+        choices: list[Choice | None] = [None] * len(world.cells)
         actions: list[Action | None] = [None] * len(world.cells)
         for agent in self.agents:
             k = agent.number
@@ -57,7 +60,7 @@ class Team:
             actions[k] = action
         return choices, actions
 
-    def learn(self, choices: list, world: World, outcome: StepOutcome) -> None:
+    def learn(self, choices: Sequence[Choice | None], world: World, outcome: StepOutcome) -> None:
         """Let every agent that acted learn from the step that the world just made."""
         for agent in self.agents:
             choice = choices[agent.number]
@@ -241,6 +244,8 @@ def _parts(tables: Tables) -> list[np.ndarray | SparseTable]:
 
 
 def _same_bits(one: np.ndarray | SparseTable, other: np.ndarray | SparseTable) -> bool:
+    if isinstance(one, SparseTable) and isinstance(other, SparseTable):
+        return one.same_bits(other)
     if isinstance(one, SparseTable) or isinstance(other, SparseTable):
-        return type(one) is type(other) and one.same_bits(other)
+        return False
     return one.shape == other.shape and one.tobytes() == other.tobytes()

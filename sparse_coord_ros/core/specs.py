@@ -7,7 +7,7 @@ settings. A family of them (the perception models, the schedules) is one `SpecFa
 """
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from sparse_coord_ros.errors import SettingError, did_you_mean
@@ -73,9 +73,11 @@ class SpecFamily:
             raise self.unknown(text, kind, self.kinds)
         return self.numbered(text, kind, texts, self.kinds[kind])
 
-    def unknown(self, text: str, kind: str, known: Iterable[str]) -> SettingError:
+    def unknown(
+        self, text: str, kind: str, known: Mapping[str, tuple[Number, ...]]
+    ) -> SettingError:
         """Return the error for a kind that is not known; a lone number may lack its kind."""
-        first = next((k for k, wanted in self.kinds.items() if len(wanted) == 1), None)
+        first = next((k for k, wanted in known.items() if len(wanted) == 1), None)
         hint = did_you_mean(kind, known)
         if first is not None and _is_number(text):
             hint = f" (did you mean '{first}:{text}'?)"

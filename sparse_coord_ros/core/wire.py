@@ -63,6 +63,15 @@ COORDINATION_MAP = Topic(
 TABLES = Topic("tables", "std_msgs/msg/UInt8MultiArray", ROBOT, TABLES_KEPT)
 """Of a robot, as the bytes of an .npz file; the recorder attaches them to the bag."""
 
+TABLES_FOLDER = "tables/"
+"""What the names of a bag's attached tables begin with."""
+
+
+def tables_attachment(robot: str, step: int | str) -> str:
+    """Return what a robot's tables of a time step are called as an attachment of a bag."""
+    return f"{TABLES_FOLDER}{robot}_{step}.npz"
+
+
 CLAIM = Topic("claim", "std_msgs/msg/Header", NODE, LATCHED)
 """Of the world and of every robot: since when (wall clock) the node has its name."""
 
@@ -99,6 +108,34 @@ with which the robot was in the miscoordination."""
 
 ACTION_LABELS = ("east", "north", "coordinate", "peer", "perceived")
 """What the numbers of an action are called in its message."""
+
+ACCOUNT_LABELS = ("percept", "learned")
+"""What the robot says of itself in the same message, after the action: how the percept ended, one
+of the five below; and 1 if it has learned from its action before this one, else 0. In bags of
+format 1 actions lack them."""
+
+NOT_ASKED, ANSWERED, REFUSED, LATE, NOBODY_TO_ASK = range(5)
+PERCEPT_ENDS = ("did not ask", "answered", "refused", "late", "nobody to ask")
+"""How the percept of an action ended: the action is no COORDINATE; every peer answered where it
+is; a peer refused, or was further; no answer came by the deadline; there is no peer."""
+
+STATUS_VALUES = ("step", "transitions", "left_out", "began")
+"""What `status` says beside its state: the time step; transitions made; for how many (robot, step)
+the world made a transition without the robot, though it had not arrived; why the episode began."""
+
+START, ARRIVED, STEPS, RESET, NOBODY_LEFT = "start", "arrived", "steps", "reset", "nobody"
+"""Why an episode began: the run's first; all had arrived; `max_steps` were used up; somebody asked
+for it; nobody was left to wait for."""
+
+COUNTS = ("answered", "refused", "late", "repeated", "dropped", "learned", "step")
+"""The numbers stored beside a robot's tables: how percepts ended; requests repeated as the peer
+was behind; transitions given up as no reward came; updates made; the time step of the tables."""
+
+BAG_FORMAT = 2
+"""Number of what a bag holds, in its metadata record; 1: version 0.1.0, which wrote no number."""
+
+FORMAT_KEY = "format"
+"""What that number is called there."""
 
 INITIAL, CHECKPOINT, FINAL = "initial", "checkpoint", "final"
 """Occasions on which a robot publishes its tables."""

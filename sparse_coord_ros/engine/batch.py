@@ -122,9 +122,9 @@ def run_batch(
     with ThreadPoolExecutor(jobs) as pool:
         try:
             futures = [pool.submit(team.run, seed, trials, gathering=history) for seed in seeds]
-            for i, future in enumerate(futures):
-                yield future.result()
-                futures[i] = None  # a run's tables can be large: keep none that was handed out
+            futures.reverse()
+            while futures:  # a run's tables can be large: keep none that was handed out
+                yield futures.pop().result()
         finally:
             stop[0] = True
             pool.shutdown(wait=True, cancel_futures=True)
@@ -570,7 +570,8 @@ class CompiledLearning:
     @property
     def visited(self) -> np.ndarray:
         """Joint states of Q^C that each robot has updated, shape (robots,), int64."""
-        return (self.learners.coord_updates > 0).any(axis=2).sum(axis=1)
+        updated = np.any(self.learners.coord_updates > 0, axis=2)
+        return np.asarray(np.sum(updated, axis=1))
 
     @property
     def history(self) -> History:
@@ -617,7 +618,9 @@ def _history(record: kernels.Record, members: np.ndarray) -> History:
     episodes = int(record.used[0])
     present = np.zeros((episodes, record.reward.shape[1]), dtype=np.bool_)
     present[:, members] = True
-    return History(*(array[:episodes].copy() for array in record[1:]), present)
+    names = kernels.Record._fields[1:]
+    arrays = {name: getattr(record, name)[:episodes].copy() for name in names}
+    return History(**arrays, present=present)
 
 
 def _position(game: kernels.Game) -> Position:

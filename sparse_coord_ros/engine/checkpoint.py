@@ -152,9 +152,11 @@ def _numbers(evaluation: Evaluation) -> list[float]:
 
 
 def _evaluation(numbers: list[float]) -> Evaluation:
-    trials, *values, not_arrived = numbers
-    measures = [Measure(*values[i : i + 3]) for i in range(0, len(values), 3)]
-    return Evaluation(int(trials), *measures, int(not_arrived))
+    reward, time_to_goal, miscoordinations, asks = (
+        Measure(*numbers[i : i + 3]) for i in range(1, len(numbers) - 1, 3)
+    )
+    trials, not_arrived = int(numbers[0]), int(numbers[-1])
+    return Evaluation(trials, reward, time_to_goal, miscoordinations, asks, not_arrived)
 
 
 def _digest(scenario: Scenario, learner: Learner, seed: int) -> str:

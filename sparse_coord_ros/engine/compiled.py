@@ -74,6 +74,8 @@ PLAIN = Loops(kernels.learn, kernels.play, kernels.rehash)
 
 def has_numba() -> bool:
     """Whether numba is installed, and fits this NumPy."""
+    if "numba" in sys.modules:  # nothing to wait for
+        return _imports()
     return bool(in_background("numba", _imports))
 
 

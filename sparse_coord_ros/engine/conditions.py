@@ -1,10 +1,12 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Cells: one scenario, one learner, some settings; named by an id such as `env1/coop/penalty=-20`.
+"""Conditions of experiments: a scenario, a learner, some settings.
 
-An id with a number after it, `env1/coop/penalty=-20/3`, is one learning run of the cell: the
-run with seed S + 3 in a batch with seed S. The scenario may be given as the path of a file; the
-cell's own id then has the scenario's name, which no shipped scenario may have.
+A condition is named by an id such as `env1/coop/penalty=-20`. An id with a number after it,
+`env1/coop/penalty=-20/3`, is one learning run of it: the run with seed S + 3 in a batch with seed
+S. The scenario may be given as the path of a file; the condition's own id then has the scenario's
+name, which no shipped scenario may have. A learner of one's own is given as `module:Class`:
+`env1/my_team:Team/penalty=-20`.
 """
 
 import os
@@ -23,7 +25,7 @@ from sparse_coord_ros.errors import ScenarioError, SettingError
 
 @dataclass(frozen=True)
 class Condition:
-    """One cell of an experiment.
+    """One condition of an experiment.
 
     Attributes:
         name: name of a shipped scenario, or path of a scenario file.
@@ -78,7 +80,7 @@ def _file(path: str) -> Scenario:
 
 
 def make_condition(name: str, learner: str, settings: Mapping[str, object]) -> Condition:
-    """Return a cell in its one canonical form.
+    """Return a condition in its one canonical form.
 
     Args:
         name: name of a shipped scenario, or path of a scenario file.
@@ -101,7 +103,7 @@ def make_condition(name: str, learner: str, settings: Mapping[str, object]) -> C
 
 
 def parse_id(text: str) -> tuple[Condition, int | None]:
-    """Read an id; the number is that of a run, None for the whole cell.
+    """Read an id; the number is that of a run, None for the whole condition.
 
     Raises:
         ScenarioError: no such scenario.
@@ -124,10 +126,10 @@ def parse_id(text: str) -> tuple[Condition, int | None]:
         )
     *name, learner = path
     try:
-        cell = make_condition("/".join(name), learner, parse_assignments(last.split(",")))
+        condition = make_condition("/".join(name), learner, parse_assignments(last.split(",")))
     except SettingError as error:
         raise SettingError(f"id {_short(text)!r}: {error}") from None
-    return cell, number
+    return condition, number
 
 
 def _short(text: str) -> str:

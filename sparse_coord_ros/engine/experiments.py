@@ -22,6 +22,9 @@ PENALTIES = (0, -0.1, -1, -10, -20, -100)
 CLOSE = ("env1", "env2-2r", "pentagon")
 """Two-robot scenarios in which coordination pays at a penalty of -100."""
 
+CLOSED: Mapping[str, float] = {"env1": 0.8, "env2-2r": 0.5, "pentagon": 0.5}
+"""Share of the gap between Non-coop. and the optimum that Coop. is to close there."""
+
 SPARSE = ("isr", "mit", "cit", "suny")
 """Scenarios in which no coordination is needed."""
 
@@ -42,12 +45,12 @@ class Experiment:
     Attributes:
         name: what `reproduce` calls it.
         title: what it shows.
-        cells: its cells.
+        conditions: its conditions.
     """
 
     name: str
     title: str
-    cells: tuple[Condition, ...]
+    conditions: tuple[Condition, ...]
 
 
 def _tables(names: Iterable[str]) -> list[Condition]:
@@ -122,7 +125,12 @@ NAMES = tuple(_EXPERIMENTS)
 """Every experiment, in the order in which they are reported."""
 
 
+def experiment_names() -> list[str]:
+    """Return the name of every experiment, in the order in which they are reported."""
+    return list(NAMES)
+
+
 def experiment(name: str) -> Experiment:
     """Return the experiment of one of `NAMES`."""
-    title, cells = _EXPERIMENTS[name]
-    return Experiment(name, title, tuple(cells()))
+    title, conditions = _EXPERIMENTS[name]
+    return Experiment(name, title, tuple(conditions()))

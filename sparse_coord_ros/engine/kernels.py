@@ -250,7 +250,7 @@ class Record(NamedTuple):
     arrived: np.ndarray
 
 
-def draw(game, draws):
+def draw(game: Game, draws: Draws) -> None:
     """Make the draws of the next block of time steps."""
     for number in range(len(draws.states)):
         state = int(draws.states[number])
@@ -260,7 +260,7 @@ def draw(game, draws):
     game.clock[END] += draws.policy.shape[1]
 
 
-def place(problem, game, draws):
+def place(problem: CompiledScenario, game: Game, draws: Draws) -> None:
     """Begin an episode: every robot at its start, or at an exploring start."""
     clock = game.clock
     step = clock[STEP]
@@ -278,7 +278,7 @@ def place(problem, game, draws):
     clock[PLACED] = 1
 
 
-def find_row(keys, key):
+def find_row(keys: np.ndarray, key: int) -> int:
     """Return the row of a joint state in a sparse table, or the free place that it would take.
 
     Open addressing with linear probing; the table must have a free place.
@@ -290,7 +290,7 @@ def find_row(keys, key):
     return row
 
 
-def has_room(problem, learners, block):
+def has_room(problem: CompiledScenario, learners: Learners, block: int) -> bool:
     """Whether sparse tables stay half empty whatever a block of so many time steps brings."""
     rows = learners.keys.shape[1]
     if rows > 0:
@@ -300,7 +300,7 @@ def has_room(problem, learners, block):
     return True
 
 
-def rehash(old, new):
+def rehash(old: Learners, new: Learners) -> None:
     """Copy the rows of sparse tables into larger ones, which have no rows yet."""
     for k in range(len(old.keys)):
         for row in range(old.keys.shape[1]):
@@ -314,7 +314,9 @@ def rehash(old, new):
         new.used[k] = old.used[k]
 
 
-def perceived_row(problem, learners, game, k, draws, now):
+def perceived_row(
+    problem: CompiledScenario, learners: Learners, game: Game, k: int, draws: Draws, now: int
+) -> int:
     """Return the row of Q^C that robot k's COORDINATE perceives, or `NO_ROW`."""
     cells = game.cells
     x = cells[k]
@@ -336,7 +338,7 @@ def perceived_row(problem, learners, game, k, draws, now):
             return NO_ROW
         key = x * size + cells[peer]
     if learners.keys.shape[1] == 0:
-        return key
+        return int(key)
     row = find_row(learners.keys[k], key)
     if learners.keys[k, row] == FREE_PLACE:
         learners.keys[k, row] = key
@@ -344,7 +346,17 @@ def perceived_row(problem, learners, game, k, draws, now):
     return row
 
 
-def coordinate(problem, learners, factored, game, choice, draws, now, epsilon, k):
+def coordinate(
+    problem: CompiledScenario,
+    learners: Learners,
+    factored: Factored | None,
+    game: Game,
+    choice: Choices,
+    draws: Draws,
+    now: int,
+    epsilon: float,
+    k: int,
+) -> int:
     """Turn robot k's COORDINATE into a move (Algorithm 1, lines 5 to 10); return it.
 
     `choice.rows` says whether it perceived; where corrections are learned, `factored.askers` of
@@ -377,7 +389,9 @@ def coordinate(problem, learners, factored, game, choice, draws, now, epsilon, k
     return greedy(values, PRIMITIVES, tie)
 
 
-def correct(learners, factored, k, x, cells, seen):
+def correct(
+    learners: Learners, factored: Factored, k: int, x: int, cells: np.ndarray, seen: int
+) -> None:
     """Set `factored.correction` to Q^C(x, z, .) - U(x, .) of what robot k perceived."""
     correction = factored.correction
     for b in range(PRIMITIVES):
@@ -391,7 +405,7 @@ def correct(learners, factored, k, x, cells, seen):
             add_row(learners, k, key_of(x, peer, cells[peer], size, team), correction)
 
 
-def add_row(learners, k, key, correction):
+def add_row(learners: Learners, k: int, key: int, correction: np.ndarray) -> None:
     """Add a row of rho, if there is one."""
     row = find_row(learners.keys[k], key)
     if learners.keys[k, row] != FREE_PLACE:
@@ -399,7 +413,16 @@ def add_row(learners, k, key, correction):
             correction[b] += learners.q_coord[k, row, b]
 
 
-def choose(problem, learners, factored, game, choice, draws, now, epsilon):
+def choose(
+    problem: CompiledScenario,
+    learners: Learners,
+    factored: Factored | None,
+    game: Game,
+    choice: Choices,
+    draws: Draws,
+    now: int,
+    epsilon: float,
+) -> None:
     """Let every robot that has not arrived choose (Algorithm 1, lines 4 to 10)."""
     if factored is not None:
         for k in range(len(game.cells)):
@@ -428,7 +451,7 @@ def choose(problem, learners, factored, game, choice, draws, now, epsilon):
             )
 
 
-def move(problem, game, choice, draws, now):
+def move(problem: CompiledScenario, game: Game, choice: Choices, draws: Draws, now: int) -> bool:
     """Move every robot that acts; return whether the step ends in a miscoordination."""
     cells = game.cells
     members = problem.members
@@ -445,7 +468,7 @@ def move(problem, game, choice, draws, now):
     return False
 
 
-def find_partners(problem, game, partners):
+def find_partners(problem: CompiledScenario, game: Game, partners: np.ndarray) -> None:
     """Set with whom each robot is in a miscoordination, as of `core.world.Reward`."""
     cells = game.cells
     for k in problem.members:
@@ -457,7 +480,15 @@ def find_partners(problem, game, partners):
                     partners[k] |= 1 << j
 
 
-def learn_tables(problem, learners, choice, k, y, reward, least_alpha):
+def learn_tables(
+    problem: CompiledScenario,
+    learners: Learners,
+    choice: Choices,
+    k: int,
+    y: int,
+    reward: float,
+    least_alpha: float,
+) -> None:
     """Let robot k learn from its move to y (Algorithm 1, lines 12 to 14 and 18)."""
     q_star, q_coord = learners.q_star, learners.q_coord
     x, action, seen = choice.cells[k], choice.actions[k], choice.rows[k]
@@ -482,8 +513,18 @@ def learn_tables(problem, learners, choice, k, y, reward, least_alpha):
 
 
 def learn_factors(
-    problem, learners, factored, choice, draws, now, k, y, individual, common, least_alpha
-):
+    problem: CompiledScenario,
+    learners: Learners,
+    factored: Factored,
+    choice: Choices,
+    draws: Draws,
+    now: int,
+    k: int,
+    y: int,
+    individual: float,
+    common: float,
+    least_alpha: float,
+) -> None:
     """Let robot k learn from its move to y what `core.factored.FactoredAgent.learn` learns."""
     weights, partners = problem.weights, factored.partners[k]
     x, m, seen = choice.cells[k], choice.moves[k], choice.rows[k]
@@ -539,7 +580,15 @@ def learn_factors(
         replay(own, draws.replay[k, now, i], terms)
 
 
-def learn_row(learners, k, key, m, common, by_count, least_alpha):
+def learn_row(
+    learners: Learners,
+    k: int,
+    key: int,
+    m: int,
+    common: float,
+    by_count: np.ndarray,
+    least_alpha: float,
+) -> None:
     """Learn one entry of rho, in a new row if there is none."""
     row = find_row(learners.keys[k], key)
     if learners.keys[k, row] == FREE_PLACE:
@@ -549,14 +598,21 @@ def learn_row(learners, k, key, m, common, by_count, least_alpha):
     learn_correction(rho, counts, m, common, by_count, least_alpha)
 
 
-def has_rows(record, block):
+def has_rows(record: Record | None, block: int) -> bool:
     """Whether a record has room for all episodes that can begin in so many time steps."""
     if record is None:
         return True
-    return record.used[0] + block <= len(record.length)
+    return bool(record.used[0] + block <= len(record.length))
 
 
-def learn(problem, learners, game, choice, draws, record):
+def learn(
+    problem: CompiledScenario,
+    learners: Learners,
+    game: Game,
+    choice: Choices,
+    draws: Draws,
+    record: Record | None,
+) -> None:
     """Learn until the budget is used up, something needs more room, or it is to stop.
 
     What needs room are sparse tables and the record. Draws that are left from an earlier call are
@@ -583,7 +639,15 @@ def learn(problem, learners, game, choice, draws, record):
         learn_block(problem, learners, learners.factored, game, choice, draws, record)
 
 
-def learn_block(problem, learners, factored, game, choice, draws, record):
+def learn_block(
+    problem: CompiledScenario,
+    learners: Learners,
+    factored: Factored | None,
+    game: Game,
+    choice: Choices,
+    draws: Draws,
+    record: Record | None,
+) -> None:
     """Learn until the block of draws, or the budget, is used up (Algorithm 1)."""
     clock, arrived = game.clock, game.arrived
     end = clock[END]
@@ -649,7 +713,16 @@ def learn_block(problem, learners, factored, game, choice, draws, record):
             clock[PLACED] = 0
 
 
-def play(problem, learners, game, choice, draws, results, asked, stays):
+def play(
+    problem: CompiledScenario,
+    learners: Learners,
+    game: Game,
+    choice: Choices,
+    draws: Draws,
+    results: np.ndarray,
+    asked: np.ndarray,
+    stays: np.ndarray,
+) -> None:
     """Play greedy trials until all are played, or as `learn` does; arguments as `play_block`."""
     block = draws.policy.shape[1]
     while (
@@ -663,7 +736,17 @@ def play(problem, learners, game, choice, draws, results, asked, stays):
         )
 
 
-def play_block(problem, learners, factored, game, choice, draws, results, asked, stays):
+def play_block(
+    problem: CompiledScenario,
+    learners: Learners,
+    factored: Factored | None,
+    game: Game,
+    choice: Choices,
+    draws: Draws,
+    results: np.ndarray,
+    asked: np.ndarray,
+    stays: np.ndarray,
+) -> None:
     """Play greedy trials until the block of draws, or the trials, are used up.
 
     Args:

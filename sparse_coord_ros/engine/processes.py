@@ -8,17 +8,22 @@ the parent is killed. These are started afresh, so they inherit no lock of the p
 
 import os
 import signal
+import sys
 import threading
+import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from multiprocessing import get_context, parent_process, resource_tracker
 from multiprocessing.connection import Connection, wait
-from typing import Any
+from multiprocessing.process import BaseProcess
+from typing import Any, cast
 
 from sparse_coord_ros.errors import RunError
 
 
-def in_processes(function: Callable, work: Sequence[tuple], jobs: int) -> Iterator[Any]:
+def in_processes(
+    function: Callable[..., Any], work: Sequence[tuple[Any, ...]], jobs: int
+) -> Iterator[Any]:
     """Call a function once for each tuple of arguments; yield the results in that order.
 
     Args:
@@ -33,7 +38,7 @@ def in_processes(function: Callable, work: Sequence[tuple], jobs: int) -> Iterat
     waiting = iter(enumerate(work))
     calls: dict[Connection, int] = {}
     done: dict[int, Any] = {}
-    processes = []
+    processes: list[BaseProcess] = []
     try:
         for _ in range(min(jobs, len(work))):
             process, end = _start(function, processes)
@@ -41,7 +46,8 @@ def in_processes(function: Callable, work: Sequence[tuple], jobs: int) -> Iterat
             _send(end, arguments)
         for number in range(len(work)):
             while number not in done:
-                for end in wait(list(calls)):
+                for ready in wait(list(calls)):
+                    end = cast(Connection, ready)
                     done[calls.pop(end)] = _received(end)
                     following = next(waiting, None)
                     if following is not None:
@@ -55,7 +61,7 @@ def in_processes(function: Callable, work: Sequence[tuple], jobs: int) -> Iterat
             process.join()
 
 
-def _start(function: Callable, processes: list) -> tuple[Any, Connection]:
+def _start(function: Callable[..., Any], processes: list[BaseProcess]) -> tuple[Any, Connection]:
     """Start a process, note it in the list, and return it with the connection to it."""
     context = get_context("spawn")
     resource_tracker.ensure_running()  # it would let signals through again where it starts later
@@ -72,7 +78,7 @@ def _start(function: Callable, processes: list) -> tuple[Any, Connection]:
     return process, mine
 
 
-def _send(end: Connection, arguments: tuple) -> None:
+def _send(end: Connection, arguments: tuple[Any, ...]) -> None:
     with suppress(ConnectionError):  # it was killed: receiving from it says so
         end.send(arguments)
 
@@ -90,19 +96,25 @@ def _received(end: Connection) -> Any:
     return result
 
 
-def _serve(function: Callable, end: Connection) -> None:
+def _serve(function: Callable[..., Any], end: Connection) -> None:
     """Answer calls until killed."""
+    if os.getcwd() not in sys.path:  # where modules of the user's own may lie
+        sys.path.append(os.getcwd())
     threading.Thread(target=_end_with_parent, daemon=True).start()
+    answer: tuple[Any, Exception | None]
     while True:
         try:
             answer = function(*end.recv()), None
         except EOFError:
             return
         except Exception as error:
+            error.add_note(traceback.format_exc())  # what its cause was, too: it is not sent
             answer = None, error
         end.send(answer)
 
 
 def _end_with_parent() -> None:
-    parent_process().join()
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
     os._exit(1)

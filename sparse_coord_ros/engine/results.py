@@ -17,6 +17,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -148,7 +149,7 @@ class ConditionResult:
         """Bytes of the visited rows of one robot's Q^C, with their keys where it is sparse."""
         return float(np.mean(self.visited)) * self.row_bytes
 
-    def to_dict(self) -> dict:
+    def to_dict(self) -> dict[str, Any]:
         """Return plain data: what `reproduce --json` prints."""
         measures = {name: asdict(self.measure(name)) for name in SUMS}
         return {
@@ -176,16 +177,18 @@ def collect(condition: Condition, trials: int, runs: Iterable[Run]) -> Condition
     by_robot = {name: np.zeros(robots) for name in BY_ROBOT}
     not_arrived, visited, (asked, stays) = [], [], np.zeros((2, robots, cells))
     for run in runs:
+        trials_of_run = run.trials
+        assert trials_of_run is not None  # whoever computes a condition asks for trials
         for name in SUMS:
-            values = getattr(run.trials, name)
+            values = getattr(trials_of_run, name)
             means[name].append(float(values.mean()))
             variances[name].append(float(values.var()))
         for name in BY_ROBOT:
-            by_robot[name] += getattr(run.trials, name).mean(axis=0)
-        not_arrived.append(int((~run.trials.arrived.all(axis=1)).sum()))
+            by_robot[name] += getattr(trials_of_run, name).mean(axis=0)
+        not_arrived.append(int((~trials_of_run.arrived.all(axis=1)).sum()))
         visited.append(float(run.visited.mean()))
-        asked += run.trials.asked
-        stays += run.trials.stays
+        asked += trials_of_run.asked
+        stays += trials_of_run.stays
     count, optimum = len(not_arrived), joint_optimum(scenario)
     return ConditionResult(
         id=condition.id,

@@ -5,6 +5,7 @@
 The engines give the same bits, and either goes on where the other one stopped.
 """
 
+import shutil
 import signal
 import threading
 import time
@@ -20,8 +21,10 @@ from sparse_coord_ros.core.agent import Tables
 from sparse_coord_ros.core.evaluation import Evaluation, play, summary
 from sparse_coord_ros.core.history import History
 from sparse_coord_ros.core.learners import Learner, learner_of
+from sparse_coord_ros.core.run_config import RUN_FILE, create_output, make_run
 from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.simulation import Learning, LearningState
+from sparse_coord_ros.core.tables import save_team
 from sparse_coord_ros.engine.batch import (
     CompiledLearning,
     CompiledTeam,
@@ -31,7 +34,8 @@ from sparse_coord_ros.engine.batch import (
 )
 from sparse_coord_ros.engine.checkpoint import Checkpoint, load_checkpoint
 from sparse_coord_ros.engine.compiled import compiled
-from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.errors import RunError, SettingError
+from sparse_coord_ros.files import write_whole
 
 WORTH_COMPILING = 500_000
 """Agent-steps that plain Python makes while numba compiles: a shorter run is quicker without."""
@@ -73,6 +77,34 @@ class Training:
     evaluations: tuple[tuple[int, Evaluation], ...]
     transitions: int
     finished: bool
+
+    def save(self, directory: str | Path) -> Path:
+        """Write a run's directory, as `sparse_coord train` does: every verb reads it.
+
+        Args:
+            directory: it must not exist; nothing is overwritten.
+
+        Returns:
+            The directory, with `run.yaml`, `tables.npz` and `history.npz`.
+
+        Raises:
+            RunError: it exists already, or cannot be written.
+        """
+        run = make_run(self.scenario, {"seed": self.seed, "learner": self.learner})
+        folder = create_output(Path(directory))
+        try:
+            write_whole(folder / RUN_FILE, run.to_yaml())
+            save_team(folder, self.tables)
+            self.history.save(folder)
+        except BaseException as error:
+            shutil.rmtree(folder, ignore_errors=True)  # leave no half of a run
+            if isinstance(error, OSError):
+                raise RunError(
+                    f"output directory {folder}: cannot be written ({error.strerror}); choose "
+                    "another"
+                ) from None
+            raise
+        return folder
 
 
 class _Learning(Protocol):

@@ -11,9 +11,19 @@ from collections import deque
 from typing import NamedTuple, Protocol
 
 from sparse_coord_ros.core.agent import Agent, Decision
+from sparse_coord_ros.core.algorithm import COORDINATE
+from sparse_coord_ros.core.frame import Account
 from sparse_coord_ros.core.perception import percept_probabilities
 from sparse_coord_ros.core.run_config import RunConfig
 from sparse_coord_ros.core.streams import PERCEPT, Stream
+from sparse_coord_ros.core.wire import (
+    ANSWERED,
+    LATE,
+    NOBODY_TO_ASK,
+    NOT_ASKED,
+    PERCEPT_ENDS,
+    REFUSED,
+)
 from sparse_coord_ros.core.world import Action, Reward
 
 NO_STEP = 0
@@ -28,7 +38,7 @@ class RobotPort(Protocol):
     def ask(self, peer: int, step: int, cell: int) -> None:
         """Request the peer's local state of a time step; `cell` is the asker's own."""
 
-    def act(self, step: int, action: Action) -> None:
+    def act(self, step: int, action: Action, account: Account) -> None:
         """Publish the action that answers the local state of a time step."""
 
     def percept(self, step: int, cell: int, perceived: tuple[int, ...] | None) -> None:
@@ -61,6 +71,7 @@ class Pending(NamedTuple):
     decision: Decision
     action: Action
     perceived: tuple[int, ...] | None
+    account: Account
 
 
 class Asking(NamedTuple):
@@ -94,9 +105,10 @@ class RobotSide:
 
     Attributes:
         newest: the last local state received, as (step, cell); step 0 before the first.
-        asks: how its COORDINATE actions ended: "answered" (by every peer that was asked),
+        asks: how the percepts of its actions ended: "answered" (by every peer that was asked),
             "refused" (by one of them), "late" (no answer by the deadline); and how many requests
             were "repeated" because the peer was a step behind.
+        learned: transitions that it has learned from.
         dropped: transitions not learned from because the reward did not come.
     """
 
@@ -104,12 +116,14 @@ class RobotSide:
         self.agent = agent
         self.newest = (NO_STEP, -1)
         self.asks = {"answered": 0, "refused": 0, "late": 0, "repeated": 0}
+        self.learned = 0
         self.dropped = 0
+        self._learned_last = False
         self._port = port
         self._max_steps = run.scenario.max_steps
         self._budget = run.scenario.steps
         self._states: deque[tuple[int, int]] = deque()
-        self._rewards: dict[int, Reward] = {}
+        self._reward: Reward | None = None
         self._pending: Pending | None = None
         self._asking: Asking | None = None
         self._checkpoint = run.checkpoint
@@ -146,6 +160,12 @@ class RobotSide:
         """The peer that it waits for, or -1."""
         return -1 if self._asking is None else self._asking.peer
 
+    @property
+    def counts(self) -> dict[str, int]:
+        """The numbers stored beside its tables: `wire.COUNTS`."""
+        own = {"dropped": self.dropped, "learned": self.learned, "step": self.handled}
+        return {**self.asks, **own}
+
     def state(self, step: int, cell: int) -> None:
         """Take in the own local state X_k of a time step."""
         if step <= self.newest[0]:
@@ -155,13 +175,12 @@ class RobotSide:
         self._states.append((step, cell))
         if self._asking is not None:  # the world went on without this robot
             self._asking = None
-            self.asks["late"] += 1
         self._go_on()
 
     def reward(self, step: int, reward: Reward) -> None:
         """Take in R_k of the action at a time step."""
         if self._pending is not None and step == self._pending.step:
-            self._rewards[step] = reward
+            self._reward = reward
             self._go_on()
 
     def answer(self, peer: int, request_step: int, answer: Answer) -> None:
@@ -173,22 +192,19 @@ class RobotSide:
             self.asks["repeated"] += 1
             self._port.ask(peer, asking.step, asking.cell)
         elif answer.step > asking.step or answer.cell is None:
-            self.asks["refused"] += 1
-            self._act(None)
+            self._act(None, REFUSED)
         else:
             seen = (*asking.seen, answer.cell)
             if len(seen) < len(asking.decision.peers):
                 self._asking = asking._replace(seen=seen)
                 self._port.ask(self._asking.peer, asking.step, asking.cell)
             else:
-                self.asks["answered"] += 1
-                self._act(seen)
+                self._act(seen, ANSWERED)
 
     def expire(self) -> None:
         """The deadline on `waiting` has passed: a failed percept, or a transition unlearned."""
         if self._asking is not None:
-            self.asks["late"] += 1
-            self._act(None)
+            self._act(None, LATE)
         elif self.waiting is not None:
             self.dropped += 1
             self._pending = None
@@ -218,7 +234,7 @@ class RobotSide:
             step, cell = self._states[0]
             pending = self._pending
             if pending is not None and step == pending.step + 1:
-                if pending.step not in self._rewards:
+                if self._reward is None:
                     return
                 self.agent.learn(
                     pending.step,
@@ -226,11 +242,13 @@ class RobotSide:
                     pending.decision,
                     pending.action,
                     pending.perceived,
-                    self._rewards[pending.step],
+                    self._reward,
                     cell,
                 )
+                self._learned_last = self.agent.learning
+                self.learned += self.agent.learning
             self._pending = None
-            self._rewards.clear()
+            self._reward = None
             self._states.popleft()
             if step == self._handled + 1:
                 self._transitions += 1
@@ -247,7 +265,7 @@ class RobotSide:
     def _repeat(self, step: int, cell: int) -> None:
         """The world says a state again because it misses the action: say it, or choose it now."""
         if self._pending is not None and self._pending.step == step:
-            self._port.act(step, self._pending.action)
+            self._port.act(step, self._pending.action, self._pending.account)
         elif self._asking is None and self._handled == step and cell != self.agent.goal:
             self._choose(step, cell)
 
@@ -265,13 +283,17 @@ class RobotSide:
         if decision.peers:
             self._port.ask(self._asking.peer, step, cell)
         else:
-            self._act(None)
+            self._act(None, NOBODY_TO_ASK if decision.action == COORDINATE else NOT_ASKED)
 
-    def _act(self, perceived: tuple[int, ...] | None) -> None:
+    def _act(self, perceived: tuple[int, ...] | None, ended: int) -> None:
         step, cell, decision, _ = self._asking
         self._asking = None
+        if ended in (ANSWERED, REFUSED, LATE):
+            self.asks[PERCEPT_ENDS[ended]] += 1
         action = self.agent.act(step, cell, decision, perceived)
-        self._pending = Pending(step, cell, decision, action, perceived)
+        account = Account(ended, self._learned_last)
+        self._learned_last = False
+        self._pending = Pending(step, cell, decision, action, perceived, account)
         if action.asked:
             self._port.percept(step, cell, perceived)
-        self._port.act(step, action)
+        self._port.act(step, action, account)

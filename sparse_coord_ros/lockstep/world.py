@@ -10,6 +10,7 @@ from typing import Protocol
 from sparse_coord_ros.core.game import Game
 from sparse_coord_ros.core.history import HistoryRecorder
 from sparse_coord_ros.core.run_config import RunConfig
+from sparse_coord_ros.core.wire import ARRIVED, NOBODY_LEFT, RESET, START, STEPS
 from sparse_coord_ros.core.world import Action, Reward, World
 
 
@@ -36,7 +37,10 @@ class WorldSide:
 
     Attributes:
         world: the game.
-        timeouts: robots' steps that the world went on without.
+        timeouts: how often a robot's deadline passed.
+        left_out: number of (robot, step) pairs: transitions made without the robot's action though
+            it had not arrived.
+        began: why the episode began: one of the reasons of `core.wire`.
         stale: actions that came too late, or twice.
         absent: robots that missed a deadline and have not acted since; nobody waits for them.
         history: gathers the episodes.
@@ -45,6 +49,8 @@ class WorldSide:
     def __init__(self, run: RunConfig, port: WorldPort, game: Game | None = None) -> None:
         self.world: Game = World(run.scenario, run.seed) if game is None else game
         self.timeouts = 0
+        self.left_out = 0
+        self.began = START
         self.stale = 0
         self.absent: set[int] = set()
         self.history = HistoryRecorder(len(run.scenario.robots))
@@ -95,6 +101,7 @@ class WorldSide:
         """Make the time step and publish what came of it."""
         step = self.world.step
         acted = [k for k in self._robots if self._actions[k] is not None]
+        self.left_out += sum(not self.world.arrived[k] for k in self._robots) - len(acted)
         outcome = self.world.advance(self._actions)
         self.history.add(self.world.episode, step, self._actions, outcome)
         self._actions = [None] * len(self._robots)
@@ -103,12 +110,16 @@ class WorldSide:
             self._rewards[k] = (step, outcome.rewards[k])
             self._port.reward(k, step, outcome.rewards[k])
         self._publish_states()
-        nobody_moves = all(self.world.arrived[k] or k in self.absent for k in self._robots)
-        if (outcome.episode_over or nobody_moves) and not self.finished:
-            self.new_episode()
+        if self.finished:
+            return
+        if outcome.episode_over:
+            self.new_episode(ARRIVED if all(self.world.arrived) else STEPS)
+        elif all(self.world.arrived[k] or k in self.absent for k in self._robots):
+            self.new_episode(NOBODY_LEFT)
 
-    def new_episode(self) -> None:
-        """Start an episode; actions that wait at the barrier are forgotten."""
+    def new_episode(self, began: str = RESET) -> None:
+        """Start an episode, for a reason; actions that wait at the barrier are forgotten."""
+        self.began = began
         self._actions = [None] * len(self._robots)
         self._rewards = [None] * len(self._robots)
         self.world.begin_episode()
@@ -128,7 +139,7 @@ class WorldSide:
             if self.complete:
                 self.advance()
             else:
-                self.new_episode()
+                self.new_episode(NOBODY_LEFT)
         return missing
 
     def repeat(self) -> None:

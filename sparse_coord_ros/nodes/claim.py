@@ -9,11 +9,11 @@ each other, the later one gives way.
 
 import time
 import uuid
-
-from rclpy.node import Node
+from typing import Any
 
 from sparse_coord_ros.errors import NameTakenError
 from sparse_coord_ros.nodes.interface import CLAIM, CLAIMS_QOS
+from sparse_coord_ros.nodes.parameters import ParameterNode
 
 
 class Claim:
@@ -23,7 +23,7 @@ class Claim:
         node: the claiming node; its `fail` is called where an earlier node has the name.
     """
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: ParameterNode) -> None:
         self._node = node
         self._id = uuid.uuid4().hex
         self._since = divmod(time.time_ns(), 1_000_000_000)
@@ -33,7 +33,7 @@ class Claim:
         header.stamp.sec, header.stamp.nanosec = self._since
         self._publisher.publish(header)
 
-    def _on_claim(self, header) -> None:
+    def _on_claim(self, header: Any) -> None:
         theirs = (header.stamp.sec, header.stamp.nanosec, header.frame_id)
         if theirs < (*self._since, self._id):
             name = self._node.get_fully_qualified_name()

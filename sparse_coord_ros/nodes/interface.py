@@ -7,19 +7,11 @@ a namespace together. A robot's topics lie under its name.
 """
 
 import functools
+import importlib
 from dataclasses import dataclass, fields
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PoseStamped
-from nav_msgs.msg import OccupancyGrid, Path
-from nav_msgs.srv import GetPlan
-from rcl_interfaces.msg import Log, ParameterEvent
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import JointState
-from std_msgs.msg import Header, String, UInt8MultiArray
-from visualization_msgs.msg import MarkerArray
 
 from sparse_coord_ros.core import wire
 
@@ -59,24 +51,13 @@ PROFILES = {
     wire.TABLES_KEPT: TABLES_QOS,
 }
 
-CLASSES: dict[str, Any] = {
-    "diagnostic_msgs/msg/DiagnosticArray": DiagnosticArray,
-    "diagnostic_msgs/msg/DiagnosticStatus": DiagnosticStatus,
-    "geometry_msgs/msg/PoseStamped": PoseStamped,
-    "nav_msgs/msg/OccupancyGrid": OccupancyGrid,
-    "nav_msgs/msg/Path": Path,
-    "nav_msgs/srv/GetPlan": GetPlan,
-    "nav_msgs/srv/GetPlan_Event": GetPlan.Event,
-    "rcl_interfaces/msg/Log": Log,
-    "rcl_interfaces/msg/ParameterEvent": ParameterEvent,
-    "rosgraph_msgs/msg/Clock": Clock,
-    "sensor_msgs/msg/JointState": JointState,
-    "std_msgs/msg/Header": Header,
-    "std_msgs/msg/String": String,
-    "std_msgs/msg/UInt8MultiArray": UInt8MultiArray,
-    "visualization_msgs/msg/MarkerArray": MarkerArray,
-}
-"""The message class of each type that the team speaks of."""
+
+def message_class(type_name: str) -> Any:
+    """Return the class of a type such as `std_msgs/msg/String`, or of a service or its events."""
+    package, kind, name = type_name.split("/")
+    base, _, part = name.partition("_")
+    found = getattr(importlib.import_module(f"{package}.{kind}"), base)
+    return getattr(found, part) if part else found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,7 +77,7 @@ class RosTopic(wire.Topic):
 def bind(topic: wire.Topic) -> RosTopic:
     """Return a topic of the vocabulary with its message class and QoS profile."""
     said = {field.name: getattr(topic, field.name) for field in fields(wire.Topic)}
-    return RosTopic(**said, type=CLASSES[topic.type_name], qos=PROFILES[topic.delivery])
+    return RosTopic(**said, type=message_class(topic.type_name), qos=PROFILES[topic.delivery])
 
 
 RUN = bind(wire.RUN)
@@ -122,4 +103,4 @@ ROBOT_TOPICS = tuple(map(bind, wire.ROBOT_TOPICS))
 CLAIMS_QOS = _qos(100, DurabilityPolicy.TRANSIENT_LOCAL)
 """For reading claims: with a depth of 1, one's own would push out that of another node."""
 
-ACTIVE_PERCEPTION_TYPE = CLASSES[wire.ACTIVE_PERCEPTION_TYPE]
+ACTIVE_PERCEPTION_TYPE = message_class(wire.ACTIVE_PERCEPTION_TYPE)

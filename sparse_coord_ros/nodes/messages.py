@@ -15,10 +15,11 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import ColorRGBA, Header, MultiArrayDimension, UInt8MultiArray
 from visualization_msgs.msg import Marker, MarkerArray
 
-from sparse_coord_ros.core.frame import Frame, action_from, action_numbers, reward_from
+from sparse_coord_ros.core.frame import Account, Frame, action_from, action_numbers, reward_from
 from sparse_coord_ros.core.occupancy import UNKNOWN, OccupancyData
 from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.wire import (
+    ACCOUNT_LABELS,
     ACTION_LABELS,
     DOORWAYS,
     GOALS,
@@ -53,15 +54,21 @@ def _pose(sec: int, nanosec: int, x: float, y: float) -> PoseStamped:
     return message
 
 
-def _labelled(labels: Sequence[str]) -> FixedLayout:
-    """Return the layout of a JointState whose names label its positions."""
+def _labelled(required: Sequence[str], optional: Sequence[str] = ()) -> FixedLayout:
+    """Return the layout of a JointState whose names label its positions.
+
+    Optional ones that a message lacks read as 0.
+    """
+    labels = (*required, *optional)
 
     def build(sec: int, nanosec: int, *numbers: float) -> JointState:
         return JointState(header=_header(sec, nanosec), name=list(labels), position=list(numbers))
 
     def read(message: JointState) -> tuple:
-        said = dict(zip(message.name, message.position, strict=False))
-        missing = [label for label in labels if label not in said]
+        said = dict.fromkeys(optional, 0.0) | dict(
+            zip(message.name, message.position, strict=False)
+        )
+        missing = [label for label in required if label not in said]
         if missing:
             raise ValueError(f"no number is labelled {', '.join(missing)}")
         stamp = message.header.stamp
@@ -78,7 +85,7 @@ def _read_pose(message: PoseStamped) -> tuple:
 POSE_LAYOUT = FixedLayout(PoseStamped, _pose, _read_pose, 2)
 REWARD_LAYOUT = _labelled(REWARD_LABELS)
 REFEREED_LAYOUT = _labelled((*REWARD_LABELS, PARTNERS_LABEL))
-ACTION_LAYOUT = _labelled(ACTION_LABELS)
+ACTION_LAYOUT = _labelled(ACTION_LABELS, ACCOUNT_LABELS)
 CLOCK_LAYOUT = FixedLayout(
     Clock,
     lambda sec, nanosec: Clock(clock=Time(sec=sec, nanosec=nanosec)),
@@ -128,9 +135,9 @@ class Converter(Frame):
     def _reward_layout(self) -> FixedLayout:
         return REFEREED_LAYOUT if self.referee else REWARD_LAYOUT
 
-    def pack_action(self, step: int, action: Action) -> bytes:
+    def pack_action(self, step: int, action: Action, account: Account) -> bytes:
         """Return an action as CDR of sensor_msgs/JointState; peers count from 1, 0 is none."""
-        return ACTION_LAYOUT.pack(*self.stamp(step), *action_numbers(action))
+        return ACTION_LAYOUT.pack(*self.stamp(step), *action_numbers(action), *account)
 
     def unpack_action(self, data: bytes) -> tuple[int, Action]:
         """Return (step, action).
@@ -140,7 +147,7 @@ class Converter(Frame):
                 number.
         """
         sec, nanosec, *numbers = ACTION_LAYOUT.unpack(data)
-        return self.step(sec, nanosec), action_from(numbers)
+        return self.step(sec, nanosec), action_from(numbers[: len(ACTION_LABELS)])
 
     def pose(self, step: int, cell: int) -> PoseStamped:
         """Return a cell's centre at a time step."""

@@ -49,7 +49,7 @@ def gather(
         tables = [load_tables(part, [k])[0] for k, part in enumerate(parts, start=1)]
         counts = {r.name: load_counts(p) for r, p in zip(scenario.robots, parts, strict=True)}
         for count in counts.values():
-            del count["step"]
+            del count["step"], count["learned"]
         summary["transitions_dropped"] = sum(count.pop("dropped") for count in counts.values())
         summary["asks"] = counts
         save_team(out, tables)

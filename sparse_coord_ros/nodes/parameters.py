@@ -5,7 +5,7 @@
 import functools
 import time
 from collections.abc import Callable, Collection, Mapping
-from typing import Any
+from typing import Any, cast
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -156,6 +156,7 @@ class ParameterNode(Node):
         values: every parameter, typed.
         born: when the node began, by the monotonic clock.
         failure: why the node must stop, or None.
+        done: whether the node has nothing more to do.
 
     Raises:
         SettingError: an unknown parameter or a bad value.
@@ -183,6 +184,7 @@ class ParameterNode(Node):
         )
         self.born = self._world_seen = time.monotonic()
         self.failure: SparseCoordError | None = None
+        self.done = False
         self._table, self._changeable = table, changeable
         self._tap = tap
         try:
@@ -196,6 +198,13 @@ class ParameterNode(Node):
         """Stop the node because of bad input: whoever spins it raises the error."""
         self.failure = self.failure or error
 
+    def finish(self, *, interrupted: bool) -> None:
+        """Save and say what is left to say, while ROS still works.
+
+        Args:
+            interrupted: whether the node is stopped before it was `done`.
+        """
+
     def may_stop(self) -> bool:
         """Whether the node can end now that a signal has come; asked until it can."""
         return True
@@ -205,8 +214,9 @@ class ParameterNode(Node):
         name = topic.of(owner) if owner else topic.name
         if self._tap is None or not topic.tapped:
             return self.create_publisher(topic.type, name, topic.qos)
-        publisher = self.create_publisher(
-            topic.type, name, topic.qos, publisher_class=TappedPublisher
+        publisher = cast(
+            TappedPublisher,
+            self.create_publisher(topic.type, name, topic.qos, publisher_class=TappedPublisher),
         )
         publisher.line = self._tap.line(publisher.topic_name)
         return publisher
@@ -234,8 +244,9 @@ class ParameterNode(Node):
         """
         if RECORDER in names and self._tap is not None:
             tapped = isinstance(publisher, TappedPublisher)
-            if tapped and publisher.line.write is None and not self._tap.closed:
-                return False
+            if isinstance(publisher, TappedPublisher):
+                if publisher.line.write is None and not self._tap.closed:
+                    return False
             if tapped or self._tap.closed:
                 names = [name for name in names if name != RECORDER]
         infos = self.get_subscriptions_info_by_topic(publisher.topic_name)
@@ -251,7 +262,7 @@ class ParameterNode(Node):
 
     def _declare(self) -> dict[str, Any]:
         overrides = {
-            key: parameter.value
+            key: cast(Parameter, parameter).value
             for key, parameter in self.get_parameters_by_prefix("").items()
             if key not in ROS_OWN and not key.startswith(ROS_OWN_PREFIX)
         }

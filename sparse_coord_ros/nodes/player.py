@@ -24,8 +24,9 @@ from sparse_coord_ros.nodes.player_topics import advertise
 from sparse_coord_ros.nodes.spin import run_node, wait_for_readers
 from sparse_coord_ros.recording import Message
 from sparse_coord_ros.recording.playback import SECOND_NS, Playback
-from sparse_coord_ros.recording.playlist import CLOCK, Playlist
+from sparse_coord_ros.recording.playlist import Playlist
 from sparse_coord_ros.recording.qos import latched
+from sparse_coord_ros.recording.topics import find_clock
 
 LOWEST_RATE, HIGHEST_RATE = 0.01, 1000.0
 PLAYER_PARAMETERS = SettingTable(
@@ -134,10 +135,12 @@ class Player(ParameterNode):
         self._publishers_by_topic = played
         self._publish_by_topic = {name: p.publish for name, p in played.items()}
         self._clock_publisher = None
-        if not (CLOCK in played and bag.counts.get(CLOCK, 0)):
+        clock = find_clock(bag.topics, bag.counts)
+        self._clock_name = interface.CLOCK.name if clock is None else clock
+        if not (clock in played and bag.counts.get(clock, 0)):
             topic = interface.CLOCK
             self._clock_publisher = self.create_publisher(topic.type, topic.name, topic.qos)
-        kept = [name for name in played if name == CLOCK or latched(bag.topics[name].qos)]
+        kept = [name for name in played if name == clock or latched(bag.topics[name].qos)]
         playlist = Playlist(bag, played, kept)
         self._start_ns = bag.start_ns
         self._seconds = (playlist.end_ns - bag.start_ns) / SECOND_NS
@@ -167,7 +170,7 @@ class Player(ParameterNode):
         self._publish_by_topic[message.topic](message.data)
 
     def _on_time(self, time_ns: int) -> None:
-        """Publish the time on /clock where the bag itself does not."""
+        """Publish the time where the bag itself does not."""
         if self._clock_publisher is not None and time_ns != self._clock_ns:
             self._clock_ns = time_ns
             message = ClockMessage()
@@ -190,10 +193,10 @@ class Player(ParameterNode):
     def _begin(self) -> None:
         """Go to where playing begins, once the subscribers had time to come."""
         self._begun = True
-        if self.count_publishers(CLOCK) > 1:
+        if self.count_publishers(self._clock_name) > 1:
             raise RunError(
-                f"another node publishes {CLOCK}: a live run or another player is there, which "
-                "this one would disturb; use another ROS_DOMAIN_ID"
+                f"another node publishes {self._clock_name}: a live run or another player is "
+                "there, which this one would disturb; use another ROS_DOMAIN_ID"
             )
         self._seek(self.values["position"])
 

@@ -12,13 +12,14 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
+from sparse_coord_ros.core import wire
 from sparse_coord_ros.errors import BagError, SettingError
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.recording import Bag, BagTopic, QoS, open_bag, type_hash
-from sparse_coord_ros.recording.playlist import CLOCK
 from sparse_coord_ros.recording.qos import latched
+from sparse_coord_ros.recording.topics import find_clock
 
-ROS_OWN = ("/rosout", "/parameter_events")
+ROS_OWN = (wire.ROSOUT.name, wire.PARAMETER_EVENTS.name)
 """Topics that every node has itself."""
 
 
@@ -51,7 +52,7 @@ def advertise(node: Node, path: Path, patterns: Sequence[str]) -> tuple[Bag, dic
 
 
 def chosen_topics(bag: Bag, patterns: Sequence[str]) -> list[str]:
-    """Return the topics to play, /clock always among them.
+    """Return the topics to play, the clock always among them.
 
     Args:
         bag: the bag.
@@ -61,7 +62,7 @@ def chosen_topics(bag: Bag, patterns: Sequence[str]) -> list[str]:
     Raises:
         SettingError: a pattern fits no topic.
     """
-    chosen = {CLOCK} & set(bag.topics)
+    chosen = {find_clock(bag.topics, bag.counts)} & set(bag.topics)
     claims = {name for name in bag.topics if name.endswith(f"/{interface.CLAIM.name}")}
     withheld = claims | set(ROS_OWN)
     for pattern in patterns or ["*"]:

@@ -132,7 +132,8 @@ class Recorder(ParameterNode):
         run = run_from_yaml(text, where="topic run")
         make = BagWriter if self._tap is None else BagProcess
         self.bag = make(self.directory, compression=self.values["compression"])
-        self.bag.add_metadata(RUN_RECORD, run.record())
+        record = {**run.record(), wire.FORMAT_KEY: str(wire.BAG_FORMAT)}
+        self.bag.add_metadata(RUN_RECORD, record)
         scenario = yaml.safe_dump(run.scenario.to_dict(), sort_keys=False, allow_unicode=True)
         self.bag.attach(RUN_FILE, text.encode(), "application/yaml")
         self.bag.attach(SCENARIO_FILE, scenario.encode(), "application/yaml")
@@ -220,14 +221,13 @@ class Recorder(ParameterNode):
             message = deserialize_message(data, UInt8MultiArray)
             packed, step, occasion = read_tables_message(message)
         except ValueError as error:
-            self.get_logger().warning(f"{robot}/tables: {error}; message ignored")
+            self.get_logger().warning(f"{interface.TABLES.of(robot)}: {error}; message ignored")
             return
         self._last = time.monotonic()
         if self._tables.get(robot) != (step, packed):
             self._tables[robot] = (step, packed)
-            self.bag.attach(
-                f"tables/{robot}_{step}.npz", packed, "application/x-npz", self._now_ns
-            )
+            name = wire.tables_attachment(robot, step)
+            self.bag.attach(name, packed, "application/x-npz", self._now_ns)
         if occasion == wire.FINAL:
             self._final.add(robot)
 

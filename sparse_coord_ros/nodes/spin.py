@@ -26,6 +26,7 @@ from sparse_coord_ros.errors import (
     os_error_text,
 )
 from sparse_coord_ros.nodes.middleware import repair_promptly
+from sparse_coord_ros.nodes.parameters import ParameterNode
 
 READERS_SECONDS = 3.5
 """How long the last messages may take: with profiles of the user's own, Fast DDS offers lost ones
@@ -167,7 +168,7 @@ def spin_nodes(
 
 def _failed(nodes: Sequence[Node]) -> bool:
     for node in nodes:
-        if getattr(node, "failure", None) is not None:
+        if isinstance(node, ParameterNode) and node.failure is not None:
             raise node.failure
     return False
 
@@ -182,7 +183,7 @@ def wait_for_readers(publishers: Iterable[Publisher]) -> None:
         publisher.wait_for_all_acked(Duration(seconds=max(0.0, deadline - time.monotonic())))
 
 
-def run_node(make: Callable[[Context], Node], args: Sequence[str] | None = None) -> int:
+def run_node(make: Callable[[Context], ParameterNode], args: Sequence[str] | None = None) -> int:
     """Run one node as a process: until it is `done`, or SIGINT or SIGTERM comes.
 
     The node's `finish(interrupted)` is called at the end, while ROS still works.
@@ -199,7 +200,7 @@ def run_node(make: Callable[[Context], Node], args: Sequence[str] | None = None)
                         [node],
                         node.values["executor"],
                         context,
-                        lambda: node.done or (stop and node.may_stop()),
+                        lambda: node.done or (bool(stop) and node.may_stop()),
                     )
                     node.finish(interrupted=not node.done)
                 except NameTakenError:

@@ -8,6 +8,7 @@ time step is handed to the recorder as bytes, beside being published.
 """
 
 from collections.abc import Callable
+from typing import Any
 
 from rclpy.publisher import Publisher
 
@@ -56,7 +57,7 @@ class TappedPublisher(Publisher):
 
     line: Line
 
-    def publish(self, msg: bytes) -> None:
+    def publish(self, msg: Any) -> None:
         """Publish a message's bytes."""
         super().publish(msg)
         if self.line.write is not None:

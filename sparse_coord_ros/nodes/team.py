@@ -4,7 +4,7 @@
 
 import signal
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -73,7 +73,7 @@ def run_team(
     now = datetime.now().strftime("%Y%m%d_%H%M%S")
     out = create_output(Path(values["out"] or f"{run.scenario.name}_{now}"))
     tap = Tap() if values["record"] else None
-    place = {"context": context, "namespace": namespace, "tap": tap}
+    place: dict[str, Any] = {"context": context, "namespace": namespace, "tap": tap}
     nodes: list[ParameterNode] = []
     recorder = None
     try:
@@ -97,7 +97,9 @@ def run_team(
                 node.destroy_node()
 
 
-def _spin(nodes, kind: str, context: Context, stop: Callable[[], bool]) -> bool:
+def _spin(
+    nodes: Sequence[ParameterNode], kind: str, context: Context, stop: Callable[[], bool]
+) -> bool:
     """Spin until every node is done; return whether they were stopped before."""
     finished: set[int] = set()
 

@@ -118,7 +118,7 @@ class WorldSimulator(ParameterNode):
             step, action = self._convert.unpack_action(data)
         except ValueError as error:
             self.get_logger().warning(
-                f"{self._names[robot]}/action: {error}; message ignored",
+                f"{interface.ACTION.of(self._names[robot])}: {error}; message ignored",
                 throttle_duration_sec=5.0,
             )
             return
@@ -301,11 +301,9 @@ class WorldSimulator(ParameterNode):
 
     def _say_state(self, state: str) -> None:
         self._state = state
-        values = {
-            "step": self.lockstep.world.step,
-            "transitions": self.lockstep.world.transitions,
-            "timeouts": self.lockstep.timeouts,
-        }
+        side = self.lockstep
+        said = (side.world.step, side.world.transitions, side.left_out, side.began)
+        values = dict(zip(wire.STATUS_VALUES, said, strict=True))
         self._status_publisher.publish(status(self.run.scenario.name, state, values))
 
     def _report(self, now: float) -> None:

@@ -22,7 +22,7 @@ SECOND_NS = 1_000_000_000
 class TimingError(NamedTuple):
     """How late messages went out against their deadlines: median and worst, in milliseconds."""
 
-    count: int
+    messages: int
     median_ms: float
     worst_ms: float
 

@@ -13,8 +13,8 @@ import numpy as np
 
 from sparse_coord_ros.errors import BagError
 from sparse_coord_ros.recording.reader import Bag, Message
+from sparse_coord_ros.recording.topics import find_clock
 
-CLOCK = "/clock"
 _LATEST_NS = 2**63 - 1
 
 
@@ -52,8 +52,9 @@ class Playlist:
         self._places[order] = np.arange(len(order))
         self._kept = [numbers[name] for name in sorted(kept) if name in numbers]
         ticks = self._times
-        if CLOCK in numbers:
-            clock = self._times[self._kinds == numbers[CLOCK]]
+        clock_topic = find_clock(bag.topics, bag.counts)
+        if clock_topic in numbers:
+            clock = self._times[self._kinds == numbers[clock_topic]]
             ticks = clock if len(clock) else ticks
         self._ticks = np.unique(np.append(ticks, self._times[0]))
         self.start_ns, self.end_ns = int(self._times[0]), int(self._times[-1])
@@ -76,7 +77,7 @@ class Playlist:
     def step_end_ns(self) -> int | None:
         """Log time of the last message of the step that comes next; None at the end.
 
-        A step lasts until the next message on /clock; in a bag without any, it is all that has
+        A step lasts until the next message of the clock; in a bag without any, it is all that has
         one log time.
         """
         if self._next == len(self._times):
@@ -97,7 +98,7 @@ class Playlist:
         lasts = (np.flatnonzero(before == kind)[-1:] for kind in self._kept)
         wanted = sorted(int(last[0]) for last in lasts if len(last))
         self._stream = zip(
-            memoryview(self._places), self._bag.messages(self._topics), strict=False
+            memoryview(self._places.data), self._bag.messages(self._topics), strict=False
         )
         self._waiting.clear()
         found = {place: self._find(place, set(wanted)) for place in wanted}

@@ -183,7 +183,7 @@ class _Child:
     """What the child process does, one method a request."""
 
     def __init__(self) -> None:
-        self.bag: BagWriter | None = None
+        self.bag: BagWriter
 
     def open(self, directory: str, compression: str) -> None:
         self.bag = BagWriter(Path(directory), compression=compression)

@@ -141,7 +141,7 @@ _Dumper.add_representer(
 
 def yaml_text(value: Any) -> str:
     """Return a plain value as YAML in rosbag2's layout, without a final newline."""
-    layout = {"sort_keys": False, "default_flow_style": False, "width": 2**31}
+    layout: dict[str, Any] = {"sort_keys": False, "default_flow_style": False, "width": 2**31}
     text = yaml.dump(value, Dumper=_Dumper, allow_unicode=True, **layout)
     return text.rstrip("\n")
 

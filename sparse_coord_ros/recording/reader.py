@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import Chunk
 
@@ -22,7 +23,7 @@ from sparse_coord_ros.recording.records import (
     Damage,
     Source,
     chunk_content,
-    chunk_records,
+    message_heads,
     parse,
 )
 from sparse_coord_ros.recording.scan import AttachmentPlace, Scan
@@ -51,6 +52,20 @@ class Message(NamedTuple):
     log_time_ns: int
     publish_time_ns: int
     sequence: int
+
+
+class Part(NamedTuple):
+    """Messages that lie together in a file.
+
+    Attributes:
+        content: bytes in which their data are.
+        begins: where in it each one's data begin, shape (messages,).
+        heads: their heads, of type `records.MESSAGE_HEAD`, same shape.
+    """
+
+    content: bytes
+    begins: np.ndarray
+    heads: np.ndarray
 
 
 class Attachment(NamedTuple):
@@ -148,6 +163,11 @@ class Bag:
         """
         return self.metadata.get(RECOVERED_RECORD)
 
+    @property
+    def channels(self) -> Mapping[int, str]:
+        """The topic of each channel, by the number in the messages' heads."""
+        return self._names
+
     def messages(self, topics: Collection[str] | None = None) -> Iterator[Message]:
         """Yield the messages up to the first damage, in the order of the file.
 
@@ -164,28 +184,50 @@ class Bag:
         }
         if not names:
             return
+        for part in self.parts():
+            fields = ("channel", "length", "log_ns", "publish_ns", "sequence")
+            columns = (part.heads[name].tolist() for name in fields)
+            for begin, channel_id, length, log_ns, publish_ns, sequence in zip(
+                part.begins.tolist(), *columns, strict=True
+            ):
+                name = names.get(channel_id)
+                if name is not None:
+                    data = part.content[begin : begin + length - MESSAGE.size]
+                    yield Message(name, data, log_ns, publish_ns, sequence)
+
+    def parts(self, size: int = 0) -> Iterator[Part]:
+        """Yield the messages up to the first damage in parts of whole chunks.
+
+        Args:
+            size: put chunks together until their content has so many bytes.
+
+        Raises:
+            BagError: the file has changed since it was opened, or cannot be read.
+        """
+        waiting, length_of_all = [], 0
         with _opened(self.path) as source:
             source.seek(len(MAGIC))
             while (offset := source.position) < self.readable_bytes:
                 opcode, length = source.head()
                 if opcode == Opcode.CHUNK:
                     chunk = parse(Chunk, source.read(length), offset)
-                    content = chunk_content(chunk, offset, crc_required=False)
-                    records = chunk_records(content, offset)
+                    waiting.append(chunk_content(chunk, offset, crc_required=False))
                 elif opcode == Opcode.MESSAGE:
-                    content = source.read(length)
-                    records = iter([(opcode, 0, 0, length)])
+                    waiting.append(HEAD.pack(opcode, length) + source.read(length))
                 else:
                     source.seek(source.position + length)
                     continue
-                for opcode, _, begin, end in records:
-                    if opcode != Opcode.MESSAGE:
-                        continue
-                    channel_id, sequence, log_ns, publish_ns = MESSAGE.unpack_from(content, begin)
-                    name = names.get(channel_id)
-                    if name is not None:
-                        data = content[begin + MESSAGE.size : end]
-                        yield Message(name, data, log_ns, publish_ns, sequence)
+                length_of_all += len(waiting[-1])
+                if length_of_all > size:
+                    yield _part(b"".join(waiting), offset)
+                    waiting, length_of_all = [], 0
+            if waiting:
+                yield _part(b"".join(waiting), offset)
+
+
+def _part(content: bytes, offset: int) -> Part:
+    places, heads, _ = message_heads(content, offset)
+    return Part(content, places + HEAD.size + MESSAGE.size, heads)
 
 
 def open_bag(path: Path) -> Bag:

@@ -9,6 +9,7 @@ from io import BytesIO
 from typing import Any, BinaryIO
 
 import lz4.frame
+import numpy as np
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile
@@ -25,6 +26,17 @@ HEAD = struct.Struct("<BQ")
 """What every record begins with: opcode and length of the body."""
 MESSAGE = struct.Struct("<HIQQ")
 """What a message's body begins with: channel, sequence, log time, publish time."""
+MESSAGE_HEAD = np.dtype(
+    [
+        ("opcode", "u1"),
+        ("length", "<u8"),
+        ("channel", "<u2"),
+        ("sequence", "<u4"),
+        ("log_ns", "<u8"),
+        ("publish_ns", "<u8"),
+    ]
+)
+"""A message record up to its data."""
 LATEST_NS = 2**63 - 1
 """rosbag2 holds times as signed 64 bit nanoseconds."""
 
@@ -157,7 +169,7 @@ class _Exact(ReadDataStream):
         return self._body[begin : self._place]
 
 
-def parse(kind: type, body: bytes, offset: int) -> Any:
+def parse(kind: Any, body: bytes, offset: int) -> Any:
     """Return a record of one of mcap's classes, made of exactly these bytes.
 
     Args:
@@ -220,6 +232,43 @@ def _zstd(data: bytes, size: int) -> bytes:
     if stated not in (-1, size):
         raise ValueError
     return zstandard.ZstdDecompressor().decompress(data, max_output_size=max(size, 1))
+
+
+_LENGTH = struct.Struct("<Q")
+
+
+def message_heads(content: bytes, offset: int) -> tuple[np.ndarray, np.ndarray, list]:
+    """Return places and heads (`MESSAGE_HEAD`) of the messages in a chunk's content, and the rest.
+
+    The rest are the other records, as `chunk_records` yields them.
+
+    Raises:
+        Damage: a record does not fit into the content.
+    """
+    places, place, size = [], 0, len(content)
+    append, length_at = places.append, _LENGTH.unpack_from
+    last = size - HEAD.size
+    while place <= last:
+        append(place)
+        place += HEAD.size + length_at(content, place + 1)[0]
+    found = np.array(places, dtype=np.int64)
+    data = np.frombuffer(content, dtype=np.uint8)
+    is_message = data[found] == Opcode.MESSAGE
+    others: list = []
+    if place != size or not is_message.all():
+        others = [one for one in chunk_records(content, offset) if one[0] != Opcode.MESSAGE]
+        found = found[is_message]
+    return found, rows_at(content, found, MESSAGE_HEAD), others
+
+
+def rows_at(content: bytes, places: np.ndarray, kind: np.dtype) -> np.ndarray:
+    """Return what lies at some places of bytes, as an array of a structured type."""
+    if not len(places):
+        return np.empty(0, dtype=kind)
+    count = len(content) - kind.itemsize + 1
+    # A view that begins anew at every byte; taking rows of it copies each with one memcpy.
+    every = np.ndarray((count,), np.dtype(("V", kind.itemsize)), content, strides=(1,))
+    return every[places].view(kind)
 
 
 def chunk_records(content: bytes, offset: int) -> Iterator[tuple[int, int, int, int]]:

@@ -5,10 +5,12 @@
 import struct
 from typing import NamedTuple
 
+import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, DataEnd, Header, Metadata, Schema
 
 from sparse_coord_ros.recording.records import (
+    HEAD,
     LATEST_NS,
     MAGIC,
     MESSAGE,
@@ -18,8 +20,8 @@ from sparse_coord_ros.recording.records import (
     Source,
     check_crc,
     chunk_content,
-    chunk_records,
     describe,
+    message_heads,
     parse,
 )
 from sparse_coord_ros.recording.summary import Found, read_summary
@@ -145,7 +147,8 @@ class Scan:
         elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE) and not (
             self.own or self._found.chunks
         ):
-            self._take([(opcode, 0, 0, length)], source.read(length), offset)
+            content = HEAD.pack(opcode, length) + source.read(length)
+            self._take(message_heads(content, offset), content, offset)
         else:
             raise Damage(offset, f"{describe(opcode)}, which has no business there")
 
@@ -154,39 +157,22 @@ class Scan:
         content = chunk_content(chunk, offset, crc_required=self._with_crcs)
         self._with_crcs |= chunk.uncompressed_crc != 0
         times = chunk.message_start_time, chunk.message_end_time
-        index = self._take(chunk_records(content, offset), content, offset, times)
+        index = self._take(message_heads(content, offset), content, offset, times)
         self.compressions.add(chunk.compression)
         self._found.chunks += 1
         self._chunk = chunk, offset, self._source.position - offset
         self._index, self._index_offsets = index, {}
 
     def _take(self, records, content: bytes, offset: int, times=None) -> dict[int, bytes]:
-        """Add records, all or none; returns the messages' index by channel.
+        """Add what `message_heads` found, all or none; returns the messages' index by channel.
 
         `times`, if not None, should be the messages' first and last log time.
         """
         schemas, channels, topics = {}, {}, {}
-        counts: dict[int, int] = {}
-        sizes: dict[int, int] = {}
-        places: dict[int, list[int]] = {}
-        start_ns, end_ns = LATEST_NS, 0
-        for opcode, place, begin, end in records:
-            if opcode == Opcode.MESSAGE:
-                if end - begin < MESSAGE.size:
-                    raise Damage(offset, "a message record that is too short")
-                channel_id, _, log_ns, publish_ns = MESSAGE.unpack_from(content, begin)
-                if channel_id not in self.topics and channel_id not in topics:
-                    raise Damage(offset, f"a message of the unknown channel {channel_id}")
-                if log_ns > LATEST_NS or publish_ns > LATEST_NS:
-                    raise Damage(offset, "a message with an impossible time")
-                if log_ns < start_ns:
-                    start_ns = log_ns
-                if log_ns > end_ns:
-                    end_ns = log_ns
-                counts[channel_id] = counts.get(channel_id, 0) + 1
-                sizes[channel_id] = sizes.get(channel_id, 0) + end - begin - MESSAGE.size
-                places.setdefault(channel_id, []).extend((log_ns, place))
-            elif opcode == Opcode.SCHEMA:
+        places, heads, others = records
+        begun: dict[int, int] = {}
+        for opcode, place, begin, end in others:
+            if opcode == Opcode.SCHEMA:
                 record = parse(Schema, content[begin:end], offset)
                 if schemas.setdefault(record.id, self._schemas.get(record.id, record)) != record:
                     raise Damage(offset, f"a second, different schema {record.id}")
@@ -204,24 +190,41 @@ class Scan:
                 if types - {topic.type_name}:
                     raise Damage(offset, f"topic {topic.name!r} has a second type")
                 topics[record.id] = topic
+                begun.setdefault(record.id, place)
             elif self.own or opcode < 0x80:
                 raise Damage(offset, f"{describe(opcode)} within a chunk")
-        if counts and times not in (None, (start_ns, end_ns)):
-            raise Damage(offset, "a chunk whose times are not those of its messages")
+        order = np.argsort(heads["channel"], kind="stable")
+        ids, first = np.unique(heads["channel"][order], return_index=True)
+        groups = dict(zip(ids.tolist(), np.split(order, first[1:]), strict=False))
+        for channel_id, group in groups.items():
+            if channel_id not in self.topics and begun.get(channel_id, len(content)) > int(
+                places[group[0]]
+            ):
+                raise Damage(offset, f"a message of the unknown channel {channel_id}")
+        start_ns, end_ns = LATEST_NS, 0
+        if len(heads):
+            if max(heads["log_ns"].max(), heads["publish_ns"].max()) > LATEST_NS:
+                raise Damage(offset, "a message with an impossible time")
+            start_ns, end_ns = int(heads["log_ns"].min()), int(heads["log_ns"].max())
+            if times not in (None, (start_ns, end_ns)):
+                raise Damage(offset, "a chunk whose times are not those of its messages")
         self._schemas.update(schemas)
         self._channels.update(channels)
         self.topics.update(topics)
         for channel_id in topics:
             self.counts.setdefault(channel_id, 0)
             self.sizes.setdefault(channel_id, 0)
-        for channel_id, count in counts.items():
-            self.counts[channel_id] += count
-            self.sizes[channel_id] += sizes[channel_id]
+        index = {}
+        for channel_id, group in groups.items():
+            self.counts[channel_id] += len(group)
+            data = int(heads["length"][group].sum()) - MESSAGE.size * len(group)
+            self.sizes[channel_id] += data
+            entries = np.empty((len(group), 2), dtype="<u8")
+            entries[:, 0], entries[:, 1] = heads["log_ns"][group], places[group]
+            head = struct.pack("<HI", channel_id, entries.nbytes)
+            index[channel_id] = head + entries.tobytes()
         self.start_ns, self.end_ns = min(self.start_ns, start_ns), max(self.end_ns, end_ns)
-        return {
-            channel_id: struct.pack(f"<HI{len(flat)}Q", channel_id, 8 * len(flat), *flat)
-            for channel_id, flat in places.items()
-        }
+        return index
 
     def _take_index(self, body: bytes, offset: int) -> None:
         """Compare a message index with the chunk before it."""

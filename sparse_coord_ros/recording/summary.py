@@ -28,7 +28,7 @@ from sparse_coord_ros.recording.records import (
     parse,
 )
 
-_KINDS = {
+_KINDS: dict[int, type] = {
     Opcode.SCHEMA: Schema,
     Opcode.CHANNEL: Channel,
     Opcode.STATISTICS: Statistics,
@@ -169,9 +169,9 @@ class _Summary:
         ):
             if self._repeated[opcode] != set(known) and (self._own or self._repeated[opcode]):
                 raise Damage(start, f"the summary does not repeat every {_name(opcode)}")
-        for opcode, (begin, length) in self._stated.items():
-            if self._groups.get(opcode, (begin, 0)) != (begin, length):
-                raise Damage(start, f"the summary's {_name(opcode)} records are elsewhere")
+        for code, (begin, length) in self._stated.items():
+            if self._groups.get(code, (begin, 0)) != (begin, length):
+                raise Damage(start, f"the summary's {_name(code)} records are elsewhere")
         statistics, data = self._statistics, self._data
         if statistics is None:
             if self._own:

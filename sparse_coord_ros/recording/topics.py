@@ -2,10 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a bag says about a topic."""
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 from mcap.records import Channel, Schema
 
+from sparse_coord_ros.core.wire import CLOCK
 from sparse_coord_ros.errors import BagError
 from sparse_coord_ros.recording.qos import QoS, profiles_from_text
 from sparse_coord_ros.recording.records import Damage
@@ -61,3 +63,13 @@ def topic_of(channel: Channel, schemas: dict[int, Schema], offset: int) -> BagTo
         raise Damage(offset, f"the definition of {schema.name!r} is not UTF-8") from error
     type_hash = channel.metadata.get("topic_type_hash", "")
     return BagTopic(channel.topic, schema.name, text, qos, type_hash, schema.encoding)
+
+
+def find_clock(topics: Mapping[str, BagTopic], counts: Mapping[str, int]) -> str | None:
+    """Return the topic of a bag that holds its clock, however it is called; None: there is none.
+
+    It is known by its type. Of several it is the one of the usual name, else the one that says
+    most.
+    """
+    found = sorted(name for name, topic in topics.items() if topic.type_name == CLOCK.type_name)
+    return max(found, key=lambda name: (name == CLOCK.name, counts.get(name, 0)), default=None)

@@ -2,23 +2,30 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether a robot's actions, tables and coordination maps are those of an agent."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
+
+import numpy as np
 
 from sparse_coord_ros.core.agent import Tables
-from sparse_coord_ros.core.frame import action_numbers
+from sparse_coord_ros.core.frame import Frame
+from sparse_coord_ros.core.occupancy import OCCUPIED, OccupancyData
 from sparse_coord_ros.core.simulation import tables_equal
-from sparse_coord_ros.core.wire import ACTION_LABELS
+from sparse_coord_ros.core.wire import (
+    ACCOUNT_LABELS,
+    ACTION,
+    ACTION_LABELS,
+    COORDINATION_MAP,
+    FINISHED,
+    PERCEPT,
+    PERCEPT_ENDS,
+    STOPPED,
+    TABLES,
+    tables_attachment,
+)
 from sparse_coord_ros.runlog.attached import RecordedTables
-from sparse_coord_ros.runlog.counts import Counts
 from sparse_coord_ros.runlog.difference import MISSING, Difference, first_entry
-from sparse_coord_ros.runlog.episode_maps import CoordinationMaps
+from sparse_coord_ros.runlog.follower import Follower, due_numbers, said_otherwise, tell
 from sparse_coord_ros.runlog.log import RunLog
-from sparse_coord_ros.runlog.percepts import Percept
-from sparse_coord_ros.runlog.rerun import Choice, Handled, rerun
-
-MOST_DROPPED, MOST_TRIED = 20, 5
-"""How many transitions of a left-out robot `verify` takes as not learned from, and how many it
-tries for each of them, the latest first."""
 
 
 def first_tables(log: RunLog, k: int) -> tuple[Tables | None, Difference | None]:
@@ -37,123 +44,236 @@ def first_tables(log: RunLog, k: int) -> tuple[Tables | None, Difference | None]
 
 
 class AgentCheck:
-    """Compares one robot's actions and tables with those of an agent fed from the log."""
+    """Compares one robot's actions and tables with those of an agent fed from the log.
+
+    Args:
+        log: the log.
+        k: the robot's number.
+        starts: the first time steps of the episodes.
+        last: the last time step to check; None: all.
+        compiled: as of `engine.rerun.loop`.
+    """
 
     def __init__(
         self,
         log: RunLog,
         k: int,
-        percepts: Sequence[Percept],
-        left_out: frozenset[tuple[int, int]],
+        starts: np.ndarray,
         last: int | None,
+        *,
+        compiled: bool | None = None,
     ) -> None:
         self.log, self.k, self.last = log, k, last
-        self.left_out = {step for robot, step in left_out if robot == k}
         self.name = log.names[k]
+        self.story = tell(log, k)
         self.choices = self.updates = self.compared = 0
         self.recorded = [entry for entry in log.all_tables if entry.robot == k]
-        self.counts = Counts(log, k, percepts)
-        self.maps = CoordinationMaps(log, k, frozenset(self.left_out), last)
         statuses = log.tracks.statuses
         self.state = statuses[-1].state if last is None and statuses else None
+        self._compiled = compiled
+        self._grids = OccupancyData(Frame(log.run))
+        self._starts = starts
 
-    def follow(self) -> Difference | None:
-        """Return the first difference, or None; `dropped` is then known.
+    @property
+    def unlearned(self) -> int:
+        """Transitions that the world made with it and that it has not learned from."""
+        rewarded = ~np.isnan(self.log.reward[self.story.row, self.k, 0])
+        done = (rewarded & ~self.story.learned)[: self.choices]
+        return 0 if self.log.run.greedy else int(done.sum())
 
-        A robot that was left out may have got reward or state too late to learn from the
-        transition before. Which of the two it was, what it did afterwards shows.
-        """
-        self.dropped: frozenset[int] = frozenset()
-        difference = self._first()
-        rewarded = self.log.tracks.rewards[self.k].first
-        doubtful = [t - 1 for t in sorted(self.left_out) if t - 1 in rewarded]
-        for _ in range(MOST_DROPPED):
-            if difference is None:
-                break
-            before = [t for t in doubtful if t < difference.step]
-            known = self.dropped
-            for step in [t for t in reversed(before) if t not in known][:MOST_TRIED]:
-                self.dropped = known | {step}
-                other = self._first()
-                if other is None or other.step > difference.step:
-                    difference = other
-                    break
-            else:
-                self.dropped = known
-                return self._first()
-        return difference
+    def differences(self) -> Iterator[Difference]:
+        """Yield the first thing that an agent would have done otherwise, and what is missing."""
+        yield from self._missing_tables()
+        yield from self._missing_maps()
+        first = self._first()
+        if first is not None:
+            yield first
 
     def _first(self) -> Difference | None:
-        self.choices = self.updates = self.compared = 0
         begun, difference = first_tables(self.log, self.k)
-        if difference is not None or begun is None:  # `without_tables` says that there are none
+        if difference is not None or begun is None:  # that there are none is said elsewhere
             return difference
-        self.maps.restart()
-        difference = self.maps.begun(begun)
-        if difference is not None:
-            return difference
-        waiting = sorted(self.recorded, key=lambda entry: entry.step)
-        for event in rerun(self.log, self.k, begun, self.dropped):
-            if self.last is not None and event.step > self.last:
+        log, story = self.log, self.story
+        limit = len(story.step)
+        if self.last is not None:
+            limit = int(np.searchsorted(story.step, self.last, side="right"))
+        odd = self._odd_numbers(limit)
+        follower = Follower(log, self.k, story, begun, compiled=self._compiled)
+        stops = sorted([*self._table_stops(), *self._map_stops()], key=lambda stop: stop[:2])
+        states = log.tracks.states[self.k].step
+        for step, _, what in stops:
+            if self.last is not None and step > self.last:
                 break
-            if isinstance(event, Handled):
-                while waiting and waiting[0].step <= event.step:
-                    difference = self._compare(waiting.pop(0), event.tables)
-                    if difference is not None:
-                        return difference
-                difference = self.maps.handled(event)
-                if difference is not None:
-                    return difference
-            elif isinstance(event, Choice):
-                self.choices += 1
-                computed = action_numbers(event.computed)
-                if tuple(map(repr, event.logged)) != tuple(map(repr, computed)):
-                    pairs = zip(ACTION_LABELS, event.logged, computed, strict=True)
-                    odd = [(name, a, b) for name, a, b in pairs if repr(a) != repr(b)]
-                    logged = " ".join(f"{name}={a:g}" for name, a, _ in odd)
-                    due = " ".join(f"{name}={b:g}" for name, _, b in odd)
-                    return self._differ(event.step, "action", logged, due)
+            if isinstance(what, RecordedTables) and step > states.max(initial=0):
+                end = int(states.max(initial=0))
+                return self._differ(step, TABLES.name, "there", f"the log ends at step {end}")
+            to = int(np.searchsorted(story.step, step))
+            if odd is not None and to > odd[0]:
+                break
+            if not follower.advance(to):
+                break
+            if isinstance(what, RecordedTables):
+                difference = self._compare_tables(what, follower, to)
             else:
-                self.updates += not self.log.run.greedy
-        if waiting and self.last is None:
-            end = max(self.log.tracks.states[self.k].first, default=0)
-            return self._differ(waiting[0].step, "tables", "there", f"the log ends at step {end}")
-        return None
+                difference = self._compare_map(step, what, follower)
+            if difference is not None:
+                return self._counted(follower, difference)
+        follower.advance(limit if odd is None else odd[0])
+        if follower.other is not None:
+            logged = log.numbers[story.row[follower.reached], self.k]
+            step = int(story.step[follower.reached])
+            said = said_otherwise(logged, follower.other)
+            return self._counted(follower, self._differ(step, ACTION.name, *said))
+        return self._counted(follower, None if odd is None else odd[1])
 
-    def without_tables(self) -> Iterator[Difference]:
-        """Yield the tables that ought to be in the log and are not."""
-        run, states = self.log.run, sorted(self.log.tracks.states[self.k].first)
-        steps = {entry.step for entry in self.recorded}
-        due = [0]
-        if run.checkpoint:
-            pairs = zip(states, states[1:], strict=False)
-            due += [
-                b
-                for a, b in pairs
-                if a // run.checkpoint < b // run.checkpoint and b not in self.left_out
-            ]
-        if states:
-            due += [states[-1]] if self.state == "finished" else []
-            if self.state == "stopped" and max(steps, default=0) < states[-1] - 1:
-                due.append(states[-1])
-        unreadable = {
-            p.step for p in self.log.problems if p.robot == self.name and p.quantity == "tables"
-        }
-        for step in due:
-            beyond = self.last is not None and step > min(self.last, max(steps, default=0))
-            if step not in steps and step not in unreadable and not beyond:
-                yield self._differ(step, "tables", MISSING, f"tables/{self.name}_{step}.npz")
+    def _counted(self, follower: Follower, difference: Difference | None) -> Difference | None:
+        self.choices = follower.reached
+        self.updates = int(self.story.learned[: follower.reached].sum()) * (
+            not self.log.run.greedy
+        )
+        return difference
 
-    def _compare(self, entry: RecordedTables, tables: Tables) -> Difference | None:
+    def _odd_numbers(self, limit: int) -> tuple[int, Difference] | None:
+        """Return the first action whose numbers cannot be, whatever is learned."""
+        story, log = self.story, self.log
+        numbers = log.numbers[story.row[:limit], self.k]
+        due = due_numbers(story)[:limit]
+        said = numbers[:, : len(ACTION_LABELS)]
+        wrong = (said.copy().view(np.int64) != due.view(np.int64)).any(axis=1)
+        able = np.concatenate([[False], story.told[:-1]])[:limit] & (not log.run.greedy)
+        account = numbers[:, len(ACTION_LABELS) + ACCOUNT_LABELS.index("learned")]
+        lies = np.zeros(limit, dtype=bool)
+        if log.tracks.format > 1:
+            lies = (account != 0.0) & ((account != 1.0) | ~able)
+        if not (wrong | lies).any():
+            return None
+        i = int(np.argmax(wrong | lies))
+        step = int(story.step[i])
+        if wrong[i]:
+            return i, self._differ(step, ACTION.name, *said_otherwise(numbers[i], due[i]))
+        allowed = "0 or 1" if able[i] else "0: there was nothing to learn from"
+        return i, self._differ(step, ACTION.name, f"learned={account[i]:g}", allowed)
+
+    # Tables.
+
+    def _table_stops(self) -> Iterator[tuple[int, int, RecordedTables]]:
+        for place, entry in enumerate(self.recorded):
+            yield entry.step, place, entry
+
+    def _compare_tables(
+        self, entry: RecordedTables, follower: Follower, to: int
+    ) -> Difference | None:
         self.compared += 1
+        tables = follower.tables()
         if not tables_equal([entry.tables], [tables]):
             return self._differ(entry.step, *first_entry(entry.tables, tables))
-        last = entry is self.recorded[-1] and self.state == "stopped"
-        for beyond in (0, 1) if last else (0,):  # whether the ask of this very step has ended
-            odd = self.counts.check(entry, beyond, self.dropped)
+        # Of the last tables: what was asked at their very step may have ended.
+        there = to < len(self.story.step) and self.story.step[to] == entry.step
+        ends = [to, to + 1] if entry is self.recorded[-1] and there else [to]
+        for end in ends:
+            odd = self._odd_count(entry, to, end)
             if odd is None:
                 return None
         return self._differ(entry.step, *odd)
 
+    def _odd_count(self, entry: RecordedTables, to: int, end: int) -> tuple[str, str, str] | None:
+        """Return (quantity, logged, computed) of the first number that cannot be."""
+        log, story = self.log, self.story
+        if log.tracks.format == 1:
+            return None
+        place = len(ACTION_LABELS) + ACCOUNT_LABELS.index(PERCEPT.name)
+        ended = log.numbers[story.row[:end], self.k, place]
+        due = {name: int((ended == code).sum()) for code, name in enumerate(PERCEPT_ENDS)}
+        learned = int(story.learned[:to].sum())
+        mine = [r for r in log.requests if r.asker == self.k and r.step < entry.step + end - to]
+        again = len(mine) - len({(r.peer, r.step) for r in mine})
+        behind = sum(r.answer is not None and r.answer[0] < r.step for r in mine)
+        bounds = {name: (due[name], due[name]) for name in ("answered", "refused", "late")}
+        bounds |= {"learned": (learned, learned), "dropped": (0, to - learned)}
+        bounds["repeated"] = (again, behind)
+        for name, (low, high) in bounds.items():
+            logged = entry.counts.get(name)
+            if logged is None or not low <= logged <= high:
+                allowed = f"{low}" if low == high else f"{low} to {high}"
+                return f"{TABLES.name} count {name}", f"{logged}", allowed
+        return None
+
+    def _missing_tables(self) -> Iterator[Difference]:
+        """Yield the tables that ought to be in the log and are not."""
+        log, run = self.log, self.log.run
+        states = log.tracks.states[self.k].step
+        steps = {entry.step for entry in self.recorded}
+        due = [0]
+        if run.checkpoint and len(states):
+            rows = np.searchsorted(log.step, states)
+            goal = run.scenario.robots[self.k].goal
+            # Acting on a state, or resting at the goal, a robot has worked it off.
+            handled = (log.move[rows, self.k] >= 0) | (log.cells[rows, self.k] == goal)
+            crossed = states[:-1] // run.checkpoint < states[1:] // run.checkpoint
+            due += states[1:][crossed & handled[1:]].tolist()
+        # A robot's last tables are of a state that it has acted on, or of one after it: it may
+        # have missed those that came when it was stopped.
+        acted = int(self.story.step.max(initial=0))
+        if self.state in (FINISHED, STOPPED) and max(steps, default=0) < acted:
+            due.append(int(states[-1]))
+        unreadable = {
+            p.step for p in log.problems if p.robot == self.name and p.quantity == TABLES.name
+        }
+        for step in due:
+            beyond = self.last is not None and step > min(self.last, max(steps, default=0))
+            if step not in steps and step not in unreadable and not beyond:
+                yield self._differ(step, TABLES.name, MISSING, tables_attachment(self.name, step))
+
+    # Coordination maps.
+
+    def _due_maps(self) -> np.ndarray:
+        """Return the starts of episodes that the robot has shown: where it acted."""
+        return self._starts[np.isin(self._starts, self.story.step)]
+
+    def _map_stops(self) -> Iterator[tuple[int, int, bytes | None]]:
+        """Yield step, place and what is shown; None where the robot has no such state."""
+        steps, rows = self.log.tracks.coordination_maps[self.k]
+        data = rows["data"]
+        shown = data[:, self._grids.places]
+        flags = (shown == OCCUPIED).astype(np.uint8)
+        walls = np.ones(data.shape[1], dtype=bool)
+        walls[self._grids.places] = False
+        right = ((shown == OCCUPIED) | (shown == 0)).all(axis=1)
+        right &= (data[:, walls] == -1).all(axis=1)
+        known = (steps == 0) | np.isin(steps, self.log.tracks.states[self.k].step)
+        wanted = np.ones(len(steps), dtype=bool)
+        if self.log.tracks.format == 1:
+            # A report may show what was learned some states before its stamp; at an episode's
+            # start one map is the right one, and the last: all others are reports.
+            due = set(self._due_maps().tolist())
+            first = np.concatenate([[True], np.diff(steps) > 0])
+            wanted = first & np.array([step in due for step in steps.tolist()], dtype=bool)
+        for place in np.flatnonzero(wanted).tolist():
+            what = flags[place].tobytes() if known[place] and right[place] else None
+            yield int(steps[place]), 1_000_000 + place, what
+
+    def _compare_map(self, step: int, shown: bytes | None, follower: Follower):
+        due = follower.shows
+        if shown == due:
+            return None
+        logged = "there, or with walls elsewhere" if shown is None else _cells(shown)
+        return self._differ(step, COORDINATION_MAP.name, logged, _cells(due))
+
+    def _missing_maps(self) -> Iterator[Difference]:
+        """Yield the coordination maps that ought to be in the log and are not.
+
+        Where it breaks off, only those before the last one that was shown.
+        """
+        steps = self.log.tracks.coordination_maps[self.k][0]
+        due = self._due_maps()
+        if self.last is not None:
+            due = due[due <= min(self.last, steps.max(initial=0))]
+        for step in due[~np.isin(due, steps)].tolist():
+            yield self._differ(step, COORDINATION_MAP.name, MISSING, "one as the episode begins")
+
     def _differ(self, step: int, quantity: str, logged: str, computed: str) -> Difference:
         return Difference(step, self.name, quantity, logged, computed)
+
+
+def _cells(flags: bytes) -> str:
+    return f"COORDINATE in cells {[cell for cell, flag in enumerate(flags) if flag]}"

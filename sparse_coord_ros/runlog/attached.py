@@ -10,12 +10,14 @@ from typing import NamedTuple
 from sparse_coord_ros.core.agent import Tables
 from sparse_coord_ros.core.run_config import RunConfig
 from sparse_coord_ros.core.tables import unpack_robot
+from sparse_coord_ros.core.wire import TABLES as TABLES_TOPIC
+from sparse_coord_ros.core.wire import TABLES_FOLDER, tables_attachment
 from sparse_coord_ros.errors import TablesError
 from sparse_coord_ros.recording.reader import Bag
 from sparse_coord_ros.runlog.difference import Difference
 
-PREFIX = "tables/"
-_NAME = re.compile(r"tables/(.+)_([0-9]{1,18})\.npz", re.ASCII)
+TABLES = TABLES_TOPIC.name
+_NAME = re.compile(tables_attachment("(.+)", "([0-9]{1,18})").replace(".npz", r"\.npz"), re.ASCII)
 
 
 class RecordedTables(NamedTuple):
@@ -44,7 +46,7 @@ def read_tables(
     due = (cells, 5), (cells,) * scenario.perceived + (4,)
     seen: set[tuple[str, bytes]] = set()
     for place, name in enumerate(bag.attachments.names):
-        if not name.startswith(PREFIX):
+        if not name.startswith(TABLES_FOLDER):
             continue
         match = _NAME.fullmatch(name)
         if match is None or match[1] not in names:
@@ -58,24 +60,24 @@ def read_tables(
         data = bag.attachments[place].data
         key = (name, hashlib.sha256(data).digest())
         if key in seen:
-            yield Difference(step, robot, "tables", "twice", "once"), None
+            yield Difference(step, robot, TABLES, "twice", "once"), None
             continue
         seen.add(key)
         k = names.index(robot)
         try:
             tables, counts = unpack_robot(data, k + 1, where=name)
         except TablesError as error:
-            yield Difference(step, robot, "tables", str(error), "readable tables"), None
+            yield Difference(step, robot, TABLES, str(error), "readable tables"), None
             continue
         shapes = tables.q_star.shape, tables.q_coord.shape
         if shapes != due:
             logged, computed = (
                 f"shapes {q_star} and {q_coord}" for q_star, q_coord in (shapes, due)
             )
-            yield Difference(step, robot, "tables", logged, computed), None
+            yield Difference(step, robot, TABLES, logged, computed), None
             continue
         odd = None
         if counts.get("step") != step:
             logged = f"of step {counts.get('step')}"
-            odd = Difference(step, robot, "tables", logged, f"of {step}")
+            odd = Difference(step, robot, TABLES, logged, f"of {step}")
         yield odd, RecordedTables(k, step, tables, counts)

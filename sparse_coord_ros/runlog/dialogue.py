@@ -2,12 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The dialogue of active perception, put together from the recorded service events."""
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
-from sparse_coord_ros.core.frame import SECOND
-from sparse_coord_ros.runlog.difference import Difference
+import numpy as np
+
+from sparse_coord_ros.core.frame import SECOND, Frame
+from sparse_coord_ros.runlog.difference import DIALOGUE, Difference
 
 SENT, RECEIVED, ANSWERED, RETURNED = range(4)
 """Event types of service_msgs/ServiceEventInfo: request sent, request received, response sent,
@@ -15,25 +17,26 @@ response received."""
 EVENT_NAMES = ("request sent", "request received", "response sent", "response received")
 
 
-class Event(NamedTuple):
-    """One service event, as it was recorded.
+EVENT = np.dtype(
+    [
+        ("ns", "i8"),
+        ("kind", "u1"),
+        ("wall_ns", "i8"),
+        ("client", "V16"),
+        ("number", "i8"),
+        ("request", "?"),
+        ("asker", "i4"),
+        ("xy", "2f8"),
+        ("seen", "?"),
+    ]
+)
+"""One service event: stamp of the request or the answer; SENT, RECEIVED, ANSWERED or RETURNED;
+when, by the wall clock of the robot that says it; the client's identity and its request's number;
+whether it holds a request; of one the asker (-1: no robot) and where it is, of a response whether
+and where the asked robot is."""
 
-    Attributes:
-        peer: number of the asked robot.
-        kind: SENT, RECEIVED, ANSWERED or RETURNED.
-        wall_ns: when, by the wall clock of the robot that says it, in nanoseconds.
-        client: the client's identity with its request number.
-        content: of a request (asker's name, step, x, y); of a response (step, None or (x, y)).
-    """
 
-    peer: int
-    kind: int
-    wall_ns: int
-    client: tuple
-    content: tuple
-
-
-@dataclass
+@dataclass(slots=True)
 class Request:
     """One request of a dialogue and what came of it.
 
@@ -63,109 +66,119 @@ class Request:
         return (self.wall_ns[RETURNED] - self.wall_ns[SENT]) / SECOND
 
 
-def read_event(message: Any, peer: int, frame) -> Event | None:
-    """Return a decoded event of GetPlan; None for a request of a person (without a stamp).
+def event_row(message: Any, names: list[str]) -> tuple:
+    """Return the row of a decoded event of GetPlan.
 
     Raises:
         ValueError: it holds neither a request nor a response, or is of no known kind.
     """
     info = message.info
     kind = int(info.event_type)
-    client = (bytes(byte & 0xFF for byte in info.client_gid), int(info.sequence_number))
+    client = bytes(byte & 0xFF for byte in info.client_gid)
     wall_ns = info.stamp.sec * SECOND + info.stamp.nanosec
+    head = kind, wall_ns, client, int(info.sequence_number)
     if kind in (SENT, RECEIVED) and message.request:
         start = message.request[0].start
         stamp, position = start.header.stamp, start.pose.position
-        step = frame.step(stamp.sec, stamp.nanosec)
         asker = message.request[0].goal.header.frame_id
-        return Event(peer, kind, wall_ns, client, (asker, step, position.x, position.y))
+        number = names.index(asker) if asker in names else -1
+        ns = stamp.sec * SECOND + stamp.nanosec
+        return ns, *head, True, number, (position.x, position.y), False
     if kind in (ANSWERED, RETURNED) and message.response:
         plan = message.response[0].plan
-        step = frame.step(plan.header.stamp.sec, plan.header.stamp.nanosec)
+        ns = plan.header.stamp.sec * SECOND + plan.header.stamp.nanosec
         where = [(p.pose.position.x, p.pose.position.y) for p in plan.poses[:1]]
-        return Event(peer, kind, wall_ns, client, (step, where[0] if where else None))
+        place = where[0] if where else (np.nan, np.nan)
+        return ns, *head, False, -1, place, bool(where)
     raise ValueError(f"event of type {kind} holds neither a request nor a response")
 
 
 def put_together(
-    events: Iterable[Event], names: list[str]
+    events: Sequence[np.ndarray], names: list[str], frame: Frame
 ) -> tuple[list[Request], list[Difference]]:
     """Return the robots' requests in order of time step, and what does not fit together.
 
     A client tells of a request and its answer under one identity, the service under another; the
     two meet in (asker, step, number of the request). What persons asked is left out. Each of them
     tells its events in the order of its clock.
+
+    Args:
+        events: those of each asked robot, of type `EVENT`, in the order of the log.
+        names: the robots.
+        frame: the run's clock.
     """
     requests: dict[tuple, Request] = {}
-    by_client: dict[tuple, Request] = {}
-    by_service: dict[tuple, Request] = {}
-    strangers: set[tuple] = set()
     problems: list[Difference] = []
-    waiting: list[Event] = []
-
-    def place(request: Request, event: Event) -> None:
-        if event.kind in request.wall_ns:
-            problems.append(_problem(names, request, EVENT_NAMES[event.kind], "twice", "once"))
-        request.wall_ns.setdefault(event.kind, event.wall_ns)
-
-    newest: dict[tuple, int] = {}
-    for event in events:
-        key = (event.peer, event.client)
-        server = event.kind in (RECEIVED, ANSWERED)
-        writer = (event.peer, None if server else event.client[0])
-        late = newest.get(writer, event.wall_ns) - event.wall_ns
-        newest[writer] = event.wall_ns + max(late, 0)
-        if late > 0:
-            step = event.content[0 if event.kind in (ANSWERED, RETURNED) else 1]
-            what = f"dialogue {EVENT_NAMES[event.kind]}"
-            logged = f"after one that is {late} ns younger"
-            problems.append(Difference(step, names[event.peer], what, logged, "before it"))
-        if event.kind not in (SENT, RECEIVED):
-            waiting.append(event)
-            continue
-        asker, step, *position = event.content
-        if asker not in names or step == 0:
-            strangers.add(key)
-            continue
-        place_of = (names.index(asker), event.peer, step, event.client[1])
-        request = requests.setdefault(place_of, Request(*_head(place_of), tuple(position)))
-        if request.position != tuple(position):
-            said = f"from {request.position}"
-            problems.append(
-                _problem(names, request, EVENT_NAMES[event.kind], f"from {tuple(position)}", said)
-            )
-        (by_client if event.kind == SENT else by_service)[key] = request
-        place(request, event)
-    for event in waiting:
-        key = (event.peer, event.client)
-        request = (by_client if event.kind == RETURNED else by_service).get(key)
-        if request is None:
-            if key not in strangers:
-                what = EVENT_NAMES[event.kind]
-                problems.append(
-                    Difference(
-                        event.content[0],
-                        names[event.peer],
-                        f"dialogue {what}",
-                        "without its request",
-                        "with it",
-                    )
-                )
-            continue
-        place(request, event)
-        if event.kind == RETURNED:
-            request.answer = event.content
-        else:
-            request.said = event.content
+    for peer, rows in enumerate(events):
+        _put(peer, rows, requests, problems, names, frame)
     ordered = sorted(requests.items(), key=lambda item: (item[0][2], item[0][0], item[0][3]))
     return [request for _, request in ordered], problems
 
 
+def _put(peer: int, rows, requests: dict, problems: list, names, frame: Frame) -> None:
+    """Add what one asked robot's topic says."""
+    steps = (rows["ns"] + frame.period // 2) // frame.period
+    codes = {client: code for code, client in enumerate(dict.fromkeys(rows["client"].tolist()))}
+    client = np.array([codes[one] for one in rows["client"].tolist()], dtype=np.int64)
+    server = (rows["kind"] == RECEIVED) | (rows["kind"] == ANSWERED)
+    writers = np.where(server, -1, client)
+    for writer in np.unique(writers).tolist():
+        mine = np.flatnonzero(writers == writer)
+        wall = rows["wall_ns"][mine]
+        late = np.maximum.accumulate(wall) - wall
+        for place in np.flatnonzero(late > 0).tolist():
+            what = f"{DIALOGUE} {EVENT_NAMES[rows['kind'][mine[place]]]}"
+            logged = f"after one that is {late[place]} ns younger"
+            step = int(steps[mine[place]])
+            problems.append(Difference(step, names[peer], what, logged, "before it"))
+    asked: dict[tuple, Request] = {}  # by (whether the service says so, client, number)
+    strangers: set[tuple] = set()
+    columns = (rows["kind"], rows["wall_ns"], client, rows["number"], rows["request"])
+    columns += (rows["asker"], rows["xy"], rows["seen"], steps)
+    waiting = []
+    for event in zip(*(column.tolist() for column in columns), strict=True):
+        kind, wall_ns, who, number, is_request, asker, xy, _, step = event
+        if not is_request:
+            waiting.append(event)
+            continue
+        key = (kind == RECEIVED, who, number)
+        if asker < 0 or step == 0:
+            strangers.add(key)
+            continue
+        place_of = (asker, peer, step, number)
+        request = requests.get(place_of)
+        if request is None:
+            request = requests[place_of] = Request(asker, peer, step, tuple(xy))
+        elif request.position != tuple(xy):
+            said = f"from {request.position}"
+            problems.append(_problem(names, request, EVENT_NAMES[kind], f"from {tuple(xy)}", said))
+        asked[key] = request
+        _note(request, kind, wall_ns, problems, names)
+    for kind, wall_ns, who, number, _, _, xy, seen, step in waiting:
+        key = (kind == ANSWERED, who, number)
+        request = asked.get(key)
+        if request is None:
+            if key not in strangers:
+                what = f"{DIALOGUE} {EVENT_NAMES[kind]}"
+                problems.append(
+                    Difference(step, names[peer], what, "without its request", "with it")
+                )
+            continue
+        _note(request, kind, wall_ns, problems, names)
+        content = (step, tuple(xy) if seen else None)
+        if kind == RETURNED:
+            request.answer = content
+        else:
+            request.said = content
+
+
+def _note(request: Request, kind: int, wall_ns: int, problems: list, names) -> None:
+    if kind in request.wall_ns:
+        problems.append(_problem(names, request, EVENT_NAMES[kind], "twice", "once"))
+    else:
+        request.wall_ns[kind] = wall_ns
+
+
 def _problem(names, request: Request, what: str, logged: str, computed: str) -> Difference:
-    quantity = f"dialogue with {names[request.peer]}, {what}"
+    quantity = f"{DIALOGUE} with {names[request.peer]}, {what}"
     return Difference(request.step, names[request.asker], quantity, logged, computed)
-
-
-def _head(place_of: tuple) -> tuple[int, int, int]:
-    asker, peer, step, _ = place_of
-    return asker, peer, step

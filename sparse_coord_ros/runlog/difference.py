@@ -6,21 +6,24 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sparse_coord_ros.core import wire
 from sparse_coord_ros.core.agent import Tables
 from sparse_coord_ros.core.sparse import SparseTable
 
 MISSING = "missing"
+DIALOGUE, LOG_TIME = "dialogue", "log_time"
+"""Quantities that are no topic's."""
 QUANTITIES = (
-    "local_state",
-    "map",
-    "markers",
-    "tables",
-    "coordination_map",
-    "percept",
-    "dialogue",
-    "action",
-    "reward",
-    "log_time",
+    wire.LOCAL_STATE.name,
+    wire.MAP.name,
+    wire.MARKERS.name,
+    wire.TABLES.name,
+    wire.COORDINATION_MAP.name,
+    wire.PERCEPT.name,
+    DIALOGUE,
+    wire.ACTION.name,
+    wire.REWARD.name,
+    LOG_TIME,
 )
 """What comes within a time step, in its order; everything else comes before."""
 
@@ -64,20 +67,20 @@ def first_entry(logged: Tables, computed: Tables) -> tuple[str, str, str]:
             if ours.same_bits(theirs):
                 continue
             if ours.unseen != theirs.unseen:
-                return f"tables {name} unseen", repr(ours.unseen), repr(theirs.unseen)
+                return f"{wire.TABLES.name} {name} unseen", repr(ours.unseen), repr(theirs.unseen)
             keys = sorted({tuple(key) for table in (ours, theirs) for key in table.keys.tolist()})
             for key in keys:
                 pairs = zip(ours[key].tolist(), theirs[key].tolist(), strict=True)
                 for action, (a, b) in enumerate(pairs):
                     if repr(a) != repr(b):
-                        return f"tables {name}{[*key, action]}", repr(a), repr(b)
-            return f"tables {name}", f"{len(ours)} rows", f"{len(theirs)} rows"
+                        return f"{wire.TABLES.name} {name}{[*key, action]}", repr(a), repr(b)
+            return f"{wire.TABLES.name} {name}", f"{len(ours)} rows", f"{len(theirs)} rows"
         odd = np.argwhere(ours.view(np.int64) != theirs.view(np.int64))
         if len(odd):
             entry = tuple(odd[0].tolist())
             return (
-                f"tables {name}{list(entry)}",
+                f"{wire.TABLES.name} {name}{list(entry)}",
                 repr(float(ours[entry])),
                 repr(float(theirs[entry])),
             )
-    return "tables", "another kind", "that of the scenario"
+    return wire.TABLES.name, "another kind", "that of the scenario"

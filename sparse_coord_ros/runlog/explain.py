@@ -2,16 +2,35 @@
 # SPDX-License-Identifier: Apache-2.0
 """Each COORDINATE traced: who asked whom, what was answered, and what was learned from it."""
 
-from collections.abc import Collection
 from typing import NamedTuple
 
-from sparse_coord_ros.core.frame import Frame, action_numbers
+import numpy as np
+
+from sparse_coord_ros.core.agent import NOBODY
+from sparse_coord_ros.core.algorithm import COORDINATE
+from sparse_coord_ros.core.wire import ANSWERED, LATE, PERCEPT_ENDS, REFUSED
 from sparse_coord_ros.core.world import Action
-from sparse_coord_ros.runlog.agents import AgentCheck, first_tables
+from sparse_coord_ros.runlog.agents import first_tables
 from sparse_coord_ros.runlog.dialogue import Request
-from sparse_coord_ros.runlog.log import RunLog
-from sparse_coord_ros.runlog.percepts import ANSWERED, LATE, REFUSED, check_percepts
-from sparse_coord_ros.runlog.rerun import Choice, Update, rerun
+from sparse_coord_ros.runlog.follower import Follower, Story, tell
+from sparse_coord_ros.runlog.log import NONE, RunLog
+from sparse_coord_ros.runlog.percepts import ENDED
+
+
+class Update(NamedTuple):
+    """What a robot has learned from a transition.
+
+    Attributes:
+        next_cell: where its action led.
+        reward: R_k(t).
+        star: entry (cell, action) of Q*, its value before and after.
+        coord: entry (own cell, perceived cells, move) of Q^C, before and after; or None.
+    """
+
+    next_cell: int
+    reward: float
+    star: tuple[tuple[int, ...], float, float]
+    coord: tuple[tuple[int, ...], float, float] | None
 
 
 class Coordination(NamedTuple):
@@ -22,7 +41,7 @@ class Coordination(NamedTuple):
         robot: the robot's number; cell: where it was.
         peers: whom it had to ask.
         requests: what it asked, in order, with the answers and the wall clock.
-        outcome: ANSWERED, REFUSED or LATE, by the dialogue.
+        outcome: how the percept ended, in the words of `wire.PERCEPT_ENDS`.
         perceived: the cells that it perceived, or None.
         action: the primitive action that COORDINATE became.
         q_values: the four values that the action was chosen by, before learning: of Q^C at the
@@ -56,69 +75,53 @@ def explain(log: RunLog, robot: int, step: int) -> Coordination | None:
 
     The tables before and after are computed again from the start of the log, as `verify` does.
     """
-    if step not in log.tracks.actions[robot].first or step not in coordinations(log, robot):
+    story = tell(log, robot)
+    place = int(np.searchsorted(story.step, step))
+    if place == len(story.step) or story.step[place] != step or story.action[place] != COORDINATE:
         return None
     begun, odd = first_tables(log, robot)
-    doubt = None if odd is None else f"{odd}"
     if begun is None:
         doubt = f"the log does not hold the tables that {log.names[robot]} began with"
-    dropped: Collection[int] = ()
-    absent = _absences(log, robot)
-    if absent and begun is not None:
-        check = AgentCheck(
-            log, robot, check_percepts(log, log.last_step)[0], absent, log.last_step
-        )
-        odd = check.follow()
-        dropped = check.dropped
-        if odd is not None and odd.step <= step:
-            doubt = f"{odd}"
-    learner = rerun(log, robot, begun, dropped)
-    for event in learner:
-        if event.step > step:
-            break
-        if isinstance(event, Choice) and event.step == step:
-            if not event.computed.asked:
-                return None
-            return _coordination(log, robot, event, learner, doubt)
-    return None
-
-
-def _absences(log: RunLog, robot: int) -> frozenset[tuple[int, int]]:
-    """Return (robot, step) of the steps that the world made without it while it was under way."""
-    states, rewards, _, _ = log.tracks.of(robot)
-    made = {t for track in log.tracks.rewards for t in track.first}
-    frame = Frame(log.run)
-    goal = frame.centres[log.run.scenario.robots[robot].goal]
-    return frozenset(
-        (robot, t) for t in made if t not in rewards.first and states.first.get(t, goal) != goal
-    )
-
-
-def _coordination(
-    log: RunLog, robot: int, choice: Choice, learner, doubt: str | None
-) -> Coordination:
-    q_star, q_coord = choice.tables
-    if choice.perceived is None:
-        values = q_star[choice.cell][:4].tolist()
+        begun = log.run.rule.tables(log.run.scenario)
     else:
-        values = q_coord[choice.cell, *choice.perceived].tolist()
-    after = next(learner, None)
-    update = after if isinstance(after, Update) and after.step == choice.step else None
-    requests = tuple(
-        request
-        for request in log.requests
-        if (request.asker, request.step) == (robot, choice.step)
-    )
-    agrees = tuple(map(repr, choice.logged)) == tuple(map(repr, action_numbers(choice.computed)))
+        doubt = None if odd is None else f"{odd}"
+        if log.tracks.format == 1 and len(story.step) and not story.told[:place].all():
+            doubt = doubt or (
+                "the robot was left out before, and a bag of format 1 does not say what it learned"
+            )
+    follower = Follower(log, robot, story, begun)
+    agrees = follower.advance(place)
+    values = follower.values(place)
+    seen = tuple(story.seen[place].tolist())
+    perceived = seen if seen and NONE not in seen else None
+    entries = _entries(story, place, perceived)
+    before = [follower.entry(*state, action=a) for state, a in entries]
+    agrees = agrees and follower.advance(place + 1)
+    update = None
+    if story.learned[place] and agrees:
+        after = [follower.entry(*state, action=a) for state, a in entries]
+        changes = [
+            ((*state, a), b, c) for (state, a), b, c in zip(entries, before, after, strict=True)
+        ]
+        update = Update(
+            int(story.next_cell[place]),
+            float(story.reward[place, -1]),
+            changes[0],
+            changes[1] if perceived is not None else None,
+        )
+    computed = follower.other
+    move = int(story.move[place]) if computed is None else computed.move
+    peers = tuple(story.peers[place].tolist())
+    requests = tuple(r for r in log.requests if (r.asker, r.step) == (robot, step))
     return Coordination(
-        step=choice.step,
+        step=step,
         robot=robot,
-        cell=choice.cell,
-        peers=choice.decision.peers,
+        cell=int(story.cell[place]),
+        peers=peers,
         requests=requests,
-        outcome=_outcome(choice, requests),
-        perceived=choice.perceived,
-        action=choice.computed,
+        outcome=_outcome(log, robot, story, place, perceived, requests),
+        perceived=perceived,
+        action=Action(move, True, peers[0] if len(peers) == 1 else NOBODY, perceived is not None),
         q_values=tuple(values),
         update=update,
         agrees=agrees,
@@ -126,8 +129,24 @@ def _coordination(
     )
 
 
-def _outcome(choice: Choice, requests: tuple[Request, ...]) -> str:
-    if choice.perceived is not None:
-        return ANSWERED
+def _entries(
+    story: Story, place: int, perceived: tuple[int, ...] | None
+) -> list[tuple[tuple[int, ...], int]]:
+    """Return which entries of Q* and, where it perceived, of Q^C an action changes."""
+    cell = int(story.cell[place])
+    entries: list[tuple[tuple[int, ...], int]] = [((cell,), COORDINATE)]
+    if perceived is not None:
+        entries.append(((cell, *perceived), int(story.move[place])))
+    return entries
+
+
+def _outcome(log: RunLog, robot: int, story: Story, place: int, perceived, requests) -> str:
+    """Return how the percept ended: as the robot says, in bags of format 1 by the dialogue."""
+    if log.tracks.format > 1:
+        code = log.numbers[story.row[place], robot, ENDED]
+        return PERCEPT_ENDS[int(code)] if code in range(len(PERCEPT_ENDS)) else f"percept={code:g}"
+    if perceived is not None:
+        return PERCEPT_ENDS[ANSWERED]
     last = requests[-1].answer if requests else None
-    return LATE if last is None or last[0] < choice.step else REFUSED
+    late = last is None or last[0] < int(story.step[place])
+    return PERCEPT_ENDS[LATE if late else REFUSED]

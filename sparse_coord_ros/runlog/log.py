@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A recorded run as NumPy arrays over time step and robot."""
 
-from collections.abc import Mapping
+import warnings
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -10,15 +11,18 @@ from pathlib import Path
 import numpy as np
 
 from sparse_coord_ros.core.agent import NOBODY, Tables
-from sparse_coord_ros.core.frame import Frame, action_from
+from sparse_coord_ros.core.algorithm import ACTIONS, COORDINATE
+from sparse_coord_ros.core.frame import EAST_NORTH, Frame, action_from
+from sparse_coord_ros.core.history import History
 from sparse_coord_ros.core.run_config import RunConfig
-from sparse_coord_ros.core.wire import REWARD_LABELS
+from sparse_coord_ros.core.scenario import Scenario
+from sparse_coord_ros.core.wire import ACTION, ACTION_LABELS, REWARD_LABELS
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.recording.reader import Bag
 from sparse_coord_ros.runlog.attached import RecordedTables
 from sparse_coord_ros.runlog.dialogue import Request
 from sparse_coord_ros.runlog.difference import Difference
-from sparse_coord_ros.runlog.tracks import Tracks, read_tracks
+from sparse_coord_ros.runlog.tracks import NUMBERS, Tracks, read_tracks
 
 NONE = -1
 MARGIN = 5
@@ -43,6 +47,9 @@ class RunLog:
         asked, perceived: shape (T, K), bool.
         percept: cells that robot k perceived, by the robot seen: shape (T, K, K), int32.
         reward: individual, common, ask_cost, total: shape (T, K, 4), float64.
+        centred: whether a local state is just a cell's centre, shape (T, K), bool.
+        numbers: the actions' numbers as they were logged, `ACTION_LABELS` and `ACCOUNT_LABELS`:
+            shape (T, K, 7), float64.
         tables: by (robot's number, time step); of two of a step the later.
         all_tables: all of them, in the order of the log.
         requests: the dialogue, in the order of time steps.
@@ -55,6 +62,7 @@ class RunLog:
     step: np.ndarray
     episode: np.ndarray
     cells: np.ndarray
+    centred: np.ndarray
     position: np.ndarray
     action: np.ndarray
     move: np.ndarray
@@ -63,6 +71,7 @@ class RunLog:
     perceived: np.ndarray
     percept: np.ndarray
     reward: np.ndarray
+    numbers: np.ndarray
     all_tables: tuple[RecordedTables, ...]
     requests: tuple[Request, ...]
     tracks: Tracks
@@ -83,8 +92,8 @@ class RunLog:
         if not self.broken_off:
             return None
         tracks = self.tracks
-        ends = [max(track.first, default=0) for track in (*tracks.states, tracks.clock)]
-        return min(ends) - MARGIN
+        ends = [track.step.max(initial=0) for track in (*tracks.states, tracks.clock)]
+        return int(min(ends)) - MARGIN
 
     @property
     def problems(self) -> tuple[Difference, ...]:
@@ -96,7 +105,7 @@ class RunLog:
         """The recorded tables by (robot's number, time step)."""
         return {(entry.robot, entry.step): entry.tables for entry in self.all_tables}
 
-    def frame(self):
+    def to_pandas(self):
         """Return a pandas DataFrame: one row for each time step and robot.
 
         Raises:
@@ -110,21 +119,103 @@ class RunLog:
                 "use the arrays"
             ) from None
         count, robots = self.cells.shape
+        # Where there is no cell or action, index -1 finds what was put at the end.
+        grid = np.array([*self.run.scenario.map.cells, (NONE, NONE)])[self.cells]
+        called = np.array([*ACTIONS, None], dtype=object)
         columns = {
             "step": np.repeat(self.step, robots),
             "episode": np.repeat(self.episode, robots),
             "robot": np.tile(np.array(self.names, dtype=object), count),
             "cell": self.cells.ravel(),
+            "row": grid[..., 0].ravel(),
+            "column": grid[..., 1].ravel(),
             "x": self.position[..., 0].ravel(),
             "y": self.position[..., 1].ravel(),
+            "action": self.action.ravel(),
+            "action_name": called[self.action].ravel(),
+            "move": self.move.ravel(),
+            "move_name": called[self.move].ravel(),
         }
-        for name in ("action", "move", "peer", "asked", "perceived"):
+        for name in ("peer", "asked", "perceived"):
             columns[name] = getattr(self, name).ravel()
         for place, name in enumerate(self.names):
             columns[f"percept_{name}"] = self.percept[..., place].ravel()
         for place, label in enumerate(REWARD_LABELS):
             columns["reward" if label == "total" else label] = self.reward[..., place].ravel()
         return pandas.DataFrame(columns)
+
+    def frame(self):
+        """Return `to_pandas()`; the old name, which goes with the next version."""
+        warnings.warn("RunLog.frame() is now to_pandas()", DeprecationWarning, stacklevel=2)
+        return self.to_pandas()
+
+    def history(self) -> History:
+        """Return what happened in each learning episode, as far as the log goes."""
+        scenario = self.run.scenario
+        goals = np.array([robot.goal for robot in scenario.robots])
+        rewarded = ~np.isnan(self.reward[..., -1])
+        made = rewarded.any(axis=1)
+        made[:-1] &= np.diff(self.step) == 1  # else the state after it is not in the log
+        made[-1:] = False
+        after = np.roll(self.cells, -1, axis=0)
+        found, episode = np.unique(self.episode[made], return_inverse=True)
+        first = np.searchsorted(self.episode, found)
+
+        def total(values: np.ndarray) -> np.ndarray:
+            sums = np.zeros((len(found), *values.shape[1:]), dtype=values.dtype)
+            np.add.at(sums, episode, values[made])
+            return sums
+
+        return History(
+            first_step=self.step[first],
+            length=total(made.astype(np.int64)),
+            reward=total(np.where(rewarded, self.reward[..., -1], 0.0)),
+            miscoordinations=total(miscoordinations(scenario, after).astype(np.int64)),
+            asks=total((self.asked & rewarded).astype(np.int64)),
+            arrived=total((after == goals).astype(np.int64)) > 0,
+            present=np.ones((len(found), len(self.names)), dtype=bool),
+        )
+
+
+def miscoordinations(scenario: Scenario, cells: np.ndarray) -> np.ndarray:
+    """Return which joint states, shape (T, K), are miscoordinations: shape (T,), bool."""
+    doorways = np.isin(cells, sorted(scenario.map.doorways))
+    if scenario.conflict == "any_doorway":
+        return doorways.sum(axis=1) > 1
+    apart = -1 - np.arange(cells.shape[1])  # those outside doorways meet nobody
+    occupied = np.sort(np.where(doorways, cells, apart), axis=1)
+    return (np.diff(occupied, axis=1) == 0).any(axis=1)
+
+
+def cell_numbers(frame: Frame, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return in which cells positions (shape (..., 2), metres) lie, and which are their centres.
+
+    `NONE` where there is no free cell.
+    """
+    rows, columns = frame.grid.shape
+    numbers = np.full((rows + 1, columns + 1), NONE, dtype=np.int32)
+    for cell, (row, column) in enumerate(frame.grid.cells):
+        numbers[row, column] = cell
+    with np.errstate(invalid="ignore"):
+        column, south = (np.floor_divide(places[..., i], frame.resolution) for i in (0, 1))
+        inside = (column >= 0) & (column < columns) & (south >= 0) & (south < rows)
+    row = np.where(inside, rows - 1 - np.where(inside, south, 0), rows).astype(np.int64)
+    found = numbers[row, np.where(inside, column, columns).astype(np.int64)]
+    centres = np.array([*frame.centres, (np.nan, np.nan)])
+    exact = (centres[found] == places).all(axis=-1)
+    for odd in np.argwhere(~exact & ~np.isnan(places).any(axis=-1)).tolist():
+        cell = frame.cell(*places[tuple(odd)].tolist())  # a centre that was rounded
+        found[tuple(odd)] = NONE if cell is None else cell
+        exact[tuple(odd)] = cell is not None and frame.centres[cell] == tuple(
+            places[tuple(odd)].tolist()
+        )
+    return found, exact
+
+
+def merged(steps: Sequence[np.ndarray]) -> np.ndarray:
+    """Return the time steps that are in any of some ascending arrays, ascending, each once."""
+    together = np.sort(np.concatenate(steps), kind="stable")
+    return together[np.concatenate([[True], together[1:] != together[:-1]])[: len(together)]]
 
 
 def read_run(path: Path) -> RunLog:
@@ -133,48 +224,45 @@ def read_run(path: Path) -> RunLog:
     Of an unfinished or damaged file, what can be read before the damage.
 
     Raises:
-        BagError: nothing can be read, or the bag holds no run.
+        BagError: nothing can be read, or the bag holds no run, or is of a newer format.
         RunError, ScenarioError, SettingError: the run in the bag is not one of this version.
     """
     tracks = read_tracks(Path(path))
     run, names = tracks.run, tracks.names
     frame = Frame(run)
     robots = range(len(names))
-    steps = sorted({t for k in robots for kind in tracks.of(k) for t in kind.first})
-    row = {t: place for place, t in enumerate(steps)}
-    shape = (len(steps), len(names))
-    step = np.array(steps, dtype=np.int64)
-    cells = np.full(shape, NONE, dtype=np.int32)
+    all_steps = [track.step for k in robots for track in tracks.of(k)]
+    step = merged(all_steps)
+    shape = (len(step), len(names))
     position = np.full((*shape, 2), np.nan)
-    action = np.full(shape, NONE, dtype=np.int8)
-    move = np.full(shape, NONE, dtype=np.int8)
-    peer = np.full(shape, NOBODY, dtype=np.int16)
-    asked = np.zeros(shape, dtype=bool)
-    perceived = np.zeros(shape, dtype=bool)
+    numbers = np.full((*shape, NUMBERS), np.nan)
     percept = np.full((*shape, len(names)), NONE, dtype=np.int32)
     reward = np.full((*shape, len(REWARD_LABELS)), np.nan)
     for k in robots:
-        for t, (x, y) in tracks.states[k].first.items():
-            position[row[t], k] = x, y
-            cell = frame.cell(x, y)
-            cells[row[t], k] = NONE if cell is None else cell
-        for t, parts in tracks.rewards[k].first.items():
-            reward[row[t], k] = parts
-        for t, numbers in tracks.actions[k].first.items():
-            try:
-                said = action_from(numbers)
-            except ValueError as error:
-                tracks.problem(t, k, "action", str(error), "an action")
-                continue
-            at = row[t], k
-            action[at] = 4 if said.asked else said.move
-            move[at], asked[at], perceived[at] = said.move, said.asked, said.perceived
-            if NOBODY <= said.peer < len(names):
-                peer[at] = said.peer
-        for t, places in tracks.percepts[k].first.items():
-            for seen, (x, y) in zip(_seen(k, peer[row[t], k], names), places[1:], strict=False):
-                cell = frame.cell(x, y)
-                percept[row[t], k, seen] = NONE if cell is None else cell
+        states, rewards, actions, _ = tracks.of(k)
+        position[np.searchsorted(step, states.step), k] = states.rows["xy"]
+        reward[np.searchsorted(step, rewards.step), k] = rewards.rows["numbers"]
+        numbers[np.searchsorted(step, actions.step), k] = actions.rows["numbers"]
+    cells, centred = cell_numbers(frame, position)
+    move = _moves(numbers)
+    peer = np.full(shape, NOBODY, dtype=np.int16)
+    said = numbers[..., ACTION_LABELS.index("peer")]
+    known = (move != NONE) & (said >= 0) & (said <= len(names))
+    peer[known] = said[known].astype(np.int16) - 1
+    coordinate = numbers[..., ACTION_LABELS.index("coordinate")]
+    asked = (move != NONE) & (coordinate != 0)
+    for place, k in np.argwhere((move == NONE) & ~np.isnan(numbers[..., 0])).tolist():
+        try:
+            action_from(numbers[place, k, : len(ACTION_LABELS)].tolist())
+        except ValueError as error:
+            tracks.problem(int(step[place]), k, ACTION.name, str(error), "an action")
+    for k in robots:
+        rows = np.searchsorted(step, tracks.percepts[k].step)
+        seen = cell_numbers(frame, tracks.percepts[k].rows["places"])[0][:, 1:]
+        others = [other for other in robots if other != k]
+        one = peer[rows, k] != NOBODY
+        percept[rows[one], k, peer[rows[one], k]] = seen[one, :1].reshape(-1) if others else NONE
+        percept[np.ix_(rows[~one], [k], others)] = seen[~one][:, None, :]
     return RunLog(
         bag=tracks.bag,
         run=run,
@@ -182,20 +270,26 @@ def read_run(path: Path) -> RunLog:
         step=step,
         episode=np.cumsum(np.diff(step, prepend=step[:1]) > 1),
         cells=cells,
+        centred=centred,
         position=position,
-        action=action,
+        action=np.where(asked, np.int8(COORDINATE), move),
         move=move,
         peer=peer,
         asked=asked,
-        perceived=perceived,
+        perceived=(move != NONE) & (numbers[..., ACTION_LABELS.index("perceived")] != 0),
         percept=percept,
         reward=reward,
+        numbers=numbers,
         all_tables=tuple(tracks.tables),
         requests=tuple(tracks.requests),
         tracks=tracks,
     )
 
 
-def _seen(k: int, peer: int, names: tuple[str, ...]) -> list[int]:
-    """Return whom robot k perceives, in the order of its percept."""
-    return [peer] if peer != NOBODY else [other for other in range(len(names)) if other != k]
+def _moves(numbers: np.ndarray) -> np.ndarray:
+    """Return the primitive actions that logged numbers say; NONE where they say none."""
+    moves = np.full(numbers.shape[:-1], NONE, dtype=np.int8)
+    readable = np.isfinite(numbers[..., ACTION_LABELS.index("peer")])
+    for move, (east, north) in enumerate(EAST_NORTH):
+        moves[(numbers[..., 0] == east) & (numbers[..., 1] == north) & readable] = move
+    return moves

@@ -1,202 +1,208 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Whether each percept is what the perception model draws, and what the dialogue says."""
+"""Whether percepts ended as the robots say: by the perception model's draws and the dialogue."""
 
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
 
-from sparse_coord_ros.core.frame import SECOND, Frame
+import numpy as np
+
+from sparse_coord_ros.core.frame import Frame
 from sparse_coord_ros.core.perception import percept_probabilities
-from sparse_coord_ros.core.streams import PERCEPT, Stream
-from sparse_coord_ros.runlog.dialogue import EVENT_NAMES, RETURNED, SENT, Request
-from sparse_coord_ros.runlog.difference import MISSING, Difference
-from sparse_coord_ros.runlog.log import RunLog
+from sparse_coord_ros.core.streams import PERCEPT as PERCEPT_ROLE
+from sparse_coord_ros.core.wire import (
+    ACCOUNT_LABELS,
+    ACTION,
+    ACTION_LABELS,
+    ANSWERED,
+    LATE,
+    NOBODY_TO_ASK,
+    NOT_ASKED,
+    PERCEPT,
+    PERCEPT_ENDS,
+    REFUSED,
+)
+from sparse_coord_ros.runlog.dialogue import EVENT_NAMES, RETURNED, Request
+from sparse_coord_ros.runlog.difference import DIALOGUE, MISSING, Difference
+from sparse_coord_ros.runlog.draws import draws_at
+from sparse_coord_ros.runlog.follower import tell
+from sparse_coord_ros.runlog.log import NONE, RunLog
 
-ANSWERED, REFUSED, LATE = "answered", "refused", "late"
-UNSURE = "refused or late"
-"""By the log it may have been either: the answer came about when the deadline passed."""
-SLOW = 0.9
-"""Share of the deadline from which on an answer may have come too late."""
+ENDED = len(ACTION_LABELS) + ACCOUNT_LABELS.index(PERCEPT.name)
 
 
-class Percept(NamedTuple):
-    """How one COORDINATE ended: ANSWERED, REFUSED, LATE or UNSURE."""
-
-    robot: int
-    step: int
-    outcome: str
-
-
-def check_percepts(log: RunLog, last: int | None) -> tuple[list[Percept], list[Difference]]:
-    """Return how every COORDINATE ended, and the differences of percepts and dialogue.
+def check_percepts(log: RunLog, last: int | None) -> list[Difference]:
+    """Return in what percepts and dialogue differ from what they must be.
 
     Args:
         log: the log.
         last: the last time step to check; None: all.
     """
-    judge = _Judge(log)
-    ended, differences = [], []
-    for k, name in enumerate(log.names):
-        actions, percepts = log.tracks.actions[k].first, log.tracks.percepts[k].first
-        asked = {t for t, numbers in actions.items() if numbers[2] != 0.0}
-        for step in sorted(asked | set(percepts)):
-            if last is not None and step > last:
-                break
-            if step not in asked:
-                said = "a percept" if step in actions else MISSING
-                quantity, due = (
-                    ("percept", "none") if step in actions else ("action", "COORDINATE")
-                )
-                differences.append(Difference(step, name, quantity, said, due))
-            elif step not in percepts:
-                differences.append(Difference(step, name, "percept", MISSING, "one"))
-            else:
-                outcome, found = judge.percept(k, step)
-                ended.append(Percept(k, step, outcome))
-                differences += found
-    for request in log.requests:
-        if last is None or request.step <= last:
-            differences += judge.request(request)
-            states, _, actions, _ = log.tracks.of(request.asker)
-            if request.step not in actions.first and states.last > request.step:
-                ended.append(Percept(request.asker, request.step, LATE))
-    return list(dict.fromkeys(ended)), differences
+    return list(_Judge(log, log.step[-1] if last is None and len(log.step) else last or 0).all())
 
 
 class _Judge:
-    def __init__(self, log: RunLog) -> None:
-        self.log, self.frame = log, Frame(log.run)
+    def __init__(self, log: RunLog, last: int) -> None:
+        self.log, self.last, self.frame = log, last, Frame(log.run)
         scenario = log.run.scenario
-        self.all = scenario.peers == "all"
-        self.draws = [Stream(log.run.seed, k, PERCEPT) for k in range(len(log.names))]
         self.probabilities = percept_probabilities(scenario.perception, scenario.map).tolist()
-        self.answers: dict[tuple[int, int, int], Request] = {}
-        for request in log.requests:  # of several of a step the last one counts
-            self.answers[request.asker, request.peer, request.step] = request
-        self.sent: dict[tuple[int, int], int] = {}
-        for request in log.requests:
-            if SENT in request.wall_ns:
-                key = request.asker, request.step
-                self.sent[key] = min(
-                    request.wall_ns[SENT], self.sent.get(key, request.wall_ns[SENT])
-                )
-        self.silent: set[tuple[int, int]] = set()
+        # Of several requests to a peer at a step the last one counts.
+        self.latest = {(r.asker, r.peer, r.step): r for r in log.requests}
+        self.row = {step: row for row, step in enumerate(log.step.tolist())}
+        steps = [sorted({r.step for r in log.requests if r.asker == k}) for k in self.robots]
+        self.draws = []
+        for k in self.robots:
+            asked = set(log.step[log.asked[:, k]].tolist()) | set(steps[k])
+            wanted = np.array(sorted(step for step in asked if step >= 0), dtype=np.int64)
+            values = draws_at(log.run.seed, k, PERCEPT_ROLE, wanted)[:, 0].tolist()
+            self.draws.append(dict(zip(wanted.tolist(), values, strict=True)))
 
-    def percept(self, k: int, step: int) -> tuple[str, list[Difference]]:
-        """Judge one percept; return how COORDINATE ended."""
-        log = self.log
-        name = log.names[k]
-        places = log.tracks.percepts[k].first[step]
-        own, *seen = [self.frame.cell(*place) for place in places] or [None]
+    @property
+    def robots(self) -> range:
+        """The robots' numbers."""
+        return range(len(self.log.names))
+
+    def all(self) -> Iterator[Difference]:
+        """Yield what is odd about percepts, then about requests."""
+        for k in self.robots:
+            yield from self._robot(k)
+        for request in self.log.requests:
+            if request.step <= self.last:
+                yield from self._request(request)
+
+    def _robot(self, k: int) -> Iterator[Difference]:
+        log, name = self.log, self.log.names[k]
+        actions, percepts = log.tracks.actions[k], log.tracks.percepts[k]
+        asked = log.step[log.asked[:, k]]
+        for step in percepts.step[~np.isin(percepts.step, asked)].tolist():
+            if step <= self.last and actions.has(np.array([step]))[0]:
+                yield Difference(step, name, PERCEPT.name, "a percept", "none")
+            elif step <= self.last:
+                yield Difference(step, name, ACTION.name, MISSING, "COORDINATE")
+        for step in asked[~np.isin(asked, percepts.step)].tolist():
+            if step <= self.last:
+                yield Difference(step, name, PERCEPT.name, MISSING, "one")
+        story = tell(log, k)
+        codes = log.numbers[story.row, k, ENDED]
+        coordinates = log.asked[story.row, k]
+        if log.tracks.format > 1:
+            lies = (codes != NOT_ASKED) & ~coordinates & (story.step <= self.last)
+            for step, code in zip(story.step[lies].tolist(), codes[lies].tolist(), strict=True):
+                yield self._code(step, k, code, PERCEPT_ENDS[NOT_ASKED])
+        places = dict(zip(percepts.step.tolist(), range(len(percepts.step)), strict=True))
+        for i in np.flatnonzero(coordinates & (story.step <= self.last)).tolist():
+            step = int(story.step[i])
+            if step in places:
+                row = percepts.rows[places[step]]
+                peers = story.peers[i].tolist()
+                yield from self._percept(k, step, row, peers, float(codes[i]))
+
+    def _percept(self, k: int, step: int, row, peers: list[int], code: float):
+        """Judge one percept: what it shows, how it is said to have ended, what was answered."""
+        name, centres = self.log.names[k], self.frame.centres
+        places = [tuple(place) for place in row["places"].tolist()]
         here = self._cell(k, step)
-        if own != here or own is None or self.frame.centres[own] != places[0]:
-            return REFUSED, [
-                Difference(step, name, "percept own", f"{places[:1]}", f"cell {here}")
-            ]
-        peers = self._peers(k, step)
+        if not row["count"] or here is None or places[0] != centres[here]:
+            said = f"{places[: min(1, int(row['count']))]}"
+            yield Difference(step, name, "percept own", said, f"cell {here}")
+            return
         cells = [self._cell(peer, step) for peer in peers]
         if None in cells:
-            return REFUSED, []  # the world's check names the missing state
-        draw = self.draws[k].at(step)[0]
+            return  # the world's check names the missing state
+        draw = self.draws[k][step]
         visible = [draw < self.probabilities[here][cell] for cell in cells]
-        expected = _words(cells) if peers and all(visible) else "refused"
-        if seen:
-            self.silent.difference_update([(k, peer) for peer in peers])
-            exact = [self.frame.centres[cell] for cell in cells]
-            if not all(visible) or list(places[1:]) != exact:
-                return ANSWERED, [Difference(step, name, "percept", _words(seen), expected)]
-            return ANSWERED, list(self._asked(k, step, peers, cells))
-        if not peers or not all(visible):
-            count = visible.index(False) + 1 if peers else 0
-            said = [*cells[: count - 1], None] if count else []
-            how = self._failed(k, step, peers) or REFUSED
-            return how, list(self._asked(k, step, peers[:count], said))
-        how = self._failed(k, step, peers)
-        if how is not None:
-            return how, []
-        return LATE, [Difference(step, name, "percept", "failed", expected)]
+        seen = places[1 : int(row["count"])]
+        expected = _words(cells) if peers and all(visible) else PERCEPT_ENDS[REFUSED]
+        exact = peers and all(visible) and seen == [centres[cell] for cell in cells]
+        exact = exact and row["count"] == 1 + len(peers)
+        if row["count"] > 1 and not exact:
+            found = [self.frame.cell(*place) for place in seen]
+            yield Difference(step, name, PERCEPT.name, _words(found), expected)
+            return
+        if self.log.tracks.format == 1:
+            if row["count"] > 1:
+                yield from self._answers(k, step, peers, cells, visible, len(peers))
+            elif peers and all(visible) and self._all_answered(k, step, peers, cells):
+                yield Difference(step, name, PERCEPT.name, "failed", expected)
+            return
+        if row["count"] > 1:
+            allowed: tuple[int, ...] = (ANSWERED,)
+        else:
+            allowed = (REFUSED, LATE) if peers else (NOBODY_TO_ASK,)
+        if code not in allowed:
+            yield self._code(step, k, code, " or ".join(PERCEPT_ENDS[one] for one in allowed))
+        elif code == ANSWERED:
+            yield from self._answers(k, step, peers, cells, visible, len(peers))
+        elif code == REFUSED:
+            yield from self._refused(k, step, peers, cells, visible)
 
-    def _failed(self, k: int, step: int, peers: Sequence[int]) -> str | None:
-        """Return how a COORDINATE failed by the dialogue; None: by that it did not.
+    def _refused(self, k: int, step: int, peers, cells, visible) -> Iterator[Difference]:
+        """One peer after the other has answered, up to one that refused or was further."""
+        for place, peer in enumerate(peers):
+            request = self.latest.get((k, peer, step))
+            answer = None if request is None else request.answer
+            if answer is not None and answer[0] > step:
+                return
+            if answer is None or not visible[place]:
+                yield from self._answers(k, step, peers, cells, visible, place + 1)
+                return
+            yield from self._answers(k, step, [peer], [cells[place]], [visible[place]], 1)
+        name = self.log.names[k]
+        yield Difference(step, name, PERCEPT.name, PERCEPT_ENDS[REFUSED], _words(cells))
 
-        A peer that let a deadline pass is not waited for until it has answered again.
-        """
-        for peer in peers:
-            request = self.answers.get((k, peer, step))
-            was_silent = (k, peer) in self.silent
-            self.silent.discard((k, peer))
-            if request is None or request.answer is None:
-                self.silent.add((k, peer))
-                return LATE
-            if request.answer[0] < step:
-                return LATE
-            slow = self._slow(request)
-            if slow:
-                self.silent.add((k, peer))
-            if request.answer[0] > step or request.answer[1] is None:
-                return UNSURE if slow or was_silent else REFUSED
-            if slow or was_silent:
-                return LATE
-        return None
-
-    def _slow(self, request: Request) -> bool:
-        """Whether an answer may have come after the deadline."""
-        sent = self.sent.get((request.asker, request.step))
-        came = request.wall_ns.get(RETURNED)
-        if sent is None or came is None:
-            return True
-        return came - sent >= SLOW * self.log.run.percept_timeout * SECOND
-
-    def _asked(self, k: int, step: int, peers: Sequence[int], said: Sequence) -> Iterator:
+    def _answers(self, k: int, step: int, peers, cells, visible, count) -> Iterator[Difference]:
         """Compare the dialogue with the answers that there must have been."""
-        for peer, cell in zip(peers, said, strict=True):
-            quantity = f"dialogue with {self.log.names[peer]}"
-            where = None if cell is None else self.frame.centres[cell]
+        name = self.log.names[k]
+        for peer, cell, sees in list(zip(peers, cells, visible, strict=True))[:count]:
+            quantity = f"{DIALOGUE} with {self.log.names[peer]}"
+            where = self.frame.centres[cell] if sees else None
             due = "a refusal" if where is None else f"the answer {where}"
-            request = self.answers.get((k, peer, step))
+            request = self.latest.get((k, peer, step))
             if request is None:
-                yield Difference(step, self.log.names[k], quantity, MISSING, due)
+                yield Difference(step, name, quantity, MISSING, due)
             elif request.answer is None:
-                if cell is not None:
-                    logged = f"{EVENT_NAMES[RETURNED]} {MISSING}"
-                    yield Difference(step, self.log.names[k], quantity, logged, due)
-            elif request.answer[0] < step and cell is None:
-                continue  # it waited for a peer that was behind: late
-            elif request.answer[0] <= step and request.answer != (step, where):
-                yield Difference(step, self.log.names[k], quantity, f"{request.answer}", due)
+                yield Difference(step, name, quantity, f"{EVENT_NAMES[RETURNED]} {MISSING}", due)
+            elif request.answer != (step, where):
+                yield Difference(step, name, quantity, f"{request.answer}", due)
 
-    def request(self, request: Request) -> Iterator[Difference]:
-        """Judge whether the four sides of an answered request are there and agree."""
-        log = self.log
-        quantity = f"dialogue with {log.names[request.peer]}"
+    def _all_answered(self, k: int, step: int, peers, cells) -> bool:
+        """Whether by the dialogue every peer said where it was."""
+        requests = [self.latest.get((k, peer, step)) for peer in peers]
+        due = [(step, self.frame.centres[cell]) for cell in cells]
+        return all(r is not None and r.answer == d for r, d in zip(requests, due, strict=True))
+
+    def _request(self, request: Request) -> Iterator[Difference]:
+        """Judge whether the four sides of an answered request are there, agree and are true."""
+        log, step = self.log, request.step
+        quantity = f"{DIALOGUE} with {log.names[request.peer]}"
         who = log.names[request.asker]
-        latest = self.answers[request.asker, request.peer, request.step] is request
-        complete = RETURNED in request.wall_ns or (latest and self._was_answered(request))
-        for kind, event in enumerate(EVENT_NAMES):
-            if complete and kind not in request.wall_ns:
-                yield Difference(request.step, who, f"{quantity}, {event}", MISSING, "one")
+        if RETURNED in request.wall_ns:
+            for kind, event in enumerate(EVENT_NAMES):
+                if kind not in request.wall_ns:
+                    yield Difference(step, who, f"{quantity}, {event}", MISSING, "one")
         if request.answer is not None and request.said not in (None, request.answer):
             said, heard = f"{request.said}", f"{request.answer}"
-            yield Difference(request.step, who, quantity, said, f"{heard}, as it was received")
-        here = self._cell(request.asker, request.step)
+            yield Difference(step, who, quantity, said, f"{heard}, as it was received")
+        here, there = self._cell(request.asker, step), self._cell(request.peer, step)
         if here is not None and request.position != self.frame.centres[here]:
             logged = f"asked from {request.position}"
-            yield Difference(request.step, who, quantity, logged, f"{self.frame.centres[here]}")
+            yield Difference(step, who, quantity, logged, f"{self.frame.centres[here]}")
+        elif request.answer is not None and here is not None and there is not None:
+            at, where = request.answer
+            sees = self.draws[request.asker][step] < self.probabilities[here][there]
+            due = self.frame.centres[there] if sees and at == step else None
+            if where != due:
+                computed = "a refusal" if due is None else f"the answer {due}"
+                yield Difference(step, who, quantity, f"{request.answer}", computed)
 
-    def _was_answered(self, request: Request) -> bool:
-        """Whether the peer answered in a run in which nobody was ever late."""
-        late = any(status.timeouts for status in self.log.tracks.statuses)
-        return request.said is not None and not late
-
-    def _peers(self, k: int, step: int) -> list[int]:
-        if self.all:
-            return [peer for peer in range(len(self.log.names)) if peer != k]
-        peer = int(self.log.tracks.actions[k].first[step][3]) - 1
-        return [peer] if 0 <= peer < len(self.log.names) and peer != k else []
+    def _code(self, step: int, k: int, code: float, computed: str) -> Difference:
+        known = code in range(len(PERCEPT_ENDS))
+        logged = PERCEPT_ENDS[int(code)] if known else f"percept={code:g}"
+        return Difference(step, self.log.names[k], PERCEPT.name, logged, computed)
 
     def _cell(self, k: int, step: int) -> int | None:
-        position = self.log.tracks.states[k].first.get(step)
-        return None if position is None else self.frame.cell(*position)
+        row = self.row.get(step)
+        cell = NONE if row is None else int(self.log.cells[row, k])
+        return None if cell == NONE else cell
 
 
 def _words(cells: Sequence[int | None]) -> str:

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from sparse_coord_ros.core.frame import Frame, flat_position
+from sparse_coord_ros.core.frame import SECOND, Frame, flat_position
 from sparse_coord_ros.core.scenario import Scenario
-from sparse_coord_ros.core.wire import DOORWAYS, GOALS, ROBOTS
+from sparse_coord_ros.core.wire import DOORWAYS, GOALS, MAP_FRAME, ROBOTS
 
 
 def occupancy(frame: Frame) -> Callable[[Any], bytes]:
@@ -36,38 +36,43 @@ def occupancy(frame: Frame) -> Callable[[Any], bytes]:
     return content
 
 
-def markers(frame: Frame, scenario: Scenario) -> Callable[[Any], tuple[int, tuple]]:
-    """Return a function that gives (time step, robots' positions) of a decoded MarkerArray.
+class MarkersContent:
+    """Reads decoded MarkerArrays, as (nanoseconds, robots' positions).
 
-    It raises ValueError where the doorways, the goals or the order of the markers are not those
-    of the scenario, or their stamps differ.
+    Calling it raises ValueError where the doorways, the goals or the order of the markers are not
+    those of the scenario, or their stamps differ.
+
+    Attributes:
+        due: namespace, number and place of each marker; None in place of a robot's.
+        robots: which of them are robots.
+        looks: how the markers look, after the first message; it stays the same.
     """
-    due: list[tuple] = [
-        (DOORWAYS, number, frame.centres[cell])
-        for number, cell in enumerate(sorted(frame.grid.doorways))
-    ]
-    for k, robot in enumerate(scenario.robots):
-        due += [(GOALS, k, frame.centres[robot.goal]), (ROBOTS, k, None)]
-    look: list[tuple] = []
 
-    def content(message: Any) -> tuple[int, tuple]:
+    def __init__(self, frame: Frame, scenario: Scenario) -> None:
+        self.due: list[tuple] = [
+            (DOORWAYS, number, frame.centres[cell])
+            for number, cell in enumerate(sorted(frame.grid.doorways))
+        ]
+        for k, robot in enumerate(scenario.robots):
+            self.due += [(GOALS, k, frame.centres[robot.goal]), (ROBOTS, k, None)]
+        self.robots = [place for place, one in enumerate(self.due) if one[2] is None]
+        self.looks: list[tuple] | None = None
+
+    def __call__(self, message: Any) -> tuple[int, list]:
+        """Return what a message says."""
         stamps = {(m.header.stamp.sec, m.header.stamp.nanosec) for m in message.markers}
         said = [(m.ns, m.id, flat_position(m.pose)) for m in message.markers]
-        places = tuple(place for ns, _, place in said if ns == ROBOTS)
-        if [(ns, k, None if ns == ROBOTS else place) for ns, k, place in said] != due:
+        shown = [(ns, k, None if ns == ROBOTS else place) for ns, k, place in said]
+        if shown != self.due:
             raise ValueError("shows other doorways, goals or robots than the scenario's")
-        if len(stamps) != 1 or any(m.header.frame_id != "map" for m in message.markers):
+        if len(stamps) != 1 or any(m.header.frame_id != MAP_FRAME for m in message.markers):
             raise ValueError("holds several stamps, or another frame")
-        step = frame.step(*min(stamps))
-        if frame.stamp(step) != min(stamps):
-            raise ValueError("holds a stamp that is no time step")
-        looks = tuple(map(_look, message.markers))
-        look[:] = look or [looks]
-        if looks != look[0]:
+        looks = list(map(_look, message.markers))
+        self.looks = self.looks or looks
+        if looks != self.looks:
             raise ValueError("looks otherwise than those before it")
-        return step, places
-
-    return content
+        sec, nanosec = min(stamps)
+        return int(sec) * SECOND + int(nanosec), [said[place][2] for place in self.robots]
 
 
 def _look(marker: Any) -> tuple:

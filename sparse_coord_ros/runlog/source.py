@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which run a bag is of, and whether all places of the bag that say so agree."""
 
+import re
 from collections import Counter
 from collections.abc import Iterator
 
@@ -15,25 +16,28 @@ from sparse_coord_ros.core.run_config import (
     RunConfig,
     run_from_yaml,
 )
-from sparse_coord_ros.errors import BagError, SparseCoordError
+from sparse_coord_ros.core.wire import BAG_FORMAT, FORMAT_KEY, RUN
+from sparse_coord_ros.errors import BagError, SparseCoordError, newer_format
 from sparse_coord_ros.recording.reader import Bag
 from sparse_coord_ros.recording.recover import recovered_text
 from sparse_coord_ros.runlog.decode import Decoder
 from sparse_coord_ros.runlog.difference import MISSING, Difference
 
-RUN_TYPE = "std_msgs/msg/String"
 REMEDY = "give the bag that 'sparse_coord run' or the recorder wrote"
 
 
-def find_run(bag: Bag, decode: Decoder) -> tuple[RunConfig, str, str | None]:
-    """Return the run, its topics' prefix, and the text on the topic `run` (None: no message).
+def find_run(bag: Bag, decode: Decoder) -> tuple[RunConfig, int, str, str | None]:
+    """Return the run, the bag's format, its topics' prefix, and the text on the topic `run`.
+
+    The text is None where there is no message.
 
     Raises:
-        BagError: the bag holds no run, or several.
+        BagError: the bag holds no run, or several, or is of a newer format.
         RunError, ScenarioError, SettingError: the run is not one of this version.
     """
-    named = [name for name in bag.topics if name.endswith("/run")]
-    topics = [name for name in named if bag.topics[name].type_name == RUN_TYPE]
+    number = _format(bag)
+    named = [name for name in bag.topics if name.endswith(f"/{RUN.name}")]
+    topics = [name for name in named if bag.topics[name].type_name == RUN.type_name]
     if len(topics) > 1:
         raise BagError(
             f"{bag.path}: is not a bag of this package: it has several topics 'run' "
@@ -53,16 +57,28 @@ def find_run(bag: Bag, decode: Decoder) -> tuple[RunConfig, str, str | None]:
         odd = "" if topics else odd
         raise BagError(
             f"{bag.path}: is not a bag of this package: it holds no run of this software (neither "
-            f"a {RUN_TYPE} on the topic 'run' nor the attachment {RUN_FILE}{odd}"
+            f"a {RUN.type_name} on the topic '{RUN.name}' nor the attachment {RUN_FILE}{odd}"
             f"{'' if bag.damage is None else f'; {bag.damage}'}); {REMEDY}"
         )
-    prefix = topics[0].removesuffix("run") if topics else "/"
+    prefix = topics[0].removesuffix(RUN.name) if topics else "/"
     try:
-        return run_from_yaml(text, where=f"{bag.path} (run)"), prefix, said
+        return run_from_yaml(text, where=f"{bag.path} (run)"), number, prefix, said
     except SparseCoordError as error:
         if not bag.metadata.get(RUN_RECORD):
             raise BagError(f"{bag.path}: is not a bag of this package: {error}") from None
         raise
+
+
+def _format(bag: Bag) -> int:
+    """Return the number of the bag's format; BagError where this version cannot read it."""
+    text = bag.metadata.get(RUN_RECORD, {}).get(FORMAT_KEY, "1")
+    if not re.fullmatch("[1-9][0-9]{0,8}", text):
+        raise BagError(
+            f"{bag.path}: its format is {text[:40]!r}, no whole number from 1; {REMEDY}"
+        )
+    if int(text) > BAG_FORMAT:
+        raise BagError(newer_format(bag.path, int(text), BAG_FORMAT))
+    return int(text)
 
 
 def check_source(bag: Bag, run: RunConfig, said: str | None) -> Iterator[Difference]:
@@ -91,9 +107,9 @@ def _about_the_file(bag: Bag) -> Iterator[Difference]:
 def _copies(bag: Bag, run: RunConfig, said: str | None) -> Iterator[Difference]:
     """Compare the topic `run` and the attached files with the run."""
     if said is None:
-        yield Difference(None, None, "topic run", MISSING, "the run's settings")
-    if any(count > 1 and name.endswith("/run") for name, count in bag.counts.items()):
-        yield Difference(None, None, "topic run", "twice", "once")
+        yield Difference(None, None, f"topic {RUN.name}", MISSING, "the run's settings")
+    if any(count > 1 and name.endswith(f"/{RUN.name}") for name, count in bag.counts.items()):
+        yield Difference(None, None, f"topic {RUN.name}", "twice", "once")
     due = {RUN_FILE: said, SCENARIO_FILE: run.scenario.to_dict(), MAP_FILE: None}
     due[MAP_FILE] = run.scenario.map.to_text()
     found = Counter(bag.attachments.names)
@@ -121,12 +137,9 @@ def _record(bag: Bag, run: RunConfig) -> Iterator[Difference]:
     if len(records) > 1:
         yield Difference(None, None, f"metadata {RUN_RECORD}", "twice", "once")
     for record in records:
-        for key in sorted(set(due) | set(record)):
-            if record.get(key) != due.get(key):
-                logged, computed = (
-                    repr(one[key]) if key in one else MISSING for one in (record, due)
-                )
-                yield Difference(None, None, f"metadata {key}", logged, computed)
+        for key in sorted(set(due) & set(record)):
+            if record[key] != due[key]:
+                yield Difference(None, None, f"metadata {key}", repr(record[key]), repr(due[key]))
 
 
 def _attached(bag: Bag, name: str) -> bytes:
@@ -143,4 +156,6 @@ def _parsed(text: str):
 def _first_line(where: str, text: str, said: str) -> Difference:
     pairs = zip(text.splitlines(), said.splitlines(), strict=False)
     theirs, ours = next(((a, b) for a, b in pairs if a != b), ("another length", "its text"))
-    return Difference(None, None, where, repr(theirs.strip()), f"as topic run {ours.strip()!r}")
+    return Difference(
+        None, None, where, repr(theirs.strip()), f"as topic {RUN.name} {ours.strip()!r}"
+    )

@@ -2,66 +2,61 @@
 # SPDX-License-Identifier: Apache-2.0
 """A bag's messages sorted by topic and time step, with whatever is odd about them."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from sparse_coord_ros.core import wire
 from sparse_coord_ros.core.frame import SECOND, Frame, flat_position
 from sparse_coord_ros.core.occupancy import OccupancyData
 from sparse_coord_ros.core.run_config import RunConfig
-from sparse_coord_ros.core.wire import ACTION_LABELS, REWARD_LABELS
-from sparse_coord_ros.recording.reader import Bag, Message, open_bag
+from sparse_coord_ros.core.wire import ACCOUNT_LABELS, ACTION_LABELS, REWARD_LABELS
+from sparse_coord_ros.recording.reader import Bag, open_bag
+from sparse_coord_ros.recording.topics import find_clock
+from sparse_coord_ros.runlog import layouts
 from sparse_coord_ros.runlog.attached import RecordedTables, read_tables
+from sparse_coord_ros.runlog.columns import Columns, Reader
 from sparse_coord_ros.runlog.decode import Decoder
-from sparse_coord_ros.runlog.dialogue import Event, Request, put_together, read_event
+from sparse_coord_ros.runlog.dialogue import EVENT, Request, event_row, put_together
 from sparse_coord_ros.runlog.difference import MISSING, Difference
-from sparse_coord_ros.runlog.shown import markers, occupancy
+from sparse_coord_ros.runlog.layouts import Layout, nanoseconds
+from sparse_coord_ros.runlog.shown import MarkersContent, occupancy
 from sparse_coord_ros.runlog.source import check_source, find_run
-from sparse_coord_ros.runlog.times import LogTimes
 
-CLOCK = "/clock"
-STAMPED = ("local_state", "reward", "action", "percept", "coordination_map")
-EVENTS = "active_perception/_service_event"
+NUMBERS = len(ACTION_LABELS) + len(ACCOUNT_LABELS)
+STAMP = ("ns", "i8")
+THE_CLOCK = wire.CLOCK.name.lstrip("/")
 
 
-class Track:
-    """The messages of one stamped topic.
+class Track(NamedTuple):
+    """The messages of one topic that has one message a time step.
 
     Attributes:
-        first: content by time step, in the order of the log.
-        place: by time step, which message of the bag it was.
-        repeats: by time step, the places of those that said the same once more.
+        step: their time steps, ascending, shape (n,).
+        rows: what they say, shape (n,).
+        repeats: time steps of those that said the same once more, one entry each.
     """
 
-    def __init__(self) -> None:
-        self.first: dict[int, Any] = {}
-        self.place: dict[int, int] = {}
-        self.repeats: dict[int, list[int]] = {}
-        self.last = -1
+    step: np.ndarray
+    rows: np.ndarray
+    repeats: np.ndarray
 
-    def take(self, step: int, content: Any, place: int) -> tuple[str, str] | None:
-        """Take in a message; return (logged, computed) of what is odd about its place."""
-        if step > self.last:
-            self.first[step], self.place[step], self.last = content, place, step
-            return None
-        if step not in self.first:
-            self.first[step], self.place[step] = content, place
-            return f"after that of step {self.last}", "before it"
-        if repr(content) != repr(self.first[step]):
-            return f"twice, with {self.first[step]} and {content}", "once"
-        if step < self.last:
-            return f"again after that of step {self.last}", "once"
-        self.repeats.setdefault(step, []).append(place)
-        return None
+    def has(self, steps: np.ndarray) -> np.ndarray:
+        """Return whether there is a message of each of some steps."""
+        return np.isin(steps, self.step)
 
 
 class Status(NamedTuple):
-    """What the world said of itself."""
+    """What the world said of itself; `left_out` and `began` are None in bags of format 1."""
 
     state: str
     step: int
     transitions: int
-    timeouts: int
+    left_out: int | None
+    began: str | None
+    timeouts: int | None
 
 
 class Tracks:
@@ -70,30 +65,32 @@ class Tracks:
     Attributes:
         bag: the bag.
         run: the run.
+        format: number of the bag's format.
         names: the robots.
-        states: (x, y) by robot; rewards: four numbers; actions: five; percepts: positions.
-        clock: the steps of /clock.
-        maps, markers: (time step, content) in the order of the log; of markers the robots'
-            positions. coordination_maps: of each robot.
+        states, rewards, actions, percepts: of each robot. Rows of states: `xy`; of rewards and
+            actions: `numbers`, in the order of their labels (NaN for what actions of format 1
+            lack); of percepts: `count` positions `places`, the own one first.
+        clock: the steps of the clock.
+        maps: time steps, in the order of the log.
+        markers: the same, with the robots' positions `places`.
+        coordination_maps: of each robot, with the grid's `data`.
         statuses: of the world, in the order of the log.
         requests: the dialogue.
         tables: of each attachment.
-        problems: what is odd, in the order of the log.
+        problems: what is odd.
     """
 
-    def __init__(self, bag: Bag, run: RunConfig, prefix: str) -> None:
+    def __init__(self, bag: Bag, run: RunConfig, number: int, prefix: str) -> None:
         self.bag = bag
         self.run = run
+        self.format = number
         self.prefix = prefix
         self.names = tuple(robot.name for robot in run.scenario.robots)
-        self.states = [Track() for _ in self.names]
-        self.rewards = [Track() for _ in self.names]
-        self.actions = [Track() for _ in self.names]
-        self.percepts = [Track() for _ in self.names]
-        self.coordination_maps: list[list[tuple[int, bytes]]] = [[] for _ in self.names]
-        self.maps: list[tuple[int, bytes]] = []
-        self.markers: list[tuple[int, tuple]] = []
-        self.clock = Track()
+        self.states: list[Track] = []
+        self.rewards: list[Track] = []
+        self.actions: list[Track] = []
+        self.percepts: list[Track] = []
+        self.coordination_maps: list[tuple[np.ndarray, np.ndarray]] = []
         self.statuses: list[Status] = []
         self.requests: list[Request] = []
         self.tables: list[RecordedTables] = []
@@ -104,68 +101,69 @@ class Tracks:
         """Whether the recording ended before the run, or a part of it is lost."""
         return not (self.bag.finished and self.bag.whole) or self.bag.recovered is not None
 
-    def of(self, k: int) -> tuple[Track, ...]:
-        """Return one robot's tracks."""
+    def of(self, k: int) -> tuple[Track, Track, Track, Track]:
+        """Return one robot's tracks: states, rewards, actions, percepts."""
         return self.states[k], self.rewards[k], self.actions[k], self.percepts[k]
 
-    def problem(self, step, robot: int | None, quantity: str, logged: str, computed: str):
+    def problem(self, step, robot: int | None, quantity: str, logged: str, computed: str) -> None:
         """Note something odd."""
         name = None if robot is None else self.names[robot]
         self.problems.append(Difference(step, name, quantity, logged, computed))
 
-    def topic(self, kind: str, robot: int | None = None) -> str:
+    def topic(self, topic: wire.Topic, robot: int | None = None) -> str:
         """Return a topic's full name."""
-        return self.prefix + (kind if robot is None else f"{self.names[robot]}/{kind}")
+        return self.prefix + (topic.name if robot is None else topic.of(self.names[robot]))
 
 
 def read_tracks(path: Path) -> Tracks:
     """Read a bag; arguments and errors as of `read_run`."""
     bag = open_bag(path)
-    decode = Decoder(bag.topics)
-    run, prefix, said = find_run(bag, decode)
-    tracks = Tracks(bag, run, prefix)
+    run, number, prefix, said = find_run(bag, Decoder(bag.topics))
+    tracks = Tracks(bag, run, number, prefix)
     frame = Frame(run)
-    readers: dict[str, Callable[[Any, Message, int], None]] = {CLOCK: _clock_reader(tracks, frame)}
-    kinds = (
-        ("local_state", tracks.states, _position),
-        ("reward", tracks.rewards, _numbers(REWARD_LABELS)),
-        ("action", tracks.actions, _numbers(ACTION_LABELS)),
-        ("percept", tracks.percepts, _positions),
-    )
-    events: list[Event] = []
+    readers = _Readers(tracks, frame)
+    clock = find_clock(bag.topics, bag.counts) or wire.CLOCK.name
+    of_team = {wire.MAP: readers.map(), wire.MARKERS: readers.markers, wire.STATUS: readers.status}
+    of_robots = {
+        wire.LOCAL_STATE: readers.state,
+        wire.REWARD: readers.numbers(REWARD_LABELS),
+        wire.ACTION: readers.numbers(ACTION_LABELS, ACCOUNT_LABELS),
+        wire.PERCEPT: readers.percept,
+        wire.COORDINATION_MAP: readers.grid,
+        wire.SERVICE_EVENTS: readers.event,
+    }
+    by_name = {clock: readers.clock} | {tracks.topic(t): r for t, r in of_team.items()}
+    stamped = [clock, *(tracks.topic(topic) for topic in of_team if topic.stamped)]
     for k in range(len(tracks.names)):
-        for kind, of, content in kinds:
-            reader = _stamped_reader(tracks, frame, kind, k, of[k], content)
-            readers[tracks.topic(kind, k)] = reader
-        kind, of = "coordination_map", tracks.coordination_maps[k]
-        reader = _latched_reader(tracks, frame, kind, k, of, occupancy(frame))
-        readers[tracks.topic(kind, k)] = reader
-        readers[tracks.topic(EVENTS, k)] = _event_reader(tracks, frame, k, events)
-    readers[tracks.topic("map")] = _latched_reader(
-        tracks, frame, "map", None, tracks.maps, _map_content(frame)
+        by_name |= {tracks.topic(topic, k): reader for topic, reader in of_robots.items()}
+        stamped += [tracks.topic(topic, k) for topic in of_robots if topic.stamped]
+    columns = Columns(bag, by_name, stamped, frame.period)
+    tracks.problems += columns.problems
+    sort = _Sorter(tracks, frame)
+    tracks.clock = sort.track(columns.rows[clock], None, THE_CLOCK)
+    tracks.problems += [
+        Difference(step, None, THE_CLOCK, "twice", "once")
+        for step in tracks.clock.repeats.tolist()
+    ]
+    tracks.maps = sort.several(columns.rows[tracks.topic(wire.MAP)], None, wire.MAP.name)[0]
+    rows = columns.rows[tracks.topic(wire.MARKERS)]
+    tracks.markers = sort.several(rows, None, wire.MARKERS.name)
+    kinds = (
+        (wire.LOCAL_STATE, tracks.states),
+        (wire.REWARD, tracks.rewards),
+        (wire.ACTION, tracks.actions),
+        (wire.PERCEPT, tracks.percepts),
     )
-    readers[tracks.topic("status")] = _status_reader(tracks)
-    readers[tracks.topic("markers")] = _markers_reader(tracks, frame)
-    times = LogTimes(frame, _stamped(tracks))
-    next_number = dict.fromkeys(bag.topics, 0)
-    for place, message in enumerate(bag.messages()):
-        topic = message.topic
-        if message.sequence != next_number[topic]:
-            logged = f"number {message.sequence} after {next_number[topic] - 1}"
-            tracks.problem(
-                message.log_time_ns // frame.period, None, f"topic {topic}", logged, "the next one"
-            )
-        next_number[topic] = message.sequence + 1
-        tracks.problems += times.check(message)
-        reader = readers.get(topic)
-        if reader is not None:
-            try:
-                reader(decode(topic, message.data), message, place)
-            except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
-                step = message.log_time_ns // frame.period
-                tracks.problem(step, None, f"topic {topic}", f"a message that {error}", "readable")
-    _check_source(tracks, said, readers)
-    tracks.requests, problems = put_together(events, list(tracks.names))
+    for k in range(len(tracks.names)):
+        for topic, of in kinds:
+            of.append(sort.track(columns.rows.pop(tracks.topic(topic, k)), k, topic.name))
+        topic = wire.COORDINATION_MAP
+        rows = columns.rows[tracks.topic(topic, k)]
+        tracks.coordination_maps.append(sort.several(rows, k, topic.name))
+    sort.statuses(readers.statuses)
+    _check_source(tracks, said, by_name)
+    events = [columns.rows[tracks.topic(wire.SERVICE_EVENTS, k)] for k in range(len(tracks.names))]
+    tracks.requests, problems = put_together(events, list(tracks.names), frame)
     tracks.problems += problems
     for odd, entry in read_tables(bag, run):
         tracks.problems += [] if odd is None else [odd]
@@ -173,7 +171,7 @@ def read_tracks(path: Path) -> Tracks:
     return tracks
 
 
-def _check_source(tracks: Tracks, said: str | None, topics: Iterable[str]) -> None:
+def _check_source(tracks: Tracks, said: str | None, topics: Sequence[str]) -> None:
     """Note what is odd about the bag as a whole.
 
     Of one that broke off before the run began, not what is missing.
@@ -183,108 +181,249 @@ def _check_source(tracks: Tracks, said: str | None, topics: Iterable[str]) -> No
         if topic not in tracks.bag.topics:
             due = "a topic of this run"
             found.append(Difference(None, None, f"topic {topic}", MISSING, due))
-    if tracks.broken_off and not all(track.first for track in tracks.states):
+    if tracks.broken_off and not all(len(track.step) for track in tracks.states):
         found = [one for one in found if one.logged != MISSING]
     tracks.problems += found
 
 
-def _stamped(tracks: Tracks) -> set[str]:
-    """Return the topics whose messages begin with a stamp, at which they are logged."""
-    of_robots = {tracks.topic(kind, k) for kind in STAMPED for k in range(len(tracks.names))}
-    return of_robots | {CLOCK, tracks.topic("map")}
+class _Sorter:
+    """Puts rows in the order of time steps, and notes which are out of it."""
+
+    def __init__(self, tracks: Tracks, frame: Frame) -> None:
+        self._tracks, self._frame = tracks, frame
+
+    def _steps(self, rows: np.ndarray, k: int | None, kind: str) -> np.ndarray:
+        """Return the time steps of rows; a message is stamped with one."""
+        period = self._frame.period
+        steps = (rows["ns"] + period // 2) // period
+        for place in np.flatnonzero(rows["ns"] != steps * period).tolist():
+            step = int(steps[place])
+            said, due = (
+                f"{n // SECOND}.{n % SECOND:09d} s"
+                for n in (int(rows["ns"][place]), step * period)
+            )
+            self._tracks.problem(step, k, f"{kind} stamp", said, due)
+        return steps
+
+    def track(self, rows: np.ndarray, k: int | None, kind: str) -> Track:
+        """Return rows of which there should be one a time step."""
+        steps = self._steps(rows, k, kind)
+        newest = np.maximum.accumulate(np.concatenate([[-1], steps]))[:-1]
+        first = steps > newest
+        odd = np.flatnonzero(~first)
+        if not len(odd):
+            return Track(steps, rows, np.empty(0, dtype=np.int64))
+        known = {int(steps[place]): place for place in np.flatnonzero(first).tolist()}
+        repeats = []
+        for place in odd.tolist():
+            step, last = int(steps[place]), int(newest[place])
+            if step not in known:
+                known[step] = place
+                first[place] = True
+                self._tracks.problem(step, k, kind, f"after that of step {last}", "before it")
+            elif rows[place].tobytes() != rows[known[step]].tobytes():
+                two = (rows[known[step]].tolist()[1:], rows[place].tolist()[1:])
+                self._tracks.problem(step, k, kind, f"twice, with {two[0]} and {two[1]}", "once")
+            elif step < last:
+                logged = f"again after that of step {last}"
+                self._tracks.problem(step, k, kind, logged, "once")
+            else:
+                repeats.append(step)
+        order = np.flatnonzero(first)
+        order = order[np.argsort(steps[order], kind="stable")]
+        return Track(steps[order], rows[order], np.array(repeats, dtype=np.int64))
+
+    def several(self, rows: np.ndarray, k: int | None, kind: str) -> tuple[np.ndarray, np.ndarray]:
+        """Return time steps and rows, of which there may be several a time step."""
+        steps = self._steps(rows, k, kind)
+        for place in np.flatnonzero(np.diff(steps) < 0).tolist():
+            logged = f"after that of step {steps[place]}"
+            self._tracks.problem(int(steps[place + 1]), k, kind, logged, "before it")
+        return steps, rows
+
+    def statuses(self, found: Sequence[Status]) -> None:
+        """Note the world's statuses."""
+        for before, status in zip([None, *found], found, strict=False):
+            if before is not None and status.step < before.step:
+                later = f"after that of step {before.step}"
+                self._tracks.problem(status.step, None, wire.STATUS.name, later, "before it")
+        self._tracks.statuses = list(found)
 
 
-def _stamped_reader(tracks: Tracks, frame: Frame, kind: str, k: int, track: Track, content):
-    def read(decoded: Any, message: Message, place: int) -> None:
-        _check_frame(decoded.header)
-        stamp = decoded.header.stamp
-        step = frame.step(stamp.sec, stamp.nanosec)
-        _check_stamp(tracks, frame, stamp, step, k, kind)
-        odd = track.take(step, content(decoded), place)
-        if odd is not None:
-            tracks.problem(step, k, kind, *odd)
+class _Readers:
+    """The readers of the team's topics."""
 
-    return read
+    def __init__(self, tracks: Tracks, frame: Frame) -> None:
+        self._frame, self._tracks = frame, tracks
+        self._robots = len(tracks.names)
+        self.statuses: list[Status] = []
+        self.clock = Reader(
+            np.dtype([STAMP]),
+            lambda message: (_ns(message.clock),),
+            [(Layout(layouts.stamp()), _stamps)],
+        )
+        self.state = Reader(
+            np.dtype([STAMP, ("xy", "2f8")]),
+            lambda message: (_stamp(message), _position(message)),
+            [(Layout(layouts.pose_stamped()), _fields("xy"))],
+        )
+        self.percept = self._percept()
+        self.grid = self._grid(None)
+        self.markers = self._markers()
+        self.status = Reader(np.dtype([STAMP]), self._take_status, [])
+        self.event = Reader(
+            EVENT,
+            lambda message: event_row(message, list(tracks.names)),
+            [
+                *(
+                    (layouts.request(name), _event(asker))
+                    for asker, name in enumerate(tracks.names)
+                ),
+                (layouts.response(0), _event(None)),
+                (layouts.response(1), _event(None)),
+            ],
+        )
+
+    def numbers(self, required: tuple[str, ...], optional: tuple[str, ...] = ()) -> Reader:
+        """Return the reader of a JointState; what optional labels lack reads as NaN."""
+        labels = (*required, *optional)
+
+        def slow(message: Any) -> tuple:
+            said = dict.fromkeys(optional, np.nan)
+            said |= dict(zip(message.name, message.position, strict=False))
+            missing = [label for label in required if label not in said]
+            if missing:
+                raise ValueError(f"labels no number {', '.join(missing)}")
+            return _stamp(message), [said[label] for label in labels]
+
+        def short(rows: np.ndarray, fields: np.ndarray) -> None:
+            _stamps(rows, fields)
+            rows["numbers"][:, : len(required)] = fields["numbers"]
+            rows["numbers"][:, len(required) :] = np.nan
+
+        fast = [(layouts.labelled(labels), _fields("numbers"))]
+        fast += [(layouts.labelled(required), short)] if optional else []
+        return Reader(np.dtype([STAMP, ("numbers", f"{len(labels)}f8")]), slow, fast)
+
+    def map(self) -> Reader:
+        """Return the reader of the map, which must be the scenario's."""
+        return self._grid(OccupancyData(self._frame).map)
+
+    def _percept(self) -> Reader:
+        robots = self._robots
+
+        def slow(message: Any) -> tuple:
+            places = [_position(pose) for pose in message.poses]
+            padded = [*places, *[(np.nan, np.nan)] * robots][:robots]
+            return _stamp(message), len(places), padded
+
+        def fill(count: int):
+            def fields_of(rows: np.ndarray, fields: np.ndarray) -> None:
+                _stamps(rows, fields)
+                rows["count"], rows["places"] = count, np.nan
+                for number in range(count):
+                    rows["places"][:, number] = fields[f"{number}_xy"]
+
+            return fields_of
+
+        kind = np.dtype([STAMP, ("count", "i4"), ("places", "f8", (robots, 2))])
+        fast = [(Layout(layouts.path(n)), fill(n)) for n in range(1, robots + 1)]
+        return Reader(kind, slow, fast)
+
+    def _grid(self, due: bytes | None) -> Reader:
+        """Return the reader of an occupancy grid; `due`: what its data must be."""
+        content = occupancy(self._frame)
+        rows_, columns = self._frame.grid.shape
+        size = rows_ * columns
+        expected = None if due is None else np.frombuffer(due, dtype=np.int8)
+
+        def slow(message: Any) -> tuple:
+            data = np.frombuffer(content(message), dtype=np.int8)
+            if expected is not None and not np.array_equal(data, expected):
+                raise ValueError("is not the scenario's map")
+            return _stamp(message), data
+
+        items = layouts.occupancy(self._frame.resolution, rows_, columns)
+        if expected is None:
+            items.append(layouts.Free("data", f"({size},)i1"))
+        else:
+            items += [layouts.Fixed("i1", value) for value in expected.tolist()]
+        kind = np.dtype([STAMP, ("data", "i1", (size,))])
+        fill = _fields("data") if expected is None else _stamps
+        return Reader(kind, slow, [(Layout(items), fill)])
+
+    def _markers(self) -> Reader:
+        content = MarkersContent(self._frame, self._tracks.run.scenario)
+        robots = content.robots
+        fast: list = []
+
+        def slow(message: Any) -> tuple:
+            return content(message)
+
+        def fill(rows: np.ndarray, fields: np.ndarray) -> np.ndarray:
+            rows["ns"] = nanoseconds(fields, "0_")
+            for number, place in enumerate(robots):
+                rows["places"][:, number] = fields[f"{place}_xy"]
+            stamps = [nanoseconds(fields, f"{place}_") for place in range(len(content.due))]
+            return np.all([one == stamps[0] for one in stamps], axis=0)
+
+        def learn() -> None:
+            if not fast and content.looks is not None:
+                fast.append((layouts.markers(content.looks, content.due), fill))
+
+        kind = np.dtype([STAMP, ("places", "f8", (len(robots), 2))])
+        return Reader(kind, slow, fast, learn)
+
+    def _take_status(self, message: Any) -> tuple:
+        said = {pair.key: pair.value for pair in message.values}
+        step, transitions = (int(said[name]) for name in wire.STATUS_VALUES[:2])
+        left_out, timeouts = (
+            int(said[name]) if name in said else None
+            for name in (wire.STATUS_VALUES[2], "timeouts")
+        )
+        if self._tracks.format > 1 and left_out is None:
+            raise KeyError(wire.STATUS_VALUES[2])
+        began = said.get(wire.STATUS_VALUES[3])
+        self.statuses.append(
+            Status(str(message.message), step, transitions, left_out, began, timeouts)
+        )
+        return (0,)
 
 
-def _clock_reader(tracks: Tracks, frame: Frame):
-    def read(decoded: Any, message: Message, place: int) -> None:
-        step = frame.step(decoded.clock.sec, decoded.clock.nanosec)
-        _check_stamp(tracks, frame, decoded.clock, step, None, "clock")
-        odd = tracks.clock.take(step, None, place)
-        if odd is None and step in tracks.clock.repeats:
-            odd = ("twice", "once")
-        if odd is not None:
-            tracks.problem(step, None, "clock", *odd)
-
-    return read
+def _stamps(rows: np.ndarray, fields: np.ndarray) -> None:
+    rows["ns"] = nanoseconds(fields)
 
 
-def _check_stamp(tracks, frame: Frame, stamp, step: int, k, kind: str) -> None:
-    """A message is stamped with a time step."""
-    if (stamp.sec, stamp.nanosec) != frame.stamp(step):
-        logged = f"{stamp.sec}.{stamp.nanosec:09d} s"
-        tracks.problem(step, k, f"{kind} stamp", logged, f"{step * frame.period / SECOND:.9f} s")
+def _fields(name: str):
+    def fill(rows: np.ndarray, fields: np.ndarray) -> None:
+        rows["ns"] = nanoseconds(fields)
+        rows[name] = fields[name]
+
+    return fill
 
 
-def _latched_reader(tracks: Tracks, frame: Frame, kind: str, k, of: list, content):
-    def read(decoded: Any, message: Message, place: int) -> None:
-        _check_frame(decoded.header)
-        stamp = decoded.header.stamp
-        step = frame.step(stamp.sec, stamp.nanosec)
-        _check_stamp(tracks, frame, stamp, step, k, kind)
-        _append(tracks, of, step, k, kind, content(decoded))
+def _event(asker: int | None):
+    def fill(rows: np.ndarray, fields: np.ndarray) -> None:
+        rows["kind"], rows["client"] = fields["kind"], fields["client"]
+        rows["number"], rows["wall_ns"] = fields["number"], nanoseconds(fields, "wall_")
+        rows["ns"], rows["xy"] = nanoseconds(fields), np.nan
+        rows["asker"] = -1 if asker is None else asker
+        rows["request"] = asker is not None
+        if asker is not None:
+            rows["xy"] = fields["xy"]
+        elif "0_xy" in fields.dtype.names:
+            rows["xy"], rows["seen"] = fields["0_xy"], True
 
-    return read
-
-
-def _append(tracks: Tracks, of: list, step: int, k, kind: str, content: Any) -> None:
-    """Note a message of which several may be of a time step."""
-    if of and step < of[-1][0]:
-        tracks.problem(step, k, kind, f"after that of step {of[-1][0]}", "before it")
-    of.append((step, content))
+    return fill
 
 
-def _map_content(frame: Frame):
-    content, due = occupancy(frame), OccupancyData(frame).map
-
-    def read(decoded: Any) -> bytes:
-        data = content(decoded)
-        if data != due:
-            raise ValueError("is not the scenario's map")
-        return data
-
-    return read
+def _ns(time: Any) -> int:
+    return int(time.sec) * SECOND + int(time.nanosec)
 
 
-def _markers_reader(tracks: Tracks, frame: Frame):
-    content = markers(frame, tracks.run.scenario)
-
-    def read(decoded: Any, message: Message, place: int) -> None:
-        step, places = content(decoded)
-        _append(tracks, tracks.markers, step, None, "markers", places)
-
-    return read
-
-
-def _status_reader(tracks: Tracks):
-    def read(decoded: Any, message: Message, place: int) -> None:
-        said = {pair.key: pair.value for pair in decoded.values}
-        numbers = (int(said[name]) for name in ("step", "transitions", "timeouts"))
-        status = Status(str(decoded.message), *numbers)
-        if tracks.statuses and status.step < tracks.statuses[-1].step:
-            later = f"after that of step {tracks.statuses[-1].step}"
-            tracks.problem(status.step, None, "status", later, "before it")
-        tracks.statuses.append(status)
-
-    return read
-
-
-def _event_reader(tracks: Tracks, frame: Frame, peer: int, events: list[Event]):
-    def read(decoded: Any, message: Message, place: int) -> None:
-        events.append(read_event(decoded, peer, frame))
-
-    return read
+def _stamp(message: Any) -> int:
+    _check_frame(message.header)
+    return _ns(message.header.stamp)
 
 
 def _position(message: Any) -> tuple[float, float]:
@@ -293,20 +432,5 @@ def _position(message: Any) -> tuple[float, float]:
 
 
 def _check_frame(header: Any) -> None:
-    if header.frame_id != "map":
+    if header.frame_id != wire.MAP_FRAME:
         raise ValueError(f"is in the frame {header.frame_id!r}")
-
-
-def _positions(message: Any) -> tuple[tuple[float, float], ...]:
-    return tuple(_position(pose) for pose in message.poses)
-
-
-def _numbers(labels: tuple[str, ...]):
-    def content(message: Any) -> tuple[float, ...]:
-        said = dict(zip(message.name, message.position, strict=False))
-        missing = [label for label in labels if label not in said]
-        if missing:
-            raise ValueError(f"labels no number {', '.join(missing)}")
-        return tuple(said[label] for label in labels)
-
-    return content

@@ -1,19 +1,23 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a log is what its seed and Algorithm 1 say: `verify`."""
+"""Computes a recorded run again and compares; the engine behind `sparse_coord verify`."""
 
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from sparse_coord_ros.core.wire import ACTION, COORDINATION_MAP, PERCEPT, TABLES
 from sparse_coord_ros.runlog.agents import AgentCheck
-from sparse_coord_ros.runlog.difference import Difference
+from sparse_coord_ros.runlog.difference import DIALOGUE, Difference
 from sparse_coord_ros.runlog.episode_maps import check_world_maps
 from sparse_coord_ros.runlog.log import RunLog, read_run
 from sparse_coord_ros.runlog.percepts import check_percepts
 from sparse_coord_ros.runlog.repeats import check_repeats, repeat_count
-from sparse_coord_ros.runlog.world import check_world
+from sparse_coord_ros.runlog.world import WorldCheck, check_world
+
+LEFT_OPEN = (ACTION.name, PERCEPT.name, DIALOGUE, COORDINATION_MAP.name, TABLES.name)
+"""What bags of format 1 do not explain where something went wrong in the run."""
 
 
 @dataclass(frozen=True)
@@ -24,11 +28,13 @@ class Verification:
         log: the log.
         differences: in the order of time; of what each robot's agent and the world compute only
             the first, as all that follows from it differs too.
+        open: in a log of format 1 of a run in which a robot was late or left out: what differs
+            where the log does not say what the robots heard in time.
         steps: transitions of the world that were computed again and agree.
         choices: actions that were computed again; updates: of tables.
         tables: recorded tables that were compared.
         left_out: robots' steps that the world went on without.
-        dropped: transitions that a left-out robot has not learned from, as its tables show.
+        unlearned: transitions that robots under way have not learned from.
         resets: episodes that began early.
         repeats: messages that came again after a silence.
         unchecked: time steps at the end of an unfinished log that are not checked.
@@ -36,12 +42,13 @@ class Verification:
 
     log: RunLog
     differences: tuple[Difference, ...]
+    open: tuple[Difference, ...]
     steps: int
     choices: int
     updates: int
     tables: int
     left_out: int
-    dropped: int
+    unlearned: int
     resets: int
     repeats: int
     unchecked: int
@@ -49,49 +56,72 @@ class Verification:
     @property
     def same(self) -> bool:
         """Whether the log is whole and nothing differs."""
-        return not self.differences
+        return not self.differences and not self.open
+
+    @property
+    def cannot_tell(self) -> bool:
+        """Whether nothing differs but what the log leaves open."""
+        return bool(self.open) and not self.differences
 
     @property
     def first(self) -> Difference | None:
         """The first difference."""
-        return self.differences[0] if self.differences else None
+        found = self.differences or self.open
+        return found[0] if found else None
 
 
-def verify(path: Path) -> Verification:
+def verify(path: Path, *, compiled: bool | None = None) -> Verification:
     """Compute a recorded run again from its seed and its log, and compare.
 
+    Args:
+        path: as of `read_run`.
+        compiled: whether to follow the agents by compiled loops; None: where numba is installed
+            and the log is long enough. The result is the same.
+
     Raises:
-        BagError: nothing can be read, or the bag holds no run.
+        BagError: nothing can be read, or the bag holds no run, or is of a newer format.
         RunError, ScenarioError, SettingError: the run in the bag is not one of this version.
     """
     log = read_run(path)
     last = log.last_step
     unchecked = 0 if last is None else int(np.count_nonzero(log.step > last))
-    within = [p for p in log.problems if last is None or p.step is None or p.step <= last]
-    percepts, found = check_percepts(log, last)
-    differences = [*found, *within, *check_repeats(log, last)]
+    differences = check_percepts(log, last)
+    differences += [p for p in log.problems if last is None or p.step is None or p.step <= last]
+    differences += check_repeats(log, last)
     world = check_world(log, last)
     differences += [] if world.difference is None else [world.difference]
     differences += check_world_maps(log, world.starts, world.end, last)
-    choices = updates = tables = dropped = 0
-    for k in range(len(log.names)):
-        agent = AgentCheck(log, k, percepts, world.left_out, last)
-        difference = agent.follow()
-        dropped += len(agent.dropped)
-        differences += [] if difference is None else [difference]
-        differences += [*agent.maps.missing, *agent.without_tables()]
-        choices, updates = choices + agent.choices, updates + agent.updates
-        tables += agent.compared
+    agents = [
+        AgentCheck(log, k, world.starts, last, compiled=compiled) for k in range(len(log.names))
+    ]
+    for agent in agents:
+        differences += agent.differences()
+    ordered = sorted(dict.fromkeys(differences), key=lambda one: one.rank)
+    open_ = [one for one in ordered if _open(one)] if _disturbed(log, world) else []
     return Verification(
         log=log,
-        differences=tuple(sorted(dict.fromkeys(differences), key=lambda one: one.rank)),
+        differences=tuple(one for one in ordered if one not in open_),
+        open=tuple(open_),
         steps=world.transitions,
-        choices=choices,
-        updates=updates,
-        tables=tables,
-        left_out=len(world.left_out),
-        dropped=dropped,
+        choices=sum(agent.choices for agent in agents),
+        updates=sum(agent.updates for agent in agents),
+        tables=sum(agent.compared for agent in agents),
+        left_out=world.left_out,
+        unlearned=sum(agent.unlearned for agent in agents),
         resets=world.resets,
         repeats=repeat_count(log),
         unchecked=unchecked,
     )
+
+
+def _disturbed(log: RunLog, world: WorldCheck) -> bool:
+    """Whether in a log of format 1 a robot was late or left out, which it does not explain."""
+    if log.tracks.format > 1:
+        return False
+    late = any(request.answer is None for request in log.requests)
+    waited = any(status.timeouts for status in log.tracks.statuses)
+    return late or waited or bool(world.left_out) or bool(repeat_count(log))
+
+
+def _open(difference: Difference) -> bool:
+    return difference.quantity.split()[0] in LEFT_OPEN

@@ -1,16 +1,38 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The world once more, from the seed and the logged actions."""
+"""The world once more, from the seed and the logged actions: every transition at once.
 
-import struct
-from collections.abc import Sequence
+Each is computed from the logged states before it. As long as nothing differs these are the
+computed ones, so that the first difference is the one that stepping the world would find.
+"""
+
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from sparse_coord_ros.core.frame import Frame, action_from
-from sparse_coord_ros.core.wire import REWARD_LABELS
-from sparse_coord_ros.core.world import EPISODE_GAP, Action, World
+import numpy as np
+
+from sparse_coord_ros.core.frame import Frame
+from sparse_coord_ros.core.schedules import exploring_starts
+from sparse_coord_ros.core.streams import MOTION, START
+from sparse_coord_ros.core.wire import (
+    ACTION,
+    ARRIVED,
+    FINISHED,
+    LOCAL_STATE,
+    NOBODY_LEFT,
+    RESET,
+    REWARD,
+    REWARD_LABELS,
+    STATUS,
+    STEPS,
+    STOPPED,
+)
+from sparse_coord_ros.core.wire import START as RUN_START
+from sparse_coord_ros.core.world import EPISODE_GAP, FIRST_STEP
 from sparse_coord_ros.runlog.difference import MISSING, Difference
-from sparse_coord_ros.runlog.log import RunLog
+from sparse_coord_ros.runlog.draws import draws_at
+from sparse_coord_ros.runlog.log import RunLog, merged, miscoordinations
+from sparse_coord_ros.runlog.tracks import THE_CLOCK
 
 
 class WorldCheck(NamedTuple):
@@ -19,7 +41,7 @@ class WorldCheck(NamedTuple):
     Attributes:
         difference: the first, or None.
         transitions: steps of the world that agree.
-        left_out: (robot, step) of the steps that the world made without a robot's action.
+        left_out: number of (robot, step) that the world made without the robot's action.
         resets: episodes that began early: by a reset, or as no robot was left to wait for.
         starts: the first time steps of the episodes.
         end: the last time step that was computed.
@@ -27,222 +49,299 @@ class WorldCheck(NamedTuple):
 
     difference: Difference | None
     transitions: int
-    left_out: frozenset[tuple[int, int]]
+    left_out: int
     resets: int
-    starts: tuple[int, ...]
+    starts: np.ndarray
     end: int
 
 
-class _DiffersError(Exception):
-    def __init__(self, step, robot, quantity: str, logged: str, computed: str) -> None:
-        self.difference = Difference(step, robot, quantity, logged, computed)
-
-
 def check_world(log: RunLog, last: int | None) -> WorldCheck:
-    """Step the world by the logged actions and compare states, rewards, clock and status.
+    """Compare states, rewards, clock and status with what the world does.
 
-    The log says who acted: the world rewards exactly those. A robot that is not rewarded was left
-    out, which the world's status must confirm where the log holds one after it.
+    The log says who acted: the world rewards exactly those. The others that had not arrived were
+    left out; the status says how many.
 
     Args:
         log: the log.
         last: the last time step to check; None: all, and the run's end.
     """
-    walk = _Walk(log, last)
-    difference = None
-    try:
-        walk.go()
-    except _DiffersError as found:
-        difference = found.difference
-    return WorldCheck(
-        difference=difference,
-        transitions=walk.world.transitions,
-        left_out=frozenset(walk.left_out),
-        resets=walk.resets,
-        starts=tuple(walk.starts),
-        end=walk.world.step,
-    )
+    return _Walk(log, last).check()
 
 
 class _Walk:
     def __init__(self, log: RunLog, last: int | None) -> None:
-        self.log, self.tracks, self.last = log, log.tracks, last
+        self.log, self.last = log, last
+        self.scenario, self.robots = log.run.scenario, range(len(log.names))
         self.frame = Frame(log.run)
-        self.world = World(log.run.scenario, log.run.seed)
-        self.left_out: set[tuple[int, int]] = set()
-        self.resets = 0
-        # Whose absence the world has counted already: at least, and at most.
-        self.absent: tuple[set[int], set[int]] = (set(), set())
-        self.timeouts = [0, 0]
-        self.finished = False
-        self.starts = [self.world.step] if any(t.first for t in log.tracks.states) else []
+        tracks = log.tracks
+        # Steps that only actions or percepts speak of are not the world's.
+        speakers = (*tracks.states, *tracks.rewards, tracks.clock)
+        steps = merged([track.step for track in speakers])
+        steps = steps if last is None else steps[steps <= last]
+        self.steps = steps
+        self.in_log = np.isin(steps, log.step)
+        rows = np.minimum(np.searchsorted(log.step, steps), max(len(log.step) - 1, 0))
 
-    def go(self) -> None:
-        """Walk through the steps of the log."""
-        whole = self.last is None
-        states = self.tracks.states
-        # Steps that only actions speak of are not the world's.
-        found = {t for track in (*states, *self.tracks.rewards) for t in track.first}
-        found |= set(self.tracks.clock.first)
-        steps = sorted(t for t in found if whole or t <= self.last)
-        over = False
-        for place, step in enumerate(steps):
-            following = steps[place + 1] if place + 1 < len(steps) else None
-            if step != self.world.step:
-                self._fail_state(self.world.step)
-                raise _DiffersError(
-                    self.world.step, None, "clock", MISSING, f"step {self.world.step}"
-                )
-            self._check_states(step)
-            self._check_status(step)
-            rewarded = [k for k, track in enumerate(self.tracks.rewards) if step in track.first]
-            if self.finished or over or not rewarded:
-                for k in rewarded:
-                    self._differ(step, k, "reward", f"{self._reward(step, k)}", "none")
-                if following is None:
-                    if whole and over and not self.finished:
-                        self._fail_state(step + EPISODE_GAP)
-                    break
-                if self.finished:
-                    raise _DiffersError(following, None, "local_state", "there", "the run is over")
-                if following == step + 1:
-                    self._fail_reward(step)
-                if not over:
-                    self._reset(step)
-                self.world.begin_episode()
-                self.starts.append(self.world.step)
-                over = False
-                continue
-            over = self._advance(step, rewarded, following)
-            if following is None and whole:
-                self._fail_state(self.world.step)
-        if whole:
-            self._check_end()
+        def at(values: np.ndarray, nothing) -> np.ndarray:
+            found = np.full((len(steps), *values.shape[1:]), nothing, dtype=values.dtype)
+            found[self.in_log] = values[rows[self.in_log]]
+            return found
 
-    def _advance(self, step: int, rewarded: Sequence[int], following: int | None) -> bool:
-        """Make one transition; return whether a new episode must begin."""
-        world, names = self.world, self.log.names
-        actions: list[Action | None] = [None] * len(names)
-        for k in rewarded:
-            numbers = self.tracks.actions[k].first.get(step)
-            if numbers is None:
-                self._differ(step, k, "action", MISSING, "one, for it is rewarded")
-            if world.arrived[k]:
-                self._differ(step, k, "reward", f"{self._reward(step, k)}", "none: it has arrived")
-            try:
-                actions[k] = action_from(numbers)
-            except ValueError as error:
-                self._differ(step, k, "action", str(error), "an action")
-        self._leave_out(step, rewarded)
-        outcome = world.advance(actions)
-        for k in rewarded:
-            logged, computed = self._reward(step, k), tuple(outcome.rewards[k])
-            if struct.pack("<4d", *logged) != struct.pack("<4d", *computed):
-                self._differ(step, k, "reward", _parts(logged), _parts(computed))
-        self.finished = world.transitions >= self.log.run.scenario.steps
-        nobody_moves = all(world.arrived[k] or k in self.absent[0] for k in range(len(names)))
-        if outcome.episode_over or self.finished:
-            return outcome.episode_over
-        return nobody_moves and following == step + 1 and self._goes_over(step + 1)
+        self.cells, self.centred = at(log.cells, -1), at(log.centred, False)
+        self.move, self.asked = at(log.move, -1), at(log.asked, False)
+        self.reward, self.position = at(log.reward, np.nan), at(log.position, np.nan)
+        self.numbers = at(log.numbers, np.nan)
+        columns = [track.has(steps) for track in tracks.rewards]
+        self.rewarded = (
+            np.stack(columns, axis=1) if len(steps) else np.zeros((0, len(columns)), bool)
+        )
+        self.stated = np.stack([track.has(steps) for track in tracks.states], axis=1)
+        self.acted = np.stack([track.has(steps) for track in tracks.actions], axis=1)
+        self.made = self.rewarded.any(axis=1)
+        goals = np.array([robot.goal for robot in self.scenario.robots])
+        self.arrived = self.cells == goals
+        self.goals = goals
+        # Transitions before each row.
+        self.before = np.concatenate([[0], np.cumsum(self.made)])[:-1] if len(steps) else steps
+        self.finished = self.before >= self.scenario.steps
+        begins = np.concatenate([[True], ~self.made[:-1]])[: len(steps)]
+        begun = np.maximum.accumulate(np.where(begins, np.arange(len(steps)), 0))
+        self.begins, self.begun = begins, begun
+        self.used_up = steps - steps[begun] >= self.scenario.max_steps
+        self.over = self.arrived.all(axis=1) | self.used_up
+        self.left_out = self.made[:, None] & ~self.rewarded & ~self.arrived
+        counted = np.cumsum(self.left_out.sum(axis=1))
+        self.left_before = np.concatenate([[0], counted])[:-1] if len(steps) else steps
 
-    def _goes_over(self, step: int) -> bool:
-        """Whether the log has no transition from a step where nobody is left to wait for."""
-        return not any(step in track.first for track in self.tracks.rewards)
+    def check(self) -> WorldCheck:
+        """Return the first difference, and what was there before it."""
+        found = list(self._found()) if len(self.steps) else []
+        place, difference = len(self.steps), None
+        if found:
+            place, make = min(found, key=lambda one: one[0])
+            difference = make()
+        elif self.last is None:
+            difference = self._end()
+        rows = slice(0, place + (difference is None))
+        early = self.begins.copy()
+        early[1:] &= ~self.over[:-1]
+        early[:1] = False
+        end = min(place, len(self.steps) - 1)
+        # Where the first difference is no time step that was not due, its row is one of the run.
+        known = place + (place <= end and not self._gaps()[place])
+        return WorldCheck(
+            difference=difference,
+            transitions=int(self.made[:place].sum()),
+            left_out=int(self.left_out[:place].sum()),
+            resets=int(early[rows].sum()),
+            starts=self.steps[:known][self.begins[:known]],
+            end=int(self.steps[end]) if len(self.steps) else FIRST_STEP,
+        )
 
-    def _check_states(self, step: int) -> None:
-        if step not in self.tracks.clock.first:
-            raise _DiffersError(step, None, "clock", MISSING, "this step")
-        for k, cell in enumerate(self.world.cells):
-            logged = self.tracks.states[k].first.get(step)
-            if logged != self.frame.centres[cell]:
-                self._fail_state(step, k)
+    def _found(self):
+        """Yield (row, function that makes the difference) of the first of each kind."""
+        yield from self._first(self._gaps(), self._gap)
+        clock = ~self.log.tracks.clock.has(self.steps)
+        yield from self._first(clock, self._clock)
+        due = self._due_cells()
+        for k in self.robots:
+            wrong = ~self.centred[:, k] | (self.cells[:, k] != due[:, k])
+            yield from self._first(wrong, lambda row, k=k: self._state(row, k, due))
+        yield from self._statuses()
+        yield from self._rewards(due)
 
-    def _fail_state(self, step: int, k: int | None = None) -> None:
-        """Raise for the first robot whose state of a step is not there, or for robot k."""
-        for robot, track in enumerate(self.tracks.states):
-            logged = track.first.get(step)
-            if robot == k or (k is None and logged is None):
-                computed = "a state"
-                if step == self.world.step:
-                    computed = self._place(self.frame.centres[self.world.cells[robot]])
-                said = MISSING if logged is None else self._place(logged)
-                self._differ(step, robot, "local_state", said, computed)
+    @staticmethod
+    def _first(wrong: np.ndarray, make: Callable[[int], Difference]):
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            yield row, lambda: make(row)
+
+    # The clock.
+
+    def _gaps(self) -> np.ndarray:
+        """Return at which rows another time step was due, or none."""
+        due = np.empty_like(self.steps)
+        due[:1] = FIRST_STEP
+        due[1:] = self.steps[:-1] + np.where(self.made[:-1], 1, EPISODE_GAP)
+        over = np.zeros(len(self.steps), dtype=bool)
+        over[1:] = self.finished[:-1] & ~self.made[:-1]
+        return (self.steps != due) | over
+
+    def _gap(self, row: int) -> Difference:
+        if row == 0:
+            return self._differ(FIRST_STEP, 0, LOCAL_STATE.name, MISSING, "a state")
+        before, step = int(self.steps[row - 1]), int(self.steps[row])
+        if self.made[row - 1]:
+            return self._differ(before + 1, 0, LOCAL_STATE.name, MISSING, "a state")
+        if self.finished[row - 1]:
+            return Difference(step, None, LOCAL_STATE.name, "there", "the run is over")
+        if step != before + 1:
+            return self._differ(before + EPISODE_GAP, 0, LOCAL_STATE.name, MISSING, "a state")
+        for k in self.robots:
+            if self.acted[row - 1, k]:
+                due = "one: it acted and the world went on"
+                return self._differ(before, k, REWARD.name, MISSING, due)
+        return self._differ(before, 0, ACTION.name, MISSING, "one: the world went on")
+
+    def _clock(self, row: int) -> Difference:
+        return Difference(int(self.steps[row]), None, THE_CLOCK, MISSING, "this step")
+
+    # States.
+
+    def _due_cells(self) -> np.ndarray:
+        """Return in which cells the robots must be, shape (n, K)."""
+        steps, scenario = self.steps, self.scenario
+        next_cell = np.asarray(scenario.map.next_cell)
+        share = exploring_starts(scenario.starts, scenario.steps)
+        share = share[np.minimum(steps, len(share) - 1)]
+        due = np.empty_like(self.cells)
+        self.after = np.empty_like(self.cells)
+        for k in self.robots:
+            moves = draws_at(self.log.run.seed, k, MOTION, steps)[:, 0] < scenario.move_success
+            moves &= self.rewarded[:, k] & (self.move[:, k] >= 0)
+            led = next_cell[self.cells[:, k], self.move[:, k]]
+            self.after[:, k] = np.where(moves, led, self.cells[:, k])
+            draws = draws_at(self.log.run.seed, k, START, steps[self.begins])
+            free = np.flatnonzero(scenario.map.distances_to(scenario.robots[k].goal) > 0)
+            drawn = free[(draws[:, 1] * len(free)).astype(np.int64)]
+            due[1:, k] = self.after[:-1, k]
+            start = scenario.robots[k].start
+            due[self.begins, k] = np.where(draws[:, 0] < share[self.begins], drawn, start)
+        return due
+
+    def _state(self, row: int, k: int, due: np.ndarray) -> Difference:
+        logged = MISSING
+        if self.stated[row, k]:
+            logged = self._place(tuple(self.position[row, k].tolist()))
+        computed = self._place(self.frame.centres[due[row, k]])
+        return self._differ(int(self.steps[row]), k, LOCAL_STATE.name, logged, computed)
 
     def _place(self, position: tuple[float, float]) -> str:
         cell = self.frame.cell(*position)
         name = "no free cell" if cell is None else f"cell {cell}"
         return f"{name} ({position[0]!r}, {position[1]!r})"
 
-    def _fail_reward(self, step: int) -> None:
-        """The world made a step though the log rewards nobody for it."""
-        for k, track in enumerate(self.tracks.actions):
-            if step in track.first:
-                self._differ(step, k, "reward", MISSING, "one: it acted and the world went on")
-        self._differ(step, 0, "action", MISSING, "one: the world went on")
+    # What the world says of itself.
 
-    def _leave_out(self, step: int, rewarded: Sequence[int]) -> None:
-        """Note who was left out of a transition; the world's next status must know of them."""
-        least, most = self.absent
-        for k in range(len(self.log.names)):
-            if k in rewarded:
-                least.discard(k)
-                most.discard(k)
-            elif not self.world.arrived[k]:
-                self.left_out.add((k, step))
-                self.timeouts[0] += k not in least
-                self.timeouts[1] += k not in most
-                least.add(k)
-                most.add(k)
-                acted = step in self.tracks.actions[k].first
-                if acted:  # too late: with it the robot is back
-                    most.discard(k)
-                later = next((s for s in self.tracks.statuses if s.step > step), None)
-                if later is not None and self.timeouts[0] > later.timeouts:
-                    due = "one, for the world reports no timeout"
-                    self._differ(step, k, "reward" if acted else "action", MISSING, due)
+    def _statuses(self):
+        """Yield the first status that says otherwise than the log counts.
 
-    def _reset(self, step: int) -> None:
-        """A new episode began before this one was over."""
-        self.resets += 1
-        least, most = self.absent
-        for k in range(len(self.log.names)):
-            if not self.world.arrived[k] and step not in self.tracks.actions[k].first:
-                self.timeouts[1] += k not in most
-                least.add(k)
-
-    def _check_status(self, step: int) -> None:
-        for status in self.tracks.statuses:
-            if status.step != step:
+        A reward that is missing looks like a robot that was left out; there it is named.
+        """
+        named = 0
+        for status in self.log.tracks.statuses:
+            row = int(np.searchsorted(self.steps, status.step))
+            if row == len(self.steps) or self.steps[row] != status.step:
                 continue
-            if status.transitions != self.world.transitions:
-                logged = f"{status.transitions} transitions"
-                raise _DiffersError(step, None, "status", logged, f"{self.world.transitions}")
-            if not self.timeouts[0] <= status.timeouts <= self.timeouts[1]:
-                low, high = self.timeouts
-                computed = f"{low}" if low == high else f"{low} to {high}"
-                raise _DiffersError(step, None, "status", f"{status.timeouts} timeouts", computed)
+            if status.transitions != self.before[row]:
+                logged, due = f"{status.transitions} transitions", f"{self.before[row]}"
+                yield row, lambda s=status, a=logged, b=due: self._status(s.step, a, b)
+                return
+            counted = int(self.left_before[row])
+            said = 0 if status.left_out is None and status.timeouts == 0 else status.left_out
+            if said is not None and counted > said:
+                pairs = np.argwhere(self.left_out[named:row]) + [named, 0]
+                acted = [pair for pair in pairs.tolist() if self.acted[*pair]]
+                odd, k = acted[0] if acted else pairs[0].tolist()
+                yield odd, lambda odd=odd, k=k: self._not_left_out(odd, k)
+                return
+            if said is not None and counted < said:
+                logged = f"{said} robots' steps left out"
+                yield row, lambda s=status, a=logged, b=counted: self._status(s.step, a, f"{b}")
+                return
+            reasons = self._reasons(row)
+            if status.began is not None and status.began not in reasons:
+                logged, due = f"episode began: {status.began}", " or ".join(reasons)
+                yield row, lambda s=status, a=logged, b=due: self._status(s.step, a, b)
+                return
+            named = row
 
-    def _check_end(self) -> None:
-        """The log must say how the run ended, and end there."""
-        statuses = self.tracks.statuses
-        end = statuses[-1] if statuses else None
-        if end is None or end.state not in ("finished", "stopped"):
-            logged = MISSING if end is None else repr(end.state)
-            raise _DiffersError(self.world.step, None, "status", logged, "the end of the run")
-        if end.step != self.world.step:
-            raise _DiffersError(
-                self.world.step, None, "status", f"step {end.step}", "the last step"
+    def _reasons(self, row: int) -> tuple[str, ...]:
+        """Return why the episode of a row can have begun."""
+        begun = int(self.begun[row])
+        if begun == 0:
+            return (RUN_START,)
+        if self.arrived[begun - 1].all():
+            return (ARRIVED,)
+        return (STEPS,) if self.used_up[begun - 1] else (RESET, NOBODY_LEFT)
+
+    def _not_left_out(self, row: int, k: int) -> Difference:
+        quantity = REWARD.name if self.acted[row, k] else ACTION.name
+        due = "one, for the world does not say that it left the robot out"
+        return self._differ(int(self.steps[row]), k, quantity, MISSING, due)
+
+    def _status(self, step: int, logged: str, computed: str) -> Difference:
+        return Difference(step, None, STATUS.name, logged, computed)
+
+    # Rewards.
+
+    def _rewards(self, due: np.ndarray):
+        scenario = self.scenario
+        conflict = miscoordinations(scenario, self.after)
+        for k in self.robots:
+            mine = self.rewarded[:, k]
+            none = mine & (self.finished | self.over | self.arrived[:, k])
+            none &= ~self.begins | self.finished  # an episode's first state is not its last
+            yield from self._first(none, lambda row, k=k: self._no_reward(row, k))
+            silent = mine & ~self.acted[:, k]
+            yield from self._first(silent, lambda row, k=k: self._no_action(row, k))
+            odd = mine & self.acted[:, k] & (self.move[:, k] < 0)
+            yield from self._first(odd, lambda row, k=k: self._odd_action(row, k))
+            common = np.where(conflict, scenario.penalties[k], 0.0)
+            individual = np.where(self.after[:, k] == self.goals[k], scenario.goal_reward, 0.0)
+            cost = np.where(self.asked[:, k], -scenario.ask_cost, 0.0)
+            parts = np.stack([individual, common, cost, individual + common + cost], axis=1)
+            logged = np.ascontiguousarray(self.reward[:, k])
+            wrong = mine & (logged.view(np.int64) != parts.view(np.int64)).any(axis=1)
+            yield from self._first(
+                wrong, lambda row, k=k, parts=parts: self._other_reward(row, k, parts[row])
             )
-        if (end.state == "finished") != self.finished:
-            left = self.log.run.scenario.steps - self.world.transitions
-            computed = f"{left} steps of the budget left"
-            raise _DiffersError(self.world.step, None, "status", repr(end.state), computed)
 
-    def _reward(self, step: int, k: int) -> tuple[float, ...]:
-        return self.tracks.rewards[k].first[step]
+    def _no_reward(self, row: int, k: int) -> Difference:
+        logged = f"{tuple(self.reward[row, k].tolist())}"
+        over = self.finished[row] or self.over[row]
+        computed = "none" if over else "none: it has arrived"
+        return self._differ(int(self.steps[row]), k, REWARD.name, logged, computed)
 
-    def _differ(self, step: int, k: int, quantity: str, logged: str, computed: str) -> None:
-        raise _DiffersError(step, self.log.names[k], quantity, logged, computed)
+    def _no_action(self, row: int, k: int) -> Difference:
+        due = "one, for it is rewarded"
+        return self._differ(int(self.steps[row]), k, ACTION.name, MISSING, due)
+
+    def _odd_action(self, row: int, k: int) -> Difference:
+        logged = f"(east, north) {tuple(self.numbers[row, k, :2].tolist())}"
+        return self._differ(int(self.steps[row]), k, ACTION.name, logged, "an action")
+
+    def _other_reward(self, row: int, k: int, parts: np.ndarray) -> Difference:
+        logged, computed = _parts(self.reward[row, k].tolist()), _parts(parts.tolist())
+        return self._differ(int(self.steps[row]), k, REWARD.name, logged, computed)
+
+    # The end.
+
+    def _end(self) -> Difference | None:
+        """The log must say how the run ended, and end there."""
+        step, finished, transitions = FIRST_STEP, False, 0
+        if len(self.steps):
+            step, transitions = int(self.steps[-1]), int(self.before[-1])
+            finished = bool(self.finished[-1])
+            if self.made[-1]:
+                return self._differ(step + 1, 0, LOCAL_STATE.name, MISSING, "a state")
+            if self.over[-1] and not self.begins[-1] and not finished:
+                due = step + EPISODE_GAP
+                return self._differ(due, 0, LOCAL_STATE.name, MISSING, "a state")
+        statuses = self.log.tracks.statuses
+        end = statuses[-1] if statuses else None
+        if end is None or end.state not in (FINISHED, STOPPED):
+            logged = MISSING if end is None else repr(end.state)
+            return self._status(step, logged, "the end of the run")
+        if end.step != step:
+            return self._status(step, f"step {end.step}", "the last step")
+        if (end.state == FINISHED) != finished:
+            left = self.scenario.steps - transitions
+            return self._status(step, repr(end.state), f"{left} steps of the budget left")
+        return None
+
+    def _differ(self, step: int, k: int, quantity: str, logged: str, computed: str) -> Difference:
+        return Difference(step, self.log.names[k], quantity, logged, computed)
 
 
 def _parts(numbers: Sequence[float]) -> str:

@@ -75,7 +75,7 @@ def test_robots_that_do_not_arrive_are_counted(sparse_coord, trained):
     ("arguments", "words"),
     [
         (["b"], ["b: no readable run.yaml", "sparse_coord train"]),
-        (["a", "--trials", "0"], ["setting trials: value is '0'", "from 2"]),
+        (["a", "--trials", "0"], ["setting trials: value is '0'", "from 1"]),
         (["a", "--trials", "x"], ["setting trials: value is 'x'", "whole number"]),
         (["a", "--seed", "-1"], ["setting seed: value is '-1'"]),
     ],

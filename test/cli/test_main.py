@@ -12,7 +12,7 @@ import pytest
 import sparse_coord_ros
 from sparse_coord_ros.cli import main as module
 
-VERBS = ("run", "train", "evaluate", "optimum", "maps", "reproduce", "study", "bench")
+VERBS = ("run", "train", "evaluate", "optimum", "maps", "reproduce", "bench")
 
 
 def test_version(sparse_coord):
@@ -48,6 +48,10 @@ def test_usage_errors(sparse_coord, folder, arguments, words):
     assert (code, out) == (2, "")
     assert words in err.splitlines()[-1]
     assert list(folder.iterdir()) == []
+
+
+def test_a_verb_that_moved_says_where_to(refused):
+    assert "'make study' in a checkout" in refused("study", "--out", "s")
 
 
 def test_interrupted(sparse_coord, monkeypatch):

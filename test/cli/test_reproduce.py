@@ -16,10 +16,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sparse_coord_ros.cli import reproduce as module
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.simulation import learn, tables_equal
 from sparse_coord_ros.core.tables import load_team
+from sparse_coord_ros.engine import compiled
+from sparse_coord_ros.engine import runner as module
 from sparse_coord_ros.engine.results import Plan, open_results
 from sparse_coord_ros.errors import ResultsError
 
@@ -82,7 +83,9 @@ def test_both_engines_print_the_same(sparse_coord):
         for engine in ("numba", "python")
     ]
     assert out[0] == out[1]
-    [data] = json.loads(out[0])["cells"]
+    everything = json.loads(out[0])
+    assert everything["cells"] == everything["conditions"]  # its name of version 0.1
+    [data] = everything["conditions"]
     assert data["id"] == cell
     assert (data["runs"], data["trials"]) == (2, 5)
 
@@ -102,13 +105,28 @@ def test_a_single_run_is_that_run(sparse_coord, folder):
     assert json.loads(out)["learner"] == "coop"
 
 
+@pytest.mark.parametrize(("runs", "trials"), [(1, 5), (2, 1), (1, 1)])
+def test_a_single_run_or_trial_has_no_standard_error(sparse_coord, runs, trials, recwarn):
+    few = ("--runs", runs, "--trials", trials)
+    code, out, err = sparse_coord("reproduce", "table1", *few, "--out", "r")
+    assert (code, list(recwarn)) == (0, [])
+    assert "nan" not in out
+    code, out, _ = sparse_coord("reproduce", "table1", *few, "--out", "r", "--json")
+    reward = json.loads(out, parse_constant=pytest.fail)["conditions"][0]["reward"]
+    assert (reward["standard_error"] is None) == (runs == 1)
+    cell = "env1/coop/penalty=-20"
+    code, out, _ = sparse_coord("reproduce", cell, f"{cell}/0", *few, "--out", "r")
+    row = next(line for line in out.splitlines() if line.startswith(cell)).split()
+    assert (row[4] == "-") == (runs == 1)
+
+
 def test_list(sparse_coord, folder):
     code, out, _ = sparse_coord("reproduce", "table1", "table2", "--list")
     assert (code, len(out.splitlines())) == (0, 9)
     more = ("env1/coop/penalty=-5", "env1/coop/penalty=-5/1")
     listed = sparse_coord("reproduce", "table1", *more, "--list")[1].splitlines()
     data = json.loads(sparse_coord("reproduce", "table1", *more, "--list", "--json")[1])
-    assert (data["cells"] + data["runs"], data["runs"]) == (listed, [more[1]])
+    assert (data["conditions"] + data["runs"], data["runs"]) == (listed, [more[1]])
     assert list(folder.iterdir()) == []
 
 
@@ -119,7 +137,7 @@ def test_list(sparse_coord, folder):
         (("env9/coop/penalty=-20",), ("env9",)),
         (("env1/best/penalty=-20",), ("'best'", "coop")),
         (("env1/coop/penalty=-20,steps=0",), ("steps", "'0'", "from 1")),
-        (("table1", "--runs", "1"), ("runs", "'1'", "from 2")),
+        (("table1", "--runs", "0"), ("runs", "'0'", "from 1")),
         (("table1", "--trials", "0"), ("trials", "'0'")),
         (("table1", "--runs", "many"), ("runs", "'many'")),
         (("table1", "--seed", "-1"), ("seed", "'-1'")),
@@ -227,14 +245,14 @@ def test_cells_of_another_protocol_do_not_hinder_other_experiments(tmp_path, mon
         wanted = module.experiment("table3")
 
         def load(cell):
-            if cell in wanted.cells:
+            if cell in wanted.conditions:
                 return cell.id
             raise ResultsError("of another protocol")
 
         monkeypatch.setattr(results, "load", load)
         shown, found = module.complete(results, [], {})
         assert [one.name for one in shown] == ["table3"]
-        assert set(found) == {cell.id for cell in wanted.cells}
+        assert set(found) == {cell.id for cell in wanted.conditions}
 
 
 def test_scenario_files_stay_in_the_results_directory(sparse_coord, folder):
@@ -247,11 +265,12 @@ def test_scenario_files_stay_in_the_results_directory(sparse_coord, folder):
     one, other = (f"{folder}/work/../{name}/mine.yaml/indiv/penalty=-1" for name in "ab")
     (folder / "work").mkdir()
     code, out, err = sparse_coord("reproduce", one, f"{one}/1", *FEW, "--out", "work/r")
-    assert (code, err) == (0, "")
+    assert code == 0, err
     assert out.splitlines()[2].startswith("mine/indiv/penalty=-1 ")
     made = {str(path.relative_to(folder / "work/r")) for path in set(files(folder)) - before}
     run = "runs/mine/indiv/penalty=-1/1"
     assert made == {"results.json", "cells/mine/indiv/penalty=-1.json"} | {
+        f"{run}/history.npz",
         f"{run}/run.yaml",
         f"{run}/tables.npz",
     }
@@ -325,9 +344,20 @@ def test_no_process_goes_on_computing(folder, number):
 
 
 def test_numba_missing(sparse_coord, refused, monkeypatch):
+    monkeypatch.setattr(compiled, "_background", {})
     monkeypatch.setitem(sys.modules, "numba", None)
     cell = "env1/indiv/penalty=-20,steps=100"
-    code, plain, _ = sparse_coord("reproduce", cell, *FEW, "--out", "r", "--json")
-    assert code == 0
-    assert np.isfinite(json.loads(plain)["cells"][0]["reward"]["mean"])
+    for times in (1, 0):  # said only where it matters: there is something to compute
+        code, plain, err = sparse_coord("reproduce", cell, *FEW, "--out", "r", "--json")
+        assert code == 0
+        assert err.count("numba is not installed: plain Python") == times
+        assert np.isfinite(json.loads(plain)["conditions"][0]["reward"]["mean"])
     assert "not installed" in refused("reproduce", cell, *FEW, "--out", "r", "--engine", "numba")
+
+
+def test_compiling_is_said_before_the_clock_starts(sparse_coord, monkeypatch):
+    monkeypatch.setattr(module, "is_prepared", lambda: False)
+    cell = "env1/indiv/penalty=-20,steps=100"
+    for times in (1, 0):
+        _, _, err = sparse_coord("reproduce", cell, *FEW, "--out", "r")
+        assert err.count("compiling the learning loop") == times

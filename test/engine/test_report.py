@@ -4,6 +4,7 @@
 
 import csv
 import math
+import re
 import xml.etree.ElementTree as ElementTree
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 from sparse_coord_ros.core.evaluation import Measure
 from sparse_coord_ros.core.grid import parse_map
 from sparse_coord_ros.core.optimum import independent_bound
+from sparse_coord_ros.core.scenario import SETTINGS
 from sparse_coord_ros.engine.conditions import make_condition
 from sparse_coord_ros.engine.experiments import LEARNERS, LONG, NAMES, Experiment, experiment
 from sparse_coord_ros.engine.report import write_report
@@ -29,7 +31,8 @@ from sparse_coord_ros.engine.report.analysis import (
     time_near,
 )
 from sparse_coord_ros.engine.report.entries import Entry
-from sparse_coord_ros.engine.report.tables import Table, listed, size
+from sparse_coord_ros.engine.report.figures import OTHER, STYLES, point
+from sparse_coord_ros.engine.report.text import listed, size, to_markdown
 from sparse_coord_ros.engine.results import SUMS, ConditionResult, Plan
 
 PLAN = Plan(seed=5, runs=4, trials=50)
@@ -107,7 +110,7 @@ def some_of_figure4():
 
 
 def results_of(chosen):
-    return {cell.id: made_up(cell) for one in chosen for cell in one.cells}
+    return {cell.id: made_up(cell) for one in chosen for cell in one.conditions}
 
 
 @pytest.fixture(scope="module")
@@ -161,18 +164,36 @@ def test_tables_have_a_line_for_each_row_and_equal_columns(everything):
             assert len({line.count("|") for line in lines}) <= 1, name
 
 
-def test_csv_reads_back_in_full_precision(everything):
+def test_csv_has_one_value_a_field_in_full_precision(everything):
     rows = read_csv(everything, "table1")
-    assert [r["id"] for r in rows] == [cell.id for cell in experiment("table1").cells]
-    result = made_up(experiment("table1").cells[2])
+    assert [r["id"] for r in rows] == [cell.id for cell in experiment("table1").conditions]
+    result = made_up(experiment("table1").conditions[2])
     coop = rows[2]
     assert float(coop["reward_mean"]) == result.measure("reward").mean
     assert float(coop["asks_standard_error"]) == result.measure("asks").standard_error
     assert float(coop["paper_reward_mean"]) == 126.3
     assert float(coop["dense_bytes"]) == 21 * 21 * 32
     assert coop["optimum_exact"] == "True"
-    heads = {tuple(read_csv(everything, name)[0]) for name in NAMES}
-    assert len(heads) == 1
+    assert [float(coop[f"reward_robot_{k}"]) for k in (1, 2)] == result.robot_means["reward"]
+    assert coop["reward_robot_3"] == ""  # of env2-4r
+    for name in NAMES:
+        for r in read_csv(everything, name):
+            assert not [value for value in r.values() if " " in value]
+            assert set(SETTINGS) <= set(r)
+
+
+def test_csv_has_a_column_for_every_setting(everything):
+    percepts = {r["perception"] for r in read_csv(everything, "perception")}
+    assert {"probability:0.25", "line_of_sight", "range:6"} <= percepts
+    assert {r["ask_cost"] for r in read_csv(everything, "ask_cost")} >= {"0.0", "0.5", "10.0"}
+    uneven = read_csv(everything, "uneven")
+    [half] = [r for r in uneven if r["id"].startswith("pentagon/coop") and "1:0.5" in r["id"]]
+    assert (half["penalty"], half["steps"]) == ("-100.0", "100000")
+    assert (half["common_reward_factor_robot_1"], half["common_reward_factor_robot_2"]) == (
+        "1.0",
+        "0.5",
+    )
+    assert {r["peers"] for r in read_csv(everything, "crowd")} == {"one", "all"}
 
 
 def test_the_paper_stands_beside_its_own_settings_only(everything):
@@ -184,7 +205,7 @@ def test_the_paper_stands_beside_its_own_settings_only(everything):
 def test_numbers_of_a_table_are_those_of_the_runs(tmp_path):
     one = experiment("table1")
     found = results_of([one])
-    first = one.cells[0]
+    first = one.conditions[0]
     found[first.id] = made_up(
         first,
         means={name: [119.0, 121.0, 119.0, 121.0] for name in SUMS},
@@ -212,14 +233,17 @@ def test_a_bound_is_marked(everything):
 
 def test_impossible_rows_of_the_paper_are_named(everything):
     text = (everything / "reproduction.md").read_text(encoding="utf-8")
-    lines = [
-        line for line in text.split("\n") if line.endswith("ask.") and "any policy can" in line
+    part = text.split("\n## Rows of the paper that are not reproduced, or are inconsistent\n")[1]
+    impossible = [line for line in part.split("\n") if "any policy can reach" in line]
+    assert [line.split(" | ")[:2] for line in impossible] == [
+        ["| env1", "Coop."],
+        ["| pentagon", "Coop."],
     ]
-    assert [line.split(" (")[0] for line in lines] == ["- env1 Coop.", "- pentagon Coop."]
-    assert "exact joint optimum 121.89" in lines[0]
-    assert "the value 126.45 of robots" in lines[0]
-    assert "can reach on this map (provenance: cells and starts from public" in lines[1]
-    assert "\n## Rows of the paper that are not reproduced, or are inconsistent\n" in text
+    assert "exact joint optimum 121.89" in impossible[0]
+    assert "equals, within its sampling error, the 126.45 of robots" in impossible[0]
+    ours = made_up(make_condition("env1", "coop", {"penalty": -20})).measure("reward").mean
+    assert row(part, "env1", "Coop.")[2:4] == [f"{ours:.2f}", "126.30"]
+    assert "\n- cmu: cells and starts from public" in part
 
 
 @pytest.mark.parametrize(
@@ -302,8 +326,8 @@ def test_differences_of_cells_are_paired():
 def reported(tmp_path, name, changes):
     """Return the document on an experiment; `changes` by cell id."""
     one = name if isinstance(name, Experiment) else experiment(name)
-    assert set(changes) <= {cell.id for cell in one.cells}
-    found = {cell.id: made_up(cell, **changes.get(cell.id, {})) for cell in one.cells}
+    assert set(changes) <= {cell.id for cell in one.conditions}
+    found = {cell.id: made_up(cell, **changes.get(cell.id, {})) for cell in one.conditions}
     write_report(tmp_path, PLAN, [one], found)
     return (tmp_path / "reproduction.md").read_text(encoding="utf-8")
 
@@ -336,7 +360,7 @@ def test_targets_are_met_or_not(tmp_path, coop, verdict):
         for learner, values in (("noncoop", (100.0,) * 4), ("coop", coop))
     }
     text = reported(tmp_path, "penalty100", changes)
-    line = next(line for line in text.split("\n") if line.startswith("- Share of the gap"))
+    line = next(line for line in text.split("\n") if line.startswith("Share of the gap"))
     assert f"env1 {verdict}" in line
     above = (np.mean(coop) - 110) / 10
     assert f"{100 * above:.1f} % ± " in line.split(verdict)[1].split(" from the better")[0]
@@ -404,13 +428,30 @@ def test_why_nobody_asks_is_said_only_where_it_is_known(tmp_path):
     rare = "Coop. chooses COORDINATE less than 0.05 times per robot and episode"
     lines = [line for line in text.split("\n") if rare in line]
     assert len(lines) == 3
-    assert lines[0].startswith(f"In cit (0.05) {rare}, and coordination can gain next to")
+    assert lines[0].startswith(f"In cit (0.05) {rare}, and there is next to nothing to")
     assert lines[1].startswith(f"In cmu (2.00) and isr (0.40) {rare}, and its reward is that of")
     assert "A robot that asks pays" in lines[1]
-    assert lines[2].startswith(f"In mit (2.00) and pentagon (2.00) {rare}; coordination can")
+    assert lines[2].startswith(f"In mit (2.00) and pentagon (2.00) {rare}, and there is at most")
 
 
-def test_tables_1_and_3_together(tmp_path, everything):
+def finding(text, claim):
+    """Return what is measured of a claim, and whether it agrees."""
+    table = text.split("## Findings\n")[1].split("\n## ")[0]
+    [line] = [line for line in table.split("\n") if line.startswith(f"| {claim}")]
+    return [cell.strip() for cell in line.strip("|").split("|")][1:]
+
+
+def test_the_findings_stand_first_in_a_table(everything):
+    text = (everything / "reproduction.md").read_text(encoding="utf-8")
+    assert text.index("## Findings") < text.index("## How to read") < text.index("## Table 1")
+    table = text.split("## Findings\n")[1].split("\n## ")[0]
+    lines = [line for line in table.split("\n") if line.startswith("|")]
+    assert 10 <= len(lines) - 2 <= 15
+    for line in lines[2:]:
+        assert re.search(r"\| (yes|no|in \d+ of \d+) \|$", line), line
+
+
+def test_tables_1_and_3_together(tmp_path):
     both = [experiment("table1"), experiment("table3")]
     found = results_of(both)
     bad = make_condition("cmu", "coop", {"penalty": -20})
@@ -420,14 +461,19 @@ def test_tables_1_and_3_together(tmp_path, everything):
         found[cell.id] = made_up(cell, **rewards(22.0, 23.0, 22.0, 23.0))
     write_report(tmp_path, PLAN, both, found)
     text = (tmp_path / "reproduction.md").read_text(encoding="utf-8")
-    first = text.split("## Findings\n\n")[1].split("\n")[0]
-    assert first == (
-        "- Tables 1 and 3: Coop. is at least the better baseline minus 0.5 in 8 of 9 scenarios "
+    assert finding(text, "Coop. is worth no less") == [
+        "Tables 1 and 3",
+        "Coop. is at least the better baseline minus 0.5 in 8 of 9 scenarios",
+        "in 8 of 9",
+    ]
+    assert (
+        "Table 3: Coop. is at least the better baseline minus 0.5 in 5 of 6 scenarios "
         "(differences with paired standard errors); not in: cmu -2.00 (0.00)."
-    )
+    ) in text
     one = tmp_path / "one"
     write_report(one, PLAN, both[:1], found)
-    assert "Tables 1 and 3" not in (one / "reproduction.md").read_text(encoding="utf-8")
+    text = (one / "reproduction.md").read_text(encoding="utf-8")
+    assert finding(text, "Coop. is worth no less")[::2] == ["Table 1", "yes"]
 
 
 def test_loses_less_means_surely(tmp_path):
@@ -449,6 +495,10 @@ def test_loses_less_means_surely(tmp_path):
     few = Experiment("figure4", experiment("figure4").title, tuple(cells))
     text = reported(tmp_path, few, changes)
     assert "by more than 3 paired standard errors, in 1 of 2 cases: env1 (10^4 steps)." in text
+    assert finding(text, "The reward of Coop. stays")[1:] == [
+        "from 0 to -100 Coop. loses 2.0 to 2.0; surely less than both baselines in 1 of 2 cases",
+        "in 1 of 2",
+    ]
     assert "- env2-2r (10^4 steps): Coop. 2.0 (0.0), Non-coop. 5.0 (1.7), Indiv. 4.0 (0.0)" in text
     assert "no policy that is optimal at penalty 0 can keep it" in text
 
@@ -459,7 +509,7 @@ def test_worth_more_up_to_a_cost_means_at_every_lower_cost(tmp_path):
     good, bad = rewards(109.0, 110.0, 109.0, 110.0), rewards(99.0, 100.0, 99.0, 100.0)
     changes = {}
     for name, worth in (("env1", (0, 0.5, 1, 10)), ("env2-2r", (0.5, 1)), ("pentagon", (0, 10))):
-        for cell in one.cells:
+        for cell in one.conditions:
             if cell.name == name:
                 value = good if cell.scenario.ask_cost in worth else bad
                 changes[cell.id] = {**value, "reference": shortest}
@@ -492,6 +542,7 @@ def test_crowds_compare_by_their_losses(tmp_path):
     }
     text = reported(tmp_path, "crowd", changes)
     line = row(text, "3", "Coop., all peers")
+    assert finding(text, "In larger teams too")[1].endswith("in 1 of 5 with all peers")
     assert line[2:4] == [f"{alone - 3:.2f} (0.58)", "3.00"]
     assert "and +3.00 (0.00); 4 robots" in text
     cells = len(coop.scenario.map.cells)
@@ -526,6 +577,7 @@ def test_asks_near_doorways_beside_the_time_spent_there(tmp_path):
     changes = {cell.id: {"asked": asked.tolist(), "stays": stays.tolist()}}
     text = reported(tmp_path, "where", changes)
     assert row(text, "env1")[2:4] == ["75.0 %", "40.0 %"]
+    assert finding(text, "Robots coordinate only where")[2] != "no"
     assert "steps taken there (penalty -100, 10^5 learning steps): env1 75.0 % (40.0 %)" in text
 
 
@@ -542,6 +594,46 @@ def test_the_same_results_give_the_same_bytes(tmp_path):
         ), path
 
 
+def test_an_experiment_without_a_section_of_its_own(tmp_path):
+    settings = [{**LONG, "horizon": horizon, "peers": "one"} for horizon in (50, 100)]
+    cells = [make_condition("env1", n, s) for n in ("noncoop", "coop") for s in settings]
+    one = Experiment("horizons", "How long a trial lasts", tuple(cells))
+    text = reported(tmp_path, one, {cells[3].id: rewards(118.0, 120.0, 118.0, 120.0)})
+    assert "## How long a trial lasts" in text
+    assert row(text, "env1", "Coop.", "100")[3] == "119.00 (0.58)"
+    assert row(text, "env1", "Non-coop.", "50")[6] == "-"
+    assert (tmp_path / "figures/horizons.png").exists()
+
+
+def test_a_single_run_has_no_errors(tmp_path):
+    one = dict.fromkeys(SUMS, [100.0])
+    single = {"means": one, "variances": one, "not_arrived": [0], "visited": [100.0]}
+    chosen = [some_of_figure4() if name == "figure4" else experiment(name) for name in NAMES]
+    found = {cell.id: made_up(cell, **single) for c in chosen for cell in c.conditions}
+    write_report(tmp_path, Plan(seed=5, runs=1, trials=50), chosen, found)
+    text = (tmp_path / "reproduction.md").read_text(encoding="utf-8")
+    assert row(text, "env1", "Indiv.")[2:5] == ["100.00 ± 10.00", "-", "119.50 ± 12.50"]
+    assert [line for line in text.split("\n") if re.search(r"\bnan\b", line)] == []
+    assert finding(text, "Indiv. learns shortest paths")[2] == "-"
+
+
+def test_bars_end_at_zero_where_nothing_is_below():
+    measure = Measure(0.2, 0.5, 0.3)
+    assert point(measure, "miscoordinations", "spread", panel="", line="", x=0)["low"] == 0.2
+    assert point(measure, "asks", panel="", line="", x=0)["low"] == 0.2
+    assert point(measure, "reward", "spread", panel="", line="", x=0)["low"] == 0.5
+    assert point(measure, "miscoordinations", "spread", panel="", line="", x=0)["high"] == 0.5
+
+
+def test_lines_are_told_apart_without_colours():
+    looks = [
+        (str(s.get("marker")), str(s["linestyle"]), s.get("markerfacecolor"), s.get("linewidth"))
+        for s in [*STYLES.values(), OTHER]
+    ]
+    same = {a for a in looks if looks.count(a) > 1}
+    assert same == {("o", "-", None, None)}  # Coop., and Coop. with one peer
+
+
 def test_experiments_chosen_alone(tmp_path):
     one = experiment("ask_cost")
     write_report(tmp_path, PLAN, [one], results_of([one]))
@@ -556,9 +648,10 @@ def test_experiments_chosen_alone(tmp_path):
 
 
 def test_markdown_and_words():
-    table = Table("What it is.", ["a", "b", "c"], [["x", "y", "1"]])
-    assert table.to_markdown() == (
-        "What it is.\n\n| a | b | c |\n| :-- | :-- | --: |\n| x | y | 1 |\n"
+    rows = [{"a": "x", "learner": "y", "c": None}, {"a": "z", "d": "1"}]
+    assert to_markdown(rows) == (
+        "| a | learner | c | d |\n| :-- | :-- | --: | --: |\n"
+        "| x | y | - | - |\n| z | - | - | 1 |\n"
     )
     assert [size(n) for n in (999, 14112, 64**8 * 32)] == ["999 B", "14.1 kB", "9.0 PB"]
     assert size(10**30) == "1000000.0 YB"

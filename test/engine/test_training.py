@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sparse_coord_ros.core.evaluation import evaluate
-from sparse_coord_ros.core.learners import Coop, learner_of
+from sparse_coord_ros.core.learners import LEARNERS, Coop, learner_of
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.simulation import Learning, tables_equal
 from sparse_coord_ros.engine import batch, training
@@ -275,7 +275,9 @@ def test_auto_compiles_only_what_is_long(monkeypatch):
     assert engine_for(short, "coop") == "numba"
 
 
-def test_a_learner_without_a_compiled_form():
+def test_a_learner_without_a_compiled_form(monkeypatch):
+    monkeypatch.setattr(LEARNERS, "_known", LEARNERS.registered)  # forgets it afterwards
+
     class Own(Coop):
         name = "own"
 

@@ -9,6 +9,7 @@ from sparse_coord_ros.core.agent import Agent, Tables
 from sparse_coord_ros.core.run_config import make_run
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.streams import PERCEPT, Stream
+from sparse_coord_ros.core.wire import ANSWERED, COUNTS, LATE, NOT_ASKED, REFUSED
 from sparse_coord_ros.core.world import Action, Reward
 from sparse_coord_ros.lockstep.robot import Answer, RobotSide
 
@@ -21,13 +22,14 @@ class Port:
     """Writes down what the robot does."""
 
     def __init__(self):
-        self.done, self.episodes = [], []
+        self.done, self.episodes, self.accounts = [], [], []
 
     def ask(self, peer, step, cell):
         self.done.append(("ask", peer, step, cell))
 
-    def act(self, step, action):
+    def act(self, step, action, account):
         self.done.append(("act", step, action))
+        self.accounts.append(tuple(account))
 
     def percept(self, step, cell, perceived):
         self.done.append(("percept", step, cell, perceived))
@@ -289,7 +291,7 @@ def test_the_world_goes_on_while_the_robot_asks(robot, port):
     asking(robot, port)
     robot.state(2, 1)
     assert port.take() == [("act", 2, GO)]
-    assert robot.asks["late"] == 1
+    assert sum(robot.asks.values()) == 0, "no action came of it"
     robot.answer(1, 1, Answer(1, 17))
     assert port.take() == []
 
@@ -431,3 +433,50 @@ def test_no_checkpoint_at_the_first_state_or_where_none_is_wanted():
         assert robot.handled == 0
         robot.state(first, 0)
         assert robot._port.take() == [("act", first, GO)]
+
+
+# What it says of itself.
+
+
+def test_each_action_says_how_its_percept_ended_and_whether_it_has_learned(robot, port):
+    robot.state(1, 0)  # goes: nothing learned before
+    robot.reward(1, Reward(0.0, 0.0, 0.0, 0.0))
+    robot.state(2, ASKING_CELL)
+    robot.answer(1, 2, Answer(2, 17))
+    robot.state(3, ASKING_CELL)  # no reward comes
+    robot.expire()
+    robot.answer(1, 3, Answer(3, None))
+    robot.reward(3, Reward(0.0, 0.0, 0.0, 0.0))
+    robot.state(4, ASKING_CELL)
+    robot.expire()
+    robot.reward(4, Reward(0.0, 0.0, 0.0, 0.0))
+    robot.state(5, 20)
+    assert port.accounts == [
+        (NOT_ASKED, False),
+        (ANSWERED, True),
+        (REFUSED, False),
+        (LATE, True),
+    ]
+    robot.state(4, ASKING_CELL)
+    assert robot.counts == {
+        **{"answered": 1, "refused": 1, "late": 1, "repeated": 0},
+        **{"dropped": 1, "learned": 3, "step": 5},
+    }
+    assert set(robot.counts) == set(COUNTS)
+
+
+def test_an_action_said_again_says_the_same_of_itself(robot, port):
+    robot.state(1, 0)
+    robot.reward(1, Reward(0.0, 0.0, 0.0, 0.0))
+    robot.state(2, 1)
+    robot.state(2, 1)
+    assert port.accounts == [(NOT_ASKED, False), (NOT_ASKED, True), (NOT_ASKED, True)]
+
+
+def test_a_reward_is_for_one_transition_only(robot):
+    """That of the action before does not stand in for one that has not come yet."""
+    robot.state(1, 0)
+    robot.reward(1, Reward(0.0, 0.0, 0.0, 0.0))
+    robot.state(2, 1)
+    robot.state(3, 2)
+    assert robot.waiting == ("reward", 2) and robot.learned == 1

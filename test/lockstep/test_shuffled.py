@@ -72,7 +72,7 @@ class RobotPort:
     def ask(self, peer, step, cell):
         self.network.put(("ask", self.number), (peer, step, cell))
 
-    def act(self, step, action):
+    def act(self, step, action, account):
         self.network.put(("action", self.number), (step, action))
 
     def episode(self, step):

@@ -6,6 +6,7 @@ import pytest
 
 from sparse_coord_ros.core.run_config import make_run
 from sparse_coord_ros.core.scenario import load_scenario
+from sparse_coord_ros.core.wire import ARRIVED, NOBODY_LEFT, RESET, START, STEPS
 from sparse_coord_ros.core.world import Action
 from sparse_coord_ros.lockstep.world import WorldSide
 
@@ -245,3 +246,35 @@ def test_repeat_in_a_new_episode_says_no_old_reward(world, port):
     port.take()
     world.repeat()
     assert port.take() == [("state", 0, 4, 0), ("state", 1, 4, 3)]
+
+
+def test_it_counts_whom_it_leaves_out_at_each_step(world):
+    """Not who had arrived, and not where no transition was made."""
+    world.action(0, 1, DOWN)
+    world.expire()
+    assert world.left_out == 1
+    play(world, DOWN)
+    assert (world.left_out, world.timeouts) == (2, 1)
+    beside = make_world()
+    arrive(beside)
+    beside.expire()
+    assert (beside.left_out, beside.timeouts) == (0, 1)
+
+
+def test_it_says_why_an_episode_began():
+    world = make_world(max_steps=2)
+    assert world.began == START
+    play(world, DOWN, DOWN)
+    play(world, DOWN, DOWN)
+    assert world.began == STEPS
+    world.new_episode()
+    assert world.began == RESET
+    beside = make_world()
+    arrive(beside)
+    beside.expire()
+    assert beside.began == NOBODY_LEFT
+    together = make_world()
+    together.world.arrived = [False, True]
+    together.world.cells = [19, 17]
+    play(together, EAST)
+    assert together.began == ARRIVED

@@ -274,9 +274,9 @@ def test_mail_out_of_order(tmp_path, simulate, assert_same_tables, benches, seed
     assert_same_tables(tmp_path, said)
     counts = [node.counts for node in (world, *robots)]
     assert sum(count["overtaken"] for count in counts) > steps
-    assert sum(robot.lockstep.asks["repeated"] for robot in robots) > 0
+    assert sum(robot.member.lockstep.asks["repeated"] for robot in robots) > 0
     assert (sum(count["doubled"] for count in counts) > steps / 2) == ("doubled" in mail)
     assert world.summary()["stale_actions"] > 0 or "doubled" not in mail
     assert sum(count["lost"] for count in counts) == (6 if "lost" in mail else 0)
     assert world.summary()["timeouts"] == 0
-    assert sum(robot.lockstep.dropped for robot in robots) == 0
+    assert sum(robot.member.lockstep.dropped for robot in robots) == 0

@@ -14,7 +14,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
-from sparse_coord_ros.core.wire import ACTION_LABELS, REWARD_LABELS
+from sparse_coord_ros.core.wire import ACCOUNT_LABELS, ACTION_LABELS, REWARD_LABELS
 from sparse_coord_ros.nodes.cdr import PROBE_NUMBER, FixedLayout
 from sparse_coord_ros.nodes.messages import (
     ACTION_LAYOUT,
@@ -61,7 +61,8 @@ def test_packs_a_pose_as_rclpy_does(stamp):
 
 @pytest.mark.parametrize("stamp", STAMPS)
 @pytest.mark.parametrize(
-    ("layout", "labels"), [(REWARD_LAYOUT, REWARD_LABELS), (ACTION_LAYOUT, ACTION_LABELS)]
+    ("layout", "labels"),
+    [(REWARD_LAYOUT, REWARD_LABELS), (ACTION_LAYOUT, (*ACTION_LABELS, *ACCOUNT_LABELS))],
 )
 def test_packs_labelled_numbers_as_rclpy_does(layout, labels, stamp):
     for shift in range(len(NUMBERS)):
@@ -85,12 +86,12 @@ def test_packs_the_same_bytes_in_every_process():
     program = (
         "from sparse_coord_ros.nodes.messages import ACTION_LAYOUT, REWARD_LAYOUT\n"
         "print(REWARD_LAYOUT.pack(1, 2, 3.0, 4.0, 5.0, 6.0).hex())\n"
-        "print(ACTION_LAYOUT.pack(1, 2, 1.0, 0.0, 1.0, 2.0, 1.0).hex())\n"
+        "print(ACTION_LAYOUT.pack(1, 2, 1.0, 0.0, 1.0, 2.0, 1.0, 3.0, 1.0).hex())\n"
     )
     theirs = subprocess.check_output([sys.executable, "-c", program], text=True).split()
     assert theirs == [
         REWARD_LAYOUT.pack(1, 2, 3.0, 4.0, 5.0, 6.0).hex(),
-        ACTION_LAYOUT.pack(1, 2, 1.0, 0.0, 1.0, 2.0, 1.0).hex(),
+        ACTION_LAYOUT.pack(1, 2, 1.0, 0.0, 1.0, 2.0, 1.0, 3.0, 1.0).hex(),
     ]
 
 
@@ -150,9 +151,15 @@ def test_reads_labels_of_equal_length_in_another_order():
 
 
 def test_reads_labels_among_others():
-    labels = ["battery", *ACTION_LABELS, "mood"]
-    data = serialize_message(labelled(labels, 5, 6, [9.0, 1.0, 0.0, 1.0, 2.0, 1.0, 7.0]))
-    assert ACTION_LAYOUT.unpack(data) == (5, 6, 1.0, 0.0, 1.0, 2.0, 1.0)
+    labels = ["battery", *ACTION_LABELS, "mood", *ACCOUNT_LABELS]
+    numbers = [9.0, 1.0, 0.0, 1.0, 2.0, 1.0, 7.0, 3.0, 1.0]
+    data = serialize_message(labelled(labels, 5, 6, numbers))
+    assert ACTION_LAYOUT.unpack(data) == (5, 6, 1.0, 0.0, 1.0, 2.0, 1.0, 3.0, 1.0)
+
+
+def test_optional_labels_that_are_missing_read_as_zero():
+    data = serialize_message(labelled(ACTION_LABELS, 5, 6, [1.0, 0.0, 1.0, 2.0, 1.0]))
+    assert ACTION_LAYOUT.unpack(data) == (5, 6, 1.0, 0.0, 1.0, 2.0, 1.0, 0.0, 0.0)
 
 
 def test_reads_a_message_that_says_velocities_too():

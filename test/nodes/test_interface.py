@@ -217,7 +217,8 @@ def test_actions_are_labelled(team):
         assert len(team.actions[name]) > 20
         for message in team.actions[name]:
             said = numbers(message)
-            assert list(said) == ["east", "north", "coordinate", "peer", "perceived"]
+            labels = ["east", "north", "coordinate", "peer", "perceived", "percept", "learned"]
+            assert list(said) == labels
             action = team.said.actions[k, step_of(message.header.stamp)]
             assert (said["east"], said["north"]) == vectors[action.move]
             assert said["coordinate"] == action.asked
@@ -313,7 +314,7 @@ def test_save_writes_the_tables(team):
     assert response.success
     assert str(path) in response.message
     (saved,) = load_tables(path, [1])
-    tables = team.robots[0].lockstep.agent.tables
+    tables = team.robots[0].member.lockstep.agent.tables
     assert saved.q_star.tobytes() == tables.q_star.tobytes()
     assert saved.q_coord.tobytes() == tables.q_coord.tobytes()
     assert np.count_nonzero(saved.q_star) > 0

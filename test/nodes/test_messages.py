@@ -15,9 +15,10 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from sparse_coord_ros.core.agent import initial_tables
 from sparse_coord_ros.core.algorithm import COORDINATE
+from sparse_coord_ros.core.frame import Account
 from sparse_coord_ros.core.run_config import make_run
 from sparse_coord_ros.core.scenario import load_scenario, scenario_names
-from sparse_coord_ros.core.wire import ACTION_LABELS
+from sparse_coord_ros.core.wire import ACCOUNT_LABELS, ACTION_LABELS
 from sparse_coord_ros.core.world import Action, Reward
 from sparse_coord_ros.nodes.episode_messages import CoordinationMapLayout, MapLayout, MarkersLayout
 from sparse_coord_ros.nodes.messages import (
@@ -104,7 +105,7 @@ def test_a_state_in_a_wall_names_the_map():
 def test_rewards_come_back():
     convert = converter()
     for reward in (Reward(10.0, -20.0, -1.0, -11.0), Reward(0.0, 0.0, 0.0, 0.1 + 0.2)):
-        assert convert.unpack_reward(convert.pack_reward(12, reward)) == (12, reward.total)
+        assert convert.unpack_reward(convert.pack_reward(12, reward)) == (12, reward)
         message = deserialize_message(convert.pack_reward(12, reward), JointState)
         assert dict(zip(message.name, message.position, strict=True)) == reward._asdict()
 
@@ -115,7 +116,18 @@ def test_actions_come_back(move, peer):
     convert = converter()
     for asked, perceived in ((False, False), (True, False), (True, True)):
         action = Action(move, asked, peer, perceived)
-        assert convert.unpack_action(convert.pack_action(77, action)) == (77, action)
+        for account in (Account(3, True), Account(0, False)):
+            data = convert.pack_action(77, action, account)
+            assert convert.unpack_action(data) == (77, action)
+            said = deserialize_message(data, JointState)
+            assert list(said.name) == [*ACTION_LABELS, *ACCOUNT_LABELS]
+            assert list(said.position[-2:]) == list(account)
+
+
+def test_an_action_of_version_0_1_0_is_understood():
+    message = JointState(name=list(ACTION_LABELS), position=[1.0, 0.0, 1.0, 2.0, 1.0])
+    step, action = converter().unpack_action(serialize_message(message))
+    assert (step, action) == (0, Action(2, True, 1, True))
 
 
 @pytest.mark.parametrize(
@@ -125,7 +137,7 @@ def test_actions_come_back(move, peer):
 )
 def test_primitive_actions_are_unit_vectors(move, vector):
     message = deserialize_message(
-        converter().pack_action(1, Action(move, True, 1, False)), JointState
+        converter().pack_action(1, Action(move, True, 1, False), Account(3, True)), JointState
     )
     said = dict(zip(message.name, message.position, strict=True))
     assert (said["east"], said["north"]) == vector

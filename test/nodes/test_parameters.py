@@ -54,7 +54,8 @@ def test_every_parameter_is_described(context, name):
         for key, setting in table.items():
             descriptor = node.describe_parameter(key)
             assert len(descriptor.description) > 10
-            assert descriptor.type == TYPES[setting.kind]
+            kind = setting.kind if isinstance(setting.kind, type) else str  # a family: a text
+            assert descriptor.type == TYPES[kind]
             assert descriptor.additional_constraints == f"allowed: {setting.allowed}"
             assert descriptor.read_only == (key != "rate")
             assert node.get_parameter(key).value == setting.parse(setting.default)
@@ -121,7 +122,11 @@ def test_whole_numbers_do_for_numbers(context):
         ("world_simulator", ["scenario:=env9"], "scenario 'env9': no such scenario"),
         ("world_simulator", ["scenario:=env1", "set:=[stepz=3]"], "(did you mean 'steps'?)"),
         ("world_simulator", ["scenario:=env1", "set:=[steps]"], "write it as key=value"),
-        ("world_simulator", ["scenario:=env1", "learner:=indiv"], "allowed here: coop or noncoop"),
+        (
+            "world_simulator",
+            ["scenario:=env1", "learner:=indiv"],
+            "allowed here: learners of a whole team",
+        ),
         ("world_simulator", ["scenario:=env1", "percept_timeout:=5"], "less than step_timeout"),
         ("robot", ["table:=x"], "unknown parameter 'table' (did you mean 'tables'?)"),
         ("robot", ["claim_window:=61"], "allowed: a number from 0 to 60"),

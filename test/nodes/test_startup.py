@@ -14,7 +14,7 @@ from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.simulation import learn
 from sparse_coord_ros.core.tables import load_team, save_team
 from sparse_coord_ros.errors import RunError, SettingError, TablesError
-from sparse_coord_ros.nodes.robot import RobotNode
+from sparse_coord_ros.nodes.member import Member
 from sparse_coord_ros.nodes.spin import ros_context
 from sparse_coord_ros.nodes.team import run_team
 from sparse_coord_ros.nodes.world_simulator import WorldSimulator
@@ -96,7 +96,7 @@ def test_a_second_robot_of_a_name_stops(bench):
     world.values["rate"] = 0.0
     before = world.lockstep.world.transitions
     bench.spin_until(lambda: world.lockstep.world.transitions > before + 20, "the first goes on")
-    assert first.lockstep.newest[0] > 20
+    assert first.member.lockstep.newest[0] > 20
 
 
 def test_a_second_robot_of_a_name_stops_though_no_world_is_there_yet(bench):
@@ -150,7 +150,7 @@ def test_a_second_world_stops(bench):
 
 
 def test_robots_that_are_missing_are_named(bench, monkeypatch):
-    monkeypatch.setattr("sparse_coord_ros.nodes.robot.PEER_PATIENCE_SECONDS", 0.1)
+    monkeypatch.setattr("sparse_coord_ros.nodes.member.PEER_PATIENCE_SECONDS", 0.1)
     bench.world(startup_timeout=0.6, scenario="env2-4r")
     for name in ("robot_1", "robot_3"):
         bench.robot(name)
@@ -193,7 +193,7 @@ def test_a_world_that_waits_for_ever(bench):
 def test_a_greedy_robot_without_tables(bench):
     bench.world(greedy=True)
     bench.robots()
-    with pytest.raises(TablesError, match="^robot robot_1: the run is greedy but parameter"):
+    with pytest.raises(TablesError, match="^robot robot_[12]: the run is greedy but parameter"):
         bench.spin_until(lambda: False)
 
 
@@ -299,16 +299,16 @@ def test_learned_tables_are_run_greedily(tmp_path, simulate):
     values = {"scenario": "env1", "claim_window": 0.0, "record": False}
     epsilons = []
 
-    class Watched(RobotNode):
-        def act(self, step, action):
+    class Watched(Member):
+        def act(self, step, action, account):
             epsilons.append(self.lockstep.agent.epsilon(step))
-            super().act(step, action)
+            super().act(step, action, account)
 
     with pytest.MonkeyPatch.context() as patch, ros_context() as context:
         out = tmp_path / "first"
         run_team({**values, "out": str(out), "set": ["steps=1"]}, context=context)
         (before / "run.yaml").write_text((out / "run.yaml").read_text())
-        patch.setattr("sparse_coord_ros.nodes.team.RobotNode", Watched)
+        patch.setattr("sparse_coord_ros.nodes.robot.Member", Watched)
         out = tmp_path / "greedy"
         more = {"out": str(out), "set": ["steps=80"], "greedy": True, "tables": str(before)}
         summary = run_team({**values, **more}, context=context)

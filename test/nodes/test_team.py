@@ -32,12 +32,12 @@ def test_reset_begins_an_episode_and_nobody_learns_across_it(bench):
     assert world.lockstep.world.transitions == 0
     initial = world.lockstep.world.scenario.q_star_init
     for robot in robots:
-        assert robot.lockstep.newest[0] == 3
-        assert (robot.lockstep.agent.tables.q_star == initial).all()
+        assert robot.member.lockstep.newest[0] == 3
+        assert (robot.member.lockstep.agent.tables.q_star == initial).all()
     world.values["rate"] = 0.0
     bench.spin_until(lambda: world.lockstep.world.transitions > 20, "it goes on")
-    assert all((robot.lockstep.agent.tables.q_star != initial).any() for robot in robots)
-    assert all(robot.lockstep.dropped == 0 for robot in robots)
+    assert all((robot.member.lockstep.agent.tables.q_star != initial).any() for robot in robots)
+    assert all(robot.member.lockstep.dropped == 0 for robot in robots)
 
 
 def test_reset_and_save_say_why_they_cannot(bench):

@@ -11,6 +11,7 @@ import zlib
 
 import lz4.frame
 import pytest
+import yaml
 import zstandard
 from mcap.records import Chunk
 from mcap.writer import CompressionType, Writer
@@ -347,3 +348,47 @@ def test_summary_that_disagrees_is_damage(tmp_path, bag):
     found = open_bag(path)
     assert found.damage == f"byte {start}: the summary says 19 messages, but there are 20"
     assert (found.whole, len(list(found.messages()))) == (True, 20)
+
+
+def test_times_of_a_bag_whose_chunks_are_out_of_order(tmp_path, samples):
+    """The earliest and the latest of all messages, wherever they lie."""
+    with BagWriter(tmp_path / "run", chunk_size=1) as writer:
+        channel = writer.add_topic("/a", STRING, QoS())
+        for at in (50, 90, 20, 70, 40):
+            writer.write(channel, samples.cdr(STRING, 0), at, at)
+    found = open_bag(tmp_path / "run")
+    assert (found.damage, found.start_ns, found.end_ns) == (None, 20, 90)
+    said = yaml.safe_load((tmp_path / "run" / "metadata.yaml").read_text())
+    said = said["rosbag2_bagfile_information"]
+    assert said["starting_time"]["nanoseconds_since_epoch"] == 20
+    assert said["duration"]["nanoseconds"] == 70
+
+
+def test_a_message_index_without_its_chunk(tmp_path, samples):
+    """Even one without entries, which fits any chunk."""
+    writer = BagWriter(tmp_path / "run")
+    channel = writer.add_topic("/a", STRING, QoS())
+    writer.write(channel, samples.cdr(STRING, 0), 1, 1)
+    writer.flush()
+    writer.add_metadata("between", {})
+    writer.abandon()
+    file = tmp_path / "run" / "run_0.mcap.partial"
+    assert open_bag(file).damage is None
+    body = struct.pack("<HI", channel, 0)
+    with file.open("ab") as stream:
+        stream.write(struct.pack("<BQ", 0x07, len(body)) + body)
+    assert "a message index that is not that of the chunk before it" in open_bag(file).damage
+
+
+def test_parts_put_chunks_together(tmp_path, samples):
+    with BagWriter(tmp_path / "run", chunk_size=1) as writer:
+        channel = writer.add_topic("/a", STRING, QoS())
+        for at in range(9):
+            writer.write(channel, samples.cdr(STRING, at), at, at)
+    found = open_bag(tmp_path / "run")
+    one, several = list(found.parts(10**6)), list(found.parts())
+    assert (len(one), len(several)) == (1, 9)
+    assert one[0].heads["log_ns"].tolist() == list(range(9))
+    data = [samples.cdr(STRING, at) for at in range(9)]
+    for begin, expected in zip(one[0].begins.tolist(), data, strict=True):
+        assert one[0].content[begin : begin + len(expected)] == expected

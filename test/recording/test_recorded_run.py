@@ -188,7 +188,13 @@ def test_an_action_for_each_robot_and_step_where_one_is_due(recorded):
     for key, message in actions.items():
         action = recorded.said.actions[key]
         numbers = (*vectors[action.move], action.asked, action.peer + 1, action.perceived)
-        assert tuple(message.position) == numbers
+        assert tuple(message.position[:5]) == numbers
+        account = dict(zip(message.name[5:], message.position[5:], strict=True))
+        assert set(account) == {"percept", "learned"}
+        ends = (1, 2) if action.asked else (0,)  # answered or refused
+        assert account["percept"] in ends
+        assert (account["percept"] == 1) == action.perceived
+        assert account["learned"] == (key != min(one for one in actions if one[0] == key[0]))
 
 
 def test_a_percept_for_each_question(recorded):
@@ -283,7 +289,7 @@ def test_the_status_tells_the_course(recorded):
     assert states[-2:] == ["learning", "finished"]
     values = {v.key: v.value for v in recorded.topics["/status"][-1][1].values}
     assert values["transitions"] == str(STEPS)
-    assert values["timeouts"] == "0"
+    assert values["left_out"] == "0" and values["began"] in ("start", "arrived", "steps")
 
 
 def test_latched_topics_stay_latched(recorded):

@@ -12,6 +12,7 @@ from nav_msgs.srv import GetPlan
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 
+from sparse_coord_ros.core import wire
 from sparse_coord_ros.core.run_config import make_run
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.tables import pack_tables
@@ -75,13 +76,14 @@ class Recording:
         self.late, self.held = set(late), {}
         self.lost_now, self.again = [], {}
         self.queue, self.wall, self.now, self.clock = deque(), WALL, 0, 0
-        self.sequences = {}
+        self.sequences, self.tables = {}, {}
         text = run.to_yaml()
         record = {
             "scenario": run.scenario.name,
             "seed": str(run.seed),
             "learner": run.learner,
             **{f"version_{name}": value for name, value in run.versions.items()},
+            wire.FORMAT_KEY: str(wire.BAG_FORMAT),
         }
         self.bag.add_metadata("sparse_coord_ros", record)
         scenario = yaml.safe_dump(run.scenario.to_dict(), sort_keys=False, allow_unicode=True)
@@ -139,7 +141,7 @@ class Recording:
                     self.say("learning")
                     self.mark()
                     for k, robot in enumerate(self.robots):
-                        self.coordination_map(k, robot.newest[0])
+                        self.coordination_map(k, robot.handled)
             elif any(robot.waiting for robot in self.robots):
                 for robot in self.robots:
                     if robot.waiting:
@@ -148,7 +150,12 @@ class Recording:
                 self.lost_now.clear()
                 self.world.repeat()
             else:
+                step = self.world.world.step
                 assert self.world.expire(), "nobody is missing and nothing moves"
+                if self.world.world.step == step:  # nobody is left: it goes on saying so
+                    self.deaf.clear()
+                    self.late.clear()
+                    self.world.repeat()
 
     def write(self, topic, type_name, data, step=None):
         """Record a message."""
@@ -160,11 +167,8 @@ class Recording:
     def say(self, state):
         """Publish the world's status."""
         world = self.world.world
-        values = {
-            "step": world.step,
-            "transitions": world.transitions,
-            "timeouts": self.world.timeouts,
-        }
+        said = (world.step, world.transitions, self.world.left_out, self.world.began)
+        values = dict(zip(wire.STATUS_VALUES, said, strict=True))
         message = status(self.run.scenario.name, state, values)
         self.write("/status", "diagnostic_msgs/msg/DiagnosticStatus", serialize_message(message))
 
@@ -183,8 +187,10 @@ class Recording:
     def attach(self, k, step):
         """Attach a robot's tables."""
         robot = self.robots[k]
-        counts = {**robot.asks, "dropped": robot.dropped, "step": step}
-        data = pack_tables({k + 1: robot.agent.tables}, counts=counts)
+        data = pack_tables({k + 1: robot.agent.tables}, counts=robot.counts)
+        if self.tables.get(k) == (step, data):  # the recorder attaches them but once
+            return
+        self.tables[k] = (step, data)
         self.bag.attach(f"tables/{self.names[k]}_{step}.npz", data, "application/x-npz", self.now)
 
     def arrives(self, kind, k, step):
@@ -272,9 +278,9 @@ class LoggedRobot:
     def ask(self, peer, step, cell):
         self.all.ask(self.k, peer, step, cell)
 
-    def act(self, step, action):
+    def act(self, step, action, account):
         everything, k = self.all, self.k
-        data = everything.convert.pack_action(step, action)
+        data = everything.convert.pack_action(step, action, account)
         everything.write(f"/{everything.names[k]}/action", TYPES["action"], data, step)
         if everything.arrives("action", k, step):
             everything.queue.append(lambda: everything.world.action(k, step, action))

@@ -312,7 +312,7 @@ def test_explain_knows_what_a_left_out_robot_has_not_learned(record):
     run = record("env2-4r", {"perception": "probability:0.5"}, deaf=deaf)
     log = read_run(run.bag)
     found = [explain(log, k, step) for k in range(4) for step in coordinations(log, k)[::5]]
-    assert verify(run.bag).dropped > 0
+    assert verify(run.bag).unlearned > 0
     assert all(one is not None and one.agrees and one.doubt is None for one in found)
     last = explain(log, 0, coordinations(log, 0)[-1])
     own = run.recording.robots[0].agent.tables

@@ -6,17 +6,24 @@ import builtins
 import subprocess
 import sys
 from collections import Counter
+from dataclasses import fields
 
 import numpy as np
 import pytest
 
 from sparse_coord_ros.core.agent import Agent
 from sparse_coord_ros.core.frame import Frame
-from sparse_coord_ros.core.simulation import Team, tables_equal
+from sparse_coord_ros.core.simulation import Learning, Team, tables_equal
 from sparse_coord_ros.core.world import World
 from sparse_coord_ros.errors import BagError, RunError
 from sparse_coord_ros.recording import BagWriter
-from sparse_coord_ros.runlog import read_run
+from sparse_coord_ros.recording.playlist import Playlist
+from sparse_coord_ros.recording.reader import open_bag
+from sparse_coord_ros.recording.topics import find_clock
+from sparse_coord_ros.runlog import read_run, verify
+from sparse_coord_ros.runlog.explain import coordinations, explain
+
+HALF = {"perception": "probability:0.5"}
 
 
 @pytest.fixture(scope="module", params=["env1", "crowd-3r"])
@@ -89,7 +96,7 @@ def test_every_request_is_there_with_its_times(run):
 
 def test_a_data_frame(run):
     log = read_run(run.bag)
-    frame = log.frame()
+    frame = log.to_pandas()
     assert len(frame) == log.cells.size
     assert frame["asked"].sum() == log.asked.sum()
     second = frame[frame["robot"] == "robot_2"].set_index("step")
@@ -109,7 +116,7 @@ def test_without_pandas_it_is_one_line(good, monkeypatch):
 
     monkeypatch.setattr(builtins, "__import__", refuse)
     with pytest.raises(RunError, match="pip install pandas"):
-        log.frame()
+        log.to_pandas()
 
 
 def test_without_ros(good):
@@ -135,3 +142,55 @@ def test_a_bag_of_something_else(tmp_path):
         bag.add_metadata("a", {"b": "c"})
     with pytest.raises(BagError, match="holds no run of this software"):
         read_run(tmp_path / "bag")
+
+
+@pytest.mark.parametrize(
+    ("name", "settings"),
+    [("env1", HALF), ("env2-4r", {"max_steps": 9}), ("crowd-3r", {**HALF, "peers": "all"})],
+)
+def test_its_history_is_that_of_the_simulation(record, name, settings):
+    run = record(name, {"steps": 300, **settings})
+    found = read_run(run.bag).history()
+    learning = Learning(run.run.scenario, "coop", run.run.seed)
+    learning.advance(300)
+    expected = learning.history
+    assert found.length.sum() == 300
+    for field in fields(expected):
+        mine, theirs = getattr(found, field.name), getattr(expected, field.name)
+        assert mine.dtype == theirs.dtype and np.array_equal(mine, theirs), field.name
+
+
+def test_a_history_without_penalty_has_its_miscoordinations(record):
+    run = record("env2-4r", {"penalty": 0, "conflict": "any_doorway"})
+    found = read_run(run.bag).history()
+    assert found.miscoordinations.sum() == run.recording.world.world.miscoordinations > 0
+
+
+def test_the_old_name_of_the_data_frame_warns(good):
+    pytest.importorskip("pandas")
+    log = read_run(good.bag)
+    with pytest.warns(DeprecationWarning, match="to_pandas"):
+        old = log.frame()
+    assert old.equals(log.to_pandas())
+
+
+def test_a_team_in_a_namespace_with_a_clock_of_its_own(good, tmp_path):
+    source, bag = open_bag(good.bag), tmp_path / "bag"
+    with BagWriter(bag) as new:
+        new.add_metadata("sparse_coord_ros", source.metadata["sparse_coord_ros"])
+        channels = {
+            name: new.add_topic(f"/team_a{name}", topic.type_name, topic.qos[0])
+            for name, topic in source.topics.items()
+        }
+        for one in source.messages():
+            new.write(channels[one.topic], one.data, one.log_time_ns, one.publish_time_ns)
+        for one in source.attachments:
+            new.attach(one.name, one.data, one.media_type, one.log_time_ns)
+    found = verify(bag)
+    assert found.same, found.first
+    assert found.steps == 400
+    log = read_run(bag)
+    assert explain(log, 0, coordinations(log, 0)[3]).agrees
+    opened = open_bag(bag)
+    assert find_clock(opened.topics, opened.counts) == "/team_a/clock"
+    assert Playlist(opened, opened.topics).step_count == Playlist(source, source.topics).step_count

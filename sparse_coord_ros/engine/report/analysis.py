@@ -64,7 +64,7 @@ def implied_reward(entry: Entry) -> Measure | None:
     """
     counted = entry.paper("miscoordinations")
     exact = entry.result.reference
-    if counted is None or entry.cell.learner == "coop" or not exact["miscoordinations"]:
+    if counted is None or entry.can_ask or not exact["miscoordinations"]:
         return None
     alone = independent_bound(entry.scenario)
     cost = (alone - exact["reward"]) / exact["miscoordinations"]
@@ -91,14 +91,14 @@ def paired(values: np.ndarray) -> Measure:
 def run_means(entry: Entry, measure: str = "reward") -> np.ndarray:
     """Return a measure's mean in each run.
 
-    Run i has the same seed in every cell, so what is computed from several cells is computed run
+    Run i has the same seed in every condition: what is computed from several is computed run
     by run, and its error is that of the results.
     """
     return np.array(entry.result.means[measure])
 
 
 def difference(entry: Entry, other: Entry, measure: str = "reward") -> Measure:
-    """Return by how much a measure is greater than in another cell, run by run."""
+    """Return by how much a measure is greater than in another condition, run by run."""
     return paired(run_means(entry, measure) - run_means(other, measure))
 
 

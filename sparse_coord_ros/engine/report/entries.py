@@ -1,114 +1,149 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Cells with their results, and how to pick some of them."""
+"""Conditions with their results, how to pick some of them, and their CSV."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import pandas as pd
 
 from sparse_coord_ros.core.evaluation import Measure
-from sparse_coord_ros.core.scenario import Scenario
+from sparse_coord_ros.core.learners import learner_of
+from sparse_coord_ros.core.scenario import SETTINGS, Scenario
+from sparse_coord_ros.core.sparse import dense_nbytes
+from sparse_coord_ros.core.specs import Spec
 from sparse_coord_ros.engine.conditions import Condition
 from sparse_coord_ros.engine.experiments import Experiment
-from sparse_coord_ros.engine.results import ConditionResult
-
-LEARNER_NAMES = {"indiv": "Indiv.", "noncoop": "Non-coop.", "coop": "Coop."}
-"""The paper's names, in the order of its tables."""
+from sparse_coord_ros.engine.results import BY_ROBOT, SUMS, ConditionResult
 
 PAPER_SETTINGS = (("penalty", "-20"),)
-"""Settings of the cells that the paper's Tables 1 to 3 show."""
+"""Settings of the conditions that the paper's Tables 1 to 3 show."""
 
 PAPER_TRIALS = 1000
 """Monte-Carlo trials behind each number of the paper (Section 4)."""
 
+PAPER_MEASURES = ("reward", "time_to_goal", "miscoordinations")
+
 
 @dataclass(frozen=True)
 class Entry:
-    """One cell and its result."""
+    """One condition and its result."""
 
-    cell: Condition
+    condition: Condition
     result: ConditionResult
 
     @property
     def name(self) -> str:
         """Name of the scenario."""
-        return self.cell.name
+        return self.condition.name
 
     @property
     def scenario(self) -> Scenario:
-        """The scenario with the cell's settings."""
-        return self.cell.scenario
+        """The scenario with the condition's settings."""
+        return self.condition.scenario
 
     @property
     def learner(self) -> str:
-        """The paper's name of the learner."""
-        return LEARNER_NAMES[self.cell.learner]
+        """The learner's name in files."""
+        return self.condition.learner
 
     @property
-    def label(self) -> str:
-        """Scenario and learner."""
-        return f"{self.name} {self.learner}"
+    def title(self) -> str:
+        """The learner's name in print."""
+        return learner_of(self.learner).title
+
+    @property
+    def can_ask(self) -> bool:
+        """Whether the learner can choose COORDINATE."""
+        return learner_of(self.learner).asks
+
+    @property
+    def shortest_paths(self) -> float:
+        """Exact reward of shortest-path policies."""
+        return self.result.reference["reward"]
+
+    @property
+    def dense_bytes(self) -> int:
+        """Bytes of one robot's Q^C with a row for every joint state."""
+        return dense_nbytes(len(self.scenario.map.cells), self.scenario.perceived)
 
     def measure(self, name: str) -> Measure:
         """Return mean, spread and standard error of a measure."""
         return self.result.measure(name)
 
     def paper(self, measure: str) -> Measure | None:
-        """Return what the paper prints for this cell; None where it prints nothing.
+        """Return what the paper prints for this condition; None where it prints nothing.
 
         The standard error is that of the paper's trials, the robots of one trial being taken
         as wholly dependent.
         """
-        if self.cell.settings != PAPER_SETTINGS:
-            return None
-        row = self.scenario.paper.get(self.cell.learner, {})
-        if measure not in row:
+        row = self.scenario.paper.get(self.learner, {})
+        if self.condition.settings != PAPER_SETTINGS or measure not in row:
             return None
         mean, spread = row[measure]
         return Measure(mean, spread, spread / PAPER_TRIALS**0.5)
 
 
-class Entries:
-    """Some cells of one experiment, in its order."""
-
-    def __init__(self, entries: Iterable[Entry]) -> None:
-        self._entries = tuple(entries)
-
-    def __iter__(self) -> Iterator[Entry]:
-        """Iterate over the entries."""
-        return iter(self._entries)
-
-    def __len__(self) -> int:
-        """Return the number of entries."""
-        return len(self._entries)
-
-    def __getitem__(self, index: int) -> Entry:
-        """Return one entry."""
-        return self._entries[index]
-
-    @property
-    def names(self) -> list[str]:
-        """Names of the scenarios, each once."""
-        return list(dict.fromkeys(entry.name for entry in self))
-
-    @property
-    def learners(self) -> list[str]:
-        """The learners, each once."""
-        return list(dict.fromkeys(entry.cell.learner for entry in self))
-
-    def pick(
-        self,
-        name: str | None = None,
-        learner: str | None = None,
-        test: Callable[[Entry], bool] = lambda entry: True,
-    ) -> "Entries":
-        """Return the entries of a scenario, of a learner, and that pass a test."""
-        return Entries(
-            entry
-            for entry in self
-            if name in (None, entry.name) and learner in (None, entry.cell.learner) and test(entry)
-        )
+def entries_of(experiment: Experiment, found: Mapping[str, ConditionResult]) -> list[Entry]:
+    """Return the conditions of an experiment with their results."""
+    return [Entry(condition, found[condition.id]) for condition in experiment.conditions]
 
 
-def entries_of(experiment: Experiment, found: Mapping[str, ConditionResult]) -> Entries:
-    """Return the cells of an experiment with their results."""
-    return Entries(Entry(cell, found[cell.id]) for cell in experiment.cells)
+def pick(entries: Iterable[Entry], **wanted: object) -> list[Entry]:
+    """Return the entries that have these values: `name`, `learner`, or a scenario's setting."""
+
+    def value(entry: Entry, key: str) -> object:
+        return getattr(entry if key in ("name", "learner") else entry.scenario, key)
+
+    return [e for e in entries if all(value(e, key) == wanted[key] for key in wanted)]
+
+
+def names(entries: Iterable[Entry]) -> list[str]:
+    """Return the names of the scenarios, each once."""
+    return list(dict.fromkeys(entry.name for entry in entries))
+
+
+def by_scenario(entries: Iterable[Entry]) -> list[list[Entry]]:
+    """Return the entries of each scenario."""
+    entries = list(entries)
+    return [pick(entries, name=name) for name in names(entries)]
+
+
+def to_csv(entries: Iterable[Entry]) -> str:
+    """Return a CSV file: one row a condition, one value a field, in full precision."""
+    return pd.DataFrame([_row(entry) for entry in entries]).to_csv(
+        index=False, lineterminator="\n"
+    )
+
+
+def _row(entry: Entry) -> dict[str, Any]:
+    result, scenario = entry.result, entry.scenario
+    factors = scenario.common_reward.numbers or (1.0,) * result.robots
+    settings = {name: getattr(scenario, name) for name in SETTINGS}
+    row: dict[str, Any] = {
+        "id": result.id,
+        "scenario": entry.name,
+        "learner": entry.learner,
+        "robots": result.robots,
+        **{key: str(v) if isinstance(v, Spec) else v for key, v in settings.items()},
+        "runs": result.runs,
+        "trials": result.trials,
+    }
+    for name in SUMS:
+        row |= {f"{name}_{key}": value for key, value in asdict(result.measure(name)).items()}
+    for name in PAPER_MEASURES:
+        paper = entry.paper(name)
+        row[f"paper_{name}_mean"] = paper.mean if paper else None
+        row[f"paper_{name}_spread"] = paper.spread if paper else None
+    row |= {f"shortest_path_{name}": result.reference[name] for name in PAPER_MEASURES}
+    for name in (
+        *("optimum", "optimum_exact", "arrived", "failed_teams", "joint_states"),
+        *("visited_share", "visited_bytes"),
+    ):
+        row[name] = getattr(result, name)
+    row["dense_bytes"] = entry.dense_bytes
+    by_robot = {name: result.robot_means[name] for name in BY_ROBOT}
+    for name, values in {**by_robot, "common_reward_factor": factors}.items():
+        row |= {f"{name}_robot_{k}": value for k, value in enumerate(values, start=1)}
+    return row

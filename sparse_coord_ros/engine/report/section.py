@@ -1,65 +1,55 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a part of the report consists of."""
+"""What a part of the report consists of, and what several parts share."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 from matplotlib.figure import Figure
 
-from sparse_coord_ros.engine.report.entries import Entries, Entry
-from sparse_coord_ros.engine.report.tables import Table
-
-
-@dataclass(frozen=True)
-class Picture:
-    """A figure of the report.
-
-    Attributes:
-        name: stem of its files.
-        caption: what it shows.
-        figure: the drawing.
-    """
-
-    name: str
-    caption: str
-    figure: Figure
+from sparse_coord_ros.engine.report.entries import Entry
+from sparse_coord_ros.engine.report.text import Row, optimum, percent, size, with_error
 
 
 @dataclass(frozen=True)
 class Section:
-    """One experiment in the report.
+    """One experiment in the report; its words are in `texts.yaml`.
 
     Attributes:
-        shown: what is shown, a paragraph.
-        tables: for reading.
-        pictures: figures.
-        text: paragraphs that explain.
-        findings: what it comes to, sentences for the summary.
-        misses: what was not reproduced, and why.
+        values: what the texts leave open.
+        tables: the rows of each table.
+        figures: one a caption.
+        agrees: for each claim, in how many cases it holds, and of how many.
+        misses: rows of the paper that do not fit.
     """
 
-    shown: str
-    tables: Sequence[Table]
-    pictures: Sequence[Picture]
-    text: Sequence[str] = ()
-    findings: Sequence[str] = ()
-    misses: Sequence[str] = field(default=())
+    values: dict[str, str]
+    tables: Sequence[Sequence[Row]]
+    figures: Sequence[Figure]
+    agrees: Sequence[tuple[int, int]]
+    misses: Sequence[Row] = field(default=())
 
 
-def game(entry: Entry) -> str:
-    """Return penalty and step budget of a cell, for captions."""
-    return f"penalty {entry.scenario.penalty:g}, {steps(entry)} learning steps"
+def common(entry: Entry) -> Row:
+    """Return the columns that most tables share: what a condition brings."""
+    return {
+        "reward (s.e.)": with_error(entry.measure("reward")),
+        "joint optimum": optimum(entry),
+        "miscoordinations (s.e.)": with_error(entry.measure("miscoordinations"), 3),
+        "COORDINATE (s.e.)": with_error(entry.measure("asks"), 3) if entry.can_ask else None,
+        "all arrive": percent(entry.result.arrived, 2),
+    }
 
 
-def steps(entry: Entry) -> str:
-    """Return the step budget, as a power of ten where it is one."""
-    count = entry.scenario.steps
-    digits = str(count)
-    power = digits.rstrip("0") == "1" and count > 1
-    return f"10^{len(digits) - 1}" if power else digits
+def memory(entry: Entry) -> Row:
+    """Return the columns on the memory of one robot's Q^C."""
+    return {
+        "bytes visited": size(entry.result.visited_bytes) if entry.can_ask else None,
+        "bytes dense": size(entry.dense_bytes) if entry.can_ask else None,
+    }
 
 
-def names_and_settings(entries: Entries) -> str:
-    """Return what the scenarios of a sweep have in common."""
-    return f"{', '.join(entries.names)}; {game(entries[0])}"
+def failed(entries: Iterable[Entry]) -> str:
+    """Return how many teams fail, of how many."""
+    results = [entry.result for entry in entries]
+    return f"{sum(r.failed_teams for r in results)} of {sum(r.runs for r in results)}"

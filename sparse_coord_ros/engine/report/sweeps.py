@@ -1,263 +1,436 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The paper's open questions: cost of asking, percepts that fail, uneven r^C."""
+"""What is measured against a setting: Figure 4, the gap closed, and the paper's open questions."""
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from itertools import takewhile
+from typing import Any
+
+import numpy as np
 
 from sparse_coord_ros.core.evaluation import Measure
-from sparse_coord_ros.engine.report.analysis import (
-    AGREE,
-    difference,
-    errors_from,
-    surely_positive,
+from sparse_coord_ros.core.learners import learner_of
+from sparse_coord_ros.core.scenario import SETTINGS
+from sparse_coord_ros.core.specs import Spec
+from sparse_coord_ros.engine.experiments import CLOSED, LEARNERS
+from sparse_coord_ros.engine.report import analysis
+from sparse_coord_ros.engine.report.analysis import difference, paired, run_means, surely_positive
+from sparse_coord_ros.engine.report.entries import Entry, by_scenario, names, pick
+from sparse_coord_ros.engine.report.figures import (
+    ALL,
+    BYTES,
+    GAIN,
+    NONCOOP,
+    ONE,
+    SIGHT,
+    Where,
+    plot,
+    point,
+    points,
 )
-from sparse_coord_ros.engine.report.entries import LEARNER_NAMES, Entries, Entry
-from sparse_coord_ros.engine.report.figures import SHIFTS, Curve, Panel, sweep
-from sparse_coord_ros.engine.report.section import Picture, Section, names_and_settings
-from sparse_coord_ros.engine.report.tables import (
-    NOTHING,
-    Table,
+from sparse_coord_ros.engine.report.maps import asked_maps
+from sparse_coord_ros.engine.report.section import Section, common, failed, memory
+from sparse_coord_ros.engine.report.text import (
+    Row,
     listed,
     optimum,
     percent,
     signed,
+    size,
+    steps,
     with_error,
 )
 
-YARDSTICKS = (
-    "Points: means with standard errors. Black: joint optimum (dashed: exact, dotted: upper "
-    "bound). Grey: exact value of shortest-path policies, which never ask."
-)
-MEASURES = ("reward", "asks")
-HEAD = ("reward (s.e.)", "joint optimum", "miscoordinations (s.e.)", "COORDINATE (s.e.)")
+MEASURES = ("reward", "miscoordinations", "asks")
 
 
-def ask_cost_section(name: str, entries: Entries) -> Section:
+def sweep(
+    entries: Sequence[Entry],
+    setting: str,
+    value: Callable[[Entry], str],
+    xlabel: str,
+    values: dict[str, str],
+    agrees: Sequence[tuple[int, int]],
+    *,
+    where: Sequence[tuple[Sequence[Entry], Where]] = (),
+    measures: Sequence[str] = ("reward", "asks"),
+    more: Sequence[Sequence[Row]] = (),
+) -> Section:
+    """Return the section on an experiment that measures learners against a setting.
+
+    Args:
+        entries: its conditions.
+        setting: what the setting is called in the table.
+        value: returns the setting of a condition.
+        xlabel: what it is called in the figure.
+        values: what the texts leave open.
+        agrees: for each claim, in how many cases it holds, and of how many.
+        where: which conditions are drawn, and where (see `figures.points`); else all of them, the
+            values spaced evenly.
+        measures: what is drawn, a line of panels each.
+        more: further tables.
+    """
+    order = list(dict.fromkeys(map(value, entries)))
+    several = len({entry.learner for entry in entries}) > 1
+
+    def evenly(entry: Entry) -> dict[str, Any]:
+        x, shift = order.index(value(entry)), _shift(entry) if several else 0.0
+        return {"x": x, "tick": value(entry), "shift": shift, "xlabel": xlabel}
+
+    rows = [
+        {"scenario": e.name, "learner": e.title, setting: value(e), **common(e)} for e in entries
+    ]
+    drawn = where or [(entries, evenly)]
+    shown = [p for own, place in drawn for name in measures for p in points(own, name, place)]
+    return Section(values, [rows, *more], [plot(shown, len(names(entries)))], agrees)
+
+
+def default_section(entries: Sequence[Entry]) -> Section:
+    """Return a section on any experiment: its conditions by the settings in which they differ."""
+    given = [entry.scenario for entry in entries]
+    varied = [name for name in SETTINGS if len({str(getattr(s, name)) for s in given}) > 1]
+
+    def value(entry: Entry) -> str:
+        return ", ".join(f"{getattr(entry.scenario, name)}" for name in varied) or "-"
+
+    setting = ", ".join(varied) or "setting"
+    return sweep(entries, setting, value, setting, {}, [], measures=MEASURES)
+
+
+def ask_cost_section(entries: Sequence[Entry]) -> Section:
     """Return reward and asks against the cost of COORDINATE."""
-    panels = []
-    for scenario in entries.names:
-        own = entries.pick(scenario)
-        costs = [entry.scenario.ask_cost for entry in own]
-        panels.append(Panel(scenario, "cost of COORDINATE", [Curve("Coop.", "coop", costs, own)]))
-    findings = []
-    for scenario in entries.names:
-        own = sorted(entries.pick(scenario), key=lambda entry: entry.scenario.ask_cost)
+    asks, lines, less = [], [], []
+    for own in by_scenario(entries):
+        first, *_, last = own = sorted(own, key=lambda entry: entry.scenario.ask_cost)
         dear = list(takewhile(_worth_it, own))
-        limit = (
-            f"up to a cost of {dear[-1].scenario.ask_cost:g}"
-            if dear
-            else f"not even at a cost of {own[0].scenario.ask_cost:g}"
+        limit = "up to" if dear else "not even at"
+        cost = (dear or own)[-1 if dear else 0].scenario.ask_cost
+        ends = [f"{e.measure('asks').mean:.2f} at {e.scenario.ask_cost:g}" for e in (first, last)]
+        asks.append(f"{first.name} {' and '.join(ends)}")
+        lines.append(
+            f"{asks[-1]} (more than {analysis.AGREE:g} standard errors above shortest paths "
+            f"{limit} a cost of {cost:g})"
         )
-        findings.append(
-            f"{scenario} {own[0].measure('asks').mean:.2f} at {own[0].scenario.ask_cost:g} and "
-            f"{own[-1].measure('asks').mean:.2f} at {own[-1].scenario.ask_cost:g} (more than "
-            f"{AGREE:g} standard errors above shortest paths {limit})"
-        )
-    return Section(
-        "The cost of COORDINATE is a setting of the problem (Section 5 of the paper). The joint "
-        "optimum pays nothing for asking and does not depend on it.",
-        [_table(entries, "cost", lambda entry: f"{entry.scenario.ask_cost:g}")],
-        [
-            Picture(
-                name,
-                f"Reward and asks of Coop. against the cost ({names_and_settings(entries)}). "
-                f"{YARDSTICKS}",
-                sweep(panels, MEASURES, [3.4] * len(panels)),
-            )
-        ],
-        findings=[f"Cost of COORDINATE, choices per robot and episode: {'; '.join(findings)}."],
+        less.append(difference(first, last, "asks"))
+    values = {"asks": "; ".join(asks), "lines": "; ".join(lines)}
+    cost_of = "cost of COORDINATE"
+    return sweep(
+        entries, "cost", lambda e: f"{e.scenario.ask_cost:g}", cost_of, values, [_surely(less)]
     )
 
 
 def _worth_it(entry: Entry) -> bool:
     """Whether the reward is surely above the exact value of shortest-path policies."""
-    return errors_from(entry.measure("reward"), entry.result.reference["reward"]) > AGREE
+    error = analysis.errors_from(entry.measure("reward"), entry.shortest_paths)
+    return error > analysis.AGREE
 
 
-def perception_section(name: str, entries: Entries) -> Section:
+def _surely(measures: Iterable[Measure]) -> tuple[int, int]:
+    """Return how many measures surely exceed 0, and of how many."""
+    found = [surely_positive(one) for one in measures]
+    return sum(found), len(found)
+
+
+def perception_section(entries: Sequence[Entry]) -> Section:
     """Return reward and asks against the success of the percept."""
-    panels: list[Panel] = []
-    widths: list[float] = []
-    findings = []
-    for scenario in entries.names:
-        drawn = entries.pick(scenario, test=lambda e: e.scenario.perception.kind == "probability")
-        ranges = entries.pick(scenario, test=lambda e: e.scenario.perception.kind == "range")
-        sight = entries.pick(
-            scenario, test=lambda e: e.scenario.perception.kind == "line_of_sight"
-        )
-        chances = [entry.scenario.perception.numbers[0] for entry in drawn]
-        labels = [f"{entry.scenario.perception.numbers[0]:g}" for entry in ranges] + ["los"]
-        places = [float(x) for x in range(len(labels))]
-        panels += [
-            Panel(
-                scenario,
-                "probability of a percept",
-                [Curve("Coop.", "coop", chances, drawn)],
-            ),
-            Panel(
-                f"{scenario}, by place",
-                "range [cells] or line of sight",
-                [
-                    Curve("Coop.", "coop", places[:-1], ranges),
-                    Curve("Coop.", "coop", places[-1:], sight),
-                ],
-                dict(zip(places, labels, strict=True)),
-                (places[0], places[-1]),
-            ),
-        ]
-        widths += [2.6, 2.6]
-        ordered = sorted(drawn, key=lambda entry: entry.scenario.perception.numbers[0])
-        findings.append(
-            f"{scenario} {ordered[0].measure('reward').mean:.1f} at "
-            f"{ordered[0].scenario.perception.numbers[0]:g} and "
-            f"{ordered[-1].measure('reward').mean:.1f} at "
-            f"{ordered[-1].scenario.perception.numbers[0]:g}, difference "
-            f"{signed(difference(ordered[-1], ordered[0]))}"
-        )
-    return Section(
-        "A percept that fails leaves a robot to its own state, the cost paid. The percept "
-        "succeeds with a fixed probability; or where the other robot is in line of sight (los), "
-        "or within a range in cells.",
-        [_table(entries, "percept", lambda entry: str(entry.scenario.perception))],
-        [
-            Picture(
-                name,
-                f"Reward and asks of Coop. against the success of the percept "
-                f"({names_and_settings(entries)}). {YARDSTICKS}",
-                sweep(panels, MEASURES, widths),
-            )
-        ],
-        findings=[
-            "Reward of Coop. against the probability of a percept (paired differences with "
-            f"standard errors): {'; '.join(findings)}."
-        ],
+
+    def spec(entry: Entry) -> Spec:
+        return entry.scenario.perception
+
+    def chance(entry: Entry) -> dict[str, Any]:
+        return {"x": spec(entry).numbers[0], "xlabel": "probability of a percept"}
+
+    def place(entry: Entry) -> dict[str, Any]:
+        numbers = spec(entry).numbers
+        return {
+            "panel": f"{entry.name}, by place",
+            "x": order.index(spec(entry)),
+            "tick": f"{numbers[0]:g}" if numbers else "los",
+            "line": entry.title if numbers else SIGHT,
+            "xlabel": "range [cells], or line of sight",
+        }
+
+    drawn = [entry for entry in entries if spec(entry).kind == "probability"]
+    placed = [entry for entry in entries if entry not in drawn]
+    order = sorted({spec(e) for e in placed}, key=lambda one: one.numbers or (math.inf,))
+    lines, gains = [], {}
+    for own in by_scenario(drawn):
+        ends = sorted(own, key=lambda entry: spec(entry).numbers)[:: len(own) - 1]
+        texts = [f"{e.measure('reward').mean:.1f} at {spec(e).numbers[0]:g}" for e in ends]
+        gain = gains[own[0].name] = difference(ends[1], ends[0])
+        lines.append(f"{own[0].name} {' and '.join(texts)}, difference {signed(gain)}")
+    return sweep(
+        entries,
+        "percept",
+        lambda e: str(spec(e)),
+        "",
+        {
+            "lines": "; ".join(lines),
+            "gains": ", ".join(f"{name} {signed(gain)}" for name, gain in gains.items()),
+        },
+        [_surely(gains.values())],
+        where=[(drawn, chance), (placed, place)],
     )
 
 
-def uneven_section(name: str, entries: Entries) -> Section:
+def uneven_section(entries: Sequence[Entry]) -> Section:
     """Return what uneven common rewards do."""
-    panels, gains, rows = [], [], []
-    for scenario in entries.names:
-        own = entries.pick(scenario)
-        shares = list(dict.fromkeys(_share(entry) for entry in own))
-        curves = [
-            Curve(
-                LEARNER_NAMES[learner],
-                learner,
-                [float(shares.index(_share(entry))) for entry in line],
-                line,
-                shift=SHIFTS[learner],
-            )
-            for learner in own.learners
-            for line in [own.pick(learner=learner)]
+    gains: dict[str, Measure] = {}
+    rows: list[Row] = []
+    asking = []
+    for coop in pick(entries, learner="coop"):
+        spec, factors = coop.scenario.common_reward, _factors(coop)
+        [base] = pick(entries, learner="noncoop", name=coop.name, common_reward=spec)
+        gain = gains[f"{coop.name} {factors}"] = difference(coop, base)
+        asks = coop.result.robot_means["asks"]
+        if spec.numbers:
+            asking.append(f"{coop.name} {' : '.join(f'{n:.2f}' for n in asks)} at {factors}")
+        rows += [
+            {
+                "scenario": coop.name,
+                "factors": factors,
+                "robot": str(k + 1),
+                "its factor": f"{(spec.numbers or (1.0,) * len(asks))[k]:g}",
+                "reward, Non-coop.": f"{base.result.robot_means['reward'][k]:.2f}",
+                "reward, Coop.": f"{coop.result.robot_means['reward'][k]:.2f}",
+                "COORDINATE, Coop.": f"{asks[k]:.3f}",
+                "gain of the team (s.e.)": None if k else signed(gain),
+            }
+            for k in range(len(asks))
         ]
-        ticks = {float(x): share for x, share in enumerate(shares)}
-        panels.append(Panel(scenario, "factors of r^C, robot by robot", curves, ticks))
-        for share in shares:
-            here = own.pick(test=lambda e, s=share: _share(e) == s)
-            coop, base = (here.pick(learner=n)[0] for n in ("coop", "noncoop"))
-            gains.append((f"{scenario} {share}", difference(coop, base)))
-            rows += _by_robot(coop, base, gains[-1][1])
-    better = [text for text, gain in gains if gain.mean > 0]
-    sure = [f"{text}: {signed(gain)}" for text, gain in gains if surely_positive(gain)]
-    asking = [
-        f"{scenario} {_who_asks(entry)}"
-        for scenario in entries.names
-        for entry in entries.pick(scenario, "coop")
-        if entry.scenario.common_reward.kind != "same"
-    ]
-    return Section(
-        "r^C need not be the same for all robots (Section 5 of the paper): each robot's r^C is "
-        "the penalty times its own factor; `same` is a factor of one for both. Rewards are "
-        "averages over the robots; the second table shows each robot's own.",
-        [
-            _table(entries, "factors", _share),
-            Table(
-                "What each robot earns and how often it asks, means of an episode, beside its "
-                "own factor of r^C; gain: Coop. less Non-coop., averaged over the robots, with "
-                f"the paired standard error ({names_and_settings(entries)}).",
-                [
-                    "scenario",
-                    "factors",
-                    "robot",
-                    "its factor",
-                    "reward, Non-coop.",
-                    "reward, Coop.",
-                    "COORDINATE, Coop.",
-                    "gain of the team (s.e.)",
-                ],
-                rows,
-                left=3,
-            ),
-        ],
-        [
-            Picture(
-                name,
-                f"Reward, miscoordinations and asks against the factors of r^C "
-                f"({names_and_settings(entries)}). {YARDSTICKS}",
-                sweep(panels, ("reward", "miscoordinations", "asks"), [3.4] * len(panels)),
-            )
-        ],
-        findings=[
-            f"With even and uneven r^C, Coop. is worth more than Non-coop. in {len(better)} of "
-            f"{len(gains)} cases, by more than {AGREE:g} standard errors of the paired "
-            f"difference in: {listed(sure)}.",
-            "With uneven r^C, COORDINATE per episode robot by robot, at the factors of r^C: "
-            f"{'; '.join(asking)}.",
-        ],
+    better = sum(gain.mean > 0 for gain in gains.values())
+    sure = [f"{name}: {signed(gain)}" for name, gain in gains.items() if surely_positive(gain)]
+    return sweep(
+        entries,
+        "factors",
+        _factors,
+        "factors of $r^C$, robot by robot",
+        {
+            "better": f"{better} of {len(gains)}",
+            "sure": listed(sure),
+            "count": str(len(sure)),
+            "asking": "; ".join(asking),
+        },
+        [_surely(gains.values())],
+        measures=MEASURES,
+        more=[rows],
     )
 
 
-def _by_robot(coop: Entry, base: Entry, gain: Measure) -> list[list[str]]:
-    """Return a row for each robot of a team."""
-    scenario = coop.scenario
-    factors = scenario.common_reward.numbers or (1.0,) * len(scenario.robots)
-    rewards = [entry.result.robot_means["reward"] for entry in (base, coop)]
-    asks = coop.result.robot_means["asks"]
-    return [
-        [
-            coop.name,
-            _share(coop),
-            str(k + 1),
-            f"{factor:g}",
-            f"{rewards[0][k]:.2f}",
-            f"{rewards[1][k]:.2f}",
-            f"{asks[k]:.3f}",
-            signed(gain) if k == 0 else NOTHING,
-        ]
-        for k, factor in enumerate(factors)
-    ]
-
-
-def _who_asks(entry: Entry) -> str:
-    asks = " : ".join(f"{mean:.2f}" for mean in entry.result.robot_means["asks"])
-    return f"{asks} at {_share(entry)}"
-
-
-def _share(entry: Entry) -> str:
+def _factors(entry: Entry) -> str:
     spec = entry.scenario.common_reward
     return " : ".join(f"{factor:g}" for factor in spec.numbers) or spec.kind
 
 
-def _table(entries: Entries, setting: str, value: Callable[[Entry], str]) -> Table:
-    """Return the table of a sweep: a row a cell."""
-    rows: list[Sequence[str]] = [
-        [
-            entry.name,
-            entry.learner,
-            value(entry),
-            with_error(entry.measure("reward")),
-            optimum(entry),
-            with_error(entry.measure("miscoordinations"), 3),
-            with_error(entry.measure("asks"), 3) if entry.cell.learner == "coop" else NOTHING,
-            percent(entry.result.arrived, 2),
-        ]
+def _shift(entry: Entry) -> float:
+    """Return by how much a learner's points are moved, so that equal ones are all seen."""
+    return 0.1 * (LEARNERS.index(entry.learner) - 1)
+
+
+def crowd_section(entries: Sequence[Entry]) -> Section:
+    """Return what more robots do, with one random peer and with all of them perceived."""
+    lines = (NONCOOP, ONE, ALL)
+
+    def line(entry: Entry) -> str:
+        return {"one": ONE, "all": ALL}[entry.scenario.peers] if entry.can_ask else entry.title
+
+    def where(entry: Entry, end: str = "") -> dict[str, Any]:
+        x, shift = entry.result.robots, 0.12 * lines.index(line(entry)) - 0.12
+        own = {"line": line(entry) + end, "xlabel": "robots", "tick": str(x)}
+        return {"panel": "", "x": x, "shift": shift, **own}
+
+    base, coop = (pick(entries, learner=learner) for learner in ("noncoop", "coop"))
+    one, every = (pick(coop, peers=peers) for peers in ("one", "all"))
+    gains = [list(map(difference, own, base)) for own in (one, every)]
+    shown = points(entries, "reward", where) + points(entries, "loss", where)
+    for entry, gain in zip([*one, *every], [*gains[0], *gains[1]], strict=True):
+        shown.append(point(gain, GAIN, **where(entry)))
+    shown += points(entries, "miscoordinations", where) + points(coop, "asks", where)
+    for entry in coop:
+        for count, end in ((entry.result.visited_bytes, ""), (entry.dense_bytes, ", dense table")):
+            shown.append(point(Measure(count, 0, 0), BYTES, **where(entry, end)))
+    rows = [
+        {
+            "robots": str(entry.result.robots),
+            "learner, peers": line(entry),
+            "reward (s.e.)": with_error(entry.measure("reward")),
+            "loss": f"{analysis.loss_alone(entry).mean:.2f}",
+            **common(entry),
+            **memory(entry),
+        }
         for entry in entries
     ]
-    return Table(
-        f"Means with standard errors in parentheses ({names_and_settings(entries)}).",
-        ["scenario", "learner", setting, *HEAD, "all arrive"],
-        rows,
-        left=3,
-    )
+    leads = [
+        f"{entry.result.robots} robots {signed(a)} and {signed(b)}"
+        for entry, a, b in zip(base, *gains, strict=True)
+    ]
+    counts = [_surely(own) for own in gains]
+    values = {
+        "robots": str(every[-1].result.robots),
+        "dense": size(every[-1].dense_bytes),
+        "visited": size(every[-1].result.visited_bytes),
+        "lines": "; ".join(leads),
+        "one": "{} of {}".format(*counts[0]),
+        "all": "{} of {}".format(*counts[1]),
+    }
+    return Section(values, [rows], [plot(shown, 3)], [_surely([*gains[0], *gains[1]])])
+
+
+def figure4_section(entries: Sequence[Entry]) -> Section:
+    """Return Figure 4: reward and variance against the penalty."""
+    budgets = {(entry.name, entry.scenario.steps): steps(entry) for entry in entries}
+    groups = {
+        (name, text): pick(entries, name=name, steps=budget)
+        for name in names(entries)
+        for (own, budget), text in budgets.items()
+        if own == name
+    }
+    penalties = list(dict.fromkeys(entry.scenario.penalty for entry in entries))
+    lines, less, coop_falls = [], [], []
+    rows: list[Row] = []
+    for (name, budget), group in groups.items():
+        place, falls = {"scenario": name, "steps": budget}, {}
+        for learner in LEARNERS:
+            own = pick(group, learner=learner)
+            first, last = _ends(own)
+            falls[learner] = run_means(first) - run_means(last)
+            rewards = {_tick(e): f"{e.measure('reward').mean:.2f}" for e in own}
+            fall = {"fall (s.e.)": with_error(paired(falls[learner]))}
+            rows.append({**place, "learner": own[0].title, **rewards, **fall})
+        exact = max(0.0, first.result.optimum - last.result.optimum)
+        known = f"{exact:.2f}" if first.result.optimum_exact else None
+        best = {_tick(e): optimum(e) for e in own}
+        rows.append({**place, "learner": "joint optimum", **best, "fall (s.e.)": known})
+        texts = [
+            f"{learner_of(name).title} {with_error(paired(falls[name]), 1)}"
+            for name in reversed(LEARNERS)
+        ]
+        texts.append(f"optimum {exact:.1f}" if known else "optimum not known exactly")
+        lines.append(f"- {name} ({budget} steps): {', '.join(texts)}")
+        coop_falls.append(falls["coop"].mean())
+        if _surely(paired(falls[n] - falls["coop"]) for n in ("indiv", "noncoop")) == (2, 2):
+            less.append(f"{name} ({budget} steps)")
+
+    def where(entry: Entry) -> dict[str, Any]:
+        return {
+            "panel": f"{entry.name}, {steps(entry)} steps",
+            "x": penalties.index(entry.scenario.penalty),
+            "tick": f"{abs(entry.scenario.penalty):g}",
+            "shift": _shift(entry),
+            "xlabel": "penalty (sign reversed)",
+        }
+
+    drawn = [entry for group in groups.values() for entry in group]
+    values = {
+        "lowest": f"{min(penalties):g}",
+        "less": f"{len(less)} of {len(groups)}",
+        "where": listed(less),
+        "falls": "\n".join(lines),
+        "least": f"{min(coop_falls):.1f}",
+        "most": f"{max(coop_falls):.1f}",
+    }
+    figures = [plot(points(drawn, name, where), 4, 3.0) for name in ("reward", "variance")]
+    return Section(values, [rows], figures, [(len(less), len(groups))])
+
+
+def _ends(entries: Iterable[Entry]) -> tuple[Entry, Entry]:
+    """Return the entries of the least and of the greatest penalty."""
+    ordered = sorted(entries, key=lambda entry: entry.scenario.penalty)
+    return ordered[-1], ordered[0]
+
+
+def _tick(entry: Entry) -> str:
+    return f"{entry.scenario.penalty:g}"
+
+
+def penalty100_section(entries: Sequence[Entry]) -> Section:
+    """Return how much of the gap between the baselines and the optimum Coop. closes."""
+    lines, met = [], 0
+    rows: list[Row] = []
+    closed_by: dict[str, str] = {}
+    for own in by_scenario(entries):
+        [coop], [base] = (pick(own, learner=learner) for learner in ("coop", "noncoop"))
+        closed = partial(analysis.gap_closed, run_means(coop), optimum=coop.result.optimum)
+        share = harder = closed(run_means(base))
+        if coop.shortest_paths > base.measure("reward").mean:
+            harder = closed(coop.shortest_paths)
+        target, (text, above) = CLOSED.get(coop.name), map(_share, (share, harder))
+        met += share is not None and target is not None and share.mean >= target
+        closed_by[coop.name] = text
+        lines.append(
+            f"{coop.name} {text}{_verdict(share, target)}, {above} from the better of Non-coop. "
+            f"and exact shortest paths, every robot arrives in {percent(coop.result.arrived, 2)} "
+            f"of trials, {failed([coop])} teams fail"
+        )
+        rows += [
+            {
+                "scenario": entry.name,
+                "learner": entry.title,
+                "reward (s.e.)": with_error(entry.measure("reward")),
+                "shortest paths, exact": f"{entry.shortest_paths:.2f}",
+                "joint optimum": optimum(entry),
+                "closed": text if entry.can_ask else None,
+                "closed from the better": above if entry.can_ask else None,
+                **common(entry),
+                "failed teams": failed([entry]),
+            }
+            for entry in own
+        ]
+
+    def where(entry: Entry) -> dict[str, Any]:
+        title = f"{entry.name}\ngap closed: {closed_by[entry.name]}"
+        return {"panel": title, "x": LEARNERS.index(entry.learner), "tick": entry.title}
+
+    values = {
+        "lines": "; ".join(lines),
+        "closed": ", ".join(f"{name} {text}" for name, text in closed_by.items()),
+        "targets": ", ".join(f"{name} {percent(CLOSED[name], 0)}" for name in closed_by),
+    }
+    figure = plot(points(entries, "reward", where, span=0.3), len(closed_by))
+    return Section(values, [rows], [figure], [(met, len(closed_by))])
+
+
+def _share(closed: Measure | None) -> str:
+    if closed is None:
+        return "no gap to close"
+    return f"{percent(closed.mean)} ± {percent(closed.standard_error)}"
+
+
+def _verdict(closed: Measure | None, target: float | None) -> str:
+    """Return whether a target is met, in parentheses; judged by the mean."""
+    if closed is None or target is None:
+        return ""
+    met = "met" if closed.mean >= target else "not met"
+    if abs(closed.mean - target) < closed.standard_error:
+        met += ", within its error"
+    return f" (target {percent(target, 0)}: {met})"
+
+
+def where_section(entries: Sequence[Entry]) -> Section:
+    """Return where in the map COORDINATE is chosen: maps, and the share near doorways."""
+    shares = {e.name: (analysis.asked_near(e), analysis.time_near(e)) for e in entries}
+    near = {name: share for name, share in shares.items() if not math.isnan(share[0])}
+    never = [name for name in shares if name not in near]
+    apart = [share for share in near.values() if percent(share[1]) != percent(1.0)]
+    more = sum(asked > time for asked, time in apart)
+    texts = [f"{name} {percent(asked)} ({percent(time)})" for name, (asked, time) in near.items()]
+    rows = [
+        {
+            "scenario": entry.name,
+            "COORDINATE (s.e.)": with_error(entry.measure("asks"), 3),
+            "asked near": percent(shares[entry.name][0]),
+            "time near": percent(shares[entry.name][1]),
+            "cells near": percent(float(np.mean(analysis.near_doorways(entry.scenario.map)))),
+            "visited": percent(entry.result.visited_share),
+        }
+        for entry in entries
+    ]
+    values = {
+        "shares": listed(texts),
+        "more": str(more),
+        "apart": str(len(apart)),
+        "never": f" Never chosen in: {listed(never)}." if never else "",
+    }
+    return Section(values, [rows], [asked_maps(entries)], [(more, len(apart))])

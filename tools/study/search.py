@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from sparse_coord_ros.engine.conditions import Condition, make_condition
-from sparse_coord_ros.engine.experiments import CLOSE, LARGE, LONG, SMALL, SPARSE
+from sparse_coord_ros.engine.experiments import CLOSE, CLOSED, LARGE, LONG, SMALL, SPARSE
 from sparse_coord_ros.engine.results import ConditionResult
 
 Choices = Mapping[str, float]
@@ -82,9 +82,6 @@ SETTINGS = (
     "max_steps",
 )
 """The scenario settings that make up a protocol."""
-
-CLOSED = {"env1": 0.8, "env2-2r": 0.5, "pentagon": 0.5}
-"""Share of the gap between Non-coop. and the optimum that Coop. should close at penalty -100."""
 
 MARGIN = 0.02
 """How much more of the gap the search asks for, as its estimates are noisy."""
@@ -155,7 +152,7 @@ def judge(
 
     Args:
         choices: the protocol.
-        compute: returns the result of a cell.
+        compute: returns the result of a condition.
         limit: loss beyond which the protocol is of no interest.
     """
     protocol = settings_of(choices)
@@ -204,7 +201,7 @@ def search(
     are changes of the best ones.
 
     Args:
-        compute: returns the result of a cell.
+        compute: returns the result of a condition.
         candidates: how many protocols to try.
         seed: of the choice of candidates.
     """
@@ -236,8 +233,8 @@ def final(
 
     Args:
         outcomes: of the search.
-        compute: returns the result of a cell, from more runs and other seeds than the search's:
-            the best of many noisy estimates is often a lucky one.
+        compute: returns the result of a condition, from more runs and other seeds than the
+            search's: the best of many noisy estimates is often a lucky one.
     """
     whole = sorted((one for one in outcomes if one.whole), key=lambda one: one.loss)
     for outcome in whole[:FINALISTS]:

@@ -11,9 +11,10 @@ import pytest
 from sparse_coord_ros.core.evaluation import Measure
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.engine.experiments import LARGE, SMALL
-from sparse_coord_ros.engine.report.protocol import protocol_document
 from sparse_coord_ros.engine.results import Plan
-from sparse_coord_ros.engine.study import (
+from tools.study.__main__ import main
+from tools.study.document import protocol_document
+from tools.study.search import (
     FINALISTS,
     SETTINGS,
     SPACE,
@@ -173,7 +174,7 @@ def test_the_document(monkeypatch):
     assert "It is not the default" in text
     settings = settings_of(best.choices)
     defaults = {name: SimpleNamespace(default=settings[name]) for name in SETTINGS}
-    monkeypatch.setattr("sparse_coord_ros.engine.report.protocol.SCENARIO_SETTINGS", defaults)
+    monkeypatch.setattr("tools.study.document.SCENARIO_SETTINGS", defaults)
     assert "It is the default of every scenario" in written()
 
 
@@ -196,14 +197,12 @@ def test_the_defaults_are_a_protocol_of_the_space():
 
 
 def test_the_command(tmp_path, capsys, monkeypatch):
-    from sparse_coord_ros.cli.main import main
-
     # In place: others have imported these very objects.
     for name, value in TEXTBOOK.items():
         monkeypatch.setitem(SPACE, name, (1000, 200) if name == "max_steps" else (value,))
     for name in set(STARTS) - {"textbook"}:
         monkeypatch.delitem(STARTS, name)
-    arguments = ["study", "--runs", "2", "--trials", "5", "--candidates", "2", "--json"]
+    arguments = ["--runs", "2", "--trials", "5", "--candidates", "2", "--json"]
     out = str(tmp_path / "s")
     assert main([*arguments, "--out", out]) == 0
     data = json.loads(capsys.readouterr().out)

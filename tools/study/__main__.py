@@ -1,16 +1,18 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`sparse_coord study`: the search for the learning protocol."""
+"""`make study`: search for one learning protocol that serves all nine scenarios.
+
+`python -m tools.study --out study`, in a checkout; `--help` lists the options.
+"""
 
 import argparse
-import csv
-import io
 import sys
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
+import pandas as pd
 from tqdm import tqdm
 
 from sparse_coord_ros.cli import options as shared
@@ -18,7 +20,6 @@ from sparse_coord_ros.core.run_config import RUN_SETTINGS
 from sparse_coord_ros.core.settings import Setting
 from sparse_coord_ros.engine.batch import ENGINES, run_batch
 from sparse_coord_ros.engine.conditions import Condition
-from sparse_coord_ros.engine.report.protocol import protocol_document
 from sparse_coord_ros.engine.results import (
     ConditionResult,
     Plan,
@@ -27,7 +28,9 @@ from sparse_coord_ros.engine.results import (
     open_results,
     write_result,
 )
-from sparse_coord_ros.engine.study import (
+from sparse_coord_ros.errors import EXIT_BAD_INPUT, SparseCoordError
+from tools.study.document import protocol_document
+from tools.study.search import (
     FINAL_RUNS,
     FINALISTS,
     SPACE,
@@ -49,18 +52,14 @@ T = TypeVar("T")
 CANDIDATES = Setting("candidates", int, 40, "protocols to try", low=1, high=100_000)
 
 
-def add_parser(verbs) -> None:
-    """Add the verb."""
-    parser = shared.add_verb(
-        verbs,
-        "study",
-        example="sparse_coord study --out study",
-    )
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Read the command line, search, and return the exit code."""
+    parser = shared.Parser(prog="python -m tools.study", description=__doc__)
     parser.add_argument(
         "--out",
         type=Path,
         default=Path("study"),
-        help="results directory; one that is there is gone on with (default: study)",
+        help="results directory; where it is there, the search is continued (default: study)",
     )
     parser.add_argument("--candidates", default="40", help=f"{CANDIDATES.help} (default: 40)")
     parser.add_argument("--runs", default="100", help=f"{RUNS.help} (default: 100)")
@@ -70,11 +69,15 @@ def add_parser(verbs) -> None:
     )
     parser.add_argument("--engine", choices=ENGINES, default="auto", help="as of reproduce")
     shared.add_json(parser)
-    parser.set_defaults(execute=execute)
+    try:
+        return execute(parser.parse_args(arguments))
+    except SparseCoordError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return EXIT_BAD_INPUT
 
 
 def execute(options: argparse.Namespace) -> int:
-    """Run the verb."""
+    """Search, judge the best again, vary the winner; write protocol.md and protocols.csv."""
     plan = Plan(
         RUN_SETTINGS["seed"].parse(options.seed),
         RUNS.parse(options.runs),
@@ -112,33 +115,30 @@ def _listed(items: Iterator[T], title: str, total: int) -> list[T]:
     return list(tqdm(items, desc=title, total=total, disable=None, file=sys.stderr))
 
 
-def _result(results: Results, engine: str, cell: Condition) -> ConditionResult:
-    result = results.load(cell)
+def _result(results: Results, engine: str, condition: Condition) -> ConditionResult:
+    result = results.load(condition)
     if result is None:
         plan = results.plan
         runs = run_batch(
-            cell.scenario, cell.learner, plan.seeds, trials=plan.trials, engine=engine
+            condition.scenario, condition.learner, plan.seeds, trials=plan.trials, engine=engine
         )
-        result = collect(cell, plan.trials, runs)
-        results.save(cell, result)
+        result = collect(condition, plan.trials, runs)
+        results.save(condition, result)
     return result
 
 
 def _csv(outcomes: Sequence[Judgement]) -> str:
     scenarios = sorted({name for one in outcomes for name in one.difference})
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    closed = [f"closed_{name}" for name in outcomes[0].closed]
-    writer.writerow(
-        [*SPACE, "loss", "whole", *closed]
-        + [f"difference_{name}" for name in scenarios]
-        + ["failed_teams", "teams"]
-    )
-    for one in outcomes:
-        writer.writerow(
-            [*(one.choices[name] for name in SPACE), one.loss, one.whole]
-            + [one.closed.get(name.removeprefix("closed_"), "") for name in closed]
-            + [one.difference.get(name, "") for name in scenarios]
-            + [one.failed_teams, one.teams]
-        )
-    return text.getvalue()
+    rows = [
+        {name: one.choices[name] for name in SPACE}
+        | {"loss": one.loss, "whole": one.whole}
+        | {f"closed_{name}": one.closed.get(name) for name in outcomes[0].closed}
+        | {f"difference_{name}": one.difference.get(name) for name in scenarios}
+        | {"failed_teams": one.failed_teams, "teams": one.teams}
+        for one in outcomes
+    ]
+    return pd.DataFrame(rows, dtype=object).to_csv(index=False, lineterminator="\n")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

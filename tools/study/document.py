@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 from sparse_coord_ros import __version__
 from sparse_coord_ros.core.scenario import SETTINGS as SCENARIO_SETTINGS
-from sparse_coord_ros.engine.experiments import CLOSE, SPARSE
+from sparse_coord_ros.engine.experiments import CLOSE, CLOSED, SPARSE
+from sparse_coord_ros.engine.report.text import to_markdown
 from sparse_coord_ros.engine.results import Plan
-from sparse_coord_ros.engine.study import (
-    CLOSED,
+from tools.study.search import (
     MARGIN,
     SETTINGS,
     SPACE,
@@ -39,12 +39,12 @@ def protocol_document(
     """Return the Markdown document of a study.
 
     Args:
-        plan: seed, runs and trials of the search's cells.
-        final_plan: those of the final's cells.
+        plan: seed, runs and trials of the search's conditions.
+        final_plan: those of the final's conditions.
         outcomes: of every protocol that the search tried, in that order.
         finalists: outcomes of the best of them, judged again.
-        reference: outcome of the best finalist from the search's cells.
-        variations: name, value and outcome of each change of it, from the search's cells.
+        reference: outcome of the best finalist from the search's conditions.
+        variations: name, value and outcome of each change of it, from the search's conditions.
     """
     best = min(finalists, key=lambda one: one.loss)
     rows = [["(the protocol found)", *_row(reference)]]
@@ -109,8 +109,9 @@ def _introduction(
         f"{len(outcomes)} protocols, {whole} of them to the end, with {plan.runs} learning runs "
         f"of {plan.trials} trials in each scenario and seeds from {plan.seed} on; the final had "
         f"{final_plan.runs} runs and seeds from {final_plan.seed} on (version {__version__}). "
-        f"What it found:\n\n```yaml\n{lines}\n```\n\n{default} To search again:\n\n```\n"
-        f"sparse_coord study --candidates {len(outcomes)} --runs {plan.runs} "
+        f"What it found:\n\n```yaml\n{lines}\n```\n\n{default} `make study` searches "
+        "again:\n\n```\n"
+        f"python -m tools.study --candidates {len(outcomes)} --runs {plan.runs} "
         f"--trials {plan.trials} --seed {plan.seed} --out study\n```\n"
     )
 
@@ -174,5 +175,4 @@ def _number(text: str) -> float | str:
 
 
 def _table(head: list[str], rows: list[list[str]]) -> str:
-    lines = [head, ["---"] * len(head), *rows]
-    return "".join("| " + " | ".join(line) + " |\n" for line in lines)
+    return to_markdown([dict(zip(head, row, strict=True)) for row in rows])

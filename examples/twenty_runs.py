@@ -1,0 +1,26 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Twenty learning runs of two learners as a pandas frame: python twenty_runs.py [STEPS [RUNS]]."""
+
+import sys
+
+import pandas as pd
+
+import sparse_coord_ros as sc
+
+
+def main() -> None:
+    """Learn on all cores, then compare the learners."""
+    steps, runs = [int(text) for text in sys.argv[1:]] + [20_000, 20][len(sys.argv) - 1 :]
+    scenario = sc.load_scenario("env1", penalty=-100, steps=steps)
+    frames = []
+    for learner in ("noncoop", "coop"):
+        many = sc.train_many(scenario, learner, runs=runs, trials=200)
+        frames.append(many.to_pandas().assign(learner=learner))
+    frame = pd.concat(frames)
+    print(frame.groupby("learner")[["reward", "miscoordinations", "asks"]].agg(["mean", "std"]))
+    frame.to_csv("twenty_runs.csv", index=False)
+
+
+if __name__ == "__main__":  # plain Python learns in processes, which import this file again
+    main()

@@ -1,0 +1,401 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The functions of the Python API that no other module has; use them as `sparse_coord_ros.<name>`.
+
+A scenario may be given as a `Scenario`, as the name of a shipped one, or as the path of a scenario
+file; a learner as a `Learner`, its class, its name, or `module:Class`.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol, overload
+
+import numpy as np
+
+from sparse_coord_ros.core import evaluation, run_config
+from sparse_coord_ros.core.agent import Tables
+from sparse_coord_ros.core.evaluation import Evaluation
+from sparse_coord_ros.core.frames import data_frame
+from sparse_coord_ros.core.history import History, load_history
+from sparse_coord_ros.core.learners import Learner, learner_of
+from sparse_coord_ros.core.optimum import Optimum, joint_optimum
+from sparse_coord_ros.core.reference import Reference, shortest_path_reference
+from sparse_coord_ros.core.run_config import RUN_SETTINGS, RunConfig
+from sparse_coord_ros.core.scenario import Scenario, load_scenario
+from sparse_coord_ros.core.tables import load_team
+from sparse_coord_ros.engine import training
+from sparse_coord_ros.engine.batch import Run, run_batch
+from sparse_coord_ros.engine.conditions import Condition
+from sparse_coord_ros.engine.results import SUMS, Plan
+from sparse_coord_ros.engine.runner import (
+    ExperimentResults,
+    Progress,
+    no_progress,
+    parse_targets,
+    run_targets,
+)
+from sparse_coord_ros.engine.training import Training
+from sparse_coord_ros.errors import SettingError, TablesError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from sparse_coord_ros.runlog import RunLog, Verification
+
+LearnerLike = str | Learner | type[Learner]
+ScenarioLike = str | Path | Scenario
+
+
+class Learned(Protocol):
+    """What `evaluate` takes: a `Training`, a `SavedRun`, or whatever has these attributes."""
+
+    @property
+    def scenario(self) -> Scenario:
+        """The problem."""
+
+    @property
+    def learner(self) -> LearnerLike:
+        """Who learned."""
+
+    @property
+    def tables(self) -> Sequence[Tables]:
+        """What each robot learned."""
+
+
+@dataclass(frozen=True)
+class Runs(Sequence[Run]):
+    """Independent learning runs of one learner in one scenario, in the order of their seeds.
+
+    Each has the attributes `seed`, `tables` (one pair a robot), `history`, `trials` (its greedy
+    trials, arrays of shape (trials, robots)) and `visited`.
+
+    Attributes:
+        scenario: the problem and its protocol.
+        learner: who learned, as it is called in files.
+        runs: the runs.
+    """
+
+    scenario: Scenario
+    learner: str
+    runs: tuple[Run, ...]
+
+    @overload
+    def __getitem__(self, place: int) -> Run: ...
+
+    @overload
+    def __getitem__(self, place: slice) -> "Runs": ...
+
+    def __getitem__(self, place: int | slice) -> "Run | Runs":
+        """Return a run, or some of them."""
+        if isinstance(place, slice):
+            return Runs(self.scenario, self.learner, self.runs[place])
+        return self.runs[place]
+
+    def __iter__(self) -> Iterator[Run]:
+        """Iterate over the runs."""
+        return iter(self.runs)
+
+    def __len__(self) -> int:
+        """Return the number of runs."""
+        return len(self.runs)
+
+    def to_pandas(self) -> "pd.DataFrame":
+        """Return a data frame: one row a run.
+
+        Its columns: `seed`; `reward` (total discounted), `time_to_goal` (steps) and `asks`, means
+        over the trials and robots; `miscoordinations`, mean of a trial; `arrived`, share of the
+        trials in which every robot arrived.
+
+        Raises:
+            RunError: pandas is not installed.
+        """
+        columns: dict[str, Sequence[object]] = {"seed": [run.seed for run in self.runs]}
+        played = [run.trials for run in self.runs if run.trials is not None]
+        if played:
+            for name in SUMS:
+                columns[name] = [float(np.mean(getattr(trials, name))) for trials in played]
+            columns["arrived"] = [float(t.arrived.all(axis=1).mean()) for t in played]
+        return data_frame(columns)
+
+
+@dataclass(frozen=True)
+class SavedRun:
+    """A run in its directory, as `run`, `train`, `reproduce` and `Training.save` write it.
+
+    Attributes:
+        directory: where it is.
+        config: what the run is: scenario, learner, seed, versions, timing.
+    """
+
+    directory: Path
+    config: RunConfig
+
+    @property
+    def scenario(self) -> Scenario:
+        """The problem and its protocol."""
+        return self.config.scenario
+
+    @property
+    def learner(self) -> Learner:
+        """Who learned."""
+        return self.config.rule
+
+    @property
+    def seed(self) -> int:
+        """The run's seed."""
+        return self.config.seed
+
+    @cached_property
+    def tables(self) -> list[Tables]:
+        """What each robot learned.
+
+        Raises:
+            TablesError: they are missing or malformed, or do not fit the scenario.
+        """
+        tables = load_team(self.directory, self.scenario)
+        evaluation.check_tables(self.scenario, tables, self.learner)
+        return tables
+
+    @cached_property
+    def history(self) -> History:
+        """What happened in each learning episode.
+
+        Raises:
+            RunError: there is no history, or it cannot be read.
+        """
+        return load_history(self.directory)
+
+
+def load_run(directory: str | Path) -> SavedRun:
+    """Open a run's directory; its tables and its history are read when they are first used.
+
+    Raises:
+        RunError: there is no run, or it is of a newer version.
+        SettingError: its learner or its perception model is missing here.
+    """
+    return SavedRun(Path(directory), run_config.load_run(Path(directory)))
+
+
+def train(
+    scenario: ScenarioLike,
+    learner: LearnerLike = "coop",
+    *,
+    seed: int = 0,
+    evaluate_every: int = 0,
+    trials: int = 200,
+    engine: str = "auto",
+    progress: Callable[[int, int], None] = lambda done, budget: None,
+) -> Training:
+    """Learn once, for the scenario's budget: its setting `steps`, in transitions.
+
+    `Training.history` is what happened in each episode, `Training.save` writes a run's directory.
+
+    Args:
+        scenario: the problem and its protocol.
+        learner: who learns.
+        seed: seed of every random draw.
+        evaluate_every: transitions between two evaluations on the way (`Training.evaluations`);
+            0: none.
+        trials: greedy trials of each of these evaluations.
+        engine: "numba", "python", or "auto": what is quicker here. The bits are the same.
+        progress: called with the transitions done and the budget, several times a second.
+
+    Raises:
+        ScenarioError, SettingError: no such scenario or learner, or a bad setting.
+        PluginError: a learner or perception model of the user's own failed.
+    """
+    rule = learner_of(learner)
+    return training.train(
+        rule.with_defaults(_scenario(scenario)),
+        rule,
+        RUN_SETTINGS["seed"].parse(seed),
+        evaluate_every=evaluate_every,
+        trials=trials,
+        engine=engine,
+        progress=progress,
+    )
+
+
+def train_many(
+    scenario: ScenarioLike,
+    learner: LearnerLike = "coop",
+    *,
+    runs: int = 20,
+    seed: int = 0,
+    trials: int = 1000,
+    history: bool = True,
+    engine: str = "auto",
+    jobs: int | None = None,
+    progress: Callable[[int, int], None] = lambda done, runs: None,
+) -> Runs:
+    """Learn several times, each time with another seed, on all cores.
+
+    Run i is the same, bit for bit, as `train` with seed `seed + i`.
+
+    Args:
+        scenario: the problem and its protocol.
+        learner: who learns.
+        runs: learning runs.
+        seed: seed of run 0.
+        trials: greedy trials of each run afterwards, seeded by the run's seed; 0: none.
+        history: whether each run keeps its learning history.
+        engine: "numba", "python", or "auto": numba where it is installed. The bits are the same.
+        jobs: threads (or processes) at once; all cores that this process may use where None.
+        progress: called with the runs done and to be done.
+
+    Raises:
+        ScenarioError, SettingError: no such scenario or learner, or a bad setting.
+        PluginError: a learner or perception model of the user's own failed.
+    """
+    rule = learner_of(learner)
+    problem = rule.with_defaults(_scenario(scenario))
+    plan = _plan(seed, runs, trials, least_trials=0)
+    done: list[Run] = []
+    for run in run_batch(
+        problem, rule, plan.seeds, trials=trials, engine=engine, jobs=jobs, history=history
+    ):
+        done.append(run)
+        progress(len(done), runs)
+    return Runs(problem, rule.label, tuple(done))
+
+
+def evaluate(
+    learned: Learned | Sequence[Tables],
+    *,
+    scenario: ScenarioLike | None = None,
+    learner: LearnerLike | None = None,
+    trials: int = 1000,
+    seed: int = 0,
+) -> Evaluation:
+    """Play greedy Monte-Carlo trials from the scenario's starts (paper, Section 4).
+
+    Args:
+        learned: a `Training` or a `SavedRun`; or the tables of every robot.
+        scenario: the problem to play; needed with tables alone, else that of the learning run.
+        learner: whose greedy policy acts; the one that learned where None.
+        trials: how many trials, >= 1.
+        seed: seed of the trials' draws, independent of the draws of learning.
+
+    Returns:
+        Mean, spread and standard error of the total discounted reward, of the steps to the goal,
+        of the miscoordinations and of the asks.
+
+    Raises:
+        TablesError: the tables do not fit the scenario.
+    """
+    if isinstance(learned, Sequence):
+        tables = learned
+    else:
+        tables = learned.tables
+        scenario = learned.scenario if scenario is None else scenario
+        learner = learned.learner if learner is None else learner
+    if scenario is None:
+        raise TablesError("tables alone do not say their scenario; give evaluate(scenario=...)")
+    who = None if learner is None else learner_of(learner)
+    return evaluation.evaluate(_scenario(scenario), tables, trials=trials, seed=seed, learner=who)
+
+
+def optimum(scenario: ScenarioLike) -> Optimum:
+    """Return the exact joint optimum: full joint state and action, no cost of asking.
+
+    Its `value` is the total discounted reward from the starts, averaged over the robots. Where the
+    joint state space is too large (`exact` is False), it is an upper bound.
+    """
+    return joint_optimum(_scenario(scenario))
+
+
+def shortest_paths(scenario: ScenarioLike) -> Reference:
+    """Return the exact worth of fixed shortest paths that mind nobody (paper, Section 4).
+
+    It is what Indiv. tends to. `reward` (total discounted) and `time_to_goal` (steps) are means
+    over the robots, `miscoordinations` is that of a trial.
+    """
+    return shortest_path_reference(_scenario(scenario))
+
+
+def read_log(bag: str | Path) -> "RunLog":
+    """Read a run's log as arrays: who was where, chose what, asked whom, perceived and got what.
+
+    Args:
+        bag: a bag's directory or that of its run, an `.mcap` or an `.mcap.partial`. Of an
+            unfinished or damaged file, what can be read before the damage.
+
+    Raises:
+        BagError: nothing can be read, or the bag holds no run.
+        SettingError: its learner or its perception model is missing here.
+    """
+    from sparse_coord_ros.runlog import read_run
+
+    return read_run(Path(bag))
+
+
+def verify(bag: str | Path) -> "Verification":
+    """Compute a recorded run again from its seed and its log alone, and compare.
+
+    Its attribute `same` says whether nothing differs, `differences` says what does.
+
+    Args:
+        bag: as of `read_log`.
+
+    Raises:
+        BagError, SettingError: as `read_log`.
+    """
+    from sparse_coord_ros import runlog
+
+    return runlog.verify(Path(bag))
+
+
+def run_experiment(
+    what: str | Condition | Iterable[str | Condition],
+    *,
+    out: str | Path | None = None,
+    runs: int = 100,
+    trials: int = 1000,
+    seed: int = 0,
+    report: bool = False,
+    engine: str = "auto",
+    jobs: int | None = None,
+    progress: Progress = no_progress,
+) -> ExperimentResults:
+    """Compute experiments or single conditions; with `out`, save them and go on where it stopped.
+
+    Args:
+        what: names of experiments (see `experiment_names`), or ids of conditions such as
+            "env1/coop/penalty=-20,ask_cost=2": scenario, learner, changed settings.
+        out: results directory, as of `sparse_coord reproduce`; None: nothing is saved.
+        runs: independent learning runs of a condition.
+        trials: greedy trials of each run.
+        seed: seed of run 0; run i has seed + i.
+        report: write the experiments' tables, figures and text into `out`.
+        engine: "numba", "python", or "auto": numba where it is installed. The bits are the same.
+        jobs: threads (or processes) at once; all cores that this process may use where None.
+        progress: called with a condition's id, the agent-steps done and those of the whole call.
+
+    Raises:
+        ScenarioError, SettingError: no such experiment, scenario or learner, or a bad setting.
+        ResultsError: `out` cannot be used, or holds results of something else.
+        PluginError: a learner or perception model of the user's own failed.
+    """
+    asked = [what] if isinstance(what, str | Condition) else list(what)
+    return run_targets(
+        parse_targets(asked),
+        _plan(seed, runs, trials),
+        out=None if out is None else Path(out),
+        report=report,
+        engine=engine,
+        jobs=jobs,
+        progress=progress,
+    )
+
+
+def _scenario(scenario: ScenarioLike) -> Scenario:
+    return scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
+
+
+def _plan(seed: int, runs: int, trials: int, *, least_trials: int = 1) -> Plan:
+    for name, value, low in (("runs", runs, 1), ("trials", trials, least_trials)):
+        if value < low:
+            raise SettingError(f"setting {name}: value is {value}, allowed: at least {low}")
+    return Plan(RUN_SETTINGS["seed"].parse(seed), runs, trials)

@@ -1,0 +1,276 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A robot's part in one run: all that exists once the run is known."""
+
+import functools
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import Path as PathMessage
+from nav_msgs.srv import GetPlan
+from std_srvs.srv import Trigger
+
+from sparse_coord_ros.core import wire
+from sparse_coord_ros.core.agent import Tables
+from sparse_coord_ros.core.frame import Account
+from sparse_coord_ros.core.run_config import RunConfig
+from sparse_coord_ros.core.tables import TEAM_FILE, pack_tables, robot_file, write_tables
+from sparse_coord_ros.core.wire import RECORDER, WORLD
+from sparse_coord_ros.core.world import Action
+from sparse_coord_ros.errors import RunError, TablesError, did_you_mean, os_error_text
+from sparse_coord_ros.lockstep.robot import Answer, RobotSide
+from sparse_coord_ros.nodes import interface
+from sparse_coord_ros.nodes.episode_messages import CoordinationMapLayout
+from sparse_coord_ros.nodes.messages import Converter, status, tables_message
+from sparse_coord_ros.nodes.outputs import begin_with, open_output
+from sparse_coord_ros.nodes.peers import Peer
+
+if TYPE_CHECKING:
+    from sparse_coord_ros.nodes.robot import RobotNode
+
+PEER_PATIENCE_SECONDS = 2.0
+"""How long a robot that is ready itself waits for its peers' services before it says so."""
+
+
+class Member:
+    """One agent of a run and its place on the wire; the port of its side of the lock step.
+
+    Args:
+        node: the robot's node.
+        run: the run; text: its `run.yaml`, as it was announced.
+
+    Attributes:
+        lockstep: the robot's side of the lock step, with its agent.
+        joined: whether the robot listens to the world.
+
+    Raises:
+        SparseCoordError: the scenario has no such robot, or the tables to begin with do not fit.
+    """
+
+    def __init__(self, node: "RobotNode", run: RunConfig, text: str) -> None:
+        self._node, self.run = node, run
+        self._names = [robot.name for robot in run.scenario.robots]
+        number = self._number()
+        tables = self._initial_tables(number)
+        self._convert = Converter(run)
+        self._map = CoordinationMapLayout(self._convert)
+        own = [robot_file(Path(), node.name).name, TEAM_FILE]
+        self._out = open_output(node.values["out"], text, own)
+        agent = run.rule.agent(
+            run.scenario, number, run.seed, tables=tables, learning=not run.greedy
+        )
+        self.lockstep = RobotSide(run, agent, self)
+        self.joined = False
+        self._ready_since = 0.0
+        self._waiting: tuple[str, int] | None = None
+        self._waiting_since = 0.0
+        service = f"{node.name}/{wire.ACTIVE_PERCEPTION}"
+        Peer.introspect(
+            node, node.create_service(interface.ACTIVE_PERCEPTION_TYPE, service, self._on_asked)
+        )
+        node.create_service(Trigger, wire.SAVE, self._on_save)
+        self._peers = {
+            k: Peer(node, name, functools.partial(self._on_answer, k))
+            for k, name in enumerate(self._names)
+            if k != number
+        }
+
+    def _number(self) -> int:
+        name, names = self._node.name, self._names
+        if name not in names:
+            raise RunError(
+                f"robot {name!r}: scenario {self.run.scenario.name} has no such robot"
+                f"{did_you_mean(name, names)}; its robots are {', '.join(names)}; name the "
+                f"node with --ros-args -r __node:={names[0]}"
+            )
+        return names.index(name)
+
+    def _initial_tables(self, number: int) -> Tables | None:
+        source = self._node.values["tables"] or self.run.tables
+        if source:
+            return begin_with(Path(source), self.run)[number]
+        if self.run.greedy:
+            raise TablesError(
+                f"robot {self._node.name}: the run is greedy but parameter 'tables' names no "
+                "learned tables; give the output directory of a run"
+            )
+        return None
+
+    # Outgoing: the port of the lock step.
+
+    def act(self, step: int, action: Action, account: Account) -> None:
+        """Publish the action that answers the local state of a time step."""
+        self._node.action_publisher.publish(self._convert.pack_action(step, action, account))
+
+    def percept(self, step: int, cell: int, perceived: tuple[int, ...] | None) -> None:
+        """Publish what came of COORDINATE."""
+        self._node.percept_publisher.publish(self._convert.path(step, (cell, *(perceived or ()))))
+
+    def ask(self, peer: int, step: int, cell: int) -> None:
+        """Request the peer's local state; a peer that fell silent is not waited for."""
+        if not self._peers[peer].request(self._convert.pose(step, cell), step):
+            self.lockstep.expire()
+
+    def episode(self, step: int) -> None:
+        """Publish the coordination map as it is when an episode begins."""
+        self.publish_map(step)
+
+    def checkpoint(self, step: int) -> None:
+        """Publish the tables on the way."""
+        self.publish_tables(wire.CHECKPOINT)
+
+    # Incoming.
+
+    def _on_state(self, data: bytes) -> None:
+        try:
+            step, cell = self._convert.unpack_state(data)
+        except ValueError as error:
+            self._ignore(interface.LOCAL_STATE, error)
+            return
+        self.lockstep.state(step, cell)
+
+    def _on_reward(self, data: bytes) -> None:
+        try:
+            step, reward = self._convert.unpack_reward(data)
+        except ValueError as error:
+            self._ignore(interface.REWARD, error)
+            return
+        self.lockstep.reward(step, reward)
+
+    def _on_asked(self, request: GetPlan.Request, response: GetPlan.Response) -> GetPlan.Response:
+        """Answer a peer (or a person, who gives no stamp and no name)."""
+        stamp, position = request.start.header.stamp, request.start.pose.position
+        step = self._convert.step(stamp.sec, stamp.nanosec)
+        asker = request.goal.header.frame_id
+        if step and asker not in self._names:
+            self._node.get_logger().warning(
+                f"{wire.ACTIVE_PERCEPTION}: asker {asker!r} is no robot of the scenario; refused",
+                throttle_duration_sec=5.0,
+            )
+            answer = Answer(self.lockstep.newest[0], None)
+        else:
+            number = self._names.index(asker) if asker in self._names else 0
+            answer = self.lockstep.asked(number, step, self._convert.cell(position.x, position.y))
+        response.plan = self._convert.path(answer.step, (answer.cell,))
+        return response
+
+    def _on_answer(self, peer: int, request_step: int, plan: PathMessage) -> None:
+        step = self._convert.step(plan.header.stamp.sec, plan.header.stamp.nanosec)
+        cell = None
+        if plan.poses:
+            position = plan.poses[0].pose.position
+            cell = self._convert.cell(position.x, position.y)
+        self.lockstep.answer(peer, request_step, Answer(step, cell))
+
+    def _on_save(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        try:
+            path = self._save()
+        except OSError as error:
+            response.success, response.message = False, os_error_text(error)
+            return response
+        response.success = path is not None
+        response.message = f"saved {path}" if path else "no parameter 'out': nowhere to save"
+        return response
+
+    # The course of the run.
+
+    def join_when_ready(self, now: float) -> None:
+        """Listen to the world once everybody who should hear this robot does.
+
+        The world waits for these subscriptions: with them the robot says that it is ready.
+        """
+        if not self._node.heard_by(self._node.action_publisher, [WORLD]):
+            return
+        if self.run.recorded and not self._recorder_hears():
+            return
+        self._ready_since = self._ready_since or now
+        if now - self._ready_since < PEER_PATIENCE_SECONDS and not all(
+            peer.ready() for peer in self._peers.values()
+        ):
+            return
+        self.joined = True
+        self._node.listen(interface.REWARD, self._on_reward, self._node.name, raw=True)
+        self._node.listen(interface.LOCAL_STATE, self._on_state, self._node.name, raw=True)
+        self.publish_map(self.lockstep.handled)
+        self.publish_tables(wire.INITIAL)
+
+    def _recorder_hears(self) -> bool:
+        """Whether a recorder listens to what this robot does, asks and answers."""
+        own = (self._node.action_publisher, self._node.percept_publisher)
+        return all(self._node.heard_by(publisher, [RECORDER]) for publisher in own) and all(
+            self._node.is_recorded(interface.SERVICE_EVENTS.of(robot.name))
+            for robot in self.run.scenario.robots
+        )
+
+    def watch_the_deadline(self, now: float) -> None:
+        """Give up what has been waited for too long; send requests that could not be sent."""
+        waiting = self.lockstep.waiting
+        if waiting is None or waiting != self._waiting:
+            self._waiting, self._waiting_since = waiting, now
+        elif now - self._waiting_since >= self.run.percept_timeout:
+            self._waiting = None
+            if waiting[0] == "percept":
+                self._peers[self.lockstep.asking].gave_up()
+            self.lockstep.expire()
+        for peer in self._peers.values():
+            peer.send_what_waits()
+
+    def _save(self) -> Path | None:
+        """Write the tables and return where; None: no directory was given."""
+        if self._out is None:
+            return None
+        path = robot_file(self._out, self._node.name)
+        write_tables(path, self._packed())
+        return path
+
+    def finish(self) -> None:
+        """Publish the last coordination map and the tables, and save them."""
+        self.report()
+        self.publish_tables(wire.FINAL)
+        path = self._save()
+        if path is not None:
+            self._node.get_logger().info(f"saved {path}")
+
+    def has_learned(self, last_step: int) -> bool:
+        """Whether all is learned that happened before a time step, the run's last."""
+        return self.lockstep.waiting is None and self.lockstep.newest[0] >= last_step
+
+    def _packed(self) -> bytes:
+        """Return the tables as they are, with what they are of."""
+        agent = self.lockstep.agent
+        return pack_tables({agent.number + 1: agent.tables}, counts=self.lockstep.counts)
+
+    # Reports.
+
+    def report(self) -> None:
+        """Say how learning goes, and where the robot would ask."""
+        step = self.lockstep.newest[0]
+        values = {
+            **{f"asks_{how}": count for how, count in self.lockstep.asks.items()},
+            "epsilon": f"{self.lockstep.agent.epsilon(step):.4f}",
+            "transitions_dropped": self.lockstep.dropped,
+        }
+        message = DiagnosticArray(header=self._convert.header(step))
+        message.status = [
+            status(
+                self._node.name, "learning" if self.lockstep.agent.learning else "greedy", values
+            )
+        ]
+        self._node.diagnostics_publisher.publish(message)
+        self.publish_map(self.lockstep.handled)
+
+    def publish_map(self, step: int) -> None:
+        """Publish the coordination map at a time step."""
+        self._node.map_publisher.publish(self._map.pack(step, self.lockstep.agent.tables))
+
+    def publish_tables(self, occasion: str) -> None:
+        """Publish the tables; `occasion` says why."""
+        self._node.tables_publisher.publish(
+            tables_message(self._packed(), self.lockstep.handled, occasion)
+        )
+
+    def _ignore(self, topic: interface.RosTopic, error: ValueError) -> None:
+        self._node.get_logger().warning(
+            f"{topic.of(self._node.name)}: {error}; message ignored", throttle_duration_sec=5.0
+        )

@@ -1,0 +1,38 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The draws of many time steps at once: the same numbers as `core.streams.Stream` gives."""
+
+import numpy as np
+
+from sparse_coord_ros.core.streams import DRAWS, LEARNING, bit_generator
+
+BLOCK = 8192
+"""Time steps whose draws are made at once."""
+
+
+def draws_at(seed: int, agent: int, role: int, steps: np.ndarray) -> np.ndarray:
+    """Return the draws of some time steps.
+
+    Args:
+        seed: the run's seed.
+        agent: the agent's number.
+        role: one of the roles of `core.streams`.
+        steps: the time steps, at least 0, ascending, shape (n,).
+
+    Returns:
+        Shape (n, draws that the role owns), float64 in [0, 1).
+    """
+    width = DRAWS[role]
+    found = np.empty((len(steps), width))
+    bits = bit_generator(seed, agent, role, LEARNING)
+    generator, reached = np.random.Generator(bits), 0
+    begin = 0
+    while begin < len(steps):
+        first = int(steps[begin])
+        end = int(np.searchsorted(steps, first + BLOCK))
+        bits.advance((first - reached) * width)
+        block = generator.random((int(steps[end - 1]) + 1 - first, width))
+        reached = int(steps[end - 1]) + 1
+        found[begin:end] = block[steps[begin:end] - first]
+        begin = end
+    return found

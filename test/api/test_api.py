@@ -1,0 +1,292 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`import sparse_coord_ros as sc`: what is there, what it costs, what the verbs say."""
+
+import inspect
+import json
+import os
+import subprocess
+import sys
+import typing
+from functools import cached_property
+
+import numpy as np
+import pytest
+
+import sparse_coord_ros as sc
+from sparse_coord_ros.cli.main import main
+from sparse_coord_ros.core.simulation import learn, tables_equal
+
+
+@pytest.fixture
+def printed(tmp_path, monkeypatch, capsys):
+    """Return what `sparse_coord ... --json` prints in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments):
+        capsys.readouterr()
+        assert main([*map(str, arguments), "--json"]) == 0
+        return json.loads(capsys.readouterr().out)
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def scenario():
+    return sc.load_scenario("env1", penalty=-100, steps=2000)
+
+
+@pytest.fixture(scope="module")
+def training(scenario):
+    return sc.train(scenario, "coop", seed=3)
+
+
+@pytest.mark.parametrize("name", sc.__all__)
+def test_every_name_is_there_documented_and_typed(name):
+    thing = getattr(sc, name)
+    assert name in dir(sc)
+    if name == "__version__":
+        return
+    assert inspect.getdoc(thing)
+    if not inspect.isclass(thing):
+        given = inspect.signature(thing).parameters
+        assert {*given, "return"} <= set(thing.__annotations__)
+        return
+    assert thing.__module__.startswith("sparse_coord_ros")
+    public = [member for key, member in vars(thing).items() if key[0] != "_"]
+    for member in public:
+        if inspect.isfunction(member) or isinstance(member, property | cached_property):
+            assert inspect.getdoc(member), member
+
+
+def test_type_checkers_see_the_names_that_there_are():
+    source = inspect.getsource(sc).partition("if TYPE_CHECKING:")[2].partition("__version__")[0]
+    names = [line.rpartition(" as ")[2] for line in source.splitlines() if " as " in line]
+    assert sorted(names) == sorted(set(sc.__all__) - {"__version__"})
+
+
+def test_an_unknown_name():
+    with pytest.raises(AttributeError, match="'sparse_coord_ros' has no attribute 'tarin'"):
+        sc.tarin  # noqa: B018
+    assert not hasattr(sc, "__path_of__")
+
+
+def python(code):
+    """Run code in a fresh interpreter and return what it printed."""
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_importing_it_imports_nothing_else():
+    out = python(
+        "import sys; before = set(sys.modules)\n"
+        "import sparse_coord_ros as sc\n"
+        "new = {n.partition(chr(46))[0] for n in set(sys.modules) - before}\n"
+        "print(sorted(new - sys.stdlib_module_names)); sc.Learner\n"
+        "print('sparse_coord_ros.engine' in sys.modules, 'mcap' in sys.modules)"
+    )
+    assert out.splitlines() == ["['sparse_coord_ros']", "False False"]
+
+
+def test_all_of_it_needs_neither_ros_nor_pictures_nor_numba_nor_pandas():
+    heavy = ("rclpy", "matplotlib", "numba", "pandas")
+    out = python(
+        "import sys\n"
+        f"for name in {heavy}: sys.modules[name] = None\n"
+        "import sparse_coord_ros as sc\n"
+        "for name in sc.__all__: getattr(sc, name)\n"
+        "scenario = sc.load_scenario('env1', steps=200)\n"
+        "training = sc.train(scenario)\n"
+        "print(sc.evaluate(training, trials=2).trials, training.history.episodes > 0)\n"
+        "print(len(sc.run_experiment('env1/coop/penalty=-1,steps=100', runs=1, trials=1)))\n"
+        "try: sc.train_many(scenario, runs=1, trials=1).to_pandas()\n"
+        "except sc.SparseCoordError as error: print(error)\n"
+    )
+    assert out.splitlines()[:2] == ["2 True", "1"]
+    assert "pip install pandas" in out
+
+
+def test_scenarios(tmp_path):
+    assert "env1" in sc.scenario_names()
+    base = sc.load_scenario("env1")
+    assert sc.load_scenario("env1", penalty=-5) == base.with_settings(penalty=-5)
+    assert base.with_settings({"penalty": "-5"}, steps=7).steps == 7
+    path = tmp_path / "mine.yaml"
+    path.write_text("map: env1\nrobots: {x: {start: 1, goal: 2}}\n")
+    assert sc.load_scenario(path).name == sc.load_scenario(str(path)).name == "mine"
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: sc.load_scenario("env9"), "no such scenario"),
+        (lambda: sc.load_scenario("env1", penalti=-5), "did you mean 'penalty'"),
+        (lambda: sc.load_scenario("env1").with_settings(epsilon=0.1), "'constant:0.1'"),
+        (lambda: sc.load_scenario("env1", step_size=0.1), "'constant:0.1'"),
+        (lambda: sc.load_scenario("env1", starts=0.3), "'mixed:0.3'"),
+        (lambda: sc.load_scenario("env1", perception=0.7), "'probability:0.7'"),
+        (lambda: sc.train("env1", "cop"), "did you mean 'coop'"),
+        (lambda: sc.train("env1", seed=-1), "setting seed"),
+        (lambda: sc.train("env1", 7), "is no learner"),
+        (lambda: sc.train_many("env1", runs=0), "setting runs: value is 0"),
+        (lambda: sc.train_many("env1", trials=-1), "setting trials"),
+        (lambda: sc.run_experiment("tabel1"), "did you mean 'table1'"),
+        (lambda: sc.run_experiment("env1/coop/penalty=-1", trials=0), "setting trials"),
+        (lambda: sc.run_experiment("env1/coop/penalty=-1/0"), "name a results directory"),
+        (lambda: sc.load_run("nowhere"), "no readable run.yaml"),
+        (lambda: sc.read_log("nowhere"), "nowhere"),
+        (lambda: sc.verify("nowhere"), "nowhere"),
+        (lambda: sc.optimum("env9"), "no such scenario"),
+        (lambda: sc.shortest_paths("env9"), "no such scenario"),
+        (lambda: sc.evaluate([]), "give evaluate(scenario=...)"),
+        (lambda: sc.evaluate([], scenario="env1"), "tables of 0 robots"),
+    ],
+)
+def test_errors_are_one_line(call, words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(sc.SparseCoordError) as caught:
+        call()
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_training_is_what_train_computes(printed, scenario, training):
+    directory = printed("train", "env1", "--penalty", -100, "--steps", 2000, "--seed", 3)
+    run = sc.load_run(directory["directory"])
+    assert (run.scenario, run.learner.label, run.seed) == (scenario, "coop", 3)
+    assert tables_equal(run.tables, training.tables)
+    assert tables_equal(run.tables, learn(scenario, "coop", 3))
+    assert run.history.same_bits(training.history)
+    evaluated = printed("evaluate", run.directory, "--trials", 20, "--seed", 5)
+    for learned in (run, training):
+        ours = sc.evaluate(learned, trials=20, seed=5)
+        assert evaluated.items() >= ours.to_dict().items()
+    ours = sc.evaluate(run.tables, scenario=scenario, learner="coop", trials=20, seed=5)
+    assert evaluated.items() >= ours.to_dict().items()
+
+
+def test_a_saved_training_is_a_run_directory(printed, training, tmp_path):
+    directory = training.save(tmp_path / "saved")
+    run = sc.load_run(str(directory))
+    assert tables_equal(run.tables, training.tables)
+    assert run.history.same_bits(training.history)
+    assert printed("evaluate", directory, "--trials", 2)["learner"] == "coop"
+    with pytest.raises(sc.SparseCoordError, match="exists already"):
+        training.save(directory)
+
+
+def test_a_training_that_cannot_be_saved_leaves_nothing(training, tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("sparse_coord_ros.engine.training.save_team", full)
+    with pytest.raises(sc.SparseCoordError, match="cannot be written .No space left"):
+        training.save(tmp_path / "saved")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_directory_without_history(training, tmp_path):
+    directory = training.save(tmp_path / "saved")
+    (directory / "history.npz").unlink()
+    with pytest.raises(sc.SparseCoordError, match="history"):
+        sc.load_run(directory).history  # noqa: B018
+
+
+def test_many_runs_are_the_single_ones(scenario, training):
+    seen = []
+    many = sc.train_many(
+        scenario, runs=3, seed=2, trials=4, progress=lambda *two: seen.append(two)
+    )
+    assert seen == [(1, 3), (2, 3), (3, 3)]
+    assert [run.seed for run in many] == [2, 3, 4]
+    assert tables_equal(many[1].tables, training.tables)
+    assert many[1].history.same_bits(training.history)
+    assert [run.seed for run in many[1:]] == [3, 4]
+    frame = many.to_pandas()
+    assert list(frame) == [
+        "seed",
+        "reward",
+        "time_to_goal",
+        "asks",
+        "miscoordinations",
+        "arrived",
+    ]
+    assert frame.reward[1] == sc.evaluate(training, trials=4, seed=3).reward.mean
+    assert frame.arrived[0] == many[0].trials.arrived.all(axis=1).mean()
+    bare = sc.train_many(scenario, runs=1, trials=0, history=False)
+    assert (bare[0].trials, bare[0].history) == (None, None)
+    assert list(bare.to_pandas()) == ["seed"]
+
+
+def test_references_are_those_of_optimum(printed, scenario):
+    found = printed("optimum", "env1", "--penalty", -100)
+    optimum, paths = sc.optimum(scenario), sc.shortest_paths(scenario)
+    assert (found["value"], found["exact"]) == (optimum.value, optimum.exact)
+    assert found["shortest_paths"]["reward"] == paths.reward
+    assert sc.optimum("env1").value != optimum.value
+
+
+IDS = ("env1/coop/penalty=-20,steps=500", "env1/indiv/penalty=-20,ask_cost=2,steps=500")
+
+
+def test_experiments_are_those_of_reproduce(printed, tmp_path):
+    found = printed("reproduce", *IDS, f"{IDS[0]}/1", "--runs", 2, "--trials", 3, "--out", "r")
+    seen = []
+    few = {"runs": 2, "trials": 3}
+    ours = sc.run_experiment(
+        [*IDS, f"{IDS[0]}/1"], **few, out=tmp_path / "o", progress=lambda *all: seen.append(all)
+    )
+    for run in found["runs"]:
+        run["directory"] = run["directory"].replace("r/", f"{tmp_path}/o/", 1)
+    assert found.pop("cells") == found["conditions"]
+    assert json.loads(json.dumps(ours.to_dict())) == found
+    assert [(name, done) for name, done, _ in seen] == [
+        (IDS[0], 0),
+        (IDS[0], 1000),
+        (IDS[0], 2000),
+        (IDS[1], 2000),
+        (IDS[1], 3000),
+        (IDS[1], 4000),
+    ]
+    assert {total for *_, total in seen} == {4000}
+    seen.clear()
+    again = sc.run_experiment(IDS[1], **few, out=tmp_path / "o", progress=seen.append)
+    assert (list(again), seen) == ([IDS[1]], [])
+    assert again[IDS[1]] == ours[IDS[1]]
+    assert sc.run_experiment(IDS[1], **few)[IDS[1]] == ours[IDS[1]]
+    with pytest.raises(sc.SparseCoordError, match="nothing is mixed"):
+        sc.run_experiment(IDS[1], runs=3, trials=3, out=tmp_path / "o")
+
+
+def test_frames_of_experiments():
+    done = sc.run_experiment(IDS, runs=2, trials=3, seed=5)
+    frame = done.to_pandas()
+    assert list(frame.condition) == list(IDS) == list(done)
+    assert (frame.ask_cost == [1, 2]).all()
+    result = done[IDS[0]]
+    assert frame.reward[0] == result.measure("reward").mean
+    assert frame.reward_standard_error[0] == result.measure("reward").standard_error
+    by_run = done.to_pandas(by_run=True)
+    assert list(by_run.seed) == [5, 6, 5, 6]
+    assert list(by_run.reward[:2]) == result.means["reward"]
+    once = sc.run_experiment(IDS[0], runs=1, trials=1).to_pandas()
+    assert np.isnan(once.reward_standard_error[0])
+
+
+def test_an_experiment_by_name(tmp_path):
+    assert "table1" in sc.experiment_names()
+    done = sc.run_experiment("table1", runs=1, trials=1, out=tmp_path / "r", report=True)
+    assert len(done) == 9
+    assert (tmp_path / "r/reproduction.md").exists()
+
+
+def test_types_of_the_api_can_be_resolved():
+    for name in ("train", "evaluate", "load_run", "optimum"):
+        assert "return" in typing.get_type_hints(getattr(sc, name))

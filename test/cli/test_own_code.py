@@ -1,0 +1,164 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A learner and a perception model of the user's own, in one file, in every verb."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import yaml
+
+from sparse_coord_ros.core.simulation import tables_equal
+from sparse_coord_ros.core.tables import load_tables
+
+MODULE = """
+import numpy as np
+import sparse_coord_ros as sc
+
+class Team(sc.Learner):
+    title = "Team player"
+    def weights(self, scenario):
+        return sc.RewardWeights(1, len(scenario.robots), 1)
+
+class Twice(sc.Agent):
+    def learn(self, *args):
+        super().learn(*args)
+        super().learn(*args)
+
+class Eager(sc.Learner):
+    def agent(self, scenario, number, seed, **more):
+        return Twice(scenario, number, seed, **more)
+
+class Failing(sc.Agent):
+    def learn(self, step, *args):
+        raise KeyError(step)
+
+class Broken(sc.Learner):
+    def agent(self, scenario, number, seed, **more):
+        return Failing(scenario, number, seed, **more)
+
+def fog(grid, p):
+    return np.full((len(grid.cells),) * 2, p)
+"""
+
+SETTINGS = ("--steps", "200", "--seed", "4", "--set", "perception=my_code:fog:0.5")
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    """Return a folder with the user's module."""
+    folder = tmp_path_factory.mktemp("own")
+    (folder / "my_code.py").write_text(MODULE)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def verb(place):
+    """Return a function that runs `sparse_coord ...` in a process, in that folder."""
+
+    def run(*arguments, cwd=place, code=0):
+        done = subprocess.run(
+            [sys.executable, "-P", "-m", "sparse_coord_ros.cli.main", *map(str, arguments)],
+            cwd=cwd,
+            # Not the current directory: the verbs have to find modules there by themselves.
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+            capture_output=True,
+            text=True,
+            timeout=100,
+        )
+        assert done.returncode == code, done.stderr
+        return done.stdout if code == 0 else done.stderr
+
+    return run
+
+
+@pytest.fixture(scope="module", params=["Team", "Eager"])
+def runs(request, place, verb):
+    """Return the learner and its runs: without ROS, live, and live in processes."""
+    learner = f"my_code:{request.param}"
+    out = [f"{request.param}_{way}" for way in ("train", "live", "processes")]
+    verb("train", "env1", "--learner", learner, *SETTINGS, "--out", out[0], "--trials", 0)
+    for directory, more in ((out[1], ()), (out[2], ("--processes",))):
+        verb("run", "env1", "--learner", learner, *SETTINGS, "--out", directory, *more)
+    return learner, [place / directory for directory in out]
+
+
+def test_all_ways_of_running_learn_the_same(runs):
+    learner, directories = runs
+    tables = [load_tables(directory / "tables.npz", [1, 2]) for directory in directories]
+    assert tables_equal(tables[0], tables[1])
+    assert tables_equal(tables[0], tables[2])
+    for directory in directories:
+        said = yaml.safe_load((directory / "run.yaml").read_text())
+        assert said["learner"] == learner
+        assert said["scenario"]["perception"] == "my_code:fog:0.5"
+
+
+def test_it_is_evaluated_verified_and_explained(runs, verb):
+    learner, (trained, live, _) = runs
+    data = json.loads(verb("evaluate", trained, "--trials", 3, "--json"))
+    assert data["learner"] == learner
+    assert json.loads(verb("verify", live, "--json"))["identical"] is True
+    assert "robot_" in verb("explain", live)
+
+
+def test_reproduce_names_it_in_ids(place, verb):
+    ids = [
+        f"env1/my_code:{name}/penalty=-20,perception=my_code:fog:0.5,steps=200"
+        for name in ("Team", "Eager")
+    ]
+    few = ("--runs", 2, "--trials", 3)
+    found = [
+        verb("reproduce", *ids, f"{ids[1]}/1", *few, "--out", engine, "--engine", engine, "--json")
+        for engine in ("auto", "python")
+    ]
+    assert found[0].replace('"auto/', '"python/') == found[1]
+    assert [one["id"] for one in json.loads(found[0])["conditions"]] == ids
+    assert all((place / "auto/cells" / f"{one}.json").is_file() for one in ids)
+    again = verb("reproduce", *ids, f"{ids[1]}/1", *few, "--out", "auto", "--json")
+    assert again == found[0]
+    reward = json.loads(found[0])["conditions"][1]["reward"]["mean"]
+    assert np.isfinite(reward)
+
+
+def test_where_the_module_is_missing_later_one_line_says_so(runs, verb, tmp_path):
+    learner, (trained, live, _) = runs
+    shutil.copytree(trained, tmp_path / "plain")
+    text = (tmp_path / "plain/run.yaml").read_text().replace("my_code:fog:0.5", "always")
+    (tmp_path / "plain/run.yaml").write_text(text)
+    few = ("--runs", 2, "--trials", 3)
+    for arguments, missing in (
+        (("evaluate", trained), "my_code:fog"),
+        (("evaluate", "plain"), learner),
+        (("verify", live), "my_code:fog"),
+        (("explain", live), "my_code:fog"),
+        (("train", "env1", "--learner", learner), learner),
+        (("run", "env1", "--learner", learner), learner),
+        (("run", "env1", "--set", "perception=my_code:fog:0.5"), "my_code:fog"),
+        (("optimum", "env1", "--set", "perception=my_code:fog:0.5"), "my_code:fog"),
+        (("reproduce", f"env1/{learner}/penalty=-20", *few), learner),
+    ):
+        error = verb(*arguments, cwd=tmp_path, code=2)
+        assert error.count("\n") == 1, error
+        assert error.startswith("error: ")
+        assert f"'{missing}' is not there (No module named 'my_code')" in error
+    assert [path.name for path in tmp_path.iterdir()] == ["plain"]
+
+
+def test_where_it_fails_one_line_says_so(verb, place):
+    broken = ("--learner", "my_code:Broken", "--steps", 50)
+    blame = "error: learner 'my_code:Broken' failed while learning: KeyError: "
+    for arguments in (
+        ("train", "env1", *broken, "--out", "broken"),
+        ("reproduce", "env1/my_code:Broken/penalty=-20", "--runs", 2, "--out", "broken_r"),
+    ):
+        error = verb(*arguments, code=2)
+        assert error.splitlines()[-1].startswith(blame), error
+        assert "Traceback" not in error
+    assert not (place / "broken").exists()
+    error = verb("run", "env1", *broken, "--out", "broken", code=2)
+    assert any(line.startswith(blame) for line in error.splitlines()), error

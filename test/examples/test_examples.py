@@ -1,0 +1,90 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Every file of examples/ does what its first lines say, in a folder of its own."""
+
+import csv
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+@pytest.fixture
+def python(tmp_path):
+    """Return a function that runs Python in an empty folder and returns what it printed."""
+
+    def run(*arguments):
+        done = subprocess.run(
+            [sys.executable, *map(str, arguments)],
+            cwd=tmp_path,
+            env={
+                **os.environ,
+                "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
+                "MPLBACKEND": "Agg",
+            },
+            capture_output=True,
+            text=True,
+            timeout=100,
+        )
+        assert done.returncode == 0, done.stderr
+        assert "Traceback" not in done.stderr
+        return done.stdout
+
+    return run
+
+
+def test_all_of_them_are_listed_and_run_here():
+    names = {path.name for path in EXAMPLES.glob("*.py")}
+    source, listed = Path(__file__).read_text(), (EXAMPLES / "README.md").read_text()
+    assert [name for name in names if f'"{name}"' not in source] == []
+    assert [name for name in names if f"({name})" not in listed] == []
+
+
+def test_train_and_plot(python, tmp_path):
+    out = python(EXAMPLES / "train_and_plot.py", 2000)
+    assert [line.split(":")[0] for line in out.splitlines()] == [
+        "noncoop",
+        "coop",
+        "exact joint optimum",
+    ]
+    assert (tmp_path / "learning_curve.png").read_bytes()[1:4] == b"PNG"
+    verb = ("-m", "sparse_coord_ros.cli.main", "evaluate")
+    assert "Coop., 5 trials" in python(*verb, "runs/coop", "--trials", 5)
+
+
+def test_twenty_runs(python, tmp_path):
+    assert "miscoordinations" in python(EXAMPLES / "twenty_runs.py", 500, 2)
+    with (tmp_path / "twenty_runs.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [(row["learner"], row["seed"]) for row in rows] == [
+        ("noncoop", "0"),
+        ("noncoop", "1"),
+        ("coop", "0"),
+        ("coop", "1"),
+    ]
+
+
+def test_own_perception(python):
+    lines = python(EXAMPLES / "own_perception.py", 2000).splitlines()
+    assert [line.rpartition(": reward")[0] for line in lines] == ["always", "fog:4", "fog:1"]
+    assert len({line.partition("reward")[2] for line in lines}) > 1
+
+
+def test_own_learner(python):
+    lines = python(EXAMPLES / "own_learner.py", 20000).splitlines()
+    assert [line.split(":")[0] for line in lines] == ["coop", "careful"]
+    assert len({line.partition(":")[2] for line in lines}) == 2
+
+
+def test_analyse_log(python):
+    verb = ("-m", "sparse_coord_ros.cli.main", "run")
+    python(*verb, "env1", "--steps", 300, "--seed", 2, "--out", "runs/demo")
+    out = python(EXAMPLES / "analyse_log.py", "runs/demo")
+    assert out.splitlines()[0].startswith("env1, coop: ")
+    assert out.splitlines()[1] == "identical"
+    assert "robot_1 asked " in out
+    assert "  row " in out

@@ -1,0 +1,104 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A peer that fell silent, and a robot that leaves: without any middleware."""
+
+from types import SimpleNamespace
+
+import pytest
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.srv import GetPlan
+
+from sparse_coord_ros.nodes.peers import Peer
+from sparse_coord_ros.nodes.robot import LAST_WORDS_SECONDS, RobotNode
+
+
+class Future:
+    def __init__(self):
+        self.callbacks, self.answer = [], None
+
+    def add_done_callback(self, callback):
+        self.callbacks.append(callback)
+
+    def cancelled(self):
+        return False
+
+    def cancel(self):
+        pass
+
+    def result(self):
+        return self.answer
+
+    def come(self):
+        self.answer = GetPlan.Response()
+        for callback in self.callbacks:
+            callback(self)
+
+
+class Node:
+    """Of a node what a peer needs; its own client."""
+
+    def __init__(self):
+        self.sent = []
+
+    def get_name(self):
+        return "robot_1"
+
+    def get_clock(self):
+        return None
+
+    def create_client(self, kind, name):
+        return self
+
+    def configure_introspection(self, *of_what):
+        pass
+
+    def service_is_ready(self):
+        return True
+
+    def remove_pending_request(self, future):
+        pass
+
+    def call_async(self, request):
+        self.sent.append(Future())
+        return self.sent[-1]
+
+
+@pytest.fixture
+def node():
+    return Node()
+
+
+def test_a_peer_that_gave_up_is_asked_but_not_waited_for(node):
+    heard = []
+    peer = Peer(node, "robot_2", lambda step, plan: heard.append(step))
+    assert peer.request(PoseStamped(), 1) is True
+    peer.gave_up()
+    assert peer.request(PoseStamped(), 2) is False
+    assert len(node.sent) == 2, "so that its return is noticed"
+    node.sent[1].come()
+    assert heard == [2]
+    assert peer.request(PoseStamped(), 3) is True
+
+
+def test_what_was_not_sent_to_a_peer_that_gave_up_is_not_sent_later(node):
+    peer = Peer(node, "robot_2", lambda step, plan: None)
+    node.service_is_ready = lambda: False
+    peer.request(PoseStamped(), 1)
+    peer.gave_up()
+    node.service_is_ready = lambda: True
+    peer.send_what_waits()
+    assert node.sent == []
+
+
+@pytest.mark.parametrize(
+    ("waiting", "newest", "done"),
+    [(None, 9, True), (("reward", 8), 9, False), (None, 8, False), (("percept", 9), 9, False)],
+)
+def test_a_robot_leaves_when_all_is_learned(waiting, newest, done):
+    """Not with a reward pending, or before it has the last state."""
+    lockstep = SimpleNamespace(waiting=waiting, newest=(newest, 3))
+    robot = SimpleNamespace(lockstep=lockstep, _last_step=9, _ended=100.0, done=False)
+    RobotNode._end_when_learned(robot, 100.1)
+    assert robot.done is done
+    RobotNode._end_when_learned(robot, 100.1 + LAST_WORDS_SECONDS)
+    assert robot.done

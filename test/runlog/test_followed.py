@@ -1,0 +1,98 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Agents followed by the loop in plain Python, by the compiled loop and as objects: the same."""
+
+import numpy as np
+import pytest
+
+from sparse_coord_ros.core.agent import Agent
+from sparse_coord_ros.core.learners import Coop, learner_of
+from sparse_coord_ros.core.simulation import tables_equal
+from sparse_coord_ros.core.streams import DRAWS, MOTION, POLICY, Stream
+from sparse_coord_ros.core.world import RewardWeights
+from sparse_coord_ros.engine.compiled import has_numba
+from sparse_coord_ros.runlog import read_run, verify
+from sparse_coord_ros.runlog.agents import first_tables
+from sparse_coord_ros.runlog.draws import draws_at
+from sparse_coord_ros.runlog.follower import Follower, tell
+
+HALF = {"perception": "probability:0.5"}
+
+
+class Objects(Coop):
+    """Algorithm 1 by objects: a learner with an agent of its own has no compiled form."""
+
+    def agent(self, scenario, number, seed, **more):
+        return Agent(scenario, number, seed, **more)
+
+
+class Weighed(Coop):
+    """What one robot causes all pay: weigh it by their number."""
+
+    def weights(self, scenario):
+        return RewardWeights(1.0, len(scenario.robots), 0.5)
+
+
+@pytest.fixture(scope="module", params=["env1", "all peers", "goes on", "noncoop", "weighed"])
+def log(request, record, good):
+    """Return the log of a run of 400 steps."""
+    if request.param == "goes on":
+        tables = [robot.agent.tables for robot in good.recording.robots]
+        values = {"tables": "before", "seed": 8}
+        return read_run(record(settings=HALF, values=values, tables=tables).bag)
+    if request.param == "all peers":
+        return read_run(record("crowd-3r", {**HALF, "peers": "all"}).bag)
+    values = {}
+    if request.param == "noncoop":
+        values = {"learner": "noncoop"}
+    if request.param == "weighed":
+        values = {"learner": learner_of(Weighed)}
+    return read_run(record(settings=HALF, values=values).bag)
+
+
+def followed(log, k, **options):
+    story = tell(log, k)
+    begun, _ = first_tables(log, k)
+    follower = Follower(log, k, story, begun, **options)
+    shows = []
+    for place in range(len(story.step) + 1):
+        assert follower.advance(place)
+        shows.append(follower.shows)
+    return follower.tables(), shows
+
+
+@pytest.mark.parametrize("k", [0, 1])
+def test_the_same_tables(log, k, monkeypatch):
+    plain, shown = followed(log, k, compiled=False)
+    last = max((e for e in log.all_tables if e.robot == k), key=lambda entry: entry.step)
+    assert tables_equal([plain], [last.tables])
+    if has_numba():
+        compiled, also = followed(log, k, compiled=True)
+        assert tables_equal([plain], [compiled]) and also == shown
+    monkeypatch.setattr(type(log.run.rule), "compiled", False, raising=False)
+    objects, also = followed(log, k)
+    assert tables_equal([plain], [objects]) and also == shown
+
+
+@pytest.mark.parametrize("compiled", [False, None])
+def test_a_learner_without_a_compiled_form_verifies(record, compiled):
+    run = record(settings=HALF, values={"learner": learner_of(Objects)})
+    found = verify(run.bag, compiled=compiled)
+    assert found.same, found.first
+    assert found.updates > 400
+
+
+@pytest.mark.skipif(not has_numba(), reason="numba is not installed")
+def test_verify_by_compiled_loops_says_the_same(good):
+    plain, compiled = (verify(good.bag, compiled=how) for how in (False, True))
+    assert plain.same and compiled.same
+    assert (plain.choices, plain.updates) == (compiled.choices, compiled.updates)
+
+
+@pytest.mark.parametrize("role", [POLICY, MOTION])
+def test_draws_at_steps_are_those_of_the_stream(role):
+    steps = np.array([0, 1, 5, 8191, 8192, 8193, 40_000, 10**9])
+    stream = Stream(3, 1, role)
+    found = draws_at(3, 1, role, steps)
+    assert found.shape == (len(steps), DRAWS[role])
+    assert found.tolist() == [stream.at(step) for step in steps.tolist()]

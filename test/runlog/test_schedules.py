@@ -1,0 +1,95 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""No honest run differs, whatever went wrong in it: random schedules of faults, fixed seeds."""
+
+import random
+
+import pytest
+
+from sparse_coord_ros.runlog import read_run, verify
+from sparse_coord_ros.runlog.explain import coordinations, explain
+
+STEPS = 150
+RUNS = (
+    ("env1", {}, {}),
+    ("env1", {"perception": "probability:0.5"}, {}),
+    ("env2-4r", {"perception": "probability:0.7"}, {}),
+    ("crowd-3r", {"peers": "all", "perception": "probability:0.6"}, {}),
+    ("env1", {"starts": "fixed", "max_steps": 15}, {}),
+    ("env1", {}, {"learner": "noncoop"}),
+)
+
+
+def schedule(draw, robots):
+    """Return what goes wrong in a run."""
+
+    def places(most):
+        count = draw.randrange(most)
+        return [(draw.randrange(robots), draw.randrange(1, STEPS)) for _ in range(count)]
+
+    late = [(k, t + i) for k, t in places(4) for i in range(draw.randrange(30))]
+    kinds = ("local_state", "reward", "action", "request")
+    lost = [(draw.choice(kinds), k, t) for k, t in places(30)]
+    lost += [("request", k, t + i) for k, t in places(3) for i in range(draw.randrange(60))]
+    return {
+        "late": late,
+        "deaf": places(6),
+        "lost": lost,
+        "resets": [draw.randrange(STEPS) for _ in range(draw.randrange(5))],
+        "stop": draw.randrange(STEPS // 2, STEPS) if draw.random() < 0.3 else None,
+    }
+
+
+@pytest.mark.parametrize("block", range(4))
+def test_no_false_alarm(record, block):
+    suffered = set()
+    for seed in range(10 * block, 10 * block + 10):
+        draw = random.Random(seed)
+        name, settings, values = draw.choice(RUNS)
+        robots = {"env1": 2, "env2-4r": 4, "crowd-3r": 3}[name]
+        values = {"seed": seed, "checkpoint": draw.choice([0, 37, 100]), **values}
+        faults = schedule(draw, robots)
+        run = record(name, {"steps": STEPS, **settings}, values=values, **faults)
+        found = verify(run.bag)
+        assert found.same, (seed, name, faults, list(map(str, found.differences)))
+        assert found.updates == sum(robot.learned for robot in run.recording.robots)
+        assert found.left_out == run.recording.world.left_out
+        for what in ("left_out", "unlearned", "resets", "repeats"):
+            if getattr(found, what):
+                suffered.add(what)
+    assert suffered == {"left_out", "unlearned", "resets", "repeats"}
+
+
+def test_each_coordination_of_a_disturbed_run_is_explained(record):
+    draw = random.Random(5)
+    run = record("env2-4r", {"steps": STEPS, "perception": "probability:0.7"}, **schedule(draw, 4))
+    log = read_run(run.bag)
+    ends = set()
+    for k in range(4):
+        for step in coordinations(log, k):
+            one = explain(log, k, step)
+            assert one.agrees and one.doubt is None
+            ends.add(one.outcome)
+    assert {"answered", "refused"} <= ends
+
+
+def test_a_robot_stopped_beyond_the_deadline(record):
+    """It hears of many states at once when it goes on, and its percepts were late."""
+    late = [(0, t) for t in range(30, 160)]
+    lost = [("request", 0, t) for t in range(160, 300)]
+    found = verify(record(late=late, lost=lost).bag)
+    assert found.same, found.first
+    assert found.left_out > 0
+
+
+def test_left_out_while_its_peer_had_arrived(record):
+    """The world then begins a new episode, without a transition that leaves anybody out."""
+    for seed in range(30):
+        faults = {"late": [(1, t) for t in range(5, 90)], "lost": []}
+        run = record(settings={"steps": 120, "starts": "fixed"}, values={"seed": seed}, **faults)
+        found = verify(run.bag)
+        assert found.same, found.first
+        if found.resets:
+            break
+    else:
+        raise AssertionError("no episode ended as nobody was left")
