@@ -9,6 +9,7 @@ from typing import Any
 
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.core.algorithm import ACTIONS
+from sparse_coord_ros.core.factors import UNSEEN
 from sparse_coord_ros.core.frame import Frame
 from sparse_coord_ros.errors import RunError, did_you_mean
 
@@ -129,6 +130,10 @@ def _learned(log, one) -> Iterator[str]:
             continue
         (*state, action), before, after = changed
         yield f"  {table}[{', '.join(map(str, state))}; {ACTIONS[action]}] {before!r} -> {after!r}"
+    for peer, place, before, after in update.corrections:
+        where = "failed percept" if peer == UNSEEN else f"{log.names[peer]} in {place}"
+        move = ACTIONS[one.action.move]
+        yield f"  correction rho[{one.cell}; {where}; {move}] {before!r} -> {after!r}"
 
 
 def _plain(log, one) -> dict[str, Any]:
@@ -163,4 +168,5 @@ def _plain(log, one) -> dict[str, Any]:
         "next_cell": None if update is None else update.next_cell,
         "q_coord": None if update is None else entry(update.coord),
         "q_star": None if update is None else entry(update.star),
+        "corrections": [] if update is None else [list(row) for row in update.corrections],
     }

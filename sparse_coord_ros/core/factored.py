@@ -12,6 +12,7 @@ from sparse_coord_ros.core.agent import (
 )
 from sparse_coord_ros.core.algorithm import COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.factors import (
+    UNSEEN,
     FactorMemory,
     FactorRule,
     Factors,
@@ -208,6 +209,27 @@ class FactoredAgent(Agent):
             for b in range(PRIMITIVES):
                 correction[b] += row[b]
         return correction
+
+    def corrections(
+        self, step: int, cell: int, perceived: tuple[int, ...] | None, move: int
+    ) -> dict[tuple[int, int], float]:
+        """Return rho of a move where a step teaches it, by (peer, its cell).
+
+        Args:
+            step: t; who asked the robot in it is known.
+            cell: the own cell.
+            perceived: the peers' cells; None where nothing was perceived: the row of failed
+                percepts is there as well.
+            move: the primitive action.
+        """
+        keys = {
+            (peer, place): self._key(cell, peer, place)
+            for peer, place in self._known(step, cell, perceived).items()
+        }
+        if perceived is None:
+            keys[UNSEEN, UNSEEN] = unseen_key(cell, self._cells, self._robots)
+        nothing = [0.0] * PRIMITIVES
+        return {place: self._rho.get(key, nothing)[move] for place, key in keys.items()}
 
     def asked(self, step: int, peer: int, cell: int) -> None:
         """Take note that a peer asks in a time step, from that cell."""

@@ -17,6 +17,7 @@ from sparse_coord_ros.nodes.robot import RobotNode
 from sparse_coord_ros.nodes.spin import ros_context
 from sparse_coord_ros.nodes.team import run_team
 from sparse_coord_ros.nodes.world_simulator import WorldSimulator
+from sparse_coord_ros.runlog import verify
 
 SEED = 7
 
@@ -131,11 +132,14 @@ def test_factored_learner(tmp_path, simulate, assert_same_tables, scenario, sett
     out = tmp_path / "out"
     with ros_context() as context:
         summary = run_team(
-            values(out, scenario, steps, set=sets, learner="factored"), context=context
+            values(out, scenario, steps, set=sets, learner="factored", record=True),
+            context=context,
         )
     assert_same_tables(out, said)
     assert summary["timeouts"] == 0
     assert sum(asks["answered"] for asks in summary["asks"].values()) > 0
+    verdict = verify(out / "bag")
+    assert verdict.same, verdict.differences
 
 
 def test_baseline(tmp_path, simulate, assert_same_tables):
