@@ -91,6 +91,8 @@ def _lines(log, one) -> Iterator[str]:
         source = f"Q^C[{', '.join(map(str, (one.cell, *one.perceived)))}]"
     else:
         yield f"  perceives nothing ({one.outcome})"
+        if log.run.rule.factors is not None:
+            source = f"U + rho[{one.cell}; failed percept]"
     values = ", ".join(f"{a} {v:.6g}" for a, v in zip(ACTIONS, one.q_values, strict=False))
     yield f"  goes {ACTIONS[one.action.move]} by {source}: {values}"
     if not one.agrees:

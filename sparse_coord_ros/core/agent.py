@@ -7,7 +7,7 @@ functions of `algorithm`.
 """
 
 from collections import Counter
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -253,7 +253,7 @@ class Agent:
         """
         if not self.learning:
             return
-        q_star, q_coord, _ = self.tables
+        q_star, q_coord = self._arrays()
         total = weighed(reward.individual, reward.common, reward.ask_cost, self._weights)
         if next_cell == self.goal:
             bootstrap = self._goal_value
@@ -275,7 +275,7 @@ class Agent:
         An agent of one's own that remembers more than tables and their counts of updates cannot
         go on from here: its learning is not to be broken off.
         """
-        q_star, q_coord, _ = self.tables
+        q_star, q_coord = self._arrays()
         states = sorted({entry[:-1] for entry in self._coord_updates})
         moves = range(PRIMITIVES)
         updates = [[self._coord_updates[*state, move] for move in moves] for state in states]
@@ -289,14 +289,20 @@ class Agent:
 
     def go_on_from(self, memory: Memory) -> None:
         """Go on with what another agent of the same run has learned."""
-        self.tables.q_star[:] = memory.q_star
+        q_star, q_coord = self._arrays()
+        q_star[:] = memory.q_star
         self._star_updates[:] = memory.star_updates
         rows = zip(memory.states.tolist(), memory.values, memory.updates.tolist(), strict=True)
         for state, values, updates in rows:
             for move, count in enumerate(updates):
                 if count:
-                    self.tables.q_coord[*state, move] = values[move]
+                    q_coord[*state, move] = values[move]
                     self._coord_updates[*state, move] = count
+
+    def _arrays(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return Q* and Q^C, for this to write to; a sparse Q^C is used like an array."""
+        table: Any = self._tables.q_coord
+        return self._tables.q_star, table
 
     def _alpha(
         self, updates: np.ndarray | Counter[tuple[int, ...]], entry: tuple[int, ...], step: int

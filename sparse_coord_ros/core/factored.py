@@ -313,12 +313,13 @@ class FactoredAgent(Agent):
             np.array([self._rho[key] for key in keys]).reshape(len(keys), PRIMITIVES),
             np.array([self._counts[k] for k in keys], dtype=np.int64).reshape(-1, PRIMITIVES),
             FactorMemory(
-                np.array(own.u),
-                np.array(own.r_bar),
-                np.array(own.w),
-                *(np.array(one, dtype=np.int64) for one in (own.commons, own.moved)),
-                np.array(own.successor, dtype=np.int64),
-                np.array(own.tried[: own.used[0]], dtype=np.int64),
+                individual=np.array(own.u),
+                common=np.array(own.r_bar),
+                asking=np.array(own.w),
+                commons=np.array(own.commons, dtype=np.int64),
+                moved=np.array(own.moved, dtype=np.int64),
+                successor=np.array(own.successor, dtype=np.int64),
+                tried=np.array(own.tried[: own.used[0]], dtype=np.int64),
             ),
         )
 

@@ -116,7 +116,10 @@ def states_of(keys: Iterable[int], cells: int, robots: int) -> np.ndarray:
 def keys_of(states: np.ndarray, cells: int, robots: int) -> np.ndarray:
     """Return the row numbers of `Factors.states`."""
     x, peer, z = states.astype(np.int64).T
-    return np.where(peer == UNSEEN, cells * robots * cells + x, (x * robots + peer) * cells + z)
+    keys: np.ndarray = np.where(
+        peer == UNSEEN, cells * robots * cells + x, (x * robots + peer) * cells + z
+    )
+    return keys
 
 
 def sorted_factors(
@@ -182,7 +185,8 @@ def coordination_table(factors: Factors, number: int, robots: int) -> "np.ndarra
     seen = factors.states[:, 1] != UNSEEN
     x, _, z = factors.states[seen].T
     correction[x, z] += factors.corrections[seen]
-    return factors.individual[:, None, :] + correction
+    table: np.ndarray = factors.individual[:, None, :] + correction
+    return table
 
 
 # The rule. Rows are lists in plain Python and arrays in the compiled loops.

@@ -370,8 +370,8 @@ class CompiledTeam:
         else:
             states = states_of(keys[order], cells, len(learners.used))
             arrays = (own.u, own.r_bar, own.w, own.commons, own.moved, own.successor)
-            tried = own.tried[k, : own.used[k, 0]].copy()
-            factors = FactorMemory(*(array[k].copy() for array in arrays), tried)
+            learned = [array[k].copy() for array in arrays]
+            factors = FactorMemory._make([*learned, own.tried[k, : own.used[k, 0]].copy()])
         return Memory(
             learners.q_star[k].copy(),
             learners.star_updates[k].astype(np.int64),
@@ -400,8 +400,8 @@ class CompiledTeam:
             keys.append(keys_of(memory.states, cells, len(memories)))
             *arrays, tried = memory.factors
             targets = (own.u, own.r_bar, own.w, own.commons, own.moved, own.successor)
-            for target, array in zip(targets, arrays, strict=True):
-                target[k] = array
+            for space, array in zip(targets, arrays, strict=True):
+                space[k] = array
             own.value[k] = memory.q_star.max(axis=1)
             own.tried[k, : len(tried)] = tried
             own.used[k] = len(tried)

@@ -137,7 +137,7 @@ def _from(file: Mapping[str, np.ndarray], scenario: Scenario, learner: Learner) 
 
 
 def _memory(file: Mapping[str, np.ndarray], k: int) -> Memory:
-    memory = Memory(*(file[f"{name}_{k}"] for name in Memory._fields[:-1]))
+    memory = Memory._make([*(file[f"{name}_{k}"] for name in Memory._fields[:-1]), None])
     if f"factors_tried_{k}" not in file:
         return memory
     return memory._replace(
