@@ -92,14 +92,16 @@ class Said(NamedTuple):
     alpha: Any
 
 
-def coordinates(values, actions):
+def coordinates(values: Any, actions: int) -> int:
     """Return 1 where COORDINATE is the first greatest of a row's values, else 0."""
     if actions > COORDINATE and values[COORDINATE] > greatest(values, PRIMITIVES):
         return 1
     return 0
 
 
-def follow(rule, learned, said, by_count, begin, end):
+def follow(
+    rule: Rule, learned: Learned, said: Said, by_count: Any, begin: int, end: int
+) -> tuple[int, int, int]:
     """Choose and learn again from action `begin` on, before `end`.
 
     Returns:
@@ -163,9 +165,8 @@ def loop(count: int, *, compiled: bool | None = None) -> tuple[Callable[..., Any
 def _compiled() -> Callable[..., Any]:
     import numba
 
-    called = (algorithm.greedy, algorithm.epsilon_greedy, algorithm.greatest)
-    called += (algorithm.step_size, algorithm.updated, algorithm.weighed, coordinates)
-    for function in called:
+    choosing = (algorithm.greedy, algorithm.epsilon_greedy, algorithm.greatest, coordinates)
+    for function in (*choosing, algorithm.step_size, algorithm.updated, algorithm.weighed):
         numba.extending.register_jitable(function)
     return numba.njit(nogil=True)(follow)
 

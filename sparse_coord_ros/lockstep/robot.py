@@ -286,8 +286,10 @@ class RobotSide:
             self._act(None, NOBODY_TO_ASK if decision.action == COORDINATE else NOT_ASKED)
 
     def _act(self, perceived: tuple[int, ...] | None, ended: int) -> None:
-        step, cell, decision, _ = self._asking
-        self._asking = None
+        asking, self._asking = self._asking, None
+        if asking is None:  # nothing is to be decided
+            return
+        step, cell, decision, _ = asking
         if ended in (ANSWERED, REFUSED, LATE):
             self.asks[PERCEPT_ENDS[ended]] += 1
         action = self.agent.act(step, cell, decision, perceived)

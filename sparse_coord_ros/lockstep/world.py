@@ -145,8 +145,9 @@ class WorldSide:
     def repeat(self) -> None:
         """Publish again what the missing robots may have lost; a robot that has it ignores it."""
         for k in [*self.missing(), *self.absent]:
-            if self._rewards[k] is not None:
-                self._port.reward(k, *self._rewards[k])
+            reward = self._rewards[k]
+            if reward is not None:
+                self._port.reward(k, *reward)
             self._port.state(k, self.world.step, self.world.cells[k])
 
     def _publish_states(self) -> None:

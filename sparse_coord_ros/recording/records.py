@@ -245,7 +245,8 @@ def message_heads(content: bytes, offset: int) -> tuple[np.ndarray, np.ndarray, 
     Raises:
         Damage: a record does not fit into the content.
     """
-    places, place, size = [], 0, len(content)
+    places: list[int] = []
+    place, size = 0, len(content)
     append, length_at = places.append, _LENGTH.unpack_from
     last = size - HEAD.size
     while place <= last:

@@ -168,7 +168,9 @@ class Scan:
 
         `times`, if not None, should be the messages' first and last log time.
         """
-        schemas, channels, topics = {}, {}, {}
+        schemas: dict[int, Schema] = {}
+        channels: dict[int, Channel] = {}
+        topics: dict[int, BagTopic] = {}
         places, heads, others = records
         begun: dict[int, int] = {}
         for opcode, place, begin, end in others:

@@ -170,11 +170,9 @@ class AgentCheck:
         # Of the last tables: what was asked at their very step may have ended.
         there = to < len(self.story.step) and self.story.step[to] == entry.step
         ends = [to, to + 1] if entry is self.recorded[-1] and there else [to]
-        for end in ends:
-            odd = self._odd_count(entry, to, end)
-            if odd is None:
-                return None
-        return self._differ(entry.step, *odd)
+        found = [self._odd_count(entry, to, end) for end in ends]
+        odd = [one for one in found if one is not None]
+        return self._differ(entry.step, *odd[-1]) if len(odd) == len(found) else None
 
     def _odd_count(self, entry: RecordedTables, to: int, end: int) -> tuple[str, str, str] | None:
         """Return (quantity, logged, computed) of the first number that cannot be."""
@@ -214,8 +212,10 @@ class AgentCheck:
         # A robot's last tables are of a state that it has acted on, or of one after it: it may
         # have missed those that came when it was stopped.
         acted = int(self.story.step.max(initial=0))
-        if self.state in (FINISHED, STOPPED) and max(steps, default=0) < acted:
-            due.append(int(states[-1]))
+        end = int(states.max(initial=0))
+        newest = max((step for step in steps if step <= end), default=0)
+        if self.state in (FINISHED, STOPPED) and newest < acted:
+            due.append(end)
         unreadable = {
             p.step for p in log.problems if p.robot == self.name and p.quantity == TABLES.name
         }
@@ -252,7 +252,9 @@ class AgentCheck:
             what = flags[place].tobytes() if known[place] and right[place] else None
             yield int(steps[place]), 1_000_000 + place, what
 
-    def _compare_map(self, step: int, shown: bytes | None, follower: Follower):
+    def _compare_map(
+        self, step: int, shown: bytes | None, follower: Follower
+    ) -> Difference | None:
         due = follower.shows
         if shown == due:
             return None

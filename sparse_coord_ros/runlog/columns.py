@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A bag's messages as columns: topic by topic, decoded many at a time."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,7 +33,7 @@ class Reader(NamedTuple):
     """
 
     kind: np.dtype
-    slow: Callable[[Any], tuple]
+    slow: Callable[[Any], tuple[Any, ...]]
     fast: list[tuple[Layout, Callable[[np.ndarray, np.ndarray], np.ndarray | None]]]
     learn: Callable[[], None] | None = None
 
@@ -76,7 +76,7 @@ class Columns:
             for name, found in parts.items()
         }
 
-    def _part(self, part: Part):
+    def _part(self, part: Part) -> Iterator[tuple[str, np.ndarray]]:
         """Yield topics with the rows of their messages."""
         heads = part.heads
         lengths = heads["length"].astype(np.int64) - MESSAGE.size
@@ -92,7 +92,15 @@ class Columns:
                 log_ns = heads["log_ns"][group]
                 yield name, self._rows(name, reader, part, group, lengths[group], log_ns)
 
-    def _rows(self, name, reader: Reader, part: Part, group, lengths, log_ns) -> np.ndarray:
+    def _rows(
+        self,
+        name: str,
+        reader: Reader,
+        part: Part,
+        group: np.ndarray,
+        lengths: np.ndarray,
+        log_ns: np.ndarray,
+    ) -> np.ndarray:
         rows = np.zeros(len(group), dtype=reader.kind)
         left = np.ones(len(group), dtype=bool)
         bad = np.zeros(len(group), dtype=bool)

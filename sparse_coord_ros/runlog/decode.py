@@ -43,7 +43,7 @@ class Decoder:
                 f"({type(error).__name__}: {' '.join(str(error).split())})"
             ) from error
 
-    def _decoder(self, topic: BagTopic):
+    def _decoder(self, topic: BagTopic) -> Any:
         """Return the library's decoder of a topic's type.
 
         The library knows no service types: the parts of an event are told to it as messages.

@@ -55,8 +55,8 @@ class Request:
     step: int
     position: tuple[float, float]
     wall_ns: dict[int, int] = field(default_factory=dict)
-    answer: tuple | None = None
-    said: tuple | None = None
+    answer: tuple[Any, ...] | None = None
+    said: tuple[Any, ...] | None = None
 
     @property
     def seconds(self) -> float | None:
@@ -66,7 +66,7 @@ class Request:
         return (self.wall_ns[RETURNED] - self.wall_ns[SENT]) / SECOND
 
 
-def event_row(message: Any, names: list[str]) -> tuple:
+def event_row(message: Any, names: list[str]) -> tuple[Any, ...]:
     """Return the row of a decoded event of GetPlan.
 
     Raises:
@@ -107,7 +107,7 @@ def put_together(
         names: the robots.
         frame: the run's clock.
     """
-    requests: dict[tuple, Request] = {}
+    requests: dict[tuple[Any, ...], Request] = {}
     problems: list[Difference] = []
     for peer, rows in enumerate(events):
         _put(peer, rows, requests, problems, names, frame)
@@ -115,7 +115,14 @@ def put_together(
     return [request for _, request in ordered], problems
 
 
-def _put(peer: int, rows, requests: dict, problems: list, names, frame: Frame) -> None:
+def _put(
+    peer: int,
+    rows: np.ndarray,
+    requests: dict[tuple[Any, ...], Request],
+    problems: list[Difference],
+    names: list[str],
+    frame: Frame,
+) -> None:
     """Add what one asked robot's topic says."""
     steps = (rows["ns"] + frame.period // 2) // frame.period
     codes = {client: code for code, client in enumerate(dict.fromkeys(rows["client"].tolist()))}
@@ -131,10 +138,10 @@ def _put(peer: int, rows, requests: dict, problems: list, names, frame: Frame) -
             logged = f"after one that is {late[place]} ns younger"
             step = int(steps[mine[place]])
             problems.append(Difference(step, names[peer], what, logged, "before it"))
-    asked: dict[tuple, Request] = {}  # by (whether the service says so, client, number)
-    strangers: set[tuple] = set()
-    columns = (rows["kind"], rows["wall_ns"], client, rows["number"], rows["request"])
-    columns += (rows["asker"], rows["xy"], rows["seen"], steps)
+    asked: dict[tuple[Any, ...], Request] = {}  # by (whether the service says so, client, number)
+    strangers: set[tuple[Any, ...]] = set()
+    columns = [rows["kind"], rows["wall_ns"], client, rows["number"], rows["request"]]
+    columns += [rows["asker"], rows["xy"], rows["seen"], steps]
     waiting = []
     for event in zip(*(column.tolist() for column in columns), strict=True):
         kind, wall_ns, who, number, is_request, asker, xy, _, step = event
@@ -172,13 +179,17 @@ def _put(peer: int, rows, requests: dict, problems: list, names, frame: Frame) -
             request.said = content
 
 
-def _note(request: Request, kind: int, wall_ns: int, problems: list, names) -> None:
+def _note(
+    request: Request, kind: int, wall_ns: int, problems: list[Difference], names: list[str]
+) -> None:
     if kind in request.wall_ns:
         problems.append(_problem(names, request, EVENT_NAMES[kind], "twice", "once"))
     else:
         request.wall_ns[kind] = wall_ns
 
 
-def _problem(names, request: Request, what: str, logged: str, computed: str) -> Difference:
+def _problem(
+    names: list[str], request: Request, what: str, logged: str, computed: str
+) -> Difference:
     quantity = f"{DIALOGUE} with {names[request.peer]}, {what}"
     return Difference(request.step, names[request.asker], quantity, logged, computed)

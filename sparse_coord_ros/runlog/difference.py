@@ -91,7 +91,7 @@ def first_entry(logged: Tables, computed: Tables) -> tuple[str, str, str]:
         if ours.shape != theirs.shape:
             shapes = f"shape {ours.shape}", f"shape {theirs.shape}"
             return f"{wire.TABLES.name} {name}", *shapes
-        bits = f"V{ours.itemsize}"
+        bits = f"u{ours.itemsize}"
         odd = np.argwhere(ours.view(bits) != theirs.view(bits))
         if len(odd):
             entry = tuple(odd[0].tolist())

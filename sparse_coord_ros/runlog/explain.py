@@ -70,7 +70,8 @@ class Coordination(NamedTuple):
 
 def coordinations(log: RunLog, robot: int) -> list[int]:
     """Return the time steps at which a robot chose COORDINATE, ascending."""
-    return log.step[log.asked[:, robot]].tolist()
+    steps: list[int] = log.step[log.asked[:, robot]].tolist()
+    return steps
 
 
 def explain(log: RunLog, robot: int, step: int) -> Coordination | None:
@@ -83,6 +84,7 @@ def explain(log: RunLog, robot: int, step: int) -> Coordination | None:
     if place == len(story.step) or story.step[place] != step or story.action[place] != COORDINATE:
         return None
     begun, odd = first_tables(log, robot)
+    doubt: str | None
     if begun is None:
         doubt = f"the log does not hold the tables that {log.names[robot]} began with"
         begun = log.run.rule.tables(log.run.scenario)
@@ -146,7 +148,14 @@ def _entries(
     return entries
 
 
-def _outcome(log: RunLog, robot: int, story: Story, place: int, perceived, requests) -> str:
+def _outcome(
+    log: RunLog,
+    robot: int,
+    story: Story,
+    place: int,
+    perceived: tuple[int, ...] | None,
+    requests: tuple[Request, ...],
+) -> str:
     """Return how the percept ended: as the robot says, in bags of format 1 by the dialogue."""
     if log.tracks.format > 1:
         code = log.numbers[story.row[place], robot, ENDED]

@@ -110,7 +110,7 @@ class Layout:
 
 def nanoseconds(rows: np.ndarray, prefix: str = "") -> np.ndarray:
     """Return the stamps of rows, in nanoseconds."""
-    return rows[f"{prefix}sec"].astype(np.int64) * SECOND + rows[f"{prefix}nanosec"]
+    return np.asarray(rows[f"{prefix}sec"].astype(np.int64) * SECOND + rows[f"{prefix}nanosec"])
 
 
 def stamp(prefix: str = "") -> list[Item]:
@@ -145,7 +145,7 @@ def pose_stamped(prefix: str = "") -> list[Item]:
 def labelled(labels: Sequence[str]) -> Layout:
     """Return the layout of a sensor_msgs/JointState whose positions, `numbers`, have names."""
     names: list[Item] = [Fixed("<u4", len(labels)), *labels]
-    numbers = [Fixed("<u4", len(labels)), Free("numbers", f"({len(labels)},)<f8")]
+    numbers: list[Item] = [Fixed("<u4", len(labels)), Free("numbers", f"({len(labels)},)<f8")]
     return Layout([*header(), *names, *numbers, Fixed("<u4", 0), Fixed("<u4", 0)])
 
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -108,7 +109,7 @@ class RunLog:
         """The recorded tables by (robot's number, time step)."""
         return {(entry.robot, entry.step): entry.tables for entry in self.all_tables}
 
-    def to_pandas(self):
+    def to_pandas(self) -> Any:
         """Return a pandas DataFrame: one row for each time step and robot.
 
         Raises:
@@ -147,7 +148,7 @@ class RunLog:
             columns["reward" if label == "total" else label] = self.reward[..., place].ravel()
         return pandas.DataFrame(columns)
 
-    def frame(self):
+    def frame(self) -> Any:
         """Return `to_pandas()`; the old name, which goes with the next version."""
         warnings.warn("RunLog.frame() is now to_pandas()", DeprecationWarning, stacklevel=2)
         return self.to_pandas()
@@ -184,10 +185,10 @@ def miscoordinations(scenario: Scenario, cells: np.ndarray) -> np.ndarray:
     """Return which joint states, shape (T, K), are miscoordinations: shape (T,), bool."""
     doorways = np.isin(cells, sorted(scenario.map.doorways))
     if scenario.conflict == "any_doorway":
-        return doorways.sum(axis=1) > 1
+        return np.asarray(doorways.sum(axis=1) > 1)
     apart = -1 - np.arange(cells.shape[1])  # those outside doorways meet nobody
     occupied = np.sort(np.where(doorways, cells, apart), axis=1)
-    return (np.diff(occupied, axis=1) == 0).any(axis=1)
+    return np.asarray((np.diff(occupied, axis=1) == 0).any(axis=1))
 
 
 def cell_numbers(frame: Frame, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -202,23 +203,23 @@ def cell_numbers(frame: Frame, places: np.ndarray) -> tuple[np.ndarray, np.ndarr
     with np.errstate(invalid="ignore"):
         column, south = (np.floor_divide(places[..., i], frame.resolution) for i in (0, 1))
         inside = (column >= 0) & (column < columns) & (south >= 0) & (south < rows)
-    row = np.where(inside, rows - 1 - np.where(inside, south, 0), rows).astype(np.int64)
-    found = numbers[row, np.where(inside, column, columns).astype(np.int64)]
+    from_top = np.where(inside, rows - 1 - np.where(inside, south, 0), rows).astype(np.int64)
+    found = numbers[from_top, np.where(inside, column, columns).astype(np.int64)]
     centres = np.array([*frame.centres, (np.nan, np.nan)])
     exact = (centres[found] == places).all(axis=-1)
     for odd in np.argwhere(~exact & ~np.isnan(places).any(axis=-1)).tolist():
-        cell = frame.cell(*places[tuple(odd)].tolist())  # a centre that was rounded
-        found[tuple(odd)] = NONE if cell is None else cell
-        exact[tuple(odd)] = cell is not None and frame.centres[cell] == tuple(
-            places[tuple(odd)].tolist()
-        )
+        place = tuple(places[tuple(odd)].tolist())
+        number = frame.cell(*place)  # a centre that was rounded
+        found[tuple(odd)] = NONE if number is None else number
+        exact[tuple(odd)] = number is not None and frame.centres[number] == place
     return found, exact
 
 
 def merged(steps: Sequence[np.ndarray]) -> np.ndarray:
     """Return the time steps that are in any of some ascending arrays, ascending, each once."""
     together = np.sort(np.concatenate(steps), kind="stable")
-    return together[np.concatenate([[True], together[1:] != together[:-1]])[: len(together)]]
+    first = np.concatenate([[True], together[1:] != together[:-1]])
+    return np.asarray(together[first[: len(together)]])
 
 
 def read_run(path: Path) -> RunLog:

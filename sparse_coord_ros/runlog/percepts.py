@@ -96,7 +96,9 @@ class _Judge:
                 peers = story.peers[i].tolist()
                 yield from self._percept(k, step, row, peers, float(codes[i]))
 
-    def _percept(self, k: int, step: int, row, peers: list[int], code: float):
+    def _percept(
+        self, k: int, step: int, row: np.ndarray, peers: list[int], code: float
+    ) -> Iterator[Difference]:
         """Judge one percept: what it shows, how it is said to have ended, what was answered."""
         name, centres = self.log.names[k], self.frame.centres
         places = [tuple(place) for place in row["places"].tolist()]
@@ -105,8 +107,9 @@ class _Judge:
             said = f"{places[: min(1, int(row['count']))]}"
             yield Difference(step, name, "percept own", said, f"cell {here}")
             return
-        cells = [self._cell(peer, step) for peer in peers]
-        if None in cells:
+        known = [self._cell(peer, step) for peer in peers]
+        cells = [cell for cell in known if cell is not None]
+        if len(cells) < len(known):
             return  # the world's check names the missing state
         draw = self.draws[k][step]
         visible = [draw < self.probabilities[here][cell] for cell in cells]
@@ -135,7 +138,9 @@ class _Judge:
         elif code == REFUSED:
             yield from self._refused(k, step, peers, cells, visible)
 
-    def _refused(self, k: int, step: int, peers, cells, visible) -> Iterator[Difference]:
+    def _refused(
+        self, k: int, step: int, peers: list[int], cells: list[int], visible: list[bool]
+    ) -> Iterator[Difference]:
         """One peer after the other has answered, up to one that refused or was further."""
         for place, peer in enumerate(peers):
             request = self.latest.get((k, peer, step))
@@ -149,7 +154,15 @@ class _Judge:
         name = self.log.names[k]
         yield Difference(step, name, PERCEPT.name, PERCEPT_ENDS[REFUSED], _words(cells))
 
-    def _answers(self, k: int, step: int, peers, cells, visible, count) -> Iterator[Difference]:
+    def _answers(
+        self,
+        k: int,
+        step: int,
+        peers: list[int],
+        cells: list[int],
+        visible: list[bool],
+        count: int,
+    ) -> Iterator[Difference]:
         """Compare the dialogue with the answers that there must have been."""
         name = self.log.names[k]
         for peer, cell, sees in list(zip(peers, cells, visible, strict=True))[:count]:
@@ -164,7 +177,7 @@ class _Judge:
             elif request.answer != (step, where):
                 yield Difference(step, name, quantity, f"{request.answer}", due)
 
-    def _all_answered(self, k: int, step: int, peers, cells) -> bool:
+    def _all_answered(self, k: int, step: int, peers: list[int], cells: list[int]) -> bool:
         """Whether by the dialogue every peer said where it was."""
         requests = [self.latest.get((k, peer, step)) for peer in peers]
         due = [(step, self.frame.centres[cell]) for cell in cells]

@@ -49,16 +49,16 @@ class MarkersContent:
     """
 
     def __init__(self, frame: Frame, scenario: Scenario) -> None:
-        self.due: list[tuple] = [
+        self.due: list[tuple[Any, ...]] = [
             (DOORWAYS, number, frame.centres[cell])
             for number, cell in enumerate(sorted(frame.grid.doorways))
         ]
         for k, robot in enumerate(scenario.robots):
             self.due += [(GOALS, k, frame.centres[robot.goal]), (ROBOTS, k, None)]
         self.robots = [place for place, one in enumerate(self.due) if one[2] is None]
-        self.looks: list[tuple] | None = None
+        self.looks: list[tuple[Any, ...]] | None = None
 
-    def __call__(self, message: Any) -> tuple[int, list]:
+    def __call__(self, message: Any) -> tuple[int, list[Any]]:
         """Return what a message says."""
         stamps = {(m.header.stamp.sec, m.header.stamp.nanosec) for m in message.markers}
         said = [(m.ns, m.id, flat_position(m.pose)) for m in message.markers]
@@ -75,7 +75,7 @@ class MarkersContent:
         return int(sec) * SECOND + int(nanosec), [said[place][2] for place in self.robots]
 
 
-def _look(marker: Any) -> tuple:
+def _look(marker: Any) -> tuple[Any, ...]:
     size, colour = marker.scale, marker.color
     return (
         *(marker.type, marker.action, size.x, size.y, size.z),

@@ -5,6 +5,7 @@
 import re
 from collections import Counter
 from collections.abc import Iterator
+from typing import Any
 
 import yaml
 
@@ -77,7 +78,7 @@ def _format(bag: Bag) -> int:
             f"{bag.path}: its format is {text[:40]!r}, no whole number from 1; {REMEDY}"
         )
     if int(text) > BAG_FORMAT:
-        raise BagError(newer_format(bag.path, int(text), BAG_FORMAT))
+        raise BagError(newer_format(str(bag.path), int(text), BAG_FORMAT))
     return int(text)
 
 
@@ -143,10 +144,11 @@ def _record(bag: Bag, run: RunConfig) -> Iterator[Difference]:
 
 
 def _attached(bag: Bag, name: str) -> bytes:
-    return bag.attachments[bag.attachments.names.index(name)].data
+    data: bytes = bag.attachments[bag.attachments.names.index(name)].data
+    return data
 
 
-def _parsed(text: str):
+def _parsed(text: str) -> Any:
     try:
         return yaml.safe_load(text)
     except (yaml.YAMLError, ValueError, RecursionError):

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A bag's messages sorted by topic and time step, with whatever is odd about them."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -27,6 +27,8 @@ from sparse_coord_ros.runlog.source import check_source, find_run
 
 NUMBERS = len(ACTION_LABELS) + len(ACCOUNT_LABELS)
 STAMP = ("ns", "i8")
+Fill = Callable[[np.ndarray, np.ndarray], np.ndarray | None]
+"""Puts the fields of messages into rows; see `Reader`."""
 THE_CLOCK = wire.CLOCK.name.lstrip("/")
 
 
@@ -45,7 +47,7 @@ class Track(NamedTuple):
 
     def has(self, steps: np.ndarray) -> np.ndarray:
         """Return whether there is a message of each of some steps."""
-        return np.isin(steps, self.step)
+        return np.asarray(np.isin(steps, self.step))
 
 
 class Status(NamedTuple):
@@ -90,6 +92,10 @@ class Tracks:
         self.rewards: list[Track] = []
         self.actions: list[Track] = []
         self.percepts: list[Track] = []
+        nothing = np.empty(0, dtype=np.int64)
+        self.clock = Track(nothing, nothing, nothing)
+        self.maps: np.ndarray = nothing
+        self.markers: tuple[np.ndarray, np.ndarray] = (nothing, nothing)
         self.coordination_maps: list[tuple[np.ndarray, np.ndarray]] = []
         self.statuses: list[Status] = []
         self.requests: list[Request] = []
@@ -105,7 +111,9 @@ class Tracks:
         """Return one robot's tracks: states, rewards, actions, percepts."""
         return self.states[k], self.rewards[k], self.actions[k], self.percepts[k]
 
-    def problem(self, step, robot: int | None, quantity: str, logged: str, computed: str) -> None:
+    def problem(
+        self, step: int | None, robot: int | None, quantity: str, logged: str, computed: str
+    ) -> None:
         """Note something odd."""
         name = None if robot is None else self.names[robot]
         self.problems.append(Difference(step, name, quantity, logged, computed))
@@ -172,7 +180,7 @@ def read_tracks(path: Path) -> Tracks:
     return tracks
 
 
-def _check_source(tracks: Tracks, said: str | None, topics: Sequence[str]) -> None:
+def _check_source(tracks: Tracks, said: str | None, topics: Iterable[str]) -> None:
     """Note what is odd about the bag as a whole.
 
     Of one that broke off before the run began, not what is missing.
@@ -289,7 +297,7 @@ class _Readers:
         """Return the reader of a JointState; what optional labels lack reads as NaN."""
         labels = (*required, *optional)
 
-        def slow(message: Any) -> tuple:
+        def slow(message: Any) -> tuple[Any, ...]:
             said = dict.fromkeys(optional, np.nan)
             said |= dict(zip(message.name, message.position, strict=False))
             missing = [label for label in required if label not in said]
@@ -302,7 +310,7 @@ class _Readers:
             rows["numbers"][:, : len(required)] = fields["numbers"]
             rows["numbers"][:, len(required) :] = np.nan
 
-        fast = [(layouts.labelled(labels), _fields("numbers"))]
+        fast: list[tuple[Layout, Fill]] = [(layouts.labelled(labels), _fields("numbers"))]
         fast += [(layouts.labelled(required), short)] if optional else []
         return Reader(np.dtype([STAMP, ("numbers", f"{len(labels)}f8")]), slow, fast)
 
@@ -313,12 +321,12 @@ class _Readers:
     def _percept(self) -> Reader:
         robots = self._robots
 
-        def slow(message: Any) -> tuple:
+        def slow(message: Any) -> tuple[Any, ...]:
             places = [_position(pose) for pose in message.poses]
             padded = [*places, *[(np.nan, np.nan)] * robots][:robots]
             return _stamp(message), len(places), padded
 
-        def fill(count: int):
+        def fill(count: int) -> Fill:
             def fields_of(rows: np.ndarray, fields: np.ndarray) -> None:
                 _stamps(rows, fields)
                 rows["count"], rows["places"] = count, np.nan
@@ -338,7 +346,7 @@ class _Readers:
         size = rows_ * columns
         expected = None if due is None else np.frombuffer(due, dtype=np.int8)
 
-        def slow(message: Any) -> tuple:
+        def slow(message: Any) -> tuple[Any, ...]:
             data = np.frombuffer(content(message), dtype=np.int8)
             if expected is not None and not np.array_equal(data, expected):
                 raise ValueError("is not the scenario's map")
@@ -356,9 +364,9 @@ class _Readers:
     def _markers(self) -> Reader:
         content = MarkersContent(self._frame, self._tracks.run.scenario)
         robots = content.robots
-        fast: list = []
+        fast: list[tuple[Layout, Fill]] = []
 
-        def slow(message: Any) -> tuple:
+        def slow(message: Any) -> tuple[Any, ...]:
             return content(message)
 
         def fill(rows: np.ndarray, fields: np.ndarray) -> np.ndarray:
@@ -366,7 +374,7 @@ class _Readers:
             for number, place in enumerate(robots):
                 rows["places"][:, number] = fields[f"{place}_xy"]
             stamps = [nanoseconds(fields, f"{place}_") for place in range(len(content.due))]
-            return np.all([one == stamps[0] for one in stamps], axis=0)
+            return np.asarray(np.all([one == stamps[0] for one in stamps], axis=0))
 
         def learn() -> None:
             if not fast and content.looks is not None:
@@ -375,7 +383,7 @@ class _Readers:
         kind = np.dtype([STAMP, ("places", "f8", (len(robots), 2))])
         return Reader(kind, slow, fast, learn)
 
-    def _take_status(self, message: Any) -> tuple:
+    def _take_status(self, message: Any) -> tuple[Any, ...]:
         said = {pair.key: pair.value for pair in message.values}
         step, transitions = (int(said[name]) for name in wire.STATUS_VALUES[:2])
         left_out, timeouts = (
@@ -395,7 +403,7 @@ def _stamps(rows: np.ndarray, fields: np.ndarray) -> None:
     rows["ns"] = nanoseconds(fields)
 
 
-def _fields(name: str):
+def _fields(name: str) -> Fill:
     def fill(rows: np.ndarray, fields: np.ndarray) -> None:
         rows["ns"] = nanoseconds(fields)
         rows[name] = fields[name]
@@ -403,7 +411,7 @@ def _fields(name: str):
     return fill
 
 
-def _event(asker: int | None):
+def _event(asker: int | None) -> Fill:
     def fill(rows: np.ndarray, fields: np.ndarray) -> None:
         rows["kind"], rows["client"] = fields["kind"], fields["client"]
         rows["number"], rows["wall_ns"] = fields["number"], nanoseconds(fields, "wall_")
@@ -412,7 +420,7 @@ def _event(asker: int | None):
         rows["request"] = asker is not None
         if asker is not None:
             rows["xy"] = fields["xy"]
-        elif "0_xy" in fields.dtype.names:
+        elif "0_xy" in (fields.dtype.names or ()):
             rows["xy"], rows["seen"] = fields["0_xy"], True
 
     return fill

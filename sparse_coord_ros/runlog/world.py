@@ -6,7 +6,8 @@ Each is computed from the logged states before it. As long as nothing differs th
 computed ones, so that the first difference is the one that stepping the world would find.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -34,6 +35,9 @@ from sparse_coord_ros.runlog.difference import MISSING, Difference
 from sparse_coord_ros.runlog.draws import draws_at
 from sparse_coord_ros.runlog.log import RunLog, merged, miscoordinations
 from sparse_coord_ros.runlog.tracks import THE_CLOCK
+
+Finding = tuple[int, Callable[[], Difference]]
+"""The row of a difference, and what makes it."""
 
 
 class WorldCheck(NamedTuple):
@@ -83,7 +87,7 @@ class _Walk:
         self.in_log = np.isin(steps, log.step)
         rows = np.minimum(np.searchsorted(log.step, steps), max(len(log.step) - 1, 0))
 
-        def at(values: np.ndarray, nothing) -> np.ndarray:
+        def at(values: np.ndarray, nothing: float) -> np.ndarray:
             found = np.full((len(steps), *values.shape[1:]), nothing, dtype=values.dtype)
             found[self.in_log] = values[rows[self.in_log]]
             return found
@@ -102,18 +106,18 @@ class _Walk:
         )
         self.stated = np.stack([track.has(steps) for track in tracks.states], axis=1)
         self.acted = np.stack([track.has(steps) for track in tracks.actions], axis=1)
-        self.made = self.rewarded.any(axis=1)
+        self.made = np.asarray(self.rewarded.any(axis=1))
         goals = np.array([robot.goal for robot in self.scenario.robots])
-        self.arrived = self.cells == goals
+        self.arrived: np.ndarray = np.equal(self.cells, goals)
         self.goals = goals
         # Transitions before each row.
         self.before = np.concatenate([[0], np.cumsum(self.made)])[:-1] if len(steps) else steps
-        self.finished = self.before >= self.scenario.steps
+        self.finished: np.ndarray = np.greater_equal(self.before, self.scenario.steps)
         begins = np.concatenate([[True], ~self.made[:-1]])[: len(steps)]
         begun = np.maximum.accumulate(np.where(begins, np.arange(len(steps)), 0))
         self.begins, self.begun = begins, begun
-        self.used_up = steps - steps[begun] >= self.scenario.max_steps
-        self.over = self.arrived.all(axis=1) | self.used_up
+        self.used_up: np.ndarray = np.asarray(steps - steps[begun] >= self.scenario.max_steps)
+        self.over: np.ndarray = np.asarray(self.arrived.all(axis=1) | self.used_up)
         self.left_out = self.made[:, None] & ~self.rewarded & ~self.arrived
         counted = np.cumsum(self.left_out.sum(axis=1))
         self.left_before = np.concatenate([[0], counted])[:-1] if len(steps) else steps
@@ -143,7 +147,7 @@ class _Walk:
             end=int(self.steps[end]) if len(self.steps) else FIRST_STEP,
         )
 
-    def _found(self):
+    def _found(self) -> Iterator[Finding]:
         """Yield (row, function that makes the difference) of the first of each kind."""
         yield from self._first(self._gaps(), self._gap)
         clock = ~self.log.tracks.clock.has(self.steps)
@@ -151,15 +155,15 @@ class _Walk:
         due = self._due_cells()
         for k in self.robots:
             wrong = ~self.centred[:, k] | (self.cells[:, k] != due[:, k])
-            yield from self._first(wrong, lambda row, k=k: self._state(row, k, due))
+            yield from self._first(wrong, partial(self._state, k=k, due=due))
         yield from self._statuses()
         yield from self._rewards(due)
 
     @staticmethod
-    def _first(wrong: np.ndarray, make: Callable[[int], Difference]):
+    def _first(wrong: np.ndarray, make: Callable[[int], Difference]) -> Iterator[Finding]:
         if wrong.any():
             row = int(np.argmax(wrong))
-            yield row, lambda: make(row)
+            yield row, partial(make, row)
 
     # The clock.
 
@@ -170,7 +174,7 @@ class _Walk:
         due[1:] = self.steps[:-1] + np.where(self.made[:-1], 1, EPISODE_GAP)
         over = np.zeros(len(self.steps), dtype=bool)
         over[1:] = self.finished[:-1] & ~self.made[:-1]
-        return (self.steps != due) | over
+        return np.asarray((self.steps != due) | over)
 
     def _gap(self, row: int) -> Difference:
         if row == 0:
@@ -228,7 +232,7 @@ class _Walk:
 
     # What the world says of itself.
 
-    def _statuses(self):
+    def _statuses(self) -> Iterator[Finding]:
         """Yield the first status that says otherwise than the log counts.
 
         A reward that is missing looks like a robot that was left out; there it is named.
@@ -240,7 +244,7 @@ class _Walk:
                 continue
             if status.transitions != self.before[row]:
                 logged, due = f"{status.transitions} transitions", f"{self.before[row]}"
-                yield row, lambda s=status, a=logged, b=due: self._status(s.step, a, b)
+                yield row, partial(self._status, status.step, logged, due)
                 return
             counted = int(self.left_before[row])
             said = 0 if status.left_out is None and status.timeouts == 0 else status.left_out
@@ -248,16 +252,16 @@ class _Walk:
                 pairs = np.argwhere(self.left_out[named:row]) + [named, 0]
                 acted = [pair for pair in pairs.tolist() if self.acted[*pair]]
                 odd, k = acted[0] if acted else pairs[0].tolist()
-                yield odd, lambda odd=odd, k=k: self._not_left_out(odd, k)
+                yield odd, partial(self._not_left_out, odd, k)
                 return
             if said is not None and counted < said:
                 logged = f"{said} robots' steps left out"
-                yield row, lambda s=status, a=logged, b=counted: self._status(s.step, a, f"{b}")
+                yield row, partial(self._status, status.step, logged, f"{counted}")
                 return
             reasons = self._reasons(row)
             if status.began is not None and status.began not in reasons:
                 logged, due = f"episode began: {status.began}", " or ".join(reasons)
-                yield row, lambda s=status, a=logged, b=due: self._status(s.step, a, b)
+                yield row, partial(self._status, status.step, logged, due)
                 return
             named = row
 
@@ -280,18 +284,18 @@ class _Walk:
 
     # Rewards.
 
-    def _rewards(self, due: np.ndarray):
+    def _rewards(self, due: np.ndarray) -> Iterator[Finding]:
         scenario = self.scenario
         conflict = miscoordinations(scenario, self.after)
         for k in self.robots:
             mine = self.rewarded[:, k]
             none = mine & (self.finished | self.over | self.arrived[:, k])
             none &= ~self.begins | self.finished  # an episode's first state is not its last
-            yield from self._first(none, lambda row, k=k: self._no_reward(row, k))
+            yield from self._first(none, partial(self._no_reward, k=k))
             silent = mine & ~self.acted[:, k]
-            yield from self._first(silent, lambda row, k=k: self._no_action(row, k))
+            yield from self._first(silent, partial(self._no_action, k=k))
             odd = mine & self.acted[:, k] & (self.move[:, k] < 0)
-            yield from self._first(odd, lambda row, k=k: self._odd_action(row, k))
+            yield from self._first(odd, partial(self._odd_action, k=k))
             common = np.where(conflict, scenario.penalties[k], 0.0)
             individual = np.where(self.after[:, k] == self.goals[k], scenario.goal_reward, 0.0)
             cost = np.where(self.asked[:, k], -scenario.ask_cost, 0.0)
@@ -301,9 +305,7 @@ class _Walk:
             parts = np.stack(numbers, axis=1)
             logged = np.ascontiguousarray(self.reward[:, k])
             wrong = mine & (logged.view(np.int64) != parts.view(np.int64)).any(axis=1)
-            yield from self._first(
-                wrong, lambda row, k=k, parts=parts: self._other_reward(row, k, parts[row])
-            )
+            yield from self._first(wrong, partial(self._other_reward, k=k, parts=parts))
 
     def _partners(self, k: int) -> np.ndarray:
         """Return with whom robot k is in a miscoordination after each step, as of `Reward`."""
@@ -333,7 +335,7 @@ class _Walk:
         return self._differ(int(self.steps[row]), k, ACTION.name, logged, "an action")
 
     def _other_reward(self, row: int, k: int, parts: np.ndarray) -> Difference:
-        logged, computed = _parts(self.reward[row, k].tolist()), _parts(parts.tolist())
+        logged, computed = _parts(self.reward[row, k].tolist()), _parts(parts[row].tolist())
         return self._differ(int(self.steps[row]), k, REWARD.name, logged, computed)
 
     # The end.
