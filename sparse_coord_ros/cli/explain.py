@@ -39,7 +39,7 @@ def execute(options: argparse.Namespace) -> int:
         raise RunError(f"--step is {options.step[:40]!r}: give a time step, a whole number from 0")
     wanted = int(options.step)
     log = read_run(options.bag)
-    robots = range(len(log.names))
+    robots = list(range(len(log.names)))
     if options.robot is not None:
         if options.robot not in log.names:
             raise RunError(

@@ -43,7 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     verb = next((text for text in arguments if not text.startswith("-")), None)
     try:
-        if verb in MOVED:
+        if verb is not None and verb in MOVED:
             raise SettingError(MOVED[verb])
         options = make_parser(verb).parse_args(arguments)
         return options.execute(options)

@@ -52,8 +52,8 @@ def execute(options: argparse.Namespace) -> int:
 
 
 def _numbers(found) -> dict[str, int]:
-    names = ("steps", "choices", "updates", "tables")
-    names += ("left_out", "unlearned", "resets", "repeats", "unchecked")
+    names = ["steps", "choices", "updates", "tables"]
+    names += ["left_out", "unlearned", "resets", "repeats", "unchecked"]
     return {name: getattr(found, name) for name in names}
 
 

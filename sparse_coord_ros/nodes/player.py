@@ -261,7 +261,7 @@ class Player(ParameterNode):
         self._wake()
 
     def _on_keys(self) -> None:
-        for key in self._keyboard.read():
+        for key in self._keyboard.read() if self._keyboard is not None else ():
             if key == "quit":
                 self.done = True
             elif key == "step":

@@ -62,7 +62,8 @@ def chosen_topics(bag: Bag, patterns: Sequence[str]) -> list[str]:
     Raises:
         SettingError: a pattern fits no topic.
     """
-    chosen = {find_clock(bag.topics, bag.counts)} & set(bag.topics)
+    clock = find_clock(bag.topics, bag.counts)
+    chosen = set() if clock is None else {clock}
     claims = {name for name in bag.topics if name.endswith(f"/{interface.CLAIM.name}")}
     withheld = claims | set(ROS_OWN)
     for pattern in patterns or ["*"]:

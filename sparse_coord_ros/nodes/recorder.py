@@ -6,10 +6,10 @@ import contextlib
 import functools
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, TypeAlias
 
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -52,6 +52,16 @@ LAST_WORDS_SECONDS = 6.0
 """After the run's end, how long the bag is kept open for last words that may be to come."""
 STOP_SECONDS = 1.0
 """How long a recorder that gets a signal waits for the world's last status: both may get it."""
+
+
+Bag: TypeAlias = BagWriter | BagProcess
+
+
+class Recording(NamedTuple):
+    """What exists once a run is announced: the run, and the bag that it is written into."""
+
+    run: RunConfig
+    bag: Bag
 
 
 class Recorder(ParameterNode):
@@ -98,10 +108,9 @@ class Recorder(ParameterNode):
                 f"output directory {self.directory}: exists already, nothing is overwritten; "
                 "choose another one for parameter 'out'"
             )
-        self.bag: BagWriter | BagProcess | None = None
+        self.recording: Recording | None = None
         self.error: BagError | None = None
         self.done = False
-        self._run: RunConfig | None = None
         self._ended: float | None = None
         self._stopping: float | None = None
         self._now_ns = 0
@@ -116,7 +125,7 @@ class Recorder(ParameterNode):
 
     def fail(self, error: SparseCoordError) -> None:
         """Stop; beside nodes in the same process, let them go on where only the bag is broken."""
-        if self._tap is None or self.bag is None or not isinstance(error, BagError):
+        if self._tap is None or self.recording is None or not isinstance(error, BagError):
             super().fail(error)
         elif self.error is None:
             self.error, self.done = error, True
@@ -126,46 +135,53 @@ class Recorder(ParameterNode):
     @stops_on_bad_input
     def _on_run(self, data: bytes) -> None:
         """Open the bag with the first run that is announced, and listen to its team."""
-        if self._run is not None:
+        if self.recording is not None:
             return
         text = deserialize_message(data, String).data
         run = run_from_yaml(text, where="topic run")
         make = BagWriter if self._tap is None else BagProcess
-        self.bag = make(self.directory, compression=self.values["compression"])
+        bag: Bag = make(self.directory, compression=self.values["compression"])
+        self.recording = Recording(run, bag)
         record = {**run.record(), wire.FORMAT_KEY: str(wire.BAG_FORMAT)}
-        self.bag.add_metadata(RUN_RECORD, record)
+        bag.add_metadata(RUN_RECORD, record)
         scenario = yaml.safe_dump(run.scenario.to_dict(), sort_keys=False, allow_unicode=True)
-        self.bag.attach(RUN_FILE, text.encode(), "application/yaml")
-        self.bag.attach(SCENARIO_FILE, scenario.encode(), "application/yaml")
-        self.bag.attach(MAP_FILE, run.scenario.map.to_text().encode(), "text/plain")
-        self.bag.write(self._channel(String, interface.RUN.name, interface.RUN.qos), data, 0, 0)
-        self._run = run
+        bag.attach(RUN_FILE, text.encode(), "application/yaml")
+        bag.attach(SCENARIO_FILE, scenario.encode(), "application/yaml")
+        bag.attach(MAP_FILE, run.scenario.map.to_text().encode(), "text/plain")
+        bag.write(self._channel(bag, String, interface.RUN.name, interface.RUN.qos), data, 0, 0)
         for topic in (*interface.TEAM_TOPICS, *ROS_TOPICS):
             if topic is not interface.RUN:
-                self._record(topic, topic.name, self._on_status if topic is STATUS else None)
-        self._record(interface.CLAIM, interface.CLAIM.of(WORLD))
+                then = self._on_status if topic is STATUS else None
+                self._record(bag, topic, topic.name, then)
+        self._record(bag, interface.CLAIM, interface.CLAIM.of(WORLD))
         for robot in run.scenario.robots:
             for topic in (*interface.ROBOT_TOPICS, interface.CLAIM, interface.SERVICE_EVENTS):
-                self._record(topic, topic.of(robot.name))
+                self._record(bag, topic, topic.of(robot.name))
             topic = interface.TABLES
             self._subscribe(
                 topic.type,
                 topic.of(robot.name),
                 topic.qos,
-                functools.partial(self._on_tables, robot.name),
+                functools.partial(self._on_tables, bag, robot.name),
             )
-        self.bag.flush()
+        bag.flush()
 
-    def _channel(self, message_type: type, name: str, qos: QoSProfile) -> int:
+    def _channel(self, bag: Bag, message_type: type, name: str, qos: QoSProfile) -> int:
         """Register a topic and return its channel in the bag."""
-        return self.bag.add_topic(
+        return bag.add_topic(
             self.resolve_topic_name(name), _type_name(message_type), _bag_qos(qos)
         )
 
-    def _record(self, topic: interface.RosTopic, name: str, then=None) -> None:
+    def _record(
+        self,
+        bag: Bag,
+        topic: interface.RosTopic,
+        name: str,
+        then: Callable[[bytes], None] | None = None,
+    ) -> None:
         """Write down a topic; `then` sees each message's bytes too."""
-        channel = self._channel(topic.type, name, topic.qos)
-        write, unpack_stamp = self.bag.write, STAMPED.unpack_from
+        channel = self._channel(bag, topic.type, name, topic.qos)
+        write, unpack_stamp = bag.write, STAMPED.unpack_from
 
         @stops_on_bad_input
         def stamped_message(self, data: bytes) -> None:
@@ -178,7 +194,7 @@ class Recorder(ParameterNode):
                 self._now_ns = at
                 self._steps += 1
                 if self._steps >= self.values["flush_steps"]:
-                    self._flush()
+                    self._flush(bag)
             write(channel, data, at, at)
 
         @stops_on_bad_input
@@ -196,10 +212,10 @@ class Recorder(ParameterNode):
         else:
             self._subscribe(topic.type, name, topic.qos, callback)
 
-    def _flush(self) -> None:
+    def _flush(self, bag: Bag) -> None:
         """Let all that was recorded survive this process."""
         self._steps, self._flushed = 0, time.monotonic()
-        self.bag.flush()
+        bag.flush()
 
     def _subscribe(self, message_type: type, name: str, qos: QoSProfile, callback) -> None:
         """Listen to the bytes of a topic, with a queue that nothing is pushed out of."""
@@ -213,7 +229,7 @@ class Recorder(ParameterNode):
             self._ended = self._ended or time.monotonic()
 
     @stops_on_bad_input
-    def _on_tables(self, robot: str, data: bytes) -> None:
+    def _on_tables(self, bag: Bag, robot: str, data: bytes) -> None:
         """Attach a robot's tables to the bag, each but once."""
         if self.error is not None:
             return
@@ -227,7 +243,7 @@ class Recorder(ParameterNode):
         if self._tables.get(robot) != (step, packed):
             self._tables[robot] = (step, packed)
             name = wire.tables_attachment(robot, step)
-            self.bag.attach(name, packed, "application/x-npz", self._now_ns)
+            bag.attach(name, packed, "application/x-npz", self._now_ns)
         if occasion == wire.FINAL:
             self._final.add(robot)
 
@@ -238,30 +254,31 @@ class Recorder(ParameterNode):
             return
         if self._count:
             self._count, self._last = 0, now
-        if self._run is None:
+        if self.recording is None:
             self.check_startup_time()
             return
         if self._last > self._flushed and now - self._flushed >= self.values["flush_seconds"]:
-            self._flush()
+            self._flush(self.recording.bag)
         if self._ended is not None:
-            self.done = now - self._last >= QUIET_SECONDS and self._heard_all(now)
+            quiet = now - self._last >= QUIET_SECONDS
+            waited = now - self._ended > LAST_WORDS_SECONDS
+            self.done = quiet and (waited or self._heard_all(self.recording.run))
         elif now - self._reported >= REPORT_SECONDS:
-            self._report(now)
+            self._reported = now
+            self._report(self.recording)
             if self.world_is_gone():
                 self.get_logger().warning("the world simulator is gone: the recorder ends too")
                 self.done = True
 
-    def _heard_all(self, now: float) -> bool:
+    def _heard_all(self, run: RunConfig) -> bool:
         """Whether nobody is left whose last words are still to come.
 
         Nodes leave when all that they said has arrived. Those in this process stay until the
         recorder has ended; their last words are the robots' tables.
         """
-        if now - self._ended > LAST_WORDS_SECONDS:
-            return True
         speakers = [
             interface.TABLES.of(robot.name)
-            for robot in self._run.scenario.robots
+            for robot in run.scenario.robots
             if self._tap is None or robot.name not in self._final
         ]
         if self._tap is None:
@@ -272,39 +289,39 @@ class Recorder(ParameterNode):
         """Whether there is nothing to record any more, or waiting for it has taken too long."""
         now = time.monotonic()
         self._stopping = self._stopping or now
-        if self._run is None or self.done or self.error is not None:
+        if self.recording is None or self.done or self.error is not None:
             return True
         return now - self._stopping > (STOP_SECONDS if self._ended is None else LAST_WORDS_SECONDS)
 
-    def _report(self, now: float) -> None:
-        self._reported = now
-        values = {"messages": self.bag.message_count, "bytes": self.bag.bytes_written}
-        convert = Converter(self._run)
+    def _report(self, recording: Recording) -> None:
+        bag = recording.bag
+        values = {"messages": bag.message_count, "bytes": bag.bytes_written}
+        convert = Converter(recording.run)
         message = DiagnosticArray(header=convert.header(self._now_ns // convert.period))
         message.status = [status(self.get_name(), "recording", values)]
         self._diagnostics_publisher.publish(message)
 
     def finish(self, *, interrupted: bool) -> None:
         """Close the bag and say what is in it."""
-        if self.bag is None or self.error is not None or self.failure is not None:
+        if self.recording is None or self.error is not None or self.failure is not None:
             return
+        bag = self.recording.bag
         try:
-            self.bag.close()
+            bag.close()
         except BagError as error:
             self.fail(error)
             if self.failure is not None:
                 raise
             return
         self.get_logger().info(
-            f"closed {self.directory}: {self.bag.message_count} messages, "
-            f"{self.bag.bytes_written} bytes"
+            f"closed {self.directory}: {bag.message_count} messages, {bag.bytes_written} bytes"
         )
 
     def close(self) -> None:
         """Close the bag, if there is one and it was not closed; a broken one stays unfinished."""
-        if self.bag is not None:
+        if self.recording is not None:
             with contextlib.suppress(BagError):
-                self.bag.close()
+                self.recording.bag.close()
 
 
 def _type_name(message_type: type) -> str:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The world simulator node: local states, rewards and time for a team of robot nodes."""
 
+import functools
 import sys
 import time
 from collections.abc import Mapping
@@ -11,6 +12,7 @@ from typing import Any
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
+from rclpy.timer import Timer
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
@@ -90,7 +92,7 @@ class WorldSimulator(ParameterNode):
         self._run_publisher = self.announce(interface.RUN)
         self._create_publishers()
         self.create_timer(TICK_SECONDS, self._tick)
-        self._rate_timer = None
+        self._rate_timer: Timer | None = None
 
     # Outgoing: the port of the protocol.
 
@@ -354,7 +356,7 @@ class WorldSimulator(ParameterNode):
             self.create_subscription(
                 interface.ACTION.type,
                 interface.ACTION.of(name),
-                lambda data, robot=robot: self._on_action(robot, data),
+                functools.partial(self._on_action, robot),
                 interface.ACTION.qos,
                 raw=True,
             )

@@ -7,23 +7,26 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sparse_coord_ros.core.agent import NOBODY, Tables
 from sparse_coord_ros.core.algorithm import ACTIONS, COORDINATE
 from sparse_coord_ros.core.frame import EAST_NORTH, Frame, action_from
+from sparse_coord_ros.core.frames import data_frame
 from sparse_coord_ros.core.history import History
 from sparse_coord_ros.core.run_config import RunConfig
 from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.wire import ACTION, ACTION_LABELS, REWARD_LABELS
-from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.recording.reader import Bag
 from sparse_coord_ros.runlog.attached import RecordedTables
 from sparse_coord_ros.runlog.dialogue import Request
 from sparse_coord_ros.runlog.difference import Difference
 from sparse_coord_ros.runlog.tracks import NUMBERS, Tracks, read_tracks
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 NONE = -1
 MARGIN = 5
@@ -109,19 +112,12 @@ class RunLog:
         """The recorded tables by (robot's number, time step)."""
         return {(entry.robot, entry.step): entry.tables for entry in self.all_tables}
 
-    def to_pandas(self) -> Any:
+    def to_pandas(self) -> "pd.DataFrame":
         """Return a pandas DataFrame: one row for each time step and robot.
 
         Raises:
             RunError: pandas is not installed.
         """
-        try:
-            import pandas
-        except ImportError as error:
-            raise RunError(
-                f"a data frame needs the Python package pandas ({error}): pip install pandas, or "
-                "use the arrays"
-            ) from None
         count, robots = self.cells.shape
         # Where there is no cell or action, index -1 finds what was put at the end.
         grid = np.array([*self.run.scenario.map.cells, (NONE, NONE)])[self.cells]
@@ -146,9 +142,9 @@ class RunLog:
             columns[f"percept_{name}"] = self.percept[..., place].ravel()
         for place, label in enumerate(REWARD_LABELS):
             columns["reward" if label == "total" else label] = self.reward[..., place].ravel()
-        return pandas.DataFrame(columns)
+        return data_frame(columns)
 
-    def frame(self) -> Any:
+    def frame(self) -> "pd.DataFrame":
         """Return `to_pandas()`; the old name, which goes with the next version."""
         warnings.warn("RunLog.frame() is now to_pandas()", DeprecationWarning, stacklevel=2)
         return self.to_pandas()

@@ -8,8 +8,8 @@ import pytest
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.srv import GetPlan
 
+from sparse_coord_ros.nodes.member import Member
 from sparse_coord_ros.nodes.peers import Peer
-from sparse_coord_ros.nodes.robot import LAST_WORDS_SECONDS, RobotNode
 
 
 class Future:
@@ -97,8 +97,4 @@ def test_what_was_not_sent_to_a_peer_that_gave_up_is_not_sent_later(node):
 def test_a_robot_leaves_when_all_is_learned(waiting, newest, done):
     """Not with a reward pending, or before it has the last state."""
     lockstep = SimpleNamespace(waiting=waiting, newest=(newest, 3))
-    robot = SimpleNamespace(lockstep=lockstep, _last_step=9, _ended=100.0, done=False)
-    RobotNode._end_when_learned(robot, 100.1)
-    assert robot.done is done
-    RobotNode._end_when_learned(robot, 100.1 + LAST_WORDS_SECONDS)
-    assert robot.done
+    assert Member.has_learned(SimpleNamespace(lockstep=lockstep), 9) is done

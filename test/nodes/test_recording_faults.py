@@ -203,5 +203,5 @@ def test_flush_seconds_bounds_what_an_unfinished_bag_lacks(bench, tmp_path):
 def test_without_either_nothing_is_flushed(bench, tmp_path):
     """So that the two tests before this one could fail."""
     step, recorder = a_recorded_bench(bench, tmp_path / "bag", 30)
-    bench.spin_until(lambda: recorder.bag.message_count > 7 * step, "all is there")
+    bench.spin_until(lambda: recorder.recording.bag.message_count > 7 * step, "all is there")
     assert last_step(tmp_path / "bag") == 0

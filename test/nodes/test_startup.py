@@ -60,7 +60,7 @@ def test_any_order_with_a_recorder(bench, tmp_path, said, assert_same_tables, or
     nodes = start_in_order(bench, tmp_path, order, wait=wait)
     bench.spin_until_done()
     assert_same_tables(tmp_path, said)
-    bag = nodes[order.index("r")].bag
+    bag = nodes[order.index("r")].recording.bag
     metadata = yaml.safe_load((tmp_path / "bag" / "metadata.yaml").read_text())
     information = metadata["rosbag2_bagfile_information"]
     assert information["message_count"] == bag.message_count
