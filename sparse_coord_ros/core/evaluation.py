@@ -134,7 +134,7 @@ def play(
     check_tables(scenario, tables, learner)
     agents = []
     for k, table in enumerate(tables):
-        rule = learner_of(learner or _acting_on(table))
+        rule = learner_of(learner or acting_on(table))
         agents.append(
             rule.agent(scenario, k, seed, tables=table, learning=False, phase=EVALUATION)
         )
@@ -216,7 +216,7 @@ def check_tables(
             )
 
 
-def _acting_on(table: Tables) -> str:
+def acting_on(table: Tables) -> str:
     """Return the learner whose greedy policy the tables are for."""
     if table.factors is not None:
         return "factored"

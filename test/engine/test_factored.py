@@ -15,6 +15,7 @@ from sparse_coord_ros.engine import batch
 from sparse_coord_ros.engine.batch import CompiledLearning, CompiledTeam, run_batch
 from sparse_coord_ros.engine.checkpoint import Checkpoint, load_checkpoint
 from sparse_coord_ros.engine.compiled import PLAIN, compiled
+from sparse_coord_ros.engine.exact import evaluate_exact
 
 SETTINGS = {"steps": 2500, "max_steps": 30, "penalty": -50, "q_coord_init": 60}
 CASES = [
@@ -77,6 +78,17 @@ def test_failed_percepts_are_acted_on_in_trials_as_learned():
     learners = team.learn(1)
     learners.q_star[:, :, 4] += 1000.0
     assert played.reward.tobytes() == team.play(learners, 3, 40).reward.tobytes()
+
+
+def test_exact_evaluation_knows_failed_percepts():
+    scenario = problem("env1", perception="probability:0.5", ask_cost=0)
+    tables = whole(scenario, "factored", 1).tables
+    tables = [t._replace(q_star=t.q_star + [0, 0, 0, 0, 1000.0]) for t in tables]
+    exact = evaluate_exact(scenario, tables)
+    trials = play(scenario, tables, trials=1500, seed=3).reward.mean(axis=1)
+    assert abs(exact.reward.mean - trials.mean()) < 5 * trials.std() / len(trials) ** 0.5
+    coop = [t._replace(factors=None) for t in tables]
+    assert evaluate_exact(scenario, coop).reward.mean != exact.reward.mean
 
 
 @pytest.mark.parametrize("learner", [NoReplays, Deaf, Patient])
