@@ -335,6 +335,7 @@ class Follower:
                 for action, value in enumerate(row):
                     q_coord[(*key, action)] = value
         else:
+            assert isinstance(begun, np.ndarray)  # learners with other tables are followed apart
             q_coord = begun.copy()
             q_coord[tuple(self._keys[updated].T)] = rows[updated]
         return Tables(q_star, q_coord)

@@ -61,14 +61,15 @@ def forget():
 
 
 def test_the_papers_three_and_the_factored_one():
-    said = {n: (one.title, one.asks, one.alone) for n, one in LEARNERS.registered.items()}
-    assert said == {
+    expected = {
         "coop": ("Coop.", True, False),
         "noncoop": ("Non-coop.", False, False),
         "indiv": ("Indiv.", False, True),
         "factored": ("Factored", True, False),
     }
-    for name, one in LEARNERS.registered.items():
+    shipped = {name: LEARNERS.registered[name] for name in expected}  # tests register others
+    assert expected == {n: (one.title, one.asks, one.alone) for n, one in shipped.items()}
+    for name, one in shipped.items():
         assert one.label == name
         assert one.compiled
         assert one.weights(load_scenario("env1")) == SUM_OF_PARTS
