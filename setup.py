@@ -20,7 +20,10 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
-        (f"share/{PACKAGE}/config", glob("config/*.yaml") + ["config/fastdds.xml"]),
+        (
+            f"share/{PACKAGE}/config",
+            glob("config/*.yaml") + ["config/fastdds.xml", "config/class_bounds.json"],
+        ),
         (f"share/{PACKAGE}/maps", glob("maps/*.txt")),
         (f"share/{PACKAGE}/launch", glob("launch/*.launch.py")),
     ],
@@ -28,6 +31,7 @@ setup(
     install_requires=[
         "setuptools",
         "numpy",
+        "scipy",
         "PyYAML",
         "mcap>=1.6,<2",
         "lz4",

@@ -18,7 +18,9 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from sparse_coord_ros.api import Runs as Runs
     from sparse_coord_ros.api import SavedRun as SavedRun
+    from sparse_coord_ros.api import class_bound as class_bound
     from sparse_coord_ros.api import evaluate as evaluate
+    from sparse_coord_ros.api import evaluate_exact as evaluate_exact
     from sparse_coord_ros.api import load_run as load_run
     from sparse_coord_ros.api import optimum as optimum
     from sparse_coord_ros.api import read_log as read_log
@@ -29,6 +31,9 @@ if TYPE_CHECKING:
     from sparse_coord_ros.api import verify as verify
     from sparse_coord_ros.core.agent import Agent as Agent
     from sparse_coord_ros.core.agent import Tables as Tables
+    from sparse_coord_ros.core.class_bound import ClassBound as ClassBound
+    from sparse_coord_ros.core.class_bound import RobotPolicy as RobotPolicy
+    from sparse_coord_ros.core.class_bound import shipped_class_bound as shipped_class_bound
     from sparse_coord_ros.core.evaluation import Evaluation as Evaluation
     from sparse_coord_ros.core.history import History as History
     from sparse_coord_ros.core.learners import Learner as Learner
@@ -39,6 +44,7 @@ if TYPE_CHECKING:
     from sparse_coord_ros.core.scenario import scenario_names as scenario_names
     from sparse_coord_ros.core.world import Reward as Reward
     from sparse_coord_ros.core.world import RewardWeights as RewardWeights
+    from sparse_coord_ros.engine.exact import ExactEvaluation as ExactEvaluation
     from sparse_coord_ros.engine.experiments import experiment_names as experiment_names
     from sparse_coord_ros.engine.runner import ExperimentResults as ExperimentResults
     from sparse_coord_ros.engine.training import Training as Training
@@ -62,9 +68,15 @@ _PLACES = {
     "History": "core.history",
     # What it is worth
     "evaluate": "api",
+    "evaluate_exact": "api",
     "optimum": "api",
     "shortest_paths": "api",
+    "class_bound": "api",
+    "shipped_class_bound": "core.class_bound",
     "Evaluation": "core.evaluation",
+    "ExactEvaluation": "engine.exact",
+    "ClassBound": "core.class_bound",
+    "RobotPolicy": "core.class_bound",
     # What is on disk
     "load_run": "api",
     "SavedRun": "api",

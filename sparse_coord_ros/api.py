@@ -16,6 +16,7 @@ import numpy as np
 
 from sparse_coord_ros.core import evaluation, run_config
 from sparse_coord_ros.core.agent import Tables
+from sparse_coord_ros.core.class_bound import ClassBound
 from sparse_coord_ros.core.evaluation import Evaluation
 from sparse_coord_ros.core.frames import data_frame
 from sparse_coord_ros.core.history import History, load_history
@@ -25,9 +26,10 @@ from sparse_coord_ros.core.reference import Reference, shortest_path_reference
 from sparse_coord_ros.core.run_config import RUN_SETTINGS, RunConfig
 from sparse_coord_ros.core.scenario import Scenario, load_scenario
 from sparse_coord_ros.core.tables import load_team
-from sparse_coord_ros.engine import training
+from sparse_coord_ros.engine import exact, training
 from sparse_coord_ros.engine.batch import Run, run_batch
 from sparse_coord_ros.engine.conditions import Condition
+from sparse_coord_ros.engine.exact import ExactEvaluation
 from sparse_coord_ros.engine.results import SUMS, Plan
 from sparse_coord_ros.engine.runner import (
     ExperimentResults,
@@ -285,16 +287,32 @@ def evaluate(
     Raises:
         TablesError: the tables do not fit the scenario.
     """
-    if isinstance(learned, Sequence):
-        tables = learned
-    else:
-        tables = learned.tables
-        scenario = learned.scenario if scenario is None else scenario
-        learner = learned.learner if learner is None else learner
-    if scenario is None:
-        raise TablesError("tables alone do not say their scenario; give evaluate(scenario=...)")
-    who = None if learner is None else learner_of(learner)
-    return evaluation.evaluate(_scenario(scenario), tables, trials=trials, seed=seed, learner=who)
+    problem, tables, who = _learned(learned, scenario, learner)
+    return evaluation.evaluate(problem, tables, trials=trials, seed=seed, learner=who)
+
+
+def evaluate_exact(
+    learned: Learned | Sequence[Tables],
+    *,
+    scenario: ScenarioLike | None = None,
+    learner: LearnerLike | None = None,
+) -> ExactEvaluation:
+    """Compute what `evaluate` estimates, for one or two robots: from the joint Markov chain.
+
+    Args:
+        learned: a `Training` or a `SavedRun`; or the tables of every robot.
+        scenario: the problem to play; needed with tables alone, else that of the learning run.
+        learner: whose greedy policy acts; the one that learned where None.
+
+    Returns:
+        Mean and spread of the same measures; their standard errors are 0.
+
+    Raises:
+        TablesError: the tables do not fit the scenario.
+        SettingError: more than two robots, or a learner whose agents act by a rule of their own.
+    """
+    problem, tables, who = _learned(learned, scenario, learner)
+    return exact.evaluate_exact(problem, tables, learner=who)
 
 
 def optimum(scenario: ScenarioLike) -> Optimum:
@@ -304,6 +322,41 @@ def optimum(scenario: ScenarioLike) -> Optimum:
     joint state space is too large (`exact` is False), it is an upper bound.
     """
     return joint_optimum(_scenario(scenario))
+
+
+def class_bound(
+    scenario: ScenarioLike,
+    *,
+    restarts: int = 20,
+    seed: int = 0,
+    file: str | Path | None = None,
+    progress: Callable[[int, int, float], None] = lambda done, restarts, best: None,
+) -> ClassBound:
+    """Search for the best team of two robots that has Algorithm 1's form.
+
+    Its `value` is a lower bound of what such a team can be worth: the search may miss the best.
+    `shipped_class_bound` returns what was found once for the paper's scenarios.
+
+    Args:
+        scenario: a problem of two robots.
+        restarts: how often the search begins anew.
+        seed: of the search.
+        file: a JSON file to keep the search in, and to go on from; None: nothing is kept.
+        progress: called after each restart with those done, all, and the best value so far.
+
+    Raises:
+        SettingError: not two robots.
+        ResultsError: the file is that of another search.
+    """
+    from sparse_coord_ros.engine import class_search
+
+    return class_search.class_bound(
+        _scenario(scenario),
+        restarts=restarts,
+        seed=seed,
+        file=None if file is None else Path(file),
+        progress=progress,
+    )
 
 
 def shortest_paths(scenario: ScenarioLike) -> Reference:
@@ -388,6 +441,21 @@ def run_experiment(
         jobs=jobs,
         progress=progress,
     )
+
+
+def _learned(
+    learned: Learned | Sequence[Tables], scenario: ScenarioLike | None, learner: LearnerLike | None
+) -> tuple[Scenario, Sequence[Tables], Learner | None]:
+    """Return the problem to play, the tables, and who acts on them."""
+    if isinstance(learned, Sequence):
+        tables = learned
+    else:
+        tables = learned.tables
+        scenario = learned.scenario if scenario is None else scenario
+        learner = learned.learner if learner is None else learner
+    if scenario is None:
+        raise TablesError("tables alone do not say their scenario; give evaluate(scenario=...)")
+    return _scenario(scenario), tables, None if learner is None else learner_of(learner)
 
 
 def _scenario(scenario: ScenarioLike) -> Scenario:

@@ -2,15 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """`sparse_coord evaluate`: what learned tables are worth, beside the paper and the optimum."""
 
+from __future__ import annotations
+
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.core.class_bound import shipped_class_bound
 from sparse_coord_ros.core.evaluation import Evaluation, Measure, check_tables, evaluate
 from sparse_coord_ros.core.optimum import Optimum, joint_optimum
 from sparse_coord_ros.core.run_config import RUN_SETTINGS, RunConfig, load_run
 from sparse_coord_ros.core.settings import Setting
 from sparse_coord_ros.core.tables import load_team
+
+if TYPE_CHECKING:
+    from sparse_coord_ros.engine.exact import ExactEvaluation
 
 TRIALS = Setting("trials", int, 1000, "Monte-Carlo trials", low=1, high=10_000_000)
 PAPER_PENALTY = -20.0
@@ -24,7 +31,13 @@ def add_parser(verbs) -> None:
         example="sparse_coord train env1 --out runs/a && sparse_coord evaluate runs/a",
     )
     parser.add_argument("directory", metavar="DIR", type=Path, help="output of run or train")
-    parser.add_argument("--trials", default="1000", help="Monte-Carlo trials (default: 1000)")
+    how = parser.add_mutually_exclusive_group()
+    how.add_argument("--trials", default="1000", help="Monte-Carlo trials (default: 1000)")
+    how.add_argument(
+        "--exact",
+        action="store_true",
+        help="compute the measures instead, for one or two robots: no trials, no standard error",
+    )
     parser.add_argument("--seed", default="0", help="seed of the trials (default: 0)")
     shared.add_json(parser)
     parser.set_defaults(execute=execute)
@@ -37,7 +50,14 @@ def execute(options: argparse.Namespace) -> int:
     run = load_run(options.directory)
     tables = load_team(options.directory, run.scenario)
     check_tables(run.scenario, tables, run.learner)
-    result = evaluate(run.scenario, tables, trials=trials, seed=seed, learner=run.rule)
+    result: Evaluation | ExactEvaluation
+    if options.exact:
+        from sparse_coord_ros.engine.exact import evaluate_exact
+
+        result = evaluate_exact(run.scenario, tables, learner=run.rule)
+    else:
+        result = evaluate(run.scenario, tables, trials=trials, seed=seed, learner=run.rule)
+    bound = shipped_class_bound(run.scenario)
     optimum = joint_optimum(run.scenario)
     bag = options.directory / "bag"
     if options.json:
@@ -49,11 +69,12 @@ def execute(options: argparse.Namespace) -> int:
                 "paper": paper_row(run),
                 "optimum": optimum.value,
                 "optimum_exact": optimum.exact,
+                "class_bound": None if bound is None else bound.value,
             }
         )
         return 0
     print(result_table(run, result, optimum))
-    if result.not_arrived:
+    if isinstance(result, Evaluation) and result.not_arrived:
         print(f"in {result.not_arrived} of {trials} trials some robot did not arrive")
     if bag.is_dir():
         print(f"bag: {bag}")
@@ -70,17 +91,22 @@ def same_game_as_paper(run: RunConfig) -> bool:
     return run.scenario.penalty == PAPER_PENALTY
 
 
-def result_table(run: RunConfig, result: Evaluation, optimum: Optimum) -> str:
-    """Return the table that `evaluate` prints: ours, the paper's, the optimum."""
+def result_table(run: RunConfig, result: Evaluation | ExactEvaluation, optimum: Optimum) -> str:
+    """Return the table that `evaluate` prints: ours, the paper's, class bound and optimum."""
     learner = run.rule.title or run.learner
+    if isinstance(result, Evaluation):
+        how = f"{result.trials} trials"
+        arrived = f"{result.trials - result.not_arrived} of {result.trials}"
+    else:
+        how, arrived = "exact", f"{100 * result.all_arrived:.2f} %"
     rows = [
         [
-            f"{learner}, {result.trials} trials",
+            f"{learner}, {how}",
             _pair(result.reward),
             _pair(result.time_to_goal),
             _pair(result.miscoordinations),
             f"{result.asks.mean:.2f}",
-            f"{result.trials - result.not_arrived} of {result.trials}",
+            arrived,
         ]
     ]
     paper = paper_row(run)
@@ -91,6 +117,9 @@ def result_table(run: RunConfig, result: Evaluation, optimum: Optimum) -> str:
             for measure in measures
         ]
         rows.append([f"{learner}, paper", *cells, "-", "-"])
+    bound = shipped_class_bound(run.scenario)
+    if bound is not None:
+        rows.append(["class bound", f"{bound.value:.2f}", "-", "-", "-", "-"])
     name = "exact joint optimum" if optimum.exact else "bound (robots alone)"
     rows.append([name, f"{optimum.value:.2f}", "-", "-", "-", "-"])
     head = ["reward", "time to goal", "miscoordinations", "asks", "all arrived"]

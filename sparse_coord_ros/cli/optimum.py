@@ -1,13 +1,29 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`sparse_coord optimum`: the exact joint optimum of a scenario, and fixed shortest paths."""
+"""`sparse_coord optimum`: the exact joint optimum, fixed shortest paths, and the class bound."""
 
 import argparse
+import sys
 from dataclasses import asdict
+from pathlib import Path
 
 from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.core.class_bound import (
+    WARNING,
+    ClassBound,
+    check_class,
+    shipped_class_bound,
+)
 from sparse_coord_ros.core.optimum import LARGEST, independent_bound, joint_optimum
 from sparse_coord_ros.core.reference import shortest_path_reference
+from sparse_coord_ros.core.run_config import RUN_SETTINGS
+from sparse_coord_ros.core.scenario import Scenario
+from sparse_coord_ros.core.settings import Setting
+from sparse_coord_ros.errors import SettingError
+
+RESTARTS = Setting("restarts", int, 20, "restarts of the search", low=1, high=1_000_000)
+PICTURES = (".png", ".pdf", ".svg")
+OF_THE_SEARCH = ("restarts", "seed", "out", "picture")
 
 
 def add_parser(verbs) -> None:
@@ -18,6 +34,20 @@ def add_parser(verbs) -> None:
         example="sparse_coord optimum env1 --penalty -100",
     )
     shared.add_scenario(parser)
+    parser.add_argument(
+        "--class",
+        action="store_true",
+        dest="class_bound",
+        help="search for the best team of two robots that has Algorithm 1's form",
+    )
+    parser.add_argument("--restarts", help="with --class: random beginnings (default: 20)")
+    parser.add_argument("--seed", help="with --class: seed of the search (default: 0)")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        help="with --class: a JSON file to keep the search in, and to go on from",
+    )
+    parser.add_argument("--picture", type=Path, help="with --class: draw the team, e.g. team.png")
     shared.add_json(parser)
     parser.set_defaults(execute=execute)
 
@@ -25,20 +55,86 @@ def add_parser(verbs) -> None:
 def execute(options: argparse.Namespace) -> int:
     """Run the verb."""
     scenario = shared.scenario_of(options)
+    if options.class_bound:
+        return _class_bound(options, scenario)
+    for name in OF_THE_SEARCH:
+        if getattr(options, name) is not None:
+            raise SettingError(f"--{name} is of the search for the class bound; add --class")
     optimum = joint_optimum(scenario)
     bound = independent_bound(scenario)
     paths = shortest_path_reference(scenario)
+    shipped = shipped_class_bound(scenario)
     if options.json:
         found = {"scenario": scenario.name, **asdict(optimum), "robots_alone": bound}
-        shared.print_json({**found, "shortest_paths": asdict(paths)})
+        known = None if shipped is None else shipped.to_dict()
+        shared.print_json({**found, "shortest_paths": asdict(paths), "class_bound": known})
         return 0
     print(f"{scenario.name}, penalty {scenario.penalty:g}, {optimum.joint_states} joint states")
     if optimum.exact:
         print(f"exact joint optimum  {optimum.value:.2f}")
     else:
         print(f"exact joint optimum  not computed: more than {LARGEST} joint states")
+    if shipped is not None:
+        print(f"class bound          {shipped.value:.2f}, {WARNING}")
     print(f"bound (robots alone) {bound:.2f}")
     print(
         f"fixed shortest paths {paths.reward:.2f}, {paths.miscoordinations:.2f} miscoordinations"
     )
     return 0
+
+
+def _class_bound(options: argparse.Namespace, scenario: Scenario) -> int:
+    """Search for the class bound, and say what was found."""
+    check_class(scenario)
+    restarts = RESTARTS.parse(20 if options.restarts is None else options.restarts)
+    seed = RUN_SETTINGS["seed"].parse(0 if options.seed is None else options.seed)
+    picture = options.picture
+    if picture is not None and picture.suffix.lower() not in PICTURES:
+        raise SettingError(f"--picture {picture}: allowed: a name ending in {', '.join(PICTURES)}")
+    from sparse_coord_ros.engine.class_search import class_bound, in_words
+
+    def progress(done: int, of: int, best: float) -> None:
+        if sys.stderr.isatty():
+            end = "\n" if done == of else "\r"
+            print(f"restart {done} of {of}, best {best:.4f}", end=end, file=sys.stderr, flush=True)
+
+    found = class_bound(
+        scenario, restarts=restarts, seed=seed, file=options.out, progress=progress
+    )
+    if picture is not None:
+        _draw(picture, scenario, found)
+    if options.json:
+        shared.print_json({"scenario": scenario.name, **found.to_dict()})
+        return 0
+    print(f"{scenario.name}, penalty {scenario.penalty:g}, the best team of Algorithm 1's form")
+    print(f"class bound  {found.value:.3f}, {WARNING}")
+    print(f"{found.agreed} of {found.restarts} restarts agree, seed {found.seed}")
+    shipped = shipped_class_bound(scenario)
+    if shipped is not None:
+        print(
+            f"shipped      {shipped.value:.3f}, {shipped.agreed} of {shipped.restarts} restarts, "
+            f"{shipped.date}"
+        )
+    print("\n".join(in_words(scenario, found.robots)))
+    for robot, gain in zip(scenario.robots, found.gains, strict=True):
+        if gain:
+            print(f"{robot.name} alone could gain {gain:.3f} for itself: no equilibrium")
+    if not any(found.gains):
+        print("no robot was found to gain by changing alone: an equilibrium, as far as known")
+    if options.out is not None:
+        print(f"search: {options.out}")
+    if picture is not None:
+        print(f"picture: {picture}")
+    return 0
+
+
+def _draw(path: Path, scenario: Scenario, bound: ClassBound) -> None:
+    from matplotlib.figure import Figure
+
+    from sparse_coord_ros.engine.class_search import draw
+
+    rows, columns = scenario.map.shape
+    size = (max(4.0, 0.6 * columns), max(3.0, 0.6 * rows))
+    figure = Figure(figsize=size, layout="constrained")
+    draw(figure.subplots(), scenario, bound)
+    figure.savefig(path, dpi=110)

@@ -18,9 +18,9 @@ from sparse_coord_ros.errors import EXIT_BAD_INPUT, RunError
 VERBS: Mapping[str, str] = {
     "run": "let a team learn live over ROS 2 nodes, topics and services, recorded to MCAP",
     "train": "learn without ROS: the same computation, the same bits",
-    "evaluate": "evaluate learned tables by Monte-Carlo trials, as in the paper",
+    "evaluate": "evaluate learned tables by Monte-Carlo trials, as in the paper, or exactly",
     "optimum": "compute the exact joint optimum: full joint state and action, no cost of asking; "
-    "and the exact worth of fixed shortest paths",
+    "the exact worth of fixed shortest paths; and the best team of Algorithm 1's form",
     "maps": "list the maps, or show one",
     "info": "say what is in a bag: the run, its topics and files, whether it is whole",
     "verify": "compute a recorded run again, from its seed and its log alone, and compare",

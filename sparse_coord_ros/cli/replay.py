@@ -15,7 +15,7 @@ OPTIONS = {"bag": "BAG", "rate": "--rate", "position": "--start", "topics": "--t
 def add_parser(verbs) -> None:
     """Add the verb."""
     parser = shared.add_verb(
-        verbs, "replay", example="sparse_coord replay runs/env1/bag --rate 2 --start 12.5"
+        verbs, "replay", example="sparse_coord replay runs/demo/bag --rate 2 --start 12.5"
     )
     shared.add_bag(parser)
     parser.add_argument(

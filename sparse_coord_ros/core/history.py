@@ -9,13 +9,17 @@ import io
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sparse_coord_ros.core.frames import data_frame
 from sparse_coord_ros.core.world import Action, StepOutcome
 from sparse_coord_ros.errors import RunError, newer_format
 from sparse_coord_ros.files import write_whole
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 HISTORY_FILE = "history.npz"
 HISTORY_FORMAT = 1
@@ -104,7 +108,7 @@ class History:
         sums = np.cumsum(np.concatenate([np.zeros(1), values]))
         return steps[window - 1 :], (sums[window:] - sums[:-window]) / window
 
-    def to_pandas(self, names: Sequence[str] | None = None) -> Any:
+    def to_pandas(self, names: Sequence[str] | None = None) -> "pd.DataFrame":
         """Return a pandas DataFrame: one row for each episode and each robot present.
 
         Columns: episode (from 0), first_step, length, robot, reward, asks, arrived,
@@ -116,16 +120,9 @@ class History:
         Raises:
             RunError: pandas is not installed.
         """
-        try:
-            import pandas
-        except ImportError as error:
-            raise RunError(
-                f"a data frame needs the Python package pandas ({error}): pip install pandas, or "
-                "use the arrays of the history"
-            ) from None
         episode, robot = np.nonzero(self.present)
         labels = np.arange(1, self.robots + 1) if names is None else np.array(names)
-        return pandas.DataFrame(
+        return data_frame(
             {
                 "episode": episode,
                 "first_step": self.first_step[episode],

@@ -18,12 +18,19 @@ from sparse_coord_ros.core.run_config import RunConfig
 from sparse_coord_ros.core.tables import TEAM_FILE, pack_tables, robot_file, write_tables
 from sparse_coord_ros.core.wire import RECORDER, WORLD
 from sparse_coord_ros.core.world import Action
-from sparse_coord_ros.errors import RunError, TablesError, did_you_mean, os_error_text
+from sparse_coord_ros.errors import (
+    RunError,
+    SparseCoordError,
+    TablesError,
+    did_you_mean,
+    os_error_text,
+)
 from sparse_coord_ros.lockstep.robot import Answer, RobotSide
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.episode_messages import CoordinationMapLayout
 from sparse_coord_ros.nodes.messages import Converter, status, tables_message
 from sparse_coord_ros.nodes.outputs import begin_with, open_output
+from sparse_coord_ros.nodes.parameters import stops_on_bad_input
 from sparse_coord_ros.nodes.peers import Peer
 
 if TYPE_CHECKING:
@@ -97,6 +104,10 @@ class Member:
             )
         return None
 
+    def fail(self, error: SparseCoordError) -> None:
+        """Stop the node."""
+        self._node.fail(error)
+
     # Outgoing: the port of the lock step.
 
     def act(self, step: int, action: Action, account: Account) -> None:
@@ -122,6 +133,7 @@ class Member:
 
     # Incoming.
 
+    @stops_on_bad_input
     def _on_state(self, data: bytes) -> None:
         try:
             step, cell = self._convert.unpack_state(data)
@@ -130,6 +142,7 @@ class Member:
             return
         self.lockstep.state(step, cell)
 
+    @stops_on_bad_input
     def _on_reward(self, data: bytes) -> None:
         try:
             step, reward = self._convert.unpack_reward(data)
@@ -155,6 +168,7 @@ class Member:
         response.plan = self._convert.path(answer.step, (answer.cell,))
         return response
 
+    @stops_on_bad_input
     def _on_answer(self, peer: int, request_step: int, plan: PathMessage) -> None:
         step = self._convert.step(plan.header.stamp.sec, plan.header.stamp.nanosec)
         cell = None

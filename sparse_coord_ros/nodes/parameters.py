@@ -5,7 +5,7 @@
 import functools
 import time
 from collections.abc import Callable, Collection, Mapping
-from typing import Any, cast
+from typing import Any, Protocol, cast
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -124,11 +124,18 @@ ROS_OWN = ("use_sim_time", "start_type_description_service")
 ROS_OWN_PREFIX = "qos_overrides."
 
 
-def stops_on_bad_input(callback: Callable) -> Callable:
-    """Wrap a node's callback method: bad input fails the node instead of the executor."""
+class Fallible(Protocol):
+    """Who can be told to stop because of bad input: a node, or a part of one."""
+
+    def fail(self, error: SparseCoordError) -> None:
+        """Stop because of an error."""
+
+
+def stops_on_bad_input(callback: Callable[..., Any]) -> Callable[..., Any]:
+    """Wrap a callback method: bad input fails its node instead of the executor."""
 
     @functools.wraps(callback)
-    def wrapped(node: "ParameterNode", *args: Any) -> Any:
+    def wrapped(node: Fallible, *args: Any) -> Any:
         try:
             return callback(node, *args)
         except SparseCoordError as error:

@@ -7,23 +7,26 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sparse_coord_ros.core.agent import NOBODY, Tables
 from sparse_coord_ros.core.algorithm import ACTIONS, COORDINATE
 from sparse_coord_ros.core.frame import EAST_NORTH, Frame, action_from
+from sparse_coord_ros.core.frames import data_frame
 from sparse_coord_ros.core.history import History
 from sparse_coord_ros.core.run_config import RunConfig
 from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.wire import ACTION, ACTION_LABELS, REWARD_LABELS
-from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.recording.reader import Bag
 from sparse_coord_ros.runlog.attached import RecordedTables
 from sparse_coord_ros.runlog.dialogue import Request
 from sparse_coord_ros.runlog.difference import Difference
 from sparse_coord_ros.runlog.tracks import NUMBERS, Tracks, read_tracks
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 NONE = -1
 MARGIN = 5
@@ -48,6 +51,8 @@ class RunLog:
         asked, perceived: shape (T, K), bool.
         percept: cells that robot k perceived, by the robot seen: shape (T, K, K), int32.
         reward: individual, common, ask_cost, total: shape (T, K, 4), float64.
+        partners: with whom a robot was in a miscoordination, as of `core.world.Reward`; NaN where
+            nobody says, shape (T, K), float64.
         centred: whether a local state is just a cell's centre, shape (T, K), bool.
         numbers: the actions' numbers as they were logged, `ACTION_LABELS` and `ACCOUNT_LABELS`:
             shape (T, K, 7), float64.
@@ -72,6 +77,7 @@ class RunLog:
     perceived: np.ndarray
     percept: np.ndarray
     reward: np.ndarray
+    partners: np.ndarray
     numbers: np.ndarray
     all_tables: tuple[RecordedTables, ...]
     requests: tuple[Request, ...]
@@ -106,19 +112,12 @@ class RunLog:
         """The recorded tables by (robot's number, time step)."""
         return {(entry.robot, entry.step): entry.tables for entry in self.all_tables}
 
-    def to_pandas(self) -> Any:
+    def to_pandas(self) -> "pd.DataFrame":
         """Return a pandas DataFrame: one row for each time step and robot.
 
         Raises:
             RunError: pandas is not installed.
         """
-        try:
-            import pandas
-        except ImportError as error:
-            raise RunError(
-                f"a data frame needs the Python package pandas ({error}): pip install pandas, or "
-                "use the arrays"
-            ) from None
         count, robots = self.cells.shape
         # Where there is no cell or action, index -1 finds what was put at the end.
         grid = np.array([*self.run.scenario.map.cells, (NONE, NONE)])[self.cells]
@@ -143,9 +142,9 @@ class RunLog:
             columns[f"percept_{name}"] = self.percept[..., place].ravel()
         for place, label in enumerate(REWARD_LABELS):
             columns["reward" if label == "total" else label] = self.reward[..., place].ravel()
-        return pandas.DataFrame(columns)
+        return data_frame(columns)
 
-    def frame(self) -> Any:
+    def frame(self) -> "pd.DataFrame":
         """Return `to_pandas()`; the old name, which goes with the next version."""
         warnings.warn("RunLog.frame() is now to_pandas()", DeprecationWarning, stacklevel=2)
         return self.to_pandas()
@@ -239,10 +238,14 @@ def read_run(path: Path) -> RunLog:
     numbers = np.full((*shape, NUMBERS), np.nan)
     percept = np.full((*shape, len(names)), NONE, dtype=np.int32)
     reward = np.full((*shape, len(REWARD_LABELS)), np.nan)
+    partners = np.full(shape, np.nan)
     for k in robots:
         states, rewards, actions, _ = tracks.of(k)
         position[np.searchsorted(step, states.step), k] = states.rows["xy"]
-        reward[np.searchsorted(step, rewards.step), k] = rewards.rows["numbers"]
+        rewarded = np.searchsorted(step, rewards.step)
+        reward[rewarded, k] = rewards.rows["numbers"][:, : len(REWARD_LABELS)]
+        if run.scenario.referee:
+            partners[rewarded, k] = rewards.rows["numbers"][:, len(REWARD_LABELS)]
         numbers[np.searchsorted(step, actions.step), k] = actions.rows["numbers"]
     cells, centred = cell_numbers(frame, position)
     move = _moves(numbers)
@@ -280,6 +283,7 @@ def read_run(path: Path) -> RunLog:
         perceived=(move != NONE) & (numbers[..., ACTION_LABELS.index("perceived")] != 0),
         percept=percept,
         reward=reward,
+        partners=partners,
         numbers=numbers,
         all_tables=tuple(tracks.tables),
         requests=tuple(tracks.requests),

@@ -290,3 +290,24 @@ def test_an_experiment_by_name(tmp_path):
 def test_types_of_the_api_can_be_resolved():
     for name in ("train", "evaluate", "load_run", "optimum"):
         assert "return" in typing.get_type_hints(getattr(sc, name))
+
+
+def test_exact_evaluation_is_what_trials_tend_to(training, scenario):
+    found = sc.evaluate_exact(training)
+    trials = sc.evaluate(training, trials=2000, seed=1)
+    assert abs(found.reward.mean - trials.reward.mean) < 4 * trials.reward.standard_error
+    same = sc.evaluate_exact(training.tables, scenario=scenario, learner="coop")
+    assert same.to_dict() == found.to_dict()
+    assert isinstance(found, sc.ExactEvaluation)
+    with pytest.raises(sc.SparseCoordError, match="give evaluate"):
+        sc.evaluate_exact(training.tables)
+
+
+def test_class_bounds(scenario, printed, tmp_path):
+    assert sc.shipped_class_bound(scenario).value == pytest.approx(118.5092, abs=1e-4)
+    file = tmp_path / "search.json"
+    found = sc.class_bound("pentagon", restarts=1, seed=2, file=file)
+    said = printed("optimum", "pentagon", "--class", "--restarts", 1, "--seed", 2)
+    assert (said["value"], said["game"]) == (found.value, found.game)
+    assert said["robots"] == [vars(robot) for robot in found.robots]
+    assert file.exists()

@@ -10,6 +10,7 @@ import pytest
 from sparse_coord_ros.core.evaluation import evaluate
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.tables import load_team
+from sparse_coord_ros.engine.exact import evaluate_exact
 
 
 @pytest.fixture
@@ -69,6 +70,34 @@ def test_robots_that_do_not_arrive_are_counted(sparse_coord, trained):
     out = sparse_coord("evaluate", "a", "--trials", 7)[1]
     assert "0 of 7" in out
     assert "in 7 of 7 trials some robot did not arrive" in out
+
+
+def test_exact(sparse_coord, trained, folder):
+    trained("env1", "--penalty", "-100")
+    code, out, err = sparse_coord("evaluate", "a", "--exact")
+    assert (code, err) == (0, "")
+    assert "Coop., exact" in out
+    assert "trials" not in out
+    assert "class bound    " in out
+    assert "118.51" in out
+    data = json.loads(sparse_coord("evaluate", "a", "--exact", "--json")[1])
+    scenario = load_scenario("env1").with_settings({"penalty": -100})
+    found = evaluate_exact(scenario, load_team(folder / "a", scenario))
+    assert data["reward"]["mean"] == found.reward.mean
+    assert data["reward"]["standard_error"] == 0
+    assert data["all_arrived"] == found.all_arrived
+    assert data["class_bound"] == pytest.approx(118.5092, abs=1e-4)
+
+
+def test_exact_for_four_robots_is_refused(refused, trained):
+    trained("env2-4r")
+    message = refused("evaluate", "a", "--exact")
+    assert "env2-4r has 4 robots, allowed: 1 or 2" in message
+
+
+def test_exact_is_no_number_of_trials(refused, trained):
+    trained("env1")
+    assert "not allowed with" in refused("evaluate", "a", "--exact", "--trials", 5)
 
 
 @pytest.mark.parametrize(

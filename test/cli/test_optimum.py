@@ -6,6 +6,9 @@ import json
 
 import pytest
 
+from sparse_coord_ros.core.class_bound import WARNING, shipped_class_bound
+from sparse_coord_ros.core.scenario import load_scenario
+
 
 def test_exact(sparse_coord):
     code, out, err = sparse_coord("optimum", "env1")
@@ -31,6 +34,47 @@ def test_json_and_options(sparse_coord):
     assert (data["scenario"], data["exact"], data["joint_states"]) == ("env1", True, 441)
 
 
+def test_the_shipped_class_bound_stands_beside_the_optimum(sparse_coord):
+    out = sparse_coord("optimum", "env1")[1]
+    assert f"class bound          121.20, {WARNING}" in out
+    assert (
+        json.loads(sparse_coord("optimum", "env1", "--json")[1])["class_bound"]["value"] > 121.19
+    )
+    out = sparse_coord("optimum", "env1", "--penalty", "-21")[1]
+    assert "class bound" not in out
+
+
+@pytest.fixture
+def corridor(folder):
+    """Return the path of a scenario that is searched in no time."""
+    (folder / "corridor.txt").write_text("title: corridor\n---\n1D.2\n")
+    robots = "robots:\n  a: {start: 1, goal: 2}\n  b: {start: 2, goal: 1}\n"
+    (folder / "corridor.yaml").write_text(f"map: corridor.txt\nask_cost: 0.01\n{robots}")
+    return "corridor.yaml"
+
+
+def test_search_for_the_class_bound(sparse_coord, folder, corridor):
+    search = ("optimum", corridor, "--class", "--seed", 4, "--out", "search.json")
+    code, out, err = sparse_coord(*search, "--restarts", 2, "--picture", "team.png")
+    assert (code, err) == (0, "")
+    for words in (WARNING, "2 of 2 restarts agree, seed 4", "a: (0, 0)", "b: (0, 3) west"):
+        assert words in out
+    assert "asks in" in out
+    assert "shipped" not in out
+    assert (folder / "team.png").stat().st_size > 1000
+    code, out, err = sparse_coord(*search, "--restarts", 3, "--json")
+    data = json.loads(out)
+    assert (code, err, data["restarts"], data["seed"]) == (0, "", 3, 4)
+    assert len(json.loads((folder / "search.json").read_text())["values"]) == 3
+
+
+def test_the_shipped_one_stands_beside_a_search(sparse_coord):
+    out = sparse_coord("optimum", "pentagon", "--class", "--restarts", 1)[1]
+    shipped = shipped_class_bound(load_scenario("pentagon"))
+    assert f"shipped      160.982, {shipped.agreed} of {shipped.restarts} restarts" in out
+    assert "an equilibrium, as far as known" in out
+
+
 def test_discount_zero(sparse_coord):
     code, out, err = sparse_coord("optimum", "env1", "--set", "discount=0")
     assert (code, err) == (0, "")
@@ -43,6 +87,10 @@ def test_discount_zero(sparse_coord):
         (["env"], ["scenario 'env'", "did you mean 'env1'"]),
         (["env1", "--set", "discount=1"], ["setting discount", "from 0 to 0.999"]),
         (["env1", "--penalty", "1"], ["setting penalty", "at most 0"]),
+        (["env2-4r", "--class"], ["env2-4r has 4 robots, allowed: 2", "leave out --class"]),
+        (["env1", "--restarts", "3"], ["--restarts", "add --class"]),
+        (["env1", "--class", "--restarts", "0"], ["setting restarts: value is '0'", "from 1"]),
+        (["env1", "--class", "--picture", "a.bmp"], ["--picture a.bmp", ".png, .pdf, .svg"]),
         (["missing.yaml"], ["scenario 'missing.yaml'", "give the path"]),
     ],
 )

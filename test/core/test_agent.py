@@ -9,7 +9,7 @@ import pytest
 
 from sparse_coord_ros.core.agent import NOBODY, Agent, Decision, Tables, initial_tables
 from sparse_coord_ros.core.algorithm import COORDINATE
-from sparse_coord_ros.core.learners import LEARNERS, learner_of
+from sparse_coord_ros.core.learners import learner_of
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.streams import (
     EVALUATION,
@@ -53,7 +53,7 @@ def filled(cells=7, baseline=False):
     )
 
 
-@pytest.mark.parametrize("learner", LEARNERS.registered)
+@pytest.mark.parametrize("learner", ["coop", "noncoop", "indiv"])
 def test_initial_tables(learner):
     scenario = load_scenario("env1").with_settings({"q_star_init": 3, "q_coord_init": 150})
     tables = learner_of(learner).tables(scenario)

@@ -60,12 +60,13 @@ def forget():
     LEARNERS._known.update(before)
 
 
-def test_the_papers_three():
+def test_the_papers_three_and_the_factored_one():
     said = {n: (one.title, one.asks, one.alone) for n, one in LEARNERS.registered.items()}
     assert said == {
         "coop": ("Coop.", True, False),
         "noncoop": ("Non-coop.", False, False),
         "indiv": ("Indiv.", False, True),
+        "factored": ("Factored", True, False),
     }
     for name, one in LEARNERS.registered.items():
         assert one.label == name
@@ -113,7 +114,7 @@ def test_registered_by_name():
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("cop", "unknown learner 'cop' .did you mean 'coop'.*coop, noncoop, indiv, or one of"),
+        ("cop", "unknown learner 'cop' .did you mean 'coop'.*coop, noncoop, indiv, factored, or"),
         ("no_such_module:Thing", "learner 'no_such_module:Thing' is not there .*install it"),
         ("json:Thing", "is not there .*has no attribute 'Thing'"),
         ("json:dumps", "is no learner"),

@@ -6,6 +6,7 @@ A comment before a code block says how:
 
     <!-- test: no, REASON -->        not run here: REASON says why
     <!-- test: long -->              run by `make check-long` only
+    <!-- test: long, in FOLDER -->   the same, in a folder of the page's directory
     <!-- test: together -->          each line a process of its own; stopped after a while
     <!-- test: file NAME -->         not commands: the text of the file NAME
 
@@ -90,7 +91,7 @@ def shell(tmp_path):
         "PYTHONPATH": str(ROOT),
         "MPLBACKEND": "Agg",
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        "ROS_DOMAIN_ID": str(1 + os.getpid() % 100),
+        "ROS_DOMAIN_ID": str(101 + os.getpid() % 100),
     }
 
     def run(command, *, wait=True):
@@ -128,8 +129,9 @@ def _stop(process, number):
 def run_page(page, shell, *, everything):
     """Run the blocks of a page in its order; those that take minutes only where `everything`."""
     for block in blocks(page):
-        if block.how.startswith("no,") or (block.how == "long" and not everything):
+        if block.how.startswith("no,") or (block.how.startswith("long") and not everything):
             continue
+        _, _, folder = block.how.partition("long, in ")
         if block.how.startswith("file "):
             (shell.work / block.how.removeprefix("file ")).write_text(block.text)
         elif block.language == "python":
@@ -138,7 +140,7 @@ def run_page(page, shell, *, everything):
             together(block.commands, shell)
         else:
             for command in block.commands:
-                shell(command)
+                shell(f"cd {folder} && {command}" if folder else command)
 
 
 def together(commands, shell):
@@ -162,7 +164,9 @@ def together(commands, shell):
 def test_every_block_is_run_or_says_why_not(page):
     for block in blocks(page):
         known = ("", "long", "together")
-        assert block.how in known or re.match(r"(no, \S|file \S+$)", block.how), block
+        assert block.how in known or re.match(r"(no, \S|long, in \w+$|file \S+$)", block.how), (
+            block
+        )
 
 
 @pytest.mark.parametrize("page", [p for p in pages() if any(b.how == "" for b in blocks(p))])
@@ -171,7 +175,9 @@ def test_commands_of_a_page(page, shell):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("page", [p for p in pages() if any(b.how == "long" for b in blocks(p))])
+@pytest.mark.parametrize(
+    "page", [p for p in pages() if any(b.how.startswith("long") for b in blocks(p))]
+)
 def test_all_commands_of_a_page(page, shell):
     run_page(page, shell, everything=True)
 
@@ -187,10 +193,13 @@ NEEDS_A_BAG = ("info", "verify", "explain", "replay", "recover")
 def test_examples_of_help(verb, shell):
     parser = make_parser(verb)
     epilog = parser._subparsers._group_actions[0].choices[verb].epilog
-    commands = [line.strip() for line in epilog.removeprefix("example:").strip().splitlines()]
-    assert commands
+    example = epilog.removeprefix("example:").strip().split("\n\n")[0]
+    commands = [line.strip() for line in example.splitlines()]
+    assert commands and all(line.startswith("sparse_coord ") for line in commands)
     if verb in NEEDS_A_BAG:
-        bag = re.search(r"runs/\w+", epilog)[0]
-        shell(f"sparse_coord run env1 --steps 1500 --seed 1 --out {bag}")
+        shell("sparse_coord run env1 --steps 200 --seed 1 --out runs/demo")
     for command in commands:
+        if "--resume" in command:  # of a run that was stopped
+            begun = f"sparse_coord train env1 --steps 2e5 --out {command.split()[-1]}"
+            shell(f"{begun} & p=$!; sleep 3; kill -TERM $p; wait $p; test $? = 130")
         shell(command)

@@ -1,0 +1,405 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The loops of the class bound's search: what a team of Algorithm 1's form is worth, and climbing.
+
+Plain Python over NumPy arrays, compiled by numba where it is installed. A joint state is the pair
+(first robot's cell, second robot's cell).
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+STAY = 4
+"""The move of a robot that has arrived, and the outcome of a move that fails."""
+
+OPTIONS = 9
+"""What a robot can do in a cell: 0 to 3 a move without asking, 4 to 7 ask with that move where the
+percept fails, 8 ask with the present one."""
+
+MOST_SWEEPS = 20_000
+CLOSE = 1e-9
+"""A value is known to within this; an improvement is larger than `BETTER`."""
+
+BETTER = 1e-7
+
+OUTSIDE_SWEEPS = 1
+"""Sweeps over the joint states where a team does not get: from above, they stay bounds. More take
+longer than they spare."""
+
+
+class Game(NamedTuple):
+    """The game of two robots, and whose reward counts how much.
+
+    Attributes:
+        lead: where a successful move leads; the fifth column is the cell itself; (cells, 5).
+        starts: start cell of each robot; (2,).
+        goals: goal cell of each robot; (2,).
+        percept: probability that a percept succeeds; (cells, cells), asker first.
+        fails: whether a percept can fail in the asker's cell; (cells,).
+        toll: weighted r^C of a step that ends in a joint state; (cells, cells).
+        prize: weighted worth of each robot's arrival, carried to infinity; (2,).
+        cost: weighted cost of each robot's asking; (2,).
+        discount: gamma.
+        success: probability that a move succeeds.
+    """
+
+    lead: np.ndarray
+    starts: np.ndarray
+    goals: np.ndarray
+    percept: np.ndarray
+    fails: np.ndarray
+    toll: np.ndarray
+    prize: np.ndarray
+    cost: np.ndarray
+    discount: float
+    success: float
+
+
+class Policy(NamedTuple):
+    """A team of Algorithm 1's form.
+
+    Attributes:
+        moves: the move of each robot in each own cell, without asking, or where the percept
+            fails; (2, cells).
+        asks: whether it asks there; (2, cells).
+        seen: the move of one that asks and perceives; (2, cells, cells), own cell first.
+    """
+
+    moves: np.ndarray
+    asks: np.ndarray
+    seen: np.ndarray
+
+
+class Space(NamedTuple):
+    """What the loops write to.
+
+    Attributes:
+        value: value of each joint state; (cells, cells).
+        kept: a copy of it.
+        order: joint states in the order in which they are computed, numbered; (cells * cells,).
+        stack: joint states whose successors are looked at.
+        tried: how many combinations of outcomes of a joint state were looked at; -1: unknown.
+        inside: whether the team gets into a joint state; (cells * cells,).
+        visited: whether a robot acts in a cell; (2, cells).
+        above: what no team can be worth more than from a joint state; (cells, cells).
+        everything: every joint state but that in which both have arrived, in a good order.
+    """
+
+    value: np.ndarray
+    kept: np.ndarray
+    order: np.ndarray
+    stack: np.ndarray
+    tried: np.ndarray
+    inside: np.ndarray
+    visited: np.ndarray
+    above: np.ndarray
+    everything: np.ndarray
+
+
+def can_do(
+    game: Game, policy: Policy, free: np.ndarray, k: int, x: int, z: int, outcome: int
+) -> bool:
+    """Whether robot k in cell x, the peer in z, may end a step by that move (or staying)."""
+    if outcome == STAY:
+        return True
+    if x == game.goals[k]:
+        return False
+    if not policy.asks[k, x]:
+        return bool(policy.moves[k, x] == outcome)
+    if game.percept[x, z] < 1.0 and policy.moves[k, x] == outcome:
+        return True
+    return bool(game.percept[x, z] > 0.0 and (free[k] or policy.seen[k, x, z] == outcome))
+
+
+def reach(game: Game, policy: Policy, free: np.ndarray, space: Space) -> int:
+    """Write the joint states that the team can get into to `order`, successors first.
+
+    Args:
+        game: the game.
+        policy: the team.
+        free: of each robot, whether its moves after a percept are still to be chosen: then it can
+            do all of them.
+        space: what is written to.
+
+    Returns:
+        How many there are, without the one in which both have arrived.
+    """
+    cells = game.lead.shape[0]
+    last = game.goals[0] * cells + game.goals[1]
+    space.tried[:] = -1
+    space.stack[0] = game.starts[0] * cells + game.starts[1]
+    space.tried[space.stack[0]] = 0
+    depth, count = 1, 0
+    while depth > 0:
+        state = space.stack[depth - 1]
+        x, y = state // cells, state % cells
+        index = space.tried[state]
+        found = -1
+        while index < 25 and found < 0:
+            one, other = index // 5, index % 5
+            index += 1
+            if can_do(game, policy, free, 0, x, y, one) and can_do(
+                game, policy, free, 1, y, x, other
+            ):
+                target = game.lead[x, one] * cells + game.lead[y, other]
+                if space.tried[target] < 0 and target != last:
+                    found = target
+        space.tried[state] = index
+        if found >= 0:
+            space.tried[found] = 0
+            space.stack[depth] = found
+            depth += 1
+        else:
+            depth -= 1
+            space.order[count] = state
+            count += 1
+    return count
+
+
+def pair(
+    game: Game, value: np.ndarray, x: int, y: int, one: int, other: int
+) -> tuple[float, float]:
+    """Return what a pair of moves brings, without what staying in (x, y) brings later.
+
+    Returns:
+        Expected reward, and value of what comes after unless both stay; probability of staying.
+    """
+    gain, stay = 0.0, 0.0
+    for i in range(2):
+        a = game.lead[x, one] if i == 0 else x
+        p = game.success if i == 0 else 1.0 - game.success
+        for j in range(2):
+            b = game.lead[y, other] if j == 0 else y
+            q = p * (game.success if j == 0 else 1.0 - game.success)
+            got = game.toll[a, b]
+            if a == game.goals[0] and x != a:
+                got += game.prize[0]
+            if b == game.goals[1] and y != b:
+                got += game.prize[1]
+            if a == x and b == y:
+                stay += q
+                gain += q * got
+            else:
+                gain += q * (got + game.discount * value[a, b])
+    return gain, stay
+
+
+def best_at(
+    game: Game, policy: Policy, free: np.ndarray, value: np.ndarray, x: int, y: int
+) -> float:
+    """Return the value of a joint state; choose the moves after a percept of who is free."""
+    asks0 = x != game.goals[0] and policy.asks[0, x]
+    asks1 = y != game.goals[1] and policy.asks[1, y]
+    move0 = STAY if x == game.goals[0] else policy.moves[0, x]
+    move1 = STAY if y == game.goals[1] else policy.moves[1, y]
+    sees0 = game.percept[x, y] if asks0 else 0.0
+    sees1 = game.percept[y, x] if asks1 else 0.0
+    cost = (game.cost[0] if asks0 else 0.0) + (game.cost[1] if asks1 else 0.0)
+    many0 = 4 if sees0 > 0.0 and free[0] else 1
+    many1 = 4 if sees1 > 0.0 and free[1] else 1
+    best, best0, best1 = -np.inf, 0, 0
+    for i in range(many0):
+        seen0 = i if many0 == 4 else policy.seen[0, x, y]
+        for j in range(many1):
+            seen1 = j if many1 == 4 else policy.seen[1, y, x]
+            gain, stay = 0.0, 0.0
+            for a in range(2):
+                p = sees0 if a == 0 else 1.0 - sees0
+                if p == 0.0:
+                    continue
+                one = seen0 if a == 0 else move0
+                for b in range(2):
+                    q = p * (sees1 if b == 0 else 1.0 - sees1)
+                    if q == 0.0:
+                        continue
+                    other = seen1 if b == 0 else move1
+                    brings, stays = pair(game, value, x, y, one, other)
+                    gain += q * brings
+                    stay += q * stays
+            worth = (gain - cost) / (1.0 - game.discount * stay)
+            if worth > best + 1e-12:
+                best, best0, best1 = worth, i, j
+    if many0 == 4:
+        policy.seen[0, x, y] = best0
+    if many1 == 4:
+        policy.seen[1, y, x] = best1
+    return best
+
+
+def solve(game: Game, policy: Policy, free: np.ndarray, space: Space, target: float) -> float:
+    """Return the team's value from the starts, the moves after percepts chosen at best.
+
+    Args:
+        game: the game.
+        policy: the team; the moves after percepts of who is free are written.
+        free: of each robot, whether its moves after percepts are to be chosen.
+        space: what is written to; begins with the values that it has.
+        target: give up as soon as the value is known to be less.
+    """
+    count = reach(game, policy, free, space)
+    return sweep(game, policy, free, space.value, space.order[:count], target)
+
+
+def sweep(
+    game: Game,
+    policy: Policy,
+    free: np.ndarray,
+    value: np.ndarray,
+    order: np.ndarray,
+    target: float,
+    sweeps: int = MOST_SWEEPS,
+) -> float:
+    """Iterate over the joint states of `order`; other arguments and value as of `solve`."""
+    cells = game.lead.shape[0]
+    x0, y0 = game.starts
+    value[game.goals[0], game.goals[1]] = 0.0
+    ratio = game.discount / (1.0 - game.discount)
+    for _ in range(sweeps):
+        change = 0.0
+        for state in order:
+            x, y = state // cells, state % cells
+            new = best_at(game, policy, free, value, x, y)
+            change = max(change, abs(new - value[x, y]))
+            value[x, y] = new
+        if change * ratio < CLOSE or value[x0, y0] + change * ratio < target:
+            break
+    return float(value[x0, y0])
+
+
+def visit(game: Game, policy: Policy, space: Space) -> None:
+    """Write to `visited` and `inside` where the team gets, its moves after percepts given."""
+    cells = game.lead.shape[0]
+    free = np.zeros(2, dtype=np.bool_)
+    space.visited[:] = False
+    space.inside[:] = False
+    for state in space.order[: reach(game, policy, free, space)]:
+        x, y = state // cells, state % cells
+        space.inside[state] = True
+        if x != game.goals[0]:
+            space.visited[0, x] = True
+        if y != game.goals[1]:
+            space.visited[1, y] = True
+
+
+def fill(game: Game, policy: Policy, free: np.ndarray, space: Space) -> None:
+    """Compute every joint state, also where the team never gets."""
+    sweep(game, policy, free, space.value, space.everything, -np.inf)
+
+
+def surround(game: Game, policy: Policy, free: np.ndarray, space: Space) -> None:
+    """Write where the team gets, and what the joint states elsewhere are worth at most."""
+    visit(game, policy, space)
+    cells = game.lead.shape[0]
+    count = 0
+    for state in space.everything:
+        if not space.inside[state]:
+            x, y = state // cells, state % cells
+            space.value[x, y] = space.above[x, y]
+            space.order[count] = state
+            count += 1
+    sweep(game, policy, free, space.value, space.order[:count], -np.inf, OUTSIDE_SWEEPS)
+
+
+def promising(game: Game, policy: Policy, free: np.ndarray, space: Space, k: int, x: int) -> bool:
+    """Whether a new choice of robot k in cell x beats the team's value for some peer's cell.
+
+    If a step of it, before all goes on as it was, is better nowhere, the new team is not better.
+    """
+    cells = game.lead.shape[0]
+    enough = 0.5 * BETTER * (1.0 - game.discount)
+    for z in range(cells):
+        a, b = (x, z) if k == 0 else (z, x)
+        if space.inside[a * cells + b]:
+            if best_at(game, policy, free, space.value, a, b) > space.value[a, b] + enough:
+                return True
+    return False
+
+
+def climb(game: Game, policy: Policy, free: np.ndarray, space: Space, trials: np.ndarray) -> float:
+    """Change one robot's choice in one cell as long as that makes the team better.
+
+    Args:
+        game: the game.
+        policy: the team; becomes better.
+        free: whose choices may change.
+        space: what is written to.
+        trials: the order in which choices are tried: robot, cell and option in one number.
+
+    Returns:
+        The team's value.
+    """
+    cells = game.lead.shape[0]
+    best = solve(game, policy, free, space, -np.inf)
+    surround(game, policy, free, space)
+    failed, i = 0, 0
+    while failed < len(trials):
+        trial = trials[i]
+        i = (i + 1) % len(trials)
+        failed += 1
+        k, x, option = trial // (cells * OPTIONS), trial // OPTIONS % cells, trial % OPTIONS
+        if not free[k] or not space.visited[k, x]:
+            continue
+        old_move, old_asks = policy.moves[k, x], policy.asks[k, x]
+        asks = option >= 4
+        move = old_move if option == 8 else option % 4
+        if asks and (option == 8) == game.fails[x]:
+            continue
+        if asks == old_asks and move == old_move:
+            continue
+        policy.moves[k, x], policy.asks[k, x] = move, asks
+        if promising(game, policy, free, space, k, x):
+            space.kept[:] = space.value
+            found = solve(game, policy, free, space, best + BETTER)
+            if found > best + BETTER:
+                best = found
+                failed = 0
+                surround(game, policy, free, space)
+                continue
+            space.value[:] = space.kept
+        policy.moves[k, x], policy.asks[k, x] = old_move, old_asks
+    best = solve(game, policy, free, space, -np.inf)
+    visit(game, policy, space)
+    return best
+
+
+class Loops(NamedTuple):
+    """The loops that the search calls."""
+
+    solve: Callable[..., float]
+    visit: Callable[..., None]
+    climb: Callable[..., float]
+    fill: Callable[..., None]
+
+
+PLAIN = Loops(solve, visit, climb, fill)
+"""The loops as plain Python: slow, for tests and where numba is missing."""
+
+CALLED: tuple[Callable[..., Any], ...] = (
+    can_do,
+    reach,
+    pair,
+    best_at,
+    sweep,
+    solve,
+    visit,
+    surround,
+    promising,
+)
+
+
+@functools.cache
+def compiled() -> Loops:
+    """Return the loops compiled by numba, or as plain Python where it is not installed."""
+    try:
+        import numba
+    except ImportError:
+        return PLAIN
+    for function in CALLED:
+        numba.extending.register_jitable(function)
+    made: list[Any] = [numba.njit(nogil=True)(loop) for loop in PLAIN]
+    return Loops(*made)
