@@ -267,7 +267,7 @@ class _Sorter:
             if before is not None and status.step < before.step:
                 later = f"after that of step {before.step}"
                 self._tracks.problem(status.step, None, wire.STATUS.name, later, "before it")
-            odd = []
+            odd = [(f"step {status.step}", "0 or later")] if status.step < 0 else []
             if status.state not in known:
                 odd.append((repr(status.state[:40]), " or ".join(known)))
             if before is not None and before.state == wire.FINISHED != status.state:

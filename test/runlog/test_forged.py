@@ -74,7 +74,9 @@ def test_what_is_shown_as_an_episode_begins(alter, good, topic, how):
     starts = set(log.step[1:][log.step[1:] > log.step[:-1] + 1].tolist())
     found = alter(change)
     if how == "removed":  # a busy middleware loses some: a note
-        assert found.same and found.lost == {topic: 1}
+        assert found.lost == {topic: 1}
+        # Markers have no stamp: they are logged at the newest one before, here the map's.
+        assert quantities(found) <= ({"log_time"} if topic == "/map" else set())
         return
     names = (topic, SHOWN[topic])
     odd = [one for one in found.differences if any(name in one.quantity for name in names)]
