@@ -51,7 +51,7 @@ class Track(NamedTuple):
 
 
 class Status(NamedTuple):
-    """What the world said of itself; `left_out` and `began` are None where it did not (format 1)."""
+    """What the world said of itself; None: it did not, as in bags of format 1."""
 
     state: str
     step: int
@@ -205,9 +205,7 @@ class _Sorter:
     def __init__(self, tracks: Tracks, frame: Frame) -> None:
         self._tracks, self._frame = tracks, frame
 
-    def _steps(
-        self, rows: np.ndarray, k: int | None, kind: str
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def _steps(self, rows: np.ndarray, k: int | None, kind: str) -> tuple[np.ndarray, np.ndarray]:
         """Return rows and their time steps; a message is stamped with one, from 0."""
         period = self._frame.period
         before = rows["ns"] < 0

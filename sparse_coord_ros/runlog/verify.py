@@ -76,7 +76,7 @@ class Verification:
 
     @property
     def same(self) -> bool:
-        """Whether the log is whole and nothing differs."""
+        """Whether nothing differs or is open; copies that are lost are only counted."""
         return not self.differences and not self.open
 
     @property
@@ -170,7 +170,7 @@ def _killed(
             said.append(f"{agent.name} saved no tables at its end (killed?)")
     statuses = log.tracks.statuses
     if not log.broken_off and statuses and statuses[-1].state not in (FINISHED, STOPPED):
-        last = max((int(t.step.max(initial=0)) for t in (*log.tracks.states, log.tracks.clock)))
+        last = max(int(t.step.max(initial=0)) for t in (*log.tracks.states, log.tracks.clock))
         # The messages of its last moment may be lost too.
         of_world = (LOCAL_STATE.name, REWARD.name, THE_CLOCK)
         cut = [
