@@ -9,6 +9,7 @@ from typing import Any
 
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.core.algorithm import ACTIONS
+from sparse_coord_ros.core.factors import UNSEEN
 from sparse_coord_ros.core.frame import Frame
 from sparse_coord_ros.errors import RunError, did_you_mean
 
@@ -90,6 +91,8 @@ def _lines(log, one) -> Iterator[str]:
         source = f"Q^C[{', '.join(map(str, (one.cell, *one.perceived)))}]"
     else:
         yield f"  perceives nothing ({one.outcome})"
+        if log.run.rule.factors is not None:
+            source = f"U + rho[{one.cell}; failed percept]"
     values = ", ".join(f"{a} {v:.6g}" for a, v in zip(ACTIONS, one.q_values, strict=False))
     yield f"  goes {ACTIONS[one.action.move]} by {source}: {values}"
     if not one.agrees:
@@ -129,6 +132,10 @@ def _learned(log, one) -> Iterator[str]:
             continue
         (*state, action), before, after = changed
         yield f"  {table}[{', '.join(map(str, state))}; {ACTIONS[action]}] {before!r} -> {after!r}"
+    for peer, place, before, after in update.corrections:
+        where = "failed percept" if peer == UNSEEN else f"{log.names[peer]} in {place}"
+        move = ACTIONS[one.action.move]
+        yield f"  correction rho[{one.cell}; {where}; {move}] {before!r} -> {after!r}"
 
 
 def _plain(log, one) -> dict[str, Any]:
@@ -163,4 +170,5 @@ def _plain(log, one) -> dict[str, Any]:
         "next_cell": None if update is None else update.next_cell,
         "q_coord": None if update is None else entry(update.coord),
         "q_star": None if update is None else entry(update.star),
+        "corrections": [] if update is None else [list(row) for row in update.corrections],
     }

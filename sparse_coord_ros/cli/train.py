@@ -159,7 +159,7 @@ def _train(
     """Let the team learn, with a line of progress."""
     scenario, quiet = run.scenario, options.json
     engine = engine_for(scenario, run.rule, options.engine)
-    if not quiet and engine == "numba" and not is_prepared(history=True):
+    if not quiet and engine == "numba" and not is_prepared(learner=run.rule, history=True):
         print(
             "compiling the learning loop (about 5 s, once a process) ...",
             file=sys.stderr,

@@ -7,7 +7,7 @@ functions of `algorithm`.
 """
 
 from collections import Counter
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from sparse_coord_ros.core.algorithm import (
     updated,
     weighed,
 )
+from sparse_coord_ros.core.factors import AdditiveTable, FactorMemory, Factors
 from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.schedules import exploration, step_sizes
 from sparse_coord_ros.core.sparse import SparseTable
@@ -48,10 +49,12 @@ class Tables(NamedTuple):
         q_coord: Q^C_k, shape (cells, cells, 4), float64; first index the own cell, second the
             perceived peer's. Where COORDINATE perceives several peers, a sparse table over the
             joint state: the own cell, then the peers' in ascending order of robots.
+        factors: what a learner that learns in factors has them from; None for the others.
     """
 
     q_star: np.ndarray
-    q_coord: np.ndarray | SparseTable
+    q_coord: np.ndarray | SparseTable | AdditiveTable
+    factors: Factors | None = None
 
 
 class Memory(NamedTuple):
@@ -64,6 +67,9 @@ class Memory(NamedTuple):
             int32: the own cell, then the perceived peers'.
         values: their entries, shape (rows, 4), float64.
         updates: updates of each of them, same shape, int64.
+        factors: what else a learner that learns in factors remembers. Its `states` are those of
+            rho, shape (rows, 3), as of `Factors`, and `values` is rho; `star_updates` counts how
+            often each move was tried, and COORDINATE.
     """
 
     q_star: np.ndarray
@@ -71,6 +77,7 @@ class Memory(NamedTuple):
     states: np.ndarray
     values: np.ndarray
     updates: np.ndarray
+    factors: FactorMemory | None = None
 
 
 def initial_tables(scenario: Scenario, *, asks: bool = True) -> Tables:
@@ -115,8 +122,6 @@ class Agent:
         learning: False: act greedily and never update.
         phase: LEARNING or EVALUATION: which random draws the agent uses.
 
-    Attributes:
-        tables: what it has learned so far.
     """
 
     def __init__(
@@ -135,7 +140,7 @@ class Agent:
         self.learning = learning
         self.goal = scenario.robots[number].goal
         self.actions = len(ACTIONS) if asks else PRIMITIVES
-        self.tables = initial_tables(scenario, asks=asks) if tables is None else tables
+        self._tables = initial_tables(scenario, asks=asks) if tables is None else tables
         self._weights = weights
         self._peers = tuple(k for k in range(len(scenario.robots)) if k != number)
         self._asks_all = scenario.peers == "all"
@@ -145,8 +150,13 @@ class Agent:
         self._step_sizes = step_sizes(scenario.step_size, budget)
         self._discount = scenario.discount
         self._goal_value = scenario.goal_value
-        self._star_updates = np.zeros(self.tables.q_star.shape, dtype=np.int64)
+        self._star_updates = np.zeros(self._tables.q_star.shape, dtype=np.int64)
         self._coord_updates: Counter[tuple[int, ...]] = Counter()
+
+    @property
+    def tables(self) -> Tables:
+        """What it has learned so far; it goes on learning in them."""
+        return self._tables
 
     @property
     def coord_visited(self) -> int:
@@ -159,12 +169,19 @@ class Agent:
             return 0.0
         return float(self._epsilon[min(step, len(self._epsilon) - 1)])
 
+    def values(self, cell: int) -> list[float]:
+        """Return Q*(cell, .)."""
+        values: list[float] = self._tables.q_star[cell].tolist()
+        return values
+
+    def asked(self, step: int, peer: int, cell: int) -> None:
+        """Take note that a peer asks in a time step, from that cell; Algorithm 1 does not."""
+
     def decide(self, step: int, cell: int) -> Decision:
         """Choose A_k(t) (Algorithm 1, line 4)."""
         draws = self._draws.at(step)
-        values = self.tables.q_star[cell].tolist()
         action = epsilon_greedy(
-            values,
+            self.values(cell),
             self.actions,
             self.epsilon(step),
             draws[EXPLORE],
@@ -190,13 +207,26 @@ class Agent:
         """
         if decision.action != COORDINATE:
             return Action(decision.action, False, NOBODY, False)
-        tie = self._draws.at(step)[PRIMITIVE_TIE]
-        if perceived is None:
-            move = greedy(self.tables.q_star[cell].tolist(), PRIMITIVES, tie)
-        else:
-            move = greedy(self.tables.q_coord[cell, *perceived].tolist(), PRIMITIVES, tie)
+        move = self.coordinate(step, cell, perceived)
         peer = decision.peers[0] if len(decision.peers) == 1 else NOBODY
         return Action(move, True, peer, perceived is not None)
+
+    def coordinate(self, step: int, cell: int, perceived: tuple[int, ...] | None) -> int:
+        """Return the primitive action that COORDINATE becomes; arguments as of `act`."""
+        tie = self._draws.at(step)[PRIMITIVE_TIE]
+        return greedy(self.values_asking(cell, perceived), PRIMITIVES, tie)
+
+    def values_asking(self, cell: int, perceived: tuple[int, ...] | None) -> list[float]:
+        """Return the values by which COORDINATE chooses a move: Q^C, or Q* after a failed percept.
+
+        Args:
+            cell: X_k(t).
+            perceived: the local states of the asked peers; None where ActivePercept is FALSE.
+        """
+        if perceived is None:
+            return self.values(cell)
+        values: list[float] = self._tables.q_coord[cell, *perceived].tolist()
+        return values
 
     def learn(
         self,
@@ -223,7 +253,7 @@ class Agent:
         """
         if not self.learning:
             return
-        q_star, q_coord = self.tables
+        q_star, q_coord = self._arrays()
         total = weighed(reward.individual, reward.common, reward.ask_cost, self._weights)
         if next_cell == self.goal:
             bootstrap = self._goal_value
@@ -245,7 +275,7 @@ class Agent:
         An agent of one's own that remembers more than tables and their counts of updates cannot
         go on from here: its learning is not to be broken off.
         """
-        q_star, q_coord = self.tables
+        q_star, q_coord = self._arrays()
         states = sorted({entry[:-1] for entry in self._coord_updates})
         moves = range(PRIMITIVES)
         updates = [[self._coord_updates[*state, move] for move in moves] for state in states]
@@ -259,14 +289,20 @@ class Agent:
 
     def go_on_from(self, memory: Memory) -> None:
         """Go on with what another agent of the same run has learned."""
-        self.tables.q_star[:] = memory.q_star
+        q_star, q_coord = self._arrays()
+        q_star[:] = memory.q_star
         self._star_updates[:] = memory.star_updates
         rows = zip(memory.states.tolist(), memory.values, memory.updates.tolist(), strict=True)
         for state, values, updates in rows:
             for move, count in enumerate(updates):
                 if count:
-                    self.tables.q_coord[*state, move] = values[move]
+                    q_coord[*state, move] = values[move]
                     self._coord_updates[*state, move] = count
+
+    def _arrays(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return Q* and Q^C, for this to write to; a sparse Q^C is used like an array."""
+        table: Any = self._tables.q_coord
+        return self._tables.q_star, table
 
     def _alpha(
         self, updates: np.ndarray | Counter[tuple[int, ...]], entry: tuple[int, ...], step: int

@@ -134,7 +134,7 @@ def play(
     check_tables(scenario, tables, learner)
     agents = []
     for k, table in enumerate(tables):
-        rule = learner_of(learner or ("noncoop" if np.isnan(table.q_star[0, -1]) else "coop"))
+        rule = learner_of(learner or acting_on(table))
         agents.append(
             rule.agent(scenario, k, seed, tables=table, learning=False, phase=EVALUATION)
         )
@@ -202,12 +202,25 @@ def check_tables(
                     "the tables of a run on the same map and with the same setting peers"
                 )
         rule = None if learner is None else learner_of(learner)
+        if rule is not None and (rule.factors is None) != (table.factors is None):
+            others = "learns in factors" if rule.factors is None else "does not learn in factors"
+            raise TablesError(
+                f"tables of robot {k} were learned by a learner that {others}, the learner is "
+                f"{rule.label}; use the tables of a run with that learner, or choose the other one"
+            )
         if rule is not None and np.isnan(table.q_star[:, -1]).any() == rule.asks:
             others = "does not ask" if rule.asks else "asks"
             raise TablesError(
                 f"q_star_{k} was learned by a learner that {others}, the learner is {rule.label}; "
                 "use the tables of a run with that learner, or choose the other one"
             )
+
+
+def acting_on(table: Tables) -> str:
+    """Return the learner whose greedy policy the tables are for."""
+    if table.factors is not None:
+        return "factored"
+    return "noncoop" if np.isnan(table.q_star[0, -1]) else "coop"
 
 
 def _measure(values: np.ndarray) -> Measure:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from sparse_coord_ros.core.grid import MOVES, GridMap
 from sparse_coord_ros.core.run_config import RunConfig
-from sparse_coord_ros.core.world import Action
+from sparse_coord_ros.core.world import Action, Reward
 
 SECOND = 1_000_000_000
 """Nanoseconds."""
@@ -36,11 +36,13 @@ class Frame:
         grid: the map.
         resolution: metres a cell.
         period: nanoseconds a time step.
+        referee: whether rewards say with whom a robot was in a miscoordination.
     """
 
     def __init__(self, run: RunConfig) -> None:
         self.grid: GridMap = run.scenario.map
         self.resolution = run.resolution
+        self.referee = run.scenario.referee
         self.period = round(run.step_period * SECOND)
         rows = self.grid.shape[0]
         self.centres = [
@@ -83,6 +85,20 @@ def action_numbers(action: Action) -> tuple[float, ...]:
         float(action.peer + 1),
         float(action.perceived),
     )
+
+
+def reward_from(numbers: Sequence[float]) -> Reward:
+    """Return the reward that the numbers of `REWARD_LABELS` say, and `PARTNERS_LABEL` if there.
+
+    Raises:
+        ValueError: the partners are no number.
+    """
+    individual, common, ask_cost, total, *partners = numbers
+    if not partners:
+        return Reward(individual, common, ask_cost, total)
+    if not isfinite(partners[0]):
+        raise ValueError(f"partners is {partners[0]:g}, no sum of powers of two")
+    return Reward(individual, common, ask_cost, total, int(partners[0]))
 
 
 class Account(NamedTuple):

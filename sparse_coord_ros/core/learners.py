@@ -15,10 +15,12 @@ from types import MappingProxyType
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from sparse_coord_ros.core.agent import Agent, Tables, initial_tables
+from sparse_coord_ros.core.factored import FactoredAgent, initial_factored
+from sparse_coord_ros.core.factors import FactorRule
 from sparse_coord_ros.core.plugins import Registry, failing_as, is_shipped, path_of
 from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.streams import LEARNING
-from sparse_coord_ros.core.world import SUM_OF_PARTS, RewardWeights
+from sparse_coord_ros.core.world import RewardWeights
 from sparse_coord_ros.errors import SettingError
 
 
@@ -39,6 +41,7 @@ class Learner:
         asks: whether COORDINATE is among its actions; if not, the fifth column of Q* is NaN.
         alone: whether each robot learns with no other robot in the world (Indiv. of Section 4).
             Such a learner cannot run live.
+        factors: the rule of a learner that learns Q* and Q^C in factors; None for the others.
         defaults: values of scenario settings where neither the scenario nor the user chose one;
             `run.yaml` says each value that held.
     """
@@ -48,6 +51,7 @@ class Learner:
     summary: str = ""
     asks: bool = True
     alone: bool = False
+    factors: FactorRule | None = None
     defaults: Mapping[str, object] = MappingProxyType({})
 
     def __init_subclass__(cls, **more: object) -> None:
@@ -74,14 +78,16 @@ class Learner:
         return replace(scenario.with_settings(values), given=scenario.given)
 
     def weights(self, scenario: Scenario) -> RewardWeights:
-        """Return how much each part of R_k(t) counts while it learns: their sum, unless changed.
+        """Return how much each part of R_k(t) counts while it learns.
+
+        Unless changed it is their sum, with r^C as often as the setting `credit` says.
 
         The rewards by which a team is evaluated are not changed by it.
 
         Args:
             scenario: the problem.
         """
-        return SUM_OF_PARTS
+        return RewardWeights(1.0, scenario.common_weight, 1.0)
 
     def tables(self, scenario: Scenario) -> Tables:
         """Return the tables of one robot before learning (Algorithm 1, line 1)."""
@@ -227,6 +233,64 @@ class Indiv(Learner):
     alone = True
 
 
+class Factored(Learner):
+    """Algorithm 1 with Q* and Q^C in factors, as docs/coordination.md defines it.
+
+    A subclass with another `factors` is the rule with a part turned off.
+    """
+
+    name = "factored"
+    title = "Factored"
+    summary = "Algorithm 1 with Q^C as an individual part and sparse corrections"
+    factors: FactorRule = FactorRule()
+    defaults = MappingProxyType(
+        {"epsilon": "linear:0.3:0.02:0.8", "starts": "exploring:1:0:0.5", "peers": "all"}
+    )
+
+    def with_defaults(self, scenario: Scenario) -> Scenario:
+        """As of `Learner`; with more than two robots, `referee` is on unless somebody chose."""
+        chosen = super().with_defaults(scenario)
+        if len(scenario.robots) > 2 and "referee" not in scenario.given:
+            chosen = replace(chosen, referee=True)
+        return chosen
+
+    def tables(self, scenario: Scenario) -> Tables:
+        """Return the tables of the first robot before learning; others have the same factors.
+
+        Raises:
+            SettingError: COORDINATE does not perceive every peer.
+        """
+        return initial_factored(scenario, 0, self.weights(scenario))
+
+    def agent(
+        self,
+        scenario: Scenario,
+        number: int,
+        seed: int,
+        *,
+        tables: Tables | None = None,
+        learning: bool = True,
+        phase: int = LEARNING,
+    ) -> Agent:
+        """Return the agent of one robot; arguments as of `Learner.agent`."""
+        return FactoredAgent(
+            scenario,
+            number,
+            seed,
+            rule=self.factors,
+            weights=self.weights(scenario),
+            tables=tables,
+            learning=learning,
+            phase=phase,
+        )
+
+    @property
+    def compiled(self) -> bool:
+        """Whether the compiled loops of the batch engine compute just this learner."""
+        own = type(self)
+        return own.agent is Factored.agent and own.tables is Factored.tables
+
+
 def _learner(_name: str, thing: object) -> Learner:
     made = thing() if isinstance(thing, type) and issubclass(thing, Learner) else thing
     if not isinstance(made, Learner):
@@ -240,7 +304,7 @@ def _learner(_name: str, thing: object) -> Learner:
 LEARNERS: Registry[Learner] = Registry("learner", "sparse_coord_ros.learners", _learner)
 """Every learner, by what it is called in files."""
 
-for _own in (Coop(), NonCoop(), Indiv()):
+for _own in (Coop(), NonCoop(), Indiv(), Factored()):
     LEARNERS.register(_own.label, _own)
 
 

@@ -25,6 +25,24 @@ COMMON_REWARD = SpecFamily(
 """Who pays what of r^C (paper, Section 5). Either every robot pays the `same`, or `each` its own
 factor times `penalty`, in the scenario's order."""
 
+
+class CreditFamily(SpecFamily):
+    """The setting `credit`: a lone number is a weight."""
+
+    def parse(self, value: object) -> Spec:
+        """Read a credit; errors as of `SpecFamily.parse`."""
+        text = str(value)
+        try:
+            float(text)
+        except ValueError:
+            return super().parse(value)
+        return super().parse(f"weight:{text}")
+
+
+CREDIT = CreditFamily("credit", {"own": (), "team": (), "weight": (Number("w", 0.0, 1e6),)})
+"""How much a robot weighs r^C while it learns: once, as its `own`; as often as there are robots of
+the `team` that r^C falls on; or by a number, `weight:W`."""
+
 PEERS = ("one", "all")
 """Whom COORDINATE perceives: a peer drawn at random, or every other robot (paper, footnote 3)."""
 
@@ -64,6 +82,20 @@ SETTINGS = SettingTable(
             "one",
             "whom COORDINATE perceives: one peer drawn at random, or all of them",
             choices=PEERS,
+        ),
+        Setting(
+            "credit",
+            CREDIT,
+            "own",
+            "how much r^C counts in learning: once, for each robot that it falls on, or a number",
+            neutral="own",
+        ),
+        Setting(
+            "referee",
+            bool,
+            False,
+            "whether the reward says with whom a robot was in a miscoordination",
+            neutral=False,
         ),
         Setting(
             "max_steps",
@@ -137,6 +169,8 @@ class Scenario:
     q_star_init: float
     q_coord_init: float
     goal_value: float
+    credit: Spec
+    referee: bool
     given: frozenset[str] = field(default=frozenset(), compare=False)
 
     def __post_init__(self) -> None:
@@ -161,6 +195,18 @@ class Scenario:
         if self.common_reward.kind == "same":
             return (self.penalty,) * len(self.robots)
         return tuple(factor * self.penalty for factor in self.common_reward.numbers)
+
+    @property
+    def common_weight(self) -> float:
+        """How much r^C counts for a robot that learns: the setting `credit`."""
+        if self.credit.kind == "team":
+            return float(sum(factor != 0.0 for factor in self._factors))
+        return self.credit.numbers[0] if self.credit.kind == "weight" else 1.0
+
+    @property
+    def _factors(self) -> tuple[float, ...]:
+        same = self.common_reward.kind == "same"
+        return (1.0,) * len(self.robots) if same else self.common_reward.numbers
 
     @property
     def perceived(self) -> int:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sparse_coord_ros.core.agent import Agent, Decision, Memory, Tables
+from sparse_coord_ros.core.factors import AdditiveTable
 from sparse_coord_ros.core.history import History, HistoryRecorder, concatenated
 from sparse_coord_ros.core.learners import Learner, learner_of
 from sparse_coord_ros.core.perception import percept_probabilities
@@ -34,6 +35,7 @@ class Team:
         self, scenario: Scenario, seed: int, agents: list[Agent], *, phase: int = LEARNING
     ) -> None:
         self.agents = agents
+        self._of = {agent.number: agent for agent in agents}
         self._percepts = [Stream(seed, agent.number, PERCEPT, phase) for agent in agents]
         self._probabilities = percept_probabilities(scenario.perception, scenario.map).tolist()
 
@@ -73,7 +75,11 @@ class Team:
         peer_cells = tuple(world.cells[peer] for peer in decision.peers)
         draw = self._percepts[k].at(world.step)[0]
         probabilities = self._probabilities[world.cells[k]]
-        return peer_cells if all(draw < probabilities[cell] for cell in peer_cells) else None
+        for peer, cell in zip(decision.peers, peer_cells, strict=True):
+            self._of[peer].asked(world.step, k, world.cells[k])
+            if draw >= probabilities[cell]:
+                return None
+        return peer_cells
 
 
 class LearningState(NamedTuple):
@@ -225,10 +231,16 @@ def learn_agents(
 def tables_equal(one: list[Tables], other: list[Tables]) -> bool:
     """Whether two teams' tables agree bit for bit (NaN columns included)."""
     return len(one) == len(other) and all(
-        _same_bits(a, b)
-        for mine, theirs in zip(one, other, strict=True)
-        for a, b in zip(mine, theirs, strict=True)
+        len(mine) == len(theirs) and all(map(_same_bits, mine, theirs))
+        for mine, theirs in zip(map(_parts, one), map(_parts, other), strict=True)
     )
+
+
+def _parts(tables: Tables) -> list[np.ndarray | SparseTable]:
+    """Return all that tables are made of; what is only read from the factors is left out."""
+    q_star, q_coord, factors = tables
+    parts = [] if isinstance(q_coord, AdditiveTable) else [q_coord]
+    return [q_star, *parts, *(() if factors is None else factors)]
 
 
 def _same_bits(one: np.ndarray | SparseTable, other: np.ndarray | SparseTable) -> bool:
@@ -236,4 +248,4 @@ def _same_bits(one: np.ndarray | SparseTable, other: np.ndarray | SparseTable) -
         return one.same_bits(other)
     if isinstance(one, SparseTable) or isinstance(other, SparseTable):
         return False
-    return np.array_equal(one.view(np.int64), other.view(np.int64))
+    return one.shape == other.shape and one.tobytes() == other.tobytes()

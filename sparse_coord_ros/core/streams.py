@@ -12,15 +12,18 @@ import numpy as np
 LEARNING, EVALUATION = 0, 1
 """Phases of a run: the same seed gives independent draws in each."""
 
-POLICY, MOTION, PERCEPT, START = 0, 1, 2, 3
-"""Roles of a stream."""
+POLICY, MOTION, PERCEPT, START, REPLAY, BLIND = range(6)
+"""Roles of a stream; the last two are those of the factored learner."""
 
-DRAWS = {POLICY: 5, MOTION: 1, PERCEPT: 1, START: 2}
+DRAWS = {POLICY: 5, MOTION: 1, PERCEPT: 1, START: 2, REPLAY: 5, BLIND: 2}
 """Draws a time step owns, by role."""
 
 EXPLORE, EXPLORED_ACTION, TIE, PRIMITIVE_TIE, PEER = range(5)
 """Columns of the POLICY stream: explore or not, which action, the tie draw of pi_epsilon's greedy
 choice, the tie draw of pi_g (Algorithm 1, lines 7 and 9), which peer to perceive."""
+
+BLIND_EXPLORE, BLIND_ACTION = range(2)
+"""Columns of the BLIND stream: whether the move after a failed percept is explored, and which."""
 
 BLOCK = 256
 
@@ -36,7 +39,7 @@ class Stream:
     Args:
         seed: the run's seed, >= 0.
         agent: the agent's number, from 0.
-        role: POLICY, MOTION, PERCEPT or START.
+        role: one of the roles.
         phase: LEARNING or EVALUATION.
     """
 

@@ -6,7 +6,12 @@ For robot k (1-based): `q_star_k`, shape (cells, 5), columns north, south, east,
 `q_coord_k`, shape (cells, cells, 4), first index the own cell. Where Q^C is sparse, instead of
 `q_coord_k`: `q_coord_keys_k`, shape (rows, robots), the joint states in ascending order, each the
 own cell and then the peers'; `q_coord_rows_k`, shape (rows, 4), their entries; `q_coord_unseen_k`,
-what all others read as. Cells are numbered row by row from the top left, free cells only.
+what all others read as. Of a learner that learns in factors (`core.factors.Factors`):
+`u_k` and `r_bar_k`, shape (cells, 4); `w_k`, (cells,); `rho_states_k`, (rows, 3): own cell, number
+of the peer (from 1) and its cell, 0 and -1 for failed percepts; `rho_k`, (rows, 4). With two
+robots `q_coord_k` is there as well, as the robot acts on it; with more it is read from the
+factors, and `robots_k` says how many there are.
+Cells are numbered row by row from the top left, free cells only.
 """
 
 import io
@@ -17,6 +22,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 from sparse_coord_ros.core.agent import Tables
+from sparse_coord_ros.core.algorithm import PRIMITIVES
+from sparse_coord_ros.core.factors import AdditiveTable, Factors, coordination_table
 from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.sparse import SparseTable
 from sparse_coord_ros.errors import TablesError, newer_format
@@ -49,6 +56,14 @@ def pack_tables(tables: Mapping[int, Tables], *, counts: Mapping[str, int] | Non
     arrays |= {f"count_{name}": np.int64(count) for name, count in (counts or {}).items()}
     for number, pair in tables.items():
         arrays[f"q_star_{number}"] = pair.q_star
+        if pair.factors is not None:
+            u, r_bar, w, states, rho = pair.factors
+            said = states + np.array([0, 1, 0], dtype=np.int32)
+            named = {"u": u, "r_bar": r_bar, "w": w, "rho_states": said, "rho": rho}
+            arrays |= {f"{name}_{number}": array for name, array in named.items()}
+            if isinstance(pair.q_coord, AdditiveTable):
+                arrays[f"robots_{number}"] = np.int64(len(pair.q_coord.shape) - 1)
+                continue
         if isinstance(pair.q_coord, SparseTable):
             arrays[f"q_coord_keys_{number}"] = pair.q_coord.keys
             arrays[f"q_coord_rows_{number}"] = pair.q_coord.rows
@@ -162,12 +177,35 @@ def _unreadable(where: str, error: Exception) -> TablesError:
 def _load_pair(file: Mapping[str, np.ndarray], number: int) -> Tables:
     """Return one robot's tables; raise whatever a malformed array makes NumPy raise."""
     q_star = np.ascontiguousarray(file[f"q_star_{number}"], dtype=np.float64)
+    if f"u_{number}" in file:
+        return _load_factored(file, number, q_star)
     if f"q_coord_keys_{number}" not in file:
         return Tables(q_star, np.ascontiguousarray(file[f"q_coord_{number}"], dtype=np.float64))
     keys = file[f"q_coord_keys_{number}"].astype(np.int32, casting="safe")
     rows = file[f"q_coord_rows_{number}"].astype(np.float64, casting="safe")
     unseen = float(file[f"q_coord_unseen_{number}"])
     return Tables(q_star, SparseTable(len(q_star), keys.shape[1], unseen, keys, rows))
+
+
+def _load_factored(file: Mapping[str, np.ndarray], number: int, q_star: np.ndarray) -> Tables:
+    """Return tables with their factors; raise whatever a malformed array makes NumPy raise."""
+    named = [file[f"{name}_{number}"] for name in ("u", "r_bar", "w", "rho")]
+    u, r_bar, w, rho = (array.astype(np.float64, casting="safe") for array in named)
+    states = file[f"rho_states_{number}"].astype(np.int32, casting="safe")
+    cells = len(q_star)
+    robots = int(file[f"robots_{number}"]) if f"robots_{number}" in file else 2
+    shapes = (u.shape, r_bar.shape, w.shape, states.shape, rho.shape)
+    rows = (len(rho), 3), (len(rho), PRIMITIVES)
+    if shapes != ((cells, PRIMITIVES), (cells, PRIMITIVES), (cells,), *rows):
+        raise ValueError(f"the factors of robot {number} have shapes {shapes}")
+    low, high = states.min(axis=0, initial=0), states.max(axis=0, initial=0)
+    if low[0] < 0 or low[1] < 0 or high[0] >= cells or high[1] > robots or high[2] >= cells:
+        raise ValueError(f"rho_states_{number} names what is not there")
+    factors = Factors(u, r_bar, w, states - np.array([0, 1, 0], dtype=np.int32), rho)
+    if robots > 2:
+        return Tables(q_star, coordination_table(factors, number - 1, robots), factors)
+    q_coord = np.ascontiguousarray(file[f"q_coord_{number}"], dtype=np.float64)
+    return Tables(q_star, q_coord, factors)
 
 
 def load_team(directory: Path, scenario: Scenario) -> list[Tables]:

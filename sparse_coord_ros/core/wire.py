@@ -102,6 +102,10 @@ DOORWAYS, GOALS, ROBOTS = "doorways", "goals", "robots"
 REWARD_LABELS = ("individual", "common", "ask_cost", "total")
 """What the numbers of a reward are called in its message."""
 
+PARTNERS_LABEL = "partners"
+"""What follows them where the world has a `referee`: the sum of 2^(j-1) of the robots j (from 1)
+with which the robot was in the miscoordination."""
+
 ACTION_LABELS = ("east", "north", "coordinate", "peer", "perceived")
 """What the numbers of an action are called in its message."""
 

@@ -19,13 +19,27 @@ EPISODE_GAP = 2
 """Time steps from an episode's last state to the next one's first: nobody learns across it."""
 
 
+UNKNOWN_PARTNERS = -1
+"""In place of partners: nobody says; every bit of it is set, so it may have been any peer."""
+
+
 class Reward(NamedTuple):
-    """R_k(t) and its parts: total = individual + common + ask_cost."""
+    """R_k(t) and its parts: total = individual + common + ask_cost.
+
+    Attributes:
+        individual: r^I_k.
+        common: r^C.
+        ask_cost: minus the cost of asking, or 0.
+        total: their sum.
+        partners: with whom the robot was in the miscoordination: the sum of 2^j of the peers j
+            (from 0), 0 for none; `UNKNOWN_PARTNERS` where the world has no `referee`.
+    """
 
     individual: float
     common: float
     ask_cost: float
     total: float
+    partners: int = UNKNOWN_PARTNERS
 
 
 class RewardWeights(NamedTuple):
@@ -196,12 +210,15 @@ class World:
             if cells[k] == goals[k]:
                 arrivals.append(k)
         miscoordination = self.in_conflict()
+        partners = self._partners() if scenario.referee else None
         rewards = []
         for k, action in enumerate(actions):
             common = self._penalties[k] if miscoordination else 0.0
             individual = scenario.goal_reward if k in arrivals else 0.0
             cost = -scenario.ask_cost if action is not None and action.asked else 0.0
-            rewards.append(Reward(individual, common, cost, individual + common + cost))
+            with_whom = UNKNOWN_PARTNERS if partners is None else partners[k]
+            total = individual + common + cost
+            rewards.append(Reward(individual, common, cost, total, with_whom))
         for k in arrivals:
             self.arrived[k] = True
         self.step += 1
@@ -216,6 +233,16 @@ class World:
         if self._any_doorway:
             return len(occupied) > 1
         return len(set(occupied)) < len(occupied)
+
+    def _partners(self) -> list[int]:
+        """Return with whom each agent is in a miscoordination, as of `Reward.partners`."""
+        partners = [0] * len(self.cells)
+        inside = [k for k in self.agents if self.cells[k] in self._doorways]
+        for k in inside:
+            for j in inside:
+                if j != k and (self._any_doorway or self.cells[j] == self.cells[k]):
+                    partners[k] |= 1 << j
+        return partners
 
     def _place(self) -> None:
         """Draw exploring starts where the protocol asks for them; never the goal itself."""

@@ -18,6 +18,15 @@ import numpy as np
 from sparse_coord_ros.core.agent import Memory, Tables, initial_tables
 from sparse_coord_ros.core.algorithm import ACTIONS, PRIMITIVES
 from sparse_coord_ros.core.evaluation import Trials, play
+from sparse_coord_ros.core.factors import (
+    FactorMemory,
+    FactorRule,
+    coordination_table,
+    keys_of,
+    rows_at_most,
+    sorted_factors,
+    states_of,
+)
 from sparse_coord_ros.core.history import History, concatenated
 from sparse_coord_ros.core.learners import Learner, learner_of
 from sparse_coord_ros.core.perception import percept_probabilities
@@ -26,16 +35,18 @@ from sparse_coord_ros.core.schedules import exploration, exploring_starts, step_
 from sparse_coord_ros.core.simulation import Learning, LearningState, groups_of
 from sparse_coord_ros.core.sparse import SparseTable
 from sparse_coord_ros.core.streams import (
+    BLIND,
     DRAWS,
     EVALUATION,
     LEARNING,
     MOTION,
     PERCEPT,
     POLICY,
+    REPLAY,
     START,
     bit_generator,
 )
-from sparse_coord_ros.core.world import EPISODE_GAP, FIRST_STEP, Position
+from sparse_coord_ros.core.world import EPISODE_GAP, FIRST_STEP, UNKNOWN_PARTNERS, Position
 from sparse_coord_ros.engine import kernels
 from sparse_coord_ros.engine.compiled import Loops, compile_once, compiled, has_numba, is_compiled
 from sparse_coord_ros.engine.processes import in_processes
@@ -46,6 +57,9 @@ BLOCK = 2048
 
 FIRST_ROWS = 2 * BLOCK
 """Rows of a sparse table at first, a power of two."""
+
+MOST_ROWS = 2**62
+"""Rows of a sparse table over the joint state: as many as memory holds."""
 
 ENGINES = ("auto", "numba", "python")
 
@@ -164,12 +178,18 @@ def prepare(
         SettingError: numba is asked for and not installed.
     """
     if uses_numba(engine, learner_of(learner)):
-        compile_once(history, lambda: _warm_up(scenario, learner, history))
+        key = _loops_key(learner, history)
+        compile_once(key, lambda: _warm_up(scenario, learner, history))
 
 
-def is_prepared(*, history: bool = False) -> bool:
-    """Whether the loops are compiled in this process."""
-    return is_compiled(history)
+def is_prepared(*, learner: str | Learner = "coop", history: bool = False) -> bool:
+    """Whether the loops for a learner are compiled in this process."""
+    return is_compiled(_loops_key(learner, history))
+
+
+def _loops_key(learner: str | Learner, history: bool) -> tuple[bool, bool]:
+    """Return what tells the compiled loops apart: numba compiles one for each kind of tables."""
+    return history, learner_of(learner).factors is not None
 
 
 def _warm_up(scenario: Scenario, learner: str | Learner, history: bool) -> None:
@@ -253,6 +273,8 @@ class CompiledTeam:
     def tables(self, learners: kernels.Learners) -> list[Tables]:
         """Return what each robot learned, in the shapes of `core.agent`."""
         cells = len(self.scenario.map.cells)
+        if learners.factored is not None:
+            return [self._factored_tables(learners, k) for k in range(len(learners.used))]
         if not self.learner.asks:
             initial = initial_tables(self.scenario, asks=False).q_coord
             return [Tables(q_star, initial) for q_star in learners.q_star]
@@ -267,6 +289,21 @@ class CompiledTeam:
             for q_star, q_coord in zip(learners.q_star, learners.q_coord, strict=True)
         ]
 
+    def _factored_tables(self, learners: kernels.Learners, k: int) -> Tables:
+        """Return robot k's tables, with their factors."""
+        own = learners.factored
+        assert own is not None
+        robots = len(learners.used)
+        rows = learners.keys[k] != kernels.FREE_PLACE
+        keys, rho = learners.keys[k, rows], learners.q_coord[k, rows]
+        factors = sorted_factors(own.u[k], own.r_bar[k], own.w[k], keys, rho, robots)
+        return Tables(learners.q_star[k], coordination_table(factors, k, robots), factors)
+
+    @property
+    def _hashed(self) -> bool:
+        """Whether the second tables are sparse."""
+        return self.scenario.sparse or self.learner.factors is not None
+
     def _sparse_table(self, learners: kernels.Learners, k: int) -> SparseTable:
         """Return robot k's Q^C; rows that trials only looked at are left out."""
         cells, agents = len(self.scenario.map.cells), self.scenario.perceived
@@ -280,12 +317,12 @@ class CompiledTeam:
         """Return the tables before learning."""
         scenario = self.scenario
         team, cells = len(scenario.robots), len(scenario.map.cells)
-        star = initial_tables(scenario, asks=self.learner.asks).q_star
+        star = self.learner.tables(scenario).q_star
         q_star = np.repeat(star[None], team, axis=0)
         if not self.learner.asks:
             rows = 0
-        elif scenario.sparse:
-            rows = FIRST_ROWS
+        elif self._hashed:
+            rows = FIRST_ROWS if self.learner.factors is None else self._rows_for(0)
         else:
             rows = cells * cells
         learners = kernels.Learners(
@@ -295,8 +332,27 @@ class CompiledTeam:
             coord_updates=np.empty(0),
             keys=np.empty(0),
             used=np.zeros(team, dtype=np.int64),
+            factored=self._initial_factored(q_star) if self.learner.factors else None,
         )
         return self._with_rows(learners, rows)
+
+    def _initial_factored(self, q_star: np.ndarray) -> kernels.Factored:
+        team, cells, _ = q_star.shape
+        whole = np.zeros((3, team, cells, PRIMITIVES), dtype=np.int64)
+        return kernels.Factored(
+            u=np.full((team, cells, PRIMITIVES), self.scenario.q_coord_init),
+            r_bar=np.zeros((team, cells, PRIMITIVES)),
+            w=np.zeros((team, cells)),
+            value=q_star.max(axis=2),
+            commons=whole[0],
+            moved=whole[1],
+            successor=whole[2],
+            tried=np.zeros((team, cells * PRIMITIVES), dtype=np.int64),
+            used=np.zeros((team, 1), dtype=np.int64),
+            askers=np.zeros(team, dtype=np.int64),
+            partners=np.full(team, UNKNOWN_PARTNERS, dtype=np.int64),
+            correction=np.zeros(PRIMITIVES),
+        )
 
     def memories(self, learners: kernels.Learners) -> tuple[Memory, ...]:
         """Return what each robot has learned, as an agent of `core.agent` remembers it."""
@@ -305,15 +361,24 @@ class CompiledTeam:
     def _memory(self, learners: kernels.Learners, k: int) -> Memory:
         cells, agents = len(self.scenario.map.cells), self.scenario.perceived
         rows = np.flatnonzero((learners.coord_updates[k] > 0).any(axis=1))
-        keys = learners.keys[k, rows] if self.scenario.sparse else rows
+        keys = learners.keys[k, rows] if self._hashed else rows
         order = np.argsort(keys)
-        states = np.unravel_index(keys[order], (cells,) * agents)
+        own, factors = learners.factored, None
+        if own is None:
+            found = np.unravel_index(keys[order], (cells,) * agents)
+            states = np.stack(found, axis=1).astype(np.int32)
+        else:
+            states = states_of(keys[order], cells, len(learners.used))
+            arrays = (own.u, own.r_bar, own.w, own.commons, own.moved, own.successor)
+            learned = [array[k].copy() for array in arrays]
+            factors = FactorMemory._make([*learned, own.tried[k, : own.used[k, 0]].copy()])
         return Memory(
             learners.q_star[k].copy(),
             learners.star_updates[k].astype(np.int64),
-            np.stack(states, axis=1).astype(np.int32),
+            states,
             learners.q_coord[k, rows[order]],
             learners.coord_updates[k, rows[order]].astype(np.int64),
+            factors,
         )
 
     def remembered(self, memories: Sequence[Memory]) -> kernels.Learners:
@@ -324,27 +389,42 @@ class CompiledTeam:
             learners.star_updates[k] = memory.star_updates
         if not self.learner.asks:
             return learners
-        shape = (len(self.scenario.map.cells),) * self.scenario.perceived
-        keys = [np.ravel_multi_index(memory.states.T, shape) for memory in memories]
+        cells = len(self.scenario.map.cells)
+        shape = (cells,) * self.scenario.perceived
+        keys = []
+        for k, memory in enumerate(memories):
+            own = learners.factored
+            if own is None or memory.factors is None:
+                keys.append(np.ravel_multi_index(memory.states.T, shape))
+                continue
+            keys.append(keys_of(memory.states, cells, len(memories)))
+            *arrays, tried = memory.factors
+            targets = (own.u, own.r_bar, own.w, own.commons, own.moved, own.successor)
+            for space, array in zip(targets, arrays, strict=True):
+                space[k] = array
+            own.value[k] = memory.q_star.max(axis=1)
+            own.tried[k, : len(tried)] = tried
+            own.used[k] = len(tried)
         # A table with all that is remembered, in any order; `rehash` finds the places.
         most = max(1, *map(len, keys))
         listed = self._with_rows(learners, most)
         for k, memory in enumerate(memories):
-            target = learners if not self.scenario.sparse else listed
-            rows = keys[k] if not self.scenario.sparse else np.arange(len(keys[k]))
+            target = listed if self._hashed else learners
+            rows = np.arange(len(keys[k])) if self._hashed else keys[k]
             target.q_coord[k, rows] = memory.values
             target.coord_updates[k, rows] = memory.updates
-            if self.scenario.sparse:
+            if self._hashed:
                 listed.keys[k, rows] = keys[k]
                 listed.used[k] = len(rows)
-        return self.with_room(listed) if self.scenario.sparse else learners
+        return self._larger(listed) if self._hashed else learners
 
     def _with_rows(self, learners: kernels.Learners, rows: int) -> kernels.Learners:
         """Return learners whose Q^C has so many rows, all of them new."""
         team = len(learners.used)
-        sparse_rows = rows if self.scenario.sparse else 0
+        sparse_rows = rows if self._hashed else 0
+        unseen = self.scenario.q_coord_init if learners.factored is None else 0.0
         return learners._replace(
-            q_coord=np.full((team, rows, PRIMITIVES), self.scenario.q_coord_init),
+            q_coord=np.full((team, rows, PRIMITIVES), unseen),
             coord_updates=np.zeros((team, rows, PRIMITIVES), dtype=np.int32),
             keys=np.full((team, sparse_rows), kernels.FREE_PLACE, dtype=np.int64),
             used=np.zeros(team, dtype=np.int64),
@@ -352,12 +432,20 @@ class CompiledTeam:
 
     def with_room(self, learners: kernels.Learners) -> kernels.Learners:
         """Return learners whose sparse tables stay half empty whatever a block brings."""
-        if kernels.has_room(learners, BLOCK):
+        if kernels.has_room(self._trying, learners, BLOCK):
             return learners
-        needed = 2 * (int(learners.used.max()) + BLOCK)
-        larger = self._with_rows(learners, 1 << (needed - 1).bit_length())
+        return self._larger(learners)
+
+    def _larger(self, learners: kernels.Learners) -> kernels.Learners:
+        larger = self._with_rows(learners, self._rows_for(int(learners.used.max())))
         self.loops.rehash(learners, larger)
         return larger
+
+    def _rows_for(self, used: int) -> int:
+        """Return how many rows leave room for a block, a power of two."""
+        problem = self._trying
+        needed = 2 * min(used + BLOCK * problem.rows_a_step, problem.most_rows)
+        return 1 << (needed - 1).bit_length()
 
     def check_wanted(self) -> None:
         """Raise `Stopped` where nobody waits for the run any more."""
@@ -379,6 +467,8 @@ class CompiledTeam:
             MOTION: True,
             PERCEPT: problem.actions > PRIMITIVES,
             START: bool(problem.exploring.any()),
+            REPLAY: phase == LEARNING and problem.replays > 0,
+            BLIND: phase == LEARNING and self.learner.factors is not None,
         }
         values = np.zeros(team * BLOCK * sum(DRAWS.values()))
         spaces, generators, parts = [], [], []
@@ -394,12 +484,14 @@ class CompiledTeam:
                 parts.append((part, part + BLOCK * width))
             begin = end
         states = [generator.ctypes.state_address for generator in generators]
-        policy, motion, percept, start = spaces
+        policy, motion, percept, start, replay, blind = spaces
         return generators, kernels.Draws(
             policy,
             motion[:, :, 0],
             percept[:, :, 0],
             start,
+            replay,
+            blind,
             values,
             np.array(states, dtype=np.uint64),
             np.array(parts),
@@ -576,6 +668,7 @@ def make_problem(
     """
     grid, robots = scenario.map, scenario.robots
     cells = len(grid.cells)
+    rule = learner.factors or FactorRule()
     doorway = np.zeros(cells, dtype=np.bool_)
     doorway[sorted(grid.doorways)] = True
     free = [np.flatnonzero(grid.distances_to(robot.goal) > 0) for robot in robots]
@@ -612,4 +705,11 @@ def make_problem(
         ask_cost=scenario.ask_cost,
         discount=scenario.discount,
         goal_value=scenario.goal_value,
+        referee=scenario.referee,
+        rows_a_step=1 if learner.factors is None else len(robots),
+        most_rows=MOST_ROWS if learner.factors is None else rows_at_most(cells, len(robots)),
+        replays=rule.replays if learner.factors else 0,
+        share=rule.share,
+        percept_update=rule.percept_update,
+        patience=rule.patience,
     )

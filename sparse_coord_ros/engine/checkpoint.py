@@ -6,7 +6,8 @@ Arrays, G groups of robots that learn together (one; K for a learner that learns
 group g and robot k from 1: `format`; `run`, a digest of what the run computes; `transitions`,
 `step`, `under_way`, `episode_start`, each of shape (G,), `cells` and `arrived`, (G, K): the fields
 of `core.world.Position`; `q_star_k`, `star_updates_k`, `states_k`, `values_k`, `updates_k`: those
-of `core.agent.Memory`; `history_g_...`: those of `core.history.History`; `evaluation_steps` (N,)
+of `core.agent.Memory`; `factors_..._k`: those of `core.factors.FactorMemory`, where there are
+any; `history_g_...`: those of `core.history.History`; `evaluation_steps` (N,)
 and `evaluations` (N, 14): trials, mean, spread and standard error of the four measures, trials in
 which some robot did not arrive; `evaluate_every` and `trials`.
 """
@@ -22,6 +23,7 @@ import numpy as np
 
 from sparse_coord_ros.core.agent import Memory
 from sparse_coord_ros.core.evaluation import Evaluation, Measure
+from sparse_coord_ros.core.factors import FactorMemory
 from sparse_coord_ros.core.history import history_from
 from sparse_coord_ros.core.learners import Learner
 from sparse_coord_ros.core.scenario import Scenario
@@ -64,7 +66,11 @@ class Checkpoint:
         for name in Position._fields:
             arrays[name] = np.array([getattr(p, name) for p in self.state.positions])
         for k, memory in enumerate(self.state.memories, start=1):
-            arrays |= {f"{name}_{k}": array for name, array in memory._asdict().items()}
+            whole = memory._asdict()
+            factors = whole.pop("factors")
+            arrays |= {f"{name}_{k}": array for name, array in whole.items()}
+            if factors is not None:
+                arrays |= {f"factors_{name}_{k}": a for name, a in factors._asdict().items()}
         for g, history in enumerate(self.state.histories, start=1):
             arrays |= {f"history_{g}_{name}": a for name, a in history.arrays().items()}
         file = io.BytesIO()
@@ -113,9 +119,7 @@ def _from(file: Mapping[str, np.ndarray], scenario: Scenario, learner: Learner) 
     groups = len(groups_of(scenario, learner))
     if len(positions) != groups or any(len(p.cells) != robots for p in positions):
         raise ValueError("has other robots")
-    memories = [
-        Memory(*(file[f"{name}_{k}"] for name in Memory._fields)) for k in range(1, robots + 1)
-    ]
+    memories = [_memory(file, k) for k in range(1, robots + 1)]
     for memory in memories:
         if len({len(memory.states), len(memory.values), len(memory.updates)}) > 1:
             raise ValueError("has rows without their states")
@@ -129,6 +133,15 @@ def _from(file: Mapping[str, np.ndarray], scenario: Scenario, learner: Learner) 
         tuple(evaluations),
         int(file["evaluate_every"]),
         int(file["trials"]),
+    )
+
+
+def _memory(file: Mapping[str, np.ndarray], k: int) -> Memory:
+    memory = Memory._make([*(file[f"{name}_{k}"] for name in Memory._fields[:-1]), None])
+    if f"factors_tried_{k}" not in file:
+        return memory
+    return memory._replace(
+        factors=FactorMemory(*(file[f"factors_{name}_{k}"] for name in FactorMemory._fields))
     )
 
 

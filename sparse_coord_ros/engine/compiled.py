@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.core import algorithm
+from sparse_coord_ros.core import algorithm, factors
 from sparse_coord_ros.engine import kernels
 
 CALLED = (
@@ -24,14 +24,29 @@ CALLED = (
     algorithm.step_size,
     algorithm.updated,
     algorithm.weighed,
+    factors.key_of,
+    factors.unseen_key,
+    factors.toward,
+    factors.refresh,
+    factors.learn_move,
+    factors.learn_correction,
+    factors.learn_asking,
+    factors.replay,
     kernels.find_row,
     kernels.perceived_row,
     kernels.draw,
     kernels.has_room,
     kernels.has_rows,
     kernels.place,
+    kernels.add_row,
+    kernels.correct,
+    kernels.coordinate,
     kernels.choose,
     kernels.move,
+    kernels.find_partners,
+    kernels.learn_tables,
+    kernels.learn_row,
+    kernels.learn_factors,
     kernels.learn_block,
     kernels.play_block,
 )

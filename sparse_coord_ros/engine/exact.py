@@ -18,7 +18,7 @@ import numpy as np
 
 from sparse_coord_ros.core.agent import Agent, Tables
 from sparse_coord_ros.core.algorithm import COORDINATE, PRIMITIVES
-from sparse_coord_ros.core.evaluation import Measure, check_tables
+from sparse_coord_ros.core.evaluation import Measure, acting_on, check_tables
 from sparse_coord_ros.core.learners import Learner, learner_of
 from sparse_coord_ros.core.perception import percept_probabilities
 from sparse_coord_ros.core.scenario import Scenario
@@ -137,17 +137,18 @@ def _policies(
     cells = len(scenario.map.cells)
     asking, moves = [], []
     for k, table in enumerate(tables):
-        rule = learner_of(learner or ("noncoop" if np.isnan(table.q_star[0, -1]) else "coop"))
+        rule = learner_of(learner or acting_on(table))
         agent = rule.agent(scenario, k, 0, tables=table, learning=False, phase=EVALUATION)
         if type(agent).decide is not Agent.decide or type(agent).act is not Agent.act:
             raise SettingError(
                 f"exact evaluation: learner {rule.label} acts by a rule of its own, allowed: "
                 "learners whose agents act as Algorithm 1 does; leave out 'exact' for trials"
             )
-        q_star, q_coord = agent.tables
+        q_star, q_coord, _ = agent.tables
         chosen = _greedy(q_star[:, : agent.actions])
         asks = chosen[:, COORDINATE] if agent.actions > COORDINATE else np.zeros(cells)
-        blind = _greedy(q_star[:, :PRIMITIVES])[:, None, :]
+        unseen = [agent.values_asking(x, None)[:PRIMITIVES] for x in range(cells)]
+        blind = _greedy(np.array(unseen))[:, None, :]
         # One robot alone has nobody to ask: its percept fails.
         seen = percepts[:, :, None] if len(tables) > 1 else np.zeros((cells, cells, 1))
         after_asking = seen * _greedy(np.asarray(q_coord)) + (1.0 - seen) * blind

@@ -21,11 +21,33 @@ from sparse_coord_ros.core.algorithm import (
     updated,
     weighed,
 )
-from sparse_coord_ros.core.streams import EXPLORE, EXPLORED_ACTION, PEER, PRIMITIVE_TIE, TIE
+from sparse_coord_ros.core.factors import (
+    Own,
+    Terms,
+    key_of,
+    learn_asking,
+    learn_correction,
+    learn_move,
+    refresh,
+    replay,
+    unseen_key,
+)
+from sparse_coord_ros.core.streams import (
+    BLIND_ACTION,
+    BLIND_EXPLORE,
+    EXPLORE,
+    EXPLORED_ACTION,
+    PEER,
+    PRIMITIVE_TIE,
+    TIE,
+)
 from sparse_coord_ros.core.world import EPISODE_GAP
 
 NO_ROW = -1
 """In place of a row of Q^C: nothing was perceived."""
+
+FAILED, PERCEIVED = 0, 1
+"""In place of a row of Q^C where corrections are learned: how the percept ended."""
 
 FREE_PLACE = -1
 """In place of a key: a free place of a sparse table."""
@@ -71,6 +93,10 @@ class CompiledScenario(NamedTuple):
         ask_cost: cost of COORDINATE.
         discount: gamma.
         goal_value: value of being at the goal while learning.
+        referee: whether the world says who was in a miscoordination with whom.
+        rows_a_step: rows that a sparse table can grow by in a time step.
+        most_rows: rows that a sparse table can have.
+        replays, share, percept_update, patience: as of `core.factors.FactorRule`.
     """
 
     members: np.ndarray
@@ -98,6 +124,38 @@ class CompiledScenario(NamedTuple):
     ask_cost: float
     discount: float
     goal_value: float
+    referee: bool
+    rows_a_step: int
+    most_rows: int
+    replays: int
+    share: bool
+    percept_update: bool
+    patience: int
+
+
+class Factored(NamedTuple):
+    """What a learner that learns in factors has beside its tables.
+
+    Attributes:
+        u, r_bar, w, value, commons, moved, successor, tried, used: as of `core.factors.Own`, with
+            the robot as first axis.
+        askers: who asked the robot in this time step [k]: the sum of 2^j of the robots j.
+        partners: as of `core.world.Reward` [k].
+        correction: space for Q^C(x, z, .) - U(x, .) [action].
+    """
+
+    u: np.ndarray
+    r_bar: np.ndarray
+    w: np.ndarray
+    value: np.ndarray
+    commons: np.ndarray
+    moved: np.ndarray
+    successor: np.ndarray
+    tried: np.ndarray
+    used: np.ndarray
+    askers: np.ndarray
+    partners: np.ndarray
+    correction: np.ndarray
 
 
 class Learners(NamedTuple):
@@ -112,6 +170,9 @@ class Learners(NamedTuple):
             rows is a power of two. A joint state's number has the cells as its digits: the own
             cell, then the peers'. Dense tables have none: shape (k, 0).
         used: rows in use of a sparse table [k].
+        factored: None, or the rest of a learner that learns in factors. Its q_coord is then rho,
+            a sparse table whose keys are those of `core.factors`, and its star_updates count how
+            often each move was tried, and COORDINATE.
     """
 
     q_star: np.ndarray
@@ -120,6 +181,7 @@ class Learners(NamedTuple):
     coord_updates: np.ndarray
     keys: np.ndarray
     used: np.ndarray
+    factored: Factored | None = None
 
 
 class Game(NamedTuple):
@@ -150,7 +212,7 @@ class Draws(NamedTuple):
     """The draws of a block of time steps, [k, time step - first step of the block, draw].
 
     Attributes:
-        policy, motion, percept, start: by role, views of `values`.
+        policy, motion, percept, start, replay, blind: by role, views of `values`.
         values: all draws, flat.
         states: addresses of the generators' states, as NumPy gives them to C.
         parts: which part of `values` each generator draws, [generator, (first, end)]; draws that
@@ -162,6 +224,8 @@ class Draws(NamedTuple):
     motion: np.ndarray
     percept: np.ndarray
     start: np.ndarray
+    replay: np.ndarray
+    blind: np.ndarray
     values: np.ndarray
     states: np.ndarray
     parts: np.ndarray
@@ -226,12 +290,12 @@ def find_row(keys: np.ndarray, key: int) -> int:
     return row
 
 
-def has_room(learners: Learners, block: int) -> bool:
+def has_room(problem: CompiledScenario, learners: Learners, block: int) -> bool:
     """Whether sparse tables stay half empty whatever a block of so many time steps brings."""
     rows = learners.keys.shape[1]
     if rows > 0:
         for used in learners.used:
-            if 2 * (used + block) > rows:
+            if 2 * min(used + block * problem.rows_a_step, problem.most_rows) > rows:
                 return False
     return True
 
@@ -282,9 +346,77 @@ def perceived_row(
     return row
 
 
+def coordinate(
+    problem: CompiledScenario,
+    learners: Learners,
+    factored: Factored | None,
+    game: Game,
+    choice: Choices,
+    draws: Draws,
+    now: int,
+    epsilon: float,
+    k: int,
+) -> int:
+    """Turn robot k's COORDINATE into a move (Algorithm 1, lines 5 to 10); return it.
+
+    `choice.rows` says whether it perceived; where corrections are learned, `factored.askers` of
+    each peer that it asked says so.
+    """
+    tie = draws.policy[k, now, PRIMITIVE_TIE]
+    x = game.cells[k]
+    if factored is None:
+        row = NO_ROW
+        if len(game.cells) > 1:
+            row = perceived_row(problem, learners, game, k, draws, now)
+        choice.rows[k] = row
+        if row == NO_ROW:
+            return greedy(learners.q_star[k, x], PRIMITIVES, tie)
+        return greedy(learners.q_coord[k, row], PRIMITIVES, tie)
+    seen = PERCEIVED if len(game.cells) > 1 else FAILED
+    for peer in range(len(game.cells)):
+        if peer != k:
+            factored.askers[peer] |= 1 << k
+            if draws.percept[k, now] >= problem.percept[x, game.cells[peer]]:
+                seen = FAILED
+                break
+    choice.rows[k] = seen
+    values = factored.correction
+    correct(learners, factored, k, x, game.cells, seen)
+    for b in range(PRIMITIVES):
+        values[b] = factored.u[k, x, b] + values[b]
+    if seen == FAILED and draws.blind[k, now, BLIND_EXPLORE] < epsilon:
+        return int(draws.blind[k, now, BLIND_ACTION] * PRIMITIVES)
+    return greedy(values, PRIMITIVES, tie)
+
+
+def correct(
+    learners: Learners, factored: Factored, k: int, x: int, cells: np.ndarray, seen: int
+) -> None:
+    """Set `factored.correction` to Q^C(x, z, .) - U(x, .) of what robot k perceived."""
+    correction = factored.correction
+    for b in range(PRIMITIVES):
+        correction[b] = 0.0
+    size, team = learners.q_star.shape[1], len(cells)
+    if seen == FAILED:
+        add_row(learners, k, unseen_key(x, size, team), correction)
+        return
+    for peer in range(team):
+        if peer != k:
+            add_row(learners, k, key_of(x, peer, cells[peer], size, team), correction)
+
+
+def add_row(learners: Learners, k: int, key: int, correction: np.ndarray) -> None:
+    """Add a row of rho, if there is one."""
+    row = find_row(learners.keys[k], key)
+    if learners.keys[k, row] != FREE_PLACE:
+        for b in range(PRIMITIVES):
+            correction[b] += learners.q_coord[k, row, b]
+
+
 def choose(
     problem: CompiledScenario,
     learners: Learners,
+    factored: Factored | None,
     game: Game,
     choice: Choices,
     draws: Draws,
@@ -292,6 +424,10 @@ def choose(
     epsilon: float,
 ) -> None:
     """Let every robot that has not arrived choose (Algorithm 1, lines 4 to 10)."""
+    if factored is not None:
+        for k in range(len(game.cells)):
+            factored.askers[k] = 0
+            choice.cells[k] = game.cells[k]
     for k in problem.members:
         if game.arrived[k]:
             continue
@@ -305,20 +441,14 @@ def choose(
             draws.policy[k, now, EXPLORED_ACTION],
             draws.policy[k, now, TIE],
         )
-        move = action
-        row = NO_ROW
-        if action == COORDINATE:
-            if len(game.cells) > 1:
-                row = perceived_row(problem, learners, game, k, draws, now)
-            tie = draws.policy[k, now, PRIMITIVE_TIE]
-            if row == NO_ROW:
-                move = greedy(values, PRIMITIVES, tie)
-            else:
-                move = greedy(learners.q_coord[k, row], PRIMITIVES, tie)
         choice.cells[k] = x
         choice.actions[k] = action
-        choice.moves[k] = move
-        choice.rows[k] = row
+        choice.moves[k] = action
+        choice.rows[k] = NO_ROW
+        if action == COORDINATE:
+            choice.moves[k] = coordinate(
+                problem, learners, factored, game, choice, draws, now, epsilon, k
+            )
 
 
 def move(problem: CompiledScenario, game: Game, choice: Choices, draws: Draws, now: int) -> bool:
@@ -336,6 +466,136 @@ def move(problem: CompiledScenario, game: Game, choice: Choices, draws: Draws, n
                 if there == here or (problem.any_doorway and problem.doorway[there]):
                     return True
     return False
+
+
+def find_partners(problem: CompiledScenario, game: Game, partners: np.ndarray) -> None:
+    """Set with whom each robot is in a miscoordination, as of `core.world.Reward`."""
+    cells = game.cells
+    for k in problem.members:
+        partners[k] = 0
+        if problem.doorway[cells[k]]:
+            for j in problem.members:
+                here = cells[j] == cells[k] or problem.any_doorway
+                if j != k and problem.doorway[cells[j]] and here:
+                    partners[k] |= 1 << j
+
+
+def learn_tables(
+    problem: CompiledScenario,
+    learners: Learners,
+    choice: Choices,
+    k: int,
+    y: int,
+    reward: float,
+    least_alpha: float,
+) -> None:
+    """Let robot k learn from its move to y (Algorithm 1, lines 12 to 14 and 18)."""
+    q_star, q_coord = learners.q_star, learners.q_coord
+    x, action, seen = choice.cells[k], choice.actions[k], choice.rows[k]
+    if y == problem.goals[k]:
+        bootstrap = problem.goal_value
+    else:
+        bootstrap = greatest(q_star[k, y], problem.actions)
+    if seen != NO_ROW:
+        primitive = choice.moves[k]
+        count = learners.coord_updates[k, seen, primitive] + 1
+        learners.coord_updates[k, seen, primitive] = count
+        alpha = step_size(problem.alpha_by_count[count], least_alpha)
+        q_coord[k, seen, primitive] = updated(
+            q_coord[k, seen, primitive], alpha, reward, problem.discount, bootstrap
+        )
+    count = learners.star_updates[k, x, action] + 1
+    learners.star_updates[k, x, action] = count
+    alpha = step_size(problem.alpha_by_count[count], least_alpha)
+    q_star[k, x, action] = updated(
+        q_star[k, x, action], alpha, reward, problem.discount, bootstrap
+    )
+
+
+def learn_factors(
+    problem: CompiledScenario,
+    learners: Learners,
+    factored: Factored,
+    choice: Choices,
+    draws: Draws,
+    now: int,
+    k: int,
+    y: int,
+    individual: float,
+    common: float,
+    least_alpha: float,
+) -> None:
+    """Let robot k learn from its move to y what `core.factored.FactoredAgent.learn` learns."""
+    weights, partners = problem.weights, factored.partners[k]
+    x, m, seen = choice.cells[k], choice.moves[k], choice.rows[k]
+    by_count = problem.alpha_by_count
+    goal = problem.goals[k]
+    arrival = weights[0] * problem.goal_reward + problem.discount * problem.goal_value
+    terms = Terms(
+        weights[2] * problem.ask_cost,
+        problem.discount,
+        goal,
+        problem.goal_value,
+        arrival,
+        problem.patience,
+    )
+    own = Own(
+        factored.u[k],
+        factored.r_bar[k],
+        factored.w[k],
+        learners.q_star[k],
+        factored.value[k],
+        learners.star_updates[k],
+        factored.commons[k],
+        factored.moved[k],
+        factored.successor[k],
+        factored.tried[k],
+        factored.used[k],
+    )
+    individual = weights[0] * individual
+    if partners == 0:
+        common = 0.0
+    common = weights[1] * common
+    asked = seen != NO_ROW
+    learn_move(own, x, m, y, individual, common, asked, terms, by_count, least_alpha)
+    size, team = learners.q_star.shape[1], len(choice.cells)
+    if seen == PERCEIVED or factored.askers[k] != 0:
+        for peer in range(team):
+            z = choice.cells[peer]
+            known = seen == PERCEIVED
+            if not known and problem.share and (factored.askers[k] >> peer) & 1:
+                known = draws.percept[k, now] < problem.percept[x, z]
+            if known and peer != k:
+                share = common if (partners >> peer) & 1 else 0.0
+                key = key_of(x, peer, z, size, team)
+                learn_row(learners, k, key, m, share, by_count, least_alpha)
+    if asked:
+        if seen == FAILED:
+            learn_row(learners, k, unseen_key(x, size, team), m, common, by_count, least_alpha)
+        correct(learners, factored, k, x, choice.cells, seen)
+        update = problem.percept_update
+        learn_asking(own, x, factored.correction, update, by_count, least_alpha)
+    refresh(own, x, terms)
+    for i in range(problem.replays):
+        replay(own, draws.replay[k, now, i], terms)
+
+
+def learn_row(
+    learners: Learners,
+    k: int,
+    key: int,
+    m: int,
+    common: float,
+    by_count: np.ndarray,
+    least_alpha: float,
+) -> None:
+    """Learn one entry of rho, in a new row if there is none."""
+    row = find_row(learners.keys[k], key)
+    if learners.keys[k, row] == FREE_PLACE:
+        learners.keys[k, row] = key
+        learners.used[k] += 1
+    rho, counts = learners.q_coord[k, row], learners.coord_updates[k, row]
+    learn_correction(rho, counts, m, common, by_count, least_alpha)
 
 
 def has_rows(record: Record | None, block: int) -> bool:
@@ -371,24 +631,24 @@ def learn(
     while (
         game.clock[DONE] < problem.budget
         and not draws.stop[0]
-        and has_room(learners, block)
+        and has_room(problem, learners, block)
         and has_rows(record, block)
     ):
         if game.clock[STEP] >= game.clock[END]:
             draw(game, draws)
-        learn_block(problem, learners, game, choice, draws, record)
+        learn_block(problem, learners, learners.factored, game, choice, draws, record)
 
 
 def learn_block(
     problem: CompiledScenario,
     learners: Learners,
+    factored: Factored | None,
     game: Game,
     choice: Choices,
     draws: Draws,
     record: Record | None,
 ) -> None:
     """Learn until the block of draws, or the budget, is used up (Algorithm 1)."""
-    q_star, q_coord = learners.q_star, learners.q_coord
     clock, arrived = game.clock, game.arrived
     end = clock[END]
     last = len(problem.epsilon) - 1
@@ -401,8 +661,11 @@ def learn_block(
         step = clock[STEP]
         now = step - clock[FIRST]
         scheduled = min(step, last)
-        choose(problem, learners, game, choice, draws, now, problem.epsilon[scheduled])
+        choose(problem, learners, factored, game, choice, draws, now, problem.epsilon[scheduled])
         conflict = move(problem, game, choice, draws, now)
+        if factored is not None:
+            if problem.referee:
+                find_partners(problem, game, factored.partners)
         least_alpha = problem.alpha_by_step[scheduled]
         if record is not None:
             row = record.used[0] - 1
@@ -412,37 +675,37 @@ def learn_block(
         for k in problem.members:
             if arrived[k]:
                 continue
-            x, y = choice.cells[k], game.cells[k]
-            action, seen = choice.actions[k], choice.rows[k]
+            y = game.cells[k]
+            action = choice.actions[k]
             home = y == problem.goals[k]
             individual = problem.goal_reward if home else 0.0
             common = problem.penalties[k] if conflict else 0.0
             cost = -problem.ask_cost if action == COORDINATE else 0.0
-            reward = weighed(individual, common, cost, problem.weights)
             if record is not None:
                 record.reward[row, k] += individual + common + cost
                 record.asks[row, k] += action == COORDINATE
                 record.arrived[row, k] = home
             if home:
                 arrived[k] = 1
-                bootstrap = problem.goal_value
             else:
                 over = False
-                bootstrap = greatest(q_star[k, y], problem.actions)
-            if seen != NO_ROW:
-                primitive = choice.moves[k]
-                count = learners.coord_updates[k, seen, primitive] + 1
-                learners.coord_updates[k, seen, primitive] = count
-                alpha = step_size(problem.alpha_by_count[count], least_alpha)
-                q_coord[k, seen, primitive] = updated(
-                    q_coord[k, seen, primitive], alpha, reward, problem.discount, bootstrap
+            if factored is None:
+                reward = weighed(individual, common, cost, problem.weights)
+                learn_tables(problem, learners, choice, k, y, reward, least_alpha)
+            else:
+                learn_factors(
+                    problem,
+                    learners,
+                    factored,
+                    choice,
+                    draws,
+                    now,
+                    k,
+                    y,
+                    individual,
+                    common,
+                    least_alpha,
                 )
-            count = learners.star_updates[k, x, action] + 1
-            learners.star_updates[k, x, action] = count
-            alpha = step_size(problem.alpha_by_count[count], least_alpha)
-            q_star[k, x, action] = updated(
-                q_star[k, x, action], alpha, reward, problem.discount, bootstrap
-            )
         clock[STEP] = step + 1
         clock[DONE] += 1
         if over or clock[STEP] - clock[EPISODE_START] >= problem.max_steps:
@@ -462,14 +725,21 @@ def play(
 ) -> None:
     """Play greedy trials until all are played, or as `learn` does; arguments as `play_block`."""
     block = draws.policy.shape[1]
-    while game.clock[DONE] < problem.budget and not draws.stop[0] and has_room(learners, block):
+    while (
+        game.clock[DONE] < problem.budget
+        and not draws.stop[0]
+        and has_room(problem, learners, block)
+    ):
         draw(game, draws)
-        play_block(problem, learners, game, choice, draws, results, asked, stays)
+        play_block(
+            problem, learners, learners.factored, game, choice, draws, results, asked, stays
+        )
 
 
 def play_block(
     problem: CompiledScenario,
     learners: Learners,
+    factored: Factored | None,
     game: Game,
     choice: Choices,
     draws: Draws,
@@ -482,6 +752,7 @@ def play_block(
     Args:
         problem: the scenario; `budget` trials of at most `max_steps` steps.
         learners: the learned tables.
+        factored: their `factored`.
         game: the game in progress.
         choice: space for the robots' choices.
         draws: the block of draws.
@@ -500,7 +771,7 @@ def play_block(
         now = step - clock[FIRST]
         elapsed = step - clock[EPISODE_START]
         result = results[clock[DONE]]
-        choose(problem, learners, game, choice, draws, now, 0.0)
+        choose(problem, learners, factored, game, choice, draws, now, 0.0)
         conflict = move(problem, game, choice, draws, now)
         over = True
         discount = problem.discounts[elapsed]

@@ -141,7 +141,8 @@ def engine_for(scenario: Scenario, learner: str | Learner, engine: str = "auto")
         SettingError: numba is asked for, and not installed or no help to the learner.
     """
     rule = learner_of(learner)
-    if engine == "auto" and not worth_compiling(scenario) and not is_prepared(history=True):
+    spent = is_prepared(learner=rule, history=True)
+    if engine == "auto" and not worth_compiling(scenario) and not spent:
         return "python"
     return "numba" if uses_numba(engine, rule) else "python"
 

@@ -15,7 +15,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import ColorRGBA, Header, MultiArrayDimension, UInt8MultiArray
 from visualization_msgs.msg import Marker, MarkerArray
 
-from sparse_coord_ros.core.frame import Account, Frame, action_from, action_numbers
+from sparse_coord_ros.core.frame import Account, Frame, action_from, action_numbers, reward_from
 from sparse_coord_ros.core.occupancy import UNKNOWN, OccupancyData
 from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.wire import (
@@ -24,6 +24,7 @@ from sparse_coord_ros.core.wire import (
     DOORWAYS,
     GOALS,
     MAP_FRAME,
+    PARTNERS_LABEL,
     REWARD_LABELS,
     ROBOTS,
 )
@@ -83,6 +84,7 @@ def _read_pose(message: PoseStamped) -> tuple:
 
 POSE_LAYOUT = FixedLayout(PoseStamped, _pose, _read_pose, 2)
 REWARD_LAYOUT = _labelled(REWARD_LABELS)
+REFEREED_LAYOUT = _labelled((*REWARD_LABELS, PARTNERS_LABEL))
 ACTION_LAYOUT = _labelled(ACTION_LABELS, ACCOUNT_LABELS)
 CLOCK_LAYOUT = FixedLayout(
     Clock,
@@ -121,12 +123,17 @@ class Converter(Frame):
 
     def pack_reward(self, step: int, reward: Reward) -> bytes:
         """Return R_k(t) and its parts as CDR of sensor_msgs/JointState."""
-        return REWARD_LAYOUT.pack(*self.stamp(step), *reward)
+        numbers = reward if self.referee else reward[: len(REWARD_LABELS)]
+        return self._reward_layout.pack(*self.stamp(step), *numbers)
 
     def unpack_reward(self, data: bytes) -> tuple[int, Reward]:
         """Return (step, reward) of a reward."""
-        sec, nanosec, *parts = REWARD_LAYOUT.unpack(data)
-        return self.step(sec, nanosec), Reward(*parts)
+        sec, nanosec, *numbers = self._reward_layout.unpack(data)
+        return self.step(sec, nanosec), reward_from(numbers)
+
+    @property
+    def _reward_layout(self) -> FixedLayout:
+        return REFEREED_LAYOUT if self.referee else REWARD_LAYOUT
 
     def pack_action(self, step: int, action: Action, account: Account) -> bytes:
         """Return an action as CDR of sensor_msgs/JointState; peers count from 1, 0 is none."""

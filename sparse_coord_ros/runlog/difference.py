@@ -2,12 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """How a log departs from what was computed: one named tuple for whatever may differ."""
 
-from typing import NamedTuple
+from collections.abc import Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from sparse_coord_ros.core import wire
 from sparse_coord_ros.core.agent import Tables
+from sparse_coord_ros.core.factors import Factors
 from sparse_coord_ros.core.sparse import SparseTable
 
 MISSING = "missing"
@@ -60,9 +62,18 @@ class Difference(NamedTuple):
         return (-1 if self.step is None else self.step, within)
 
 
+def _pairs(logged: Tables, computed: Tables) -> Iterator[tuple[str, Any, Any]]:
+    """Yield the parts of both tables by name."""
+    yield "q_star", logged.q_star, computed.q_star
+    if logged.factors is not None and computed.factors is not None:
+        names = Factors._fields
+        yield from zip(names, logged.factors, computed.factors, strict=True)
+    yield "q_coord", logged.q_coord, computed.q_coord
+
+
 def first_entry(logged: Tables, computed: Tables) -> tuple[str, str, str]:
     """Return the first entry in which tables differ, its logged and its computed value."""
-    for name, ours, theirs in zip(("q_star", "q_coord"), logged, computed, strict=True):
+    for name, ours, theirs in _pairs(logged, computed):
         if isinstance(ours, SparseTable) and isinstance(theirs, SparseTable):
             if ours.same_bits(theirs):
                 continue
@@ -75,9 +86,13 @@ def first_entry(logged: Tables, computed: Tables) -> tuple[str, str, str]:
                     if repr(a) != repr(b):
                         return f"{wire.TABLES.name} {name}{[*key, action]}", repr(a), repr(b)
             return f"{wire.TABLES.name} {name}", f"{len(ours)} rows", f"{len(theirs)} rows"
-        if isinstance(ours, SparseTable) or isinstance(theirs, SparseTable):
-            break
-        odd = np.argwhere(ours.view(np.int64) != theirs.view(np.int64))
+        if not isinstance(ours, np.ndarray) or not isinstance(theirs, np.ndarray):
+            continue
+        if ours.shape != theirs.shape:
+            shapes = f"shape {ours.shape}", f"shape {theirs.shape}"
+            return f"{wire.TABLES.name} {name}", *shapes
+        bits = f"u{ours.itemsize}"
+        odd = np.argwhere(ours.view(bits) != theirs.view(bits))
         if len(odd):
             entry = tuple(odd[0].tolist())
             return (

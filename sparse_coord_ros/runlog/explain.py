@@ -25,12 +25,15 @@ class Update(NamedTuple):
         reward: R_k(t).
         star: entry (cell, action) of Q*, its value before and after.
         coord: entry (own cell, perceived cells, move) of Q^C, before and after; or None.
+        corrections: of a learner that learns in factors: the peer (from 0) and its cell, and rho
+            of the move there before and after; both `UNSEEN` for failed percepts.
     """
 
     next_cell: int
     reward: float
     star: tuple[tuple[int, ...], float, float]
     coord: tuple[tuple[int, ...], float, float] | None
+    corrections: tuple[tuple[int, int, float, float], ...] = ()
 
 
 class Coordination(NamedTuple):
@@ -98,6 +101,8 @@ def explain(log: RunLog, robot: int, step: int) -> Coordination | None:
     perceived = seen if seen and NONE not in seen else None
     entries = _entries(story, place, perceived)
     before = [follower.entry(*state, action=a) for state, a in entries]
+    follower.hear(place)
+    rho = follower.corrections(place)
     agrees = agrees and follower.advance(place + 1)
     update = None
     if story.learned[place] and agrees:
@@ -110,6 +115,7 @@ def explain(log: RunLog, robot: int, step: int) -> Coordination | None:
             float(story.reward[place, -1]),
             changes[0],
             changes[1] if perceived is not None else None,
+            tuple((*who, rho[who], after) for who, after in follower.corrections(place).items()),
         )
     computed = follower.other
     move = int(story.move[place]) if computed is None else computed.move

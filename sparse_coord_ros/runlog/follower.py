@@ -9,12 +9,13 @@ import numpy as np
 
 from sparse_coord_ros.core.agent import NOBODY, Agent, Decision, Tables
 from sparse_coord_ros.core.algorithm import ACTIONS, COORDINATE, PRIMITIVES
-from sparse_coord_ros.core.frame import EAST_NORTH, action_numbers
+from sparse_coord_ros.core.factored import FactoredAgent
+from sparse_coord_ros.core.frame import EAST_NORTH, Frame, action_numbers, reward_from
 from sparse_coord_ros.core.schedules import exploration, step_sizes
 from sparse_coord_ros.core.sparse import SparseTable
 from sparse_coord_ros.core.streams import PEER, POLICY
 from sparse_coord_ros.core.wire import ACCOUNT_LABELS, ACTION_LABELS
-from sparse_coord_ros.core.world import Action, Reward
+from sparse_coord_ros.core.world import Action
 from sparse_coord_ros.engine.rerun import Learned, Rule, Said, as_lists, coordinates, loop
 from sparse_coord_ros.runlog.draws import draws_at
 from sparse_coord_ros.runlog.log import NONE, RunLog
@@ -35,7 +36,7 @@ class Story(NamedTuple):
         seen: in which cells it perceived them, shape (n, number of them); NONE in all where not.
         told: whether the log holds the reward and both states.
         learned: whether it has learned from the action.
-        reward: shape (n, 4).
+        reward: shape (n, 4); partners: shape (n,), as of `RunLog`.
     """
 
     row: np.ndarray
@@ -49,6 +50,7 @@ class Story(NamedTuple):
     told: np.ndarray
     learned: np.ndarray
     reward: np.ndarray
+    partners: np.ndarray
 
 
 def tell(log: RunLog, k: int) -> Story:
@@ -94,6 +96,7 @@ def tell(log: RunLog, k: int) -> Story:
         told=told,
         learned=learned,
         reward=log.reward[rows, k],
+        partners=log.partners[rows, k],
     )
 
 
@@ -118,6 +121,18 @@ def due_numbers(story: Story) -> np.ndarray:
     return numbers
 
 
+def askers(log: RunLog, k: int) -> dict[int, list[tuple[int, int]]]:
+    """Return who asked robot k at which time step, and from which cell: those that it heard."""
+    frame = Frame(log.run)
+    heard: dict[int, list[tuple[int, int]]] = {}
+    for request in log.requests:
+        answer = request.said or request.answer
+        cell = frame.cell(*request.position)
+        if request.peer == k and cell is not None and answer and answer[0] == request.step:
+            heard.setdefault(request.step, []).append((request.asker, cell))
+    return heard
+
+
 class Follower:
     """One robot's tables, as it learns again what its story tells.
 
@@ -140,7 +155,8 @@ class Follower:
         self.other: Action | None = None
         self._log, self._k, self._story = log, k, story
         self._agent: Agent | None = None
-        if not log.run.rule.compiled:
+        if not log.run.rule.compiled or log.run.rule.factors is not None:
+            self._askers = askers(log, k) if log.run.rule.factors is not None else {}
             self._agent = log.run.rule.agent(
                 log.run.scenario, k, log.run.seed, tables=deepcopy(tables), learning=_learns(log)
             )
@@ -253,14 +269,36 @@ class Follower:
             self.other = action
             return
         if story.learned[i]:
-            reward = Reward(*story.reward[i].tolist())
+            self.hear(i)
+            said = story.partners[i : i + 1]
+            reward = reward_from([*story.reward[i].tolist(), *said[~np.isnan(said)].tolist()])
             agent.learn(step, cell, decision, action, seen, reward, int(story.next_cell[i]))
         self.reached += 1
+
+    def hear(self, i: int) -> None:
+        """Let the agent know who asked it in the time step of an action."""
+        if self._agent is not None:
+            step = int(self._story.step[i])
+            for peer, place in self._askers.get(step, ()):
+                self._agent.asked(step, peer, place)
 
     def values(self, i: int) -> list[float]:
         """Return the four values by which COORDINATE goes at an action, by the tables now."""
         seen, cell = self._seen(i), int(self._story.cell[i])
+        if self._agent is not None:
+            return self._agent.values_asking(cell, seen)[:PRIMITIVES]
         return [self.entry(cell, *(seen or ()), action=a) for a in range(PRIMITIVES)]
+
+    def corrections(self, i: int) -> dict[tuple[int, int], float]:
+        """Return rho of an action's move by (peer, its cell), by the tables now.
+
+        What the robot learns from the action can change these: the peers that it perceived or that
+        asked it, and `UNSEEN` where its percept failed. Learners without factors have none.
+        """
+        if not isinstance(self._agent, FactoredAgent):
+            return {}
+        cell, move = int(self._story.cell[i]), int(self._story.move[i])
+        return self._agent.corrections(int(self._story.step[i]), cell, self._seen(i), move)
 
     def entry(self, *state: int, action: int) -> float:
         """Return an entry of Q* (of a cell) or of Q^C (of a joint state of the story)."""
@@ -297,6 +335,7 @@ class Follower:
                 for action, value in enumerate(row):
                     q_coord[(*key, action)] = value
         else:
+            assert isinstance(begun, np.ndarray)  # learners with other tables are followed apart
             q_coord = begun.copy()
             q_coord[tuple(self._keys[updated].T)] = rows[updated]
         return Tables(q_star, q_coord)

@@ -51,6 +51,8 @@ class RunLog:
         asked, perceived: shape (T, K), bool.
         percept: cells that robot k perceived, by the robot seen: shape (T, K, K), int32.
         reward: individual, common, ask_cost, total: shape (T, K, 4), float64.
+        partners: with whom a robot was in a miscoordination, as of `core.world.Reward`; NaN where
+            nobody says, shape (T, K), float64.
         centred: whether a local state is just a cell's centre, shape (T, K), bool.
         numbers: the actions' numbers as they were logged, `ACTION_LABELS` and `ACCOUNT_LABELS`:
             shape (T, K, 7), float64.
@@ -75,6 +77,7 @@ class RunLog:
     perceived: np.ndarray
     percept: np.ndarray
     reward: np.ndarray
+    partners: np.ndarray
     numbers: np.ndarray
     all_tables: tuple[RecordedTables, ...]
     requests: tuple[Request, ...]
@@ -235,10 +238,14 @@ def read_run(path: Path) -> RunLog:
     numbers = np.full((*shape, NUMBERS), np.nan)
     percept = np.full((*shape, len(names)), NONE, dtype=np.int32)
     reward = np.full((*shape, len(REWARD_LABELS)), np.nan)
+    partners = np.full(shape, np.nan)
     for k in robots:
         states, rewards, actions, _ = tracks.of(k)
         position[np.searchsorted(step, states.step), k] = states.rows["xy"]
-        reward[np.searchsorted(step, rewards.step), k] = rewards.rows["numbers"]
+        rewarded = np.searchsorted(step, rewards.step)
+        reward[rewarded, k] = rewards.rows["numbers"][:, : len(REWARD_LABELS)]
+        if run.scenario.referee:
+            partners[rewarded, k] = rewards.rows["numbers"][:, len(REWARD_LABELS)]
         numbers[np.searchsorted(step, actions.step), k] = actions.rows["numbers"]
     cells, centred = cell_numbers(frame, position)
     move = _moves(numbers)
@@ -276,6 +283,7 @@ def read_run(path: Path) -> RunLog:
         perceived=(move != NONE) & (numbers[..., ACTION_LABELS.index("perceived")] != 0),
         percept=percept,
         reward=reward,
+        partners=partners,
         numbers=numbers,
         all_tables=tuple(tracks.tables),
         requests=tuple(tracks.requests),

@@ -12,7 +12,7 @@ from sparse_coord_ros.core import wire
 from sparse_coord_ros.core.frame import SECOND, Frame, flat_position
 from sparse_coord_ros.core.occupancy import OccupancyData
 from sparse_coord_ros.core.run_config import RunConfig
-from sparse_coord_ros.core.wire import ACCOUNT_LABELS, ACTION_LABELS, REWARD_LABELS
+from sparse_coord_ros.core.wire import ACCOUNT_LABELS, ACTION_LABELS, PARTNERS_LABEL, REWARD_LABELS
 from sparse_coord_ros.recording.reader import Bag, open_bag
 from sparse_coord_ros.recording.topics import find_clock
 from sparse_coord_ros.runlog import layouts
@@ -133,9 +133,10 @@ def read_tracks(path: Path) -> Tracks:
     readers = _Readers(tracks, frame)
     clock = find_clock(bag.topics, bag.counts) or wire.CLOCK.name
     of_team = {wire.MAP: readers.map(), wire.MARKERS: readers.markers, wire.STATUS: readers.status}
+    partners = (PARTNERS_LABEL,) if run.scenario.referee else ()
     of_robots = {
         wire.LOCAL_STATE: readers.state,
-        wire.REWARD: readers.numbers(REWARD_LABELS),
+        wire.REWARD: readers.numbers((*REWARD_LABELS, *partners)),
         wire.ACTION: readers.numbers(ACTION_LABELS, ACCOUNT_LABELS),
         wire.PERCEPT: readers.percept,
         wire.COORDINATION_MAP: readers.grid,

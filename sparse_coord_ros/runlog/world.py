@@ -21,6 +21,7 @@ from sparse_coord_ros.core.wire import (
     FINISHED,
     LOCAL_STATE,
     NOBODY_LEFT,
+    PARTNERS_LABEL,
     RESET,
     REWARD,
     REWARD_LABELS,
@@ -94,6 +95,10 @@ class _Walk:
         self.cells, self.centred = at(log.cells, -1), at(log.centred, False)
         self.move, self.asked = at(log.move, -1), at(log.asked, False)
         self.reward, self.position = at(log.reward, np.nan), at(log.position, np.nan)
+        if self.scenario.referee:
+            self.reward = np.concatenate(
+                [self.reward, at(log.partners, np.nan)[..., None]], axis=2
+            )
         self.numbers = at(log.numbers, np.nan)
         columns = [track.has(steps) for track in tracks.rewards]
         self.rewarded = (
@@ -294,10 +299,26 @@ class _Walk:
             common = np.where(conflict, scenario.penalties[k], 0.0)
             individual = np.where(self.after[:, k] == self.goals[k], scenario.goal_reward, 0.0)
             cost = np.where(self.asked[:, k], -scenario.ask_cost, 0.0)
-            parts = np.stack([individual, common, cost, individual + common + cost], axis=1)
+            numbers = [individual, common, cost, individual + common + cost]
+            if scenario.referee:
+                numbers.append(self._partners(k))
+            parts = np.stack(numbers, axis=1)
             logged = np.ascontiguousarray(self.reward[:, k])
             wrong = mine & (logged.view(np.int64) != parts.view(np.int64)).any(axis=1)
             yield from self._first(wrong, partial(self._other_reward, k=k, parts=parts))
+
+    def _partners(self, k: int) -> np.ndarray:
+        """Return with whom robot k is in a miscoordination after each step, as of `Reward`."""
+        doorways = sorted(self.scenario.map.doorways)
+        inside = np.isin(self.after, doorways)
+        with_whom = np.zeros(len(self.after))
+        for j in self.robots:
+            if j != k:
+                here = inside[:, k] & inside[:, j]
+                if self.scenario.conflict != "any_doorway":
+                    here &= self.after[:, k] == self.after[:, j]
+                with_whom += np.where(here, 2.0**j, 0.0)
+        return with_whom
 
     def _no_reward(self, row: int, k: int) -> Difference:
         logged = f"{tuple(self.reward[row, k].tolist())}"
@@ -347,4 +368,5 @@ class _Walk:
 
 
 def _parts(numbers: Sequence[float]) -> str:
-    return " ".join(f"{label}={n!r}" for label, n in zip(REWARD_LABELS, numbers, strict=True))
+    labels = (*REWARD_LABELS, PARTNERS_LABEL)
+    return " ".join(f"{label}={n!r}" for label, n in zip(labels, numbers, strict=False))

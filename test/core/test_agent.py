@@ -9,7 +9,7 @@ import pytest
 
 from sparse_coord_ros.core.agent import NOBODY, Agent, Decision, Tables, initial_tables
 from sparse_coord_ros.core.algorithm import COORDINATE
-from sparse_coord_ros.core.learners import LEARNERS, learner_of
+from sparse_coord_ros.core.learners import learner_of
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.streams import (
     EVALUATION,
@@ -53,7 +53,7 @@ def filled(cells=7, baseline=False):
     )
 
 
-@pytest.mark.parametrize("learner", LEARNERS.registered)
+@pytest.mark.parametrize("learner", ["coop", "noncoop", "indiv"])
 def test_initial_tables(learner):
     scenario = load_scenario("env1").with_settings({"q_star_init": 3, "q_coord_init": 150})
     tables = learner_of(learner).tables(scenario)
@@ -326,3 +326,17 @@ def test_without_learning_nothing_changes_and_nothing_is_explored(make):
     one.learn(1, 2, ASK, Action(EAST, True, 1, True), (5,), paid(99.0), 3)
     assert (tables.q_star == before.q_star).all()
     assert (tables.q_coord == before.q_coord).all()
+
+
+def test_the_floor_of_a_step_size_is_that_of_the_time_step(agent):
+    """However often an entry was updated: halfway through the budget alpha is at least 0.5."""
+    tables = Tables(np.zeros((7, 5)), np.zeros((7, 7, 4)))
+    one = agent(tables=tables, step_size="floored:1:1:0", steps=100, discount=0)
+    for step, reward in [(25, 8.0), (50, 4.0), (75, 0.0), (200, 3.0)]:
+        one.learn(
+            step, 2, Decision(EAST), Action(EAST, False, NOBODY, False), None, paid(reward), 2
+        )
+    # Alpha: the greater of 1/n and the floor: 1, then 1/2, then 1/3, then 1/4.
+    assert tables.q_star[2, EAST] == pytest.approx(((8 + 4) / 2 * 2 / 3) * 3 / 4 + 3 / 4)
+    one.learn(10, 2, Decision(EAST), Action(EAST, False, NOBODY, False), None, paid(0.0), 2)
+    assert tables.q_star[2, EAST] == pytest.approx(3.75 * 0.1)

@@ -3,12 +3,13 @@
 """The paper's three measures: by hand, against exact values, for teams that never arrive."""
 
 import math
+import statistics
 
 import numpy as np
 import pytest
 
 from sparse_coord_ros.core.agent import Tables, initial_tables
-from sparse_coord_ros.core.evaluation import check_tables, evaluate, play
+from sparse_coord_ros.core.evaluation import Trials, check_tables, evaluate, play, summary
 from sparse_coord_ros.core.optimum import independent_bound
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.simulation import learn
@@ -209,3 +210,17 @@ def test_tables_of_another_kind_of_perception_do_not_fit():
         check_tables(scenario, [initial_tables(scenario)] * 3, "coop")
         with pytest.raises(TablesError, match=rf"q_coord_1 has .* needs \({shape}\).*peers"):
             check_tables(scenario, [initial_tables(other)] * 3)
+
+
+def test_the_standard_error_is_that_of_independent_trials():
+    """Trials whose means are 1, 2 and 6: the sample's deviation over the root of their number."""
+    means = [1.0, 2.0, 6.0]
+    values = np.array([[mean - 1, mean + 1] for mean in means])
+    nothing = np.zeros((2, 4), dtype=np.int64)
+    trials = Trials(values, values, values, values > 0, np.array(means), nothing, nothing)
+    result = summary(trials)
+    expected = statistics.stdev(means) / math.sqrt(3)
+    assert result.reward.standard_error == pytest.approx(expected, rel=1e-12)
+    assert result.miscoordinations.standard_error == pytest.approx(expected, rel=1e-12)
+    assert result.reward.spread == pytest.approx(statistics.pstdev(values.ravel()), rel=1e-12)
+    assert result.miscoordinations.spread == pytest.approx(statistics.pstdev(means), rel=1e-12)

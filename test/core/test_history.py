@@ -12,6 +12,7 @@ from sparse_coord_ros.core.history import (
     HistoryRecorder,
     concatenated,
     load_history,
+    no_history,
 )
 from sparse_coord_ros.core.world import Action, Reward, StepOutcome
 from sparse_coord_ros.errors import RunError
@@ -190,3 +191,8 @@ def test_files_that_are_none(tmp_path):
     file.write_bytes(b"PK")
     with pytest.raises(RunError, match="cannot be read as a learning history"):
         load_history(tmp_path)
+
+
+def test_histories_of_other_teams_differ_before_the_first_episode():
+    assert no_history(2).same_bits(no_history(2))
+    assert not no_history(2).same_bits(no_history(3))

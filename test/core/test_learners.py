@@ -60,14 +60,16 @@ def forget():
     LEARNERS._known.update(before)
 
 
-def test_the_papers_three():
-    said = {n: (one.title, one.asks, one.alone) for n, one in LEARNERS.registered.items()}
-    assert said == {
+def test_the_papers_three_and_the_factored_one():
+    expected = {
         "coop": ("Coop.", True, False),
         "noncoop": ("Non-coop.", False, False),
         "indiv": ("Indiv.", False, True),
+        "factored": ("Factored", True, False),
     }
-    for name, one in LEARNERS.registered.items():
+    shipped = {name: LEARNERS.registered[name] for name in expected}  # tests register others
+    assert expected == {n: (one.title, one.asks, one.alone) for n, one in shipped.items()}
+    for name, one in shipped.items():
         assert one.label == name
         assert one.compiled
         assert one.weights(load_scenario("env1")) == SUM_OF_PARTS
@@ -113,7 +115,7 @@ def test_registered_by_name():
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("cop", "unknown learner 'cop' .did you mean 'coop'.*coop, noncoop, indiv, or one of"),
+        ("cop", "unknown learner 'cop' .did you mean 'coop'.*coop, noncoop, indiv, factored, or"),
         ("no_such_module:Thing", "learner 'no_such_module:Thing' is not there .*install it"),
         ("json:Thing", "is not there .*has no attribute 'Thing'"),
         ("json:dumps", "is no learner"),

@@ -13,7 +13,7 @@ from sparse_coord_ros.core.agent import Tables
 from sparse_coord_ros.core.perception import MODELS, percept_probabilities
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.schedules import exploration, step_sizes
-from sparse_coord_ros.core.simulation import learn, tables_equal
+from sparse_coord_ros.core.simulation import Learning, learn, tables_equal
 from sparse_coord_ros.core.sparse import SparseTable
 
 # Everything that the learning protocol leaves open, so that new defaults change no expectation.
@@ -304,3 +304,20 @@ def test_tables_equal_compares_the_rows_of_sparse_tables():
     dense = Tables(np.zeros((3, 5)), np.full((3, 3, 4), 200.0))
     assert not tables_equal([pair()], [dense])
     assert not tables_equal([dense], [pair()])
+
+
+@pytest.mark.parametrize("learner", ["coop", "indiv"])
+def test_a_run_that_goes_on_anywhere_is_the_same_run(learner):
+    """In the middle of an episode and between two, with starts that it must not draw again."""
+    scenario = problem("env1", steps=60, max_steps=7, ask_cost=0, q_star_init=200)
+    whole = Learning(scenario, learner, 3)
+    whole.advance(scenario.steps)
+    for done in range(1, scenario.steps, 2):
+        begun = Learning(scenario, learner, 3)
+        begun.advance(done)
+        rest = Learning(scenario, learner, 3, begun.state())
+        assert rest.done == done
+        rest.advance(scenario.steps)
+        assert tables_equal(rest.tables, whole.tables)
+        assert rest.history.same_bits(whole.history)
+        assert rest.visited.tolist() == whole.visited.tolist()

@@ -93,7 +93,7 @@ def test_equal_tables_are_equal_bytes(team):
 
 
 def test_the_order_of_learning_does_not_show_in_the_file(tmp_path, sparse_team):
-    (q_star, table), *others = sparse_team
+    (q_star, table, _), *others = sparse_team
     turned = SparseTable(21, 3, 150.0)
     for key, row in zip(table.keys.tolist()[::-1], table.rows[::-1], strict=True):
         for action in range(4):

@@ -9,7 +9,7 @@ import pytest
 
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.streams import EVALUATION
-from sparse_coord_ros.core.world import EPISODE_GAP, FIRST_STEP, Action, World
+from sparse_coord_ros.core.world import EPISODE_GAP, FIRST_STEP, Action, Reward, World
 
 NORTH, SOUTH, EAST, WEST = range(4)
 SURE = {"move_success": 1, "starts": "fixed"}
@@ -54,8 +54,8 @@ def test_arrival_pays_once_and_the_arrived_robot_stays(make):
     world = World(make("1.2..", {"a": (1, [0, 1]), "b": (2, 1)}, **SURE), 0)
     first = world.advance([go(EAST), go(WEST)])
     assert first.arrived == (0,)
-    assert first.rewards[0] == (10.0, 0.0, 0.0, 10.0)
-    assert first.rewards[1] == (0.0, 0.0, 0.0, 0.0)
+    assert first.rewards[0] == Reward(10.0, 0.0, 0.0, 10.0)
+    assert first.rewards[1] == Reward(0.0, 0.0, 0.0, 0.0)
     assert world.arrived == [True, False]
     assert not first.episode_over
     second = world.advance([go(EAST), go(WEST)])  # the arrived robot's action has no effect
@@ -83,8 +83,8 @@ def test_rewards_add_up_and_asking_costs_whether_answered_or_not(make):
     world = World(make("1D2", ask_cost=0.5, **SURE), 0)
     refused = Action(WEST, True, 0, False)
     outcome = world.advance([ask(EAST), refused])
-    assert outcome.rewards == ((0.0, -20.0, -0.5, -20.5), (0.0, -20.0, -0.5, -20.5))
-    assert world.advance([ask(EAST), go(NORTH)]).rewards[0] == (10.0, 0.0, -0.5, 9.5)
+    assert outcome.rewards == (Reward(0.0, -20.0, -0.5, -20.5),) * 2
+    assert world.advance([ask(EAST), go(NORTH)]).rewards[0] == Reward(10.0, 0.0, -0.5, 9.5)
 
 
 def test_a_miscoordination_falls_on_every_robot_the_arrived_too(make):

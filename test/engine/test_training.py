@@ -55,7 +55,8 @@ def assert_same(one, other):
 def assert_same_state(one, other):
     assert one.positions == other.positions
     for mine, theirs in zip(one.memories, other.memories, strict=True):
-        for a, b in zip(mine, theirs, strict=True):
+        assert mine.factors is theirs.factors is None
+        for a, b in zip(mine[:-1], theirs[:-1], strict=True):
             assert (a.shape, a.dtype, a.tobytes()) == (b.shape, b.dtype, b.tobytes())
     for mine, theirs in zip(one.histories, other.histories, strict=True):
         assert mine.same_bits(theirs)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from sparse_coord_ros.core.agent import Agent, Tables
+from sparse_coord_ros.core.perception import MODELS
 from sparse_coord_ros.core.run_config import make_run
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.streams import PERCEPT, Stream
@@ -412,6 +413,16 @@ def test_the_model_decides_from_both_places():
     assert robot.asked(1, 1, 1).cell == 0
 
 
+def test_the_model_is_looked_up_from_the_asker_to_the_asked(monkeypatch):
+    """The shipped models are symmetric; one that is not tells the two apart."""
+    one_way = lambda grid: np.triu(np.ones((len(grid.cells), len(grid.cells))))  # noqa: E731
+    monkeypatch.setitem(MODELS._known, "never", one_way)
+    robot = make_robot(perception="never")
+    robot.state(1, 7)
+    assert robot.asked(1, 1, 3).cell == 7
+    assert robot.asked(1, 1, 8).cell is None
+
+
 def test_checkpoints_and_episodes_are_told_before_the_action():
     robot = make_robot(run={"checkpoint": 5})
     port = robot._port
@@ -480,3 +491,25 @@ def test_a_reward_is_for_one_transition_only(robot):
     robot.state(2, 1)
     robot.state(3, 2)
     assert robot.waiting == ("reward", 2) and robot.learned == 1
+
+
+def test_a_robot_that_rests_waits_for_no_answer_any_more():
+    """The world went on without it, into the episode's last state."""
+    robot = make_robot(max_steps=1)
+    robot.state(1, ASKING_CELL)
+    assert robot.waiting == ("percept", 1)
+    robot.state(2, ASKING_CELL)
+    assert robot.waiting is None
+    robot._port.take()
+    robot.answer(1, 1, Answer(1, 7))
+    assert robot._port.take() == []
+    assert set(robot.asks.values()) == {0}
+
+
+def test_a_robot_that_does_not_learn_says_so(robot, port):
+    robot.agent.learning = False
+    robot.state(1, 0)
+    robot.reward(1, Reward(4.0, 0.0, 0.0, 4.0))
+    robot.state(2, 1)
+    assert port.accounts == [(NOT_ASKED, False)] * 2
+    assert (robot.counts["learned"], robot.counts["dropped"]) == (0, 0)

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 from sparse_coord_ros.core.agent import Agent
-from sparse_coord_ros.core.learners import learner_of
+from sparse_coord_ros.core.factors import FactorRule
+from sparse_coord_ros.core.learners import Factored, learner_of
 from sparse_coord_ros.core.perception import MODELS
 from sparse_coord_ros.core.run_config import make_run
 from sparse_coord_ros.core.scenario import load_scenario
@@ -57,6 +58,13 @@ class SpyAgent(Agent):
         super().learn(step, cell, decision, action, perceived, reward, next_cell)
 
 
+class Deaf(Factored):
+    """Learns nothing from being asked."""
+
+    name = None
+    factors = FactorRule(share=False)
+
+
 class RobotPort:
     def __init__(self, network, number):
         self.network, self.number = network, number
@@ -83,7 +91,7 @@ class Network:
     Args:
         scenario: the problem.
         shuffle: seed of the order of delivery.
-        learner: "coop" or "noncoop".
+        learner: "coop", "noncoop" or "factored", whose agents do not say what they learned.
         doubled: share of messages that come twice, at once or later.
         lost: tells from (topic, robot, message) whether a message is lost.
         heals: whether the world repeats itself when nothing moves any more.
@@ -100,9 +108,11 @@ class Network:
         self.repeats, self.step, self.stalled = 0, 0, 0
         self.world = WorldSide(run, self)
         numbers = range(len(scenario.robots))
-        self.agents = [
-            SpyAgent(scenario, k, run.seed, asks=learner_of(learner).asks) for k in numbers
-        ]
+        rule = learner_of(learner)
+        if rule.factors is not None:
+            self.agents = [rule.agent(scenario, k, run.seed) for k in numbers]
+        else:
+            self.agents = [SpyAgent(scenario, k, run.seed, asks=rule.asks) for k in numbers]
         self.robots = [RobotSide(run, self.agents[k], RobotPort(self, k)) for k in numbers]
         self.world.start()
 
@@ -319,6 +329,30 @@ def test_noncoop(name):
     network.run()
     assert tables_equal(network.tables, learn(scenario, "noncoop", 5))
     assert network.percepts == []
+
+
+@pytest.mark.parametrize("shuffle", range(4))
+@pytest.mark.parametrize(
+    ("name", "settings"),
+    [
+        ("env1", {"perception": "probability:0.7", "steps": 1500}),
+        ("env1", {"perception": "line_of_sight", "steps": 1500, "max_steps": 25, "credit": 3}),
+        ("env2-4r", {"perception": "probability:0.7", "steps": 800, "conflict": "any_doorway"}),
+        ("env2-4r", {"perception": "range:5", "steps": 800, "peers": "all"}),
+        ("env2-4r", {"steps": 600, "referee": False}),
+    ],
+)
+def test_factored_learns_from_being_asked_whatever_the_order(name, settings, shuffle):
+    given = {"step_size": "floored:0.5:0.1:0.01", "epsilon": "constant:0.9", "max_steps": 20}
+    given |= {"penalty": -60, "q_coord_init": 20, **settings}
+    scenario = learner_of("factored").with_defaults(problem(name, **given))
+    network = Network(scenario, shuffle, learner="factored", doubled=0.2 * (shuffle % 2))
+    network.run()
+    learned = learn(scenario, "factored", 5)
+    assert tables_equal(network.tables, learned)
+    assert any(len(tables.factors.states) for tables in learned)
+    assert not tables_equal(learned, learn(scenario, Deaf, 5))  # being asked did teach something
+    assert (network.world.timeouts, network.world.stale > 0) == (0, shuffle % 2 == 1)
 
 
 # Losses that the world heals.

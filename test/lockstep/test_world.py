@@ -155,6 +155,16 @@ def test_the_budget_ends_everything():
     assert world.stale == 1
 
 
+def test_the_last_states_are_said():
+    """Without them nobody would learn from the last transition."""
+    world = make_world(steps=1)
+    world._port.take()
+    play(world, DOWN, DOWN)
+    assert world.finished
+    last = [("state", k, 2, world.world.cells[k]) for k in (0, 1)]
+    assert world._port.take()[-2:] == last
+
+
 def test_without_any_action_the_world_waits_on(world, port):
     port.take()
     assert world.expire() == [0, 1]

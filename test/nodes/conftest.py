@@ -23,6 +23,7 @@ import pytest
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
+from sparse_coord_ros.core.factors import AdditiveTable, Factors
 from sparse_coord_ros.core.history import HistoryRecorder, load_history
 from sparse_coord_ros.core.learners import learner_of
 from sparse_coord_ros.core.scenario import load_scenario
@@ -222,7 +223,7 @@ def simulate():
     def simulation(
         name: str, settings: dict, *, seed: int = 0, learner: str = "coop", tables=None
     ):
-        scenario = load_scenario(name).with_settings(settings)
+        scenario = learner_of(learner).with_defaults(load_scenario(name).with_settings(settings))
         everyone = range(len(scenario.robots))
         before = [None] * len(everyone) if tables is None else deepcopy(tables)
         agents = [learner_of(learner).agent(scenario, k, seed, tables=before[k]) for k in everyone]
@@ -263,14 +264,19 @@ def assert_same_tables():
         assert len(got) == len(said.tables)
         for k, (mine, theirs) in enumerate(zip(got, said.tables, strict=True), start=1):
             pairs = {"q_star": (mine.q_star, theirs.q_star)}
-            if isinstance(theirs.q_coord, SparseTable):
+            if theirs.factors is not None:
+                factors = zip(Factors._fields, mine.factors, theirs.factors, strict=True)
+                pairs |= {name: (a, b) for name, a, b in factors}
+            if isinstance(theirs.q_coord, AdditiveTable):
+                assert mine.q_coord.shape == theirs.q_coord.shape
+            elif isinstance(theirs.q_coord, SparseTable):
                 assert np.array_equal(mine.q_coord.keys, theirs.q_coord.keys)
                 pairs["q_coord_rows"] = (mine.q_coord.rows, theirs.q_coord.rows)
             else:
                 pairs["q_coord"] = (mine.q_coord, theirs.q_coord)
             for name, (a, b) in pairs.items():
                 assert a.shape == b.shape and a.dtype == b.dtype
-                differ = np.flatnonzero(a.view(np.int64) != b.view(np.int64))
+                differ = np.flatnonzero(a != b)
                 assert a.tobytes() == b.tobytes(), f"{name}_{k} differs at {differ[:9]}"
         assert load_history(out).same_bits(said.history)
 

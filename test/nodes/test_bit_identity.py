@@ -17,6 +17,7 @@ from sparse_coord_ros.nodes.robot import RobotNode
 from sparse_coord_ros.nodes.spin import ros_context
 from sparse_coord_ros.nodes.team import run_team
 from sparse_coord_ros.nodes.world_simulator import WorldSimulator
+from sparse_coord_ros.runlog import verify
 
 SEED = 7
 
@@ -112,6 +113,35 @@ def test_team_of_three_that_perceive_all_peers_and_pay_differently(
     }
 
 
+FACTORED = [
+    ("env1", {"steps": 500, "perception": "probability:0.7", "penalty": -60}),
+    ("env2-4r", {"steps": 300, "perception": "probability:0.8", "credit": "team"}),
+]
+"""What the factored learner learns: two robots, and four whose world has a referee. They explore
+so much that they ask and meet."""
+EXPLORING = {"epsilon": "constant:0.8", "q_coord_init": 20, "max_steps": 25}
+
+
+@pytest.mark.parametrize(("scenario", "settings"), FACTORED)
+def test_factored_learner(tmp_path, simulate, assert_same_tables, scenario, settings):
+    said = simulate(scenario, {**EXPLORING, **settings}, seed=SEED, learner="factored")
+    assert any(len(tables.factors.states) for tables in said.tables)
+    assert said.scenario.referee == (len(said.tables) > 2)
+    steps = settings["steps"]
+    sets = [f"{name}={value}" for name, value in {**EXPLORING, **settings}.items()]
+    out = tmp_path / "out"
+    with ros_context() as context:
+        summary = run_team(
+            values(out, scenario, steps, set=sets, learner="factored", record=True),
+            context=context,
+        )
+    assert_same_tables(out, said)
+    assert summary["timeouts"] == 0
+    assert sum(asks["answered"] for asks in summary["asks"].values()) > 0
+    verdict = verify(out / "bag")
+    assert verdict.same, verdict.differences
+
+
 def test_baseline(tmp_path, simulate, assert_same_tables):
     said = simulate("env1", {"steps": 300}, seed=SEED, learner="noncoop")
     with ros_context() as context:
@@ -132,15 +162,19 @@ def test_team_in_another_namespace(tmp_path, simulate, assert_same_tables):
 
 
 @pytest.mark.parametrize(
-    "scenario, settings",
-    [("env1", {"steps": 150}), ("env2-4r", {"steps": 60, "perception": "probability:0.7"})],
+    "scenario, learner, settings",
+    [
+        ("env1", "coop", {"steps": 150}),
+        ("env2-4r", "coop", {"steps": 60, "perception": "probability:0.7"}),
+        ("env2-4r", "factored", {**EXPLORING, "steps": 60, "perception": "probability:0.7"}),
+    ],
 )
 def test_every_node_in_its_own_process(
-    tmp_path, simulate, start, assert_same_tables, scenario, settings
+    tmp_path, simulate, start, assert_same_tables, scenario, learner, settings
 ):
-    said = simulate(scenario, settings, seed=SEED)
+    said = simulate(scenario, settings, seed=SEED, learner=learner)
     out = tmp_path / "out"
-    arguments = ["--seed", str(SEED), "--out", str(out), "--processes"]
+    arguments = ["--learner", learner, "--seed", str(SEED), "--out", str(out), "--processes"]
     for name, value in settings.items():
         arguments += ["--set", f"{name}={value}"]
     process = start("cli.main", "run", scenario, *arguments)

@@ -5,11 +5,13 @@
 from types import SimpleNamespace
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.srv import GetPlan
 
 from sparse_coord_ros.nodes.member import Member
 from sparse_coord_ros.nodes.peers import Peer
+from sparse_coord_ros.nodes.robot import LAST_WORDS_SECONDS, RobotNode
 
 
 class Future:
@@ -98,3 +100,52 @@ def test_a_robot_leaves_when_all_is_learned(waiting, newest, done):
     """Not with a reward pending, or before it has the last state."""
     lockstep = SimpleNamespace(waiting=waiting, newest=(newest, 3))
     assert Member.has_learned(SimpleNamespace(lockstep=lockstep), 9) is done
+
+
+def test_a_robot_whose_last_reward_does_not_come_leaves_after_a_while():
+    """It has some seconds from the first time that it hears of the run's end."""
+    member = SimpleNamespace(joined=True, has_learned=lambda step: False)
+    robot = SimpleNamespace(_end=None, _reported=1e9, done=False)
+    said = DiagnosticStatus(message="finished", values=[KeyValue(key="step", value="9")])
+    RobotNode._on_status(robot, said)
+    first = robot._end
+    RobotNode._on_status(robot, said)
+    assert robot._end == first
+    assert first.step == 9
+    RobotNode._go_on(robot, member, first.heard + LAST_WORDS_SECONDS)
+    assert not robot.done
+    RobotNode._go_on(robot, member, first.heard + LAST_WORDS_SECONDS + 0.1)
+    assert robot.done
+
+
+def test_the_deadline_of_what_is_waited_for():
+    """It begins anew with whatever else is waited for; a peer that lets it pass is silent."""
+    done = []
+    lockstep = SimpleNamespace(
+        waiting=("percept", 4), asking=1, expire=lambda: done.append("expired")
+    )
+    peer = SimpleNamespace(gave_up=lambda: done.append("gave up"), send_what_waits=lambda: None)
+    member = SimpleNamespace(
+        lockstep=lockstep,
+        run=SimpleNamespace(percept_timeout=1.0),
+        _waiting=None,
+        _waiting_since=0.0,
+        _peers={1: peer},
+    )
+    Member.watch_the_deadline(member, 10.0)
+    Member.watch_the_deadline(member, 10.9)
+    assert done == []
+    Member.watch_the_deadline(member, 11.0)
+    assert done == ["gave up", "expired"]
+    lockstep.waiting = ("reward", 4)
+    Member.watch_the_deadline(member, 11.1)
+    Member.watch_the_deadline(member, 12.0)
+    assert done == ["gave up", "expired"]
+    Member.watch_the_deadline(member, 12.1)
+    assert done == ["gave up", "expired", "expired"], "no peer is to blame for a late reward"
+    for step, now in ((5, 13.0), (6, 13.9), (6, 14.8)):
+        lockstep.waiting = ("reward", step)
+        Member.watch_the_deadline(member, now)
+    lockstep.waiting = None
+    Member.watch_the_deadline(member, 99.0)
+    assert len(done) == 3

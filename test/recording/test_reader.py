@@ -380,6 +380,170 @@ def test_a_message_index_without_its_chunk(tmp_path, samples):
     assert "a message index that is not that of the chunk before it" in open_bag(file).damage
 
 
+def places_of(data, wanted):
+    """Return (begin, end) of each record of one kind in the bytes of a file."""
+    found, place = [], 8
+    while place < len(data) - 8:
+        opcode, length = struct.unpack_from("<BQ", data, place)
+        if opcode == wanted:
+            found.append((place, place + 9 + length))
+        place += 9 + length
+    return found
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_a_chunk_without_its_message_index(tmp_path, bag, which):
+    """Of an unfinished bag, whose end does not say what there must be."""
+    file = tmp_path / "run" / "run_0.mcap.partial"
+    data = file.read_bytes()
+    begin, end = places_of(data, 0x07)[which]
+    changed = tmp_path / "changed.mcap.partial"
+    changed.write_bytes(data[:begin] + data[end:])
+    assert "1 message indexes of a chunk are missing" in open_bag(changed).damage
+
+
+def test_a_zeroed_checksum_among_others(tmp_path):
+    """Another library's file with checksums: that of a chunk cannot be left out by zeroing it."""
+    stream = io.BytesIO()
+    writer = Writer(stream, chunk_size=1, compression=CompressionType.NONE)
+    writer.start("ros2", "another library")
+    schema = writer.register_schema(STRING, "ros2msg", b"string data")
+    channel = writer.register_channel("/a", "cdr", schema)
+    for at in range(3):
+        writer.add_message(channel, at, bytes([0, 1, 0, 0, at]), at)
+    writer.finish()
+    data = bytearray(stream.getvalue())
+    file = tmp_path / "other.mcap"
+    file.write_bytes(data)
+    assert open_bag(file).damage is None
+    begin, _ = places_of(data, 0x06)[1]
+    assert struct.unpack_from("<I", data, begin + 9 + 24)[0] != 0
+    struct.pack_into("<I", data, begin + 9 + 24, 0)
+    file.write_bytes(data)
+    assert "the checksum of the chunk is" in open_bag(file).damage
+
+
+@pytest.mark.parametrize(
+    ("kind", "place", "what"),
+    [
+        (0x06, 9 + 24, "the chunk"),
+        (0x09, -4, "attachment 'map.txt'"),
+        (0x0F, -4, "the data before"),
+        (0x02, -4, "the summary"),
+    ],
+)
+def test_every_checksum_of_an_own_bag_is_there(tmp_path, bag, kind, place, what):
+    """0 says elsewhere that there is none."""
+    bag.close()
+    file = tmp_path / "run" / "run_0.mcap"
+    data = bytearray(file.read_bytes())
+    begin, end = places_of(data, kind)[0]
+    at = begin + place if place > 0 else end + place
+    assert struct.unpack_from("<I", data, at)[0] != 0
+    struct.pack_into("<I", data, at, 0)
+    file.write_bytes(data)
+    assert f"the checksum of {what} is" in open_bag(file).damage
+
+
+def test_a_changed_byte_of_an_attachment(tmp_path, bag):
+    """Of an unfinished bag, whose end does not say what the data are."""
+    file = tmp_path / "run" / "run_0.mcap.partial"
+    data = bytearray(file.read_bytes())
+    _, end = places_of(data, 0x09)[0]
+    assert data[end - 5 : end - 4] == b"#"
+    data[end - 5] = ord(".")
+    changed = tmp_path / "changed.mcap.partial"
+    changed.write_bytes(data)
+    assert "the checksum of attachment 'map.txt' is" in open_bag(changed).damage
+
+
+@pytest.mark.parametrize("place", [9, 17])
+def test_a_chunk_that_says_other_times(tmp_path, bag, place):
+    file = tmp_path / "run" / "run_0.mcap.partial"
+    data = bytearray(file.read_bytes())
+    begin, _ = places_of(data, 0x06)[0]
+    data[begin + place] ^= 1
+    changed = tmp_path / "changed.mcap.partial"
+    changed.write_bytes(data)
+    assert "a chunk whose times are not those of its messages" in open_bag(changed).damage
+
+
+def sealed(data):
+    """Return a file whose summary has been changed, with the checksum that fits it."""
+    data = bytearray(data)
+    footer, end = places_of(data, 0x02)[0]
+    (start,) = struct.unpack_from("<Q", data, footer + 9)
+    struct.pack_into("<I", data, end - 4, zlib.crc32(data[start : end - 4]))
+    return data
+
+
+@pytest.mark.parametrize(
+    ("kind", "place", "problem"),
+    [
+        (0x0B, 0, "the summary says 21 messages, but there are 20"),
+        (0x0B, 8, "schemas, but there are 1"),
+        (0x0B, 10, "channels, but there are 2"),
+        (0x0B, 14, "attachments, but there are 1"),
+        (0x0B, 18, "metadata records, but there are 2"),
+        (0x0B, 22, "chunks, but there are"),
+        (0x0B, 26, "the summary says 980 ns as first time, but there are 981"),
+        (0x0B, 34, "the summary says 1001 ns as last time, but there are 1000"),
+        (0x0B, 48, "messages in its channels, but there are"),
+        (0x08, 0, "the summary's chunk index is not that of the data"),
+        (0x0A, 16, "the summary's attachment index is not that of the data"),
+        (0x0D, 8, "the summary's metadata index is not that of the data"),
+        (0x0E, 1, "the summary's schema records are elsewhere"),
+        (0x02, 8, "a footer that does not say where the summary is"),
+    ],
+)
+def test_a_summary_that_says_otherwise_than_the_data(tmp_path, bag, kind, place, problem):
+    """Its checksum holds: each thing that it says is compared with what is there."""
+    bag.close()
+    file = tmp_path / "run" / "run_0.mcap"
+    data = bytearray(file.read_bytes())
+    begin, _ = places_of(data, kind)[0]
+    data[begin + 9 + place] ^= 1
+    file.write_bytes(sealed(data))
+    assert problem in open_bag(file).damage
+
+
+def test_a_summary_that_leaves_a_channel_out(tmp_path, bag):
+    bag.close()
+    file = tmp_path / "run" / "run_0.mcap"
+    data = bytearray(file.read_bytes())
+    begin, end = places_of(data, 0x04)[-1]
+    footer, _ = places_of(data, 0x02)[0]
+    (offsets,) = struct.unpack_from("<Q", data, footer + 17)
+    struct.pack_into("<Q", data, footer + 17, offsets - (end - begin))
+    file.write_bytes(sealed(data[:begin] + data[end:]))
+    assert "the summary does not repeat every channel" in open_bag(file).damage
+
+
+def test_something_after_the_end(tmp_path, bag):
+    bag.close()
+    file = tmp_path / "run" / "run_0.mcap"
+    data = file.read_bytes()
+    for changed in (data + b"x", data[:-1], data[:-1] + b"x"):
+        file.write_bytes(changed)
+        assert "the file does not end with MCAP's magic bytes" in open_bag(file).damage
+
+
+def test_a_topic_with_a_second_type(tmp_path):
+    """A topic has one type, in whichever chunk or channel of it."""
+    stream = io.BytesIO()
+    writer = Writer(stream, chunk_size=1, compression=CompressionType.NONE)
+    writer.start("ros2", "another library")
+    for number, kind in enumerate((STRING, "std_msgs/msg/Bool")):
+        schema = writer.register_schema(kind, "ros2msg", b"bool data")
+        channel = writer.register_channel("/a", "cdr", schema)
+        writer.add_message(channel, number, bytes(5), number)
+    writer.finish()
+    (tmp_path / "other.mcap").write_bytes(stream.getvalue())
+    bag = open_bag(tmp_path / "other.mcap")
+    assert "topic '/a' has a second type" in bag.damage
+    assert bag.counts == {"/a": 1}
+
+
 def test_parts_put_chunks_together(tmp_path, samples):
     with BagWriter(tmp_path / "run", chunk_size=1) as writer:
         channel = writer.add_topic("/a", STRING, QoS())

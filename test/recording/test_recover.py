@@ -211,7 +211,9 @@ def test_changed_metadata_are_told_from_lost_messages(tmp_path, samples, capsys)
     assert open_bag(bag).message_count == 20
 
 
-@pytest.mark.parametrize("state", ["no metadata.yaml", "bad metadata.yaml", "no name"])
+@pytest.mark.parametrize(
+    "state", ["no metadata.yaml", "bad metadata.yaml", "other metadata.yaml", "no name"]
+)
 def test_finished_file_gets_what_is_missing(tmp_path, samples, capsys, state):
     """A recorder that was killed while it closed the bag: the file itself stays as it is."""
     bag = write_bag(tmp_path / "run", samples, finish=True)
@@ -220,10 +222,14 @@ def test_finished_file_gets_what_is_missing(tmp_path, samples, capsys, state):
     (bag / "metadata.yaml").unlink()
     if state == "bad metadata.yaml":
         (bag / "metadata.yaml").write_text("{[")
+    if state == "other metadata.yaml":  # of more messages than there are
+        assert "message_count: 20" in metadata
+        changed = metadata.replace("message_count: 20", "message_count: 21")
+        (bag / "metadata.yaml").write_text(changed)
     if state == "no name":
         (bag / "run_0.mcap").rename(bag / "run_0.mcap.partial")
     assert run(capsys, bag)[0] == 0
-    kept = ["metadata.yaml.damaged"] if state == "bad metadata.yaml" else []
+    kept = ["metadata.yaml.damaged"] if state.split()[0] in ("bad", "other") else []
     assert names(bag) == ["metadata.yaml", *kept, "run_0.mcap"]
     assert (bag / "run_0.mcap").read_bytes() == original
     assert (bag / "metadata.yaml").read_text() == metadata
@@ -305,6 +311,21 @@ def test_full_disk_changes_nothing(tmp_path, samples, monkeypatch):
         recover(bag)
     assert names(bag) == ["run_0.mcap.partial"]
     assert open_bag(bag).message_count == 20
+
+
+def test_a_copy_that_lacks_something_takes_no_place(tmp_path, samples, monkeypatch):
+    bag = write_bag(tmp_path / "run", samples, finish=False)
+    before = {path.name: path.read_bytes() for path in bag.iterdir()}
+    write = BagWriter.write
+
+    def forgetful(writer, channel, data, log_ns, *more):
+        if log_ns != 13:
+            write(writer, channel, data, log_ns, *more)
+
+    monkeypatch.setattr(BagWriter, "write", forgetful)
+    with pytest.raises(BagError, match="does not read back"):
+        recover(bag)
+    assert {path.name: path.read_bytes() for path in bag.iterdir()} == before
 
 
 def test_flushed_messages_survive_a_kill(tmp_path, samples):

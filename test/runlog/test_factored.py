@@ -1,0 +1,111 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Logs of the factored learner: computed again, explained, and forged."""
+
+import struct
+
+import pytest
+
+from sparse_coord_ros.core.factors import UNSEEN
+from sparse_coord_ros.core.simulation import learn, tables_equal
+from sparse_coord_ros.core.world import UNKNOWN_PARTNERS
+from sparse_coord_ros.runlog import read_run, verify
+from sparse_coord_ros.runlog.explain import coordinations, explain
+from sparse_coord_ros.runlog.follower import askers
+
+EXPLORING = {
+    "steps": 900,
+    "penalty": -60,
+    "q_coord_init": 20,
+    "epsilon": "constant:0.8",
+    "max_steps": 20,
+    "conflict": "any_doorway",
+}
+
+
+def stamp(nanoseconds):
+    """Return how a message of that time begins, after its encapsulation."""
+    return struct.pack("<iI", *divmod(nanoseconds, 10**9))
+
+
+@pytest.fixture(scope="module")
+def logged(record):
+    """Return logs of two robots, and of four whose world has a referee, by their number."""
+    made = {}
+    for name, success in (("env2-2r", 0.6), ("env2-4r", 0.85)):
+        settings = {**EXPLORING, "perception": f"probability:{success}"}
+        one = record(name, settings, values={"learner": "factored"})
+        made[len(one.names)] = one
+    return made
+
+
+@pytest.mark.parametrize("robots", [2, 4])
+def test_verified(logged, robots):
+    one = logged[robots]
+    found = verify(one.bag)
+    assert found.same, found.differences
+    learned = learn(one.run.scenario, "factored", one.run.seed)
+    assert any(len(tables.factors.states) for tables in learned)
+    log = read_run(one.bag)
+    final = [log.all_tables[-robots + k].tables for k in range(robots)]
+    assert tables_equal(final, learned)
+
+
+@pytest.mark.parametrize("robots", [2, 4])
+def test_explained(logged, robots):
+    log = read_run(logged[robots].bag)
+    changed = shared = failed = 0
+    for step in coordinations(log, 0):
+        one = explain(log, 0, step)
+        assert one.agrees and one.doubt is None
+        if one.update is None:
+            continue
+        rows = {(peer, place): (before, after) for peer, place, before, after in one.update[-1]}
+        if one.perceived is None:
+            assert (UNSEEN, UNSEEN) in rows
+            failed += 1
+            shared += len(rows) > 1
+        else:
+            assert list(rows) == list(zip(one.peers, one.perceived, strict=True))
+            assert one.update.coord[0] == (one.cell, *one.perceived, one.action.move)
+        changed += any(before != after for before, after in rows.values())
+    assert changed > 0 and failed > 0
+    # With `probability:P` the own draw decides for all peers alike, asked by them or asking.
+    assert shared == 0
+
+
+def test_who_asked_is_in_the_dialogue(logged):
+    log = read_run(logged[4].bag)
+    heard = [askers(log, k) for k in range(4)]
+    assert all(heard)
+    for k, of in enumerate(heard):
+        for step, who in of.items():
+            row = int((log.step == step).argmax())
+            assert all(log.cells[row, asker] == cell for asker, cell in who)
+            assert all(log.asked[row, asker] and asker != k for asker, _ in who)
+
+
+def test_partners_are_in_the_log_and_cannot_be_forged(logged, rewritten, tmp_path):
+    log = read_run(logged[4].bag)
+    together = log.partners > 0
+    assert together.sum() > 4 and (log.partners[log.reward[..., 1] == 0] == 0).all()
+    plain = read_run(logged[2].bag)
+    assert (plain.partners != plain.partners).all() and UNKNOWN_PARTNERS == -1  # NaN: nobody says
+    row, k = (int(n) for n in next(zip(*together.nonzero(), strict=True)))
+    topic = f"/{log.names[k]}/reward"
+
+    def change(messages):
+        at = round(log.run.step_period * 1e9) * int(log.step[row])
+        of = [place for place, one in enumerate(messages) if one.topic == topic]
+        [place] = [place for place in of if messages[place].data[4:12] == stamp(at)]
+        said = struct.pack("<d", float(log.partners[row, k]))
+        data = messages[place].data
+        assert data.count(said) == 1
+        forged = struct.pack("<d", float(1 << k ^ 0b1111) - log.partners[row, k])
+        messages[place] = messages[place]._replace(data=data.replace(said, forged))
+        return messages
+
+    found = verify(rewritten(logged[4].bag, tmp_path / "bag", change))
+    assert found.first.quantity == "reward" and found.first.robot == log.names[k]
+    assert found.first.step == log.step[row]
+    assert "partners" in found.first.logged
