@@ -6,13 +6,16 @@ import io
 import random
 import zipfile
 
+import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.srv import GetPlan
 from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import String
 
 from sparse_coord_ros.core.tables import pack_tables, unpack_robot
 from sparse_coord_ros.errors import BagError
+from sparse_coord_ros.nodes.messages import ACTION_LAYOUT, Converter
 from sparse_coord_ros.recording import BagWriter, QoS
 from sparse_coord_ros.recording.reader import open_bag
 from sparse_coord_ros.recording.recover import recover
@@ -198,6 +201,77 @@ def test_each_count_beside_the_tables(alter, name, change):
     found = alter(attach=attach)
     assert found.first.quantity.startswith("tables count"), found.differences
     assert name in found.first.quantity
+
+
+@pytest.mark.parametrize("more", [-1, 1])
+def test_how_much_was_learned_up_to_a_checkpoint(alter, more):
+    def attach(found):
+        places = [p for p, one in enumerate(found) if one.name.startswith("tables/robot_1_")]
+        place = places[1]
+        tables, counts = unpack_robot(found[place].data, 1, where="")
+        counts["learned"] += more
+        found[place] = found[place]._replace(data=pack_tables({1: tables}, counts=counts))
+        return found
+
+    assert alter(attach=attach).first.quantity == "tables count learned"
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [
+        ("left_out", "3", "3 robots' steps left out"),
+        ("transitions", "7", "7 transitions"),
+        ("began", "reset", "episode began: reset"),
+    ],
+)
+def test_what_the_world_says_of_itself(alter, key, value, said):
+    def change(messages):
+        place = places(messages, "/status")[-1]
+        status = deserialize_message(messages[place].data, DiagnosticStatus)
+        (pair,) = [pair for pair in status.values if pair.key == key]
+        assert pair.value != value
+        pair.value = value
+        messages[place] = messages[place]._replace(data=serialize_message(status))
+        return messages
+
+    first = alter(change).first
+    assert (first.quantity, first.logged) == ("status", said)
+
+
+def test_a_robot_that_learns_before_it_has_acted(alter):
+    def change(messages):
+        place = places(messages, "/robot_1/action")[0]
+        numbers = list(ACTION_LAYOUT.unpack(messages[place].data))
+        assert numbers[-1] == 0.0
+        data = ACTION_LAYOUT.pack(*numbers[:-1], 1.0)
+        messages[place] = messages[place]._replace(data=data)
+        return messages
+
+    first = alter(change).first
+    assert (first.step, first.robot, first.quantity) == (1, "robot_1", "action")
+    assert (first.logged, first.computed) == ("learned=1", "0: there was nothing to learn from")
+
+
+def test_a_reward_of_a_robot_that_has_arrived(good, alter):
+    log = read_run(good.bag)
+    goals = [robot.goal for robot in log.run.scenario.robots]
+    alone = (log.cells[:, 0] == goals[0]) & (log.action[:, 1] >= 0)
+    row = int(np.flatnonzero(alone)[0])
+    step = int(log.step[row])
+
+    def change(messages):
+        period = Converter(log.run).period
+        (place,) = [
+            place
+            for place in places(messages, "/robot_2/reward")
+            if messages[place].log_time_ns // period == step
+        ]
+        messages.insert(place, messages[place]._replace(topic="/robot_1/reward"))
+        return messages
+
+    first = alter(change).first
+    assert (first.step, first.robot, first.quantity) == (step, "robot_1", "reward")
+    assert first.computed == "none: it has arrived"
 
 
 @pytest.mark.parametrize("topic", ["/robot_1/reward", "/status", "/markers", EVENT])
