@@ -17,6 +17,7 @@ from sparse_coord_ros.core.run_config import (
     RunConfig,
     run_from_yaml,
 )
+from sparse_coord_ros.core.scenario import scenario_from_dict
 from sparse_coord_ros.core.wire import FORMAT_KEY, RUN
 from sparse_coord_ros.errors import BagError, SparseCoordError
 from sparse_coord_ros.recording.reader import Bag
@@ -143,7 +144,7 @@ def _copies(bag: Bag, run: RunConfig, said: str | None) -> Iterator[Difference]:
         if name == RUN_FILE:
             if said is not None and text != said:
                 yield _first_line(where, text, said)
-        elif (_parsed(text) if name == SCENARIO_FILE else text) != expected:
+        elif (_scenario(text) if name == SCENARIO_FILE else text) != expected:
             yield Difference(None, None, where, "another one", "the scenario of the run")
 
 
@@ -164,6 +165,16 @@ def _record(bag: Bag, run: RunConfig) -> Iterator[Difference]:
 def _attached(bag: Bag, name: str) -> bytes:
     data: bytes = bag.attachments[bag.attachments.names.index(name)].data
     return data
+
+
+def _scenario(text: str) -> Any:
+    """Return a scenario's data, with what an older version did not know; None: it is none."""
+    try:
+        return scenario_from_dict(
+            _parsed(text), where=SCENARIO_FILE, name="scenario", recorded=True
+        ).to_dict()
+    except (SparseCoordError, ArithmeticError, LookupError, TypeError, ValueError):
+        return None
 
 
 def _parsed(text: str) -> Any:
