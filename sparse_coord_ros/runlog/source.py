@@ -7,8 +7,6 @@ from collections import Counter
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-import yaml
-
 from sparse_coord_ros.core.run_config import (
     MAP_FILE,
     RUN_FILE,
@@ -17,7 +15,7 @@ from sparse_coord_ros.core.run_config import (
     RunConfig,
     run_from_yaml,
 )
-from sparse_coord_ros.core.scenario import scenario_from_dict
+from sparse_coord_ros.core.scenario import parse_yaml, scenario_from_dict
 from sparse_coord_ros.core.wire import FORMAT_KEY, RUN
 from sparse_coord_ros.errors import BagError, SparseCoordError
 from sparse_coord_ros.recording.reader import Bag
@@ -81,11 +79,12 @@ def find_run(bag: Bag, decode: Decoder) -> Source:
     prefix = topics[0].removesuffix(RUN.name) if topics else "/"
     try:
         run = run_from_yaml(text, where=f"{bag.path} (run)")
+        of_text = int(parse_yaml(text, where=f"{bag.path} (run)").get("format", 1))
     except SparseCoordError as error:
         if not bag.metadata.get(RUN_RECORD):
             raise BagError(f"{bag.path}: is not a bag of this package: {error}") from None
         raise
-    return Source(run, number, int(_parsed(text).get("format", 1)), prefix, said)
+    return Source(run, number, of_text, prefix, said)
 
 
 def _format(bag: Bag) -> int:
@@ -167,21 +166,14 @@ def _attached(bag: Bag, name: str) -> bytes:
     return data
 
 
-def _scenario(text: str) -> Any:
-    """Return a scenario's data, with what an older version did not know; None: it is none."""
+def _scenario(text: str) -> dict[str, Any] | None:
+    """Return the scenario that a text holds, with what an older one lacks; None: it holds none."""
     try:
-        return scenario_from_dict(
-            _parsed(text), where=SCENARIO_FILE, name="scenario", recorded=True
-        ).to_dict()
-    except (SparseCoordError, ArithmeticError, LookupError, TypeError, ValueError):
+        data = parse_yaml(text, where=SCENARIO_FILE)
+        found = scenario_from_dict(data, where=SCENARIO_FILE, name="scenario", recorded=True)
+    except (SparseCoordError, RecursionError):
         return None
-
-
-def _parsed(text: str) -> Any:
-    try:
-        return yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError, RecursionError):
-        return None
+    return found.to_dict()
 
 
 def _first_line(where: str, text: str, said: str) -> Difference:
