@@ -6,6 +6,7 @@ A scenario may be given as a `Scenario`, as the name of a shipped one, or as the
 file; a learner as a `Learner`, its class, its name, or `module:Class`.
 """
 
+import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -39,7 +40,7 @@ from sparse_coord_ros.engine.runner import (
     run_targets,
 )
 from sparse_coord_ros.engine.training import Training
-from sparse_coord_ros.errors import SettingError, TablesError
+from sparse_coord_ros.errors import RunError, SettingError, TablesError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -377,11 +378,12 @@ def read_log(bag: str | Path) -> "RunLog":
 
     Raises:
         BagError: nothing can be read, or the bag holds no run.
+        RunError: `bag` is no path.
         SettingError: its learner or its perception model is missing here.
     """
     from sparse_coord_ros.runlog import read_run
 
-    return read_run(Path(bag))
+    return read_run(_bag_path(bag))
 
 
 def verify(bag: str | Path) -> "Verification":
@@ -393,11 +395,17 @@ def verify(bag: str | Path) -> "Verification":
         bag: as of `read_log`.
 
     Raises:
-        BagError, SettingError: as `read_log`.
+        BagError, RunError, SettingError: as `read_log`.
     """
     from sparse_coord_ros import runlog
 
-    return runlog.verify(Path(bag))
+    return runlog.verify(_bag_path(bag))
+
+
+def _bag_path(bag: object) -> Path:
+    if not isinstance(bag, str | os.PathLike):
+        raise RunError(f"bag: value is {bag!r}, allowed: the path of a bag, a text or a Path")
+    return Path(bag)
 
 
 def run_experiment(

@@ -13,7 +13,7 @@ BROKEN_OFF = ": the recording broke off, its end is missing"
 NOT_COMPARED = (
     "diagnostics, /rosout, /parameter_events, claims, what else the bag holds; wall-clock stamps; "
     "the order of messages of different writers; how often status, markers and coordination maps "
-    "come within an episode; fields that the team does not use"
+    "come within an episode; fields that the team does not use (all: docs/log.md)"
 )
 
 
@@ -29,7 +29,7 @@ def add_parser(verbs) -> None:
 
 
 def execute(options: argparse.Namespace) -> int:
-    """Run the verb; 0: identical, 1: differs, 3: a log of format 1 that leaves it open."""
+    """Run the verb; 0: identical, 1: differs, 3: the log leaves it open."""
     from sparse_coord_ros.runlog import verify
 
     found = verify(options.bag)
@@ -42,6 +42,8 @@ def execute(options: argparse.Namespace) -> int:
                 **_numbers(found),
                 "differences": [one._asdict() for one in found.differences],
                 "open": [one._asdict() for one in found.open],
+                "broke_off": list(found.broke_off),
+                "lost": dict(found.lost),
             }
         )
     else:
@@ -77,9 +79,18 @@ def _print(found, shown: int | None) -> None:
     ):
         if count:
             print(f"{count} {what}")
+    if found.lost:
+        copies = ", ".join(f"{count} of {topic}" for topic, count in found.lost.items())
+        print(f"lost copies at episode starts (of these topics only the last is kept): {copies}")
     if found.same:
         print("identical: every state, reward, percept, action and table is what it has to be")
         print(f"not compared: {NOT_COMPARED}")
+        return
+    for sentence in found.broke_off:
+        print(f"broke off: {sentence}")
+    if found.cannot_tell and found.log.tracks.format > 1:
+        print("cannot tell how the run ended; all that the log does say is as it has to be")
+        print(f"open: {found.first}")
         return
     if found.cannot_tell:
         print(

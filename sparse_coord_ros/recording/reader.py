@@ -4,6 +4,7 @@
 
 import contextlib
 import os
+import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,7 +14,9 @@ import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import Chunk
 
-from sparse_coord_ros.errors import BagError
+from sparse_coord_ros.core.run_config import RUN_RECORD
+from sparse_coord_ros.core.wire import BAG_FORMAT, FORMAT_KEY
+from sparse_coord_ros.errors import BagError, newer_format
 from sparse_coord_ros.recording.files import PARTIAL, open_to_read
 from sparse_coord_ros.recording.metadata import RECOVERED_RECORD
 from sparse_coord_ros.recording.records import (
@@ -242,7 +245,8 @@ def open_bag(path: Path) -> Bag:
 
     Raises:
         BagError: there is no such file, no or more than one MCAP file in the directory, or the
-            file does not begin as MCAP or holds other messages than those of ROS 2.
+            file does not begin as MCAP or holds other messages than those of ROS 2, or is a
+            run's in a format newer than this version's.
     """
     path = bag_file(Path(path))
     with _opened(path) as source:
@@ -252,6 +256,9 @@ def open_bag(path: Path) -> Bag:
         except BagError as error:
             raise BagError(f"{path}: {error}") from error
         size = source.size
+    number = dict(reversed(scan.metadata)).get(RUN_RECORD, {}).get(FORMAT_KEY, "1")
+    if re.fullmatch("[1-9][0-9]{0,8}", number) and int(number) > BAG_FORMAT:
+        raise BagError(newer_format(str(path), int(number), BAG_FORMAT))
     damage = scan.damage
     if damage is None and not scan.closed and path.suffix != PARTIAL:
         damage = f"byte {size}: the file ends here, without an end: it was cut off"

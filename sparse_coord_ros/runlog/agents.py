@@ -75,6 +75,18 @@ class AgentCheck:
         self._starts = starts
 
     @property
+    def killed(self) -> bool:
+        """Whether it can have been killed: the run was stopped, or went on without it."""
+        if self.state == STOPPED:
+            return True
+        log, rows = self.log, self.log.step > self.story.step.max(initial=-1)
+        rewarded = ~np.isnan(log.reward[rows, :, 0])
+        goal = log.run.scenario.robots[self.k].goal
+        return bool(
+            (rewarded.any(axis=1) & ~rewarded[:, self.k] & (log.cells[rows, self.k] != goal)).any()
+        )
+
+    @property
     def unlearned(self) -> int:
         """Transitions that the world made with it and that it has not learned from."""
         rewarded = ~np.isnan(self.log.reward[self.story.row, self.k, 0])
@@ -185,7 +197,10 @@ class AgentCheck:
         learned = int(story.learned[:to].sum())
         mine = [r for r in log.requests if r.asker == self.k and r.step < entry.step + end - to]
         again = len(mine) - len({(r.peer, r.step) for r in mine})
-        behind = sum(r.answer is not None and r.answer[0] < r.step for r in mine)
+        # A robot that stops while it asks has repeated without an action that follows.
+        until = entry.step + (entry is self.recorded[-1])
+        asked = [r for r in log.requests if r.asker == self.k and r.step < until]
+        behind = sum(r.answer is not None and r.answer[0] < r.step for r in asked)
         bounds = {name: (due[name], due[name]) for name in ("answered", "refused", "late")}
         bounds |= {"learned": (learned, learned), "dropped": (0, to - learned)}
         bounds["repeated"] = (again, behind)

@@ -17,7 +17,9 @@ from sparse_coord_ros.recording.reader import Bag
 from sparse_coord_ros.runlog.difference import Difference
 
 TABLES = TABLES_TOPIC.name
-_NAME = re.compile(tables_attachment("(.+)", "([0-9]{1,18})").replace(".npz", r"\.npz"), re.ASCII)
+_NAME = re.compile(
+    tables_attachment("(.+)", "(0|[1-9][0-9]{0,17})").replace(".npz", r"\.npz"), re.ASCII
+)
 
 
 class RecordedTables(NamedTuple):

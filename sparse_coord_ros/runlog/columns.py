@@ -164,7 +164,7 @@ class Columns:
         self._now = int(newest[-1])
         for place in np.flatnonzero((logged != due) | (published != logged)).tolist():
             at, expected, said = (int(column[place]) for column in (logged, due, published))
-            step = (expected if stamped[place] else at) // self._period
+            step = (expected if stamped[place] and expected >= 0 else at) // self._period
             what = f"{LOG_TIME} of {self._topics[numbers[place]]}"
             if at != expected:
                 self._problem(step, what, f"{at} ns", f"{expected} ns")

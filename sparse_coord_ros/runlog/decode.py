@@ -13,6 +13,9 @@ from sparse_coord_ros.recording.topics import BagTopic
 
 _SERVICE_TYPE = re.compile(r"(\w+)/srv/(\w+?)_(\w+)", re.ASCII)
 
+PLAIN_CDR = (b"\x00\x00", b"\x00\x01")
+"""What a message begins with: its encoding, with the high or the low byte first."""
+
 
 class Decoder:
     """Turns CDR into objects whose attributes are the message's fields.
@@ -36,6 +39,8 @@ class Decoder:
             decode = self._decoders.get(topic)
             if decode is None:
                 decode = self._decoders[topic] = self._decoder(self._topics[topic])
+            if data[:2] not in PLAIN_CDR:
+                raise ValueError(f"its encoding is {data[:2].hex(' ')}, no plain CDR")
             return decode(data)
         except Exception as error:  # of a changed file the library raises what comes up
             raise ValueError(

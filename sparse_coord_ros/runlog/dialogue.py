@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from sparse_coord_ros.core.frame import SECOND, Frame
+from sparse_coord_ros.core.frame import SECOND, Frame, flat_position
+from sparse_coord_ros.core.wire import MAP_FRAME
 from sparse_coord_ros.runlog.difference import DIALOGUE, Difference
 
 SENT, RECEIVED, ANSWERED, RETURNED = range(4)
@@ -70,7 +71,8 @@ def event_row(message: Any, names: list[str]) -> tuple[Any, ...]:
     """Return the row of a decoded event of GetPlan.
 
     Raises:
-        ValueError: it holds neither a request nor a response, or is of no known kind.
+        ValueError: it holds neither a request nor a response, is of no known kind, or shows a
+            robot elsewhere than flat on the map. What persons ask may be anything.
     """
     info = message.info
     kind = int(info.event_type)
@@ -83,14 +85,29 @@ def event_row(message: Any, names: list[str]) -> tuple[Any, ...]:
         asker = message.request[0].goal.header.frame_id
         number = names.index(asker) if asker in names else -1
         ns = stamp.sec * SECOND + stamp.nanosec
+        if number >= 0 and ns:
+            _flat(start)
         return ns, *head, True, number, (position.x, position.y), False
     if kind in (ANSWERED, RETURNED) and message.response:
         plan = message.response[0].plan
         ns = plan.header.stamp.sec * SECOND + plan.header.stamp.nanosec
-        where = [(p.pose.position.x, p.pose.position.y) for p in plan.poses[:1]]
+        _check_frame(plan.header)
+        if len(plan.poses) > 1:
+            raise ValueError(f"answers with {len(plan.poses)} places")
+        where = [_flat(pose) for pose in plan.poses]
         place = where[0] if where else (np.nan, np.nan)
         return ns, *head, False, -1, place, bool(where)
     raise ValueError(f"event of type {kind} holds neither a request nor a response")
+
+
+def _flat(pose: Any) -> tuple[float, float]:
+    _check_frame(pose.header)
+    return flat_position(pose.pose)
+
+
+def _check_frame(header: Any) -> None:
+    if header.frame_id != MAP_FRAME:
+        raise ValueError(f"is in the frame {header.frame_id!r}")
 
 
 def put_together(

@@ -5,7 +5,7 @@
 import re
 from collections import Counter
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 from sparse_coord_ros.core.run_config import (
     MAP_FILE,
@@ -16,8 +16,8 @@ from sparse_coord_ros.core.run_config import (
     run_from_yaml,
 )
 from sparse_coord_ros.core.scenario import parse_yaml, scenario_from_dict
-from sparse_coord_ros.core.wire import BAG_FORMAT, FORMAT_KEY, RUN
-from sparse_coord_ros.errors import BagError, SparseCoordError, newer_format
+from sparse_coord_ros.core.wire import FORMAT_KEY, RUN
+from sparse_coord_ros.errors import BagError, SparseCoordError
 from sparse_coord_ros.recording.reader import Bag
 from sparse_coord_ros.recording.recover import recovered_text
 from sparse_coord_ros.runlog.decode import Decoder
@@ -26,10 +26,26 @@ from sparse_coord_ros.runlog.difference import MISSING, Difference
 REMEDY = "give the bag that 'sparse_coord run' or the recorder wrote"
 
 
-def find_run(bag: Bag, decode: Decoder) -> tuple[RunConfig, int, str, str | None]:
-    """Return the run, the bag's format, its topics' prefix, and the text on the topic `run`.
+class Source(NamedTuple):
+    """Which run a bag is of.
 
-    The text is None where there is no message.
+    Attributes:
+        run: the run.
+        number: of the bag's format, by its metadata record.
+        of_text: number of the format of the run's text, which is the same.
+        prefix: what the names of its topics begin with.
+        said: the text on the topic `run`; None: there is no message.
+    """
+
+    run: RunConfig
+    number: int
+    of_text: int
+    prefix: str
+    said: str | None
+
+
+def find_run(bag: Bag, decode: Decoder) -> Source:
+    """Return the run of a bag.
 
     Raises:
         BagError: the bag holds no run, or several, or is of a newer format.
@@ -62,36 +78,39 @@ def find_run(bag: Bag, decode: Decoder) -> tuple[RunConfig, int, str, str | None
         )
     prefix = topics[0].removesuffix(RUN.name) if topics else "/"
     try:
-        return run_from_yaml(text, where=f"{bag.path} (run)"), number, prefix, said
+        run = run_from_yaml(text, where=f"{bag.path} (run)")
+        of_text = int(parse_yaml(text, where=f"{bag.path} (run)").get("format", 1))
     except SparseCoordError as error:
         if not bag.metadata.get(RUN_RECORD):
             raise BagError(f"{bag.path}: is not a bag of this package: {error}") from None
         raise
+    return Source(run, number, of_text, prefix, said)
 
 
 def _format(bag: Bag) -> int:
-    """Return the number of the bag's format; BagError where this version cannot read it."""
+    """Return the number of the bag's format; `open_bag` has refused newer ones."""
     text = bag.metadata.get(RUN_RECORD, {}).get(FORMAT_KEY, "1")
     if not re.fullmatch("[1-9][0-9]{0,8}", text):
         raise BagError(
             f"{bag.path}: its format is {text[:40]!r}, no whole number from 1; {REMEDY}"
         )
-    if int(text) > BAG_FORMAT:
-        raise BagError(newer_format(str(bag.path), int(text), BAG_FORMAT))
     return int(text)
 
 
-def check_source(bag: Bag, run: RunConfig, said: str | None) -> Iterator[Difference]:
+def check_source(bag: Bag, source: Source, number: int) -> Iterator[Difference]:
     """Yield what is wrong with the file, and in what its places say another run.
 
     Args:
         bag: the bag.
-        run: its run.
-        said: the text on the topic `run`, or None.
+        source: its run.
+        number: of its format, by what it holds.
     """
     yield from _about_the_file(bag)
-    yield from _copies(bag, run, said)
-    yield from _record(bag, run)
+    yield from _copies(bag, source.run, source.said)
+    yield from _record(bag, source.run)
+    if RUN_RECORD in bag.metadata and not source.number == source.of_text == number:
+        due = f"'{number}', as {RUN_FILE} and actions say"
+        yield Difference(None, None, f"metadata {FORMAT_KEY}", f"'{source.number}'", due)
 
 
 def _about_the_file(bag: Bag) -> Iterator[Difference]:

@@ -23,7 +23,7 @@ from sparse_coord_ros.runlog.dialogue import EVENT, Request, event_row, put_toge
 from sparse_coord_ros.runlog.difference import MISSING, Difference
 from sparse_coord_ros.runlog.layouts import Layout, nanoseconds
 from sparse_coord_ros.runlog.shown import MarkersContent, occupancy
-from sparse_coord_ros.runlog.source import check_source, find_run
+from sparse_coord_ros.runlog.source import Source, check_source, find_run
 
 NUMBERS = len(ACTION_LABELS) + len(ACCOUNT_LABELS)
 STAMP = ("ns", "i8")
@@ -51,7 +51,7 @@ class Track(NamedTuple):
 
 
 class Status(NamedTuple):
-    """What the world said of itself; `left_out` and `began` are None in bags of format 1."""
+    """What the world said of itself; None: it did not, as in bags of format 1."""
 
     state: str
     step: int
@@ -126,8 +126,9 @@ class Tracks:
 def read_tracks(path: Path) -> Tracks:
     """Read a bag; arguments and errors as of `read_run`."""
     bag = open_bag(path)
-    run, number, prefix, said = find_run(bag, Decoder(bag.topics))
-    tracks = Tracks(bag, run, number, prefix)
+    found = find_run(bag, Decoder(bag.topics))
+    run = found.run
+    tracks = Tracks(bag, run, max(found.number, found.of_text), found.prefix)
     frame = Frame(run)
     readers = _Readers(tracks, frame)
     clock = find_clock(bag.topics, bag.counts) or wire.CLOCK.name
@@ -148,6 +149,10 @@ def read_tracks(path: Path) -> Tracks:
         stamped += [tracks.topic(topic, k) for topic in of_robots if topic.stamped]
     columns = Columns(bag, by_name, stamped, frame.period)
     tracks.problems += columns.problems
+    for k in range(len(tracks.names)):
+        accounts = columns.rows[tracks.topic(wire.ACTION, k)]["numbers"][:, len(ACTION_LABELS) :]
+        if not np.isnan(accounts).all():  # only format 2 has them, whatever the record says
+            tracks.format = max(tracks.format, 2)
     sort = _Sorter(tracks, frame)
     tracks.clock = sort.track(columns.rows[clock], None, THE_CLOCK)
     tracks.problems += [
@@ -170,7 +175,7 @@ def read_tracks(path: Path) -> Tracks:
         rows = columns.rows[tracks.topic(topic, k)]
         tracks.coordination_maps.append(sort.several(rows, k, topic.name))
     sort.statuses(readers.statuses)
-    _check_source(tracks, said, by_name)
+    _check_source(tracks, found, by_name)
     events = [columns.rows[tracks.topic(wire.SERVICE_EVENTS, k)] for k in range(len(tracks.names))]
     tracks.requests, problems = put_together(events, list(tracks.names), frame)
     tracks.problems += problems
@@ -180,12 +185,12 @@ def read_tracks(path: Path) -> Tracks:
     return tracks
 
 
-def _check_source(tracks: Tracks, said: str | None, topics: Iterable[str]) -> None:
+def _check_source(tracks: Tracks, source: Source, topics: Iterable[str]) -> None:
     """Note what is odd about the bag as a whole.
 
     Of one that broke off before the run began, not what is missing.
     """
-    found = list(check_source(tracks.bag, tracks.run, said))
+    found = list(check_source(tracks.bag, source, tracks.format))
     for topic in topics:
         if topic not in tracks.bag.topics:
             due = "a topic of this run"
@@ -201,9 +206,13 @@ class _Sorter:
     def __init__(self, tracks: Tracks, frame: Frame) -> None:
         self._tracks, self._frame = tracks, frame
 
-    def _steps(self, rows: np.ndarray, k: int | None, kind: str) -> np.ndarray:
-        """Return the time steps of rows; a message is stamped with one."""
+    def _steps(self, rows: np.ndarray, k: int | None, kind: str) -> tuple[np.ndarray, np.ndarray]:
+        """Return rows and their time steps; a message is stamped with one, from 0."""
         period = self._frame.period
+        before = rows["ns"] < 0
+        for ns in rows["ns"][before].tolist():
+            self._tracks.problem(None, k, f"{kind} stamp", f"{ns} ns", "0 or later")
+        rows = rows[~before]
         steps = (rows["ns"] + period // 2) // period
         for place in np.flatnonzero(rows["ns"] != steps * period).tolist():
             step = int(steps[place])
@@ -212,11 +221,11 @@ class _Sorter:
                 for n in (int(rows["ns"][place]), step * period)
             )
             self._tracks.problem(step, k, f"{kind} stamp", said, due)
-        return steps
+        return rows, steps
 
     def track(self, rows: np.ndarray, k: int | None, kind: str) -> Track:
         """Return rows of which there should be one a time step."""
-        steps = self._steps(rows, k, kind)
+        rows, steps = self._steps(rows, k, kind)
         newest = np.maximum.accumulate(np.concatenate([[-1], steps]))[:-1]
         first = steps > newest
         odd = np.flatnonzero(~first)
@@ -244,18 +253,29 @@ class _Sorter:
 
     def several(self, rows: np.ndarray, k: int | None, kind: str) -> tuple[np.ndarray, np.ndarray]:
         """Return time steps and rows, of which there may be several a time step."""
-        steps = self._steps(rows, k, kind)
+        rows, steps = self._steps(rows, k, kind)
         for place in np.flatnonzero(np.diff(steps) < 0).tolist():
             logged = f"after that of step {steps[place]}"
             self._tracks.problem(int(steps[place + 1]), k, kind, logged, "before it")
         return steps, rows
 
     def statuses(self, found: Sequence[Status]) -> None:
-        """Note the world's statuses."""
+        """Note the world's statuses, and what is odd about them."""
+        known = (wire.WAITING, wire.LEARNING, wire.PAUSED, wire.FINISHED, wire.STOPPED)
         for before, status in zip([None, *found], found, strict=False):
             if before is not None and status.step < before.step:
                 later = f"after that of step {before.step}"
                 self._tracks.problem(status.step, None, wire.STATUS.name, later, "before it")
+            odd = [(f"step {status.step}", "0 or later")] if status.step < 0 else []
+            if status.state not in known:
+                odd.append((repr(status.state[:40]), " or ".join(known)))
+            if before is not None and before.state == wire.FINISHED != status.state:
+                odd.append((f"{status.state!r} after {before.state!r}", "nothing after it"))
+            for name in wire.STATUS_VALUES[2:] if self._tracks.format > 1 else ():
+                if getattr(status, name) is None:
+                    odd.append((f"no {name!r}", "one"))
+            for logged, due in odd:
+                self._tracks.problem(status.step, None, wire.STATUS.name, logged, due)
         self._tracks.statuses = list(found)
 
 
@@ -298,11 +318,16 @@ class _Readers:
         labels = (*required, *optional)
 
         def slow(message: Any) -> tuple[Any, ...]:
-            said = dict.fromkeys(optional, np.nan)
-            said |= dict(zip(message.name, message.position, strict=False))
-            missing = [label for label in required if label not in said]
+            found = [str(label) for label in message.name]
+            missing = [label for label in required if label not in found]
             if missing:
                 raise ValueError(f"labels no number {', '.join(missing)}")
+            if sorted(found) not in (sorted(required), sorted(labels)):
+                raise ValueError(f"labels its numbers {', '.join(found)[:200]}")
+            if len(found) != len(message.position):
+                raise ValueError(f"has {len(found)} labels and {len(message.position)} numbers")
+            said = dict.fromkeys(optional, np.nan)
+            said |= dict(zip(found, message.position, strict=True))
             return _stamp(message), [said[label] for label in labels]
 
         def short(rows: np.ndarray, fields: np.ndarray) -> None:
@@ -390,8 +415,6 @@ class _Readers:
             int(said[name]) if name in said else None
             for name in (wire.STATUS_VALUES[2], "timeouts")
         )
-        if self._tracks.format > 1 and left_out is None:
-            raise KeyError(wire.STATUS_VALUES[2])
         began = said.get(wire.STATUS_VALUES[3])
         self.statuses.append(
             Status(str(message.message), step, transitions, left_out, began, timeouts)

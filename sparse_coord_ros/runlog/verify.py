@@ -2,18 +2,34 @@
 # SPDX-License-Identifier: Apache-2.0
 """Computes a recorded run again and compares; the engine behind `sparse_coord verify`."""
 
+from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from sparse_coord_ros.core.wire import ACTION, COORDINATION_MAP, PERCEPT, TABLES
+from sparse_coord_ros.core.wire import (
+    ACTION,
+    COORDINATION_MAP,
+    FINISHED,
+    LOCAL_STATE,
+    MAP,
+    MARKERS,
+    PERCEPT,
+    REWARD,
+    STATUS,
+    STOPPED,
+    TABLES,
+    tables_attachment,
+)
 from sparse_coord_ros.runlog.agents import AgentCheck
-from sparse_coord_ros.runlog.difference import DIALOGUE, Difference
+from sparse_coord_ros.runlog.difference import DIALOGUE, MISSING, Difference
 from sparse_coord_ros.runlog.episode_maps import check_world_maps
 from sparse_coord_ros.runlog.log import RunLog, read_run
 from sparse_coord_ros.runlog.percepts import check_percepts
 from sparse_coord_ros.runlog.repeats import check_repeats, repeat_count
+from sparse_coord_ros.runlog.tracks import THE_CLOCK
 from sparse_coord_ros.runlog.world import WorldCheck, check_world
 
 LEFT_OPEN = (ACTION.name, PERCEPT.name, DIALOGUE, COORDINATION_MAP.name, TABLES.name)
@@ -28,8 +44,11 @@ class Verification:
         log: the log.
         differences: in the order of time; of what each robot's agent and the world compute only
             the first, as all that follows from it differs too.
-        open: in a log of format 1 of a run in which a robot was late or left out: what differs
-            where the log does not say what the robots heard in time.
+        open: what differs where the log does not say enough: as a robot or the world was
+            killed; in a log of format 1, as a robot was late or left out.
+        broke_off: who was killed, as sentences; the same differences are in `open`.
+        lost: of how many episode starts a topic's message is not in the log, by topic: of map,
+            markers and coordination maps a busy middleware keeps only the last.
         steps: transitions of the world that were computed again and agree.
         choices: actions that were computed again; updates: of tables.
         tables: recorded tables that were compared.
@@ -43,6 +62,8 @@ class Verification:
     log: RunLog
     differences: tuple[Difference, ...]
     open: tuple[Difference, ...]
+    broke_off: tuple[str, ...]
+    lost: Mapping[str, int]
     steps: int
     choices: int
     updates: int
@@ -55,7 +76,7 @@ class Verification:
 
     @property
     def same(self) -> bool:
-        """Whether the log is whole and nothing differs."""
+        """Whether nothing differs or is open; copies that are lost are only counted."""
         return not self.differences and not self.open
 
     @property
@@ -97,11 +118,17 @@ def verify(path: Path, *, compiled: bool | None = None) -> Verification:
     for agent in agents:
         differences += agent.differences()
     ordered = sorted(dict.fromkeys(differences), key=lambda one: one.rank)
+    lost = [one for one in ordered if _lost(log, one)]
+    ordered = [one for one in ordered if one not in lost]
     open_ = [one for one in ordered if _open(one)] if _disturbed(log, world) else []
+    killed, broke_off = _killed(log, agents, ordered)
+    open_ = [one for one in ordered if one in open_ or one in killed]
     return Verification(
         log=log,
         differences=tuple(one for one in ordered if one not in open_),
         open=tuple(open_),
+        broke_off=tuple(broke_off),
+        lost=Counter(_topic(log, one) for one in lost),
         steps=world.transitions,
         choices=sum(agent.choices for agent in agents),
         updates=sum(agent.updates for agent in agents),
@@ -112,6 +139,49 @@ def verify(path: Path, *, compiled: bool | None = None) -> Verification:
         repeats=repeat_count(log),
         unchecked=unchecked,
     )
+
+
+EPISODES = {topic.name: topic for topic in (MAP, MARKERS, COORDINATION_MAP)}
+"""What comes as each episode begins."""
+
+
+def _topic(log: RunLog, difference: Difference) -> str:
+    robot = None if difference.robot is None else log.names.index(difference.robot)
+    return log.tracks.topic(EPISODES[difference.quantity], robot)
+
+
+def _lost(log: RunLog, difference: Difference) -> bool:
+    """Whether a message of an episode's start is missing on a topic that has others."""
+    if difference.quantity not in EPISODES or difference.logged != MISSING:
+        return False
+    return log.bag.counts.get(_topic(log, difference), 0) > 0
+
+
+def _killed(
+    log: RunLog, agents: list[AgentCheck], found: list[Difference]
+) -> tuple[list[Difference], list[str]]:
+    """Return what is missing as somebody was killed, where nothing speaks against it, and who."""
+    killed, said = [], []
+    for agent in agents:
+        end = int(log.tracks.states[agent.k].step.max(initial=0))
+        due = Difference(end, agent.name, TABLES.name, MISSING, tables_attachment(agent.name, end))
+        if end and agent.killed and due in found:
+            killed.append(due)
+            said.append(f"{agent.name} saved no tables at its end (killed?)")
+    statuses = log.tracks.statuses
+    if not log.broken_off and statuses and statuses[-1].state not in (FINISHED, STOPPED):
+        last = max(int(t.step.max(initial=0)) for t in (*log.tracks.states, log.tracks.clock))
+        # The messages of its last moment may be lost too.
+        of_world = (LOCAL_STATE.name, REWARD.name, THE_CLOCK)
+        cut = [
+            one
+            for one in found
+            if (one.quantity in of_world and one.logged == MISSING and (one.step or 0) >= last)
+            or (one.quantity == STATUS.name and one.logged == repr(statuses[-1].state))
+        ]
+        killed += cut
+        said += ["the world did not say how the run ended (killed?)"] if cut else []
+    return killed, said
 
 
 def _disturbed(log: RunLog, world: WorldCheck) -> bool:

@@ -202,7 +202,7 @@ class _Walk:
         steps, scenario = self.steps, self.scenario
         next_cell = np.asarray(scenario.map.next_cell)
         share = exploring_starts(scenario.starts, scenario.steps)
-        share = share[np.minimum(steps, len(share) - 1)]
+        share = share[np.clip(steps, 0, len(share) - 1)]
         due = np.empty_like(self.cells)
         self.after = np.empty_like(self.cells)
         for k in self.robots:

@@ -52,6 +52,7 @@ class Recording:
         resets: transitions after which someone resets the world.
         stop: transitions after which someone stops the run; None: nobody.
         finish: whether the recorder closes the bag.
+        patient: whether robots that wait for an answer as the run is stopped do not act.
     """
 
     def __init__(
@@ -66,6 +67,7 @@ class Recording:
         resets=(),
         stop=None,
         finish=True,
+        patient=False,
     ):
         self.bag = BagWriter(directory)
         self.run, self.convert = run, Converter(run)
@@ -73,6 +75,7 @@ class Recording:
         self.markers = MarkersLayout(self.convert, run.scenario)
         self.names = [robot.name for robot in run.scenario.robots]
         self.lost, self.deaf, self.resets = set(lost), set(deaf), set(resets)
+        self.patient = patient
         self.late, self.held = set(late), {}
         self.lost_now, self.again = [], {}
         self.queue, self.wall, self.now, self.clock = deque(), WALL, 0, 0
@@ -129,7 +132,7 @@ class Recording:
             while self.queue:
                 self.queue.popleft()()
             if self.world.finished or self.world.world.transitions == stop:
-                for robot in self.robots:
+                for robot in () if self.patient else self.robots:
                     robot.expire()
                 return
             if self.world.world.transitions in self.resets:

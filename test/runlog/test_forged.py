@@ -76,11 +76,14 @@ def test_what_is_shown_as_an_episode_begins(alter, good, topic, how):
     log = read_run(good.bag)
     starts = set(log.step[1:][log.step[1:] > log.step[:-1] + 1].tolist())
     found = alter(change)
+    if how == "removed":  # a busy middleware loses some: a note
+        assert found.lost == {topic: 1}
+        # Markers have no stamp: they are logged at the newest one before, here the map's.
+        assert quantities(found) <= ({"log_time"} if topic == "/map" else set())
+        return
     names = (topic, SHOWN[topic])
     odd = [one for one in found.differences if any(name in one.quantity for name in names)]
     assert odd, found.differences
-    if how == "removed":
-        assert (SHOWN[topic], "missing") in {(one.quantity, one.logged) for one in odd}
 
 
 def test_a_coordination_map_that_shows_another_table(alter):
@@ -109,9 +112,7 @@ def test_missing_coordination_maps_do_not_hide_the_rest(good, alter):
         return [m for m in messages if m.topic != topic or m.log_time_ns // period not in starts]
 
     found, whole = alter(change), verify(good.bag)
-    assert [(one.step, one.robot, one.quantity, one.logged) for one in found.differences] == [
-        (step, "robot_1", "coordination_map", "missing") for step in starts
-    ]
+    assert found.same and found.lost == {"/robot_1/coordination_map": len(starts)}
     assert found.choices == whole.choices
     assert found.updates == whole.updates
     assert found.tables == whole.tables

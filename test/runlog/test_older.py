@@ -70,6 +70,12 @@ def test_a_newer_format_is_refused_in_one_line(good, rewritten, tmp_path, number
         verify(bag)
     assert "\n" not in str(caught.value)
     assert main(["verify", str(bag)]) == 2
+    if number == "3":
+        for verb in ("info", "recover", "replay"):
+            capsys.readouterr()
+            assert main([verb, str(bag)]) == 2
+            err = capsys.readouterr().err
+            assert said in err and err.count("\n") == 1
 
 
 def test_what_a_later_version_adds_to_the_record_is_no_difference(good, rewritten, tmp_path):

@@ -1,0 +1,317 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What honest recordings lose, and forgeries of stamps, formats, encodings, labels and answers."""
+
+import json
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.srv import GetPlan
+from rclpy.serialization import deserialize_message, serialize_message
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+
+from sparse_coord_ros.api import read_log
+from sparse_coord_ros.api import verify as verify_path
+from sparse_coord_ros.cli.main import main
+from sparse_coord_ros.core.tables import pack_tables, unpack_robot
+from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.runlog import verify
+
+EVENT = "/robot_2/active_perception/_service_event"
+EPISODES = ("/map", "/markers", "/robot_1/coordination_map", "/robot_2/coordination_map")
+
+
+@pytest.fixture
+def alter(good, rewritten, tmp_path):
+    """Return a function that changes messages, attachments or the record, and verifies."""
+
+    def altered(change=lambda messages: messages, attach=lambda found: found, **more):
+        return verify(rewritten(good.bag, tmp_path / "bag", change, attach, **more))
+
+    return altered
+
+
+def each(topic, kind, change, which=slice(None)):
+    """Return a change of a topic's decoded messages."""
+
+    def changed(messages):
+        places = [place for place, one in enumerate(messages) if one.topic == topic]
+        for place in places[which]:
+            message = deserialize_message(messages[place].data, kind)
+            change(message)
+            messages[place] = messages[place]._replace(data=serialize_message(message))
+        return messages
+
+    return changed
+
+
+def logged(found, words):
+    """Return whether a difference says some words."""
+    return any(words in str(one) for one in found.differences)
+
+
+# Stamps before the run.
+
+
+def before_the_run(message):
+    stamp = message.clock if hasattr(message, "clock") else message.header.stamp
+    stamp.sec = -(2**31)
+
+
+@pytest.mark.parametrize(
+    ("topic", "kind"),
+    [("/clock", Clock), ("/robot_1/local_state", PoseStamped), ("/robot_2/reward", JointState)],
+)
+def test_a_stamp_before_the_run(alter, topic, kind):
+    found = alter(each(topic, kind, before_the_run, slice(20, 21)))
+    assert logged(found, "stamp: logged -2147483647")
+    assert all(one.step is None or one.step >= 0 for one in found.differences)
+
+
+# The bag's format.
+
+
+def test_a_format_that_denies_what_the_bag_holds(good, alter):
+    """Without the accounts nothing would judge the counts beside the tables."""
+
+    def attach(found):
+        place = max(p for p, one in enumerate(found) if one.name.startswith("tables/robot_1_"))
+        tables, counts = unpack_robot(found[place].data, 1, where="")
+        counts = {**counts, "refused": 777}
+        found[place] = found[place]._replace(data=pack_tables({1: tables}, counts=counts))
+        return found
+
+    found = alter(attach=attach, record={"format": "1"})
+    assert logged(found, "metadata format: logged '1', computed '2'")
+    assert logged(found, "tables count refused: logged 777")
+
+
+def test_a_format_that_is_denied_everywhere(alter):
+    """The actions' own labels tell."""
+
+    def text_of(data):
+        return data.replace(b"format: 2\n", b"")
+
+    def change(messages):
+        (place,) = [p for p, one in enumerate(messages) if one.topic == "/run"]
+        data = messages[place].data
+        text = text_of(data[8:-1]) if data.endswith(b"\0") else text_of(data[8:])
+        text = text.rstrip(b"\0") + b"\0"
+        length = len(text).to_bytes(4, "little")
+        messages[place] = messages[place]._replace(data=data[:4] + length + text)
+        return messages
+
+    def attach(found):
+        return [
+            one._replace(data=text_of(one.data)) if one.name == "run.yaml" else one
+            for one in found
+        ]
+
+    found = alter(change, attach, record={"format": "1"})
+    assert found.log.tracks.format == 2
+    assert [one.quantity for one in found.differences] == ["metadata format"]
+
+
+# What honest recordings lose.
+
+
+def logged_again(messages):
+    """Return messages with markers, which have no stamp, logged at the newest stamp before."""
+    newest, found = 0, []
+    for one in messages:
+        if one.topic == "/markers":
+            at = min(one.log_time_ns, newest)
+            one = one._replace(log_time_ns=at, publish_time_ns=at)
+        newest = max(newest, one.log_time_ns)
+        found.append(one)
+    return found
+
+
+@pytest.mark.parametrize("topic", EPISODES)
+def test_lost_copies_are_a_note(good, rewritten, tmp_path, capsys, topic):
+    def change(messages):
+        mine = [p for p, one in enumerate(messages) if one.topic == topic]
+        rest = [one for place, one in enumerate(messages) if place not in mine[1:]]
+        return logged_again(rest)
+
+    bag = rewritten(good.bag, tmp_path / "bag", change)
+    found = verify(bag)
+    assert found.same and list(found.lost) == [topic] and found.lost[topic] > 2
+    assert main(["verify", str(bag)]) == 0
+    assert f"{found.lost[topic]} of {topic}\n" in capsys.readouterr().out
+    assert main(["verify", str(bag), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["lost"] == dict(found.lost)
+
+
+@pytest.mark.parametrize("topic", EPISODES)
+def test_a_topic_without_any_message_differs(alter, topic):
+    found = alter(lambda messages: [one for one in messages if one.topic != topic])
+    assert logged(found, "missing, computed one as the episode begins") and not found.lost
+
+
+def without_last_tables(robot):
+    def attach(found):
+        mine = [p for p, one in enumerate(found) if one.name.startswith(f"tables/{robot}_")]
+        return [one for place, one in enumerate(found) if place != mine[-1]]
+
+    return attach
+
+
+def test_a_killed_robot_is_an_open_question(record, rewritten, tmp_path, capsys):
+    stopped = record(settings={"perception": "probability:0.5"}, stop=230)
+    assert verify(stopped.bag).same
+    bag = rewritten(stopped.bag, tmp_path / "bag", attach=without_last_tables("robot_2"))
+    found = verify(bag)
+    assert found.cannot_tell and found.broke_off
+    assert main(["verify", str(bag)]) == 3
+    assert "broke off: robot_2 saved no tables at its end (killed?)" in capsys.readouterr().out
+
+
+def test_a_robot_that_acts_to_the_end_of_a_finished_run_was_not_killed(alter):
+    found = alter(attach=without_last_tables("robot_2"))
+    assert not found.cannot_tell and not found.broke_off
+    assert [one.quantity for one in found.differences] == ["tables"]
+
+
+@pytest.mark.parametrize("lost", [False, True])
+def test_a_killed_world_is_an_open_question(record, rewritten, tmp_path, lost):
+    stopped = record(settings={"perception": "probability:0.5"}, stop=230)
+    last = verify(stopped.bag).log.step[-1]
+
+    def change(messages):
+        ends = [p for p, one in enumerate(messages) if one.topic == "/status"]
+        del messages[ends[-1]]
+        if lost:  # the last state of one robot, and what it did there
+            return [
+                one
+                for one in messages
+                if one.log_time_ns < last * 100_000_000
+                or not one.topic.startswith("/robot_2/")
+                or one.topic.endswith("_event")
+            ]
+        return messages
+
+    found = verify(rewritten(stopped.bag, tmp_path / "bag", change, no_end if lost else list))
+    assert found.cannot_tell, found.differences
+    assert found.broke_off == ("the world did not say how the run ended (killed?)",)
+
+
+def no_end(found):
+    """Return the attachments without robot_2's last tables."""
+    return without_last_tables("robot_2")(found)
+
+
+# Encodings, labels, answers, status, names.
+
+
+@pytest.mark.parametrize("begin", [b"\x09\x01", b"\x00\x03", b"\x00\x0b"])
+def test_an_encoding_that_is_not_plain(alter, begin):
+    def change(messages):
+        return [
+            one._replace(data=begin + one.data[2:]) if one.topic == "/robot_1/action" else one
+            for one in messages
+        ]
+
+    assert logged(alter(change), "no plain CDR")
+
+
+def extra(message):
+    message.name, message.position = [*message.name, "more"], [*message.position, 3.0]
+
+
+def twice(message):
+    message.name = [*message.name, message.name[0]]
+    message.position = [7.0, *message.position[1:], message.position[0]]
+
+
+def unpaired(message):
+    message.name = [*message.name[:-1]]
+
+
+@pytest.mark.parametrize("topic", ["/robot_1/action", "/robot_1/reward"])
+@pytest.mark.parametrize("how", [extra, twice, unpaired])
+def test_other_labels(alter, topic, how):
+    assert logged(alter(each(topic, JointState, how)), "label")
+
+
+def second(event):
+    for response in event.response:
+        response.plan.poses = [*response.plan.poses, *response.plan.poses]
+
+
+def answered_elsewhere(event):
+    for response in event.response:
+        response.plan.header.frame_id = "odom"
+
+
+def turned(event):
+    for response in event.response:
+        for pose in response.plan.poses:
+            pose.pose.orientation.w = 0.0
+
+
+def asked_elsewhere(event):
+    for request in event.request:
+        request.start.header.frame_id = "odom"
+
+
+@pytest.mark.parametrize("how", [second, answered_elsewhere, turned, asked_elsewhere])
+def test_a_dialogue_of_other_places(alter, how):
+    words = {second: "answers with 2 places", turned: "not flat"}.get(how, "in the frame 'odom'")
+    assert logged(alter(each(EVENT, GetPlan.Event, how)), words)
+
+
+def finished(status):
+    status.message = "finished"
+
+
+def strange(status):
+    status.message = "strange"
+
+
+def no_reason(status):
+    status.values = status.values[:3]
+
+
+@pytest.mark.parametrize(
+    ("how", "words"),
+    [(finished, "after 'finished'"), (strange, "'strange'"), (no_reason, "no 'began'")],
+)
+def test_a_status_that_cannot_be(alter, how, words):
+    assert logged(alter(each("/status", DiagnosticStatus, how, slice(1, 2))), words)
+
+
+def test_a_name_of_tables_with_zeros_before_the_step(alter):
+    def attach(found):
+        return [one._replace(name=one.name.replace("robot_1_", "robot_1_00")) for one in found]
+
+    assert logged(alter(attach=attach), "of no robot of the run")
+
+
+@pytest.mark.parametrize("bag", [None, 5])
+def test_what_is_no_path(bag):
+    for function in (read_log, verify_path):
+        with pytest.raises(RunError, match="allowed: the path of a bag") as caught:
+            function(bag)
+        assert "\n" not in str(caught.value)
+
+
+def test_a_robot_that_stops_while_it_repeats_a_request(good, record):
+    """Its last tables count an answer "not there yet" that no action follows."""
+    log = verify(good.bag).log
+    made = ~np.isnan(log.reward[..., 0]).all(axis=1)
+    row = int(np.flatnonzero(log.asked[:, 1] & (log.cells[:, 0] != log.cells[0, 0]))[40])
+    step = int(log.step[row])
+    stopped = record(
+        settings={"perception": "probability:0.5"},
+        late=[(0, step)],
+        stop=int(made[:row].sum()),
+        patient=True,
+    )
+    found = verify(stopped.bag)
+    assert stopped.recording.robots[1].counts["repeated"] > 0
+    assert step not in found.log.tracks.actions[1].step
+    assert found.same, found.first
