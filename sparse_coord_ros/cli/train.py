@@ -31,7 +31,14 @@ from sparse_coord_ros.core.tables import TEAM_FILE, save_team
 from sparse_coord_ros.engine.batch import ENGINES, is_prepared, prepare
 from sparse_coord_ros.engine.checkpoint import CHECKPOINT_FILE, MEASURES
 from sparse_coord_ros.engine.compiled import has_numba
-from sparse_coord_ros.engine.training import Training, engine_for, train, worth_compiling
+from sparse_coord_ros.engine.training import (
+    EVERY,
+    EVERY_TRIALS,
+    Training,
+    engine_for,
+    train,
+    worth_compiling,
+)
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.files import write_whole
 
@@ -40,9 +47,6 @@ FILES = (RUN_FILE, CHECKPOINT_FILE, HISTORY_FILE, EVALUATIONS_FILE, TEAM_FILE)
 """What this verb writes."""
 
 TRIALS = Setting("trials", int, 1000, "trials of the evaluation", low=0, high=10_000_000)
-EVERY = Setting("evaluate-every", int, 0, "steps between evaluations", low=0, high=10_000_000)
-EVERY_TRIALS = 200
-"""Trials of each evaluation on the way."""
 
 FAR = 0.05
 """A goal whose worth is discounted to less than this share, seen from the start, is far away."""
@@ -75,7 +79,8 @@ def add_parser(verbs) -> None:
     parser.add_argument(
         "--evaluate-every",
         metavar="STEPS",
-        help=f"evaluate each so many steps too, by {EVERY_TRIALS} trials, into {EVALUATIONS_FILE}",
+        help=f"evaluate each so many steps too, by {EVERY_TRIALS.default} trials, into "
+        f"{EVALUATIONS_FILE}",
     )
     parser.add_argument(
         "--trials",
@@ -231,7 +236,7 @@ def _train(
             run.seed,
             engine=engine,
             evaluate_every=every,
-            trials=EVERY_TRIALS,
+            trials=EVERY_TRIALS.default,
             progress=progress,
             checkpoint=checkpoint,
             resume=options.resume is not None,

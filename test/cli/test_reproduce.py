@@ -355,6 +355,14 @@ def test_numba_missing(sparse_coord, refused, monkeypatch):
     assert "not installed" in refused("reproduce", cell, *FEW, "--out", "r", "--engine", "numba")
 
 
+@pytest.mark.parametrize("package", ["pandas", "matplotlib"])
+def test_what_a_report_needs_is_missed_before_anything_is_computed(refused, monkeypatch, package):
+    monkeypatch.setitem(sys.modules, package, None)
+    message = refused("reproduce", "table1", *FEW, "--out", "r")
+    assert f"a report needs the Python package {package} (" in message
+    assert message.endswith("pip install pandas matplotlib\n")
+
+
 def test_compiling_is_said_before_the_clock_starts(sparse_coord, monkeypatch):
     monkeypatch.setattr(module, "is_prepared", lambda: False)
     cell = "env1/indiv/penalty=-20,steps=100"
