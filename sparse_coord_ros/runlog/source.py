@@ -7,8 +7,6 @@ from collections import Counter
 from collections.abc import Iterator
 from typing import Any
 
-import yaml
-
 from sparse_coord_ros.core.run_config import (
     MAP_FILE,
     RUN_FILE,
@@ -17,6 +15,7 @@ from sparse_coord_ros.core.run_config import (
     RunConfig,
     run_from_yaml,
 )
+from sparse_coord_ros.core.scenario import parse_yaml, scenario_from_dict
 from sparse_coord_ros.core.wire import BAG_FORMAT, FORMAT_KEY, RUN
 from sparse_coord_ros.errors import BagError, SparseCoordError, newer_format
 from sparse_coord_ros.recording.reader import Bag
@@ -125,7 +124,7 @@ def _copies(bag: Bag, run: RunConfig, said: str | None) -> Iterator[Difference]:
         if name == RUN_FILE:
             if said is not None and text != said:
                 yield _first_line(where, text, said)
-        elif (_parsed(text) if name == SCENARIO_FILE else text) != expected:
+        elif (_scenario(text) if name == SCENARIO_FILE else text) != expected:
             yield Difference(None, None, where, "another one", "the scenario of the run")
 
 
@@ -148,11 +147,14 @@ def _attached(bag: Bag, name: str) -> bytes:
     return data
 
 
-def _parsed(text: str) -> Any:
+def _scenario(text: str) -> dict[str, Any] | None:
+    """Return the scenario that a text holds, with what an older one lacks; None: it holds none."""
     try:
-        return yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError, RecursionError):
+        data = parse_yaml(text, where=SCENARIO_FILE)
+        found = scenario_from_dict(data, where=SCENARIO_FILE, name="scenario", recorded=True)
+    except (SparseCoordError, RecursionError):
         return None
+    return found.to_dict()
 
 
 def _first_line(where: str, text: str, said: str) -> Difference:

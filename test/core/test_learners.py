@@ -115,7 +115,10 @@ def test_registered_by_name():
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("cop", "unknown learner 'cop' .did you mean 'coop'.*coop, noncoop, indiv, factored, or"),
+        (
+            "cop",
+            "unknown learner 'cop' .did you mean 'coop'.*coop, noncoop, indiv, factored, .*or",
+        ),
         ("no_such_module:Thing", "learner 'no_such_module:Thing' is not there .*install it"),
         ("json:Thing", "is not there .*has no attribute 'Thing'"),
         ("json:dumps", "is no learner"),

@@ -207,7 +207,7 @@ def test_rewards_add_up(team):
             assert list(said) == ["individual", "common", "ask_cost", "total"]
             assert said["total"] == said["individual"] + said["common"] + said["ask_cost"]
             step = step_of(message.header.stamp)
-            assert tuple(message.position) == team.said.rewards[k, step]
+            assert tuple(message.position) == team.said.rewards[k, step][:4]
     assert any(m.position[2] == -1.0 for m in team.rewards["robot_1"])
 
 

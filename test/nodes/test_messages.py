@@ -107,7 +107,9 @@ def test_rewards_come_back():
     for reward in (Reward(10.0, -20.0, -1.0, -11.0), Reward(0.0, 0.0, 0.0, 0.1 + 0.2)):
         assert convert.unpack_reward(convert.pack_reward(12, reward)) == (12, reward)
         message = deserialize_message(convert.pack_reward(12, reward), JointState)
-        assert dict(zip(message.name, message.position, strict=True)) == reward._asdict()
+        assert dict(zip(message.name, message.position, strict=True)) == dict(
+            list(reward._asdict().items())[:4]
+        )
 
 
 @pytest.mark.parametrize("peer", [-1, 0, 3])

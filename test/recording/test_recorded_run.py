@@ -177,7 +177,7 @@ def test_a_reward_for_each_action(recorded):
     rewards = by_robot_and_step(recorded, "reward")
     assert set(rewards) == set(recorded.said.rewards)
     for key, message in rewards.items():
-        assert tuple(message.position) == recorded.said.rewards[key]
+        assert tuple(message.position) == recorded.said.rewards[key][:4]
         assert message.name == ["individual", "common", "ask_cost", "total"]
 
 

@@ -18,7 +18,7 @@ from sparse_coord_ros.core.agent import Tables
 from sparse_coord_ros.core.algorithm import ACTIONS, PRIMITIVES
 from sparse_coord_ros.core.learners import learner_of
 from sparse_coord_ros.core.scenario import Scenario
-from sparse_coord_ros.core.streams import DRAWS, LEARNING, bit_generator
+from sparse_coord_ros.core.streams import LEARNING, MOTION, PERCEPT, POLICY, START, bit_generator
 from sparse_coord_ros.engine.batch import make_problem
 from sparse_coord_ros.errors import RunError
 
@@ -55,6 +55,10 @@ class _Problem(ctypes.Structure):
         *((name, ctypes.c_void_p) for name, _ in _ARRAYS),
         *((name, ctypes.c_double) for name in _NUMBERS + _INITIAL),
     ]
+
+
+ROLES = (POLICY, MOTION, PERCEPT, START)
+"""The streams that the C loop draws from, in its order."""
 
 
 class CLoop:
@@ -94,10 +98,10 @@ class CLoop:
         """
         words = []
         for k in range(len(self.scenario.robots)):
-            for role in sorted(DRAWS):
+            for role in ROLES:
                 state = bit_generator(seed, k, role, LEARNING).state["state"]
                 words += [divmod(state[part], 2**64) for part in ("state", "inc")]
-        return np.array(words, dtype=np.uint64).reshape(-1, len(DRAWS), 4)
+        return np.array(words, dtype=np.uint64).reshape(-1, len(ROLES), 4)
 
     def rate(self, runs: int, threads: int) -> float:
         """Learn some runs and return the agent-steps a second.
