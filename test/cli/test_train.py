@@ -349,6 +349,6 @@ def test_an_interrupt_while_numba_compiles(folder, number):
         finally:
             process.kill()
             process.wait()
-        assert (process.returncode, printed) == (130, "")
+        assert (process.returncode, printed) == (130, ""), said
         assert said.endswith("interrupted\n") and "Traceback" not in said
         assert "go on with" in said or not out.exists()
