@@ -8,10 +8,15 @@ export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
 .PHONY: demo test check-long reproduce study lint types docs coverage bench clean
 
+# The same doorway twice: by the paper's learner, and by the factored one.
 demo: $(VENV)/installed
 	$(BIN)/sparse_coord run env1 --penalty -100 --steps 20000 --seed 1 --out $(RUN)
 	@echo
-	@$(BIN)/sparse_coord evaluate $(RUN) --trials 10000
+	$(BIN)/sparse_coord run env1 --penalty -100 --steps 20000 --seed 1 --learner factored --out $(RUN)_factored
+	@echo
+	@$(BIN)/sparse_coord evaluate $(RUN) --exact
+	@echo
+	@$(BIN)/sparse_coord evaluate $(RUN)_factored --exact
 
 test: $(VENV)/installed
 	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile

@@ -31,7 +31,7 @@ from sparse_coord_ros.engine import exact, training
 from sparse_coord_ros.engine.batch import Run, run_batch
 from sparse_coord_ros.engine.conditions import Condition
 from sparse_coord_ros.engine.exact import ExactEvaluation
-from sparse_coord_ros.engine.results import SUMS, Plan
+from sparse_coord_ros.engine.results import JOBS, RUNS, SUMS, TRIALS, Plan
 from sparse_coord_ros.engine.runner import (
     ExperimentResults,
     Progress,
@@ -39,7 +39,7 @@ from sparse_coord_ros.engine.runner import (
     parse_targets,
     run_targets,
 )
-from sparse_coord_ros.engine.training import Training
+from sparse_coord_ros.engine.training import EVERY, Training
 from sparse_coord_ros.errors import RunError, SettingError, TablesError
 
 if TYPE_CHECKING:
@@ -214,7 +214,7 @@ def train(
         rule.with_defaults(_scenario(scenario)),
         rule,
         RUN_SETTINGS["seed"].parse(seed),
-        evaluate_every=evaluate_every,
+        evaluate_every=EVERY.parse(evaluate_every),
         trials=trials,
         engine=engine,
         progress=progress,
@@ -254,13 +254,14 @@ def train_many(
     """
     rule = learner_of(learner)
     problem = rule.with_defaults(_scenario(scenario))
-    plan = _plan(seed, runs, trials, least_trials=0)
+    plan = _plan(seed, runs, trials, no_trials=True)
+    jobs = _jobs(jobs)
     done: list[Run] = []
     for run in run_batch(
-        problem, rule, plan.seeds, trials=trials, engine=engine, jobs=jobs, history=history
+        problem, rule, plan.seeds, trials=plan.trials, engine=engine, jobs=jobs, history=history
     ):
         done.append(run)
-        progress(len(done), runs)
+        progress(len(done), plan.runs)
     return Runs(problem, rule.label, tuple(done))
 
 
@@ -289,7 +290,8 @@ def evaluate(
         TablesError: the tables do not fit the scenario.
     """
     problem, tables, who = _learned(learned, scenario, learner)
-    return evaluation.evaluate(problem, tables, trials=trials, seed=seed, learner=who)
+    played, seed = evaluation.TRIALS.parse(trials), RUN_SETTINGS["seed"].parse(seed)
+    return evaluation.evaluate(problem, tables, trials=played, seed=seed, learner=who)
 
 
 def evaluate_exact(
@@ -440,13 +442,17 @@ def run_experiment(
         PluginError: a learner or perception model of the user's own failed.
     """
     asked = [what] if isinstance(what, str | Condition) else list(what)
+    if not asked:
+        raise SettingError(
+            "no experiment is asked for; name at least one, or all: experiment_names()"
+        )
     return run_targets(
         parse_targets(asked),
         _plan(seed, runs, trials),
         out=None if out is None else Path(out),
         report=report,
         engine=engine,
-        jobs=jobs,
+        jobs=_jobs(jobs),
         progress=progress,
     )
 
@@ -470,8 +476,10 @@ def _scenario(scenario: ScenarioLike) -> Scenario:
     return scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
 
 
-def _plan(seed: int, runs: int, trials: int, *, least_trials: int = 1) -> Plan:
-    for name, value, low in (("runs", runs, 1), ("trials", trials, least_trials)):
-        if value < low:
-            raise SettingError(f"setting {name}: value is {value}, allowed: at least {low}")
-    return Plan(RUN_SETTINGS["seed"].parse(seed), runs, trials)
+def _plan(seed: int, runs: int, trials: int, *, no_trials: bool = False) -> Plan:
+    played = 0 if no_trials and trials == 0 else TRIALS.parse(trials)
+    return Plan(RUN_SETTINGS["seed"].parse(seed), RUNS.parse(runs), played)
+
+
+def _jobs(jobs: int | None) -> int | None:
+    return None if jobs is None else JOBS.parse(jobs)

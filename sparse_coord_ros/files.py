@@ -20,7 +20,7 @@ def write_whole(path: Path, data: bytes | str, *, sync: bool = False) -> None:
         sync: also wait until the disk has the file and its name.
 
     Raises:
-        OSError: it cannot be written; the old content is still there.
+        OSError: it cannot be written, with the file's name; the old content is still there.
     """
     partial = path.with_name(path.name + PARTIAL)
     try:
@@ -30,9 +30,11 @@ def write_whole(path: Path, data: bytes | str, *, sync: bool = False) -> None:
                 file.flush()
                 os.fsync(file.fileno())
         os.replace(partial, path)
-    except BaseException:
+    except BaseException as error:
         with suppress(OSError):
             partial.unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            error.filename = str(path)  # a full disk does not say for which file
         raise
     if sync:
         sync_directory(path.parent)

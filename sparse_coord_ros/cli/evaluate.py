@@ -10,16 +10,14 @@ from typing import TYPE_CHECKING
 
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.core.class_bound import shipped_class_bound
-from sparse_coord_ros.core.evaluation import Evaluation, Measure, check_tables, evaluate
+from sparse_coord_ros.core.evaluation import TRIALS, Evaluation, Measure, check_tables, evaluate
 from sparse_coord_ros.core.optimum import Optimum, joint_optimum
 from sparse_coord_ros.core.run_config import RUN_SETTINGS, RunConfig, load_run
-from sparse_coord_ros.core.settings import Setting
 from sparse_coord_ros.core.tables import load_team
 
 if TYPE_CHECKING:
     from sparse_coord_ros.engine.exact import ExactEvaluation
 
-TRIALS = Setting("trials", int, 1000, "Monte-Carlo trials", low=1, high=10_000_000)
 PAPER_PENALTY = -20.0
 
 

@@ -7,7 +7,9 @@ import importlib
 import os
 import signal
 import sys
-from collections.abc import Sequence
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 
 from sparse_coord_ros import __version__
 from sparse_coord_ros.cli.options import MOVED, VERBS, Parser
@@ -15,6 +17,8 @@ from sparse_coord_ros.errors import EXIT_BAD_INPUT, SettingError, SparseCoordErr
 
 INTERRUPTED = 130
 
+WITH_NODES = ("run", "replay", "bench")
+"""Verbs that run ROS nodes, which say good-bye at a signal by themselves."""
 
 LONGEST_NAME = 300
 """Characters of a file's name in an error."""
@@ -46,7 +50,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if verb is not None and verb in MOVED:
             raise SettingError(MOVED[verb])
         options = make_parser(verb).parse_args(arguments)
-        return options.execute(options)
+        with nullcontext() if verb in WITH_NODES else _terminated_like_interrupted():
+            return options.execute(options)
     except SparseCoordError as error:
         print(f"error: {error}", file=sys.stderr, flush=True)
         return EXIT_BAD_INPUT
@@ -76,6 +81,19 @@ def _in_words(error: OSError) -> str:
     if len(name) > LONGEST_NAME:
         name = f"{name[: LONGEST_NAME // 2]}...{name[-LONGEST_NAME // 2 :]}"
     return f"{problem}: {name}" if name else problem
+
+
+@contextmanager
+def _terminated_like_interrupted() -> Iterator[None]:
+    """Let SIGTERM do what Ctrl-C does, in the main thread."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 if __name__ == "__main__":

@@ -14,20 +14,15 @@ from sparse_coord_ros.cli.evaluate import result_table
 from sparse_coord_ros.core.evaluation import summary
 from sparse_coord_ros.core.optimum import joint_optimum
 from sparse_coord_ros.core.run_config import RUN_SETTINGS, make_run
-from sparse_coord_ros.core.settings import Setting
 from sparse_coord_ros.engine.batch import ENGINES, uses_numba
 from sparse_coord_ros.engine.experiments import NAMES
-from sparse_coord_ros.engine.results import Plan
+from sparse_coord_ros.engine.results import JOBS, RUNS, TRIALS, Plan
 from sparse_coord_ros.engine.runner import (
     ExperimentResults,
     check_runs,
     parse_targets,
     run_targets,
 )
-
-RUNS = Setting("runs", int, 100, "learning runs of a condition", low=1, high=1_000_000)
-TRIALS = Setting("trials", int, 1000, "Monte-Carlo trials of a run", low=1, high=1_000_000)
-JOBS = Setting("jobs", int, 1, "threads (or processes) at once", low=1, high=4096)
 
 
 def add_parser(verbs) -> None:

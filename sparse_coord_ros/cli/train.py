@@ -5,12 +5,8 @@
 import argparse
 import csv
 import io
-import shutil
-import signal
 import sys
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +15,7 @@ from tqdm import tqdm
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.evaluate import result_table
 from sparse_coord_ros.core.evaluation import Evaluation, evaluate
+from sparse_coord_ros.core.history import HISTORY_FILE
 from sparse_coord_ros.core.optimum import joint_optimum
 from sparse_coord_ros.core.run_config import (
     RUN_FILE,
@@ -34,15 +31,22 @@ from sparse_coord_ros.core.tables import TEAM_FILE, save_team
 from sparse_coord_ros.engine.batch import ENGINES, is_prepared, prepare
 from sparse_coord_ros.engine.checkpoint import CHECKPOINT_FILE, MEASURES
 from sparse_coord_ros.engine.compiled import has_numba
-from sparse_coord_ros.engine.training import Training, engine_for, train, worth_compiling
+from sparse_coord_ros.engine.training import (
+    EVERY,
+    EVERY_TRIALS,
+    Training,
+    engine_for,
+    train,
+    worth_compiling,
+)
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.files import write_whole
 
 EVALUATIONS_FILE = "evaluations.csv"
+FILES = (RUN_FILE, CHECKPOINT_FILE, HISTORY_FILE, EVALUATIONS_FILE, TEAM_FILE)
+"""What this verb writes."""
+
 TRIALS = Setting("trials", int, 1000, "trials of the evaluation", low=0, high=10_000_000)
-EVERY = Setting("evaluate-every", int, 0, "steps between evaluations", low=0, high=10_000_000)
-EVERY_TRIALS = 200
-"""Trials of each evaluation on the way."""
 
 FAR = 0.05
 """A goal whose worth is discounted to less than this share, seen from the start, is far away."""
@@ -75,7 +79,8 @@ def add_parser(verbs) -> None:
     parser.add_argument(
         "--evaluate-every",
         metavar="STEPS",
-        help=f"evaluate each so many steps too, by {EVERY_TRIALS} trials, into {EVALUATIONS_FILE}",
+        help=f"evaluate each so many steps too, by {EVERY_TRIALS.default} trials, into "
+        f"{EVALUATIONS_FILE}",
     )
     parser.add_argument(
         "--trials",
@@ -95,20 +100,24 @@ def execute(options: argparse.Namespace) -> int:
     else:
         out, run = _go_on(options)
     checkpoint = out / CHECKPOINT_FILE
+    began: list[int] = []
     try:
-        with _terminated_like_interrupted():
-            done = _train(run, options, every, checkpoint)
-            _save(out, done)
+        done = _train(run, options, every, checkpoint, began)
+        _save(out, done)
     except BaseException as error:
-        if checkpoint.exists():
+        resumed = options.resume is not None
+        saved = checkpoint.exists() and (began or not resumed)
+        if isinstance(error, OSError) and not isinstance(error, BrokenPipeError):
+            raise _unwritable(out, error, saved=bool(saved)) from None
+        if saved:
             print(
                 f"what was learned is saved; go on with: sparse_coord train --resume {out}",
                 file=sys.stderr,
             )
-        elif not (out / TEAM_FILE).exists():
-            shutil.rmtree(out)  # leave no half of a run
+        elif not resumed and not (out / TEAM_FILE).exists():
+            _remove(out)  # leave no half of a run
             if isinstance(error, KeyboardInterrupt):
-                print("nothing had been learned yet, nothing is left", file=sys.stderr)
+                print("nothing that was learned is saved, nothing is left", file=sys.stderr)
         raise
     _say(out, run, done, trials, as_json=options.json)
     return 0
@@ -121,8 +130,36 @@ def _begin(options: argparse.Namespace) -> tuple[Path, RunConfig]:
     run = make_run(scenario, {"seed": options.seed, "learner": options.learner})
     engine_for(scenario, run.rule, options.engine)  # refused before a directory is made
     out = create_output(shared.output_directory(options, scenario.name))
-    (out / RUN_FILE).write_text(run.to_yaml(), encoding="utf-8")
+    try:
+        write_whole(out / RUN_FILE, run.to_yaml())
+    except BaseException as error:
+        _remove(out)
+        if isinstance(error, OSError):
+            raise RunError(
+                f"{out / RUN_FILE}: cannot be written ({error.strerror}); make room, or choose "
+                "another --out"
+            ) from None
+        raise
     return out, run
+
+
+def _remove(out: Path) -> None:
+    """Remove what this verb wrote into its directory, and the directory where that was all."""
+    for name in FILES:
+        (out / name).unlink(missing_ok=True)
+    with suppress(OSError):  # it holds files of others
+        out.rmdir()
+
+
+def _unwritable(out: Path, error: OSError, *, saved: bool) -> RunError:
+    """Return what to say where a file of a run cannot be written; what was written stays."""
+    remedy = (
+        f"make room, and go on with: sparse_coord train --resume {out}"
+        if saved
+        else f"make room, remove {out}, and begin the run anew"
+    )
+    where = error.filename or out
+    return RunError(f"{where}: cannot be written ({error.strerror or error}); {remedy}")
 
 
 def _go_on(options: argparse.Namespace) -> tuple[Path, RunConfig]:
@@ -154,9 +191,13 @@ def _go_on(options: argparse.Namespace) -> tuple[Path, RunConfig]:
 
 
 def _train(
-    run: RunConfig, options: argparse.Namespace, every: int | None, checkpoint: Path
+    run: RunConfig,
+    options: argparse.Namespace,
+    every: int | None,
+    checkpoint: Path,
+    began: list[int],
 ) -> Training:
-    """Let the team learn, with a line of progress."""
+    """Let the team learn, with a line of progress; note in `began` where learning begins."""
     scenario, quiet = run.scenario, options.json
     engine = engine_for(scenario, run.rule, options.engine)
     if not quiet and engine == "numba" and not is_prepared(learner=run.rule, history=True):
@@ -177,6 +218,7 @@ def _train(
     def progress(done: int, budget: int) -> None:
         nonlocal bar
         if bar is None:  # now the clock starts, where an earlier process may have stopped
+            began.append(done)
             hidden = True if quiet else None
             style: dict[str, Any] = {
                 "unit": " steps",
@@ -194,7 +236,7 @@ def _train(
             run.seed,
             engine=engine,
             evaluate_every=every,
-            trials=EVERY_TRIALS,
+            trials=EVERY_TRIALS.default,
             progress=progress,
             checkpoint=checkpoint,
             resume=options.resume is not None,
@@ -252,7 +294,7 @@ def _say(out: Path, run: RunConfig, done: Training, trials: int, *, as_json: boo
             print(f"In {result.not_arrived} of {trials} trials some robot did not arrive.")
             for line in advice(scenario, done):
                 print(line)
-    print(f"tables   {out / TEAM_FILE}\nhistory  {out / 'history.npz'}\nrun      {out / RUN_FILE}")
+    print(f"tables   {out / TEAM_FILE}\nhistory  {out / HISTORY_FILE}\nrun      {out / RUN_FILE}")
 
 
 def _row(steps: int, found: Evaluation) -> list[str]:
@@ -307,16 +349,3 @@ def advice(scenario: Scenario, done: Training) -> list[str]:
             f"goal; learn longer: --steps {10 * scenario.steps}.",
         )
     return tips[:2]
-
-
-@contextmanager
-def _terminated_like_interrupted() -> Iterator[None]:
-    """Let SIGTERM do what Ctrl-C does, in the main thread."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)

@@ -15,10 +15,13 @@ import numpy as np
 from sparse_coord_ros.core.agent import Tables
 from sparse_coord_ros.core.learners import Learner, learner_of
 from sparse_coord_ros.core.scenario import Scenario
+from sparse_coord_ros.core.settings import Setting
 from sparse_coord_ros.core.simulation import Team
 from sparse_coord_ros.core.streams import EVALUATION
 from sparse_coord_ros.core.world import World
 from sparse_coord_ros.errors import TablesError
+
+TRIALS = Setting("trials", int, 1000, "Monte-Carlo trials", low=1, high=10_000_000)
 
 
 @dataclass(frozen=True)

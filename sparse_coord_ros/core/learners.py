@@ -291,8 +291,11 @@ class Factored(Learner):
         return own.agent is Factored.agent and own.tables is Factored.tables
 
 
-def _learner(_name: str, thing: object) -> Learner:
-    made = thing() if isinstance(thing, type) and issubclass(thing, Learner) else thing
+def _learner(name: str, thing: object) -> Learner:
+    made = thing
+    if isinstance(thing, type) and issubclass(thing, Learner):
+        with failing_as(f"learner {name!r}", "being made"):
+            made = thing()
     if not isinstance(made, Learner):
         raise TypeError(
             "is no learner; it must be a subclass of sparse_coord_ros.Learner, or an instance of "

@@ -82,35 +82,42 @@ class Registry(Generic[T]):
 
         Raises:
             SettingError: nothing has this name, or it is nothing of this kind.
+            PluginError: its module is there, and fails.
         """
         if name in self._known:
             return self._known[name]
         for point in entry_points(group=self.group):
             if point.name == name:
-                try:
-                    thing = point.load()
-                except Exception as error:  # of other people's code, whatever it raises
-                    raise self._missing(name, error) from None
-                return self.register(name, thing)
+                return self.register(name, self._imported(name, point.module, point.attr))
         if not is_path(name):
             raise SettingError(
                 f"unknown {self.kind} {name!r}{did_you_mean(name, self.names)}; allowed: "
                 f"{self.usage}"
             )
-        return self.register(name, self._imported(name))
+        module, _, attribute = name.partition(":")
+        return self.register(name, self._imported(name, module, attribute))
 
-    def _imported(self, path: str) -> object:
-        module, _, attribute = path.partition(":")
+    def _imported(self, name: str, module: str, attribute: str) -> object:
+        found: object
         try:
             with _current_directory():
                 found = importlib.import_module(module)
+        except (Exception, SystemExit) as error:  # of other people's code, whatever it raises
+            lost = error.name if isinstance(error, ModuleNotFoundError) else None
+            if lost is not None and f"{module}.".startswith(f"{lost}."):
+                raise self._missing(name, error) from None
+            raise PluginError(
+                f"{self.kind} {name!r}: its module failed: {_problem(error)}; mend it, and call "
+                "again"
+            ) from error
+        try:
             for part in attribute.split("."):
                 found = getattr(found, part)
-        except Exception as error:  # of other people's code, whatever it raises
-            raise self._missing(path, error) from None
+        except AttributeError as error:
+            raise self._missing(name, error) from None
         return found
 
-    def _missing(self, name: str, error: Exception) -> SettingError:
+    def _missing(self, name: str, error: BaseException) -> SettingError:
         problem = " ".join(str(error).split()) or type(error).__name__
         return SettingError(
             f"{self.kind} {name!r} is not there ({problem}); install it, or call this where "
@@ -165,18 +172,26 @@ def failing_as(what: str, doing: str) -> Iterator[None]:
     """
     try:
         yield
-    except (SparseCoordError, MemoryError):
+    except SparseCoordError:
         raise
-    except Exception as error:  # of other people's code, whatever it raises
-        theirs = [f for f in traceback.extract_tb(error.__traceback__) if not _is_ours(f.filename)]
-        place = f" ({Path(theirs[-1].filename).name}, line {theirs[-1].lineno})" if theirs else ""
-        problem = " ".join(f"{type(error).__name__}: {error}".split())
+    except (Exception, SystemExit) as error:  # of other people's code, whatever it raises
         raise PluginError(
-            f"{what} failed while {doing}: {problem}{place}; mend it, and call again"
+            f"{what} failed while {doing}: {_problem(error)}; mend it, and call again"
         ) from error
 
 
+def _problem(error: BaseException) -> str:
+    """Return what was raised and, where it was other people's code that did, at which line."""
+    theirs = [f for f in traceback.extract_tb(error.__traceback__) if not _is_ours(f.filename)]
+    place = f" ({Path(theirs[-1].filename).name}, line {theirs[-1].lineno})" if theirs else ""
+    text = " ".join(f"{type(error).__name__}: {error}".split()).removesuffix(":")
+    return f"{text}{place}"
+
+
 def _is_ours(name: str) -> bool:
+    """Whether a file is this package's, or is what imports modules."""
+    if name.startswith("<frozen ") or name == importlib.__file__:
+        return True
     return Path(name).is_relative_to(Path(__file__).parents[1])
 
 

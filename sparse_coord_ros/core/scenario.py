@@ -340,6 +340,10 @@ def parse_yaml(text: str, *, where: str) -> dict[str, Any]:
         line = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
         problem = getattr(error, "problem", None) or " ".join(str(error).split())
         raise ScenarioError(f"{where}{line}: not YAML: {problem}; mend that line") from None
+    except RecursionError:
+        raise ScenarioError(
+            f"{where}: not readable as YAML: it is nested too deeply; write 'key: value' lines"
+        ) from None
     if not isinstance(data, dict):
         raise ScenarioError(f"{where}: must be 'key: value' lines, is {type(data).__name__}")
     return data

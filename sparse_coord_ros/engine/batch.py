@@ -134,8 +134,11 @@ def uses_numba(engine: str, learner: Learner | None = None) -> bool:
     """Whether an engine setting means numba on this machine, and for a learner if one is named.
 
     Raises:
-        SettingError: numba is asked for, and not installed or no help to the learner.
+        SettingError: there is no such engine; or numba is asked for, and not installed or no help
+            to the learner.
     """
+    if engine not in ENGINES:
+        raise SettingError(f"setting engine: value is {engine!r}, allowed: {', '.join(ENGINES)}")
     if engine == "numba" and learner is not None and not learner.compiled:
         raise SettingError(
             f"setting engine: value is 'numba', but learner {learner.label} has no compiled form; "

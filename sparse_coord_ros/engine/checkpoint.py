@@ -9,7 +9,9 @@ of `core.world.Position`; `q_star_k`, `star_updates_k`, `states_k`, `values_k`, 
 of `core.agent.Memory`; `factors_..._k`: those of `core.factors.FactorMemory`, where there are
 any; `history_g_...`: those of `core.history.History`; `evaluation_steps` (N,)
 and `evaluations` (N, 14): trials, mean, spread and standard error of the four measures, trials in
-which some robot did not arrive; `evaluate_every` and `trials`.
+which some robot did not arrive; `evaluate_every` and `trials`; `digest`, the SHA-256 of all these
+(names, dtypes, shapes and bytes, in the order of the names): the compiled loops trust their
+numbers, so a file that does not fit it is refused.
 """
 
 import hashlib
@@ -73,6 +75,7 @@ class Checkpoint:
                 arrays |= {f"factors_{name}_{k}": a for name, a in factors._asdict().items()}
         for g, history in enumerate(self.state.histories, start=1):
             arrays |= {f"history_{g}_{name}": a for name, a in history.arrays().items()}
+        arrays["digest"] = np.array(_digest_of_arrays(arrays))
         file = io.BytesIO()
         np.savez(file, allow_pickle=False, **arrays)
         write_whole(path, file.getvalue())
@@ -89,13 +92,16 @@ def load_checkpoint(path: Path, scenario: Scenario, learner: Learner, seed: int)
             number = int(file["format"])
             if number > FORMAT:
                 raise RunError(newer_format(str(path), number, FORMAT))
-            if str(file["run"]) != _digest(scenario, learner, seed):
-                raise RunError(
-                    f"{path}: is the checkpoint of another run than this one (learner "
-                    f"{learner.label}, seed {seed}); go on with the scenario, its settings, the "
-                    "learner and the seed that it began with"
-                )
-            return _from(file, scenario, learner)
+            arrays = {name: file[name] for name in file.files}
+        if str(arrays.pop("digest", None)) != _digest_of_arrays(arrays):
+            raise ValueError("its contents do not fit its digest")
+        if str(arrays["run"]) != _digest(scenario, learner, seed):
+            raise RunError(
+                f"{path}: is the checkpoint of another run than this one (learner "
+                f"{learner.label}, seed {seed}); go on with the scenario, its settings, the "
+                "learner and the seed that it began with"
+            )
+        return _from(arrays, scenario, learner)
     except RunError:
         raise
     except FileNotFoundError:
@@ -162,3 +168,13 @@ def _evaluation(numbers: list[float]) -> Evaluation:
 def _digest(scenario: Scenario, learner: Learner, seed: int) -> str:
     said = json.dumps([scenario.computation(), learner.label, seed], sort_keys=True)
     return hashlib.sha256(said.encode()).hexdigest()[:16]
+
+
+def _digest_of_arrays(arrays: Mapping[str, np.ndarray]) -> str:
+    """Return a digest of all arrays but the digest itself."""
+    said = hashlib.sha256()
+    for name in sorted(arrays):
+        array = arrays[name]
+        said.update(json.dumps([name, array.dtype.str, array.shape]).encode())
+        said.update(array.tobytes())
+    return said.hexdigest()

@@ -27,6 +27,7 @@ from sparse_coord_ros.core.evaluation import Measure
 from sparse_coord_ros.core.optimum import joint_optimum
 from sparse_coord_ros.core.reference import shortest_path_reference
 from sparse_coord_ros.core.scenario import SETTINGS, Scenario
+from sparse_coord_ros.core.settings import Setting
 from sparse_coord_ros.core.sparse import SparseTable, dense_nbytes
 from sparse_coord_ros.engine.batch import Run
 from sparse_coord_ros.engine.conditions import Condition
@@ -39,6 +40,10 @@ FORMAT = 2
 MANIFEST = "results.json"
 LONGEST_NAME = 255
 """Characters of a file's name, on common file systems."""
+
+RUNS = Setting("runs", int, 100, "learning runs of a condition", low=1, high=1_000_000)
+TRIALS = Setting("trials", int, 1000, "Monte-Carlo trials of a run", low=1, high=1_000_000)
+JOBS = Setting("jobs", int, 1, "threads (or processes) at once", low=1, high=4096)
 
 SUMS = ("reward", "time_to_goal", "asks", "miscoordinations")
 BY_ROBOT = ("reward", "asks")
@@ -286,7 +291,7 @@ class Results:
             return None
         except OSError as error:
             raise unusable_file(path, error, "read") from None
-        except (AttributeError, ValueError, TypeError):
+        except (AttributeError, ValueError, TypeError, RecursionError):
             os.replace(path, path.with_name(path.name + ".broken"))
             return None
         known = {digest(condition), _digest_of_format_1(condition)}
@@ -358,7 +363,7 @@ def _check_manifest(directory: Path, plan: Plan) -> None:
         return
     except OSError as error:
         raise _unusable(directory, error) from None
-    except ValueError:
+    except (ValueError, RecursionError):
         found = None
     if not isinstance(found, dict) or not isinstance(found.get("format"), int):
         raise ResultsError(

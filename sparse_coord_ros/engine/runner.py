@@ -6,6 +6,7 @@ A results directory holds one file a condition. What is there already is taken f
 missing is computed and saved, and nothing of another plan, scenario or protocol is mixed in.
 """
 
+import importlib
 import os
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -33,7 +34,13 @@ from sparse_coord_ros.engine.results import (
     open_results,
     unusable_file,
 )
-from sparse_coord_ros.errors import ResultsError, SettingError, SparseCoordError, did_you_mean
+from sparse_coord_ros.errors import (
+    ResultsError,
+    RunError,
+    SettingError,
+    SparseCoordError,
+    did_you_mean,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -252,11 +259,14 @@ def run_targets(
         ResultsError: `out` cannot be used, or holds results of something else.
         SettingError: the number of a single run is not below `plan.runs`; single runs or a report
             without `out`; numba is asked for and not there.
-        RunError: a process that computed runs was killed.
+        RunError: a process that computed runs was killed; pandas or Matplotlib is missing, which a
+            report needs.
     """
     check_runs(targets, plan)
     if out is None and (targets.runs or report):
         raise SettingError("single runs and reports are files: name a results directory")
+    if report and targets.experiments:
+        _check_report()
     opened: AbstractContextManager[Results | None]
     opened = nullcontext() if out is None else open_results(out, plan)
     with opened as results:
@@ -333,6 +343,18 @@ def compute(
 
 def _agent_steps(condition: Condition) -> int:
     return condition.scenario.steps * len(condition.scenario.robots)
+
+
+def _check_report() -> None:
+    """Raise `RunError` where a package is missing that reports need, before hours go by."""
+    for package in ("pandas", "matplotlib"):
+        try:
+            importlib.import_module(package)
+        except ImportError as error:
+            raise RunError(
+                f"a report needs the Python package {package} ({error}): pip install pandas "
+                "matplotlib"
+            ) from None
 
 
 def _report(

@@ -23,6 +23,7 @@ from sparse_coord_ros.core.history import History
 from sparse_coord_ros.core.learners import Learner, learner_of
 from sparse_coord_ros.core.run_config import RUN_FILE, create_output, make_run
 from sparse_coord_ros.core.scenario import Scenario
+from sparse_coord_ros.core.settings import Setting
 from sparse_coord_ros.core.simulation import Learning, LearningState
 from sparse_coord_ros.core.tables import save_team
 from sparse_coord_ros.engine.batch import (
@@ -36,6 +37,9 @@ from sparse_coord_ros.engine.checkpoint import Checkpoint, load_checkpoint
 from sparse_coord_ros.engine.compiled import compiled
 from sparse_coord_ros.errors import RunError, SettingError
 from sparse_coord_ros.files import write_whole
+
+EVERY = Setting("evaluate-every", int, 0, "steps between evaluations", low=0, high=10_000_000)
+EVERY_TRIALS = Setting("trials", int, 200, "trials of each of them", low=2, high=10_000_000)
 
 WORTH_COMPILING = 500_000
 """Agent-steps that plain Python makes while numba compiles: a shorter run is quicker without."""
@@ -189,11 +193,8 @@ def train(
         RunError: there is no checkpoint, it cannot be read, or is that of another run.
     """
     rule = learner_of(learner)
-    if (evaluate_every or 0) < 0 or trials < 2:
-        raise SettingError(
-            f"setting evaluate_every: value is {evaluate_every} with {trials} trials, allowed: at "
-            "least 0, and at least 2 trials"
-        )
+    evaluate_every = None if evaluate_every is None else EVERY.parse(evaluate_every)
+    trials = EVERY_TRIALS.parse(trials)
     saved = None
     if resume:
         if checkpoint is None:

@@ -4,6 +4,7 @@
 
 import errno
 import os
+import signal
 import subprocess
 import sys
 
@@ -60,6 +61,16 @@ def test_interrupted(sparse_coord, monkeypatch):
 
     monkeypatch.setattr("sparse_coord_ros.cli.maps.load_map", interrupt)
     assert sparse_coord("maps", "env1") == (module.INTERRUPTED, "", "interrupted\n")
+
+
+def test_terminated_is_interrupted(sparse_coord, monkeypatch):
+    def terminate(*_, **__):
+        signal.raise_signal(signal.SIGTERM)
+
+    before = signal.getsignal(signal.SIGTERM)
+    monkeypatch.setattr("sparse_coord_ros.cli.maps.load_map", terminate)
+    assert sparse_coord("maps", "env1") == (module.INTERRUPTED, "", "interrupted\n")
+    assert signal.getsignal(signal.SIGTERM) == before
 
 
 @pytest.mark.parametrize(

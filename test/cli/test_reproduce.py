@@ -336,9 +336,9 @@ def test_no_process_goes_on_computing(folder, number):
     finally:
         with suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)
-    assert (process.returncode, out) == (130 if number == signal.SIGINT else -number, "")
+    assert (process.returncode, out) == (-number if number == signal.SIGKILL else 130, "")
     assert "Traceback" not in err
-    assert err == ("interrupted\n" if number == signal.SIGINT else "")
+    assert err == ("" if number == signal.SIGKILL else "interrupted\n")
     with open_results(Path("results"), Plan(0, 2, 5)):
         pass
 
@@ -353,6 +353,14 @@ def test_numba_missing(sparse_coord, refused, monkeypatch):
         assert err.count("numba is not installed: plain Python") == times
         assert np.isfinite(json.loads(plain)["conditions"][0]["reward"]["mean"])
     assert "not installed" in refused("reproduce", cell, *FEW, "--out", "r", "--engine", "numba")
+
+
+@pytest.mark.parametrize("package", ["pandas", "matplotlib"])
+def test_what_a_report_needs_is_missed_before_anything_is_computed(refused, monkeypatch, package):
+    monkeypatch.setitem(sys.modules, package, None)
+    message = refused("reproduce", "table1", *FEW, "--out", "r")
+    assert f"a report needs the Python package {package} (" in message
+    assert message.endswith("pip install pandas matplotlib\n")
 
 
 def test_compiling_is_said_before_the_clock_starts(sparse_coord, monkeypatch):

@@ -3,6 +3,7 @@
 """`sparse_coord train`: the tables of `core.simulation.learn`, and bad input."""
 
 import csv
+import errno
 import json
 import os
 import random
@@ -41,6 +42,23 @@ def learned(directory):
     learning = Learning(run.scenario, run.learner, run.seed)
     learning.advance(run.scenario.steps)
     return learning
+
+
+@pytest.fixture
+def full_disk(monkeypatch):
+    """Return a function that lets the disk be full for a file of one name."""
+
+    def fill(name):
+        replace = os.replace
+
+        def refuse(partial, path):
+            if path.name == name:
+                raise OSError(errno.ENOSPC, "No space left on device")
+            replace(partial, path)
+
+        monkeypatch.setattr("sparse_coord_ros.files.os.replace", refuse)
+
+    return fill
 
 
 @pytest.mark.parametrize("learner", ["coop", "noncoop", "indiv"])
@@ -238,6 +256,67 @@ def test_resume_what_is_no_run(refused, folder):
     assert "no readable run.yaml there" in refused("train", "--resume", "nowhere")
 
 
+def test_what_cannot_be_resumed_is_one_line(refused, sparse_coord, folder):
+    until_interrupted = train_verb.train
+
+    def part(*arguments, **keywords):
+        until_interrupted(*arguments, **keywords, until=100)
+        raise KeyboardInterrupt
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(train_verb, "train", part)
+        err = sparse_coord(*SHORT, "--steps", 500, "--out", "a")[2]
+    assert "what was learned is saved; go on with: sparse_coord train --resume a\n" in err
+    (folder / "a" / "checkpoint.npz").write_bytes(b"no archive")
+    assert "begin the run anew" in refused("train", "--resume", "a")
+
+
+def test_an_interrupt_removes_only_what_train_wrote(sparse_coord, folder, monkeypatch):
+    def not_now(*_arguments, **_keywords):
+        (folder / "a" / "notes.txt").write_text("precious")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(train_verb, "train", not_now)
+    code, _, err = sparse_coord(*SHORT, "--out", "a")
+    assert (code, err.splitlines()[-1]) == (130, "interrupted")
+    assert [path.name for path in (folder / "a").iterdir()] == ["notes.txt"]
+
+
+@pytest.mark.parametrize("name", ["history.npz", "tables.npz"])
+def test_a_full_disk_at_the_end_keeps_what_was_written(sparse_coord, folder, full_disk, name):
+    full_disk(name)
+    code, out, err = sparse_coord(*SHORT, "--out", "a")
+    assert (code, out) == (2, "")
+    assert err == (
+        f"error: a/{name}: cannot be written (No space left on device); make room, remove a, and "
+        "begin the run anew\n"
+    )
+    left = {path.name for path in (folder / "a").iterdir()}
+    assert left == {"run.yaml"} | ({"history.npz"} if name == "tables.npz" else set())
+
+
+def test_a_full_disk_where_there_is_a_checkpoint(sparse_coord, folder, full_disk, monkeypatch):
+    monkeypatch.setattr("sparse_coord_ros.engine.training.SAVE_SECONDS", 0.0)
+    full_disk("tables.npz")
+    err = sparse_coord(*SHORT, "--steps", 2500, "--engine", "python", "--out", "a")[2]
+    assert err == (
+        "error: a/tables.npz: cannot be written (No space left on device); make room, and go on "
+        "with: sparse_coord train --resume a\n"
+    )
+    monkeypatch.undo()
+    monkeypatch.chdir(folder)
+    assert sparse_coord("train", "--resume", "a", "--trials", 0)[0] == 0
+    assert tables_equal(
+        load_team(folder / "a", load_scenario("env1")), learned(folder / "a").tables
+    )
+
+
+def test_a_full_disk_at_the_beginning_leaves_nothing(refused, full_disk):
+    full_disk("run.yaml")
+    message = refused(*SHORT, "--out", "a")
+    assert message.startswith("error: a/run.yaml: cannot be written (No space left on device);")
+
+
 def test_numba_is_missed_only_where_it_would_help(sparse_coord, monkeypatch):
     def not_now(*_arguments, **_keywords):
         raise KeyboardInterrupt
@@ -270,6 +349,6 @@ def test_an_interrupt_while_numba_compiles(folder, number):
         finally:
             process.kill()
             process.wait()
-        assert (process.returncode, printed) == (130, "")
+        assert (process.returncode, printed) == (130, ""), said
         assert said.endswith("interrupted\n") and "Traceback" not in said
         assert "go on with" in said or not out.exists()

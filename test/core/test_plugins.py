@@ -64,8 +64,27 @@ class Odd(sc.Learner):
     def tables(self, scenario):
         return scenario.no_such_setting
 
+class Unmade(sc.Learner):
+    def __init__(self):
+        self.more = {}["more"]
+
+class Needy(sc.Learner):
+    def __init__(self, more):
+        self.more = more
+
+class Leaving(sc.Learner):
+    def weights(self, scenario):
+        raise SystemExit(3)
+
+class Greedy(sc.Learner):
+    def agent(self, scenario, number, seed, **more):
+        raise MemoryError
+
 class NoLearner:
     pass
+
+def leave(grid):
+    raise SystemExit("no fog here")
 
 def fog(grid, p):
     return np.full((len(grid.cells),) * 2, p)
@@ -168,9 +187,24 @@ def test_what_is_no_learner_is_said_in_one_line(module, name, words):
     assert [word for word in words if word not in message] == []
 
 
-def test_a_module_that_does_not_import_is_said_in_one_line(module, tmp_path):
-    (tmp_path / "their_typo.py").write_text("class Team(:\n")
-    assert "learner 'their_typo:Team' is not there (" in refusal(learner_of, "their_typo:Team")
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [
+        ("class Team(:\n", "SyntaxError: invalid syntax (their_fault.py, line 1)"),
+        ("\n1 / 0\n", "ZeroDivisionError: division by zero (their_fault.py, line 2)"),
+        ("import nowhere", "ModuleNotFoundError: No module named 'nowhere' (their_fault.py, line"),
+        ("raise SystemExit(0)", "SystemExit: 0 (their_fault.py, line 1)"),
+        ("raise MemoryError", "MemoryError (their_fault.py, line 1)"),
+    ],
+)
+def test_a_module_that_fails_is_blamed(module, tmp_path, code, words):
+    (tmp_path / "their_fault.py").write_text(code)
+    message = refusal(learner_of, "their_fault:Team")
+    assert message.startswith(f"learner 'their_fault:Team': its module failed: {words}")
+    assert message.endswith("; mend it, and call again")
+    assert "learner 'their_package.no:Team' is not there" in refusal(
+        learner_of, "their_package.no:Team"
+    )
 
 
 def test_names_that_collide(module):
@@ -202,6 +236,10 @@ def test_names_that_collide(module):
         ("Broken", ["failed while learning: KeyError: 'learned'", line('["learned"]')]),
         ("Weightless", ["its weights are {'common': 2}, allowed: three numbers"]),
         ("Nobody", ["'an agent' is no agent, must be a sparse_coord_ros.Agent"]),
+        ("Unmade", ["failed while being made: KeyError: 'more'", line('["more"]')]),
+        ("Needy", ["failed while being made: TypeError", "'more'"]),
+        ("Leaving", ["failed while making its weights: SystemExit: 3", line("SystemExit(3)")]),
+        ("Greedy", ["failed while making its agent: MemoryError", line("raise MemoryError")]),
         ("Odd", ["failed while making its tables: AttributeError", line("no_such")]),
     ],
 )
@@ -232,6 +270,7 @@ def test_the_traceback_stays_available(module, small):
             "their_code:divide",
             ["failed while it looked at map env1: ZeroDivisionError", line("1 / 0")],
         ),
+        ("their_code:leave", ["SystemExit: no fog here", line('SystemExit("no fog')]),
         ("their_code:text", ["returned 'seen'", "(21, 21)"]),
         ("their_code:flat", ["returned an array of shape (21,) with values from 1 to 1"]),
         ("their_code:fog:2", ["with values from 2 to 2", "from 0 to 1"]),

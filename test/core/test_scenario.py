@@ -373,6 +373,7 @@ def test_unknown_scenario_names_the_nearest(name, near):
         ("name: 2020-13-45\n", ["f.yaml", "not YAML", "month"]),
         ("- 1\n", ["f.yaml", "must be 'key: value' lines", "list"]),
         ("", ["f.yaml", "must be 'key: value' lines"]),
+        ("map: " + "[" * 10_000, ["f.yaml: not readable as YAML", "nested too deeply"]),
     ],
 )
 def test_malformed_yaml(tmp_path, text, words):

@@ -200,7 +200,9 @@ def test_another_protocol_is_refused_and_nothing_is_lost(tmp_path, result, monke
         assert results.path(CELL).read_bytes() == before
 
 
-@pytest.mark.parametrize("damage", [b"", b"{", b"[]", b"null", b"\xff\xfe", b'{"id": 3}'])
+@pytest.mark.parametrize(
+    "damage", [b"", b"{", b"[]", b"[" * 100_000, b"null", b"\xff\xfe", b'{"id": 3}']
+)
 def test_a_damaged_result_is_put_aside_and_open_again(tmp_path, result, damage):
     with open_results(tmp_path, PLAN) as results:
         results.save(CELL, result)
@@ -223,7 +225,7 @@ def test_a_result_with_a_part_missing_is_put_aside(tmp_path, result, field):
         assert results.load(CELL) is None
 
 
-@pytest.mark.parametrize("damage", ["", "[1]", "{"])
+@pytest.mark.parametrize("damage", ["", "[1]", "{", "[" * 100_000])
 def test_a_damaged_manifest_is_an_error(tmp_path, damage):
     (tmp_path / "results.json").write_text(damage)
     with pytest.raises(ResultsError, match="not readable as JSON"), open_results(tmp_path, PLAN):
