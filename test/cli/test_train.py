@@ -332,6 +332,7 @@ def test_numba_is_missed_only_where_it_would_help(sparse_coord, monkeypatch):
     assert note not in sparse_coord("train", "env1", "--steps", 1000, "--out", "a")[2]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupt_while_numba_compiles(folder, number):
     command = [sys.executable, "-m", "sparse_coord_ros.cli.main", "train", "env1"]
