@@ -101,7 +101,9 @@ def test_train(sparse_coord, folder, learner):
 
 
 def test_default_directory_is_named_after_the_scenario(sparse_coord, folder):
-    code, out, _ = sparse_coord("train", "env1", "--steps", 5, "--json", "--trials", 0)
+    code, out, _ = sparse_coord(
+        "train", "env1", "--steps", 5, "--json", "--trials", 0, "--engine", "python"
+    )
     (directory,) = (folder / "runs").iterdir()
     assert code == 0
     assert directory.name.startswith("env1_")
