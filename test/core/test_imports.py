@@ -50,6 +50,7 @@ def python(code):
         ("recording", 5, {"core", "recording"}),
         ("runlog", 10, {"core", "engine", "recording", "runlog"}),
         ("engine", 17, {"core", "engine"}),
+        ("view", 3, {"core", "engine", "recording", "runlog", "view"}),
     ],
 )
 def test_imports_without_ros_and_nothing_from_above(package, modules, may_use):

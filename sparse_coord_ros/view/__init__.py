@@ -1,0 +1,6 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Runs to look at: policies, episodes and curves as data, and as pictures, films and pages.
+
+Only `figures`, `film` and `page` need Matplotlib; nothing here needs ROS.
+"""
