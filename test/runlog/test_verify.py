@@ -12,6 +12,15 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from sparse_coord_ros.core.frame import Account
 from sparse_coord_ros.core.tables import pack_tables, unpack_robot
+from sparse_coord_ros.core.wire import (
+    ACTION_LABELS,
+    ANSWERED,
+    LATE,
+    NOBODY_TO_ASK,
+    NOT_ASKED,
+    PERCEPT_ENDS,
+    REFUSED,
+)
 from sparse_coord_ros.core.world import Action, Reward
 from sparse_coord_ros.errors import SparseCoordError
 from sparse_coord_ros.nodes.messages import ACTION_LAYOUT, REWARD_LAYOUT, Converter
@@ -222,6 +231,20 @@ def test_a_changed_reward(alter, convert, moved, label):
     assert f"{label}=" in found.first.logged
 
 
+@pytest.mark.parametrize(("value", "said"), [(math.nan, "nan"), (-0.0, "-0.0")])
+def test_a_reward_that_equals_nothing_or_too_much(alter, convert, log, moved, value, said):
+    """NaN differs from itself, -0.0 equals 0.0: bits are compared, not numbers."""
+    assert log.reward[log.step == moved, 1].tolist()[0][0] == 0.0
+
+    def data(old):
+        reward = Reward(*REWARD_LAYOUT.unpack(old)[2:])
+        return convert.pack_reward(moved, reward._replace(individual=value))
+
+    found = alter(on("/robot_2/reward", moved, convert, data))
+    is_first(found, moved, "robot_2", "reward")
+    assert f"individual={said}" in found.first.logged
+
+
 def test_a_changed_state(alter, convert, log, moved):
     row = int(np.flatnonzero(log.step == moved)[0])
     other = int(log.cells[row, 1] + 1) % len(convert.grid.cells)
@@ -276,6 +299,42 @@ def test_a_percept_that_ought_to_have_failed(alter, convert, log, asked):
     found = alter(on("/robot_1/percept", asked[1], convert, lambda old: message))
     is_first(found, asked[1], "robot_1", "percept")
     assert found.first.computed == "refused"
+
+
+def test_an_answered_percept_that_is_said_to_be_refused(alter, convert, log, asked):
+    """The dialogue of that step shows that the peer said where it was."""
+    row = int(np.flatnonzero(log.step == asked[0])[0])
+    own = serialize_message(convert.path(asked[0], log.cells[row, :1].tolist()))
+
+    def action(old):
+        numbers = list(ACTION_LAYOUT.unpack(old))
+        numbers[2 + ACTION_LABELS.index("perceived")] = 0.0
+        numbers[2 + len(ACTION_LABELS)] = float(REFUSED)
+        return ACTION_LAYOUT.pack(*numbers)
+
+    def change(messages):
+        messages = on("/robot_1/percept", asked[0], convert, lambda old: own)(messages)
+        return on("/robot_1/action", asked[0], convert, action)(messages)
+
+    found = alter(change)
+    mine = [one for one in found.differences if one.quantity == "percept"]
+    assert (mine[0].step, mine[0].robot, mine[0].logged) == (asked[0], "robot_1", "refused")
+    assert mine[0].computed == f"cell {log.cells[row, 1]}"
+
+
+@pytest.mark.parametrize("end", [ANSWERED, REFUSED, LATE, NOBODY_TO_ASK])
+def test_a_percept_that_ended_without_having_begun(alter, convert, moved, end):
+    """Whoever does not choose COORDINATE has no percept to end."""
+
+    def data(old):
+        numbers = list(ACTION_LAYOUT.unpack(old))
+        assert numbers[2 + len(ACTION_LABELS)] == NOT_ASKED
+        numbers[2 + len(ACTION_LABELS)] = float(end)
+        return ACTION_LAYOUT.pack(*numbers)
+
+    found = alter(on("/robot_2/action", moved, convert, data))
+    is_first(found, moved, "robot_2", "percept")
+    assert (found.first.logged, found.first.computed) == (PERCEPT_ENDS[end], "did not ask")
 
 
 @pytest.mark.parametrize("topic", ["local_state", "reward", "action"])
