@@ -11,7 +11,9 @@ import numpy as np
 
 import sparse_coord_ros as sc
 
-bag = sys.argv[1]  # runs/demo
+if len(sys.argv) != 2:
+    sys.exit("give one bag: python analyse_log.py runs/demo")
+bag = sys.argv[1]
 log = sc.read_log(bag)
 print(f"{log.run.scenario.name}, {log.run.learner}: {len(log.step)} time steps")
 

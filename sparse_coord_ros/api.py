@@ -17,7 +17,7 @@ import numpy as np
 
 from sparse_coord_ros.core import evaluation, run_config
 from sparse_coord_ros.core.agent import Tables
-from sparse_coord_ros.core.class_bound import ClassBound
+from sparse_coord_ros.core.class_bound import RESTARTS, ClassBound
 from sparse_coord_ros.core.evaluation import Evaluation
 from sparse_coord_ros.core.frames import data_frame
 from sparse_coord_ros.core.history import History, load_history
@@ -348,15 +348,15 @@ def class_bound(
         progress: called after each restart with those done, all, and the best value so far.
 
     Raises:
-        SettingError: not two robots.
+        SettingError: not two robots, or a bad value.
         ResultsError: the file is that of another search.
     """
     from sparse_coord_ros.engine import class_search
 
     return class_search.class_bound(
         _scenario(scenario),
-        restarts=restarts,
-        seed=seed,
+        restarts=RESTARTS.parse(restarts),
+        seed=RUN_SETTINGS["seed"].parse(seed),
         file=None if file is None else Path(file),
         progress=progress,
     )

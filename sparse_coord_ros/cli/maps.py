@@ -6,19 +6,22 @@ import argparse
 
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.core.grid import GridMap, load_map, map_names
+from sparse_coord_ros.core.scenario import load_scenario
 
 
 def add_parser(verbs) -> None:
     """Add the verb."""
     parser = shared.add_verb(verbs, "maps", example="sparse_coord maps env1")
-    parser.add_argument("name", metavar="NAME", nargs="?", help="a map's name or a map file")
+    parser.add_argument(
+        "name", metavar="NAME", nargs="?", help="a map's name, a map file, or a scenario file"
+    )
     shared.add_json(parser)
     parser.set_defaults(execute=execute)
 
 
 def execute(options: argparse.Namespace) -> int:
     """Run the verb."""
-    grids = [load_map(name) for name in ([options.name] if options.name else map_names())]
+    grids = [_map(name) for name in ([options.name] if options.name else map_names())]
     if options.json:
         shared.print_json([_facts(grid) for grid in grids])
     elif options.name:
@@ -34,6 +37,11 @@ def execute(options: argparse.Namespace) -> int:
         ]
         print(shared.format_table(["map", "cells", "doorways", "starts", "title"], rows))
     return 0
+
+
+def _map(name: str) -> GridMap:
+    """Return a map; that of a scenario file too."""
+    return load_scenario(name).map if name.endswith((".yaml", ".yml")) else load_map(name)
 
 
 def _facts(grid: GridMap) -> dict:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.core.class_bound import (
+    RESTARTS,
     WARNING,
     ClassBound,
     check_class,
@@ -18,10 +19,8 @@ from sparse_coord_ros.core.optimum import LARGEST, independent_bound, joint_opti
 from sparse_coord_ros.core.reference import shortest_path_reference
 from sparse_coord_ros.core.run_config import RUN_SETTINGS
 from sparse_coord_ros.core.scenario import Scenario
-from sparse_coord_ros.core.settings import Setting
 from sparse_coord_ros.errors import SettingError
 
-RESTARTS = Setting("restarts", int, 20, "restarts of the search", low=1, high=1_000_000)
 PICTURES = (".png", ".pdf", ".svg")
 OF_THE_SEARCH = ("restarts", "seed", "out", "picture")
 

@@ -21,10 +21,13 @@ import numpy as np
 from sparse_coord_ros.core.agent import Tables
 from sparse_coord_ros.core.algorithm import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.scenario import Scenario
+from sparse_coord_ros.core.settings import Setting
 from sparse_coord_ros.core.share import share_file
 from sparse_coord_ros.errors import SettingError
 
 WARNING = "a lower bound of what the best team of this form is worth: the search may miss it"
+
+RESTARTS = Setting("restarts", int, 20, "restarts of the search", low=1, high=1_000_000)
 
 LETTERS = "nsew"
 """The moves in a policy's texts: the first letters of the primitive actions, in their order."""

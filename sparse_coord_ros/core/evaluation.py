@@ -17,6 +17,7 @@ from sparse_coord_ros.core.learners import Learner, learner_of
 from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.settings import Setting
 from sparse_coord_ros.core.simulation import Team
+from sparse_coord_ros.core.sparse import SparseTable
 from sparse_coord_ros.core.streams import EVALUATION
 from sparse_coord_ros.core.world import World
 from sparse_coord_ros.errors import TablesError
@@ -204,6 +205,13 @@ def check_tables(
                     f"{name} has shape {array.shape}, scenario {scenario.name} needs {shape}; use "
                     "the tables of a run on the same map and with the same setting peers"
                 )
+        values = table.q_coord.rows if isinstance(table.q_coord, SparseTable) else table.q_coord
+        dense = [values] if isinstance(values, np.ndarray) else []  # else: in factors
+        if not all(np.isfinite(array).all() for array in (table.q_star[:, :-1], *dense)):
+            raise TablesError(
+                f"tables of robot {k} hold values that are no finite numbers; use tables that run "
+                "or train wrote"
+            )
         rule = None if learner is None else learner_of(learner)
         if rule is not None and (rule.factors is None) != (table.factors is None):
             others = "learns in factors" if rule.factors is None else "does not learn in factors"

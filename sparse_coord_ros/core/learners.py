@@ -62,7 +62,7 @@ class Learner:
                 setattr(cls, attribute, getattr(Learner, attribute))
         if is_shipped(cls):
             return
-        for method in ("weights", "tables", "agent"):
+        for method in ("with_defaults", "weights", "tables", "agent"):
             if method in vars(cls):
                 setattr(cls, method, _guarded(vars(cls)[method]))
 
@@ -171,6 +171,8 @@ def _guarded(method: Callable[Concatenate[Learner, _P], _T]) -> Callable[..., _T
                 _guard_agent(said, made)
             elif method.__name__ == "weights":
                 made = _checked_weights(said, made)
+            elif method.__name__ == "with_defaults" and not isinstance(made, Scenario):
+                raise SettingError(f"{said}: its with_defaults returns {made!r}, no Scenario")
         return made
 
     return checked

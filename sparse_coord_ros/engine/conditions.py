@@ -126,7 +126,11 @@ def parse_id(text: str) -> tuple[Condition, int | None]:
         )
     *name, learner = path
     try:
-        condition = make_condition("/".join(name), learner, parse_assignments(last.split(",")))
+        assignments = last.split(",")
+        settings = parse_assignments(assignments)
+        if len(settings) < len(assignments):
+            raise SettingError("a setting is there twice; give each once")
+        condition = make_condition("/".join(name), learner, settings)
     except SettingError as error:
         raise SettingError(f"id {_short(text)!r}: {error}") from None
     return condition, number

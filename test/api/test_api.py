@@ -154,6 +154,8 @@ def test_scenarios(tmp_path):
         (lambda: sc.verify("nowhere"), "nowhere"),
         (lambda: sc.optimum("env9"), "no such scenario"),
         (lambda: sc.shortest_paths("env9"), "no such scenario"),
+        (lambda: sc.class_bound("env1", restarts=0), "setting restarts: value is 0"),
+        (lambda: sc.class_bound("env1", seed=-1), "setting seed: value is -1"),
         (lambda: sc.evaluate([]), "give evaluate(scenario=...)"),
         (lambda: sc.evaluate([], scenario="env1", trials=0), "setting trials: value is 0"),
         (lambda: sc.evaluate([], scenario="env1"), "tables of 0 robots"),

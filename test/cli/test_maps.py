@@ -31,6 +31,11 @@ def test_one_map(sparse_coord):
         assert words in out
 
 
+def test_the_map_of_a_scenario_file(sparse_coord, folder):
+    (folder / "mine.yaml").write_text("map: env1\nrobots: {x: {start: 1, goal: 2}}\n")
+    assert sparse_coord("maps", "mine.yaml") == sparse_coord("maps", "env1")
+
+
 def test_json(sparse_coord):
     (env1,) = json.loads(sparse_coord("maps", "env1", "--json")[1])
     assert (env1["cells"], env1["doorways"]) == (21, [[2, 2]])

@@ -13,6 +13,7 @@ from sparse_coord_ros.core.evaluation import Trials, check_tables, evaluate, pla
 from sparse_coord_ros.core.optimum import independent_bound
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.simulation import learn
+from sparse_coord_ros.core.sparse import SparseTable
 from sparse_coord_ros.errors import TablesError
 
 GAMMA = 0.95
@@ -201,6 +202,19 @@ def test_tables_that_do_not_fit():
     mixed = Tables(good.q_star, foreign.q_coord)
     with pytest.raises(TablesError, match=r"q_coord_1 has shape \(43, 43, 4\).*same map"):
         evaluate(scenario, [mixed, good], trials=1, seed=0)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_tables_of_no_numbers(value):
+    scenario = load_scenario("crowd-3r").with_settings({"peers": "all"})
+    good = initial_tables(scenario)
+    star = good.q_star.copy()
+    star[3, 1] = value
+    key = np.zeros((1, 3), np.int32)
+    rows = SparseTable(59, 3, 0.0, key, np.full((1, 4), value))
+    for bad in (Tables(star, good.q_coord), Tables(good.q_star, rows)):
+        with pytest.raises(TablesError, match="robot 2 hold values that are no finite numbers"):
+            check_tables(scenario, [good, bad, good], "coop")
 
 
 def test_tables_of_another_kind_of_perception_do_not_fit():

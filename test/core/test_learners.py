@@ -16,7 +16,7 @@ from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.simulation import learn, tables_equal
 from sparse_coord_ros.core.world import SUM_OF_PARTS, Action, Reward, RewardWeights
 from sparse_coord_ros.engine.batch import run_batch
-from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.errors import PluginError, SettingError
 
 SHORT = {"steps": 3000, "penalty": -40}
 
@@ -129,6 +129,20 @@ def test_names_of_no_learner(name, words):
     with pytest.raises(SettingError, match=words) as caught:
         learner_of(name)
     assert "\n" not in str(caught.value)
+
+
+def test_with_defaults_of_ones_own_that_fails():
+    class Wrong(Learner):
+        name = "wrong"
+
+        def with_defaults(self, scenario):
+            return 1 / 0 if scenario.penalty < -50 else None
+
+    scenario = load_scenario("env1")
+    with pytest.raises(SettingError, match="its with_defaults returns None, no Scenario"):
+        Wrong().with_defaults(scenario)
+    with pytest.raises(PluginError, match="failed while making its with_defaults: ZeroDivision"):
+        Wrong().with_defaults(scenario.with_settings(penalty=-100))
 
 
 def test_defaults_of_a_learner_hold_where_nobody_chose():

@@ -50,6 +50,7 @@ def test_a_cell_has_one_id(text, canonical):
         ("env1/coop/penalty=20", SettingError, "penalty.*at most 0"),
         ("env1/coop/penaltie=-20", SettingError, "did you mean 'penalty'"),
         ("env1/coop/penalty", SettingError, "key=value"),
+        ("env1/coop/penalty=-1,penalty=-2", SettingError, "a setting is there twice"),
         ("env1/coop", SettingError, "scenario/learner/settings"),
         ("coop/3", SettingError, "scenario/learner/settings"),
         ("env1/coop/penalty=-20/" + "9" * 5000, SettingError, "1 to 9 digits"),
