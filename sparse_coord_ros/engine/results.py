@@ -30,7 +30,7 @@ from sparse_coord_ros.core.scenario import SETTINGS, Scenario
 from sparse_coord_ros.core.settings import Setting
 from sparse_coord_ros.core.sparse import SparseTable, dense_nbytes
 from sparse_coord_ros.engine.batch import Run
-from sparse_coord_ros.engine.conditions import Condition
+from sparse_coord_ros.engine.conditions import Condition, parse_id
 from sparse_coord_ros.errors import ResultsError, SettingError, newer_format
 from sparse_coord_ros.files import PARTIAL, write_whole
 
@@ -281,27 +281,14 @@ class Results:
         """
         path = self.path(condition)
         try:
-            data = json.loads(path.read_text(encoding="utf-8"))
-            written = int(data.pop("format", 1))
-            if written > FORMAT:
-                raise ResultsError(newer_format(str(path), written, FORMAT))
-            result = ConditionResult(**data)
-            whole = result.runs == self.plan.runs and result.trials == self.plan.trials
+            return _load(path, condition, self.plan)
         except FileNotFoundError:
             return None
         except OSError as error:
             raise unusable_file(path, error, "read") from None
-        except (AttributeError, ValueError, TypeError, RecursionError):
+        except _MALFORMED:
             os.replace(path, path.with_name(path.name + ".broken"))
             return None
-        known = {digest(condition), _digest_of_format_1(condition)}
-        if result.id != condition.id or result.digest not in known or not whole:
-            raise ResultsError(
-                f"{path}: was computed for another scenario, learning protocol or plan than "
-                f"{condition.id} has now; nothing is mixed: choose another --out, or remove this "
-                "file"
-            )
-        return result
 
     def save(self, condition: Condition, result: ConditionResult) -> None:
         """Write a condition's result, whole or not at all.
@@ -311,6 +298,67 @@ class Results:
         """
         path = self.path(condition)
         write_result(path, json.dumps({"format": FORMAT, **asdict(result)}))
+
+
+_MALFORMED = (AttributeError, ValueError, TypeError, RecursionError)
+"""What a file raises that is none of ours."""
+
+
+def _load(path: Path, condition: Condition, plan: Plan) -> ConditionResult:
+    """Read a condition's result.
+
+    Raises:
+        ResultsError: the result is of another scenario, protocol or plan.
+        Exception: whatever a malformed file raises, see `_MALFORMED`.
+    """
+    data = json.loads(path.read_text(encoding="utf-8"))
+    written = int(data.pop("format", 1))
+    if written > FORMAT:
+        raise ResultsError(newer_format(str(path), written, FORMAT))
+    result = ConditionResult(**data)
+    whole = result.runs == plan.runs and result.trials == plan.trials
+    known = {digest(condition), _digest_of_format_1(condition)}
+    if result.id != condition.id or result.digest not in known or not whole:
+        raise ResultsError(
+            f"{path}: was computed for another scenario, learning protocol or plan than "
+            f"{condition.id} has now; nothing is mixed: choose another --out, or remove this file"
+        )
+    return result
+
+
+def read_results(directory: Path) -> tuple[Plan, list[tuple[Condition, ConditionResult]]]:
+    """Read all that a results directory holds, without writing there.
+
+    Raises:
+        ResultsError: it is no results directory, or a file cannot be read.
+    """
+    path = directory / MANIFEST
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+        if found["format"] > FORMAT:
+            raise ResultsError(newer_format(str(path), found["format"], FORMAT))
+        plan = Plan(*(int(found[name]) for name in ("seed", "runs", "trials")))
+    except OSError as error:
+        raise ResultsError(f"{path}: cannot be read ({error.strerror})") from None
+    except (KeyError, *_MALFORMED):
+        raise ResultsError(
+            f"{path}: is no results.json of this software; give the directory that "
+            "'sparse_coord reproduce' wrote"
+        ) from None
+    results = []
+    folder = directory / "cells"
+    for file in sorted(folder.rglob("*.json")):
+        try:
+            condition, _ = parse_id(str(file.relative_to(folder).with_suffix("")))
+            results.append((condition, _load(file, condition, plan)))
+        except OSError as error:
+            raise ResultsError(f"{file}: cannot be read ({error.strerror})") from None
+        except _MALFORMED:
+            raise ResultsError(
+                f"{file}: cannot be read as a result; remove it, and 'sparse_coord reproduce' "
+                "computes it again"
+            ) from None
+    return plan, results
 
 
 @contextmanager

@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 
 from sparse_coord_ros.core.agent import Tables
-from sparse_coord_ros.core.evaluation import check_tables
+from sparse_coord_ros.core.evaluation import Trials, check_tables, play
 from sparse_coord_ros.core.history import HISTORY_FILE, History, load_history
 from sparse_coord_ros.core.run_config import RUN_FILE, RunConfig, load_run
 from sparse_coord_ros.core.tables import load_team
@@ -17,6 +17,9 @@ from sparse_coord_ros.errors import RunError, SparseCoordError, TablesError
 from sparse_coord_ros.recording.reader import BAG_DIRECTORY
 from sparse_coord_ros.runlog.attached import RecordedTables
 from sparse_coord_ros.runlog.log import RunLog, read_run
+
+TRIALS = 200
+"""Greedy episodes from which pictures show where robots go and ask."""
 
 Say = Callable[[str], None]
 """Hears in a few words what takes a while."""
@@ -101,6 +104,13 @@ class Shown:
             if (self.directory / HISTORY_FILE).exists() or self.bag is None:
                 return load_history(self.directory)
         return self.log.history()
+
+    @cached_property
+    def trials(self) -> Trials:
+        """Greedy episodes of what it has learned, always the same ones; errors as of `tables`."""
+        scenario, tables = self.config.scenario, self.tables
+        self.say(f"playing {TRIALS} greedy episodes")
+        return play(scenario, tables, trials=TRIALS, seed=0, learner=self.config.rule)
 
     def has(self, what: str) -> bool:
         """Return whether `log`, `tables` or `history` can be read."""

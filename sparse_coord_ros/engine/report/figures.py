@@ -64,6 +64,13 @@ OTHER: Mapping[str, Any] = {"color": "#CC79A7", "marker": "v", "linestyle": (0, 
 OUTPUT: Any = {"svg.hashsalt": "sparse_coord_ros", "svg.fonttype": "path"}
 """Without a fixed salt the ids in an SVG file are random."""
 
+UNDATED: Mapping[str, Mapping[str, Any]] = {
+    "svg": {"Date": None, "Creator": None},
+    "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+    "png": {"Software": None},
+}
+"""What else a file would say of when and by what it was made."""
+
 Where = Callable[[Entry], Mapping[str, Any]]
 """What `point` needs of a condition; scenario and learner where panel and line are missing."""
 
@@ -198,14 +205,28 @@ def comparison(entries: Sequence[Entry], measures: Iterable[str], columns: int =
     return plot(shown, columns)
 
 
-def save(figure: Figure, stem: Path) -> None:
-    """Write `stem`.png and `stem`.svg, free of dates, versions and random ids."""
+def rendered(figure: Figure, kind: str, dpi: float = 110, *, few: bool = False) -> bytes:
+    """Return a figure as a file of a kind, free of dates, versions and random ids.
+
+    Args:
+        figure: the figure.
+        kind: "png", "svg" or "pdf".
+        dpi: dots an inch of a PNG.
+        few: whether 128 colours do for a PNG: a third of the size.
+    """
+    drawn = io.BytesIO()
     with matplotlib.rc_context(OUTPUT):
-        figure.savefig(
-            stem.with_name(f"{stem.name}.svg"), metadata={"Date": None, "Creator": None}
-        )
-        figure.set_layout_engine("none")  # laid out by now: once is enough
-        drawn = io.BytesIO()
-        figure.savefig(drawn, dpi=110)
-    few = Image.open(drawn).convert("RGB").quantize(128, dither=Image.Dither.NONE)
-    few.save(stem.with_name(f"{stem.name}.png"), optimize=True)  # a third of the size
+        figure.savefig(drawn, format=kind, dpi=dpi, metadata=UNDATED[kind])
+    if kind != "png" or not few:
+        return drawn.getvalue()
+    reduced = Image.open(drawn).convert("RGB").quantize(128, dither=Image.Dither.NONE)
+    small = io.BytesIO()
+    reduced.save(small, "png", optimize=True)
+    return small.getvalue()
+
+
+def save(figure: Figure, stem: Path) -> None:
+    """Write `stem`.png and `stem`.svg."""
+    stem.with_name(f"{stem.name}.svg").write_bytes(rendered(figure, "svg"))
+    figure.set_layout_engine("none")  # laid out by now: once is enough
+    stem.with_name(f"{stem.name}.png").write_bytes(rendered(figure, "png", few=True))

@@ -1,0 +1,103 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the verbs that make pictures share: what they show, where it goes, what is missing."""
+
+import argparse
+import os
+import sys
+import time
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.errors import RunError, SettingError
+from sparse_coord_ros.files import PARTIAL, write_whole
+
+LONGEST_NAME = 255
+"""Bytes of a file's name, on common file systems."""
+
+
+class Progress:
+    """Says on stderr what takes a while, and how long the whole took."""
+
+    def __init__(self) -> None:
+        self._begun = time.monotonic()
+
+    def __call__(self, what: str) -> None:
+        """Say what begins now."""
+        print(f"{time.monotonic() - self._begun:5.1f} s  {what} ...", file=sys.stderr, flush=True)
+
+
+def add_out(parser: argparse.ArgumentParser, kinds: Sequence[str]) -> None:
+    """Add --out."""
+    parser.add_argument(
+        "--out",
+        type=Path,
+        required=True,
+        metavar="FILE",
+        help=f"where to write it; its name ends in {' or '.join(kinds)}",
+    )
+
+
+def check_out(path: Path, kinds: Sequence[str]) -> str:
+    """Return of which kind a file is to be, before anything is computed for it.
+
+    Raises:
+        SettingError: its name ends otherwise.
+        RunError: it cannot be written.
+    """
+    kind = path.suffix.lower()
+    if kind not in kinds:
+        raise SettingError(
+            f"--out {str(path)[-100:]}: allowed: a name that ends in {', '.join(kinds)}"
+        )
+    if len(os.fsencode(path.name + PARTIAL)) > LONGEST_NAME:
+        raise SettingError(f"--out: a name of {len(path.name)} characters; choose a shorter one")
+    folder = path.parent
+    if not folder.is_dir():
+        raise RunError(f"--out {path}: there is no folder {folder}; make it, or choose another")
+    if path.is_dir():
+        raise RunError(f"--out {path}: is a folder; give the name of a file")
+    if not os.access(folder, os.W_OK) or (path.exists() and not os.access(path, os.W_OK)):
+        raise RunError(f"--out {path}: cannot be written; choose another place")
+    return kind.removeprefix(".")
+
+
+def write(path: Path, data: bytes | str, *, json: bool, **said: object) -> None:
+    """Write the file whole, and say where it is.
+
+    Args:
+        path: the file.
+        data: its content.
+        json: whether to say so in JSON.
+        said: what else to say there.
+    """
+    write_whole(path, data)
+    size = path.stat().st_size
+    if json:
+        shared.print_json({"file": str(path), "bytes": size, **said})
+    else:
+        print(f"{path} ({size / 1000:.0f} kB)")
+
+
+@contextmanager
+def drawing() -> Iterator[None]:
+    """Turn a missing package into one line, and keep Matplotlib's warnings to itself.
+
+    Raises:
+        RunError: a package is missing.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", module="matplotlib|PIL")
+            warnings.filterwarnings("ignore", message="Glyph .* missing")
+            yield
+    except ImportError as error:
+        if error.name is None or error.name.partition(".")[0] == "sparse_coord_ros":
+            raise
+        package = {"PIL": "pillow"}.get(error.name.partition(".")[0], error.name.partition(".")[0])
+        raise RunError(
+            f"pictures need the Python package {package} ({error}): pip install {package}"
+        ) from None

@@ -1,0 +1,83 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`sparse_coord plot`: pictures of runs, bags and results."""
+
+import argparse
+from pathlib import Path
+
+from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.cli import pictures
+from sparse_coord_ros.core.settings import Setting
+from sparse_coord_ros.errors import SettingError
+
+KINDS = (".png", ".svg", ".pdf")
+DPI = Setting("dpi", int, 110, "dots an inch of a PNG", low=20, high=600)
+MOST_RUNS = 8
+"""Runs in one picture: so many lines can be told apart."""
+
+
+def add_parser(verbs) -> None:
+    """Add the verb."""
+    parser = shared.add_verb(
+        verbs, "plot", example="sparse_coord plot runs/demo --what policy,length --out demo.png"
+    )
+    parser.add_argument(
+        "sources",
+        metavar="RUN|BAG|RESULTS",
+        nargs="+",
+        type=Path,
+        help="directories of runs, bags (several are drawn side by side), or one of results",
+    )
+    parser.add_argument(
+        "--what",
+        help="of a run: policy, asks (where it asks), sparsity (of Q^C), curves (of learning), "
+        "length (the first of these), percepts (how they ended; needs a bag); of results: "
+        "conditions, asks, or an experiment's name; several with commas (default: all there is)",
+    )
+    parser.add_argument("--dpi", default="110", help="dots an inch of a PNG (default: 110)")
+    pictures.add_out(parser, KINDS)
+    shared.add_json(parser)
+    parser.set_defaults(execute=execute)
+
+
+def execute(options: argparse.Namespace) -> int:
+    """Run the verb."""
+    kind = pictures.check_out(options.out, KINDS)
+    dpi = DPI.parse(options.dpi)
+    with pictures.drawing():
+        from sparse_coord_ros.engine.report.figures import rendered
+        from sparse_coord_ros.view import figures
+        from sparse_coord_ros.view.source import is_results, open_shown
+
+        say = pictures.Progress()
+        results = [path for path in options.sources if is_results(path)]
+        if results:
+            if len(options.sources) > 1:
+                raise SettingError(
+                    f"{results[0]} holds results: plot it alone; runs and bags can be drawn side "
+                    "by side"
+                )
+            what, figure = _of_results(results[0], options.what)
+        else:
+            if len(options.sources) > MOST_RUNS:
+                raise SettingError(
+                    f"{len(options.sources)} runs in one picture; allowed: at most {MOST_RUNS}"
+                )
+            runs = [open_shown(path, say) for path in options.sources]
+            for run in runs:
+                _ = run.config  # says what is no run
+            whats = figures.parse_whats(options.what, runs)
+            what = ",".join(whats)
+            figure = figures.runs_figure(runs, whats)
+        say(f"drawing {what}")
+        data = rendered(figure, kind, dpi)
+    pictures.write(options.out, data, json=options.json, what=what)
+    return 0
+
+
+def _of_results(path: Path, what: str | None):
+    from sparse_coord_ros.view.experiments import ResultsShown
+
+    shown = ResultsShown(path)
+    what = shown.whats[0] if what is None else what
+    return what, shown.figure(what)
