@@ -46,7 +46,14 @@ setup(
         "ros": ["ros-jazzy-rclpy[fastrtps]", "ros-jazzy-common-interfaces"],
         # Compiles the batch engine: the same results, two orders of magnitude faster.
         "fast": ["numba"],
-        "test": ["pytest", "pytest-timeout", "pytest-xdist", "rosbags", "pymcap-cli"],
+        "test": [
+            "hypothesis",
+            "pytest",
+            "pytest-timeout",
+            "pytest-xdist",
+            "rosbags",
+            "pymcap-cli",
+        ],
         "lint": ["ruff", "mypy", "types-PyYAML", "types-tqdm", "pandas-stubs"],
         # The documentation as pages (make docs), and how much of the code the tests run.
         "docs": ["sphinx", "myst-parser", "furo"],

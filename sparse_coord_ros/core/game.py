@@ -3,9 +3,9 @@
 """What the lock step asks of a world: any game that says what a step does can stand there."""
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
-from sparse_coord_ros.core.world import Action, StepOutcome
+from sparse_coord_ros.core.world import Action, Position, StepOutcome
 
 
 class Game(Protocol):
@@ -44,3 +44,14 @@ class Game(Protocol):
             The rewards and what else came of it; `step` and `cells` are then those of the next
             time step.
         """
+
+
+@runtime_checkable
+class ResumableGame(Game, Protocol):
+    """A game that can go on where another one of the same run was; `World` is one."""
+
+    def position(self) -> Position:
+        """Return where the game is."""
+
+    def go_on_from(self, position: Position) -> None:
+        """Go on there; `episode` counts from 0 again."""

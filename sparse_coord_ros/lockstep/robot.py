@@ -10,7 +10,7 @@ say, never on when they come.
 from collections import deque
 from typing import NamedTuple, Protocol
 
-from sparse_coord_ros.core.agent import Agent, Decision
+from sparse_coord_ros.core.agent import Agent, Decision, Memory
 from sparse_coord_ros.core.algorithm import COORDINATE
 from sparse_coord_ros.core.frame import Account
 from sparse_coord_ros.core.perception import percept_probabilities
@@ -48,7 +48,7 @@ class RobotPort(Protocol):
         """An episode begins for this robot at a time step, before it acts in it."""
 
     def checkpoint(self, step: int) -> None:
-        """Publish the tables: all is learned that happened before a time step, and no more."""
+        """Publish and save: all is learned that happened before a time step, and no more."""
 
 
 class Answer(NamedTuple):
@@ -95,6 +95,28 @@ class Asking(NamedTuple):
         return self.decision.peers[len(self.seen)]
 
 
+class RobotState(NamedTuple):
+    """All that a robot needs to go on from a time step with the same bits.
+
+    Attributes:
+        step: the time step; all is learned that happened before it, and no more.
+        cell: its local state X_k(step).
+        transitions: transitions that it has seen.
+        episode_start: the time step at which the episode began.
+        learned_last: whether its next action says that it has learned from the one before.
+        counts: `RobotSide.asks`, `learned` and `dropped`, in this order.
+        memory: what its agent has learned.
+    """
+
+    step: int
+    cell: int
+    transitions: int
+    episode_start: int
+    learned_last: bool
+    counts: tuple[int, ...]
+    memory: Memory
+
+
 class RobotSide:
     """Drives one `Agent` by messages.
 
@@ -110,6 +132,7 @@ class RobotSide:
             were "repeated" because the peer was a step behind.
         learned: transitions that it has learned from.
         dropped: transitions not learned from because the reward did not come.
+        taken_back: local states ignored after a roll-back: they came before it was ordered.
     """
 
     def __init__(self, run: RunConfig, agent: Agent, port: RobotPort) -> None:
@@ -118,6 +141,9 @@ class RobotSide:
         self.asks = {"answered": 0, "refused": 0, "late": 0, "repeated": 0}
         self.learned = 0
         self.dropped = 0
+        self.taken_back = 0
+        self._awaited: int | None = None
+        self._asks_before: tuple[int, ...] = ()
         self._learned_last = False
         self._port = port
         self._max_steps = run.scenario.max_steps
@@ -128,6 +154,7 @@ class RobotSide:
         self._asking: Asking | None = None
         self._checkpoint = run.checkpoint
         self._handled = BEFORE_ANY_STEP
+        self._cell = -1
         self._episode_start = NO_STEP
         self._transitions = 0
         self._percepts = [Stream(run.seed, k, PERCEPT) for k in range(len(run.scenario.robots))]
@@ -137,10 +164,13 @@ class RobotSide:
 
     @property
     def waiting(self) -> tuple[str, int] | None:
-        """What the robot waits for from outside the world's rhythm: ("percept" or "reward", step).
+        """What the robot waits for from outside the world's rhythm, and of which time step.
 
-        A deadline runs on it; when it passes, call `expire`.
+        "percept", "reward" or, after a roll-back, "state". A deadline runs on it; when it passes,
+        call `expire`.
         """
+        if self._awaited is not None:
+            return ("state", self._awaited)
         if self._asking is not None:
             return ("percept", self._asking.step)
         if self._states and self._pending is not None:
@@ -156,6 +186,11 @@ class RobotSide:
         return max(self._handled, NO_STEP)
 
     @property
+    def transitions(self) -> int:
+        """Transitions that it has seen."""
+        return self._transitions
+
+    @property
     def asking(self) -> int:
         """The peer that it waits for, or -1."""
         return -1 if self._asking is None else self._asking.peer
@@ -168,6 +203,10 @@ class RobotSide:
 
     def state(self, step: int, cell: int) -> None:
         """Take in the own local state X_k of a time step."""
+        if self._awaited is not None and step != self._awaited:
+            self.taken_back += 1
+            return
+        self._awaited = None
         if step <= self.newest[0]:
             self._repeat(step, cell)
             return
@@ -202,8 +241,13 @@ class RobotSide:
                 self._act(seen, ANSWERED)
 
     def expire(self) -> None:
-        """The deadline on `waiting` has passed: a failed percept, or a transition unlearned."""
-        if self._asking is not None:
+        """The deadline on `waiting` has passed: a failed percept, or a transition unlearned.
+
+        After a roll-back: the world went on without this robot, which takes any state now.
+        """
+        if self._awaited is not None:
+            self._awaited = None
+        elif self._asking is not None:
             self._act(None, LATE)
         elif self.waiting is not None:
             self.dropped += 1
@@ -227,6 +271,53 @@ class RobotSide:
         draw = self._percepts[asker].at(step)[0]
         seen = draw < self._probabilities[asker_cell][own_cell]
         return Answer(own_step, own_cell if seen else None)
+
+    def snapshot(self) -> RobotState:
+        """Return where the robot is: a copy, of the time step `handled`.
+
+        An agent learns only when it works off a state, so this may be asked for at any time.
+        """
+        # What it has chosen at this step, it will choose again.
+        chosen = self._asking is not None or self._pending is not None
+        asks = self._asks_before if chosen else self.asks.values()
+        told = self._learned_last if self._pending is None else self._pending.account.learned
+        return RobotState(
+            self.handled,
+            self._cell,
+            self._transitions,
+            self._episode_start,
+            told,
+            (*asks, self.learned, self.dropped),
+            self.agent.memory(),
+        )
+
+    def go_on_from(self, agent: Agent, state: RobotState | None, first: int | None) -> None:
+        """Go on where a robot of the same run was, and forget all that is newer.
+
+        Args:
+            agent: a fresh agent of the run.
+            state: where to go on; None: at the run's beginning.
+            first: the time step of the next local state: others are ignored until it comes, as
+                they are of the time that is taken back. None: any.
+        """
+        self.agent = agent
+        self._states.clear()
+        self._reward = self._pending = self._asking = None
+        self._awaited = first
+        if state is None:
+            self.newest = (NO_STEP, -1)
+            self.asks = dict.fromkeys(self.asks, 0)
+            self.learned = self.dropped = self._transitions = 0
+            self._handled, self._cell, self._episode_start = BEFORE_ANY_STEP, -1, NO_STEP
+            self._learned_last = False
+            return
+        agent.go_on_from(state.memory)
+        self.newest = (state.step, state.cell)
+        *asks, self.learned, self.dropped = state.counts
+        self.asks = dict(zip(self.asks, asks, strict=True))
+        self._handled, self._cell = state.step, state.cell
+        self._transitions, self._episode_start = state.transitions, state.episode_start
+        self._learned_last = state.learned_last
 
     def _go_on(self) -> None:
         """Work off the states that have come, as far as what belongs to them is there."""
@@ -255,7 +346,7 @@ class RobotSide:
             else:
                 self._episode_start = step
                 self._port.episode(step)
-            before, self._handled = self._handled, step
+            before, self._handled, self._cell = self._handled, step, cell
             if self._checkpoint and before // self._checkpoint < step // self._checkpoint:
                 if before != BEFORE_ANY_STEP:
                     self._port.checkpoint(step)
@@ -278,6 +369,7 @@ class RobotSide:
         )
 
     def _choose(self, step: int, cell: int) -> None:
+        self._asks_before = tuple(self.asks.values())
         decision = self.agent.decide(step, cell)
         self._asking = Asking(step, cell, decision)
         if decision.peers:

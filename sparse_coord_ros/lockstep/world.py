@@ -5,13 +5,14 @@
 A time step is a barrier: the world advances when every robot has acted or its deadline passed.
 """
 
-from typing import Protocol
+from itertools import pairwise
+from typing import NamedTuple, Protocol
 
-from sparse_coord_ros.core.game import Game
-from sparse_coord_ros.core.history import HistoryRecorder
+from sparse_coord_ros.core.game import Game, ResumableGame
+from sparse_coord_ros.core.history import History, HistoryRecorder
 from sparse_coord_ros.core.run_config import RunConfig
 from sparse_coord_ros.core.wire import ARRIVED, NOBODY_LEFT, RESET, START, STEPS
-from sparse_coord_ros.core.world import Action, Reward, World
+from sparse_coord_ros.core.world import FIRST_STEP, Action, Position, Reward, World
 
 
 class WorldPort(Protocol):
@@ -25,6 +26,29 @@ class WorldPort(Protocol):
 
     def episode(self, step: int) -> None:
         """An episode begins at a time step, whose states follow."""
+
+    def checkpoint(self, step: int) -> None:
+        """Save: the robots do so too, when they have worked off their states of this step."""
+
+
+class WorldState(NamedTuple):
+    """All that the world needs to go on with the same bits.
+
+    Attributes:
+        step: the time step under which the robots save theirs.
+        position: where the game is; where an episode ended at `step`, at the next one's begin.
+        counts: `episode` and `miscoordinations` of the game, `timeouts`, `left_out`, `stale`.
+        began: why the episode began.
+        absent: robots that nobody waits for.
+        history: the episodes.
+    """
+
+    step: int
+    position: Position
+    counts: tuple[int, int, int, int, int]
+    began: str
+    absent: tuple[int, ...]
+    history: History
 
 
 class WorldSide:
@@ -44,6 +68,7 @@ class WorldSide:
         stale: actions that came too late, or twice.
         absent: robots that missed a deadline and have not acted since; nobody waits for them.
         history: gathers the episodes.
+        held: after `go_on_from` and until `start`: what robots do is of the time taken back.
     """
 
     def __init__(self, run: RunConfig, port: WorldPort, game: Game | None = None) -> None:
@@ -54,11 +79,35 @@ class WorldSide:
         self.stale = 0
         self.absent: set[int] = set()
         self.history = HistoryRecorder(len(run.scenario.robots))
+        self.held = False
         self._port = port
         self._budget = run.scenario.steps
+        self._checkpoint = run.checkpoint
         self._robots = range(len(run.scenario.robots))
         self._actions: list[Action | None] = [None] * len(self._robots)
         self._rewards: list[tuple[int, Reward] | None] = [None] * len(self._robots)
+
+    def begin_at(self, step: int, transitions: int) -> int:
+        """After `go_on_from`, leave out what was done since; then call `start`.
+
+        Args:
+            step: the time step at which a new episode is to begin.
+            transitions: made until then.
+
+        Returns:
+            How many of them are left out; none where the step is not after the present one.
+        """
+        world = self.world
+        assert isinstance(world, ResumableGame)
+        if step <= world.step:
+            return 0
+        lost = max(0, transitions - world.transitions)
+        episode, nothing = world.episode, (0,) * len(self._robots)
+        arrived = (False,) * len(self._robots)
+        done = world.transitions + lost
+        world.go_on_from(Position(done, step, False, step, nothing, arrived))
+        world.episode, self.began = episode + 1, RESET
+        return lost
 
     @property
     def finished(self) -> bool:
@@ -79,12 +128,54 @@ class WorldSide:
         ]
 
     def start(self) -> None:
-        """Publish the first joint state."""
+        """Publish the first joint state, also that after `go_on_from`."""
+        self.held = False
         self._port.episode(self.world.step)
         self._publish_states()
 
+    def snapshot(self, step: int | None = None) -> WorldState | None:
+        """Return where the world is; None where its game cannot be gone on with.
+
+        Args:
+            step: the time step under which the robots save; the present one where None.
+        """
+        world = self.world
+        if not isinstance(world, ResumableGame):
+            return None
+        counts = (world.episode, world.miscoordinations, self.timeouts, self.left_out, self.stale)
+        return WorldState(
+            world.step if step is None else step,
+            world.position(),
+            counts,
+            self.began,
+            tuple(sorted(self.absent)),
+            self.history.history(),
+        )
+
+    def go_on_from(self, state: WorldState | None) -> None:
+        """Go on where the world of the same run was; None: at its beginning. Then call `start`."""
+        world = self.world
+        assert isinstance(world, ResumableGame)
+        nothing = (0,) * len(self._robots), (False,) * len(self._robots)
+        position = Position(0, FIRST_STEP, False, FIRST_STEP, *nothing)
+        counts: tuple[int, ...] = (0,) * 5
+        history, self.began, self.absent = None, START, set()
+        if state is not None:
+            position, counts, history = state.position, state.counts, state.history
+            self.began, self.absent = state.began, set(state.absent)
+        world.go_on_from(position)
+        world.episode, world.miscoordinations, self.timeouts, self.left_out, self.stale = counts
+        self.history = HistoryRecorder(
+            len(self._robots), history=history, under_way=position.under_way
+        )
+        self.held = True
+        self._actions = [None] * len(self._robots)
+        self._rewards = [None] * len(self._robots)
+
     def action(self, robot: int, step: int, action: Action) -> bool:
         """Take in a robot's action; return whether the barrier is now open."""
+        if self.held:
+            return False
         self.absent.discard(robot)
         if (
             step != self.world.step
@@ -110,15 +201,21 @@ class WorldSide:
             self._rewards[k] = (step, outcome.rewards[k])
             self._port.reward(k, step, outcome.rewards[k])
         self._publish_states()
-        if self.finished:
-            return
-        if outcome.episode_over:
-            self.new_episode(ARRIVED if all(self.world.arrived) else STEPS)
-        elif all(self.world.arrived[k] or k in self.absent for k in self._robots):
-            self.new_episode(NOBODY_LEFT)
+        after = self.world.step
+        if not self.finished:
+            if outcome.episode_over:
+                self._begin_episode(ARRIVED if all(self.world.arrived) else STEPS)
+            elif all(self.world.arrived[k] or k in self.absent for k in self._robots):
+                self._begin_episode(NOBODY_LEFT)
+        self._save_where_due(step, after, self.world.step)
 
     def new_episode(self, began: str = RESET) -> None:
         """Start an episode, for a reason; actions that wait at the barrier are forgotten."""
+        before = self.world.step
+        self._begin_episode(began)
+        self._save_where_due(before, self.world.step)
+
+    def _begin_episode(self, began: str) -> None:
         self.began = began
         self._actions = [None] * len(self._robots)
         self._rewards = [None] * len(self._robots)
@@ -153,3 +250,11 @@ class WorldSide:
     def _publish_states(self) -> None:
         for k in self._robots:
             self._port.state(k, self.world.step, self.world.cells[k])
+
+    def _save_where_due(self, *steps: int) -> None:
+        """Save at the first of the published steps at which the robots do too."""
+        every = self._checkpoint
+        for before, step in pairwise(steps):
+            if every and before // every < step // every:
+                self._port.checkpoint(step)
+                return

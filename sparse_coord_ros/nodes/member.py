@@ -25,11 +25,12 @@ from sparse_coord_ros.errors import (
     did_you_mean,
     os_error_text,
 )
+from sparse_coord_ros.lockstep.checkpoints import Checkpoints
 from sparse_coord_ros.lockstep.robot import Answer, RobotSide
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.episode_messages import CoordinationMapLayout
 from sparse_coord_ros.nodes.messages import Converter, status, tables_message
-from sparse_coord_ros.nodes.outputs import begin_with, open_output
+from sparse_coord_ros.nodes.outputs import begin_with, open_output, saving
 from sparse_coord_ros.nodes.parameters import stops_on_bad_input
 from sparse_coord_ros.nodes.peers import Peer
 
@@ -64,6 +65,9 @@ class Member:
         self._map = CoordinationMapLayout(self._convert)
         own = [robot_file(Path(), node.name).name, TEAM_FILE]
         self._out = open_output(node.values["out"], text, own)
+        self._checkpoints: Checkpoints | None = None
+        if self._out is not None:
+            self._checkpoints = Checkpoints(self._out, node.name, run)
         agent = run.rule.agent(
             run.scenario, number, run.seed, tables=tables, learning=not run.greedy
         )
@@ -128,8 +132,14 @@ class Member:
         self.publish_map(step)
 
     def checkpoint(self, step: int) -> None:
-        """Publish the tables on the way."""
+        """Publish the tables on the way, and save where the robot is."""
         self.publish_tables(wire.CHECKPOINT)
+        self._save_checkpoint()
+
+    def _save_checkpoint(self) -> None:
+        if self._checkpoints is not None:
+            with saving(self._node):
+                self._checkpoints.save_robot(self.lockstep.snapshot())
 
     # Incoming.
 

@@ -2,24 +2,28 @@
 # SPDX-License-Identifier: Apache-2.0
 """From what the nodes of a run wrote to the files of its output directory."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import yaml
+from rclpy.node import Node
 
 from sparse_coord_ros.core.agent import Tables
 from sparse_coord_ros.core.evaluation import check_tables
 from sparse_coord_ros.core.run_config import RUN_FILE, RunConfig, load_run
 from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.tables import (
+    TEAM_FILE,
     load_counts,
     load_tables,
     load_team,
     robot_file,
     save_team,
 )
-from sparse_coord_ros.errors import BagError, RunError
+from sparse_coord_ros.errors import BagError, RunError, os_error_text
+from sparse_coord_ros.lockstep.checkpoints import remove_checkpoints
 
 SUMMARY_FILE = "summary.yaml"
 
@@ -56,6 +60,8 @@ def gather(
         for part in parts:
             part.unlink()
     path.write_text(yaml.safe_dump(summary, sort_keys=False), encoding="utf-8")
+    if not interrupted and (out / TEAM_FILE).exists():
+        remove_checkpoints(out)
     return summary
 
 
@@ -96,6 +102,18 @@ def _taken(path: Path, what: str) -> RunError:
         f"output directory {path}: exists already and holds {what}, nothing is overwritten; "
         "choose another one"
     )
+
+
+@contextmanager
+def saving(node: Node) -> Iterator[None]:
+    """Let a run go on where a checkpoint cannot be saved: the earlier ones are still there."""
+    try:
+        yield
+    except OSError as error:
+        node.get_logger().error(
+            f"checkpoint not saved: {os_error_text(error)}; the run goes on, the earlier "
+            "checkpoints are kept: make room"
+        )
 
 
 def begin_with(directory: Path, run: RunConfig) -> list[Tables]:

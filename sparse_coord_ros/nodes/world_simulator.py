@@ -23,12 +23,13 @@ from sparse_coord_ros.core.tables import TEAM_FILE, robot_file
 from sparse_coord_ros.core.wire import RECORDER, WORLD
 from sparse_coord_ros.core.world import Reward
 from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.lockstep.checkpoints import Checkpoints
 from sparse_coord_ros.lockstep.world import WorldSide
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.claim import Claim
 from sparse_coord_ros.nodes.episode_messages import MapLayout, MarkersLayout
 from sparse_coord_ros.nodes.messages import CLOCK_LAYOUT, Converter, status
-from sparse_coord_ros.nodes.outputs import SUMMARY_FILE, open_output
+from sparse_coord_ros.nodes.outputs import SUMMARY_FILE, open_output, saving
 from sparse_coord_ros.nodes.parameters import (
     WORLD_PARAMETERS,
     ParameterNode,
@@ -75,6 +76,7 @@ class WorldSimulator(ParameterNode):
         )
         self.run = run_from_parameters(self.values)
         self._out: Path | None = None
+        self._checkpoints: Checkpoints | None = None
         self._convert = Converter(self.run)
         self._map = MapLayout(self._convert)
         self._markers = MarkersLayout(self._convert, self.run.scenario)
@@ -112,6 +114,13 @@ class WorldSimulator(ParameterNode):
         """Publish map and markers as they are when an episode begins."""
         self._map_publisher.publish(self._map.pack(step))
         self._publish_markers()
+
+    def checkpoint(self, step: int) -> None:
+        """Save where the world is; the robots save under the same time step."""
+        state = None if self._checkpoints is None else self.lockstep.snapshot(step)
+        if self._checkpoints is not None and state is not None:
+            with saving(self):
+                self._checkpoints.save_world(state)
 
     # Incoming.
 
@@ -169,6 +178,8 @@ class WorldSimulator(ParameterNode):
         robots = [robot_file(Path(), name).name for name in self._names]
         own = [RUN_FILE, SUMMARY_FILE, TEAM_FILE, HISTORY_FILE, *robots]
         self._out = open_output(self.values["out"], self.run.to_yaml(), own)
+        if self._out is not None:
+            self._checkpoints = Checkpoints(self._out, WORLD, self.run)
         self.create_service(SetBool, "~/pause", self._on_pause)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self._run_publisher.publish(String(data=self.run.to_yaml()))

@@ -1,0 +1,222 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The checkpoints of one node of a team on its disk, and what they hold.
+
+World and robots save under the same time steps, each its own file `<node>_<step>.npz` in the
+directory `checkpoint` of the output directory. A team goes on from the newest step of which
+everybody has a file: the last common checkpoint. Step 0 is the run's beginning, and needs none.
+"""
+
+import fcntl
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from sparse_coord_ros.core.checkpoint import (
+    BrokenCheckpointError,
+    memory_arrays,
+    memory_from,
+    pack,
+    position_arrays,
+    positions_from,
+    unpack,
+)
+from sparse_coord_ros.core.history import history_from
+from sparse_coord_ros.core.run_config import RunConfig
+from sparse_coord_ros.core.wire import WORLD
+from sparse_coord_ros.errors import RunError, os_error_text
+from sparse_coord_ros.files import PARTIAL, write_whole
+from sparse_coord_ros.lockstep.robot import RobotState
+from sparse_coord_ros.lockstep.world import WorldState
+
+T = TypeVar("T")
+
+CHECKPOINTS = "checkpoint"
+"""The directory's name."""
+
+BEGINNING = 0
+"""The step under which everybody always has a checkpoint: that of a run that is yet to begin."""
+
+KEPT_OWN, KEPT_COMMON = 3, 2
+"""So many of its newest files a node keeps, and so many of those that all nodes here have."""
+
+
+class Checkpoints:
+    """One node's checkpoints.
+
+    Args:
+        out: the output directory; it must exist.
+        node: the node's name: `wire.WORLD`, or that of a robot.
+        run: the run.
+
+    Attributes:
+        broken: why files could not be read, one line each.
+
+    Raises:
+        RunError: another process has this node's checkpoints there, or nothing can be written.
+    """
+
+    def __init__(self, out: Path, node: str, run: RunConfig) -> None:
+        self._node, self._run = node, run
+        self._names = [robot.name for robot in run.scenario.robots]
+        self.broken: list[str] = []
+        self._readable: set[int] = set()
+        self._folder = out / CHECKPOINTS
+        try:
+            self._folder.mkdir(exist_ok=True)
+            self._lock = (self._folder / f"{node}.lock").open("ab")
+        except OSError as error:
+            raise RunError(
+                f"checkpoints of {node}: cannot be written ({os_error_text(error)}); choose "
+                "another output directory, or one that you may write to"
+            ) from None
+        try:
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            self._lock.close()
+            raise RunError(
+                f"output directory {out}: another process runs {node} there; stop that one, or "
+                "choose another directory"
+            ) from None
+        except OSError:  # a file system without locks
+            pass
+
+    def close(self) -> None:
+        """Let others have the directory; the end of the process does so too."""
+        self._lock.close()
+
+    def steps(self) -> list[int]:
+        """Return the steps that this node can go on from, the newest first, at last 0.
+
+        Raises:
+            RunError: a file is of another run or version.
+        """
+        files = self._of(self._node)
+        for step in set(files) - self._readable:
+            try:
+                self._read(step)
+                self._readable.add(step)
+            except BrokenCheckpointError as error:
+                line = str(error).replace("begin the run anew", "an earlier one is used")
+                if line not in self.broken:
+                    self.broken.append(line)
+        return [*(step for step in files if step in self._readable), BEGINNING]
+
+    def save_world(self, state: WorldState) -> None:
+        """Save where the world is; an OSError leaves the earlier checkpoints as they are."""
+        arrays = position_arrays([state.position])
+        arrays |= {f"history_{name}": array for name, array in state.history.arrays().items()}
+        arrays["counts"] = np.array(state.counts, dtype=np.int64)
+        arrays["began"] = np.array(state.began)
+        arrays["absent"] = np.array(state.absent, dtype=np.int64)
+        self._save(state.step, arrays)
+
+    def save_robot(self, state: RobotState) -> None:
+        """Save where the robot is; an OSError leaves the earlier checkpoints as they are."""
+        arrays = memory_arrays(state.memory, self._names.index(self._node) + 1)
+        numbers = (state.cell, state.transitions, state.episode_start, state.learned_last)
+        arrays["numbers"] = np.array(numbers, dtype=np.int64)
+        arrays["counts"] = np.array(state.counts, dtype=np.int64)
+        self._save(state.step, arrays)
+
+    def load_world(self, step: int) -> WorldState | None:
+        """Return where the world was; None: at the beginning.
+
+        Raises:
+            RunError: there is no such checkpoint, it is broken or of another run.
+        """
+        return None if step == BEGINNING else self._load(step, self._world_from)
+
+    def load_robot(self, step: int) -> RobotState | None:
+        """Return where the robot was; None: at the beginning. Raises as `load_world`."""
+        return None if step == BEGINNING else self._load(step, self._robot_from)
+
+    def _world_from(self, step: int, arrays: Mapping[str, np.ndarray]) -> WorldState:
+        episode, miscoordinations, timeouts, left_out, stale = arrays["counts"].tolist()
+        return WorldState(
+            step,
+            positions_from(arrays, 1, len(self._names))[0],
+            (episode, miscoordinations, timeouts, left_out, stale),
+            str(arrays["began"]),
+            tuple(arrays["absent"].tolist()),
+            history_from(arrays, "history_"),
+        )
+
+    def _robot_from(self, step: int, arrays: Mapping[str, np.ndarray]) -> RobotState:
+        cell, transitions, episode_start, learned_last = arrays["numbers"].tolist()
+        return RobotState(
+            step,
+            cell,
+            transitions,
+            episode_start,
+            bool(learned_last),
+            tuple(arrays["counts"].tolist()),
+            memory_from(arrays, self._names.index(self._node) + 1),
+        )
+
+    def _load(self, step: int, take: Callable[[int, Mapping[str, np.ndarray]], T]) -> T:
+        try:
+            return take(step, self._read(step))
+        except (KeyError, ValueError, IndexError, TypeError) as error:
+            raise _broken(self._path(step), str(error)) from None
+
+    def _save(self, step: int, arrays: Mapping[str, np.ndarray]) -> None:
+        if step == BEGINNING:
+            return
+        write_whole(self._path(step), pack(self._run.digest, arrays), sync=True)
+        self._readable.add(step)
+        self._prune()
+
+    def _prune(self) -> None:
+        """Remove what is older than the newest files, and than those that all nodes here have."""
+        mine = self._of(self._node)
+        others = (set(self._of(name)) for name in (WORLD, *self._names))
+        common = sorted(set(mine).intersection(*others), reverse=True)
+        for step in set(mine[KEPT_OWN:]) - set(common[:KEPT_COMMON]):
+            with suppress(OSError):
+                self._path(step).unlink()
+        with suppress(OSError):  # of one that was killed while it saved
+            for left in self._folder.glob(f"{self._node}_*{PARTIAL}"):
+                left.unlink()
+
+    def _of(self, node: str) -> list[int]:
+        """Return the steps of a node's files, the newest first."""
+        return sorted(steps_of(self._folder, node), reverse=True)
+
+    def _path(self, step: int) -> Path:
+        return self._folder / f"{self._node}_{step}.npz"
+
+    def _read(self, step: int) -> dict[str, np.ndarray]:
+        path, run = self._path(step), self._run
+        said = f"{run.scenario.name}, learner {run.learner}, seed {run.seed}"
+        try:
+            data = path.read_bytes()
+        except OSError as error:
+            raise _broken(path, error.strerror or str(error)) from None
+        return unpack(data, run.digest, where=str(path), said=said)
+
+
+def _broken(path: Path, problem: str) -> BrokenCheckpointError:
+    return BrokenCheckpointError(
+        f"{path}: cannot be read as a checkpoint ({problem}); begin the run anew"
+    )
+
+
+def steps_of(folder: Path, node: str) -> list[int]:
+    """Return under which time steps a directory has files of a node."""
+    names = (path.name for path in folder.glob(f"{node}_*.npz"))
+    texts = (name.removeprefix(f"{node}_").removesuffix(".npz") for name in names)
+    return [int(text) for text in texts if text.isdecimal()]
+
+
+def remove_checkpoints(out: Path) -> None:
+    """Remove the checkpoints of a run that is finished and saved."""
+    folder = out / CHECKPOINTS
+    with suppress(OSError):
+        for path in folder.iterdir():
+            if path.name.endswith((".npz", f".npz{PARTIAL}", ".lock")):
+                path.unlink()
+        folder.rmdir()

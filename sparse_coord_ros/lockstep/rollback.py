@@ -1,0 +1,255 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""How a team goes back to its last common checkpoint, as state machines without ROS.
+
+Every robot says which checkpoints it has. The world chooses the newest that all have, itself
+included, goes back to it and orders everybody to do so. It goes on when all have obeyed, or when a
+deadline has passed. An order stands until all have obeyed: a robot that was deaf obeys when it
+hears again, and joins the team where it then is.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, Protocol
+
+from sparse_coord_ros.core.agent import Agent
+from sparse_coord_ros.core.world import EPISODE_GAP
+from sparse_coord_ros.lockstep.robot import RobotSide, RobotState
+from sparse_coord_ros.lockstep.world import WorldSide, WorldState
+
+NO_ORDER = ""
+
+ROLL_CALL = -1
+"""In place of a checkpoint's step: nobody goes back, everybody says where it is."""
+
+
+class Progress(NamedTuple):
+    """What a robot says of itself when it joins, has saved, or has obeyed.
+
+    Attributes:
+        life: names the process; another one than before: the robot was replaced.
+        step: the time step that it has worked off.
+        transitions: that it has seen.
+        checkpoints: steps that it can go back to, 0 (the run's beginning) among them; none where
+            it keeps no checkpoints.
+        obeyed: the newest order that it has obeyed.
+        resumed: it was started to go on where its predecessor was, not to begin anew.
+    """
+
+    life: str
+    step: int
+    transitions: int
+    checkpoints: tuple[int, ...] = ()
+    obeyed: str = NO_ORDER
+    resumed: bool = False
+
+
+class Order(NamedTuple):
+    """The world's word to go back.
+
+    Attributes:
+        name: one that no order had before; `NO_ORDER`: none stands.
+        step: the checkpoint to go back to, or `ROLL_CALL`.
+        first: the time step of the first local state after it.
+    """
+
+    name: str = NO_ORDER
+    step: int = 0
+    first: int = 0
+
+
+class WorldStore(Protocol):
+    """Where the world's checkpoints are; `checkpoints.Checkpoints` is one."""
+
+    def steps(self) -> list[int]:
+        """Return the steps that it can go on from."""
+
+    def load_world(self, step: int) -> WorldState | None:
+        """Return where it was; None: at the beginning."""
+
+
+class RobotStore(Protocol):
+    """Where a robot's checkpoints are; `checkpoints.Checkpoints` is one."""
+
+    def steps(self) -> list[int]:
+        """Return the steps that it can go on from."""
+
+    def load_robot(self, step: int) -> RobotState | None:
+        """Return where it was; None: at the beginning."""
+
+
+class WorldRollback:
+    """The world's part.
+
+    Args:
+        side: the world's side of the lock step.
+        store: its checkpoints; None: it keeps none.
+        robots: number of robots.
+
+    Attributes:
+        order: the order that stands.
+        replaced: how often a robot came back as another process.
+        taken_back: how often the team went back.
+        lost: transitions that a world which came back knows nothing of.
+    """
+
+    def __init__(self, side: WorldSide, store: WorldStore | None, robots: int) -> None:
+        self.order = Order()
+        self.replaced = self.taken_back = self.lost = 0
+        self._side, self._store = side, store
+        self._said: list[Progress | None] = [None] * robots
+        self._waiting: set[int] = set()
+
+    def heard(self, robot: int, said: Progress) -> bool:
+        """Take in what a robot says; return whether it is a new process in an old one's place."""
+        before, self._said[robot] = self._said[robot], said
+        new = before is not None and before.life != said.life
+        self.replaced += new
+        able = self.order.step in (ROLL_CALL, *said.checkpoints)
+        if said.obeyed == self.order.name or not able:
+            self._waiting.discard(robot)
+        if not self._waiting and not self._side.held:
+            self.order = Order()
+        return new
+
+    @property
+    def silent(self) -> list[int]:
+        """The robots that have said nothing yet."""
+        return [k for k, said in enumerate(self._said) if said is None]
+
+    @property
+    def waiting(self) -> list[int]:
+        """The robots that have yet to obey."""
+        return sorted(self._waiting)
+
+    def said(self, robot: int) -> Progress | None:
+        """Return what a robot said last."""
+        return self._said[robot]
+
+    def take_back(self, name: str) -> Order | None:
+        """Go back to the last common checkpoint, and let an order stand; then tell everybody.
+
+        Args:
+            name: one that no order had before.
+
+        Returns:
+            The order; None where there is no checkpoint that everybody has.
+
+        Raises:
+            RunError: the world's checkpoint is of another run.
+        """
+        of_each: list[Sequence[int]] = [] if self._store is None else [self._store.steps()]
+        of_each += [() if said is None else said.checkpoints for said in self._said]
+        common = set(of_each[0]).intersection(*of_each[1:])
+        if self._store is None or not common:
+            return None
+        step = max(common)
+        self._side.go_on_from(self._store.load_world(step))
+        self._waiting = set(range(len(self._said)))
+        self.order = Order(name, step, self._side.world.step)
+        self.taken_back += 1
+        return self.order
+
+    def call(self, name: str) -> Order:
+        """Go on from the newest checkpoint of the world's own, the robots as they are.
+
+        They say where they are first. A new episode begins after all that any of them has seen.
+        What was done since the checkpoint counts as done, but is no part of the world's history:
+        `lost` then says how many transitions these are.
+
+        Args:
+            name: as of `take_back`.
+
+        Raises:
+            RunError: the world's checkpoint is of another run.
+        """
+        assert self._store is not None
+        self._side.go_on_from(self._store.load_world(self._store.steps()[0]))
+        self._waiting = set(range(len(self._said)))
+        self.order = Order(name, ROLL_CALL, self._side.world.step)
+        return self.order
+
+    def go_on(self, *, whoever: bool = False) -> bool:
+        """Go on where the team is held and all have obeyed; return whether it does.
+
+        Args:
+            whoever: do not wait any longer for those that have not.
+        """
+        if not self._side.held or (self._waiting and not whoever):
+            return False
+        if self.order.step == ROLL_CALL:
+            said = [one for one in self._said if one is not None]
+            step = max(one.step for one in said) + 1 + EPISODE_GAP
+            self.lost += self._side.begin_at(step, max(one.transitions for one in said))
+        if not self._waiting or self.order.step == ROLL_CALL:
+            self.order = Order()
+        self._side.start()
+        return True
+
+
+class RobotRollback:
+    """A robot's part.
+
+    Args:
+        side: the robot's side of the lock step.
+        store: its checkpoints; None: it keeps none.
+        fresh: makes an agent as it is at the run's beginning.
+        life: names this process.
+        resumed: as of `Progress`.
+    """
+
+    def __init__(
+        self,
+        side: RobotSide,
+        store: RobotStore | None,
+        fresh: Callable[[], Agent],
+        life: str,
+        *,
+        resumed: bool = False,
+    ) -> None:
+        self._side, self._store, self._fresh = side, store, fresh
+        self._life, self._resumed = life, resumed
+        self._obeyed = NO_ORDER
+
+    def begin(self) -> int:
+        """Go on from the newest checkpoint of one's own; return its step, 0 without any.
+
+        Raises:
+            RunError: it is of another run.
+        """
+        step = 0 if self._store is None else self._store.steps()[0]
+        if step and self._store is not None:
+            self._side.go_on_from(self._fresh(), self._store.load_robot(step), None)
+        return step
+
+    def obey(self, order: Order) -> bool:
+        """Go back as the world orders; return whether to say `progress` now.
+
+        Raises:
+            RunError: the checkpoint is of another run.
+        """
+        if order.name in (NO_ORDER, self._obeyed):
+            return False
+        if order.step == ROLL_CALL:
+            self._obeyed = order.name
+            return True
+        if order.step not in self._checkpoints():
+            return False
+        assert self._store is not None
+        self._obeyed = order.name
+        state = self._store.load_robot(order.step)
+        self._side.go_on_from(self._fresh(), state, order.first)
+        return True
+
+    def progress(self) -> Progress:
+        """Return what to say to the world: on joining, after saving, after `obey`."""
+        return Progress(
+            self._life,
+            self._side.handled,
+            self._side.transitions,
+            tuple(self._checkpoints()),
+            self._obeyed,
+            self._resumed,
+        )
+
+    def _checkpoints(self) -> list[int]:
+        return [] if self._store is None else self._store.steps()

@@ -1,0 +1,357 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A whole team without ROS: processes that die and come back, over a network that is no better.
+
+Every process runs the state machines that the nodes run. Topics are FIFO queues, one for each
+publisher; which is served next is drawn. A process hears what is published while it is there, and
+of a latched topic the last message too.
+"""
+
+import random
+from collections import defaultdict, deque
+
+from sparse_coord_ros.core.agent import Agent
+from sparse_coord_ros.core.learners import learner_of
+from sparse_coord_ros.core.run_config import make_run
+from sparse_coord_ros.lockstep.checkpoints import KEPT_COMMON, KEPT_OWN
+from sparse_coord_ros.lockstep.robot import RobotSide
+from sparse_coord_ros.lockstep.rollback import RobotRollback, WorldRollback
+from sparse_coord_ros.lockstep.world import WorldSide
+
+WORLD = -1
+QUIET = 60
+"""Deliveries without a time step after which the world repeats itself."""
+PATIENCE = 600
+"""Deliveries without a time step after which deadlines pass."""
+TOO_LONG = 60_000
+"""Deliveries after which a team that has not ended has a deadlock."""
+
+
+class KilledError(Exception):
+    """The process is gone."""
+
+
+class SpyAgent(Agent):
+    """Remembers what it learned from."""
+
+    def learn(self, step, cell, decision, action, perceived, reward, next_cell):
+        self.__dict__.setdefault("learned", []).append((step, cell, reward.total, next_cell))
+        super().learn(step, cell, decision, action, perceived, reward, next_cell)
+
+
+class Store:
+    """Checkpoints in memory, kept as those on disk are."""
+
+    def __init__(self, disks, who):
+        self.disks, self.who, self.killed = disks, who, None
+        disks.setdefault(who, {})
+
+    def steps(self):
+        return [*sorted(self.disks[self.who], reverse=True), 0]
+
+    def load_world(self, step):
+        return self.disks[self.who][step] if step else None
+
+    load_robot = load_world
+
+    def save(self, state):
+        if self.killed == "before":
+            raise KilledError
+        mine = self.disks[self.who]
+        mine[state.step] = state
+        common = sorted(set(mine).intersection(*self.disks.values()), reverse=True)
+        kept = {*sorted(mine, reverse=True)[:KEPT_OWN], *common[:KEPT_COMMON]}
+        for step in set(mine) - kept:
+            del mine[step]
+        if self.killed == "after":
+            raise KilledError
+
+
+class WorldProcess:
+    def __init__(self, team, resume):
+        self.team, self.life, self.resume = team, team.new_life(), resume
+        self.store = Store(team.disks, WORLD)
+        self.side = WorldSide(team.run, self)
+        self.back = WorldRollback(self.side, self.store, team.robots)
+        self.started = False
+
+    # The port.
+
+    def state(self, robot, step, cell):
+        self.team.publish("state", self, robot, (step, cell))
+
+    def reward(self, robot, step, reward):
+        self.team.publish("reward", self, robot, (step, reward))
+        cells = self.side.world.cells  # those of the next step
+        self.team.happened[robot].add((step, reward.total, cells[robot]))
+
+    def episode(self, step):
+        pass
+
+    def checkpoint(self, step):
+        self.store.save(self.side.snapshot(step))
+
+    # What the node does.
+
+    def start_when_complete(self):
+        if self.started or self.back.silent:
+            return
+        self.started = True
+        if self.resume and self.team.rolls_back:
+            self.take_back()
+        elif self.resume:
+            self.back.call(f"call {self.team.new_life()}")
+            self.say()
+            self.team.disturbed = True
+        else:
+            self.side.start()
+
+    def take_back(self):
+        assert self.back.take_back(f"order {self.team.new_life()}") is not None
+        self.say()
+
+    def say(self):
+        for robot in range(self.team.robots):
+            self.team.publish("status", self, robot, (self.back.order,), latched=True)
+
+    def on_progress(self, robot, said):
+        new = self.back.heard(robot, said)
+        self.start_when_complete()
+        if new and self.started:
+            if said.resumed and self.team.rolls_back:
+                self.take_back()
+                return
+            self.team.disturbed = True
+        if self.back.go_on():
+            self.say()
+
+    def on_action(self, robot, step, action):
+        if self.started and self.side.action(robot, step, action):
+            self.side.advance()
+
+    def expire(self):
+        if self.side.held:
+            self.back.go_on(whoever=True)
+            self.team.disturbed = True
+        elif self.started and not self.side.finished and self.side.expire():
+            self.team.disturbed = True
+
+
+class RobotProcess:
+    def __init__(self, team, number, resume):
+        self.team, self.number, self.life = team, number, team.new_life()
+        self.store = Store(team.disks, number)
+        self.side = RobotSide(team.run, self.fresh(), self)
+        self.back = RobotRollback(self.side, self.store, self.fresh, self.life, resumed=resume)
+        if resume:
+            self.back.begin()
+        self.say()
+
+    def fresh(self):
+        rule = self.team.rule
+        if rule.factors is not None:
+            return rule.agent(self.team.scenario, self.number, self.team.run.seed)
+        return SpyAgent(self.team.scenario, self.number, self.team.run.seed, asks=rule.asks)
+
+    # The port.
+
+    def ask(self, peer, step, cell):
+        self.team.publish("ask", self, peer, (self.number, self.life, step, cell))
+
+    def act(self, step, action, account):
+        self.team.publish("action", self, WORLD, (self.number, step, action))
+
+    def percept(self, step, cell, perceived):
+        pass
+
+    def episode(self, step):
+        pass
+
+    def checkpoint(self, step):
+        self.store.save(self.side.snapshot())
+        self.say()
+
+    # What the node does.
+
+    def say(self):
+        said = self.back.progress()
+        self.team.publish("progress", self, WORLD, (self.number, said), latched=True)
+
+    def on_state(self, step, cell):
+        self.side.state(step, cell)
+
+    def on_reward(self, step, reward):
+        self.side.reward(step, reward)
+
+    def on_status(self, order):
+        if self.back.obey(order):
+            self.say()
+
+    def on_ask(self, asker, life, step, cell):
+        answer = self.side.asked(asker, step, cell)
+        self.team.publish("answer", self, asker, (self.number, life, step, answer))
+
+    def on_answer(self, peer, life, step, answer):
+        if life == self.life:
+            self.side.answer(peer, step, answer)
+
+    def expire(self):
+        if self.side.waiting is not None:
+            self.team.disturbed |= self.side.waiting[0] != "state"
+            self.side.expire()
+
+
+class Team:
+    """A run, with faults.
+
+    Args:
+        scenario: the problem.
+        seed: of the network.
+        learner: who learns.
+        checkpoint: steps between two checkpoints.
+        rolls_back: the world's policy for robots that come back.
+        doubled, lost: shares of the messages that come twice, or not at all.
+    """
+
+    def __init__(
+        self,
+        scenario,
+        seed,
+        *,
+        learner="coop",
+        checkpoint=40,
+        rolls_back=True,
+        doubled=0.0,
+        lost=0.0,
+    ):
+        self.run = make_run(scenario, {"seed": 5, "learner": learner, "checkpoint": checkpoint})
+        self.scenario, self.rule = self.run.scenario, learner_of(learner)
+        self.random, self.doubled, self.lost = random.Random(seed), doubled, lost
+        self.rolls_back = rolls_back
+        self.robots = len(scenario.robots)
+        self.happened = defaultdict(set)
+        self.disks, self.lives, self.disturbed = {}, 0, False
+        self.queues, self.kept = defaultdict(deque), {}
+        self.up, self.asleep = {}, set()
+        self.deliveries = self.stalled = 0
+        self.mark = None
+        self.faults = []
+        for who in (*range(self.robots), WORLD):
+            self.start(who, resume=False)
+
+    def new_life(self):
+        self.lives += 1
+        return f"life {self.lives}"
+
+    # Processes.
+
+    def start(self, who, *, resume):
+        for key in [key for key in self.queues if key[2] == who]:
+            del self.queues[key]
+        if who == WORLD:
+            self.up[who] = WorldProcess(self, resume)
+        else:
+            self.up[who] = RobotProcess(self, who, resume)
+        for (topic, publisher, to), message in self.kept.items():
+            if to == who and any(one.life == publisher for one in self.up.values()):
+                self.queues[topic, publisher, to].append(message)
+
+    def kill(self, who):
+        self.up.pop(who, None)
+        self.asleep.discard(who)
+
+    def kill_all(self):
+        for who in list(self.up):
+            self.kill(who)
+
+    def resume_all(self):
+        self.rolls_back = True  # so says `run --resume`
+        self.queues.clear()
+        self.kept.clear()
+        for who in (*range(self.robots), WORLD):
+            self.start(who, resume=True)
+
+    # The network.
+
+    def publish(self, topic, process, to, message, *, latched=False):
+        key = (topic, process.life, to)
+        if latched:
+            self.kept[key] = message
+        elif self.random.random() < self.lost:
+            self.disturbed |= topic in ("ask", "answer")
+            return
+        self.queues[key].append(message)
+
+    def deliver(self):
+        """Deliver one message; return whether there was one."""
+        ready = sorted(
+            key for key, queue in self.queues.items() if queue and key[2] not in self.asleep
+        )
+        if not ready:
+            return False
+        key = self.random.choice(ready)
+        message = self.queues[key].popleft()
+        who = self.up.get(key[2])
+        times = 2 if self.random.random() < self.doubled else 1
+        for _ in range(times):
+            if who is None or self.up.get(key[2]) is not who:
+                break
+            try:
+                getattr(who, f"on_{key[0]}")(*message)
+            except KilledError:
+                self.kill(key[2])
+        return True
+
+    # The course of a run.
+
+    @property
+    def world(self):
+        return self.up.get(WORLD)
+
+    @property
+    def over(self):
+        return self.world is not None and self.world.started and self.world.side.finished
+
+    def play(self, faults=()):
+        """Run until the budget is used up; `faults`: (after so many deliveries, function)."""
+        self.faults = sorted(faults, key=lambda fault: fault[0])
+        while not (self.over and not self.faults and self.settled()):
+            self.deliveries += 1
+            assert self.deliveries < TOO_LONG, "deadlock"
+            while self.faults and self.faults[0][0] <= self.deliveries:
+                self.faults.pop(0)[1](self)
+            moved = self.deliver()
+            world = self.world
+            mark = None if world is None else (world.life, world.side.world.step)
+            if mark != self.mark:
+                self.mark, self.stalled = mark, 0
+            self.stalled += 1 if moved else QUIET
+            if self.stalled >= PATIENCE:
+                self.stalled = 0
+                for who in list(self.up):
+                    if who not in self.asleep:
+                        try:
+                            self.up[who].expire()
+                        except KilledError:
+                            self.kill(who)
+            elif world is not None and self.stalled % QUIET == 0 and not moved:
+                if world.started and not world.side.held and WORLD not in self.asleep:
+                    world.side.repeat()
+        return self
+
+    def settled(self):
+        """Whether nothing is to come any more."""
+        waits = any(queue for key, queue in self.queues.items() if key[2] in self.up)
+        late = any(one.side.waiting for who, one in self.up.items() if who != WORLD)
+        return not waits and not late
+
+    @property
+    def tables(self):
+        return [self.up[k].side.agent.tables for k in range(self.robots)]
+
+    def check_updates(self):
+        """Whatever was learned did happen."""
+        for k in range(self.robots):
+            agent = self.up[k].side.agent
+            for step, _, reward, next_cell in agent.__dict__.get("learned", []):
+                assert (step, reward, next_cell) in self.happened[k]

@@ -1,0 +1,219 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A team that goes on from its last common checkpoint: the tables of an unbroken run."""
+
+import numpy as np
+import pytest
+
+from sparse_coord_ros.core.run_config import make_run
+from sparse_coord_ros.core.scenario import load_scenario
+from sparse_coord_ros.core.simulation import Learning, learn, tables_equal
+from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.lockstep.checkpoints import Checkpoints, steps_of
+
+from .team import WORLD, Team
+
+CASES = [
+    ("env1", "coop", {"perception": "probability:0.7"}),
+    ("env1", "noncoop", {}),
+    ("env1", "factored", {"perception": "line_of_sight"}),
+    ("crowd-3r", "coop", {"perception": "probability:0.7", "peers": "all"}),
+    ("env2-4r", "coop", {"perception": "range:3", "steps": 250}),
+]
+
+
+def problem(name, **settings):
+    return load_scenario(name).with_settings({"steps": 250, "max_steps": 30, **settings})
+
+
+def killed_everywhere(at):
+    return [(at, Team.kill_all), (at, Team.resume_all)]
+
+
+@pytest.mark.parametrize(("name", "learner", "settings"), CASES)
+def test_the_bits_are_those_of_an_unbroken_run(name, learner, settings):
+    scenario = problem(name, **settings)
+    team = Team(scenario, 1, learner=learner, checkpoint=37)
+    team.play([*killed_everywhere(700), *killed_everywhere(1100)])
+    scenario = team.scenario  # with what the learner changes in it
+    assert tables_equal(team.tables, learn(scenario, learner, 5))
+    assert team.world.side.history.history().same_bits(history(scenario, learner))
+    assert not team.disturbed
+    whole = Team(scenario, 2, learner=learner).play()
+    for k in range(team.robots):  # what is said beside the tables is that of an unbroken run too
+        mine, theirs = (one.up[k].side.counts for one in (team, whole))
+        assert {**mine, "repeated": 0} == {**theirs, "repeated": 0}
+
+
+def history(scenario, learner):
+    learning = Learning(scenario, learner, 5)
+    learning.advance(scenario.steps)
+    return learning.history
+
+
+@pytest.mark.parametrize("when", ["before", "after"])
+@pytest.mark.parametrize("who", [0, 1, WORLD])
+def test_whoever_dies_while_it_saves(who, when):
+    scenario = problem("env1", perception="probability:0.7")
+    team = Team(scenario, 3)
+    team.up[who].store.killed = when
+    team.play([(900, Team.kill_all), (900, Team.resume_all)])
+    assert tables_equal(team.tables, learn(scenario, "coop", 5))
+
+
+def test_a_robot_that_comes_back_takes_everybody_back():
+    scenario = problem("env1")
+    team = Team(scenario, 4)
+    team.play([(600, lambda t: t.kill(1)), (620, lambda t: t.start(1, resume=True))])
+    assert team.world.back.taken_back == 1
+    assert tables_equal(team.tables, learn(scenario, "coop", 5))
+
+
+def test_a_robot_that_begins_anew_is_counted():
+    team = Team(problem("env1"), 4)
+    team.play([(600, lambda t: t.kill(1)), (620, lambda t: t.start(1, resume=False))])
+    assert (team.world.back.replaced, team.world.back.taken_back) == (1, 0)
+    assert not tables_equal(team.tables, learn(team.scenario, "coop", 5))
+
+
+def test_a_robot_may_go_on_alone_from_its_own_checkpoint():
+    team = Team(problem("env1"), 4, rolls_back=False)
+    team.play([(600, lambda t: t.kill(1)), (620, lambda t: t.start(1, resume=True))])
+    assert (team.world.back.replaced, team.world.back.taken_back) == (1, 0)
+    team.check_updates()
+
+
+def test_a_world_that_comes_back_finds_its_robots():
+    scenario = problem("env1")
+    team = Team(scenario, 4)
+    team.play([(600, lambda t: t.kill(WORLD)), (640, lambda t: t.start(WORLD, resume=True))])
+    assert tables_equal(team.tables, learn(scenario, "coop", 5))
+
+
+def test_who_sleeps_through_the_order_obeys_when_it_wakes():
+    team = Team(problem("env1", steps=600), 4)
+    team.play(
+        [
+            (600, lambda t: t.asleep.add(0)),
+            (601, lambda t: t.kill(1)),
+            (620, lambda t: t.start(1, resume=True)),
+            (6000, lambda t: t.asleep.discard(0)),
+        ]
+    )
+    assert team.world.side.left_out > 0
+    assert team.up[0].back.progress().obeyed
+    team.check_updates()
+
+
+# On disk.
+
+
+@pytest.fixture
+def run():
+    return make_run(problem("env1"), {"seed": 5, "checkpoint": 40})
+
+
+@pytest.fixture
+def played():
+    return Team(problem("env1"), 1).play()
+
+
+def saved(out, run, played, steps=(40, 80)):
+    stores = {}
+    for k, name in enumerate(("robot_1", "robot_2")):
+        stores[name] = Checkpoints(out, name, run)
+        for step in steps:
+            stores[name].save_robot(played.up[k].side.snapshot()._replace(step=step))
+    stores["world_simulator"] = Checkpoints(out, "world_simulator", run)
+    for step in steps:
+        stores["world_simulator"].save_world(played.world.side.snapshot(step))
+    return stores
+
+
+def test_a_file_gives_back_what_was_saved(tmp_path, run, played):
+    stores = saved(tmp_path, run, played)
+    world, state = stores["world_simulator"].load_world(80), played.world.side.snapshot(80)
+    assert world[:-1] == state[:-1]
+    assert world.history.same_bits(state.history)
+    robot = stores["robot_2"].load_robot(80)
+    state = played.up[1].side.snapshot()
+    assert robot[1:-1] == state[1:-1]
+    for mine, theirs in zip(robot.memory[:-1], state.memory[:-1], strict=True):
+        assert (mine.dtype, mine.tobytes()) == (theirs.dtype, theirs.tobytes())
+    assert stores["robot_1"].load_robot(0) is None
+
+
+def test_old_files_go_but_never_a_common_one(tmp_path, run, played):
+    stores = saved(tmp_path, run, played)
+    for step in (120, 160, 200, 240):
+        stores["robot_1"].save_robot(played.up[0].side.snapshot()._replace(step=step))
+    assert stores["robot_1"].steps() == [240, 200, 160, 80, 40, 0]
+    assert sorted(steps_of(tmp_path / "checkpoint", "robot_2")) == [40, 80]
+
+
+@pytest.mark.parametrize("damage", ["cut", "flipped", "empty"])
+def test_a_broken_file_is_named_and_an_earlier_one_is_used(tmp_path, run, played, damage):
+    for store in saved(tmp_path, run, played).values():
+        store.close()
+    path = tmp_path / "checkpoint" / "robot_1_80.npz"
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes({"cut": data[:300], "flipped": data, "empty": b""}[damage])
+    store = Checkpoints(tmp_path, "robot_1", run)
+    assert store.steps() == [40, 0]
+    assert store.steps() == [40, 0]
+    (line,) = store.broken
+    assert "robot_1_80.npz: cannot be read as a checkpoint" in line
+    assert line.endswith("; an earlier one is used")
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"seed": 6}, "another run"),
+        ({"learner": "noncoop"}, "another run"),
+        ({"penalty": -7}, "another run"),
+        ({"version": "9.9"}, "was written by version 9.9"),
+    ],
+)
+def test_another_run_or_version_is_refused(tmp_path, run, played, change, said, monkeypatch):
+    other = run
+    if "version" in change:
+        monkeypatch.setattr("sparse_coord_ros.core.checkpoint.__version__", "9.9")
+    for store in saved(tmp_path, run, played).values():
+        store.close()
+    monkeypatch.undo()
+    if "penalty" in change:
+        other = make_run(problem("env1", **change), {"seed": 5})
+    elif "version" not in change:
+        other = make_run(run.scenario, {"seed": 5, **change})
+    with pytest.raises(RunError, match=said) as caught:
+        Checkpoints(tmp_path, "robot_1", other).steps()
+    assert "\n" not in str(caught.value)
+
+
+def test_one_process_a_node(tmp_path, run):
+    first = Checkpoints(tmp_path, "robot_1", run)
+    Checkpoints(tmp_path, "robot_2", run)
+    with pytest.raises(RunError, match="another process runs robot_1 there"):
+        Checkpoints(tmp_path, "robot_1", run)
+    first.close()
+    Checkpoints(tmp_path, "robot_1", run)
+
+
+def test_a_directory_that_cannot_be_written(tmp_path, run):
+    (tmp_path / "checkpoint").write_text("a file")
+    with pytest.raises(RunError, match="checkpoints of robot_1: cannot be written"):
+        Checkpoints(tmp_path, "robot_1", run)
+
+
+def test_a_checkpoint_does_not_depend_on_when_it_is_taken():
+    """While a robot waits at the barrier it is still where the step found it."""
+    team = Team(problem("env1", steps=100), 7, checkpoint=1)
+    team.play()
+    states = team.disks[0]
+    again = Team(problem("env1", steps=100), 8, checkpoint=1).play().disks[0]
+    for step in set(states) & set(again):
+        assert states[step][:5] == again[step][:5]
+        assert np.array_equal(states[step].memory.q_star, again[step].memory.q_star)
+    assert len(set(states) & set(again)) >= 3
