@@ -28,6 +28,7 @@ VERBS: Mapping[str, str] = {
     "replay": "play a recorded run back over ROS 2: same messages, types, QoS and clock",
     "recover": "finish a bag that a crash cut off or that is damaged, as far as it can be read",
     "plot": "draw policies, ask maps, learning curves, sparsity and percepts of runs, or results",
+    "animate": "make a film (GIF) of an episode: robots move, ask and are answered",
     "reproduce": "reproduce the paper's tables and figures, and go beyond them",
     "bench": "measure the speed of env1: live, beside bare rclpy nodes passing the same messages, "
     "and the batch engine",

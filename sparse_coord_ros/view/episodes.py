@@ -52,6 +52,8 @@ class Ask(NamedTuple):
     def in_words(self, names: Sequence[str]) -> str:
         """Return it as a sentence."""
         whom = ", ".join(names[peer] for peer in self.peers) or "nobody"
+        if len(self.peers) == len(names) - 1 > 1:
+            whom = "all others"
         ended = {ANSWERED: "answered", REFUSED: "refused", FAILED: "no answer"}[self.outcome]
         return f"{names[self.asker]} asks {whom}: {ended}, goes {ACTIONS[self.move]}"
 

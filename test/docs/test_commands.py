@@ -183,7 +183,7 @@ def test_all_commands_of_a_page(page, shell):
 
 
 LONG_VERBS = ("reproduce", "bench")
-NEEDS_A_BAG = ("info", "verify", "explain", "replay", "recover", "plot")
+NEEDS_A_BAG = ("info", "verify", "explain", "replay", "recover", "plot", "animate")
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,89 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`sparse_coord animate`: an episode as an animated GIF."""
+
+import argparse
+from pathlib import Path
+
+from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.cli import pictures
+from sparse_coord_ros.core.run_config import RUN_SETTINGS
+from sparse_coord_ros.core.settings import Setting
+from sparse_coord_ros.errors import SettingError
+
+KINDS = (".gif",)
+RATE = Setting("rate", float, 2.0, "time steps a second", low=0.1, high=20)
+
+
+def add_parser(verbs) -> None:
+    """Add the verb."""
+    parser = shared.add_verb(
+        verbs, "animate", example="sparse_coord animate runs/demo --episode best --out demo.gif"
+    )
+    parser.add_argument(
+        "source", metavar="RUN|BAG", type=Path, help="a run's directory; a bag's, or its file"
+    )
+    parser.add_argument(
+        "--episode",
+        default="last",
+        metavar="N|best|last|asks",
+        help="which one, from 0; best: of the highest reward; last: the last whole one; asks: "
+        "that with the most questions (default: last)",
+    )
+    parser.add_argument(
+        "--greedy",
+        action="store_true",
+        help="play greedy episodes on the learned tables instead of showing recorded ones; a run "
+        "without a bag is always shown so",
+    )
+    parser.add_argument("--seed", default="0", help="seed of greedy episodes (default: 0)")
+    parser.add_argument("--rate", default="2", help="time steps a second (default: 2)")
+    pictures.add_out(parser, KINDS)
+    shared.add_json(parser)
+    parser.set_defaults(execute=execute)
+
+
+def execute(options: argparse.Namespace) -> int:
+    """Run the verb."""
+    pictures.check_out(options.out, KINDS)
+    rate = RATE.parse(options.rate)
+    seed = RUN_SETTINGS["seed"].parse(options.seed)
+    with pictures.drawing():
+        from sparse_coord_ros.view import film
+        from sparse_coord_ros.view.episodes import episode_number, logged_episode, played_episode
+        from sparse_coord_ros.view.source import is_results, open_shown
+
+        wanted = episode_number(options.episode)
+        if is_results(options.source):
+            raise SettingError(
+                f"{options.source} holds results, which have no episodes; give a run's directory "
+                "or a bag"
+            )
+        say = pictures.Progress()
+        shown = open_shown(options.source, say)
+        scenario = shown.config.scenario
+        greedy = options.greedy or shown.bag is None
+        if greedy:
+            say("playing greedy episodes on the learned tables")
+            episode = played_episode(
+                scenario, shown.tables, wanted, seed=seed, learner=shown.config.rule
+            )
+        else:
+            episode = logged_episode(shown.log, wanted)
+        if episode.length > film.MOST_STEPS:
+            say(f"the episode has {episode.length} steps: the first {film.MOST_STEPS} are shown")
+        kind = "greedy episode" if episode.greedy else "episode"
+        say(f"drawing {kind} {episode.number}, {episode.length} steps")
+        title = f"{scenario.name}, {kind} {episode.number}"
+        data = film.film(scenario, episode, title=title, rate=rate)
+    pictures.write(
+        options.out,
+        data,
+        json=options.json,
+        episode=episode.number,
+        greedy=episode.greedy,
+        steps=episode.length,
+        asks=sum(map(len, episode.asks)),
+        arrived=bool(episode.arrived.all()),
+    )
+    return 0
