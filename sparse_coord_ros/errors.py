@@ -7,14 +7,24 @@ command line and the nodes print it and exit with `EXIT_BAD_INPUT`.
 """
 
 import difflib
+import traceback
 from collections.abc import Iterable
 
 EXIT_BAD_INPUT = 2
 """Exit code of every executable that stops because of bad input."""
 
+EXIT_FAULT = 1
+"""Exit code of every executable that stops because of a fault of its own."""
+
 
 class SparseCoordError(Exception):
-    """Base of all errors that a user can mend; its text is one line."""
+    """Base of all errors that end a program in words; its text is one line.
+
+    Attributes:
+        exit_code: with which a program ends that is stopped by it.
+    """
+
+    exit_code = EXIT_BAD_INPUT
 
 
 class MapError(SparseCoordError):
@@ -51,6 +61,36 @@ class ResultsError(SparseCoordError):
 
 class BagError(SparseCoordError):
     """A bag cannot be made, written, read or recovered, or a type's definition is missing."""
+
+
+class FaultError(SparseCoordError):
+    """A fault of this software: an exception that nobody expected; the cause has its traceback."""
+
+    exit_code = EXIT_FAULT
+
+
+def failure_of(error: Exception) -> SparseCoordError:
+    """Return an exception as the error that its program is to end with.
+
+    Bad input stays what it is; what the system refuses names the file; any other exception is a
+    `FaultError` that says where it was raised.
+    """
+    if isinstance(error, SparseCoordError):
+        return error
+    if isinstance(error, OSError):
+        failure: SparseCoordError = RunError(
+            f"{os_error_text(error)}; choose another place, or make room"
+        )
+    else:
+        said = " ".join(str(error).split())
+        frames = traceback.extract_tb(error.__traceback__)
+        where = f" ({frames[-1].filename}:{frames[-1].lineno})" if frames else ""
+        failure = FaultError(
+            f"unexpected {type(error).__name__}{f': {said}' if said else ''}{where}; this is a "
+            "fault of the software, please report it"
+        )
+    failure.__cause__ = error
+    return failure
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

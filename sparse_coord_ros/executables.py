@@ -44,7 +44,8 @@ def _start(module: str, code: int) -> int:
     """Import a module and run its `main`; a signal that comes before ends with `code`."""
     before = {
         number: signal.signal(number, lambda *_: os._exit(code))
-        for number in (signal.SIGINT, signal.SIGTERM)
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+        if signal.getsignal(number) != signal.SIG_IGN  # nohup: a closed terminal is no matter
     }
     run = importlib.import_module(module).main
     if module.endswith("cli.main"):  # its verbs that run no nodes are interrupted as Python does

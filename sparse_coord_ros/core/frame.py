@@ -37,12 +37,14 @@ class Frame:
         resolution: metres a cell.
         period: nanoseconds a time step.
         referee: whether rewards say with whom a robot was in a miscoordination.
+        robots: how many robots there are.
     """
 
     def __init__(self, run: RunConfig) -> None:
         self.grid: GridMap = run.scenario.map
         self.resolution = run.resolution
         self.referee = run.scenario.referee
+        self.robots = len(run.scenario.robots)
         self.period = round(run.step_period * SECOND)
         rows = self.grid.shape[0]
         self.centres = [

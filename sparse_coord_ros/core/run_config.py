@@ -87,7 +87,8 @@ RUN_SETTINGS = SettingTable(
 class RunConfig:
     """A run; its fields are described in `RUN_SETTINGS`.
 
-    `versions` names what computed it.
+    `versions` names what computed it. `id` tells one live run from every other: the world makes it
+    when it announces the run; what never was live has none.
     """
 
     scenario: Scenario
@@ -102,6 +103,7 @@ class RunConfig:
     recorded: bool = False
     checkpoint: int = 10_000
     versions: Mapping[str, str]
+    id: str = ""
 
     def __post_init__(self) -> None:
         """Raise `SettingError` where the deadlines contradict each other."""
@@ -128,6 +130,8 @@ class RunConfig:
         data |= {f.name: getattr(self, f.name) for f in fields(self)}
         data["scenario"] = self.scenario.to_dict()
         data["versions"] = dict(self.versions)
+        if not self.id:
+            del data["id"]
         return yaml.safe_dump(data, sort_keys=False, allow_unicode=True)
 
     def record(self) -> dict[str, str]:
@@ -192,7 +196,9 @@ def run_from_yaml(text: str, *, where: str) -> RunConfig:
     )
     given = RUN_SETTINGS.parse({n: data[n] for n in RUN_SETTINGS if n in data})
     settings = {**RUN_SETTINGS.of_older_files(), **given}
-    return RunConfig(scenario=scenario, versions=data["versions"], **settings)
+    return RunConfig(
+        scenario=scenario, versions=data["versions"], id=str(data.get("id", "")), **settings
+    )
 
 
 def load_run(directory: Path) -> RunConfig:

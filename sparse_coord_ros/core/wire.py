@@ -73,7 +73,12 @@ def tables_attachment(robot: str, step: int | str) -> str:
 
 
 CLAIM = Topic("claim", "std_msgs/msg/Header", NODE, LATCHED)
-"""Of the world and of every robot: since when (wall clock) the node has its name."""
+"""Of the world and of every robot: `frame_id` is what the node is called by nobody else, and how
+far it has come: one of `CLAIM_RANKS`. The stamp (wall clock, since when) is for people only."""
+
+CLAIM_RANKS = ("starting", "holding", "joined")
+"""How far a node of a name has come: it looks whether the name is taken; it has the name; it
+takes part in a run. Whoever has come further keeps the name."""
 
 ACTIVE_PERCEPTION = "active_perception"
 ACTIVE_PERCEPTION_TYPE = "nav_msgs/srv/GetPlan"
@@ -122,6 +127,9 @@ is; a peer refused, or was further; no answer came by the deadline; there is no 
 STATUS_VALUES = ("step", "transitions", "left_out", "began")
 """What `status` says beside its state: the time step; transitions made; for how many (robot, step)
 the world made a transition without the robot, though it had not arrived; why the episode began."""
+
+RUN_ID = "run"
+"""What `status` calls the identity of the world's run, which `run.yaml` gives as `id`."""
 
 START, ARRIVED, STEPS, RESET, NOBODY_LEFT = "start", "arrived", "steps", "reset", "nobody"
 """Why an episode began: the run's first; all had arrived; `max_steps` were used up; somebody asked

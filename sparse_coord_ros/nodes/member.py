@@ -17,21 +17,21 @@ from sparse_coord_ros.core.frame import Account
 from sparse_coord_ros.core.run_config import RunConfig
 from sparse_coord_ros.core.tables import TEAM_FILE, pack_tables, robot_file, write_tables
 from sparse_coord_ros.core.wire import RECORDER, WORLD
-from sparse_coord_ros.core.world import Action
+from sparse_coord_ros.core.world import Action, Reward
 from sparse_coord_ros.errors import (
     RunError,
-    SparseCoordError,
     TablesError,
     did_you_mean,
     os_error_text,
 )
 from sparse_coord_ros.lockstep.checkpoints import Checkpoints
-from sparse_coord_ros.lockstep.robot import Answer, RobotSide
+from sparse_coord_ros.lockstep.gate import StepGate
+from sparse_coord_ros.lockstep.robot import NO_STEP, Answer, RobotSide
+from sparse_coord_ros.lockstep.watch import Reminder
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.episode_messages import CoordinationMapLayout
 from sparse_coord_ros.nodes.messages import Converter, status, tables_message
 from sparse_coord_ros.nodes.outputs import begin_with, open_output, saving
-from sparse_coord_ros.nodes.parameters import stops_on_bad_input
 from sparse_coord_ros.nodes.peers import Peer
 
 if TYPE_CHECKING:
@@ -72,6 +72,9 @@ class Member:
             run.scenario, number, run.seed, tables=tables, learning=not run.greedy
         )
         self.lockstep = RobotSide(run, agent, self)
+        self._gate = StepGate()
+        self._kept = (0, 0)
+        self._reminder = Reminder()
         self.joined = False
         self._ready_since = 0.0
         self._waiting: tuple[str, int] | None = None
@@ -82,7 +85,7 @@ class Member:
         )
         node.create_service(Trigger, wire.SAVE, self._on_save)
         self._peers = {
-            k: Peer(node, name, functools.partial(self._on_answer, k))
+            k: Peer(node, name, node.guarded(functools.partial(self._on_answer, k)))
             for k, name in enumerate(self._names)
             if k != number
         }
@@ -107,10 +110,6 @@ class Member:
                 "learned tables; give the output directory of a run"
             )
         return None
-
-    def fail(self, error: SparseCoordError) -> None:
-        """Stop the node."""
-        self._node.fail(error)
 
     # Outgoing: the port of the lock step.
 
@@ -143,34 +142,39 @@ class Member:
 
     # Incoming.
 
-    @stops_on_bad_input
-    def _on_state(self, data: bytes) -> None:
-        try:
-            step, cell = self._convert.unpack_state(data)
-        except ValueError as error:
-            self._ignore(interface.LOCAL_STATE, error)
+    def _on_state(self, said: tuple[int, int]) -> None:
+        step, cell = said
+        watch = self._node.watch
+        if not self._gate.passes(step):
+            self._kept = said
+            self._drop(
+                interface.LOCAL_STATE,
+                f"step {step} does not follow {self._gate.newest}, and the world has not said "
+                "that it is so far",
+            )
             return
+        if watch is not None and watch.sees(step):
+            self._node.intake.drop(interface.STATUS.name, "the run was said to be over")
         self.lockstep.state(step, cell)
 
-    @stops_on_bad_input
-    def _on_reward(self, data: bytes) -> None:
-        try:
-            step, reward = self._convert.unpack_reward(data)
-        except ValueError as error:
-            self._ignore(interface.REWARD, error)
-            return
-        self.lockstep.reward(step, reward)
+    def world_said(self, step: int) -> None:
+        """Take in the time step that the world's status names."""
+        if self._gate.confirmed(step):
+            self.lockstep.state(*self._kept)
+
+    def _on_reward(self, said: tuple[int, Reward]) -> None:
+        self.lockstep.reward(*said)
 
     def _on_asked(self, request: GetPlan.Request, response: GetPlan.Response) -> GetPlan.Response:
         """Answer a peer (or a person, who gives no stamp and no name)."""
         stamp, position = request.start.header.stamp, request.start.pose.position
-        step = self._convert.step(stamp.sec, stamp.nanosec)
         asker = request.goal.header.frame_id
-        if step and asker not in self._names:
-            self._node.get_logger().warning(
-                f"{wire.ACTIVE_PERCEPTION}: asker {asker!r} is no robot of the scenario; refused",
-                throttle_duration_sec=5.0,
-            )
+        try:
+            step = self._convert.checked_step(stamp.sec, stamp.nanosec)
+            if step and asker not in self._names:
+                raise ValueError(f"asker {asker!r} is no robot of the scenario")
+        except ValueError as error:
+            self._node.intake.drop(f"{self._node.name}/{wire.ACTIVE_PERCEPTION}", error)
             answer = Answer(self.lockstep.newest[0], None)
         else:
             number = self._names.index(asker) if asker in self._names else 0
@@ -178,13 +182,18 @@ class Member:
         response.plan = self._convert.path(answer.step, (answer.cell,))
         return response
 
-    @stops_on_bad_input
     def _on_answer(self, peer: int, request_step: int, plan: PathMessage) -> None:
-        step = self._convert.step(plan.header.stamp.sec, plan.header.stamp.nanosec)
         cell = None
-        if plan.poses:
-            position = plan.poses[0].pose.position
-            cell = self._convert.cell(position.x, position.y)
+        try:
+            step = self._convert.checked_step(plan.header.stamp.sec, plan.header.stamp.nanosec)
+            if plan.poses:
+                position = plan.poses[0].pose.position
+                cell = self._convert.cell(position.x, position.y)
+                if cell is None:
+                    raise ValueError(f"position ({position.x:g}, {position.y:g}) is no free cell")
+        except ValueError as error:
+            self._node.intake.drop(f"{self._names[peer]}/{wire.ACTIVE_PERCEPTION}", error)
+            return
         self.lockstep.answer(peer, request_step, Answer(step, cell))
 
     def _on_save(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -204,9 +213,9 @@ class Member:
 
         The world waits for these subscriptions: with them the robot says that it is ready.
         """
-        if not self._node.heard_by(self._node.action_publisher, [WORLD]):
-            return
-        if self.run.recorded and not self._recorder_hears():
+        missing = self._not_heard_by()
+        if missing:
+            self._node.remind(self._reminder, missing)
             return
         self._ready_since = self._ready_since or now
         if now - self._ready_since < PEER_PATIENCE_SECONDS and not all(
@@ -214,10 +223,22 @@ class Member:
         ):
             return
         self.joined = True
-        self._node.listen(interface.REWARD, self._on_reward, self._node.name, raw=True)
-        self._node.listen(interface.LOCAL_STATE, self._on_state, self._node.name, raw=True)
+        name, listen = self._node.name, self._node.intake.listen
+        convert = self._convert
+        listen(interface.REWARD, self._on_reward, name, read=convert.unpack_reward)
+        listen(interface.LOCAL_STATE, self._on_state, name, read=convert.unpack_state)
+        self._node.claim.join()
+        self._node.get_logger().info(f"joined run {self.run.scenario.name}, seed {self.run.seed}")
         self.publish_map(self.lockstep.handled)
         self.publish_tables(wire.INITIAL)
+
+    def _not_heard_by(self) -> str:
+        """Return who is to hear this robot and does not yet, or an empty text."""
+        if not self._node.heard_by(self._node.action_publisher, [WORLD]):
+            return "the world simulator to listen to this robot"
+        if self.run.recorded and not self._recorder_hears():
+            return "a recorder to listen to this robot"
+        return ""
 
     def _recorder_hears(self) -> bool:
         """Whether a recorder listens to what this robot does, asks and answers."""
@@ -270,10 +291,13 @@ class Member:
     def report(self) -> None:
         """Say how learning goes, and where the robot would ask."""
         step = self.lockstep.newest[0]
+        if self.joined and step == NO_STEP:
+            self._node.remind(self._reminder, "the world to begin")
         values = {
             **{f"asks_{how}": count for how, count in self.lockstep.asks.items()},
             "epsilon": f"{self.lockstep.agent.epsilon(step):.4f}",
             "transitions_dropped": self.lockstep.dropped,
+            "messages_dropped": self._node.intake.total,
         }
         message = DiagnosticArray(header=self._convert.header(step))
         message.status = [
@@ -294,7 +318,5 @@ class Member:
             tables_message(self._packed(), self.lockstep.handled, occasion)
         )
 
-    def _ignore(self, topic: interface.RosTopic, error: ValueError) -> None:
-        self._node.get_logger().warning(
-            f"{topic.of(self._node.name)}: {error}; message ignored", throttle_duration_sec=5.0
-        )
+    def _drop(self, topic: interface.RosTopic, why: object) -> None:
+        self._node.intake.drop(topic.of(self._node.name), why)

@@ -2,34 +2,50 @@
 # SPDX-License-Identifier: Apache-2.0
 """Conversions between the core's steps, cells and numbers and ROS messages."""
 
+import math
 from array import array as packed
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import OccupancyGrid, Path
+from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from std_msgs.msg import ColorRGBA, Header, MultiArrayDimension, UInt8MultiArray
+from std_msgs.msg import ColorRGBA, Header, MultiArrayDimension, String, UInt8MultiArray
 from visualization_msgs.msg import Marker, MarkerArray
 
-from sparse_coord_ros.core.frame import Account, Frame, action_from, action_numbers, reward_from
+from sparse_coord_ros.core.frame import (
+    SECOND,
+    Account,
+    Frame,
+    action_from,
+    action_numbers,
+    reward_from,
+)
 from sparse_coord_ros.core.occupancy import UNKNOWN, OccupancyData
+from sparse_coord_ros.core.run_config import RunConfig, run_from_yaml
 from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.wire import (
     ACCOUNT_LABELS,
     ACTION_LABELS,
+    CLAIM_RANKS,
     DOORWAYS,
     GOALS,
     MAP_FRAME,
     PARTNERS_LABEL,
     REWARD_LABELS,
     ROBOTS,
+    RUN,
+    RUN_ID,
+    STATUS_VALUES,
 )
 from sparse_coord_ros.core.world import Action, Reward
 from sparse_coord_ros.nodes.cdr import FixedLayout
+from sparse_coord_ros.nodes.interface import RosTopic
 
 ROBOT_COLOURS = (
     (0.12, 0.47, 0.71),
@@ -65,6 +81,9 @@ def _labelled(required: Sequence[str], optional: Sequence[str] = ()) -> FixedLay
         return JointState(header=_header(sec, nanosec), name=list(labels), position=list(numbers))
 
     def read(message: JointState) -> tuple:
+        _check_frame(message.header)
+        if len(set(message.name)) < len(message.name):
+            raise ValueError(f"labels are given twice: {', '.join(message.name)}")
         said = dict.fromkeys(optional, 0.0) | dict(
             zip(message.name, message.position, strict=False)
         )
@@ -77,7 +96,13 @@ def _labelled(required: Sequence[str], optional: Sequence[str] = ()) -> FixedLay
     return FixedLayout(JointState, build, read, len(labels))
 
 
+def _check_frame(header: Header) -> None:
+    if header.frame_id != MAP_FRAME:
+        raise ValueError(f"frame_id is {header.frame_id!r}, not {MAP_FRAME!r}")
+
+
 def _read_pose(message: PoseStamped) -> tuple:
+    _check_frame(message.header)
     stamp, position = message.header.stamp, message.pose.position
     return (stamp.sec, stamp.nanosec, position.x, position.y)
 
@@ -97,9 +122,22 @@ CLOCK_LAYOUT = FixedLayout(
 class Converter(Frame):
     """Conversions of one run: its time step, its map and its metres, as messages.
 
+    What is read is checked: the frame, the stamp, the numbers. What does not fit the run raises
+    ValueError, and so may whatever cannot be decoded at all, with any exception.
+
     Args:
         run: the run.
     """
+
+    def checked_step(self, sec: int, nanosec: int) -> int:
+        """Return the time step of a stamp.
+
+        Raises:
+            ValueError: it lies before the run's beginning, or is no time.
+        """
+        if sec < 0 or not 0 <= nanosec < SECOND:
+            raise ValueError(f"stamp {sec} s {nanosec} ns is no time of the run")
+        return self.step(sec, nanosec)
 
     def header(self, step: int) -> Header:
         """Return a header in the frame `map`."""
@@ -119,7 +157,7 @@ class Converter(Frame):
         cell = self.cell(x, y)
         if cell is None:
             raise ValueError(f"position ({x:g}, {y:g}) is no free cell of map {self.grid.name}")
-        return self.step(sec, nanosec), cell
+        return self.checked_step(sec, nanosec), cell
 
     def pack_reward(self, step: int, reward: Reward) -> bytes:
         """Return R_k(t) and its parts as CDR of sensor_msgs/JointState."""
@@ -127,9 +165,15 @@ class Converter(Frame):
         return self._reward_layout.pack(*self.stamp(step), *numbers)
 
     def unpack_reward(self, data: bytes) -> tuple[int, Reward]:
-        """Return (step, reward) of a reward."""
+        """Return (step, reward) of a reward.
+
+        Raises:
+            ValueError: labels are missing or doubled, or a number is none.
+        """
         sec, nanosec, *numbers = self._reward_layout.unpack(data)
-        return self.step(sec, nanosec), reward_from(numbers)
+        if not all(map(math.isfinite, numbers)):
+            raise ValueError(f"a reward is {', '.join(map(str, numbers))}: not finite")
+        return self.checked_step(sec, nanosec), reward_from(numbers)
 
     @property
     def _reward_layout(self) -> FixedLayout:
@@ -143,11 +187,15 @@ class Converter(Frame):
         """Return (step, action).
 
         Raises:
-            ValueError: labels are missing, (east, north) is no primitive action, or peer is no
-                number.
+            ValueError: labels are missing or doubled, (east, north) is no primitive action, or
+                another number is none that a robot says.
         """
         sec, nanosec, *numbers = ACTION_LAYOUT.unpack(data)
-        return self.step(sec, nanosec), action_from(numbers[: len(ACTION_LABELS)])
+        numbers = numbers[: len(ACTION_LABELS)]
+        _, _, asked, peer, perceived = numbers
+        if not ({asked, perceived} <= {0.0, 1.0} and 0 <= peer <= self.robots):
+            raise ValueError(f"coordinate {asked}, peer {peer}, perceived {perceived}: no action")
+        return self.checked_step(sec, nanosec), action_from(numbers)
 
     def pose(self, step: int, cell: int) -> PoseStamped:
         """Return a cell's centre at a time step."""
@@ -200,6 +248,71 @@ class Converter(Frame):
         marker.scale.z = height * self.resolution
         marker.color = ColorRGBA(r=colour[0], g=colour[1], b=colour[2], a=0.8)
         return marker
+
+
+def typed(topic: RosTopic, read: Callable[[Any], Any]) -> Callable[[bytes], Any]:
+    """Return `read`, which takes a topic's message objects, as a function of their bytes."""
+    return lambda data: read(deserialize_message(data, topic.type))
+
+
+class Announced(NamedTuple):
+    """A run that a world has announced, and the text of it."""
+
+    run: RunConfig
+    text: str
+
+
+def read_run(message: String) -> Announced:
+    """Return the run that a world announces.
+
+    Raises:
+        SparseCoordError: it is none, or one of a newer version.
+    """
+    return Announced(run_from_yaml(message.data, where=f"topic {RUN.name}"), message.data)
+
+
+class Said(NamedTuple):
+    """What `status` says.
+
+    Attributes:
+        run: the identity of the world's run; empty of a world that has none.
+        state: one of the states of `core.wire`.
+        step: the time step.
+        transitions: how many were made.
+    """
+
+    run: str
+    state: str
+    step: int
+    transitions: int
+
+
+def read_status(message: DiagnosticStatus) -> Said:
+    """Return what the world says on `status`.
+
+    Raises:
+        ValueError: step or transitions are missing, or no number.
+    """
+    values = status_values(message)
+    try:
+        step, transitions = (int(values[name]) for name in STATUS_VALUES[:2])
+    except KeyError as error:
+        raise ValueError(f"no value is called {error.args[0]!r}") from None
+    if step < 0 or transitions < 0:
+        raise ValueError(f"step {step} with {transitions} transitions")
+    return Said(values.get(RUN_ID, ""), message.message, step, transitions)
+
+
+def read_claim(header: Header) -> tuple[str, int]:
+    """Return (identity, how far the node has come: a place in `CLAIM_RANKS`) of a claim.
+
+    Raises:
+        ValueError: it is no claim.
+    """
+    identity, _, rank = header.frame_id.partition(" ")
+    if not identity or rank not in CLAIM_RANKS:
+        raise ValueError(f"frame_id {header.frame_id!r} is no claim")
+    return identity, CLAIM_RANKS.index(rank)
 
 
 def tables_message(data: bytes, step: int, occasion: str) -> UInt8MultiArray:

@@ -5,7 +5,7 @@
 import functools
 import time
 from collections.abc import Callable, Collection, Mapping
-from typing import Any, Protocol, cast
+from typing import Any, cast
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -13,6 +13,7 @@ from rcl_interfaces.msg import (
     ParameterDescriptor,
     SetParametersResult,
 )
+from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -22,8 +23,9 @@ from sparse_coord_ros.core.run_config import RUN_SETTINGS, RunConfig, make_run
 from sparse_coord_ros.core.scenario import load_scenario, scenario_names
 from sparse_coord_ros.core.settings import Setting, SettingTable, parse_assignments
 from sparse_coord_ros.core.wire import RECORDER
-from sparse_coord_ros.errors import RunError, SettingError, SparseCoordError, os_error_text
-from sparse_coord_ros.nodes.interface import RUN, STATUS, RosTopic
+from sparse_coord_ros.errors import RunError, SettingError, SparseCoordError, failure_of
+from sparse_coord_ros.lockstep.watch import Reminder
+from sparse_coord_ros.nodes.interface import RUN, RosTopic
 from sparse_coord_ros.nodes.tap import Tap, TappedPublisher
 
 EXECUTOR = Setting(
@@ -44,6 +46,14 @@ CLAIM_WINDOW = Setting(
     low=0,
     high=60,
 )
+WORLD_TIMEOUT = Setting(
+    "world_timeout",
+    float,
+    60.0,
+    "seconds without a word of the world until the node saves and ends; 0: for ever",
+    low=0,
+)
+GO_ON, WAIT, END = "go_on", "wait", "end"
 RECORDING = SettingTable(
     [
         Setting(
@@ -80,6 +90,20 @@ WORLD_PARAMETERS = SettingTable(
             "rate", float, 0.0, "time steps a second; 0: as fast as the team acts", low=0, high=1e6
         ),
         Setting("out", str, "", "directory for run.yaml and summary.yaml; empty: none"),
+        Setting(
+            "lost_robot",
+            str,
+            GO_ON,
+            "what the world does without a robot that is silent for step_timeout",
+            choices=(GO_ON, WAIT, END),
+        ),
+        Setting(
+            "lost_timeout",
+            float,
+            60.0,
+            "seconds that the world stands still for lost robots before it ends; 0: for ever",
+            low=0,
+        ),
         STARTUP_TIMEOUT,
         CLAIM_WINDOW,
         EXECUTOR,
@@ -92,6 +116,7 @@ ROBOT_PARAMETERS = SettingTable(
         Setting(
             "tables", str, "", "directory of a run whose tables to begin with; empty: the run's"
         ),
+        WORLD_TIMEOUT,
         STARTUP_TIMEOUT,
         CLAIM_WINDOW,
         EXECUTOR,
@@ -101,6 +126,7 @@ RECORDER_PARAMETERS = SettingTable(
     [
         Setting("out", str, "", "directory for the bag; empty: bag_<date>_<time>"),
         *RECORDING.values(),
+        WORLD_TIMEOUT,
         STARTUP_TIMEOUT,
         EXECUTOR,
     ]
@@ -115,36 +141,12 @@ TEAM_PARAMETERS = SettingTable(
     }.values()
 )
 
-WORLD_SECONDS = 3.0
 SLOWEST = 0.001
 CHANGEABLE = ("rate",)
 """Parameters of a team's nodes that can be set while they run; all others are read once."""
 
 ROS_OWN = ("use_sim_time", "start_type_description_service")
 ROS_OWN_PREFIX = "qos_overrides."
-
-
-class Fallible(Protocol):
-    """Who can be told to stop because of bad input: a node, or a part of one."""
-
-    def fail(self, error: SparseCoordError) -> None:
-        """Stop because of an error."""
-
-
-def stops_on_bad_input(callback: Callable[..., Any]) -> Callable[..., Any]:
-    """Wrap a callback method: bad input fails its node instead of the executor."""
-
-    @functools.wraps(callback)
-    def wrapped(node: Fallible, *args: Any) -> Any:
-        try:
-            return callback(node, *args)
-        except SparseCoordError as error:
-            node.fail(error)
-        except OSError as error:
-            node.fail(RunError(f"{os_error_text(error)}; choose another place, or make room"))
-        return None
-
-    return wrapped
 
 
 class ParameterNode(Node):
@@ -189,7 +191,8 @@ class ParameterNode(Node):
             parameter_overrides=given,
             automatically_declare_parameters_from_overrides=True,
         )
-        self.born = self._world_seen = time.monotonic()
+        self.born = time.monotonic()
+        self._start_reminder = Reminder()
         self.failure: SparseCoordError | None = None
         self.done = False
         self._table, self._changeable = table, changeable
@@ -204,6 +207,41 @@ class ParameterNode(Node):
     def fail(self, error: SparseCoordError) -> None:
         """Stop the node because of bad input: whoever spins it raises the error."""
         self.failure = self.failure or error
+
+    def guarded(self, callback: Callable[..., Any]) -> Callable[..., Any]:
+        """Return a callback whose exceptions stop this node, which then saves what it has.
+
+        Its last argument is returned then: the answer, where it is the callback of a service.
+        """
+
+        @functools.wraps(callback)
+        def wrapped(*args: Any) -> Any:
+            try:
+                return callback(*args)
+            except Exception as error:
+                self.fail(failure_of(error))
+                return args[-1] if args else None
+
+        return wrapped
+
+    def create_subscription(self, msg_type, topic, callback, *args, **more):
+        """As `Node`'s; the callback is guarded."""
+        return super().create_subscription(msg_type, topic, self.guarded(callback), *args, **more)
+
+    def create_service(self, srv_type, srv_name, callback, **more):
+        """As `Node`'s; the callback is guarded."""
+        return super().create_service(srv_type, srv_name, self.guarded(callback), **more)
+
+    def create_timer(self, timer_period_sec, callback, *args, **more):
+        """As `Node`'s, guarded, and on a steady clock: others follow a /clock that may stand."""
+        more.setdefault("clock", Clock(clock_type=ClockType.STEADY_TIME))
+        return super().create_timer(timer_period_sec, self.guarded(callback), *args, **more)
+
+    def remind(self, reminder: Reminder, for_whom: str) -> None:
+        """Say every few seconds for whom this node waits."""
+        waited = reminder.due(time.monotonic())
+        if waited:
+            self.get_logger().info(f"waiting for {for_whom} ({waited:.0f} s)")
 
     def finish(self, *, interrupted: bool) -> None:
         """Save and say what is left to say, while ROS still works.
@@ -230,19 +268,17 @@ class ParameterNode(Node):
 
     def check_startup_time(self) -> None:
         """Raise `RunError` where no world simulator has announced a run in time."""
+        self.remind(self._start_reminder, f"a world simulator on {self._run_topic()}")
         limit = self.values["startup_timeout"]
         if 0 < limit < time.monotonic() - self.born:
             raise RunError(
                 f"startup_timeout: node {self.get_name()} heard of no world simulator on "
-                f"{self.resolve_topic_name(RUN.name)} within {limit:g} s; start one: "
+                f"{self._run_topic()} within {limit:g} s; start one: "
                 "ros2 run sparse_coord_ros world_simulator --ros-args -p scenario:=env1"
             )
 
-    def world_is_gone(self) -> bool:
-        """Whether nobody has said the run's status for `WORLD_SECONDS`: no world is left."""
-        if self.count_publishers(STATUS.name) > 0:
-            self._world_seen = time.monotonic()
-        return time.monotonic() - self._world_seen > WORLD_SECONDS
+    def _run_topic(self) -> str:
+        return self.resolve_topic_name(RUN.name)
 
     def heard_by(self, publisher: Publisher, names: Collection[str]) -> bool:
         """Whether nodes of all these names subscribe to a topic of this node.

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock as ClockMessage
@@ -18,7 +17,7 @@ from std_srvs.srv import SetBool, Trigger
 from sparse_coord_ros.core.settings import Setting, SettingTable
 from sparse_coord_ros.errors import RunError, SettingError
 from sparse_coord_ros.nodes import interface
-from sparse_coord_ros.nodes.parameters import EXECUTOR, ParameterNode, stops_on_bad_input
+from sparse_coord_ros.nodes.parameters import EXECUTOR, ParameterNode
 from sparse_coord_ros.nodes.player_keys import Keyboard
 from sparse_coord_ros.nodes.player_topics import advertise
 from sparse_coord_ros.nodes.spin import run_node, wait_for_readers
@@ -115,13 +114,12 @@ class Player(ParameterNode):
             raise
         self.create_service(SetBool, "~/pause", self._on_pause)
         self.create_service(Trigger, "~/step", self._on_step)
-        self.add_post_set_parameters_callback(self._on_change)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._timer = self.create_timer(self.values["delay"], self._tick, clock=steady)
+        self.add_post_set_parameters_callback(self.guarded(self._on_change))
+        self._timer = self.create_timer(self.values["delay"], self._tick)
         if keyboard:
             self._keyboard = Keyboard()
             if self._keyboard.there:
-                self.create_timer(KEYS_SECONDS, self._on_keys, clock=steady)
+                self.create_timer(KEYS_SECONDS, self._on_keys)
                 self.get_logger().info(KEYS_HELP)
 
     def _open(self) -> None:
@@ -178,7 +176,6 @@ class Player(ParameterNode):
             message.clock.sec = min(seconds, 2**31 - 1)
             self._clock_publisher.publish(message)
 
-    @stops_on_bad_input
     def _tick(self) -> None:
         if not self._begun:
             self._begin()
@@ -216,10 +213,9 @@ class Player(ParameterNode):
         return response
 
     def _on_step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success, response.message = self._step() or (False, "the player fails")
+        response.success, response.message = self._step()
         return response
 
-    @stops_on_bad_input
     def _step(self) -> tuple[bool, str]:
         """Show the next time step; return whether there was one, and a text."""
         self._playback.pause(True)
@@ -250,7 +246,6 @@ class Player(ParameterNode):
                     return SetParametersResult(successful=False, reason=str(error))
         return super()._check_change(parameters)
 
-    @stops_on_bad_input
     def _on_change(self, parameters: list[Parameter]) -> None:
         """Do what changed parameters say."""
         for parameter in parameters:
@@ -265,7 +260,7 @@ class Player(ParameterNode):
             if key == "quit":
                 self.done = True
             elif key == "step":
-                self.get_logger().info((self._step() or (False, ""))[1])
+                self.get_logger().info(self._step()[1])
             else:
                 self._on_key(key)
                 self.get_logger().info(self._state())

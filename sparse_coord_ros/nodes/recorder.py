@@ -4,6 +4,7 @@
 
 import contextlib
 import functools
+import struct
 import sys
 import time
 from collections.abc import Callable, Mapping
@@ -12,31 +13,37 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
 import yaml
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from rclpy.serialization import deserialize_message
-from std_msgs.msg import String, UInt8MultiArray
+from std_msgs.msg import String
 
 from sparse_coord_ros.core import wire
-from sparse_coord_ros.core.frame import STAMPED
+from sparse_coord_ros.core.frame import SECOND, STAMPED
 from sparse_coord_ros.core.run_config import (
     MAP_FILE,
     RUN_FILE,
     RUN_RECORD,
     SCENARIO_FILE,
     RunConfig,
-    run_from_yaml,
 )
 from sparse_coord_ros.core.wire import RECORDER, WORLD
 from sparse_coord_ros.errors import BagError, RunError, SparseCoordError
+from sparse_coord_ros.lockstep.gate import NEAR
+from sparse_coord_ros.lockstep.watch import WorldWatch
 from sparse_coord_ros.nodes import interface
-from sparse_coord_ros.nodes.messages import Converter, read_tables_message, status
-from sparse_coord_ros.nodes.parameters import (
-    RECORDER_PARAMETERS,
-    ParameterNode,
-    stops_on_bad_input,
+from sparse_coord_ros.nodes.intake import Intake
+from sparse_coord_ros.nodes.messages import (
+    Announced,
+    Converter,
+    Said,
+    read_run,
+    read_status,
+    read_tables_message,
+    status,
+    typed,
 )
+from sparse_coord_ros.nodes.parameters import RECORDER_PARAMETERS, ParameterNode
 from sparse_coord_ros.nodes.spin import run_node
 from sparse_coord_ros.nodes.tap import Tap
 from sparse_coord_ros.recording import BagWriter, QoS
@@ -58,10 +65,11 @@ Bag: TypeAlias = BagWriter | BagProcess
 
 
 class Recording(NamedTuple):
-    """What exists once a run is announced: the run, and the bag that it is written into."""
+    """What exists once a run is announced: the run, its bag, and what is known of its world."""
 
     run: RunConfig
     bag: Bag
+    watch: WorldWatch
 
 
 class Recorder(ParameterNode):
@@ -111,16 +119,19 @@ class Recorder(ParameterNode):
         self.recording: Recording | None = None
         self.error: BagError | None = None
         self.done = False
-        self._ended: float | None = None
+        self._intake = Intake(self)
         self._stopping: float | None = None
-        self._now_ns = 0
+        self._now_ns = self._said_ns = self._near_ns = 0
         self._steps = 0
         self._count = 0
         self._last = self._reported = self._flushed = time.monotonic()
         self._tables: dict[str, tuple[int, bytes]] = {}
         self._final: set[str] = set()
         self._diagnostics_publisher = self.announce(interface.DIAGNOSTICS)
-        self._subscribe(interface.RUN.type, interface.RUN.name, interface.RUN.qos, self._on_run)
+        read = typed(interface.RUN, read_run)
+        self._status: Said | None = None
+        self._subscribe(interface.RUN, self._on_run, read=lambda data: (data, read(data)))
+        self._subscribe(STATUS, self._on_status, read=typed(STATUS, read_status))
         self.create_timer(TICK_SECONDS, self._tick)
 
     def fail(self, error: SparseCoordError) -> None:
@@ -132,16 +143,22 @@ class Recorder(ParameterNode):
             self._tap.close()
             self.get_logger().error(f"{error}; the run goes on unrecorded")
 
-    @stops_on_bad_input
-    def _on_run(self, data: bytes) -> None:
+    def _on_run(self, said: tuple[bytes, Announced]) -> None:
         """Open the bag with the first run that is announced, and listen to its team."""
+        data, (run, text) = said
         if self.recording is not None:
+            if run.id != self.recording.run.id:
+                self.recording.watch.another_run()
+                self.get_logger().warning(
+                    "another world simulator has begun a run; this recorder stays with its own"
+                )
             return
-        text = deserialize_message(data, String).data
-        run = run_from_yaml(text, where="topic run")
         make = BagWriter if self._tap is None else BagProcess
         bag: Bag = make(self.directory, compression=self.values["compression"])
-        self.recording = Recording(run, bag)
+        patience = self.values["world_timeout"]
+        watch = WorldWatch(run.id, run.scenario.steps, patience, time.monotonic())
+        self.recording = Recording(run, bag, watch)
+        self._near_ns = NEAR * Converter(run).period
         record = {**run.record(), wire.FORMAT_KEY: str(wire.BAG_FORMAT)}
         bag.add_metadata(RUN_RECORD, record)
         scenario = yaml.safe_dump(run.scenario.to_dict(), sort_keys=False, allow_unicode=True)
@@ -151,20 +168,17 @@ class Recorder(ParameterNode):
         bag.write(self._channel(bag, String, interface.RUN.name, interface.RUN.qos), data, 0, 0)
         for topic in (*interface.TEAM_TOPICS, *ROS_TOPICS):
             if topic is not interface.RUN:
-                then = self._on_status if topic is STATUS else None
-                self._record(bag, topic, topic.name, then)
+                self._record(bag, topic, topic.name)
         self._record(bag, interface.CLAIM, interface.CLAIM.of(WORLD))
         for robot in run.scenario.robots:
             for topic in (*interface.ROBOT_TOPICS, interface.CLAIM, interface.SERVICE_EVENTS):
                 self._record(bag, topic, topic.of(robot.name))
-            topic = interface.TABLES
-            self._subscribe(
-                topic.type,
-                topic.of(robot.name),
-                topic.qos,
-                functools.partial(self._on_tables, bag, robot.name),
-            )
+            then = functools.partial(self._on_tables, bag, robot.name)
+            read = typed(interface.TABLES, read_tables_message)
+            self._subscribe(interface.TABLES, then, robot.name, read=read)
         bag.flush()
+        if self._status is not None:
+            self._on_status(self._status)
 
     def _channel(self, bag: Bag, message_type: type, name: str, qos: QoSProfile) -> int:
         """Register a topic and return its channel in the bag."""
@@ -172,73 +186,92 @@ class Recorder(ParameterNode):
             self.resolve_topic_name(name), _type_name(message_type), _bag_qos(qos)
         )
 
-    def _record(
-        self,
-        bag: Bag,
-        topic: interface.RosTopic,
-        name: str,
-        then: Callable[[bytes], None] | None = None,
-    ) -> None:
-        """Write down a topic; `then` sees each message's bytes too."""
+    def _record(self, bag: Bag, topic: interface.RosTopic, name: str) -> None:
+        """Write down a topic, at the time that its messages say, or at the world's."""
         channel = self._channel(bag, topic.type, name, topic.qos)
         write, unpack_stamp = bag.write, STAMPED.unpack_from
 
-        @stops_on_bad_input
-        def stamped_message(self, data: bytes) -> None:
+        def stamped_message(data: bytes) -> None:
             if self.error is not None:
                 return
             self._count += 1
-            sec, nanosec = unpack_stamp(data)
-            at = sec * 1_000_000_000 + nanosec
-            if at > self._now_ns:
-                self._now_ns = at
-                self._steps += 1
-                if self._steps >= self.values["flush_steps"]:
-                    self._flush(bag)
+            try:
+                sec, nanosec = unpack_stamp(data)
+            except struct.error as error:
+                self._intake.drop(name, error)
+                return
+            at, now = sec * SECOND + nanosec, self._now_ns
+            if at > now:
+                if at > max(now, self._said_ns) + self._near_ns:
+                    self._odd(name, sec, nanosec)
+                    at = now
+                else:
+                    self._now_ns = at
+                    self._steps += 1
+                    if self._steps >= self.values["flush_steps"]:
+                        self._flush(bag)
+            elif at < 0:
+                self._odd(name, sec, nanosec)
+                at = now
             write(channel, data, at, at)
 
-        @stops_on_bad_input
-        def other_message(self, data: bytes) -> None:
+        def other_message(data: bytes) -> None:
             if self.error is not None:
                 return
             self._count += 1
             write(channel, data, self._now_ns, self._now_ns)
-            if then is not None:
-                then(data)
 
-        callback = functools.partial(stamped_message if topic.stamped else other_message, self)
+        callback = stamped_message if topic.stamped else other_message
         if self._tap is not None and topic.tapped:
-            self._tap.line(self.resolve_topic_name(name)).write = callback
+            self._tap.line(self.resolve_topic_name(name)).write = self.guarded(callback)
         else:
-            self._subscribe(topic.type, name, topic.qos, callback)
+            self._subscribe(topic, callback, name=name)
+
+    def _odd(self, name: str, sec: int, nanosec: int) -> None:
+        self._intake.drop(
+            name,
+            f"stamp {sec} s {nanosec} ns is not of the run's time {self._now_ns / SECOND:g} s",
+            "message recorded at the run's time",
+        )
 
     def _flush(self, bag: Bag) -> None:
         """Let all that was recorded survive this process."""
         self._steps, self._flushed = 0, time.monotonic()
         bag.flush()
 
-    def _subscribe(self, message_type: type, name: str, qos: QoSProfile, callback) -> None:
-        """Listen to the bytes of a topic, with a queue that nothing is pushed out of."""
-        latched = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    def _subscribe(
+        self,
+        topic: interface.RosTopic,
+        then: Callable[[Any], None],
+        owner: str = "",
+        *,
+        name: str = "",
+        read: Callable[[bytes], Any] = bytes,
+    ) -> None:
+        """Listen to a topic with a queue that nothing is pushed out of; as `Intake.listen`."""
+        latched = topic.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
         own = interface.RECORDER_LATCHED_QOS if latched else interface.RECORDER_QOS
-        self.create_subscription(message_type, name, callback, own, raw=True)
+        self._intake.listen(topic, then, owner, name=name, read=read, qos=own)
 
-    def _on_status(self, data: bytes) -> None:
-        message = deserialize_message(data, DiagnosticStatus)
-        if message.message in (wire.FINISHED, wire.STOPPED):
-            self._ended = self._ended or time.monotonic()
+    def _on_status(self, said: Said) -> None:
+        if self.recording is None:
+            self._status = said  # perhaps the world's last word, before its run has come
+        if self.recording is None or self.error is not None:
+            return
+        run, _, watch = self.recording
+        try:
+            watch.hear(*said, time.monotonic())
+        except ValueError as error:
+            self._intake.drop(STATUS.name, error)
+            return
+        sec, nanosec = Converter(run).stamp(said.step)
+        self._said_ns = max(self._said_ns, sec * SECOND + nanosec)
 
-    @stops_on_bad_input
-    def _on_tables(self, bag: Bag, robot: str, data: bytes) -> None:
+    def _on_tables(self, bag: Bag, robot: str, said: tuple[bytes, int, str]) -> None:
         """Attach a robot's tables to the bag, each but once."""
         if self.error is not None:
             return
-        try:
-            message = deserialize_message(data, UInt8MultiArray)
-            packed, step, occasion = read_tables_message(message)
-        except ValueError as error:
-            self.get_logger().warning(f"{interface.TABLES.of(robot)}: {error}; message ignored")
-            return
+        packed, step, occasion = said
         self._last = time.monotonic()
         if self._tables.get(robot) != (step, packed):
             self._tables[robot] = (step, packed)
@@ -247,7 +280,6 @@ class Recorder(ParameterNode):
         if occasion == wire.FINAL:
             self._final.add(robot)
 
-    @stops_on_bad_input
     def _tick(self) -> None:
         now = time.monotonic()
         if self.error is not None:
@@ -259,15 +291,19 @@ class Recorder(ParameterNode):
             return
         if self._last > self._flushed and now - self._flushed >= self.values["flush_seconds"]:
             self._flush(self.recording.bag)
-        if self._ended is not None:
+        watch = self.recording.watch
+        if watch.end is not None:
             quiet = now - self._last >= QUIET_SECONDS
-            waited = now - self._ended > LAST_WORDS_SECONDS
+            waited = now - watch.ended > LAST_WORDS_SECONDS
             self.done = quiet and (waited or self._heard_all(self.recording.run))
         elif now - self._reported >= REPORT_SECONDS:
             self._reported = now
             self._report(self.recording)
-            if self.world_is_gone():
-                self.get_logger().warning("the world simulator is gone: the recorder ends too")
+            missed, gone = watch.to_say(now), watch.given_up(now)
+            if missed:
+                self.get_logger().warning(missed)
+            if gone:
+                self.get_logger().warning(f"{gone}: the recorder closes the bag and ends")
                 self.done = True
 
     def _heard_all(self, run: RunConfig) -> bool:
@@ -283,7 +319,8 @@ class Recorder(ParameterNode):
         ]
         if self._tap is None:
             speakers.append(interface.STATUS.name)
-        return not any(self.count_publishers(topic) for topic in speakers)
+        names = [self.resolve_topic_name(topic) for topic in speakers]
+        return not any(self.count_publishers(name) for name in names)
 
     def may_stop(self) -> bool:
         """Whether there is nothing to record any more, or waiting for it has taken too long."""
@@ -291,11 +328,16 @@ class Recorder(ParameterNode):
         self._stopping = self._stopping or now
         if self.recording is None or self.done or self.error is not None:
             return True
-        return now - self._stopping > (STOP_SECONDS if self._ended is None else LAST_WORDS_SECONDS)
+        over = self.recording.watch.end is not None
+        return now - self._stopping > (LAST_WORDS_SECONDS if over else STOP_SECONDS)
 
     def _report(self, recording: Recording) -> None:
         bag = recording.bag
-        values = {"messages": bag.message_count, "bytes": bag.bytes_written}
+        values = {
+            "messages": bag.message_count,
+            "bytes": bag.bytes_written,
+            "messages_dropped": self._intake.total,
+        }
         convert = Converter(recording.run)
         message = DiagnosticArray(header=convert.header(self._now_ns // convert.period))
         message.status = [status(self.get_name(), "recording", values)]

@@ -4,20 +4,18 @@
 
 import sys
 import time
-from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.context import Context
-from std_msgs.msg import String
 
-from sparse_coord_ros.core import wire
-from sparse_coord_ros.core.run_config import run_from_yaml
+from sparse_coord_ros.lockstep.watch import WorldWatch
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.claim import Claim
+from sparse_coord_ros.nodes.intake import Intake
 from sparse_coord_ros.nodes.member import Member
-from sparse_coord_ros.nodes.messages import status_values
-from sparse_coord_ros.nodes.parameters import ROBOT_PARAMETERS, ParameterNode, stops_on_bad_input
+from sparse_coord_ros.nodes.messages import Announced, Said, read_run, read_status, typed
+from sparse_coord_ros.nodes.parameters import ROBOT_PARAMETERS, ParameterNode
 from sparse_coord_ros.nodes.spin import run_node, wait_for_readers
 from sparse_coord_ros.nodes.tap import Tap
 
@@ -25,13 +23,6 @@ TICK_SECONDS = 0.02
 REPORT_SECONDS = 1.0
 LAST_WORDS_SECONDS = 2.0
 """How long a robot waits for its last reward after the run's end."""
-
-
-class End(NamedTuple):
-    """The world has said that the run is over: its last time step, and when it said so."""
-
-    step: int
-    heard: float
 
 
 class RobotNode(ParameterNode):
@@ -63,78 +54,76 @@ class RobotNode(ParameterNode):
         )
         self.name = self.get_name()
         self.member: Member | None = None
-        self._announced: str | None = None
-        self._end: End | None = None
+        self.watch: WorldWatch | None = None
+        self.intake = Intake(self)
+        self.claim = Claim(self, self.intake)
+        self._announced: Announced | None = None
+        self._status: Said | None = None
         self._reported = time.monotonic()
-        self._claim = Claim(self)
         self.action_publisher = self.announce(interface.ACTION, self.name)
         self.percept_publisher = self.announce(interface.PERCEPT, self.name)
         self.map_publisher = self.announce(interface.COORDINATION_MAP, self.name)
         self.tables_publisher = self.announce(interface.TABLES, self.name)
         self.diagnostics_publisher = self.announce(interface.DIAGNOSTICS)
-        self.listen(interface.RUN, self._on_run)
-        self.listen(interface.STATUS, self._on_status)
+        self.intake.listen(interface.RUN, self._on_run, read=typed(interface.RUN, read_run))
+        read = typed(interface.STATUS, read_status)
+        self.intake.listen(interface.STATUS, self._on_status, read=read)
         self.create_timer(TICK_SECONDS, self._tick)
 
-    def listen(
-        self,
-        topic: interface.RosTopic,
-        callback: Callable[[Any], None],
-        robot: str = "",
-        *,
-        raw: bool = False,
-    ) -> None:
-        """Subscribe to a topic of the team, or of a robot; `raw`: to the messages' bytes."""
-        name = topic.of(robot) if robot else topic.name
-        self.create_subscription(topic.type, name, callback, topic.qos, raw=raw)
-
-    @stops_on_bad_input
-    def _on_run(self, message: String) -> None:
-        if self._announced is not None:  # a world announces its run once
+    def _on_run(self, announced: Announced) -> None:
+        before = self._announced
+        if self.watch is None:
+            self._announced = announced
+        elif before is not None and announced.run.id != before.run.id:
+            self.watch.another_run()
             self.get_logger().warning(
-                "another world simulator has started; this robot stays with the run that it is "
-                "in, restart it to join the other"
+                "another world simulator has begun a run; this robot stays with the run that it "
+                "is in, and ends when the world of that is gone"
             )
-            return
-        run_from_yaml(message.data, where=f"topic {interface.RUN.name}")
-        self._announced = message.data
 
-    def _on_status(self, message: DiagnosticStatus) -> None:
-        if message.message not in (wire.FINISHED, wire.STOPPED):
+    def _on_status(self, said: Said) -> None:
+        if self.watch is None or self.member is None:
+            self._status = said  # perhaps the world's last word
             return
         try:
-            step = int(status_values(message)["step"])
-        except (KeyError, ValueError) as error:
-            self.get_logger().warning(f"{interface.STATUS.name}: no step ({error}); ignored")
+            self.watch.hear(*said, time.monotonic())
+        except ValueError as error:
+            self.intake.drop(interface.STATUS.name, error)
             return
-        self._end = End(step, time.monotonic() if self._end is None else self._end.heard)
+        self.member.world_said(said.step)
 
-    @stops_on_bad_input
     def _tick(self) -> None:
         now = time.monotonic()
         if now - self.born < self.values["claim_window"]:
             return
+        self.claim.hold()
         if self._announced is None:
             self.check_startup_time()
             return
-        if self.member is None:
-            text = self._announced
-            run = run_from_yaml(text, where=f"topic {interface.RUN.name}")
-            self.member = Member(self, run, text)
-        self._go_on(self.member, now)
+        if self.member is None or self.watch is None:
+            run, patience = self._announced.run, self.values["world_timeout"]
+            self.watch = WorldWatch(run.id, run.scenario.steps, patience, now)
+            self.member = Member(self, run, self._announced.text)
+            if self._status is not None:
+                self._on_status(self._status)
+        self._go_on(self.member, self.watch, now)
 
-    def _go_on(self, member: Member, now: float) -> None:
+    def _go_on(self, member: Member, watch: WorldWatch, now: float) -> None:
         if not member.joined:
             member.join_when_ready(now)
-        elif self._end is None:
+        elif watch.end is None:
             member.watch_the_deadline(now)
-        elif member.has_learned(self._end.step) or now - self._end.heard > LAST_WORDS_SECONDS:
+        elif member.has_learned(watch.end) or now - watch.ended > LAST_WORDS_SECONDS:
             self.done = True
         if now - self._reported >= REPORT_SECONDS:
             self._reported = now
             member.report()
-            if self.world_is_gone():
-                self.get_logger().warning("the world simulator is gone: this robot ends too")
+            missed = watch.to_say(now)
+            if missed:
+                self.get_logger().warning(missed)
+            gone = watch.given_up(now)
+            if gone:
+                self.get_logger().warning(f"{gone}: this robot saves and ends")
                 self.done = True
 
     def finish(self, *, interrupted: bool) -> None:

@@ -7,8 +7,9 @@ import os
 import signal
 import sys
 import time
+import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import rclpy
 from rclpy.context import Context
@@ -16,15 +17,17 @@ from rclpy.duration import Duration
 from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 
 from sparse_coord_ros.errors import (
-    EXIT_BAD_INPUT,
+    FaultError,
     NameTakenError,
     RunError,
     SparseCoordError,
-    os_error_text,
+    failure_of,
 )
+from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.middleware import repair_promptly
 from sparse_coord_ros.nodes.parameters import ParameterNode
 
@@ -38,12 +41,24 @@ SPIN_SECONDS = 0.1
 LOOK_SECONDS = 0.01
 """Between two looks at the condition, which would otherwise cost as much as a callback."""
 
+MATCH_SECONDS = 1.0
+"""How long the readers of /rosout may take to find a node's last word."""
+
+ROSOUT_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""As rcl's own publishers of /rosout."""
+FATAL = 50
+"""The level of rcl_interfaces/Log."""
+
 PATIENCE_SECONDS = 3.0
 SHUTDOWN_SECONDS = 10.0
 
 
+STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""What ends a node well: Ctrl-C, `kill`, and a terminal that is closed (`nohup` ignores it)."""
+
+
 class Stop:
-    """Whether SIGINT or SIGTERM has come.
+    """Whether one of `STOPPING` has come.
 
     One Ctrl-C often arrives twice, from the terminal and from launch. A further signal interrupts
     at once only when the node has had `PATIENCE_SECONDS` to end by itself.
@@ -67,9 +82,10 @@ class Stop:
 
 @contextmanager
 def signals() -> Iterator[Stop]:
-    """Catch SIGINT and SIGTERM, so that nodes can say good-bye while ROS still works."""
+    """Catch `STOPPING`, so that nodes can say good-bye while ROS still works."""
     stop = Stop()
-    before = {n: signal.signal(n, stop.handle) for n in (signal.SIGINT, signal.SIGTERM)}
+    ignored = [signal.SIGHUP] if signal.getsignal(signal.SIGHUP) == signal.SIG_IGN else []
+    before = {n: signal.signal(n, stop.handle) for n in STOPPING if n not in ignored}
     try:
         yield stop
     finally:
@@ -183,40 +199,76 @@ def wait_for_readers(publishers: Iterable[Publisher]) -> None:
         publisher.wait_for_all_acked(Duration(seconds=max(0.0, deadline - time.monotonic())))
 
 
-def run_node(make: Callable[[Context], ParameterNode], args: Sequence[str] | None = None) -> int:
-    """Run one node as a process: until it is `done`, or SIGINT or SIGTERM comes.
+def say_on_rosout(node: Node, error: SparseCoordError) -> None:
+    """Publish on /rosout why a node ends, for who is not at its terminal, which shows it too.
 
-    The node's `finish(interrupted)` is called at the end, while ROS still works.
+    The text of an unexpected exception is its traceback.
+    """
+    topic = interface.ROSOUT
+    publisher = node.create_publisher(topic.type, topic.name, ROSOUT_QOS)
+    message = topic.type(level=FATAL, name=node.get_logger().name, msg=str(error))
+    message.stamp = node.get_clock().now().to_msg()
+    if isinstance(error, FaultError) and error.__cause__ is not None:
+        message.msg = "".join(traceback.format_exception(error.__cause__))
+    deadline = time.monotonic() + MATCH_SECONDS
+    readers = node.count_subscribers(publisher.topic_name)
+    while publisher.get_subscription_count() < readers and time.monotonic() < deadline:
+        time.sleep(LOOK_SECONDS)
+    publisher.publish(message)
+    wait_for_readers([publisher])
+
+
+def exit_code_of(run: Callable[[], None]) -> int:
+    """Run something and return the exit code that its end stands for; an error is one line.
 
     Returns:
-        The exit code: 0 after the run and after SIGINT or SIGTERM, 2 after bad input.
+        0 at its end, 2 after bad input, 1 after an exception that nobody expected, 130 after an
+        impatient second Ctrl-C.
+    """
+    try:
+        run()
+    except Exception as error:
+        failure = failure_of(error)
+        print(f"error: {failure}", file=sys.stderr, flush=True)
+        return failure.exit_code
+    except KeyboardInterrupt:
+        return 128 + signal.SIGINT
+    return 0
+
+
+def run_node(make: Callable[[Context], ParameterNode], args: Sequence[str] | None = None) -> int:
+    """Run one node as a process: until it is `done`, or one of `STOPPING` comes.
+
+    The node's `finish(interrupted)` is called at the end, whatever brought it, while ROS still
+    works.
+
+    Returns:
+        The exit code: 0 after the run and after a signal; see `exit_code_of`.
     """
     with signals() as stop:
+        return exit_code_of(lambda: _run_node(make, sys.argv if args is None else args, stop))
+
+
+def _run_node(make: Callable[[Context], ParameterNode], args: Sequence[str], stop: Stop) -> None:
+    with ros_context(args) as context:
+        node = make(context)
         try:
-            with ros_context(sys.argv if args is None else args) as context:
-                node = make(context)
-                try:
-                    spin_nodes(
-                        [node],
-                        node.values["executor"],
-                        context,
-                        lambda: node.done or (bool(stop) and node.may_stop()),
-                    )
-                    node.finish(interrupted=not node.done)
-                except NameTakenError:
-                    raise  # the team is another node's: neither save nor tell anybody
-                except SparseCoordError:
-                    node.finish(interrupted=True)  # what there is is saved, the others are told
-                    raise
-                finally:
-                    with limited_shutdown():
-                        node.destroy_node()
-        except SparseCoordError as error:
-            print(f"error: {error}", file=sys.stderr, flush=True)
-            return EXIT_BAD_INPUT
-        except OSError as error:
-            print(f"error: {os_error_text(error)}", file=sys.stderr, flush=True)
-            return EXIT_BAD_INPUT
-        except KeyboardInterrupt:
-            return 128 + signal.SIGINT
-    return 0
+            spin_nodes(
+                [node],
+                node.values["executor"],
+                context,
+                lambda: node.done or (bool(stop) and node.may_stop()),
+            )
+            node.finish(interrupted=not node.done)
+        except NameTakenError:
+            raise  # the team is another node's: neither save nor tell anybody
+        except Exception as error:
+            failure = failure_of(error)
+            with suppress(Exception):  # the first error is the one to tell
+                node.finish(interrupted=True)  # what there is is saved, the others are told
+            with suppress(Exception):
+                say_on_rosout(node, failure)
+            raise failure from failure.__cause__
+        finally:
+            with limited_shutdown():
+                node.destroy_node()

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A whole team in one process: world simulator, robots and recorder on one executor."""
 
-import signal
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ from typing import Any
 from rclpy.context import Context
 
 from sparse_coord_ros.core.run_config import RunConfig, create_output
-from sparse_coord_ros.errors import EXIT_BAD_INPUT, BagError, SparseCoordError, os_error_text
+from sparse_coord_ros.errors import BagError, NameTakenError, failure_of
 from sparse_coord_ros.nodes.outputs import begin_with, gather
 from sparse_coord_ros.nodes.parameters import (
     RECORDER_PARAMETERS,
@@ -24,7 +24,15 @@ from sparse_coord_ros.nodes.parameters import (
 )
 from sparse_coord_ros.nodes.recorder import Recorder
 from sparse_coord_ros.nodes.robot import RobotNode
-from sparse_coord_ros.nodes.spin import limited_shutdown, ros_context, signals, spin_nodes
+from sparse_coord_ros.nodes.spin import (
+    Stop,
+    exit_code_of,
+    limited_shutdown,
+    ros_context,
+    say_on_rosout,
+    signals,
+    spin_nodes,
+)
 from sparse_coord_ros.nodes.tap import Tap
 from sparse_coord_ros.nodes.world_simulator import WorldSimulator
 from sparse_coord_ros.recording.reader import BAG_DIRECTORY
@@ -89,6 +97,17 @@ def run_team(
         interrupted = _spin(nodes, values["executor"], context, stop)
         error = recorder.error if recorder is not None else None
         return gather(out, run.scenario, interrupted=interrupted, recording_error=error)
+    except NameTakenError:
+        raise  # the team is another one's
+    except Exception as error:
+        failure = failure_of(error)
+        failed = [node for node in nodes if node.failure is not None] or nodes
+        for node in failed[:1]:
+            with suppress(Exception):
+                say_on_rosout(node, failure)
+        with suppress(Exception):  # the first error is the one to tell
+            gather(out, run.scenario, interrupted=True)
+        raise failure from failure.__cause__
     finally:
         if recorder is not None:
             recorder.close()
@@ -100,32 +119,41 @@ def run_team(
 def _spin(
     nodes: Sequence[ParameterNode], kind: str, context: Context, stop: Callable[[], bool]
 ) -> bool:
-    """Spin until every node is done; return whether they were stopped before."""
+    """Spin until every node is done; return whether they were stopped before.
+
+    Whatever ends them, each says and saves what it has; the first error is raised then.
+    """
     finished: set[int] = set()
+    failures: list[Exception] = []
 
     def settle(*, interrupted: bool = False) -> bool:
-        failure: OSError | None = None
         for number, node in enumerate(nodes):
             speaks = not isinstance(node, Recorder)
             if number not in finished and (node.done or (interrupted and speaks)):
                 finished.add(number)
                 try:
                     node.finish(interrupted=not node.done)
-                except OSError as error:  # the others save what they have all the same
-                    failure = failure or error
-        if failure is not None:
-            raise failure
-        return len(finished) == len(nodes)
+                except Exception as error:  # the others save what they have all the same
+                    failures.append(error)
+        return bool(failures) or len(finished) == len(nodes)
 
-    spin_nodes(nodes, kind, context, lambda: settle() or stop())
-    if len(finished) == len(nodes):
-        return False
+    try:
+        spin_nodes(nodes, kind, context, lambda: settle() or stop())
+    except NameTakenError:
+        raise
+    except Exception as error:
+        failures.insert(0, error)
+    stopped = len(finished) < len(nodes)
     settle(interrupted=True)
-    recorders = [node for node in nodes if isinstance(node, Recorder)]
-    spin_nodes(recorders, kind, context, lambda: all(node.may_stop() for node in recorders))
-    for recorder in recorders:
-        recorder.finish(interrupted=True)
-    return True
+    for recorder in (node for node in nodes if isinstance(node, Recorder) and not node.done):
+        try:
+            spin_nodes([recorder], kind, context, recorder.may_stop)
+            recorder.finish(interrupted=True)
+        except Exception as error:
+            failures.append(error)
+    if failures:
+        raise failures[0]
+    return stopped
 
 
 def main(args: list[str] | None = None) -> int:
@@ -135,25 +163,17 @@ def main(args: list[str] | None = None) -> int:
         The exit code: 0 after the run and after a signal, 2 on bad input or a broken recording.
     """
     with signals() as stop:
-        try:
-            with ros_context(sys.argv if args is None else args) as context:
-                node = ParameterNode("team", TEAM_PARAMETERS, context=context)
-                values, namespace = node.values, node.get_namespace()
-                node.destroy_node()
-                summary = run_team(
-                    values, context=context, namespace=namespace, stop=lambda: bool(stop)
-                )
-            if "recording_error" in summary:
-                raise BagError(summary["recording_error"])
-        except SparseCoordError as error:
-            print(f"error: {error}", file=sys.stderr, flush=True)
-            return EXIT_BAD_INPUT
-        except OSError as error:
-            print(f"error: {os_error_text(error)}", file=sys.stderr, flush=True)
-            return EXIT_BAD_INPUT
-        except KeyboardInterrupt:
-            return 128 + signal.SIGINT
-    return 0
+        return exit_code_of(lambda: _run(sys.argv if args is None else args, stop))
+
+
+def _run(args: list[str], stop: Stop) -> None:
+    with ros_context(args) as context:
+        node = ParameterNode("team", TEAM_PARAMETERS, context=context)
+        values, namespace = node.values, node.get_namespace()
+        node.destroy_node()
+        summary = run_team(values, context=context, namespace=namespace, stop=lambda: bool(stop))
+    if "recording_error" in summary:
+        raise BagError(summary["recording_error"])
 
 
 if __name__ == "__main__":

@@ -5,7 +5,9 @@
 import functools
 import sys
 import time
+import uuid
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,20 +23,23 @@ from sparse_coord_ros.core.history import HISTORY_FILE
 from sparse_coord_ros.core.run_config import RUN_FILE
 from sparse_coord_ros.core.tables import TEAM_FILE, robot_file
 from sparse_coord_ros.core.wire import RECORDER, WORLD
-from sparse_coord_ros.core.world import Reward
+from sparse_coord_ros.core.world import Action, Reward
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.lockstep.checkpoints import Checkpoints
+from sparse_coord_ros.lockstep.watch import Reminder
 from sparse_coord_ros.lockstep.world import WorldSide
 from sparse_coord_ros.nodes import interface
-from sparse_coord_ros.nodes.claim import Claim
+from sparse_coord_ros.nodes.claim import JOINED, Claim
 from sparse_coord_ros.nodes.episode_messages import MapLayout, MarkersLayout
-from sparse_coord_ros.nodes.messages import CLOCK_LAYOUT, Converter, status
+from sparse_coord_ros.nodes.intake import Intake
+from sparse_coord_ros.nodes.messages import CLOCK_LAYOUT, Converter, read_claim, status, typed
 from sparse_coord_ros.nodes.outputs import SUMMARY_FILE, open_output, saving
 from sparse_coord_ros.nodes.parameters import (
+    END,
+    GO_ON,
     WORLD_PARAMETERS,
     ParameterNode,
     run_from_parameters,
-    stops_on_bad_input,
 )
 from sparse_coord_ros.nodes.spin import run_node, wait_for_readers
 from sparse_coord_ros.nodes.tap import Tap
@@ -74,7 +79,7 @@ class WorldSimulator(ParameterNode):
             values=values,
             tap=tap,
         )
-        self.run = run_from_parameters(self.values)
+        self.run = replace(run_from_parameters(self.values), id=uuid.uuid4().hex)
         self._out: Path | None = None
         self._checkpoints: Checkpoints | None = None
         self._convert = Converter(self.run)
@@ -85,12 +90,16 @@ class WorldSimulator(ParameterNode):
         self._state = wire.WAITING
         self._opened = self._paused = self._started = self.done = False
         self._clock_step = -1
-        self._since = self._reported = time.monotonic()
+        self._since = self._stands_since = self._reported = time.monotonic()
+        self._reminder = Reminder()
+        self.replaced = 0
+        self._members: dict[int, str] = {}
         self._seconds = 0.0
         self._reported_transitions = 0
         self._repeated = 0.0
         self._slow = [0.0] * len(self._names)
-        self._claim = Claim(self)
+        self.intake = Intake(self)
+        self._claim = Claim(self, self.intake)
         self._run_publisher = self.announce(interface.RUN)
         self._create_publishers()
         self.create_timer(TICK_SECONDS, self._tick)
@@ -102,7 +111,7 @@ class WorldSimulator(ParameterNode):
         """Publish a robot's local state, and the clock when a step begins."""
         if step != self._clock_step:
             self._clock_step = step
-            self._since = time.monotonic()
+            self._since = self._stands_since = time.monotonic()
             self._clock_publisher.publish(CLOCK_LAYOUT.pack(*self._convert.stamp(step)))
         self._state_publishers[robot].publish(self._convert.pack_state(step, cell))
 
@@ -124,15 +133,8 @@ class WorldSimulator(ParameterNode):
 
     # Incoming.
 
-    def _on_action(self, robot: int, data: bytes) -> None:
-        try:
-            step, action = self._convert.unpack_action(data)
-        except ValueError as error:
-            self.get_logger().warning(
-                f"{interface.ACTION.of(self._names[robot])}: {error}; message ignored",
-                throttle_duration_sec=5.0,
-            )
-            return
+    def _on_action(self, robot: int, said: tuple[int, Action]) -> None:
+        step, action = said
         if not self._started:
             return
         opened = self.lockstep.action(robot, step, action)
@@ -140,9 +142,25 @@ class WorldSimulator(ParameterNode):
         if opened and not self._paused and self.values["rate"] == 0:
             self._advance()
 
+    def _on_claim(self, robot: int, claim: tuple[str, int]) -> None:
+        """Note who takes part as a robot; another one than before has learned other things."""
+        identity, rank = claim
+        before = self._members.get(robot)
+        if rank != JOINED or identity == before:
+            return
+        self._members[robot] = identity
+        if before is None:
+            self.get_logger().info(f"{self._names[robot]} has joined")
+        elif self._started:
+            self.replaced += 1
+            self.get_logger().warning(
+                f"{self._names[robot]} was replaced at step {self.lockstep.world.step}: a new "
+                "node has joined under its name, with tables of its own"
+            )
+
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response):
         self._paused = request.data
-        self._since = time.monotonic()
+        self._since = self._stands_since = time.monotonic()
         self._say_state(self._running_state())
         if not self._paused and self.lockstep.complete and self.values["rate"] == 0:
             self._advance()
@@ -159,11 +177,11 @@ class WorldSimulator(ParameterNode):
 
     # The course of the run.
 
-    @stops_on_bad_input
     def _tick(self) -> None:
         now = time.monotonic()
         if not self._opened:
             if now - self.born >= self.values["claim_window"]:
+                self._claim.hold()
                 self._open()
             return
         if not self._started:
@@ -191,6 +209,7 @@ class WorldSimulator(ParameterNode):
     def _start_when_complete(self, now: float) -> None:
         missing = self._missing_nodes()
         if missing:
+            self.remind(self._reminder, ", ".join(missing))
             limit = self.values["startup_timeout"]
             if 0 < limit < now - self.born:
                 command = f"robot --ros-args -r __node:={missing[0]}"
@@ -202,8 +221,10 @@ class WorldSimulator(ParameterNode):
                 )
             return
         self._started = True
+        self._claim.join()
+        self._reminder.over()
         self._seconds = -now
-        self._since = self._reported = now
+        self._since = self._stands_since = self._reported = now
         self._say_state(self._running_state())
         self.get_logger().info(
             f"{self.run.scenario.name}: {len(self._names)} robots, {self.run.scenario.steps} "
@@ -231,17 +252,26 @@ class WorldSimulator(ParameterNode):
         if self.lockstep.complete and self.values["rate"] == 0 and not self._paused:
             self._advance()  # the rate was set to 0 while the team waited for its next step
         if self.lockstep.complete or silent < REPEAT_SECONDS:
+            self._reminder.over()
             return
         if now - self._repeated >= REPEAT_SECONDS:
             self._repeated = now
             self.lockstep.repeat()
+            self._say_state(self._state)
         if self._paused:
             return
+        self._wait_for_the_lost(now)
         gone = all(
             self._action_subscriptions[k].get_publisher_count() == 0
             for k in self.lockstep.missing()
         )
-        if silent >= self.run.step_timeout or (gone and self.lockstep.missing()):
+        lost = silent >= self.run.step_timeout or (gone and bool(self.lockstep.missing()))
+        if lost and self.values["lost_robot"] == END:
+            raise RunError(
+                f"lost_robot: step {self.lockstep.world.step}: {self._waited_for()} gone or "
+                f"silent for {silent:.1f} s; this world ends the run, as it is told to"
+            )
+        if lost and self.values["lost_robot"] == GO_ON:
             late = [self._names[k] for k in self.lockstep.expire()]
             self._since = now
             self.get_logger().warning(
@@ -250,6 +280,20 @@ class WorldSimulator(ParameterNode):
                 throttle_duration_sec=5.0,
             )
             self._end_when_finished()
+
+    def _waited_for(self) -> str:
+        waited = set(self.lockstep.missing()) or self.lockstep.absent
+        return ", ".join(self._names[k] for k in sorted(waited))
+
+    def _wait_for_the_lost(self, now: float) -> None:
+        """Say for whom the world stands still, and end where it has done so for too long."""
+        stands, limit = now - self._stands_since, self.values["lost_timeout"]
+        self.remind(self._reminder, f"{self._waited_for()} at step {self.lockstep.world.step}")
+        if 0 < limit <= stands:
+            raise RunError(
+                f"lost_timeout: step {self.lockstep.world.step}: the world has stood still for "
+                f"{stands:.0f} s for {self._waited_for()}; what there is is saved"
+            )
 
     def _keep_the_rate(self) -> None:
         if self._rate_timer is None or self._rate_timer.timer_period_ns != _period(self.values):
@@ -299,6 +343,8 @@ class WorldSimulator(ParameterNode):
             "miscoordinations": world.miscoordinations,
             "timeouts": self.lockstep.timeouts,
             "stale_actions": self.lockstep.stale,
+            "replaced_robots": self.replaced,
+            "messages_dropped": self.intake.total,
             "executor": self.values["executor"],
             "rate": self.values["rate"],
             "seconds": round(seconds, 3),
@@ -317,6 +363,7 @@ class WorldSimulator(ParameterNode):
         side = self.lockstep
         said = (side.world.step, side.world.transitions, side.left_out, side.began)
         values = dict(zip(wire.STATUS_VALUES, said, strict=True))
+        values[wire.RUN_ID] = self.run.id
         self._status_publisher.publish(status(self.run.scenario.name, state, values))
 
     def _report(self, now: float) -> None:
@@ -334,6 +381,8 @@ class WorldSimulator(ParameterNode):
             "slowest_robot": self._names[slowest],
             "slowest_seconds": f"{self._slow[slowest]:.4f}",
             "timeouts": self.lockstep.timeouts,
+            "replaced_robots": self.replaced,
+            "messages_dropped": self.intake.total,
         }
         self._slow = [0.0] * len(self._names)
         message = DiagnosticArray(header=self._convert.header(world.step))
@@ -364,15 +413,18 @@ class WorldSimulator(ParameterNode):
         self._state_publishers = [self.announce(interface.LOCAL_STATE, n) for n in self._names]
         self._reward_publishers = [self.announce(interface.REWARD, n) for n in self._names]
         self._action_subscriptions = [
-            self.create_subscription(
-                interface.ACTION.type,
-                interface.ACTION.of(name),
+            self.intake.listen(
+                interface.ACTION,
                 functools.partial(self._on_action, robot),
-                interface.ACTION.qos,
-                raw=True,
+                name,
+                read=self._convert.unpack_action,
             )
             for robot, name in enumerate(self._names)
         ]
+        read = typed(interface.CLAIM, read_claim)
+        for robot, name in enumerate(self._names):
+            then = functools.partial(self._on_claim, robot)
+            self.intake.listen(interface.CLAIM, then, name, read=read, qos=interface.CLAIMS_QOS)
 
 
 def _period(values: Mapping[str, Any]) -> int:

@@ -229,7 +229,7 @@ def _receive_bytes(connection: socket.socket, count: int) -> bytes | None:
 
 def main() -> int:
     """Serve the process at the other end of the socket whose number is the only argument."""
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)  # it ends when its parent does
     child = _Child()
     with socket.socket(fileno=int(sys.argv[1])) as connection, contextlib.suppress(OSError):

@@ -203,7 +203,7 @@ def test_a_waiting_node_ends_well_on_a_signal(start_node, bench, tmp_path, name,
     assert not (tmp_path / "bag").exists()  # no world, no run, no bag
 
 
-@SIGNALS
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 @pytest.mark.parametrize("name, code", [("robot", 0), ("sparse_coord", 130)])
 def test_a_signal_while_modules_are_imported(name, code, number):
     """It comes before ROS and NumPy are there; the import is replaced by the signal."""

@@ -3,6 +3,7 @@
 """Steps, cells and numbers survive their way through ROS messages."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import OccupancyGrid
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from sparse_coord_ros.core.agent import initial_tables
@@ -18,11 +20,13 @@ from sparse_coord_ros.core.algorithm import COORDINATE
 from sparse_coord_ros.core.frame import Account
 from sparse_coord_ros.core.run_config import make_run
 from sparse_coord_ros.core.scenario import load_scenario, scenario_names
-from sparse_coord_ros.core.wire import ACCOUNT_LABELS, ACTION_LABELS
+from sparse_coord_ros.core.wire import ACCOUNT_LABELS, ACTION_LABELS, REWARD_LABELS
 from sparse_coord_ros.core.world import Action, Reward
 from sparse_coord_ros.nodes.episode_messages import CoordinationMapLayout, MapLayout, MarkersLayout
 from sparse_coord_ros.nodes.messages import (
     Converter,
+    read_claim,
+    read_status,
     read_tables_message,
     status,
     status_values,
@@ -32,6 +36,11 @@ from sparse_coord_ros.nodes.messages import (
 RESOLUTIONS = [0.001, 0.05, 0.3, 1 / 3, 1.0, 7.77, 1000.0]
 PERIODS = [0.001, 0.0123456789, 1 / 3, 0.1, 1.0, 59.94, 60.0]
 STEPS = [0, 1, 2, 3, 7, 10, 999, 10_000, 123_456, 500_000]
+
+
+def labelled(labels, numbers, *, frame="map", sec=0, nanosec=0):
+    header = Header(frame_id=frame, stamp=Time(sec=sec, nanosec=nanosec))
+    return JointState(header=header, name=list(labels), position=list(numbers))
 
 
 def converter(name="env1", **settings):
@@ -96,7 +105,7 @@ def test_x_points_east_and_y_north():
 
 def test_a_state_in_a_wall_names_the_map():
     convert = converter("env1")
-    message = PoseStamped()
+    message = PoseStamped(header=Header(frame_id="map"))
     message.pose.position.x, message.pose.position.y = 2.5, 4.5
     with pytest.raises(ValueError, match=r"\(2\.5, 4\.5\) is no free cell of map env1"):
         convert.unpack_state(serialize_message(message))
@@ -115,7 +124,7 @@ def test_rewards_come_back():
 @pytest.mark.parametrize("peer", [-1, 0, 3])
 @pytest.mark.parametrize("move", range(4))
 def test_actions_come_back(move, peer):
-    convert = converter()
+    convert = converter("env2-4r")
     for asked, perceived in ((False, False), (True, False), (True, True)):
         action = Action(move, asked, peer, perceived)
         for account in (Account(3, True), Account(0, False)):
@@ -127,7 +136,7 @@ def test_actions_come_back(move, peer):
 
 
 def test_an_action_of_version_0_1_0_is_understood():
-    message = JointState(name=list(ACTION_LABELS), position=[1.0, 0.0, 1.0, 2.0, 1.0])
+    message = labelled(ACTION_LABELS, [1.0, 0.0, 1.0, 2.0, 1.0])
     step, action = converter().unpack_action(serialize_message(message))
     assert (step, action) == (0, Action(2, True, 1, True))
 
@@ -148,14 +157,70 @@ def test_primitive_actions_are_unit_vectors(move, vector):
 
 @pytest.mark.parametrize("east_north", [(0.0, 0.0), (1.0, 1.0), (0.5, 0.0), (math.nan, 1.0)])
 def test_no_other_vector_is_an_action(east_north):
-    message = JointState(name=list(ACTION_LABELS), position=[*east_north, 0.0, 0.0, 0.0])
+    message = labelled(ACTION_LABELS, [*east_north, 0.0, 0.0, 0.0])
     with pytest.raises(ValueError, match="no primitive action"):
         converter().unpack_action(serialize_message(message))
 
 
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"labels": [*ACTION_LABELS[:4], "peer"]}, "labels are given twice"),
+        ({"labels": ACTION_LABELS[:4]}, "no number is labelled perceived"),
+        ({"frame": "odom"}, "frame_id is 'odom', not 'map'"),
+        ({"sec": -1}, "stamp -1 s 0 ns is no time of the run"),
+        ({"nanosec": 2**32 - 1}, "stamp 0 s 4294967295 ns is no time of the run"),
+        ({"numbers": [1.0, 0.0, math.nan, 0.0, 0.0]}, "coordinate nan"),
+        ({"numbers": [1.0, 0.0, 1.0, 3.0, 1.0]}, "peer 3.0"),
+        ({"numbers": [1.0, 0.0, 1.0, 1.0, 0.5]}, "perceived 0.5"),
+    ],
+)
+def test_an_action_that_does_not_fit_the_run_is_a_value_error(change, text):
+    said = {"labels": ACTION_LABELS, "numbers": [1.0, 0.0, 0.0, 0.0, 0.0], **change}
+    with pytest.raises(ValueError, match=re.escape(text)):
+        converter().unpack_action(serialize_message(labelled(**said)))
+
+
+@pytest.mark.parametrize("strange", [math.nan, math.inf, -math.inf])
+def test_a_reward_that_is_not_finite_is_a_value_error(strange):
+    convert = converter()
+    for place in range(4):
+        numbers = [1.0, 0.0, 0.0, 1.0]
+        numbers[place] = strange
+        with pytest.raises(ValueError, match="not finite"):
+            convert.unpack_reward(convert.pack_reward(3, Reward(*numbers)))
+        with pytest.raises(ValueError, match="not finite"):
+            convert.unpack_reward(
+                serialize_message(labelled([*REWARD_LABELS, "x"], [*numbers, 0]))
+            )
+
+
+def test_a_state_of_another_frame_is_a_value_error():
+    message = converter().pose(4, 3)
+    message.header.frame_id = "odom"
+    with pytest.raises(ValueError, match="frame_id is 'odom'"):
+        converter().unpack_state(serialize_message(message))
+
+
+def test_status_says_of_which_run_it_is():
+    values = {"step": 7, "transitions": 6}
+    assert read_status(status("env1", "learning", values)) == ("", "learning", 7, 6)
+    assert read_status(status("env1", "paused", {**values, "run": "ab"})).run == "ab"
+    for bad in ({"step": 7}, {"step": "x", "transitions": 1}, {"step": -1, "transitions": 0}):
+        with pytest.raises(ValueError):
+            read_status(status("env1", "learning", bad))
+
+
+def test_a_claim_says_who_and_how_far():
+    assert read_claim(Header(frame_id="ab12 holding")) == ("ab12", 1)
+    for bad in ("", "ab12", " holding", "ab12 dancing"):
+        with pytest.raises(ValueError, match="is no claim"):
+            read_claim(Header(frame_id=bad))
+
+
 @pytest.mark.parametrize("peer", [math.nan, math.inf, -math.inf])
 def test_an_action_with_a_strange_peer_is_a_value_error(peer):
-    message = JointState(name=list(ACTION_LABELS), position=[1.0, 0.0, 1.0, peer, 0.0])
+    message = labelled(ACTION_LABELS, [1.0, 0.0, 1.0, peer, 0.0])
     with pytest.raises(ValueError):
         converter().unpack_action(serialize_message(message))
 

@@ -5,10 +5,10 @@
 from types import SimpleNamespace
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.srv import GetPlan
 
+from sparse_coord_ros.lockstep.watch import WorldWatch
 from sparse_coord_ros.nodes.member import Member
 from sparse_coord_ros.nodes.peers import Peer
 from sparse_coord_ros.nodes.robot import LAST_WORDS_SECONDS, RobotNode
@@ -105,16 +105,13 @@ def test_a_robot_leaves_when_all_is_learned(waiting, newest, done):
 def test_a_robot_whose_last_reward_does_not_come_leaves_after_a_while():
     """It has some seconds from the first time that it hears of the run's end."""
     member = SimpleNamespace(joined=True, has_learned=lambda step: False)
-    robot = SimpleNamespace(_end=None, _reported=1e9, done=False)
-    said = DiagnosticStatus(message="finished", values=[KeyValue(key="step", value="9")])
-    RobotNode._on_status(robot, said)
-    first = robot._end
-    RobotNode._on_status(robot, said)
-    assert robot._end == first
-    assert first.step == 9
-    RobotNode._go_on(robot, member, first.heard + LAST_WORDS_SECONDS)
+    robot = SimpleNamespace(_reported=1e9, done=False)
+    watch = WorldWatch("this", 9, 0.0, 0.0)
+    watch.hear("this", "finished", 9, 9, 1.0)
+    watch.hear("this", "finished", 9, 9, 2.0)
+    RobotNode._go_on(robot, member, watch, 1.0 + LAST_WORDS_SECONDS)
     assert not robot.done
-    RobotNode._go_on(robot, member, first.heard + LAST_WORDS_SECONDS + 0.1)
+    RobotNode._go_on(robot, member, watch, 1.0 + LAST_WORDS_SECONDS + 0.1)
     assert robot.done
 
 

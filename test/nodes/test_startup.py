@@ -14,6 +14,7 @@ from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.simulation import learn
 from sparse_coord_ros.core.tables import load_team, save_team
 from sparse_coord_ros.errors import RunError, SettingError, TablesError
+from sparse_coord_ros.nodes.claim import HOLDING
 from sparse_coord_ros.nodes.member import Member
 from sparse_coord_ros.nodes.spin import ros_context
 from sparse_coord_ros.nodes.team import run_team
@@ -105,10 +106,9 @@ def test_a_second_robot_of_a_name_stops_though_no_world_is_there_yet(bench):
     So the first robot of the name starts in the context that was opened last.
     """
     bench.place("a"), bench.place("b")
-    observer = bench.observer()
     other = bench.robot("robot_2", place="a")
     first = bench.robot("robot_1", place="b", claim_window=0.1)
-    bench.spin_until(lambda: observer.count("robot_1/action"), "first is there")
+    bench.spin_until(lambda: first.claim.rank == HOLDING, "first has its name")
     second = bench.robot("robot_1", place="a", claim_window=0.5)
     with pytest.raises(RunError, match=TAKEN):
         bench.spin_until(lambda: False)
@@ -125,9 +125,11 @@ def test_one_of_two_robots_that_start_together_stops(bench):
     other = bench.robot("robot_2")
     with pytest.raises(RunError, match=TAKEN):
         bench.spin_until(lambda: False)
-    assert [twin.failure is None for twin in twins] == [True, False]
-    bench.destroy(twins[1])
-    bench.spin_until_done(world, twins[0], other)
+    stays, leaves = sorted(twins, key=lambda twin: twin.failure is not None)
+    assert (stays.failure is None, leaves.failure is None) == (True, False)
+    assert stays.claim.id < leaves.claim.id, "no clock decides"
+    bench.destroy(leaves)
+    bench.spin_until_done(world, stays, other)
     assert world.summary()["transitions"] == 40
 
 
@@ -151,10 +153,10 @@ def test_a_second_world_stops(bench):
 
 def test_robots_that_are_missing_are_named(bench, monkeypatch):
     monkeypatch.setattr("sparse_coord_ros.nodes.member.PEER_PATIENCE_SECONDS", 0.1)
-    bench.world(startup_timeout=0.6, scenario="env2-4r")
+    bench.world(startup_timeout=2.0, scenario="env2-4r")
     for name in ("robot_1", "robot_3"):
         bench.robot(name)
-    text = r"^startup_timeout: after 0\.6 s still no node for robot_2, robot_4; start each, e"
+    text = r"^startup_timeout: after 2 s still no node for robot_2, robot_4; start each, e"
     with pytest.raises(RunError, match=text):
         bench.spin_until(lambda: False)
 

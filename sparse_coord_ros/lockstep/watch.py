@@ -1,0 +1,109 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a robot or a recorder knows of the world of its run: whether it is there, and its end.
+
+The world says its status every second, with the identity of its run. What another world says, or
+somebody who forges it, does not count. Times are seconds of any clock that never goes back.
+"""
+
+from sparse_coord_ros.core.wire import FINISHED, STOPPED
+
+SILENT_SECONDS = 3.0
+"""A world that has not been heard for so long is missed: it says its status every second."""
+
+REMIND_SECONDS = 5.0
+"""Between two words about what is waited for."""
+
+
+class Reminder:
+    """When to say what is waited for: every `REMIND_SECONDS`, while the waiting lasts."""
+
+    def __init__(self) -> None:
+        self._since: float | None = None
+        self._said = 0.0
+
+    def due(self, now: float) -> float:
+        """Return for how many seconds has been waited when it is time to say so, else 0."""
+        if self._since is None:
+            self._since = self._said = now
+        if now - self._said < REMIND_SECONDS:
+            return 0.0
+        self._said = now
+        return now - self._since
+
+    def over(self) -> None:
+        """There is nothing to wait for."""
+        self._since = None
+
+
+class WorldWatch:
+    """Watches the world of one run.
+
+    Args:
+        run_id: the identity of the run; budget: its transitions.
+        patience: seconds without a word until the world is given up; 0: never.
+        now: the time.
+
+    Attributes:
+        end: the run's last time step, once the world has said that the run is over.
+        ended: when it said so first.
+    """
+
+    def __init__(self, run_id: str, budget: int, patience: float, now: float) -> None:
+        self._run_id, self._budget, self._patience = run_id, budget, patience
+        self._heard = now
+        self._other = False
+        self._reminder = Reminder()
+        self.end: int | None = None
+        self.ended = 0.0
+
+    def hear(self, run_id: str, state: str, step: int, transitions: int, now: float) -> None:
+        """Take in what a world's status says.
+
+        Raises:
+            ValueError: it cannot be that of this run's world.
+        """
+        if run_id != self._run_id:
+            raise ValueError(f"is of run {run_id or '(none)'}, not of this run {self._run_id}")
+        if state == FINISHED and transitions < self._budget:
+            raise ValueError(f"finished after {transitions} of {self._budget} steps")
+        self._heard, self._other = now, False
+        if state in (FINISHED, STOPPED):
+            self.ended = now if self.end is None else self.ended
+            self.end = step
+        else:
+            self.end = None
+
+    def sees(self, step: int) -> bool:
+        """Take in a time step that the world has made; return whether it belies the run's end."""
+        belied = self.end is not None and step > self.end
+        if belied:
+            self.end = None
+        return belied
+
+    def another_run(self) -> None:
+        """Another run was announced."""
+        self._other = True
+
+    def silent(self, now: float) -> float:
+        """Return for how many seconds the world has not been heard."""
+        return now - self._heard
+
+    def given_up(self, now: float) -> str:
+        """Return why the world is not waited for any more, or an empty text."""
+        silent = self.silent(now)
+        if self._other and silent >= SILENT_SECONDS:
+            return f"no word from the world for {silent:.0f} s, and another one has begun a run"
+        if 0 < self._patience <= silent:
+            return f"no word from the world for {silent:.0f} s (parameter world_timeout)"
+        return ""
+
+    def to_say(self, now: float) -> str:
+        """Return what is to be said now about a world that is missed, or an empty text."""
+        if self.silent(now) < SILENT_SECONDS:
+            self._reminder.over()
+            return ""
+        if not self._reminder.due(now):
+            return ""
+        until = f"; giving up after {self._patience:g} s" if self._patience else ""
+        return f"no word from the world for {self.silent(now):.0f} s: waiting for it{until}"

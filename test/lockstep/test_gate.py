@@ -1,0 +1,58 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Which time steps a robot believes."""
+
+from sparse_coord_ros.lockstep.gate import NEAR, StepGate
+
+
+def test_the_worlds_own_steps_pass():
+    gate = StepGate()
+    for step in (1, 2, 3, 6, 7, 10, 11):  # episodes begin at 6 and 10
+        assert gate.passes(step)
+    assert gate.passes(11) and gate.passes(4), "what is said again passes too"
+    assert gate.newest == 11
+
+
+def test_one_step_far_ahead_makes_nobody_deaf():
+    gate = StepGate()
+    assert gate.passes(1)
+    assert not gate.passes(1_000_000)
+    for step in range(2, 9):
+        assert gate.passes(step)
+        assert not gate.confirmed(step)
+    assert gate.newest == 8
+
+
+def test_a_step_that_was_not_believed_is_forgotten_when_the_world_goes_on():
+    gate = StepGate()
+    assert gate.passes(1)
+    assert not gate.passes(20)
+    for step in range(2, 18):
+        assert gate.passes(step)
+    assert not gate.confirmed(17)
+    assert gate.newest == 17
+
+
+def test_a_jump_passes_when_the_world_has_said_that_it_is_so_far():
+    gate = StepGate()
+    assert not gate.confirmed(500)
+    assert gate.passes(480) and gate.passes(500 + NEAR)
+
+
+def test_who_was_left_out_catches_up_with_the_next_status():
+    gate = StepGate(newest=20)
+    for step in (900, 901, 902, 905):
+        assert not gate.passes(step)
+    assert not gate.confirmed(700), "said before the first of them"
+    assert gate.confirmed(903)
+    assert gate.newest == 905
+    assert gate.passes(906)
+    assert not gate.confirmed(904), "said once is enough"
+
+
+def test_a_strange_step_between_does_not_stop_who_catches_up():
+    gate = StepGate(newest=20)
+    for step in (900, 10**9, 901, 902):
+        assert not gate.passes(step)
+    assert gate.confirmed(903)
+    assert gate.newest == 902

@@ -1,0 +1,84 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What robots and recorders believe of the world, and how long they wait for it."""
+
+import pytest
+
+from sparse_coord_ros.lockstep.watch import Reminder, WorldWatch
+
+
+@pytest.fixture
+def watch():
+    watch = WorldWatch("mine", 100, 60.0, 0.0)
+    watch.hear("mine", "learning", 5, 4, 1.0)
+    return watch
+
+
+@pytest.mark.parametrize(
+    ("said", "text"),
+    [
+        (("", "finished", 9, 100), "is of run (none), not of this run mine"),
+        (("other", "learning", 6, 5), "is of run other"),
+        (("mine", "finished", 9, 99), "finished after 99 of 100 steps"),
+    ],
+)
+def test_what_another_world_says_does_not_count(watch, said, text):
+    with pytest.raises(ValueError) as error:
+        watch.hear(*said, 30.0)
+    assert str(error.value).startswith(text)
+    assert watch.end is None
+    assert watch.silent(30.0) == 29.0
+
+
+@pytest.mark.parametrize("state, made", [("finished", 100), ("stopped", 7)])
+def test_the_end_is_that_of_the_first_word(watch, state, made):
+    watch.hear("mine", state, 9, made, 2.0)
+    watch.hear("mine", state, 9, made, 3.0)
+    assert (watch.end, watch.ended) == (9, 2.0)
+
+
+def test_a_world_that_goes_on_belies_an_end(watch):
+    watch.hear("mine", "stopped", 9, 7, 2.0)
+    assert not watch.sees(9)
+    assert watch.sees(10)
+    assert watch.end is None
+    watch.hear("mine", "stopped", 12, 8, 4.0)
+    assert (watch.end, watch.ended) == (12, 4.0)
+
+
+def test_a_cut_is_waited_out_and_spoken_of(watch):
+    assert watch.to_say(3.0) == ""
+    assert watch.to_say(4.0) == "", "five seconds of waiting first"
+    assert watch.to_say(8.9) == ""
+    assert (
+        watch.to_say(9.0) == "no word from the world for 8 s: waiting for it; giving up after 60 s"
+    )
+    assert watch.to_say(13.9) == ""
+    assert watch.to_say(14.0).startswith("no word from the world for 13 s")
+    assert watch.given_up(60.9) == ""
+    watch.hear("mine", "learning", 6, 5, 60.9)
+    assert watch.given_up(61.0) == watch.to_say(61.0) == ""
+    assert watch.given_up(121.0) == "no word from the world for 60 s (parameter world_timeout)"
+
+
+def test_a_new_world_ends_the_wait_for_the_old_one_once_that_is_silent(watch):
+    watch.another_run()
+    assert watch.given_up(3.9) == ""
+    assert watch.given_up(4.0).endswith("and another one has begun a run")
+    watch.hear("mine", "learning", 6, 5, 4.1)
+    assert watch.given_up(20.0) == "", "the old one is there after all"
+
+
+def test_patience_without_end():
+    watch = WorldWatch("mine", 100, 0.0, 0.0)
+    assert watch.given_up(1e9) == ""
+    watch.to_say(4.0)
+    assert watch.to_say(9.0) == "no word from the world for 9 s: waiting for it"
+
+
+def test_a_reminder_comes_every_five_seconds_of_one_wait():
+    reminder = Reminder()
+    due = [reminder.due(now) for now in (0, 4.9, 5, 9.9, 10)]
+    assert due == [0, 0, 5, 0, 10]
+    reminder.over()
+    assert [reminder.due(now) for now in (11, 15.9, 16)] == [0, 0, 5]

@@ -1,0 +1,180 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Whatever arrives on a topic: nobody dies, nothing learned changes, and it is counted."""
+
+import os
+import signal
+
+import pytest
+import yaml
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from geometry_msgs.msg import PoseStamped
+from rcl_interfaces.msg import Log
+from rclpy.serialization import serialize_message
+from std_msgs.msg import Header, String
+
+from sparse_coord_ros.core.agent import Agent
+from sparse_coord_ros.core.scenario import load_scenario
+from sparse_coord_ros.core.settings import SettingTable
+from sparse_coord_ros.core.tables import load_team
+from sparse_coord_ros.errors import FaultError, RunError
+from sparse_coord_ros.nodes import interface
+from sparse_coord_ros.nodes.parameters import EXECUTOR, ParameterNode
+from sparse_coord_ros.nodes.spin import ros_context, run_node, signals
+from sparse_coord_ros.nodes.team import run_team
+from sparse_coord_ros.recording import open_bag
+
+GARBAGE = (b"", b"abcd", b"\x00\x01\x00\x00\xff\xff\xff\xff", bytes(range(12)))
+SETTINGS = ["steps=60", "epsilon=constant:1"]
+NAMES = ("robot_1", "robot_2")
+
+
+class Attacker:
+    """Publishes what it likes on the topics of a team."""
+
+    def __init__(self, bench, namespace=""):
+        self.node = bench.observer(namespace)
+        self._bench = bench
+        self._publishers = {}
+
+    def say(self, topic, data, owner=""):
+        """Publish once somebody of the team hears it."""
+        name = topic.of(owner) if owner else topic.name
+        if name not in self._publishers:
+            self._publishers[name] = self.node.create_publisher(topic.type, name, topic.qos)
+        publisher = self._publishers[name]
+        self._bench.spin_until(publisher.get_subscription_count, f"somebody hears {name}")
+        publisher.publish(data)
+
+
+def pose(cell_of, step, cell):
+    return serialize_message(cell_of.pose(step, cell))
+
+
+def status(run, state, step, transitions):
+    values = {"run": run, "step": step, "transitions": transitions}
+    pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
+    return DiagnosticStatus(message=state, values=pairs)
+
+
+def test_a_team_under_fire_learns_what_it_would_have_learned(
+    bench, tmp_path, simulate, assert_same_tables
+):
+    """Garbage, far steps, other frames, other runs, forged ends and claims; and verify agrees."""
+    world = bench.world(out=str(tmp_path), set=SETTINGS, recorded=True, rate=0.001)
+    recorder = bench.recorder(tmp_path / "bag")
+    robots = bench.robots(out=str(tmp_path))
+    bench.spin_until(lambda: world.lockstep.complete, "the first barrier")
+    attacker, convert = Attacker(bench), world._convert
+    for data in GARBAGE:
+        for topic in (interface.RUN, interface.STATUS, interface.CLOCK):
+            attacker.say(topic, data)
+        for topic in (interface.LOCAL_STATE, interface.REWARD, interface.ACTION, interface.CLAIM):
+            attacker.say(topic, data, "robot_1")
+        attacker.say(interface.TABLES, data, "robot_1")
+        attacker.say(interface.MAP, data)
+    for step in (1_000_000, 20):
+        attacker.say(interface.LOCAL_STATE, pose(convert, step, 3), "robot_1")
+    late = PoseStamped(header=Header(frame_id="map", stamp=Time(sec=2**31 - 1)))
+    attacker.say(interface.LOCAL_STATE, serialize_message(late), "robot_2")
+    late.header.stamp.sec = -5
+    attacker.say(interface.LOCAL_STATE, serialize_message(late), "robot_2")
+    for run in ("", "another"):
+        attacker.say(interface.STATUS, status(run, "finished", 1, 60))
+    attacker.say(interface.STATUS, status(world.run.id, "finished", 1, 7))
+    attacker.say(interface.RUN, String(data="steps: [1"))
+    for stamp in (Time(), Time(sec=2**31 - 1)):
+        for name in (*NAMES, "world_simulator"):
+            attacker.say(interface.CLAIM, Header(frame_id="0 joined", stamp=stamp), name)
+    robot = robots[0]
+    bench.spin_until(
+        lambda: (
+            {"robot_1/local_state", "status", "run", "~/claim"} <= set(robot.intake.dropped)
+            and robots[1].intake.dropped["robot_2/local_state"] >= 2
+            and world.intake.dropped["robot_1/action"] >= len(GARBAGE)
+            and recorder._intake.dropped["/clock"] >= 2
+        ),
+        "all has arrived",
+    )
+    world.values["rate"] = 0.0
+    bench.spin_until_done()
+    said = simulate("env1", {"steps": 60, "epsilon": "constant:1"})
+    assert_same_tables(tmp_path, said)
+    assert recorder.error is None
+    assert world.summary()["messages_dropped"] >= len(GARBAGE)
+    assert world.replaced == 2, "so it looked to the world, which warns and counts"
+
+
+class Faulty(ParameterNode):
+    """A node whose timer does what nobody expected."""
+
+    def __init__(self, context, error, executor):
+        table = SettingTable([EXECUTOR])
+        super().__init__("faulty", table, context=context, values={"executor": executor})
+        self.said = []
+        self.create_timer(0.01, lambda: self._raise(error))
+
+    def _raise(self, error):
+        if self.count_subscribers("/rosout"):
+            raise error
+
+    def finish(self, *, interrupted):
+        self.said.append(interrupted)
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "text", "told"),
+    [
+        (KeyError("x"), 1, "error: unexpected KeyError: 'x' (", "Traceback (most recent call"),
+        (RunError("no such thing"), 2, "error: no such thing", "no such thing"),
+        (OSError(28, "No space left", "/a/b"), 2, "error: /a/b: No space left; ", "/a/b: No"),
+    ],
+)
+@pytest.mark.parametrize("executor", ["events", "single"])
+def test_any_exception_saves_and_is_told(benches, capfd, error, code, text, told, executor):
+    """In one line, with an exit code, and on /rosout."""
+    bench = benches(executor)
+    heard = bench.observer().listen(Log, "/rosout", latched=True)
+    nodes = []
+
+    def make(context):
+        nodes.append(Faulty(context, error, executor))
+        return nodes[0]
+
+    assert run_node(make, []) == code
+    assert nodes[0].said == [True]
+    line = capfd.readouterr().err.splitlines()[-1]
+    assert line.startswith(text)
+    bench.spin_until(lambda: any(m.msg.startswith(told) for m in heard), "/rosout tells it")
+
+
+def test_a_fault_of_one_robot_saves_the_tables_of_all(tmp_path, monkeypatch):
+    learn = Agent.learn
+
+    def fail_at_last(agent, step, *what):
+        if agent.number == 1 and step > 20:
+            raise ZeroDivisionError
+        learn(agent, step, *what)
+
+    monkeypatch.setattr(Agent, "learn", fail_at_last)
+    out = tmp_path / "out"
+    values = {"scenario": "env1", "claim_window": 0.0, "out": str(out), "record": True}
+    with ros_context() as context, pytest.raises(FaultError, match="^unexpected ZeroDivisionErr"):
+        run_team(values, context=context)
+    assert len(load_team(out, load_scenario("env1"))) == 2
+    assert yaml.safe_load((out / "summary.yaml").read_text())["interrupted"] is True
+    assert open_bag(out / "bag").finished
+
+
+def test_a_closed_terminal_stops_a_node_but_not_one_under_nohup():
+    with signals() as stop:
+        os.kill(os.getpid(), signal.SIGHUP)
+        assert stop.signal == signal.SIGHUP
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with signals() as stop:
+            os.kill(os.getpid(), signal.SIGHUP)
+            assert not stop
+    finally:
+        signal.signal(signal.SIGHUP, before)
