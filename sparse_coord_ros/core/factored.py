@@ -78,7 +78,7 @@ def initial_factored(scenario: Scenario, number: int, weights: RewardWeights) ->
     return Tables(star, coordination_table(factors, number, robots), factors)
 
 
-def terms_of(scenario: Scenario, goal: int, weights: RewardWeights, rule: FactorRule) -> Terms:
+def terms_of(scenario: Scenario, goal: int, weights: RewardWeights) -> Terms:
     """Return the numbers of the rule for a robot with that goal."""
     arrival = weights.individual * scenario.goal_reward
     return Terms(
@@ -87,7 +87,6 @@ def terms_of(scenario: Scenario, goal: int, weights: RewardWeights, rule: Factor
         goal=goal,
         goal_value=scenario.goal_value,
         arrival=arrival + scenario.discount * scenario.goal_value,
-        patience=rule.patience,
     )
 
 
@@ -131,7 +130,7 @@ class FactoredAgent(Agent):
         if begun.factors is None:
             raise ValueError("tables without factors")
         self._cells, self._robots = len(scenario.map.cells), len(scenario.robots)
-        self._rule, self._terms = rule, terms_of(scenario, self.goal, weights, rule)
+        self._rule, self._terms = rule, terms_of(scenario, self.goal, weights)
         nothing = np.zeros((self._cells, PRIMITIVES), dtype=np.int64)
         factors = begun.factors
         self._take(
@@ -280,8 +279,7 @@ class FactoredAgent(Agent):
             correction = self.correction(cell, perceived)
             learn_asking(own, cell, correction, rule.percept_update, by_count, floor)
         refresh(own, cell, terms)
-        for draw in self._replays.at(step)[: rule.replays]:
-            replay(own, draw, terms)
+        replay(own, rule.replays, self._replays.at(step)[0], terms)
 
     def _known(self, step: int, cell: int, perceived: tuple[int, ...] | None) -> dict[int, int]:
         """Return the cells of the peers that it knows of, in ascending order of the peers."""

@@ -34,18 +34,15 @@ class FactorRule(NamedTuple):
     """The parts of the rule; turning one off is for ablations.
 
     Attributes:
-        replays: transitions of the own model that are learned again after each step, up to
-            `streams.DRAWS[streams.REPLAY]`.
+        replays: moves whose U is set to what the own model says of them, after each step.
         share: whether a robot that is asked learns rho from it, as the request says where the
             asker is and the percept model lets it perceive the asker.
         percept_update: whether a percept also corrects r_bar, for every move.
-        patience: how often an action must have been tried before its U leaves its initial value.
     """
 
-    replays: int = 5
+    replays: int = 1
     share: bool = True
     percept_update: bool = True
-    patience: int = 3
 
 
 class Factors(NamedTuple):
@@ -229,7 +226,6 @@ class Terms(NamedTuple):
         goal: the cell that ends the robot's episodes.
         goal_value: value of being there.
         arrival: r^I there, weighed, and gamma times `goal_value`.
-        patience: as of `FactorRule`.
     """
 
     cost: float
@@ -237,7 +233,6 @@ class Terms(NamedTuple):
     goal: int
     goal_value: float
     arrival: float
-    patience: int
 
 
 def toward(value: float, alpha: float, target: float) -> float:
@@ -288,10 +283,9 @@ def learn_move(
     if y != x:
         own.moved[x][m] += 1
         own.successor[x][m] = y
-    if count >= terms.patience:
-        after = terms.goal_value if y == terms.goal else own.value[y]
-        alpha = step_size(by_count[count], floor)
-        own.u[x][m] = toward(own.u[x][m], alpha, individual + terms.discount * after)
+    after = terms.goal_value if y == terms.goal else own.value[y]
+    alpha = step_size(by_count[count], floor)
+    own.u[x][m] = toward(own.u[x][m], alpha, individual + terms.discount * after)
     if not asked:
         count = own.commons[x][m] + 1
         own.commons[x][m] = count
@@ -336,22 +330,24 @@ def learn_asking(
             own.r_bar[x][b] = toward(own.r_bar[x][b], floor, correction[b])
 
 
-def replay(own: Own, draw: float, terms: Terms) -> None:
-    """Set U of a move that was tried to what the own model says of it (Dyna).
+def replay(own: Own, replays: int, draw: float, terms: Terms) -> None:
+    """Set U of moves that were tried to what the own model says of them (Dyna).
 
     Args:
         own: the robot's factors, changed.
-        draw: draw in [0, 1) that picks the move.
+        replays: how many moves, one after the other.
+        draw: draw in [0, 1) that picks the first; what is left of it picks the next.
         terms: the numbers of the rule.
     """
-    pair = own.tried[int(draw * own.used[0])]
-    x, m = pair // PRIMITIVES, pair % PRIMITIVES
-    count = own.updates[x][m]
-    if count < terms.patience:
-        return
-    share = own.moved[x][m] / count
-    s = own.successor[x][m]
-    there = terms.arrival if s == terms.goal else terms.discount * own.value[s]
-    here = terms.discount * own.value[x]
-    own.u[x][m] = share * there + (1.0 - share) * here
-    refresh(own, x, terms)
+    for _ in range(replays):
+        scaled = draw * own.used[0]
+        place = int(scaled)
+        draw = scaled - place
+        pair = own.tried[place]
+        x, m = pair // PRIMITIVES, pair % PRIMITIVES
+        share = own.moved[x][m] / own.updates[x][m]
+        s = own.successor[x][m]
+        there = terms.arrival if s == terms.goal else terms.discount * own.value[s]
+        here = terms.discount * own.value[x]
+        own.u[x][m] = share * there + (1.0 - share) * here
+        refresh(own, x, terms)

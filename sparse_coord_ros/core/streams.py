@@ -15,7 +15,7 @@ LEARNING, EVALUATION = 0, 1
 POLICY, MOTION, PERCEPT, START, REPLAY, BLIND = range(6)
 """Roles of a stream; the last two are those of the factored learner."""
 
-DRAWS = {POLICY: 5, MOTION: 1, PERCEPT: 1, START: 2, REPLAY: 5, BLIND: 2}
+DRAWS = {POLICY: 5, MOTION: 1, PERCEPT: 1, START: 2, REPLAY: 1, BLIND: 2}
 """Draws a time step owns, by role."""
 
 EXPLORE, EXPLORED_ACTION, TIE, PRIMITIVE_TIE, PEER = range(5)

@@ -49,6 +49,7 @@ from sparse_coord_ros.core.streams import (
 from sparse_coord_ros.core.world import EPISODE_GAP, FIRST_STEP, UNKNOWN_PARTNERS, Position
 from sparse_coord_ros.engine import kernels
 from sparse_coord_ros.engine.compiled import Loops, compile_once, compiled, has_numba, is_compiled
+from sparse_coord_ros.engine.exact import ExactMeans, exact_means
 from sparse_coord_ros.engine.processes import in_processes
 from sparse_coord_ros.errors import SettingError
 
@@ -73,6 +74,7 @@ class Run(NamedTuple):
         visited: joint states of Q^C that each robot has updated, shape (robots,).
         trials: greedy trials with these tables, seeded by the run's seed; None where none.
         history: the learning history; None where it was not asked for.
+        exact: what such a trial brings on average; None without trials, and where nobody knows.
     """
 
     seed: int
@@ -80,6 +82,7 @@ class Run(NamedTuple):
     visited: np.ndarray
     trials: Trials | None
     history: History | None = None
+    exact: ExactMeans | None = None
 
 
 def run_batch(
@@ -159,8 +162,9 @@ def _run_plain(
     learning.advance(scenario.steps)
     tables = learning.tables
     played = play(scenario, tables, trials=trials, seed=seed, learner=learner) if trials else None
+    exact = exact_means(scenario, tables, learner) if trials else None
     history = learning.history if gathering else None
-    return Run(seed, tables, learning.visited, played, history)
+    return Run(seed, tables, learning.visited, played, history, exact)
 
 
 def prepare(
@@ -237,10 +241,11 @@ class CompiledTeam:
         """Learn once and play greedy trials with what was learned."""
         learning = CompiledLearning(self, seed, gathering=gathering)
         learning.advance(self.scenario.steps)
-        visited = learning.visited
+        visited, tables = learning.visited, self.tables(learning.learners)
         played = self.play(learning.learners, seed, trials) if trials else None
+        exact = exact_means(self.scenario, tables, self.learner) if trials else None
         history = learning.history if gathering else None
-        return Run(seed, self.tables(learning.learners), visited, played, history)
+        return Run(seed, tables, visited, played, history, exact)
 
     def learn(self, seed: int) -> kernels.Learners:
         """Learn for the scenario's budget."""
@@ -465,13 +470,14 @@ class CompiledTeam:
         the time step `first`.
         """
         team = len(problem.starts)
+        fails = bool(team == 1 or (problem.percept < 1.0).any())
         looked_at = {
             POLICY: True,
             MOTION: True,
-            PERCEPT: problem.actions > PRIMITIVES,
+            PERCEPT: problem.actions > PRIMITIVES and fails,
             START: bool(problem.exploring.any()),
             REPLAY: phase == LEARNING and problem.replays > 0,
-            BLIND: phase == LEARNING and self.learner.factors is not None,
+            BLIND: phase == LEARNING and self.learner.factors is not None and fails,
         }
         values = np.zeros(team * BLOCK * sum(DRAWS.values()))
         spaces, generators, parts = [], [], []
@@ -493,7 +499,7 @@ class CompiledTeam:
             motion[:, :, 0],
             percept[:, :, 0],
             start,
-            replay,
+            replay[:, :, 0],
             blind,
             values,
             np.array(states, dtype=np.uint64),
@@ -714,5 +720,4 @@ def make_problem(
         replays=rule.replays if learner.factors else 0,
         share=rule.share,
         percept_update=rule.percept_update,
-        patience=rule.patience,
     )

@@ -52,6 +52,18 @@ CALLED = (
 )
 """Functions that the loops call; they stay plain Python for everyone else."""
 
+INLINED = (
+    factors.refresh,
+    factors.learn_move,
+    factors.learn_asking,
+    factors.replay,
+    kernels.add_row,
+    kernels.correct,
+    kernels.learn_row,
+    kernels.learn_factors,
+)
+"""Those of them whose many arrays take longer to pass than the work does. Inlining all functions
+would take numba half as long again to compile."""
 
 WAIT_SECONDS = 0.2
 """How long an interrupt may go unnoticed where the system does not wake up the waiting thread."""
@@ -161,19 +173,21 @@ def compiled() -> Loops:
     changes of the functions that a loop calls.
     """
     numba = _numba()
-    options = _without_reference_counts()
+    options = _accepted("_nrt", False)
+    inline = _accepted("forceinline", True)
     for function in CALLED:
-        numba.extending.register_jitable(**options)(function)
+        inlined = inline if function in INLINED else {}
+        numba.extending.register_jitable(**options, **inlined)(function)
     return Loops(*(numba.njit(nogil=True, **options)(loop) for loop in PLAIN))
 
 
-def _without_reference_counts() -> dict[str, bool]:
-    """Return the option that spares the loops counting references to arrays, where numba has it.
+def _accepted(name: str, value: bool) -> dict[str, bool]:
+    """Return an option of numba's that makes the loops faster, where this numba has it.
 
-    The loops make no arrays and keep none, so there is nothing to count. With the counts a step of
-    env1 takes 250 ns instead of 27. The option is not part of numba's public interface.
+    `_nrt` off spares them counting references to arrays: they make none and keep none, and a step
+    of env1 takes 27 ns instead of 250. `forceinline`: see `INLINED`. Neither is documented.
     """
-    options = {"_nrt": False}
+    options = {name: value}
     try:
         _numba().njit(**options)(lambda values: values[0])(np.zeros(1))
     except Exception:  # whatever a numba without the option raises: slower, the same results

@@ -13,8 +13,8 @@ SMALL = ("env1", "env2-2r", "env2-4r")
 LARGE = ("cit", "cmu", "isr", "mit", "pentagon", "suny")
 """Scenarios of the paper's Table 3."""
 
-LEARNERS = ("indiv", "noncoop", "coop")
-"""In the order of the paper's tables."""
+LEARNERS = ("indiv", "noncoop", "coop", "factored")
+"""In the order of the paper's tables; the last one is not the paper's."""
 
 PENALTIES = (0, -0.1, -1, -10, -20, -100)
 """Figure 4's, and that of the tables."""
@@ -24,6 +24,12 @@ CLOSE = ("env1", "env2-2r", "pentagon")
 
 CLOSED: Mapping[str, float] = {"env1": 0.8, "env2-2r": 0.5, "pentagon": 0.5}
 """Share of the gap between Non-coop. and the optimum that Coop. is to close there."""
+
+REACHED: Mapping[str, float] = {"env1": 0.97, "env2-2r": 0.9, "pentagon": 0.98}
+"""Share of the gap between Non-coop. and the class bound that Factored is to close there."""
+
+FALLS: Mapping[str, float] = {"env1": 1.1, "env2-2r": 1.35}
+"""How many times as much as the class bound Factored may lose from a penalty of 0 to -100."""
 
 SPARSE = ("isr", "mit", "cit", "suny")
 """Scenarios in which no coordination is needed."""
@@ -99,6 +105,7 @@ def _crowd() -> list[Condition]:
         cells += [
             make_condition(name, "coop", {**LONG, "peers": peers}) for peers in ("one", "all")
         ]
+        cells.append(make_condition(name, "factored", LONG))
     return cells
 
 

@@ -96,7 +96,7 @@ class CompiledScenario(NamedTuple):
         referee: whether the world says who was in a miscoordination with whom.
         rows_a_step: rows that a sparse table can grow by in a time step.
         most_rows: rows that a sparse table can have.
-        replays, share, percept_update, patience: as of `core.factors.FactorRule`.
+        replays, share, percept_update: as of `core.factors.FactorRule`.
     """
 
     members: np.ndarray
@@ -130,7 +130,6 @@ class CompiledScenario(NamedTuple):
     replays: int
     share: bool
     percept_update: bool
-    patience: int
 
 
 class Factored(NamedTuple):
@@ -537,7 +536,6 @@ def learn_factors(
         goal,
         problem.goal_value,
         arrival,
-        problem.patience,
     )
     own = Own(
         factored.u[k],
@@ -576,8 +574,7 @@ def learn_factors(
         update = problem.percept_update
         learn_asking(own, x, factored.correction, update, by_count, least_alpha)
     refresh(own, x, terms)
-    for i in range(problem.replays):
-        replay(own, draws.replay[k, now, i], terms)
+    replay(own, problem.replays, draws.replay[k, now], terms)
 
 
 def learn_row(

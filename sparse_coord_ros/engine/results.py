@@ -24,6 +24,8 @@ import numpy as np
 from sparse_coord_ros import __version__
 from sparse_coord_ros.core.algorithm import PRIMITIVES
 from sparse_coord_ros.core.evaluation import Measure
+from sparse_coord_ros.core.factors import rows_at_most
+from sparse_coord_ros.core.learners import learner_of
 from sparse_coord_ros.core.optimum import joint_optimum
 from sparse_coord_ros.core.reference import shortest_path_reference
 from sparse_coord_ros.core.scenario import SETTINGS, Scenario
@@ -86,8 +88,9 @@ class ConditionResult:
         digest: of the scenario with all its settings, map and protocol.
         trials: trials of each run.
         robots: robots of the scenario.
-        joint_states: number of joint states that Q^C of one robot could hold.
-        row_bytes: bytes of one joint state's row of Q^C, its key included where Q^C is sparse.
+        joint_states: number of joint states that Q^C of one robot could hold; of a learner that
+            learns in factors: rows of rho.
+        row_bytes: bytes of one such row, its key included where it has one.
         optimum: exact joint optimum of the scenario, or an upper bound.
         optimum_exact: whether it is exact.
         reference: exact value of fixed shortest-path policies: reward, time_to_goal and
@@ -100,6 +103,8 @@ class ConditionResult:
         asked: how often COORDINATE was chosen in each cell, mean of a trial, shape
             (robots, cells).
         stays: steps in which the robot acted in each cell, likewise.
+        exact: exact mean of each measure of `SUMS` over trials (and robots), and the probability
+            `arrived` that all robots arrive; None where a team has no exact evaluation.
     """
 
     id: str
@@ -118,6 +123,7 @@ class ConditionResult:
     visited: list[float]
     asked: list[list[float]]
     stays: list[list[float]]
+    exact: dict[str, list[float]] | None = None
 
     @property
     def runs(self) -> int:
@@ -133,6 +139,22 @@ class ConditionResult:
         spread = math.sqrt(variances.mean() + means.var())
         error = means.std(ddof=1) / math.sqrt(len(means)) if len(means) > 1 else math.nan
         return Measure(float(means.mean()), spread, float(error))
+
+    def best(self, name: str) -> Measure:
+        """Return a measure with its exact mean where there is one, else that of the trials.
+
+        The spread is that of the trials; the standard error says how much the runs differ.
+        """
+        measure = self.measure(name)
+        if self.exact is None:
+            return measure
+        means = np.array(self.exact[name])
+        error = means.std(ddof=1) / math.sqrt(len(means)) if len(means) > 1 else math.nan
+        return Measure(float(means.mean()), measure.spread, float(error))
+
+    def run_means(self, name: str) -> np.ndarray:
+        """Return a measure's mean in each run, exact where it is known."""
+        return np.array((self.means if self.exact is None else self.exact)[name])
 
     @property
     def arrived(self) -> float:
@@ -157,6 +179,8 @@ class ConditionResult:
     def to_dict(self) -> dict[str, Any]:
         """Return plain data: what `reproduce --json` prints."""
         measures = {name: asdict(self.measure(name)) for name in SUMS}
+        if self.exact is not None:
+            measures["exact"] = {name: float(np.mean(self.exact[name])) for name in self.exact}
         return {
             "id": self.id,
             "runs": self.runs,
@@ -181,6 +205,7 @@ def collect(condition: Condition, trials: int, runs: Iterable[Run]) -> Condition
     variances: dict[str, list[float]] = {name: [] for name in SUMS}
     by_robot = {name: np.zeros(robots) for name in BY_ROBOT}
     not_arrived, visited, (asked, stays) = [], [], np.zeros((2, robots, cells))
+    exact: dict[str, list[float]] = {}
     for run in runs:
         trials_of_run = run.trials
         assert trials_of_run is not None  # whoever computes a condition asks for trials
@@ -192,16 +217,20 @@ def collect(condition: Condition, trials: int, runs: Iterable[Run]) -> Condition
             by_robot[name] += getattr(trials_of_run, name).mean(axis=0)
         not_arrived.append(int((~trials_of_run.arrived.all(axis=1)).sum()))
         visited.append(float(run.visited.mean()))
+        if run.exact is not None:
+            for name, value in run.exact._asdict().items():
+                exact.setdefault(name, []).append(float(np.mean(value)))
         asked += trials_of_run.asked
         stays += trials_of_run.stays
     count, optimum = len(not_arrived), joint_optimum(scenario)
+    factored = learner_of(condition.learner).factors is not None
     return ConditionResult(
         id=condition.id,
         digest=digest(condition),
         trials=trials,
         robots=robots,
-        joint_states=cells**scenario.perceived,
-        row_bytes=_row_bytes(scenario),
+        joint_states=rows_at_most(cells, robots) if factored else cells**scenario.perceived,
+        row_bytes=CORRECTION_BYTES if factored else _row_bytes(scenario),
         optimum=optimum.value,
         optimum_exact=optimum.exact,
         reference=asdict(shortest_path_reference(scenario)),
@@ -212,7 +241,12 @@ def collect(condition: Condition, trials: int, runs: Iterable[Run]) -> Condition
         visited=visited,
         asked=(asked / (count * trials)).tolist(),
         stays=(stays / (count * trials)).tolist(),
+        exact=exact or None,
     )
+
+
+CORRECTION_BYTES = 3 * 4 + PRIMITIVES * 8
+"""A row of rho: own cell, peer and its cell as int32, and four float64."""
 
 
 def _row_bytes(scenario: Scenario) -> int:

@@ -30,7 +30,7 @@ def scenario(name="env1", **settings):
 
 
 def agent(rule=None, weights=None, **settings):
-    rule = rule or FactorRule(replays=0, patience=1)
+    rule = rule or FactorRule(replays=0)
     weights = weights or RewardWeights(1.0, 1.0, 1.0)
     return FactoredAgent(scenario(**settings), 0, 3, rule=rule, weights=weights)
 
@@ -73,15 +73,6 @@ def test_the_goal_bootstraps_on_its_value():
     one = agent(goal_value=100)
     moved(one, 1, 2, EAST, one.goal, paid(individual=10.0))
     assert one.tables.factors.individual[2, EAST] == 40 + ALPHA * (10 + 95 - 40)
-
-
-def test_patience_keeps_u_where_it_is_until_a_move_was_tried_so_often():
-    one = agent(FactorRule(replays=5, patience=3))
-    for step in (1, 2):
-        moved(one, step, 2, EAST, 3, paid(individual=-8.0))
-        assert (one.tables.factors.individual == 40).all()
-    moved(one, 3, 2, EAST, 3, paid(individual=-8.0))
-    assert one.tables.factors.individual[2, EAST] < 40
 
 
 def test_a_percept_teaches_rho_w_and_r_bar_but_not_by_the_move_itself():
@@ -154,7 +145,7 @@ def test_who_is_asked_learns_rho_if_its_own_percept_would_have_succeeded():
 
 
 def test_replays_make_u_what_the_own_model_says():
-    one = agent(FactorRule(replays=5, patience=1))
+    one = agent(FactorRule(replays=5))
     moved(one, 1, 2, EAST, 3, paid())
     moved(one, 2, 2, EAST, 2, paid())  # it stayed where it was: half of the moves succeed
     u = one.tables.factors.individual

@@ -127,12 +127,12 @@ def test_the_paper_s_cells():
     for name, scenarios, steps in (("table1", SMALL, 10**4), ("table3", LARGE, 10**5)):
         cells = experiment(name).conditions
         assert {cell.name for cell in cells} == set(scenarios)
-        assert {cell.learner for cell in cells} == {"indiv", "noncoop", "coop"}
+        assert {cell.learner for cell in cells} == {"indiv", "noncoop", "coop", "factored"}
         assert {cell.scenario.steps for cell in cells} == {steps}
         assert {cell.scenario.penalty for cell in cells} == {-20}
     assert experiment("table2").conditions == experiment("table1").conditions
     paper = [c for c in experiment("figure4").conditions if "steps=" not in c.id]
-    assert len(paper) == 9 * 3 * 6
+    assert len(paper) == 9 * 4 * 6
     assert {cell.scenario.penalty for cell in paper} >= {0, -0.1, -1, -10, -100}
 
 

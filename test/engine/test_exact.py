@@ -9,11 +9,12 @@ import pytest
 
 from sparse_coord_ros.core.agent import Agent, Tables
 from sparse_coord_ros.core.evaluation import play
-from sparse_coord_ros.core.learners import Learner
+from sparse_coord_ros.core.learners import Learner, learner_of
 from sparse_coord_ros.core.scenario import load_scenario, scenario_from_dict
 from sparse_coord_ros.core.simulation import learn
 from sparse_coord_ros.engine import exact
-from sparse_coord_ros.engine.exact import evaluate_exact
+from sparse_coord_ros.engine.batch import run_batch
+from sparse_coord_ros.engine.exact import evaluate_exact, exact_means
 from sparse_coord_ros.errors import SettingError, TablesError
 
 GAMMA = 0.95
@@ -297,3 +298,25 @@ def test_a_learner_that_acts_by_a_rule_of_its_own_is_refused():
     scenario = made()
     with pytest.raises(SettingError, match="learner .*Shy acts by a rule of its own"):
         evaluate_exact(scenario, undecided(scenario), learner=Shy())
+
+
+@pytest.mark.parametrize(
+    ("name", "learner", "settings"),
+    [
+        ("env1", "factored", {"perception": "probability:0.6", "common_reward": "each:1:0.5"}),
+        ("env2-2r", "coop", {"conflict": "any_doorway", "move_success": 0.7}),
+        ("env2-2r", "noncoop", {"steps": 300}),
+    ],
+)
+def test_means_of_a_batch_are_the_exact_ones(name, learner, settings):
+    scenario = load_scenario(name).with_settings({"steps": 3000, "penalty": -100, **settings})
+    scenario = learner_of(learner).with_defaults(scenario)
+    for engine in ("numba", "python"):
+        [run] = run_batch(scenario, learner, [7], trials=2, engine=engine, jobs=1)
+        exact, means = evaluate_exact(scenario, run.tables, learner=learner), run.exact
+        assert means.reward == pytest.approx(exact.robots, abs=1e-10)
+        assert means.time_to_goal.mean() == pytest.approx(exact.time_to_goal.mean, abs=1e-10)
+        assert means.asks.mean() == pytest.approx(exact.asks.mean, abs=1e-12)
+        assert means.miscoordinations == pytest.approx(exact.miscoordinations.mean, abs=1e-12)
+        assert means.arrived == pytest.approx(exact.all_arrived, abs=1e-12)
+    assert exact_means(load_scenario("env2-4r"), [], learner_of("coop")) is None

@@ -36,8 +36,8 @@ class Deaf(Factored):
     factors = FactorRule(share=False)
 
 
-class Patient(Factored):
-    factors = FactorRule(patience=9, percept_update=False, replays=2)
+class Many(Factored):
+    factors = FactorRule(percept_update=False, replays=3)
 
 
 def problem(name, **settings):
@@ -91,7 +91,7 @@ def test_exact_evaluation_knows_failed_percepts():
     assert evaluate_exact(scenario, coop).reward.mean != exact.reward.mean
 
 
-@pytest.mark.parametrize("learner", [NoReplays, Deaf, Patient])
+@pytest.mark.parametrize("learner", [NoReplays, Deaf, Many])
 def test_rules_with_a_part_turned_off(learner):
     scenario = problem("env2-2r", perception="probability:0.8")
     [run] = run_batch(scenario, learner, [4], trials=0, engine="numba", jobs=1)

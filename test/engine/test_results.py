@@ -167,7 +167,7 @@ def test_results_of_version_0_1_0_are_gone_on_with(tmp_path):
             runs = run_batch(one.scenario, one.learner, plan.seeds, trials=plan.trials)
             new = collect(one, plan.trials, runs)
             assert old.digest != new.digest
-            assert replace(old, digest=new.digest) == new
+            assert replace(old, digest=new.digest, exact=new.exact) == new
         other = make_condition("env1", "coop", {**settings, "discount": 0.9})
         results.path(conditions[0]).rename(results.path(other))
         with pytest.raises(ResultsError, match="nothing is mixed"):

@@ -89,12 +89,12 @@ def paired(values: np.ndarray) -> Measure:
 
 
 def run_means(entry: Entry, measure: str = "reward") -> np.ndarray:
-    """Return a measure's mean in each run.
+    """Return a measure's mean in each run, exact where it is known.
 
     Run i has the same seed in every condition: what is computed from several is computed run
     by run, and its error is that of the results.
     """
-    return np.array(entry.result.means[measure])
+    return entry.result.run_means(measure)
 
 
 def difference(entry: Entry, other: Entry, measure: str = "reward") -> Measure:

@@ -2,12 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Conditions with their results, how to pick some of them, and their CSV."""
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
+from sparse_coord_ros.core.class_bound import shipped_class_bound
 from sparse_coord_ros.core.evaluation import Measure
 from sparse_coord_ros.core.learners import learner_of
 from sparse_coord_ros.core.scenario import SETTINGS, Scenario
@@ -68,9 +71,15 @@ class Entry:
         """Bytes of one robot's Q^C with a row for every joint state."""
         return dense_nbytes(len(self.scenario.map.cells), self.scenario.perceived)
 
+    @property
+    def class_bound(self) -> float | None:
+        """What the best team of Algorithm 1's form is worth, as far as known; None if unknown."""
+        bound = shipped_class_bound(self.scenario)
+        return bound.value if bound else None
+
     def measure(self, name: str) -> Measure:
-        """Return mean, spread and standard error of a measure."""
-        return self.result.measure(name)
+        """Return mean (exact where it is known), spread and standard error of a measure."""
+        return self.result.best(name)
 
     def paper(self, measure: str) -> Measure | None:
         """Return what the paper prints for this condition; None where it prints nothing.
@@ -146,4 +155,14 @@ def _row(entry: Entry) -> dict[str, Any]:
     by_robot = {name: result.robot_means[name] for name in BY_ROBOT}
     for name, values in {**by_robot, "common_reward_factor": factors}.items():
         row |= {f"{name}_robot_{k}": value for k, value in enumerate(values, start=1)}
+    for name in (*SUMS, "arrived"):  # 0.1.0 had the columns above
+        means = (result.exact or {}).get(name)
+        row[f"exact_{name}_mean"] = float(np.mean(means)) if means else None
+        row[f"exact_{name}_standard_error"] = _error(means) if means else None
+    row["class_bound"] = entry.class_bound
     return row
+
+
+def _error(means: list[float]) -> float:
+    """Return the standard error of the mean of runs."""
+    return float(np.std(means, ddof=1)) / math.sqrt(len(means)) if len(means) > 1 else math.nan

@@ -32,12 +32,14 @@ LABELS = {
     "variance": "variance of the reward",
 }
 OPTIMUM, BOUND, SHORTEST = "exact joint optimum", "bound of the optimum", "shortest paths, exact"
-INDIV, NONCOOP, COOP = (learner_of(name).title for name in LEARNERS)
+CLASS = "class bound"
+INDIV, NONCOOP, COOP, FACTORED = (learner_of(name).title for name in LEARNERS)
 ONE, ALL, SIGHT = (f"{COOP}, {what}" for what in ("one peer", "all peers", "line of sight"))
 LEARNER_STYLES: Mapping[str, Mapping[str, Any]] = {
     INDIV: {"color": "#D55E00", "marker": "s", "linestyle": ":"},
     NONCOOP: {"color": "#0072B2", "marker": "^", "linestyle": "--"},
     COOP: {"color": "#009E73", "marker": "o", "linestyle": "-"},
+    FACTORED: {"color": "#CC79A7", "marker": "P", "linestyle": (0, (5, 1))},
 }
 HOLLOW, ALONE = {"markerfacecolor": "white"}, {"linestyle": "none"}
 STYLES: Mapping[str, Mapping[str, Any]] = {
@@ -54,11 +56,12 @@ STYLES: Mapping[str, Mapping[str, Any]] = {
     f"{ALL}, dense table": {"color": "black", "marker": "+", "linestyle": "-."},
     OPTIMUM: {"color": "black", "linestyle": (0, (6, 2)), "linewidth": 1.2, "zorder": 1.5},
     BOUND: {"color": "black", "linestyle": (0, (1, 1.5)), "linewidth": 1.2, "zorder": 1.5},
+    CLASS: {"color": "#E69F00", "linestyle": "-", "linewidth": 1.2, "zorder": 1.5},
     SHORTEST: {"color": "0.8", "linestyle": "-", "linewidth": 4, "zorder": 1},
 }
 """How each line is drawn, in the order of the legend; told apart in greyscale too."""
 
-OTHER: Mapping[str, Any] = {"color": "#CC79A7", "marker": "v", "linestyle": (0, (3, 1, 1, 1))}
+OTHER: Mapping[str, Any] = {"color": "#56B4E9", "marker": "v", "linestyle": (0, (3, 1, 1, 1))}
 """How other learners are drawn."""
 
 OUTPUT: Any = {"svg.hashsalt": "sparse_coord_ros", "svg.fonttype": "path"}
@@ -115,7 +118,8 @@ def points(
 ) -> list[dict[str, Any]]:
     """Return the points of conditions, with what they are to be compared with.
 
-    Those are the joint optimum, or its bound, and the exact value of shortest-path policies.
+    Those are the joint optimum, or its bound, the class bound where it is known, and the exact
+    value of shortest-path policies.
 
     Args:
         entries: the conditions.
@@ -132,6 +136,8 @@ def points(
         values = {SHORTEST: reference[measure]} if measure in reference else {}
         if measure == "reward":
             values[BOUND if place["panel"] in bounded else OPTIMUM] = entry.result.optimum
+            if entry.can_ask and entry.class_bound is not None:
+                values[CLASS] = entry.class_bound
         if measure == "loss":
             values[SHORTEST] = independent_bound(entry.scenario) - entry.shortest_paths
         for line, value in values.items():

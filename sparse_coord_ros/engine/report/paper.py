@@ -15,6 +15,7 @@ from sparse_coord_ros.engine.report.section import Section, common, failed, memo
 from sparse_coord_ros.engine.report.text import (
     TEXTS,
     Row,
+    class_bound,
     exceptions,
     fixed,
     listed,
@@ -70,13 +71,19 @@ def reward_section(entries: Sequence[Entry]) -> Section:
     return Section(
         values | compared(entries)[0],
         [
-            [{**_row(e, "reward", "reward"), "joint optimum": optimum(e)} for e in entries],
+            [{**_row(e, "reward", "reward"), **_bounds(e)} for e in entries],
             behaviour,
         ],
         [comparison(entries, ["reward"])],
         [(len(same), len(shown))],
         _misses(entries),
     )
+
+
+def _bounds(entry: Entry) -> Row:
+    """Return the columns on what can be reached."""
+    best = class_bound(entry) if entry.can_ask else None
+    return {"class bound": best, "joint optimum": optimum(entry)}
 
 
 def _as_paper(entries: Iterable[Entry], measure: str) -> tuple[list[Entry], list[Entry]]:

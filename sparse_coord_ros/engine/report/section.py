@@ -8,7 +8,14 @@ from dataclasses import dataclass, field
 from matplotlib.figure import Figure
 
 from sparse_coord_ros.engine.report.entries import Entry
-from sparse_coord_ros.engine.report.text import Row, optimum, percent, size, with_error
+from sparse_coord_ros.engine.report.text import (
+    Row,
+    class_bound,
+    optimum,
+    percent,
+    size,
+    with_error,
+)
 
 
 @dataclass(frozen=True)
@@ -34,6 +41,7 @@ def common(entry: Entry) -> Row:
     """Return the columns that most tables share: what a condition brings."""
     return {
         "reward (s.e.)": with_error(entry.measure("reward")),
+        "class bound": class_bound(entry) if entry.can_ask else None,
         "joint optimum": optimum(entry),
         "miscoordinations (s.e.)": with_error(entry.measure("miscoordinations"), 3),
         "COORDINATE (s.e.)": with_error(entry.measure("asks"), 3) if entry.can_ask else None,

@@ -5,7 +5,7 @@
 import math
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
-from itertools import takewhile
+from itertools import chain, takewhile
 from typing import Any
 
 import numpy as np
@@ -14,13 +14,15 @@ from sparse_coord_ros.core.evaluation import Measure
 from sparse_coord_ros.core.learners import learner_of
 from sparse_coord_ros.core.scenario import SETTINGS
 from sparse_coord_ros.core.specs import Spec
-from sparse_coord_ros.engine.experiments import CLOSED, LEARNERS
+from sparse_coord_ros.engine.experiments import CLOSED, FALLS, LEARNERS, LONG, REACHED
 from sparse_coord_ros.engine.report import analysis
 from sparse_coord_ros.engine.report.analysis import difference, paired, run_means, surely_positive
 from sparse_coord_ros.engine.report.entries import Entry, by_scenario, names, pick
 from sparse_coord_ros.engine.report.figures import (
     ALL,
     BYTES,
+    CLASS,
+    FACTORED,
     GAIN,
     NONCOOP,
     ONE,
@@ -34,6 +36,8 @@ from sparse_coord_ros.engine.report.maps import asked_maps
 from sparse_coord_ros.engine.report.section import Section, common, failed, memory
 from sparse_coord_ros.engine.report.text import (
     Row,
+    class_bound,
+    fixed,
     listed,
     optimum,
     percent,
@@ -44,6 +48,7 @@ from sparse_coord_ros.engine.report.text import (
 )
 
 MEASURES = ("reward", "miscoordinations", "asks")
+COLUMNS = ("closed", "closed from the better", "closed to the class bound")
 
 
 def sweep(
@@ -226,28 +231,33 @@ def _factors(entry: Entry) -> str:
 
 def _shift(entry: Entry) -> float:
     """Return by how much a learner's points are moved, so that equal ones are all seen."""
-    return 0.1 * (LEARNERS.index(entry.learner) - 1)
+    return 0.1 * (LEARNERS.index(entry.learner) - 1.5)
 
 
 def crowd_section(entries: Sequence[Entry]) -> Section:
     """Return what more robots do, with one random peer and with all of them perceived."""
-    lines = (NONCOOP, ONE, ALL)
+    lines = (NONCOOP, ONE, ALL, FACTORED)
 
     def line(entry: Entry) -> str:
-        return {"one": ONE, "all": ALL}[entry.scenario.peers] if entry.can_ask else entry.title
+        return {"one": ONE, "all": ALL}[entry.scenario.peers] if entry in coop else entry.title
 
     def where(entry: Entry, end: str = "") -> dict[str, Any]:
-        x, shift = entry.result.robots, 0.12 * lines.index(line(entry)) - 0.12
+        x, shift = entry.result.robots, 0.12 * lines.index(line(entry)) - 0.18
         own = {"line": line(entry) + end, "xlabel": "robots", "tick": str(x)}
         return {"panel": "", "x": x, "shift": shift, **own}
 
-    base, coop = (pick(entries, learner=learner) for learner in ("noncoop", "coop"))
+    base, coop, factored = (
+        pick(entries, learner=name) for name in ("noncoop", "coop", "factored")
+    )
     one, every = (pick(coop, peers=peers) for peers in ("one", "all"))
-    gains = [list(map(difference, own, base)) for own in (one, every)]
+    gains = [list(map(difference, own, base)) for own in (one, every, factored)]
     shown = points(entries, "reward", where) + points(entries, "loss", where)
-    for entry, gain in zip([*one, *every], [*gains[0], *gains[1]], strict=True):
+    for entry, gain in zip([*one, *every, *factored], chain(*gains), strict=True):
         shown.append(point(gain, GAIN, **where(entry)))
-    shown += points(entries, "miscoordinations", where) + points(coop, "asks", where)
+    asking = [*coop, *factored]
+    shown += points(entries, "miscoordinations", where) + points(asking, "asks", where)
+    for entry in factored:
+        shown.append(point(Measure(entry.result.visited_bytes, 0, 0), BYTES, **where(entry)))
     for entry in coop:
         for count, end in ((entry.result.visited_bytes, ""), (entry.dense_bytes, ", dense table")):
             shown.append(point(Measure(count, 0, 0), BYTES, **where(entry, end)))
@@ -263,8 +273,8 @@ def crowd_section(entries: Sequence[Entry]) -> Section:
         for entry in entries
     ]
     leads = [
-        f"{entry.result.robots} robots {signed(a)} and {signed(b)}"
-        for entry, a, b in zip(base, *gains, strict=True)
+        f"{entry.result.robots} robots {signed(a)}, {signed(b)} and {signed(c)}"
+        for entry, a, b, c in zip(base, *gains, strict=True)
     ]
     counts = [_surely(own) for own in gains]
     values = {
@@ -274,8 +284,12 @@ def crowd_section(entries: Sequence[Entry]) -> Section:
         "lines": "; ".join(leads),
         "one": "{} of {}".format(*counts[0]),
         "all": "{} of {}".format(*counts[1]),
+        "factored": "{} of {}".format(*counts[2]),
+        "arrived": percent(min(e.result.arrived for e in factored), 2),
+        "failed": failed(factored),
     }
-    return Section(values, [rows], [plot(shown, 3)], [_surely([*gains[0], *gains[1]])])
+    agrees = [_surely([*gains[0], *gains[1]]), counts[2]]
+    return Section(values, [rows], [plot(shown, 3)], agrees)
 
 
 def figure4_section(entries: Sequence[Entry]) -> Section:
@@ -289,10 +303,12 @@ def figure4_section(entries: Sequence[Entry]) -> Section:
     }
     penalties = list(dict.fromkeys(entry.scenario.penalty for entry in entries))
     lines, less, coop_falls = [], [], []
+    ratios: dict[str, float] = {}
     rows: list[Row] = []
     for (name, budget), group in groups.items():
         place, falls = {"scenario": name, "steps": budget}, {}
-        for learner in LEARNERS:
+        learners = [name for name in LEARNERS if pick(group, learner=name)]
+        for learner in learners:
             own = pick(group, learner=learner)
             first, last = _ends(own)
             falls[learner] = run_means(first) - run_means(last)
@@ -302,11 +318,18 @@ def figure4_section(entries: Sequence[Entry]) -> Section:
         exact = max(0.0, first.result.optimum - last.result.optimum)
         known = f"{exact:.2f}" if first.result.optimum_exact else None
         best = {_tick(e): optimum(e) for e in own}
+        bounds = {_tick(e): text for e in own if (text := class_bound(e))}
+        bound = (first.class_bound or math.nan) - (last.class_bound or math.nan)
+        if bounds:
+            rows.append({**place, "learner": CLASS, **bounds, "fall (s.e.)": fixed(bound)})
+        if bound > 0.0 and "factored" in falls and first.scenario.steps == LONG["steps"]:
+            ratios[name] = falls["factored"].mean() / bound
         rows.append({**place, "learner": "joint optimum", **best, "fall (s.e.)": known})
         texts = [
             f"{learner_of(name).title} {with_error(paired(falls[name]), 1)}"
-            for name in reversed(LEARNERS)
+            for name in reversed(learners)
         ]
+        texts += [f"{CLASS} {bound:.1f}"] * (bound >= 0.0)
         texts.append(f"optimum {exact:.1f}" if known else "optimum not known exactly")
         lines.append(f"- {name} ({budget} steps): {', '.join(texts)}")
         coop_falls.append(falls["coop"].mean())
@@ -330,9 +353,12 @@ def figure4_section(entries: Sequence[Entry]) -> Section:
         "falls": "\n".join(lines),
         "least": f"{min(coop_falls):.1f}",
         "most": f"{max(coop_falls):.1f}",
+        "ratios": ", ".join(f"{name} {ratio:.2f}" for name, ratio in ratios.items()) or "none",
+        "limits": ", ".join(f"{name} {limit:g}" for name, limit in FALLS.items()),
     }
+    within = sum(ratio <= FALLS.get(name, math.inf) for name, ratio in ratios.items())
     figures = [plot(points(drawn, name, where), 4, 3.0) for name in ("reward", "variance")]
-    return Section(values, [rows], figures, [(len(less), len(groups))])
+    return Section(values, [rows], figures, [(len(less), len(groups)), (within, len(ratios))])
 
 
 def _ends(entries: Iterable[Entry]) -> tuple[Entry, Entry]:
@@ -346,33 +372,55 @@ def _tick(entry: Entry) -> str:
 
 
 def penalty100_section(entries: Sequence[Entry]) -> Section:
-    """Return how much of the gap between the baselines and the optimum Coop. closes."""
-    lines, met = [], 0
+    """Return how much of the gap between the baselines and what can be reached is closed."""
+    lines, met, reached = [], 0, 0
     rows: list[Row] = []
     closed_by: dict[str, str] = {}
+    class_by: dict[str, str] = {}
     for own in by_scenario(entries):
         [coop], [base] = (pick(own, learner=learner) for learner in ("coop", "noncoop"))
-        closed = partial(analysis.gap_closed, run_means(coop), optimum=coop.result.optimum)
-        share = harder = closed(run_means(base))
-        if coop.shortest_paths > base.measure("reward").mean:
-            harder = closed(coop.shortest_paths)
-        target, (text, above) = CLOSED.get(coop.name), map(_share, (share, harder))
-        met += share is not None and target is not None and share.mean >= target
-        closed_by[coop.name] = text
-        lines.append(
-            f"{coop.name} {text}{_verdict(share, target)}, {above} from the better of Non-coop. "
-            f"and exact shortest paths, every robot arrives in {percent(coop.result.arrived, 2)} "
-            f"of trials, {failed([coop])} teams fail"
-        )
+        shares: dict[str, Row] = {}
+        for entry in own:
+            if not entry.can_ask:
+                continue
+            closed = partial(analysis.gap_closed, run_means(entry))
+            share = harder = closed(run_means(base), optimum=entry.result.optimum)
+            if entry.shortest_paths > base.measure("reward").mean:
+                harder = closed(entry.shortest_paths, optimum=entry.result.optimum)
+            bound = entry.class_bound
+            reach = None if bound is None else closed(run_means(base), optimum=bound)
+            text, above = map(_share, (share, harder))
+            of_class = None if reach is None else _share(reach)
+            shares[entry.learner] = {
+                "closed": text,
+                "closed from the better": above,
+                "closed to the class bound": of_class,
+            }
+            if entry is coop:
+                target = CLOSED.get(entry.name)
+                met += share is not None and target is not None and share.mean >= target
+                closed_by[entry.name] = text
+                verdict = _verdict(share, target)
+            else:
+                target = REACHED.get(entry.name)
+                reached += reach is not None and target is not None and reach.mean >= target
+                class_by[entry.name] = of_class or "unknown"
+                verdict = ""
+            lines.append(
+                f"{entry.name}, {entry.title} {text}{verdict}, {above} from the better of "
+                f"Non-coop. and exact shortest paths, {of_class or 'an unknown share'} of the gap "
+                f"to the class bound, every robot arrives in {percent(entry.result.arrived, 2)} "
+                f"of trials, {failed([entry])} teams fail"
+            )
         rows += [
             {
                 "scenario": entry.name,
                 "learner": entry.title,
                 "reward (s.e.)": with_error(entry.measure("reward")),
                 "shortest paths, exact": f"{entry.shortest_paths:.2f}",
+                "class bound": class_bound(entry) if entry.can_ask else None,
                 "joint optimum": optimum(entry),
-                "closed": text if entry.can_ask else None,
-                "closed from the better": above if entry.can_ask else None,
+                **shares.get(entry.learner, dict.fromkeys(COLUMNS)),
                 **common(entry),
                 "failed teams": failed([entry]),
             }
@@ -387,9 +435,12 @@ def penalty100_section(entries: Sequence[Entry]) -> Section:
         "lines": "; ".join(lines),
         "closed": ", ".join(f"{name} {text}" for name, text in closed_by.items()),
         "targets": ", ".join(f"{name} {percent(CLOSED[name], 0)}" for name in closed_by),
+        "reached": ", ".join(f"{name} {text}" for name, text in class_by.items()),
+        "aims": ", ".join(f"{name} {percent(REACHED[name], 0)}" for name in class_by),
     }
     figure = plot(points(entries, "reward", where, span=0.3), len(closed_by))
-    return Section(values, [rows], [figure], [(met, len(closed_by))])
+    agrees = [(met, len(closed_by)), (reached, len(class_by))]
+    return Section(values, [rows], [figure], agrees)
 
 
 def _share(closed: Measure | None) -> str:

@@ -60,6 +60,12 @@ def optimum(entry: Entry) -> str:
     return f"{'' if entry.result.optimum_exact else '<= '}{entry.result.optimum:.2f}"
 
 
+def class_bound(entry: Entry) -> str | None:
+    """Return what the best known team of Algorithm 1's form is worth; None where it is unknown."""
+    bound = entry.class_bound
+    return None if bound is None else f"{bound:.2f}"
+
+
 def percent(share: float, digits: int = 1) -> str:
     """Return a share in percent."""
     return "-" if math.isnan(share) else f"{100 * share:.{digits}f} %"
