@@ -146,4 +146,4 @@ def compiled() -> Callable[..., Any]:
     import numba
 
     numba.extending.register_jitable(outcome)
-    return numba.njit(nogil=True)(carry)  # type: ignore[no-any-return]
+    return numba.njit(nogil=True)(carry)

@@ -1,0 +1,84 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Compute the tables of docs/coordination.md, and write them into it.
+
+`python -m tools.coordination --out coordination [STUDY ...]`, in a checkout. What the folder has
+already is not computed again.
+"""
+
+import re
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.engine.conditions import Condition
+from sparse_coord_ros.engine.results import ConditionResult, Plan, open_results
+from sparse_coord_ros.engine.runner import compute
+from sparse_coord_ros.errors import EXIT_BAD_INPUT, SparseCoordError
+from sparse_coord_ros.files import write_whole
+from tools.coordination.studies import SEED, STUDIES, Study
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "coordination.md"
+NAMES = [study.name for study in STUDIES]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Read the command line, compute, write, and return the exit code."""
+    parser = shared.Parser(prog="python -m tools.coordination", description=__doc__)
+    parser.add_argument("studies", nargs="*", metavar="STUDY", help=f"of {', '.join(NAMES)}")
+    parser.add_argument("--out", type=Path, default=Path("coordination"), help="results directory")
+    parser.add_argument("--page", type=Path, default=PAGE, help="the document with the tables")
+    parser.add_argument("--jobs", type=int, default=1, help="threads (default: 1)")
+    options = parser.parse_args(arguments)
+    try:
+        for study in _chosen(options.studies):
+            table = study.table(_results(study, options.out, options.jobs).__getitem__)
+            write_whole(options.page, with_table(options.page.read_text("utf-8"), study, table))
+            print(table, flush=True)
+    except SparseCoordError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return EXIT_BAD_INPUT
+    return 0
+
+
+def _chosen(names: Sequence[str]) -> list[Study]:
+    for name in names:
+        if name not in NAMES:
+            raise SparseCoordError(f"study {name!r}: allowed: {', '.join(NAMES)}")
+    return [study for study in STUDIES if not names or study.name in names]
+
+
+def _results(study: Study, out: Path, jobs: int) -> "dict[Condition, ConditionResult]":
+    """Return the results of a study's conditions, computed where they are not there yet."""
+    found: dict[Condition, ConditionResult] = {}
+    for two, runs in zip((True, False), study.runs, strict=True):
+        own = [one for one in study.conditions if (len(one.scenario.robots) == 2) == two]
+        plan = Plan(SEED, runs, 2 if two else study.trials)
+        if not own:
+            continue
+        with open_results(out / f"{runs}-runs-{plan.trials}-trials", plan) as results:
+            by_id = compute(own, plan, results=results, jobs=jobs, progress=_say)
+        found |= {one: by_id[one.id] for one in own}
+    return found
+
+
+def _say(name: str, done: int, total: int) -> None:
+    print(f"\r{name} {done / max(total, 1):.0%}", end="\x1b[K", file=sys.stderr, flush=True)
+
+
+def with_table(page: str, study: Study, table: str) -> str:
+    """Return the document with a study's table between its marks.
+
+    Raises:
+        SparseCoordError: it has no such marks.
+    """
+    begin, end = f"<!-- table: {study.name} -->\n", "<!-- end of table -->"
+    pattern = re.compile(re.escape(begin) + ".*?" + re.escape(end), re.DOTALL)
+    if not pattern.search(page):
+        raise SparseCoordError(f"document: no {begin.strip()} ... {end}; add them")
+    return pattern.sub(lambda _: f"{begin}{table}{end}", page, count=1)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,30 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The factored learner with one part of its rule turned off, for the ablation."""
+
+from sparse_coord_ros.core.factors import FactorRule
+from sparse_coord_ros.core.learners import Factored
+
+
+class NotToldByRequests(Factored):
+    """Learns nothing from being asked."""
+
+    factors = FactorRule(share=False)
+
+
+class NoPerceptUpdate(Factored):
+    """Learns r_bar from its own moves alone."""
+
+    factors = FactorRule(percept_update=False)
+
+
+class NoReplay(Factored):
+    """Does not learn from its own model."""
+
+    factors = FactorRule(replays=0)
+
+
+class FiveReplays(Factored):
+    """Learns five times a step from its own model."""
+
+    factors = FactorRule(replays=5)
