@@ -17,7 +17,7 @@ from sparse_coord_ros.recording.reader import Bag
 from sparse_coord_ros.runlog.difference import Difference
 
 TABLES = TABLES_TOPIC.name
-_NAME = re.compile(
+NAME = re.compile(
     tables_attachment("(.+)", "(0|[1-9][0-9]{0,17})").replace(".npz", r"\.npz"), re.ASCII
 )
 
@@ -50,7 +50,7 @@ def read_tables(
     for place, name in enumerate(bag.attachments.names):
         if not name.startswith(TABLES_FOLDER):
             continue
-        match = _NAME.fullmatch(name)
+        match = NAME.fullmatch(name)
         if match is None or match[1] not in names:
             where = name if len(name) < 100 else f"{name[:60]}..."
             yield (

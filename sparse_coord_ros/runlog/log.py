@@ -4,7 +4,7 @@
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -111,6 +111,17 @@ class RunLog:
     def tables(self) -> Mapping[tuple[int, int], Tables]:
         """The recorded tables by (robot's number, time step)."""
         return {(entry.robot, entry.step): entry.tables for entry in self.all_tables}
+
+    def between(self, first: int, last: int) -> "RunLog":
+        """Return the time steps from `first` to `last`, both included."""
+        begin, end = np.searchsorted(self.step, [first, last + 1]).tolist()
+        rows = {
+            field.name: getattr(self, field.name)[begin:end]
+            for field in fields(self)
+            if isinstance(getattr(self, field.name), np.ndarray)
+        }
+        requests = tuple(one for one in self.requests if first <= one.step <= last)
+        return replace(self, **rows, requests=requests)
 
     def to_pandas(self) -> "pd.DataFrame":
         """Return a pandas DataFrame: one row for each time step and robot.
@@ -227,7 +238,11 @@ def read_run(path: Path) -> RunLog:
         BagError: nothing can be read, or the bag holds no run, or is of a newer format.
         RunError, ScenarioError, SettingError: the run in the bag is not one of this version.
     """
-    tracks = read_tracks(Path(path))
+    return log_of(read_tracks(Path(path)))
+
+
+def log_of(tracks: Tracks) -> RunLog:
+    """Return what the messages of a bag, or of a part of one, tell of a run."""
     run, names = tracks.run, tracks.names
     frame = Frame(run)
     robots = range(len(names))

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A bag's messages sorted by topic and time step, with whatever is odd about them."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -30,6 +30,19 @@ STAMP = ("ns", "i8")
 Fill = Callable[[np.ndarray, np.ndarray], np.ndarray | None]
 """Puts the fields of messages into rows; see `Reader`."""
 THE_CLOCK = wire.CLOCK.name.lstrip("/")
+KINDS = (
+    wire.CLOCK,
+    wire.MAP,
+    wire.MARKERS,
+    wire.STATUS,
+    wire.LOCAL_STATE,
+    wire.REWARD,
+    wire.ACTION,
+    wire.PERCEPT,
+    wire.COORDINATION_MAP,
+    wire.SERVICE_EVENTS,
+)
+"""The topics whose messages are read."""
 
 
 class Track(NamedTuple):
@@ -127,6 +140,24 @@ def read_tracks(path: Path) -> Tracks:
     """Read a bag; arguments and errors as of `read_run`."""
     bag = open_bag(path)
     found = find_run(bag, Decoder(bag.topics))
+    tracks, topics = tracks_of(bag, found)
+    _check_source(tracks, found, topics)
+    for odd, entry in read_tables(bag, found.run):
+        tracks.problems += [] if odd is None else [odd]
+        tracks.tables += [] if entry is None else [entry]
+    return tracks
+
+
+def tracks_of(
+    bag: Bag, found: Source, kinds: Collection[wire.Topic] = KINDS
+) -> tuple[Tracks, list[str]]:
+    """Return a bag's messages without its attachments, and the topics on which they should be.
+
+    Args:
+        bag: the bag, or a part of one.
+        found: its run.
+        kinds: of the topics of `KINDS` those to read; the others seem to have no messages.
+    """
     run = found.run
     tracks = Tracks(bag, run, max(found.number, found.of_text), found.prefix)
     frame = Frame(run)
@@ -147,7 +178,11 @@ def read_tracks(path: Path) -> Tracks:
     for k in range(len(tracks.names)):
         by_name |= {tracks.topic(topic, k): reader for topic, reader in of_robots.items()}
         stamped += [tracks.topic(topic, k) for topic in of_robots if topic.stamped]
-    columns = Columns(bag, by_name, stamped, frame.period)
+    wanted = {tracks.topic(kind, k) for kind in kinds for k in range(len(tracks.names))}
+    wanted |= {tracks.topic(kind) for kind in kinds}
+    readers_of = {name: one for name, one in by_name.items() if kinds is KINDS or name in wanted}
+    columns = Columns(bag, readers_of, stamped, frame.period)
+    columns.rows |= {n: np.empty(0, r.kind) for n, r in by_name.items() if n not in readers_of}
     tracks.problems += columns.problems
     for k in range(len(tracks.names)):
         accounts = columns.rows[tracks.topic(wire.ACTION, k)]["numbers"][:, len(ACTION_LABELS) :]
@@ -175,14 +210,10 @@ def read_tracks(path: Path) -> Tracks:
         rows = columns.rows[tracks.topic(topic, k)]
         tracks.coordination_maps.append(sort.several(rows, k, topic.name))
     sort.statuses(readers.statuses)
-    _check_source(tracks, found, by_name)
     events = [columns.rows[tracks.topic(wire.SERVICE_EVENTS, k)] for k in range(len(tracks.names))]
     tracks.requests, problems = put_together(events, list(tracks.names), frame)
     tracks.problems += problems
-    for odd, entry in read_tables(bag, run):
-        tracks.problems += [] if odd is None else [odd]
-        tracks.tables += [] if entry is None else [entry]
-    return tracks
+    return tracks, list(by_name)
 
 
 def _check_source(tracks: Tracks, source: Source, topics: Iterable[str]) -> None:

@@ -1,0 +1,185 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Any stretch of a long log, read by itself; the learning history of a log, stretch by stretch."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from sparse_coord_ros.core import wire
+from sparse_coord_ros.core.history import History
+from sparse_coord_ros.core.frame import Frame
+from sparse_coord_ros.core.run_config import RunConfig
+from sparse_coord_ros.core.tables import unpack_robot
+from sparse_coord_ros.errors import BagError
+from sparse_coord_ros.recording.scan import AttachmentPlace
+from sparse_coord_ros.recording.walk import Walk
+from sparse_coord_ros.runlog.attached import NAME, RecordedTables
+from sparse_coord_ros.runlog.decode import Decoder
+from sparse_coord_ros.runlog.log import RunLog, log_of
+from sparse_coord_ros.runlog.source import find_run
+from sparse_coord_ros.runlog.tracks import tracks_of
+
+MOVES = (wire.LOCAL_STATE, wire.REWARD, wire.ACTION)
+"""What the history is computed from."""
+
+STRETCH_BYTES = 3_000_000
+"""Bytes of the file of which the history is computed at once."""
+
+
+class Episodes(NamedTuple):
+    """What a stretch of a log brought to the learning history.
+
+    Attributes:
+        history: its episodes.
+        asked: how often each robot chose COORDINATE in each cell, shape (K, cells), int64; in the
+            last episode only if it is whole.
+        last_step: up to which time step that is.
+        open_step: where the last episode begins if it may go on, so that it has to be read again;
+            None: all are whole.
+    """
+
+    history: History
+    asked: np.ndarray
+    last_step: int
+    open_step: int | None
+
+
+class LongLog:
+    """A bag of any length, of which only what is asked for is read.
+
+    Args:
+        path: as of `read_run`.
+
+    Attributes:
+        walk: where things are in the file.
+        run: the run.
+        period: nanoseconds a time step.
+
+    Raises:
+        BagError: nothing can be read, or the bag holds no run, or is of a newer format.
+        RunError, ScenarioError, SettingError: the run in the bag is not one of this version.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.walk = Walk(path)
+        try:
+            bag = self.walk.bag()
+            self._source = find_run(bag, Decoder(bag.topics))
+        except BaseException:
+            self.walk.close()
+            raise
+        self.run: RunConfig = self._source.run
+        self.period = Frame(self.run).period
+        self._tables: tuple[int, list[dict[int, AttachmentPlace]]] | None = None
+
+    @property
+    def last_step(self) -> int:
+        """The newest time step that the file's chunks name."""
+        return max((place.end_ns for place in self.walk.chunks), default=0) // self.period
+
+    def read(self, first: int, last: int) -> RunLog:
+        """Return the time steps from `first` to `last`, whole, with the dialogue.
+
+        Raises:
+            BagError: the file is damaged there.
+        """
+        bag = self.walk.bag(first * self.period, last * self.period)
+        return log_of(tracks_of(bag, self._source)[0]).between(first, last)
+
+    def around(self, step: int, chunks: int = 6) -> RunLog:
+        """Return the time steps of a few chunks in whose middle a time step lies.
+
+        Raises:
+            BagError: the file is damaged there.
+        """
+        places = self.walk.chunks
+        ends = np.maximum.accumulate([place.end_ns for place in places])
+        middle = int(np.searchsorted(ends, step * self.period))
+        low = max(0, min(middle, len(places) - 1) - chunks // 2)
+        some = places[low : low + chunks]
+        first = min(place.start_ns for place in some) // self.period
+        last = max(place.end_ns for place in some) // self.period
+        return self.read(min(first, step), max(last, step))
+
+    def episodes(self, begin: int = 0) -> Iterator[Episodes]:
+        """Yield the learning history from a time step on, stretch by stretch, as far as there is.
+
+        Args:
+            begin: the time step at which an episode begins; 0: the log.
+
+        Raises:
+            BagError: the file is damaged there.
+        """
+        period = self.period
+        robots, cells = len(self.run.scenario.robots), len(self.run.scenario.map.cells)
+        while True:
+            places = [one for one in self.walk.chunks if one.end_ns >= begin * period]
+            size, taken = STRETCH_BYTES, 0
+            while True:  # an episode may be longer than a stretch
+                while taken < len(places) and size > 0:
+                    size -= places[taken].length
+                    taken += 1
+                whole = taken == len(places)
+                if not taken:
+                    return
+                last = max(place.end_ns for place in places[:taken]) // period
+                bag = self.walk.bag(begin * period, last * period)
+                log = log_of(tracks_of(bag, self._source, MOVES)[0]).between(begin, last)
+                history = log.history()
+                if whole or history.episodes > 1:
+                    break
+                size = STRETCH_BYTES * 4
+            end, open_step = last + 1, None
+            if not whole:
+                end = int(history.first_step[-1])
+                history = History(**{n: a[:-1] for n, a in history.arrays().items()})
+            elif not self.walk.finished and history.episodes:
+                end = open_step = int(history.first_step[-1])
+            asked = np.zeros((robots, cells), dtype=np.int64)
+            mine = (log.step < end)[:, None] & log.asked & (log.cells >= 0)
+            rows, who = np.nonzero(mine)
+            np.add.at(asked, (who, log.cells[rows, who]), 1)
+            yield Episodes(history, asked, end - 1, open_step)
+            if whole:
+                return
+            begin = end
+
+    def tables_before(self, robot: int, step: int) -> RecordedTables | None:
+        """Return a robot's newest tables of a time step or earlier; None: there are none.
+
+        Raises:
+            BagError, TablesError: they cannot be read.
+        """
+        known = self._known_tables()[robot]
+        at = max((at for at in known if at <= step), default=None)
+        if at is None:
+            return None
+        place = known[at]
+        tables, counts = unpack_robot(self.walk.attached(place), robot + 1, where=place.name)
+        return RecordedTables(robot, at, tables, counts)
+
+    def table_steps(self) -> list[list[int]]:
+        """Return of each robot the time steps of its tables."""
+        return [sorted(known) for known in self._known_tables()]
+
+    def _known_tables(self) -> list[dict[int, AttachmentPlace]]:
+        """Return of each robot where its tables are, by time step; of equal steps the later."""
+        places = self.walk.attachments.places
+        if self._tables is None or self._tables[0] != len(places):
+            names = [robot.name for robot in self.run.scenario.robots]
+            known: list[dict[int, AttachmentPlace]] = [{} for _ in names]
+            for place in places:
+                match = NAME.fullmatch(place.name)
+                if match is not None and match[1] in names:
+                    known[names.index(match[1])][int(match[2])] = place
+            self._tables = (len(places), known)
+        return self._tables[1]
+
+    def close(self) -> None:
+        """Close the file."""
+        self.walk.close()
+
+
