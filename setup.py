@@ -16,7 +16,11 @@ setup(
     license="Apache-2.0",
     python_requires=">=3.11",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
-    package_data={PACKAGE: ["py.typed"], f"{PACKAGE}.engine.report": ["*.yaml"]},
+    package_data={
+        PACKAGE: ["py.typed"],
+        f"{PACKAGE}.engine.report": ["*.yaml"],
+        f"{PACKAGE}.watch": ["page/*"],
+    },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
@@ -40,6 +44,7 @@ setup(
         "matplotlib",
         "pandas",
         "tqdm",
+        "aiohttp>=3.8",
     ],
     extras_require={
         # ROS 2 from PyPI, for machines that have none; never needed beside an installed ROS 2.

@@ -25,6 +25,7 @@ VERBS: Mapping[str, str] = {
     "info": "say what is in a bag: the run, its topics and files, whether it is whole",
     "verify": "compute a recorded run again, from its seed and its log alone, and compare",
     "explain": "trace each COORDINATE of a time step: question, answer, what was learned from it",
+    "watch": "show a team that learns on a page in the browser: a live one, or a recorded run",
     "replay": "play a recorded run back over ROS 2: same messages, types, QoS and clock",
     "recover": "finish a bag that a crash cut off or that is damaged, as far as it can be read",
     "plot": "draw policies, ask maps, learning curves, sparsity and percepts of runs, or results",
@@ -120,6 +121,24 @@ def add_learner(parser: argparse.ArgumentParser) -> None:
         default="coop",
         help=f"{'; '.join(known)}; or one of your own as module:Class (default: coop)",
     )
+
+
+def add_page(parser: argparse.ArgumentParser) -> None:
+    """Add what says where the page is served."""
+    parser.add_argument(
+        "--port",
+        default="8765",
+        metavar="N",
+        help="of the page (default: 8765; 0: one that is free)",
+    )
+    parser.add_argument(
+        "--host",
+        default="127.0.0.1",
+        metavar="ADDRESS",
+        help="serve the page on this address too for other machines: whoever reaches it can watch "
+        "(default: 127.0.0.1, this machine only)",
+    )
+    parser.add_argument("--browser", action="store_true", help="open the page in the browser")
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:

@@ -106,9 +106,8 @@ class Walk:
                     break
                 opcode, length = HEAD.unpack(self._read(self._position, HEAD.size))
                 if length > LARGEST_RECORD and opcode != Opcode.ATTACHMENT:
-                    raise Damage(
-                        self._position, f"{describe(opcode)} of {length} bytes, which is implausible"
-                    )
+                    what = f"{describe(opcode)} of {length} bytes"
+                    raise Damage(self._position, f"{what}, which is implausible")
                 if length > size - self._position - HEAD.size:
                     break  # it is being written, or the file was cut here
                 self._record(opcode, self._position + HEAD.size, length)
@@ -132,7 +131,7 @@ class Walk:
             start_ns, end_ns = _TIMES.unpack(self._read(begin, _TIMES.size))
             place = ChunkPlace(begin - HEAD.size, length, start_ns, end_ns)
             if not self.topics:  # a recorder tells of them before its first message
-                self._part(self._content(place), place.offset)
+                list(self.parts([place]))
             if end_ns:
                 self.chunks.append(place)
         elif opcode == Opcode.ATTACHMENT:
@@ -170,29 +169,29 @@ class Walk:
     def parts(self, places: Sequence[ChunkPlace], size: int = 0) -> Iterator[Part]:
         """Yield the messages of chunks in parts of whole chunks, of at least `size` bytes each.
 
-        Raises:
-            BagError: bytes are not what they should be.
+        At the first damage they end; `damage` says so, and nothing behind it is read any more.
         """
-        waiting, together = [], 0
-        for number, place in enumerate(places, start=1):
-            waiting.append(self._content(place))
-            together += len(waiting[-1])
-            if together > size or number == len(places):
-                yield self._part(b"".join(waiting), place.offset)
-                waiting, together = [], 0
+        group: list[ChunkPlace] = []
+        waiting: list[bytes] = []
+        for place in places:
+            try:
+                chunk = parse(
+                    Chunk, self._read(place.offset + HEAD.size, place.length), place.offset
+                )
+                waiting.append(chunk_content(chunk, place.offset, crc_required=False))
+                group.append(place)
+            except (Damage, OSError) as error:
+                self._end_at(place, error)
+                break
+            if sum(map(len, waiting)) > size:
+                yield from self._part(group, waiting)
+                group, waiting = [], []
+        if group:
+            yield from self._part(group, waiting)
 
-    def _content(self, place: ChunkPlace) -> bytes:
-        """Return a chunk's records."""
-        try:
-            chunk = parse(Chunk, self._read(place.offset + HEAD.size, place.length), place.offset)
-            return chunk_content(chunk, place.offset, crc_required=False)
-        except Damage as damage:
-            raise BagError(f"{self.path}: {damage}") from None
-        except OSError as error:
-            raise BagError(f"cannot read {self.path}: {error.strerror}") from None
-
-    def _part(self, content: bytes, offset: int) -> Part:
-        """Return the messages among a chunk's records; note the topics that they tell of."""
+    def _part(self, group: Sequence[ChunkPlace], contents: Sequence[bytes]) -> Iterator[Part]:
+        """Yield the messages among chunks' records; note the topics that they tell of."""
+        content, offset = b"".join(contents), group[0].offset
         try:
             places, heads, others = message_heads(content, offset)
             for opcode, _, begin, end in others:
@@ -203,8 +202,14 @@ class Walk:
                     channel = parse(Channel, content[begin:end], offset)
                     self.topics[channel.id] = topic_of(channel, self._schemas, offset)
         except Damage as damage:
-            raise BagError(f"{self.path}: {damage}") from None
-        return Part(content, places + HEAD.size + MESSAGE.size, heads)
+            self._end_at(group[0], damage)
+            return
+        yield Part(content, places + HEAD.size + MESSAGE.size, heads)
+
+    def _end_at(self, place: ChunkPlace, error: Damage | OSError) -> None:
+        """Read nothing any more from a chunk on that cannot be read."""
+        self.damage = str(error) if isinstance(error, Damage) else f"{error.strerror}"
+        self.chunks = [one for one in self.chunks if one.offset < place.offset]
 
     @property
     def attachments(self) -> Attachments:

@@ -30,19 +30,6 @@ STAMP = ("ns", "i8")
 Fill = Callable[[np.ndarray, np.ndarray], np.ndarray | None]
 """Puts the fields of messages into rows; see `Reader`."""
 THE_CLOCK = wire.CLOCK.name.lstrip("/")
-KINDS = (
-    wire.CLOCK,
-    wire.MAP,
-    wire.MARKERS,
-    wire.STATUS,
-    wire.LOCAL_STATE,
-    wire.REWARD,
-    wire.ACTION,
-    wire.PERCEPT,
-    wire.COORDINATION_MAP,
-    wire.SERVICE_EVENTS,
-)
-"""The topics whose messages are read."""
 
 
 class Track(NamedTuple):
@@ -149,14 +136,14 @@ def read_tracks(path: Path) -> Tracks:
 
 
 def tracks_of(
-    bag: Bag, found: Source, kinds: Collection[wire.Topic] = KINDS
+    bag: Bag, found: Source, only: Collection[wire.Topic] | None = None
 ) -> tuple[Tracks, list[str]]:
     """Return a bag's messages without its attachments, and the topics on which they should be.
 
     Args:
         bag: the bag, or a part of one.
         found: its run.
-        kinds: of the topics of `KINDS` those to read; the others seem to have no messages.
+        only: the topics to read, the others seem to have no messages; None: all.
     """
     run = found.run
     tracks = Tracks(bag, run, max(found.number, found.of_text), found.prefix)
@@ -178,9 +165,10 @@ def tracks_of(
     for k in range(len(tracks.names)):
         by_name |= {tracks.topic(topic, k): reader for topic, reader in of_robots.items()}
         stamped += [tracks.topic(topic, k) for topic in of_robots if topic.stamped]
-    wanted = {tracks.topic(kind, k) for kind in kinds for k in range(len(tracks.names))}
-    wanted |= {tracks.topic(kind) for kind in kinds}
-    readers_of = {name: one for name, one in by_name.items() if kinds is KINDS or name in wanted}
+    wanted = set(by_name)
+    if only is not None:
+        wanted = {tracks.topic(topic, k) for topic in only for k in range(len(tracks.names))}
+    readers_of = {name: reader for name, reader in by_name.items() if name in wanted}
     columns = Columns(bag, readers_of, stamped, frame.period)
     columns.rows |= {n: np.empty(0, r.kind) for n, r in by_name.items() if n not in readers_of}
     tracks.problems += columns.problems

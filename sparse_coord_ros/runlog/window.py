@@ -9,11 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from sparse_coord_ros.core import wire
-from sparse_coord_ros.core.history import History
 from sparse_coord_ros.core.frame import Frame
+from sparse_coord_ros.core.history import History
 from sparse_coord_ros.core.run_config import RunConfig
 from sparse_coord_ros.core.tables import unpack_robot
-from sparse_coord_ros.errors import BagError
 from sparse_coord_ros.recording.scan import AttachmentPlace
 from sparse_coord_ros.recording.walk import Walk
 from sparse_coord_ros.runlog.attached import NAME, RecordedTables
@@ -25,7 +24,7 @@ from sparse_coord_ros.runlog.tracks import tracks_of
 MOVES = (wire.LOCAL_STATE, wire.REWARD, wire.ACTION)
 """What the history is computed from."""
 
-STRETCH_BYTES = 3_000_000
+STRETCH_BYTES = 500_000
 """Bytes of the file of which the history is computed at once."""
 
 
@@ -49,6 +48,8 @@ class Episodes(NamedTuple):
 
 class LongLog:
     """A bag of any length, of which only what is asked for is read.
+
+    At the first damage the log ends: `walk.damage` says where, once that was to be read.
 
     Args:
         path: as of `read_run`.
@@ -81,21 +82,15 @@ class LongLog:
         return max((place.end_ns for place in self.walk.chunks), default=0) // self.period
 
     def read(self, first: int, last: int) -> RunLog:
-        """Return the time steps from `first` to `last`, whole, with the dialogue.
-
-        Raises:
-            BagError: the file is damaged there.
-        """
+        """Return the time steps from `first` to `last`, whole, with the dialogue."""
         bag = self.walk.bag(first * self.period, last * self.period)
         return log_of(tracks_of(bag, self._source)[0]).between(first, last)
 
     def around(self, step: int, chunks: int = 6) -> RunLog:
-        """Return the time steps of a few chunks in whose middle a time step lies.
-
-        Raises:
-            BagError: the file is damaged there.
-        """
+        """Return the time steps of a few chunks in whose middle a time step lies."""
         places = self.walk.chunks
+        if not places:
+            return self.read(step, step)
         ends = np.maximum.accumulate([place.end_ns for place in places])
         middle = int(np.searchsorted(ends, step * self.period))
         low = max(0, min(middle, len(places) - 1) - chunks // 2)
@@ -109,9 +104,6 @@ class LongLog:
 
         Args:
             begin: the time step at which an episode begins; 0: the log.
-
-        Raises:
-            BagError: the file is damaged there.
         """
         period = self.period
         robots, cells = len(self.run.scenario.robots), len(self.run.scenario.map.cells)
@@ -128,6 +120,7 @@ class LongLog:
                 last = max(place.end_ns for place in places[:taken]) // period
                 bag = self.walk.bag(begin * period, last * period)
                 log = log_of(tracks_of(bag, self._source, MOVES)[0]).between(begin, last)
+                whole = whole or self.walk.damage is not None
                 history = log.history()
                 if whole or history.episodes > 1:
                     break
@@ -136,7 +129,7 @@ class LongLog:
             if not whole:
                 end = int(history.first_step[-1])
                 history = History(**{n: a[:-1] for n, a in history.arrays().items()})
-            elif not self.walk.finished and history.episodes:
+            elif not self.walk.finished and self.walk.damage is None and history.episodes:
                 end = open_step = int(history.first_step[-1])
             asked = np.zeros((robots, cells), dtype=np.int64)
             mine = (log.step < end)[:, None] & log.asked & (log.cells >= 0)
@@ -181,5 +174,3 @@ class LongLog:
     def close(self) -> None:
         """Close the file."""
         self.walk.close()
-
-

@@ -88,7 +88,7 @@ class BagSource:
         self._entries: deque[frames.Message] = deque(maxlen=DIALOGUE)
         self._last_said = -1
         self._stop = threading.Event()
-        self._troubled: str | None = None
+        self._said: str | None = None
         self.board.put(
             frames.run_message(
                 self.run, source="bag", title=str(self.log.walk.path.parent), controls=CONTROLS
@@ -113,16 +113,18 @@ class BagSource:
         reading = threading.Thread(target=self._read_through, daemon=True)
         reading.start()
         looked = self._now()
-        while not stop():
-            began = self._now()
-            if self.growing and began - looked >= LOOK_SECONDS:
-                looked = began
-                self.look()
-            self.tick()
-            self._stop.wait(max(0.0, TICK_SECONDS - (self._now() - began)))
-        self._stop.set()
-        reading.join()
-        self.log.close()
+        try:
+            while not stop():
+                began = self._now()
+                if self.growing and began - looked >= LOOK_SECONDS:
+                    looked = began
+                    self.look()
+                self.tick()
+                self._stop.wait(max(0.0, TICK_SECONDS - (self._now() - began)))
+        finally:
+            self._stop.set()
+            reading.join()
+            self.log.close()
 
     def look(self) -> None:
         """Take in what the file has grown by."""
@@ -131,7 +133,7 @@ class BagSource:
         if walk.extend():
             self._window = None
         if walk.finished or walk.damage is not None or not growing:
-            self.growing = self.following = False
+            self.growing = False
             self._say()
 
     def tick(self) -> None:
@@ -143,6 +145,8 @@ class BagSource:
         last = float(self.log.last_step)
         if self.following:
             self.position = last
+            if not self.growing:
+                self.following, self.paused = False, True
         elif not self.paused:
             on = passed * self.rate if self.rate else last
             self.position = min(self.position + on, last)
@@ -184,6 +188,7 @@ class BagSource:
             len(window.step) and window.step[0] <= step <= window.step[-1] - margin
         ):
             window = self._window = self.log.around(step)
+            self._say()
         return window
 
     @property
@@ -271,12 +276,12 @@ class BagSource:
             text = "never closed by its recorder: what there is of it is shown"
         else:
             text = ""
-        self.board.put(frames.notice_message(text, level="warning" if text else "info"))
+        if text != self._said:
+            self._said = text
+            self.board.put(frames.notice_message(text, level="warning" if text else "info"))
 
     def _trouble(self, text: str) -> None:
-        if text != self._troubled:
-            self._troubled = text
-            self.board.put(frames.notice_message(f"damaged: {text}", level="warning"))
+        self.board.put(frames.notice_message(f"damaged: {text}", level="warning"))
 
     # In a thread beside it.
 
@@ -293,6 +298,7 @@ class BagSource:
                 grew = False
                 growing = self.growing
                 for part in self.log.episodes(int(begin)):
+                    self._say()
                     if self._stop.is_set():
                         return
                     grew = True
@@ -333,9 +339,7 @@ class BagSource:
 
     def _evaluate(self) -> None:
         """Say what the newest tables are worth, where all robots have some of them."""
-        entries = [
-            self.log.tables_before(k, 2**62) for k in range(len(self.run.scenario.robots))
-        ]
+        entries = [self.log.tables_before(k, 2**62) for k in range(len(self.run.scenario.robots))]
         found = [entry for entry in entries if entry is not None]
         if len(found) == len(entries) and any(entry.step for entry in found):
             step = min(entry.step for entry in found)

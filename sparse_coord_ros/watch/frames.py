@@ -147,7 +147,9 @@ def frame_message(moment: Moment, *, state: str, **more: Any) -> Message:
 
 
 def tables_message(
-    run: RunConfig, tables: Mapping[int, tuple[int, Tables]], rings: Mapping[int, Any] | None = None
+    run: RunConfig,
+    tables: Mapping[int, tuple[int, Tables]],
+    rings: Mapping[int, np.ndarray] | None = None,
 ) -> Message:
     """Return what the robots' tables say.
 
@@ -203,7 +205,8 @@ def curves_message(history: History, *, until: float | None = None) -> Message:
             counts = np.add.reduceat(weights[order].astype(np.float64), begins, axis=0)
         with np.errstate(invalid="ignore", divide="ignore"):
             found = sums / counts
-        return _plain(found.T.tolist()) if sums.ndim == 2 else _plain(found.tolist())
+        plain: list[Any] = _plain((found.T if sums.ndim == 2 else found).tolist())
+        return plain
 
     own = history.present
     return {

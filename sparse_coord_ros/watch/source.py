@@ -7,14 +7,11 @@ from math import isfinite
 from typing import Any, NamedTuple, Protocol
 
 from sparse_coord_ros.core.scenario import load_scenario, scenario_names
-from sparse_coord_ros.core.settings import Setting
 from sparse_coord_ros.errors import SettingError, SparseCoordError
 
 PAUSE, STEP, RATE, SEEK, RESET, NEXT = "pause", "step", "rate", "seek", "reset", "next"
-"""What a page may ask for: hold or go on; so many time steps on or back; time steps a second (0: as
-fast as it goes); a time step to go to; a new episode; another run."""
-
-RATE_SETTING = Setting("rate", float, 0.0, "time steps a second", low=0, high=1e6)
+"""What a page may ask for: hold or go on; so many time steps on or back; time steps a second (0:
+as fast as it goes); a time step to go to; a new episode; another run."""
 
 
 class Command(NamedTuple):

@@ -49,6 +49,7 @@ def python(code):
         ("lockstep", 2, {"core", "lockstep"}),
         ("recording", 5, {"core", "recording"}),
         ("runlog", 10, {"core", "engine", "recording", "runlog"}),
+        ("watch", 6, {"core", "engine", "recording", "runlog", "view", "watch"}),
         ("engine", 17, {"core", "engine"}),
         ("view", 3, {"core", "engine", "recording", "runlog", "view"}),
     ],

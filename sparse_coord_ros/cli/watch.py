@@ -1,0 +1,52 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`sparse_coord watch`: a team that learns, on a page in the browser."""
+
+import argparse
+from contextlib import suppress
+from pathlib import Path
+
+from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.cli.page import served
+
+
+def add_parser(verbs) -> None:
+    """Add the verb."""
+    parser = shared.add_verb(verbs, "watch", example="sparse_coord watch runs/demo/bag")
+    parser.add_argument(
+        "bag",
+        metavar="BAG",
+        nargs="?",
+        type=Path,
+        help="a bag's or a run's directory, or a file; one that is still being recorded is "
+        "followed (default: the team that runs now, over its ROS topics)",
+    )
+    parser.add_argument(
+        "--rate", default="10", metavar="HZ", help="of a bag: time steps a second (default: 10)"
+    )
+    parser.add_argument("--step", default="0", metavar="T", help="of a bag: begin at time step T")
+    shared.add_page(parser)
+    parser.set_defaults(execute=execute)
+
+
+def execute(options: argparse.Namespace) -> int:
+    """Run the verb."""
+    return _bag(options)
+
+
+def _bag(options: argparse.Namespace) -> int:
+    from sparse_coord_ros.core.settings import Setting
+    from sparse_coord_ros.watch.bag import BagSource
+    from sparse_coord_ros.watch.source import RATE, SEEK, Command
+
+    rate = Setting("rate", float, 10.0, "time steps a second", low=0.001, high=1e6)
+    step = Setting("step", int, 0, "time step to begin at", low=0, high=2**53)
+    commands = [Command(RATE, rate.parse(options.rate))]
+    commands += [Command(SEEK, step.parse(options.step))] if options.step != "0" else []
+    with served(options) as server, suppress(KeyboardInterrupt):
+        source = BagSource(options.bag, server.board)
+        for command in commands:
+            source.command(command)
+        server.show(source)
+        source.play()
+    return 0
