@@ -182,8 +182,10 @@ def test_all_commands_of_a_page(page, shell):
     run_page(page, shell, everything=True)
 
 
+SERVES = ("watch",)
+"""Verbs that go on until somebody stops them."""
 LONG_VERBS = ("reproduce", "bench")
-NEEDS_A_BAG = ("info", "verify", "explain", "replay", "recover", "plot", "animate")
+NEEDS_A_BAG = ("watch", "info", "verify", "explain", "replay", "recover", "plot", "animate")
 
 
 @pytest.mark.parametrize(
@@ -199,6 +201,9 @@ def test_examples_of_help(verb, shell):
     if verb in NEEDS_A_BAG:
         shell("sparse_coord run env1 --steps 200 --seed 1 --out runs/demo")
     for command in commands:
+        if verb in SERVES:
+            together([command], shell)
+            continue
         if "--resume" in command:  # of a run that was stopped
             begun = f"sparse_coord train env1 --steps 2e5 --out {command.split()[-1]}"
             shell(f"{begun} & p=$!; sleep 3; kill -TERM $p; wait $p; test $? = 130")
