@@ -235,9 +235,6 @@ class Recording:
         if self.arrives("reward", k, step):
             self.queue.append(lambda: self.robots[k].reward(step, reward))
 
-    def checkpoint(self, step):
-        """Save nothing."""
-
     # Active perception.
 
     def event(self, peer, kind, asker, sequence, content):
