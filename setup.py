@@ -70,6 +70,7 @@ setup(
             "robot = sparse_coord_ros.executables:robot",
             "recorder = sparse_coord_ros.executables:recorder",
             "team = sparse_coord_ros.executables:team",
+            "watch = sparse_coord_ros.executables:watch",
             "player = sparse_coord_ros.executables:player",
             "sparse_coord = sparse_coord_ros.executables:sparse_coord",
         ]

@@ -35,6 +35,11 @@ def player() -> int:
     return _start("sparse_coord_ros.nodes.player", STOPPED)
 
 
+def watch() -> int:
+    """Run the node `watch`."""
+    return _start("sparse_coord_ros.nodes.watch", STOPPED)
+
+
 def sparse_coord() -> int:
     """Run the command line."""
     return _start("sparse_coord_ros.cli.main", INTERRUPTED)

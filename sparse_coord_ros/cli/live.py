@@ -9,7 +9,7 @@ import tempfile
 import time
 from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import yaml
 from rclpy.logging import LoggingSeverity, set_logger_level
@@ -28,6 +28,9 @@ from sparse_coord_ros.nodes.spin import Stop, ros_context, signals
 from sparse_coord_ros.nodes.team import run_team, team_run
 from sparse_coord_ros.recording.reader import BAG_DIRECTORY
 
+if TYPE_CHECKING:
+    from sparse_coord_ros.watch.server import Server
+
 Process: TypeAlias = subprocess.Popen[bytes]
 
 POLL_SECONDS = 0.05
@@ -35,13 +38,20 @@ GRACE_SECONDS = 15.0
 """How long a stopped process may take to save and close before it is killed."""
 
 
-def run(values: Mapping[str, Any], *, processes: bool, quiet: bool = False) -> dict[str, Any]:
+def run(
+    values: Mapping[str, Any],
+    *,
+    processes: bool,
+    quiet: bool = False,
+    page: "Server | None" = None,
+) -> dict[str, Any]:
     """Run a team and return its summary.
 
     Args:
         values: some of `TEAM_PARAMETERS`, as texts or typed.
         processes: every node in its own process instead of all in this one.
         quiet: no progress lines.
+        page: the server of a page that shows the team in this process; None: none.
 
     Raises:
         SparseCoordError: bad input.
@@ -53,7 +63,7 @@ def run(values: Mapping[str, Any], *, processes: bool, quiet: bool = False) -> d
         with ros_context() as context:
             if quiet:
                 set_logger_level("", LoggingSeverity.WARN)
-            return run_team(values, context=context, stop=lambda: bool(stop))
+            return run_team(values, context=context, stop=lambda: bool(stop), page=page)
 
 
 def _run_processes(values: dict[str, Any], stop: Stop, quiet: bool) -> dict[str, Any]:

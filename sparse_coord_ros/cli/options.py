@@ -141,6 +141,16 @@ def add_page(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--browser", action="store_true", help="open the page in the browser")
 
 
+def add_watch(parser: argparse.ArgumentParser) -> None:
+    """Add --watch, and where the page is served."""
+    parser.add_argument(
+        "--watch",
+        action="store_true",
+        help="show the run on a page in the browser, which stays when it is over",
+    )
+    add_page(parser)
+
+
 def add_json(parser: argparse.ArgumentParser) -> None:
     """Add --json."""
     parser.add_argument("--json", action="store_true", help="print one JSON object for machines")
@@ -171,7 +181,12 @@ def scenario_of(options: argparse.Namespace) -> Scenario:
 
 def output_directory(options: argparse.Namespace, name: str) -> Path:
     """Return the output directory: --out, or one with a time stamp."""
-    return options.out or Path("runs") / f"{name}_{datetime.now():%Y%m%d_%H%M%S}"
+    return options.out or new_directory(name)
+
+
+def new_directory(name: str) -> Path:
+    """Return an output directory of a run, with a time stamp."""
+    return Path("runs") / f"{name}_{datetime.now():%Y%m%d_%H%M%S}"
 
 
 def print_json(data: Any) -> None:

@@ -4,16 +4,22 @@
 
 import argparse
 import sys
-from collections.abc import Iterator
+import time
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+from sparse_coord_ros.core.run_config import RunConfig
 from sparse_coord_ros.core.settings import Setting
-from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.core.tables import load_team
+from sparse_coord_ros.errors import RunError, SparseCoordError
 
 if TYPE_CHECKING:
     from sparse_coord_ros.watch.server import Server
+    from sparse_coord_ros.watch.source import Command
 
+NEXT = "next"
 PORT = Setting("port", int, 8765, "of the page; 0: one that is free", low=0, high=65535)
 
 
@@ -48,6 +54,50 @@ def served(options: argparse.Namespace) -> Iterator["Server"]:
         yield server
     finally:
         server.close()
+
+
+class Wishes:
+    """The source between two runs: hears which run is wanted next."""
+
+    def __init__(self) -> None:
+        self.next: Mapping[str, Any] | None = None
+
+    def command(self, command: "Command") -> None:
+        """Take note of a wish; called from the server's thread."""
+        if command.name != NEXT:
+            raise RunError("the run is over: choose the next one")
+        self.next = command.value
+
+
+def show_end(server: "Server", run: RunConfig, out: Path) -> None:
+    """Show what the tables of a finished run are worth."""
+    from sparse_coord_ros.watch.frames import notice_message
+    from sparse_coord_ros.watch.worth import evaluation_message
+
+    try:
+        server.board.put(evaluation_message(run, load_team(out, run.scenario), None))
+    except SparseCoordError as error:
+        server.board.put(notice_message(str(error), level="warning"))
+
+
+def next_wish(server: "Server") -> Mapping[str, Any]:
+    """Wait for what the page wants next; Ctrl-C ends the waiting.
+
+    Returns:
+        The scenario's name and the penalty, as settings.
+    """
+    wishes = Wishes()
+    server.show(wishes)
+    print(
+        f"the run is over; the page stays at {server.address}: start the next run there, or end "
+        "with Ctrl-C",
+        file=sys.stderr,
+        flush=True,
+    )
+    while wishes.next is None:
+        time.sleep(0.05)
+    server.show(None)
+    return wishes.next
 
 
 def _opened(address: str) -> bool:

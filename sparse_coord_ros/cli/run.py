@@ -4,9 +4,11 @@
 
 import argparse
 import sys
+from pathlib import Path
+from typing import Any
 
 from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.core.run_config import RUN_SETTINGS
+from sparse_coord_ros.core.run_config import RUN_SETTINGS, load_run
 from sparse_coord_ros.errors import BagError, RunError
 
 
@@ -43,6 +45,7 @@ def add_parser(verbs) -> None:
     )
     parser.add_argument("--tables", metavar="DIR", help="begin with the tables of that run")
     parser.add_argument("--greedy", action="store_true", help="act on --tables without learning")
+    shared.add_watch(parser)
     shared.add_json(parser)
     parser.set_defaults(execute=execute)
 
@@ -53,8 +56,6 @@ def execute(options: argparse.Namespace) -> int:
         import rclpy  # noqa: F401
     except ImportError as error:
         raise shared.ros_missing(error, "sparse_coord train") from None
-    from sparse_coord_ros.cli import live
-
     scenario = shared.scenario_of(options)
     if options.greedy and not options.tables:
         raise RunError("--greedy needs --tables DIR, the output directory of a run to act on")
@@ -74,7 +75,42 @@ def execute(options: argparse.Namespace) -> int:
         "tables": options.tables or "",
         "greedy": options.greedy,
     }
-    summary = live.run(values, processes=options.processes, quiet=options.json)
+    if options.watch:
+        return _watched(options, values)
+    return _run(options, values)
+
+
+def _watched(options: argparse.Namespace, values: dict[str, Any]) -> int:
+    """Run teams one after the other, as the page wants them."""
+    from sparse_coord_ros.cli import page
+
+    if options.processes:
+        raise RunError(
+            "--watch shows a team in one process: leave out --processes, or run 'sparse_coord "
+            "watch' beside it"
+        )
+    with page.served(options) as server:
+        while True:
+            code = _run(options, values, server)
+            if code:
+                return code
+            out = Path(values["out"])
+            page.show_end(server, load_run(out), out)
+            try:
+                wish = page.next_wish(server)
+            except KeyboardInterrupt:
+                return 0
+            kept = [text for text in values["set"] if text and not text.startswith("penalty=")]
+            values["scenario"] = wish["scenario"]
+            values["set"] = [*kept, f"penalty={wish['penalty']}"]
+            values["out"] = str(shared.new_directory(wish["scenario"]))
+
+
+def _run(options: argparse.Namespace, values: dict[str, Any], page: Any = None) -> int:
+    from sparse_coord_ros.cli import live
+
+    out = Path(values["out"])
+    summary = live.run(values, processes=options.processes, quiet=options.json, page=page)
     if options.json:
         shared.print_json({"directory": str(out), **summary})
     else:

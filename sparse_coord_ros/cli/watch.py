@@ -31,7 +31,17 @@ def add_parser(verbs) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Run the verb."""
-    return _bag(options)
+    return _live(options) if options.bag is None else _bag(options)
+
+
+def _live(options: argparse.Namespace) -> int:
+    try:
+        from sparse_coord_ros.nodes.spin import run_node
+        from sparse_coord_ros.nodes.watch import WatchNode
+    except ImportError as error:
+        raise shared.ros_missing(error, "sparse_coord watch BAG") from None
+    with served(options) as server:
+        return run_node(lambda context: WatchNode(context=context, values={}, server=server), [])
 
 
 def _bag(options: argparse.Namespace) -> int:

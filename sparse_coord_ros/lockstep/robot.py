@@ -291,6 +291,11 @@ class RobotSide:
             self.agent.memory(),
         )
 
+    def account_of(self, step: int) -> Account | None:
+        """Return what the robot said of itself at a time step; None: it is over, or to come."""
+        pending = self._pending
+        return pending.account if pending is not None and pending.step == step else None
+
     def go_on_from(self, agent: Agent, state: RobotState | None, first: int | None) -> None:
         """Go on where a robot of the same run was, and forget all that is newer.
 

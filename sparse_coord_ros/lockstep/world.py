@@ -5,6 +5,7 @@
 A time step is a barrier: the world advances when every robot has acted or its deadline passed.
 """
 
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import NamedTuple, Protocol
 
@@ -12,7 +13,14 @@ from sparse_coord_ros.core.game import Game, ResumableGame
 from sparse_coord_ros.core.history import History, HistoryRecorder
 from sparse_coord_ros.core.run_config import RunConfig
 from sparse_coord_ros.core.wire import ARRIVED, NOBODY_LEFT, RESET, START, STEPS
-from sparse_coord_ros.core.world import FIRST_STEP, Action, Position, Reward, World
+from sparse_coord_ros.core.world import (
+    FIRST_STEP,
+    Action,
+    Position,
+    Reward,
+    StepOutcome,
+    World,
+)
 
 
 class WorldPort(Protocol):
@@ -29,6 +37,10 @@ class WorldPort(Protocol):
 
     def checkpoint(self, step: int) -> None:
         """Save: the robots do so too, when they have worked off their states of this step."""
+
+
+Watcher = Callable[[int, Sequence[int], Sequence[Action | None], StepOutcome, Sequence[int]], None]
+"""Hears of each transition; see `WorldSide`."""
 
 
 class WorldState(NamedTuple):
@@ -68,6 +80,8 @@ class WorldSide:
         stale: actions that came too late, or twice.
         absent: robots that missed a deadline and have not acted since; nobody waits for them.
         history: gathers the episodes.
+        watcher: None, or called after each transition with its time step, the cells before it,
+            the actions, what it brought, and the cells after it.
         held: after `go_on_from` and until `start`: what robots do is of the time taken back.
     """
 
@@ -79,6 +93,7 @@ class WorldSide:
         self.stale = 0
         self.absent: set[int] = set()
         self.history = HistoryRecorder(len(run.scenario.robots))
+        self.watcher: Watcher | None = None
         self.held = False
         self._port = port
         self._budget = run.scenario.steps
@@ -193,8 +208,12 @@ class WorldSide:
         step = self.world.step
         acted = [k for k in self._robots if self._actions[k] is not None]
         self.left_out += sum(not self.world.arrived[k] for k in self._robots) - len(acted)
+        watcher = self.watcher
+        before = None if watcher is None else tuple(self.world.cells)
         outcome = self.world.advance(self._actions)
         self.history.add(self.world.episode, step, self._actions, outcome)
+        if watcher is not None and before is not None:
+            watcher(step, before, self._actions, outcome, tuple(self.world.cells))
         self._actions = [None] * len(self._robots)
         self._rewards = [None] * len(self._robots)
         for k in acted:

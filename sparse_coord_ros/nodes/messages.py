@@ -197,6 +197,12 @@ class Converter(Frame):
             raise ValueError(f"coordinate {asked}, peer {peer}, perceived {perceived}: no action")
         return self.checked_step(sec, nanosec), action_from(numbers)
 
+    def unpack_account(self, data: bytes) -> tuple[int, Action, Account]:
+        """Return (step, action, what the robot says of itself); errors as of `unpack_action`."""
+        step, action = self.unpack_action(data)
+        percept, learned = ACTION_LAYOUT.unpack(data)[2 + len(ACTION_LABELS) :]
+        return step, action, Account(int(percept), bool(learned))
+
     def pose(self, step: int, cell: int) -> PoseStamped:
         """Return a cell's centre at a time step."""
         return _pose(*self.stamp(step), *self.centres[cell])

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rclpy.context import Context
 
@@ -37,6 +37,9 @@ from sparse_coord_ros.nodes.tap import Tap
 from sparse_coord_ros.nodes.world_simulator import WorldSimulator
 from sparse_coord_ros.recording.reader import BAG_DIRECTORY
 
+if TYPE_CHECKING:
+    from sparse_coord_ros.watch.server import Server
+
 
 def team_run(values: dict[str, Any]) -> RunConfig:
     """Return the run of a team, checked whole before anything is written.
@@ -60,6 +63,7 @@ def run_team(
     context: Context,
     namespace: str = "",
     stop: Callable[[], bool] = lambda: False,
+    page: "Server | None" = None,
 ) -> dict[str, Any]:
     """Run a team until its step budget is used up or `stop` says so.
 
@@ -68,6 +72,7 @@ def run_team(
         context: the ROS context.
         namespace: the team's namespace.
         stop: asked several times a second.
+        page: the server of a page that shows the team; None: none.
 
     Returns:
         The summary, as in `summary.yaml`; `interrupted` says whether the run was stopped early,
@@ -90,10 +95,27 @@ def run_team(
             recorder = Recorder(values={**own, "out": str(out / BAG_DIRECTORY)}, **place)
             nodes.append(recorder)
         own = {name: values[name] for name in WORLD_PARAMETERS}
-        nodes.append(WorldSimulator(values={**own, "out": str(out)}, **place))
+        world = WorldSimulator(values={**own, "out": str(out)}, **place)
+        nodes.append(world)
+        robots = []
         for robot in run.scenario.robots:
             own = {name: values[name] for name in ROBOT_PARAMETERS}
-            nodes.append(RobotNode(name=robot.name, values={**own, "out": str(out)}, **place))
+            robots.append(RobotNode(name=robot.name, values={**own, "out": str(out)}, **place))
+            nodes.append(robots[-1])
+        if page is not None:
+            from sparse_coord_ros.nodes.watch import WatchNode
+
+            nodes.append(
+                WatchNode(
+                    context=context,
+                    namespace=namespace,
+                    values={},
+                    server=page,
+                    title=str(out),
+                    world=world,
+                    robots=robots,
+                )
+            )
         interrupted = _spin(nodes, values["executor"], context, stop)
         error = recorder.error if recorder is not None else None
         return gather(out, run.scenario, interrupted=interrupted, recording_error=error)

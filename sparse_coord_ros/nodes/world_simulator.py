@@ -175,6 +175,23 @@ class WorldSimulator(ParameterNode):
             response.message = f"episode {self.lockstep.world.episode} begins"
         return response
 
+    def _on_step(self, request: Trigger.Request, response: Trigger.Response):
+        """Hold, and make one time step where every robot has acted."""
+        self._paused = True
+        response.success = self._started and self.lockstep.complete and not self.done
+        response.message = "the run is not under way, or a robot has not acted yet"
+        if response.success:
+            response.message = f"step {self.lockstep.world.step}"
+            self._advance()
+        if not self.done:
+            self._say_state(self._running_state())
+        return response
+
+    @property
+    def doing(self) -> str:
+        """What the world is doing: one of the states of `core.wire`."""
+        return self._state
+
     # The course of the run.
 
     def _tick(self) -> None:
@@ -200,6 +217,7 @@ class WorldSimulator(ParameterNode):
             self._checkpoints = Checkpoints(self._out, WORLD, self.run)
         self.create_service(SetBool, "~/pause", self._on_pause)
         self.create_service(Trigger, "~/reset", self._on_reset)
+        self.create_service(Trigger, "~/step", self._on_step)
         self._run_publisher.publish(String(data=self.run.to_yaml()))
         self._map_publisher.publish(self._map.pack(0))
         self._publish_markers()

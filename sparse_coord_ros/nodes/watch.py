@@ -1,0 +1,464 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The node `watch`: reads what a team says, and shows it on a page in the browser.
+
+Nobody waits for it. Beside a team in other processes it hears its topics. In the team's own
+process it looks at world and robots themselves: taking every message would slow the team.
+"""
+
+import contextlib
+import functools
+import queue
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
+from rclpy.context import Context
+from std_srvs.srv import SetBool, Trigger
+
+from sparse_coord_ros.core import wire
+from sparse_coord_ros.core.agent import Tables
+from sparse_coord_ros.core.frame import Account
+from sparse_coord_ros.core.history import HistoryRecorder
+from sparse_coord_ros.core.settings import Setting, SettingTable
+from sparse_coord_ros.core.tables import unpack_robot
+from sparse_coord_ros.core.wire import WORLD
+from sparse_coord_ros.core.world import Action, Reward, StepOutcome
+from sparse_coord_ros.nodes import interface
+from sparse_coord_ros.nodes.intake import Intake
+from sparse_coord_ros.nodes.messages import (
+    Announced,
+    Converter,
+    Said,
+    read_run,
+    read_status,
+    read_tables_message,
+    typed,
+)
+from sparse_coord_ros.nodes.parameters import EXECUTOR, ParameterNode
+from sparse_coord_ros.nodes.spin import run_node
+from sparse_coord_ros.watch.live import LiveView, Transition
+from sparse_coord_ros.watch.server import HOST, PORT, Server
+from sparse_coord_ros.watch.source import NEXT, PAUSE, RATE, RESET, STEP, Command
+
+if TYPE_CHECKING:
+    from sparse_coord_ros.nodes.robot import RobotNode
+    from sparse_coord_ros.nodes.world_simulator import WorldSimulator
+
+TICK_SECONDS = 1 / 30
+GONE_SECONDS = 4.0
+"""After so long without a word the world is called gone; it says its status every second."""
+
+CONTROLS = (PAUSE, STEP, RATE, RESET)
+
+WATCH_PARAMETERS = SettingTable(
+    [
+        Setting("host", str, HOST, "address to serve; another one lets other machines watch"),
+        Setting("port", int, PORT, "of the page; 0: one that is free", low=0, high=65535),
+        EXECUTOR,
+    ]
+)
+
+
+class WatchNode(ParameterNode):
+    """Shows the team that is there, and the next one after it.
+
+    Args:
+        context: the ROS context.
+        namespace: the team's namespace.
+        values: parameters given by the program; None: by the command line.
+        server: the page's server; None: one of its own.
+        title: what the page is called; empty: the topics' namespace.
+        world, robots: the team's nodes where they are in this process.
+
+    Raises:
+        SparseCoordError: a bad parameter, a taken port.
+    """
+
+    def __init__(
+        self,
+        *,
+        context: Context,
+        namespace: str = "",
+        values: Mapping[str, Any] | None = None,
+        server: Server | None = None,
+        title: str = "",
+        world: "WorldSimulator | None" = None,
+        robots: "Sequence[RobotNode]" = (),
+    ) -> None:
+        super().__init__(
+            "watch", WATCH_PARAMETERS, context=context, namespace=namespace, values=values
+        )
+        self._own: Server | None = None
+        try:
+            if server is None:
+                server = self._own = _serve(self)
+        except BaseException:
+            self.destroy_node()
+            raise
+        self.server = server
+        self._title = title or f"team in {self.get_namespace()}"
+        self._world, self._robots = world, robots
+        self._intake = Intake(self)
+        self.view: LiveView | None = None
+        self._commands: queue.SimpleQueue[Command] = queue.SimpleQueue()
+        self._run_id = ""
+        self._heard: float | None = None
+        self._transitions = 0
+        self._rate = 0.0 if world is None else world.values["rate"]
+        self._team: _Heard | None = None
+        self._calls = {
+            PAUSE: self.create_client(SetBool, f"{WORLD}/pause"),
+            RESET: self.create_client(Trigger, f"{WORLD}/reset"),
+            STEP: self.create_client(Trigger, f"{WORLD}/step"),
+            RATE: self.create_client(SetParameters, f"{WORLD}/set_parameters"),
+        }
+        if world is not None:
+            controls = (*CONTROLS, NEXT)
+            self.view = LiveView(
+                world.run, server.board, source="live", title=self._title, controls=controls
+            )
+            world.lockstep.watcher = self._on_transition
+        else:
+            self._intake.listen(interface.RUN, self._on_run, read=typed(interface.RUN, read_run))
+            read = typed(interface.STATUS, read_status)
+            self._intake.listen(interface.STATUS, self._on_status, read=read)
+        server.show(self)
+        self.create_timer(TICK_SECONDS, self._tick)
+
+    def command(self, command: Command) -> None:
+        """Do what a page asks for, with the next tick; called from the server's thread."""
+        self._commands.put(command)
+
+    # A team in this process.
+
+    def _on_transition(
+        self,
+        step: int,
+        cells: Sequence[int],
+        actions: Sequence[Action | None],
+        outcome: StepOutcome,
+        after: Sequence[int],
+    ) -> None:
+        """Hear of each transition, from the world's side of the lock step."""
+        ends: Sequence[int | None] = ()
+        if any(action is not None and action.asked and not action.perceived for action in actions):
+            ends = [_end_of(robot, step) for robot in self._robots]
+        assert self.view is not None
+        self.view.take(
+            Transition(step, cells, actions, after, outcome.rewards, outcome.miscoordination, ends)
+        )
+
+    # A team elsewhere.
+
+    def _on_run(self, said: Announced) -> None:
+        """Show the run that is announced; another one takes the place of the one before."""
+        run = said.run
+        if self._team is not None:
+            if run.id and run.id == self._run_id:
+                return
+            self._team.leave()
+        self._run_id, self._heard = run.id, time.monotonic()
+        self._transitions = 0
+        self.view = LiveView(
+            run, self.server.board, source="live", title=self._title, controls=CONTROLS
+        )
+        self._team = _Heard(self, self._intake, run, self.view)
+        self.get_logger().info(f"{run.scenario.name}: {len(run.scenario.robots)} robots")
+
+    def _on_status(self, said: Said) -> None:
+        if self.view is None or said.run != self._run_id:
+            return
+        self._heard, self._transitions = time.monotonic(), said.transitions
+        if self.view.state == "gone":
+            self.view.notice("")
+        self.view.state = said.state
+
+    # The course of things.
+
+    def _tick(self) -> None:
+        while not self._commands.empty():
+            self._do(self._commands.get())
+        view = self.view
+        if view is None:
+            self._wait()
+            return
+        world = self._world
+        if world is not None:
+            self._rate = world.values["rate"]
+            game = world.lockstep.world
+            view.state = world.doing
+            view.show(
+                transitions=game.transitions,
+                episode=game.episode,
+                rate=self._rate,
+                still=list(game.cells),
+            )
+            if view.slow_due():
+                self.show_learned()
+            self.done = world.done
+        elif self._team is not None:
+            self._look_for_the_world(view)
+            team = self._team
+            made = max(self._transitions, team.seen) if team.whole else self._transitions
+            view.show(transitions=made, episode=team.episode, rate=self._rate)
+            if view.slow_due():
+                view.show_learned(team.history.history(), team.tables, team.rings)
+
+    def _wait(self) -> None:
+        """Say that there is no team yet."""
+        board = self.server.board
+        if board.get("notice") is None:
+            where = self.resolve_topic_name(interface.RUN.name)
+            board.put(
+                {
+                    "type": "notice",
+                    "level": "info",
+                    "text": f"waiting for a team: no world simulator is on {where} yet",
+                }
+            )
+
+    def _look_for_the_world(self, view: LiveView) -> None:
+        over = view.state in (wire.FINISHED, wire.STOPPED, "gone")
+        silent = self._heard is None or time.monotonic() - self._heard > GONE_SECONDS
+        if silent and not over and not self.count_publishers(interface.STATUS.name):
+            view.state = "gone"
+            view.notice("the world is gone; the page waits for the next team")
+
+    def show_learned(self) -> None:
+        """Show what the team in this process has learned so far."""
+        if self._world is None or self.view is None:
+            return
+        tables: dict[int, tuple[int, Tables]] = {}
+        for k, robot in enumerate(self._robots):
+            if robot.member is not None:
+                side = robot.member.lockstep
+                tables[k] = (side.handled, side.agent.tables)
+        self.view.show_learned(self._world.lockstep.history.history(), tables)
+
+    def finish(self, *, interrupted: bool) -> None:
+        """Show the end of a team in this process."""
+        world = self._world
+        if world is not None and self.view is not None:
+            world.lockstep.watcher = None
+            self.view.state = wire.STOPPED if interrupted else wire.FINISHED
+            game = world.lockstep.world
+            self.view.show(transitions=game.transitions, episode=game.episode, rate=self._rate)
+            self.show_learned()
+            self.server.show(None)
+
+    def destroy_node(self) -> None:
+        """Close one's own server, and destroy the node."""
+        if self._own is not None:
+            self._own.close()
+            self._own = None
+        super().destroy_node()
+
+    # Controls.
+
+    def _do(self, command: Command) -> None:
+        client = self._calls.get(command.name)
+        if client is None or self.view is None:
+            return
+        if not client.service_is_ready():
+            self.view.notice(f"nobody offers {client.srv_name}: the world is gone or starting")
+            return
+        kind: Any = client.srv_type
+        request = kind.Request()
+        if command.name == PAUSE:
+            request.data = command.value
+        elif command.name == RATE:
+            value = ParameterValue(
+                type=ParameterType.PARAMETER_DOUBLE, double_value=float(command.value)
+            )
+            request.parameters = [ParameterMessage(name="rate", value=value)]
+        future = client.call_async(request)
+        future.add_done_callback(functools.partial(self._on_answer, command))
+
+    def _on_answer(self, command: Command, future: Any) -> None:
+        if self.view is None or future.cancelled() or future.exception() is not None:
+            return
+        response = future.result()
+        if command.name == RATE:
+            result = response.results[0]
+            success, text = result.successful, result.reason
+            if success:
+                self._rate = command.value
+        else:
+            success, text = response.success, response.message
+        self.view.notice("" if success else f"{command.name}: {text}")
+
+
+class _Heard:
+    """What is heard of one run's team by its topics.
+
+    Attributes:
+        history: the episodes that were heard.
+        seen: transitions heard; episode: number of the newest one.
+        whole: whether all was heard from the run's first time step on.
+        tables: of each robot the newest that were announced, with their time step.
+        rings: of each robot where it asks, by its newest coordination map.
+    """
+
+    def __init__(self, node: WatchNode, intake: Intake, run, view: LiveView) -> None:
+        self._node, self._view, self._run = node, view, run
+        self._convert = Converter(run)
+        self._goals = [robot.goal for robot in run.scenario.robots]
+        self._doorways = run.scenario.map.doorways
+        self._any_doorway = run.scenario.conflict == "any_doorway"
+        robots = len(self._goals)
+        self.history = HistoryRecorder(robots)
+        self.seen = self.episode = 0
+        self.whole = True
+        self.tables: dict[int, tuple[int, Tables]] = {}
+        self.rings: dict[int, np.ndarray] = {}
+        self._robots = robots
+        self._states: dict[int, dict[int, int]] = {}
+        self._actions: dict[int, dict[int, tuple[Action, Account | None]]] = {}
+        self._rewards: dict[int, dict[int, Reward]] = {}
+        self._newest: int | None = None
+        convert = self._convert
+        self._subscriptions = []
+        for k, robot in enumerate(run.scenario.robots):
+            for topic, then, read in (
+                (interface.LOCAL_STATE, self._on_state, convert.unpack_state),
+                (interface.ACTION, self._on_action, convert.unpack_account),
+                (interface.REWARD, self._on_reward, convert.unpack_reward),
+                (interface.TABLES, self._on_tables, typed(interface.TABLES, read_tables_message)),
+                (
+                    interface.COORDINATION_MAP,
+                    self._on_map,
+                    typed(interface.COORDINATION_MAP, _grid),
+                ),
+            ):
+                heard = intake.listen(topic, functools.partial(then, k), robot.name, read=read)
+                self._subscriptions.append(heard)
+
+    def leave(self) -> None:
+        """Listen no more."""
+        for subscription in self._subscriptions:
+            self._node.destroy_subscription(subscription)
+
+    def _on_action(self, k: int, said: tuple[int, Action, Account]) -> None:
+        step, action, account = said
+        self._actions.setdefault(step, {})[k] = (action, account)
+
+    def _on_reward(self, k: int, said: tuple[int, Reward]) -> None:
+        step, reward = said
+        self._rewards.setdefault(step, {})[k] = reward
+
+    def _on_state(self, k: int, said: tuple[int, int]) -> None:
+        step, cell = said
+        cells = self._states.setdefault(step, {})
+        if k in cells:  # said again
+            return
+        cells[k] = cell
+        if len(cells) == self._robots:
+            self._settle(step)
+
+    def _settle(self, step: int) -> None:
+        """The joint state of a time step is known: so is what the step before it brought."""
+        before = step - 1
+        if self._newest is None:
+            self.whole = step == 1
+        self._newest = step
+        if before in self._states and len(self._states[before]) == self._robots:
+            self._settle_transition(before)
+        for kept in (self._states, self._actions, self._rewards):
+            for old in [
+                one for one in kept if one < before or (kept is self._states and one < step)
+            ]:
+                del kept[old]
+
+    def _settle_transition(self, step: int) -> None:
+        said, rewards = self._actions.get(step, {}), self._rewards.get(step, {})
+        acted = [k for k in said if k in rewards]
+        if not acted:  # an episode ended here, or it was heard of too late
+            self.whole = self.whole and not said
+            return
+        cells = [self._states[step][k] for k in range(self._robots)]
+        after = [self._states[step + 1][k] for k in range(self._robots)]
+        actions = [said[k][0] if k in acted else None for k in range(self._robots)]
+        ends = [_percept(said[k][1]) if k in acted else None for k in range(self._robots)]
+        inside = [cell for cell in after if cell in self._doorways]
+        met = len(inside) > 1 if self._any_doorway else len(set(inside)) < len(inside)
+        told = [rewards.get(k, Reward(0.0, 0.0, 0.0, 0.0)) for k in range(self._robots)]
+        arrived = tuple(k for k in range(self._robots) if after[k] == self._goals[k])
+        if self._last_made is not None and step != self._last_made + 1:
+            self.episode += 1
+        self._last_made = step
+        self.history.add(
+            self.episode, step, actions, StepOutcome(tuple(told), met, arrived, False)
+        )
+        self.seen += 1
+        self._view.take(
+            Transition(
+                step,
+                cells,
+                actions,
+                after,
+                [rewards.get(k) for k in range(self._robots)],
+                met,
+                ends,
+            )
+        )
+
+    _last_made: int | None = None
+
+    def _on_tables(self, k: int, said: tuple[bytes, int, str]) -> None:
+        data, step, _ = said
+        with contextlib.suppress(Exception):  # anybody can publish anything
+            tables, _ = unpack_robot(data, k + 1, where=interface.TABLES.name)
+            if tables.q_star.shape == (len(self._run.scenario.map.cells), 5):
+                if k not in self.tables or step >= self.tables[k][0]:
+                    self.tables[k] = (step, tables)
+
+    def _on_map(self, k: int, grid: np.ndarray) -> None:
+        if grid.shape == self._convert.grid.shape:
+            cells = tuple(np.array(self._convert.grid.cells).T)
+            self.rings[k] = np.flipud(grid)[cells] == 100
+
+
+def _grid(message: Any) -> np.ndarray:
+    """Return an occupancy grid's values, the southmost row first."""
+    shape = message.info.height, message.info.width
+    return np.frombuffer(bytes(message.data.tobytes()), dtype=np.int8).reshape(shape)
+
+
+def _percept(account: Account | None) -> int | None:
+    """Return how a percept ended where the robot says something known."""
+    known = account is not None and 0 <= account.percept < len(wire.PERCEPT_ENDS)
+    return int(account.percept) if known and account is not None else None
+
+
+def _end_of(robot: "RobotNode", step: int) -> int | None:
+    """Return how the percept of a robot in this process ended at a time step."""
+    return None if robot.member is None else _percept(robot.member.lockstep.account_of(step))
+
+
+def _serve(node: WatchNode) -> Server:
+    from sparse_coord_ros.watch.board import Board
+    from sparse_coord_ros.watch.server import is_loopback
+
+    server = Server(Board(), host=node.values["host"], port=node.values["port"])
+    if not is_loopback(node.values["host"]):
+        node.get_logger().warning(
+            f"the page is served on {node.values['host']}: whoever reaches this machine can "
+            "watch, and who has the whole address can control the run"
+        )
+    node.get_logger().info(f"watch it at {server.address}")
+    return server
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node `watch`."""
+    return run_node(lambda context: WatchNode(context=context), args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,129 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The node `watch` shows what the team's messages say, and asks the world's services."""
+
+import importlib.util
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from sparse_coord_ros.core.run_config import make_run
+from sparse_coord_ros.core.scenario import load_scenario
+from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.nodes import team
+from sparse_coord_ros.nodes.watch import WatchNode, _Heard
+from sparse_coord_ros.recording.reader import open_bag
+from sparse_coord_ros.runlog import read_run
+from sparse_coord_ros.watch.board import Board
+from sparse_coord_ros.watch.live import LiveView
+from sparse_coord_ros.watch.source import PAUSE, RATE, RESET, STEP, Command
+
+_path = Path(__file__).parents[1] / "runlog/conftest.py"
+_spec = importlib.util.spec_from_file_location("recordings", _path)
+recordings = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(recordings)
+
+
+@pytest.mark.parametrize("name", ["env1", "env2-4r"])
+def test_what_is_heard_is_what_the_log_says(tmp_path, name):
+    settings = {"steps": 400, "perception": "probability:0.6", **recordings.OFTEN}
+    run = make_run(load_scenario(name).with_settings(settings), {"seed": 5})
+    recordings.Recording(tmp_path / "bag", run)
+    log, board, heard = read_run(tmp_path / "bag"), Board(), {}
+
+    class Listening:
+        def listen(self, topic, then, owner, *, read):
+            heard[f"/{owner}/{topic.name}"] = lambda data: then(read(data))
+
+    view = LiveView(run, board, source="live", title="", controls=())
+    team_heard = _Heard(SimpleNamespace(), Listening(), run, view)
+    seen = {}
+    for message in open_bag(tmp_path / "bag").messages(set(heard)):
+        before = view._last
+        heard[message.topic](message.data)
+        if view._last is not before:
+            view.show(transitions=team_heard.seen, episode=team_heard.episode)
+            frame = board.get("frame")
+            seen[frame["step"]] = frame
+    assert team_heard.history.history().same_bits(log.history())
+    assert team_heard.whole and team_heard.seen == 400 == len(seen)
+    assert len(team_heard._states) <= 2 and len(team_heard._rewards) <= 2  # nothing piles up
+    ends = {"answered": 0, "refused": 0}
+    for row in np.flatnonzero(np.isin(log.step, list(seen))).tolist():
+        frame = seen[int(log.step[row])]
+        assert frame["cells"] == log.cells[row].tolist()
+        assert [a["robot"] for a in frame["asks"]] == np.flatnonzero(log.asked[row]).tolist()
+        for ask in frame["asks"]:
+            ends[ask["outcome"]] += 1
+            assert (ask["outcome"] == "answered") == log.perceived[row, ask["robot"]]
+    assert min(ends.values()) > 3
+    asked = np.array(view.asked)
+    assert np.array_equal(asked.sum(axis=1), log.asked.sum(axis=0))
+
+
+def test_a_page_beside_a_live_team(bench):
+    world = bench.world(set=["steps=3000"], checkpoint=20)
+    node = bench.add(WatchNode(context=bench.place("observer")[0], values={"port": 0}), "observer")
+    board = node.server.board
+    assert board.get("run") is None
+    bench.robots(2)
+    bench.spin_until(lambda: board.get("frame") is not None, "a frame")
+    assert board.get("run")["scenario"] == "env1" and board.get("run")["source"] == "live"
+    board.page_came()
+    node.command(Command(PAUSE, True))
+    bench.spin_until(lambda: board.get("frame")["state"] == "paused", "it holds")
+    bench.spin_until(lambda: world.lockstep.complete, "all have acted")
+    step = world.lockstep.world.step
+    node.command(Command(STEP, 1))
+    bench.spin_until(lambda: board.get("frame")["step"] == step, "one step more")
+    assert board.get("frame")["cells"] == list(node._team._view._last.cells)
+    node.command(Command(RATE, 500.0))
+    bench.spin_until(lambda: world.values["rate"] == 500.0, "the rate")
+    episode = world.lockstep.world.episode
+    node.command(Command(RESET))
+    bench.spin_until(lambda: world.lockstep.world.episode > episode, "a new episode")
+    node.command(Command(PAUSE, False))
+    bench.spin_until(lambda: node._team.tables.get(1, (0,))[0] >= 20, "new tables")
+    bench.spin_until(lambda: board.get("tables") is not None, "they are shown")
+    assert len(board.get("curves")["length"]) > 0
+    node.command(Command(RATE, -5.0))
+    bench.spin_until(lambda: "rate: " in board.get("notice")["text"], "the world refuses")
+    bench.destroy(world)
+    bench.spin_until(lambda: board.get("frame")["state"] == "gone", "the world is gone")
+    node.command(Command(PAUSE, True))
+    bench.spin_until(lambda: "nobody offers" in board.get("notice")["text"], "no world")
+
+
+def test_a_team_in_one_process_with_a_page(bench, tmp_path):
+    from sparse_coord_ros.watch.server import Server
+
+    page = Server(Board(), port=0)
+    page.board.page_came()
+    try:
+        values = {"scenario": "env1", "set": ["steps=300"], "out": str(tmp_path / "run")}
+        values |= {"claim_window": 0.0, "seed": 3}
+        context = bench.place()[0]
+        team.run_team(values, context=context, page=page)
+        log, board = read_run(tmp_path / "run/bag"), page.board
+        frame, curves = board.get("frame"), board.get("curves")
+        assert frame["state"] == "finished" and frame["transitions"] == 300
+        history = log.history()
+        assert curves["length"] == history.length.tolist()
+        assert curves["totals"]["reward"] == history.reward.sum(axis=0).tolist()
+        assert np.array(board.get("asked")["robots"]).sum() == log.asked.sum()
+        assert frame["step"] == log.step[np.flatnonzero(log.move.max(axis=1) >= 0)[-1]]
+        assert board.get("tables")["robots"][0]["step"] > 0
+    finally:
+        page.close()
+
+
+def test_a_taken_port_stops_the_node(bench):
+    context = bench.place()[0]
+    one = WatchNode(context=context, values={"port": 0})
+    try:
+        with pytest.raises(RunError, match="--port 0 takes a free one"):
+            WatchNode(context=context, values={"port": one.server.port})
+    finally:
+        one.destroy_node()
