@@ -52,6 +52,7 @@ def _start(module: str, code: int) -> int:
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
         if signal.getsignal(number) != signal.SIG_IGN  # nohup: a closed terminal is no matter
     }
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, before)  # whoever started this may hold them back
     run = importlib.import_module(module).main
     if module.endswith("cli.main"):  # its verbs that run no nodes are interrupted as Python does
         for number, handler in before.items():

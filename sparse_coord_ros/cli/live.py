@@ -2,12 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Starts the nodes of a live run: in this process, or each in its own."""
 
+import fcntl
+import os
 import signal
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -24,7 +27,7 @@ from sparse_coord_ros.nodes.parameters import (
     TEAM_PARAMETERS,
     WORLD_PARAMETERS,
 )
-from sparse_coord_ros.nodes.spin import Stop, ros_context, signals
+from sparse_coord_ros.nodes.spin import STOPPING, Stop, ros_context, signals
 from sparse_coord_ros.nodes.team import run_team, team_run
 from sparse_coord_ros.recording.reader import BAG_DIRECTORY
 
@@ -34,6 +37,8 @@ if TYPE_CHECKING:
 Process: TypeAlias = subprocess.Popen[bytes]
 
 POLL_SECONDS = 0.05
+ALONE_SECONDS = 3.0
+"""How long a world may outlive its robots: at a run's end it waits for its readers."""
 GRACE_SECONDS = 15.0
 """How long a stopped process may take to save and close before it is killed."""
 
@@ -57,13 +62,46 @@ def run(
         SparseCoordError: bad input.
     """
     values = {**TEAM_PARAMETERS.defaults(), **TEAM_PARAMETERS.parse(values)}
-    with signals() as stop:
+    with signals() as stop, sole_team():
         if processes:
             return _run_processes(values, stop, quiet)
         with ros_context() as context:
             if quiet:
                 set_logger_level("", LoggingSeverity.WARN)
             return run_team(values, context=context, stop=lambda: bool(stop), page=page)
+
+
+@contextmanager
+def sole_team() -> Iterator[None]:
+    """Hold this machine's ROS domain: of two teams started at once one is refused as a whole.
+
+    Node by node their claims would give each of them some of the names.
+
+    Raises:
+        RunError: another `sparse_coord run` of this user has it.
+    """
+    domain = os.environ.get("ROS_DOMAIN_ID", "0")
+    path = Path(tempfile.gettempdir()) / f"sparse_coord_{os.getuid()}_domain_{domain}.lock"
+    try:
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
+    except OSError:  # a folder that cannot be written: the claims of the nodes decide
+        yield
+        return
+    with os.fdopen(descriptor, "r+") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise RunError(
+                f"ROS domain {domain}: process {file.read().strip() or 'of another run'} runs a "
+                "team in it; wait for its end, or choose another ROS_DOMAIN_ID"
+            ) from None
+        file.truncate(0)
+        file.write(str(os.getpid()))
+        file.flush()
+        try:
+            yield
+        finally:
+            path.unlink(missing_ok=True)
 
 
 def _run_processes(values: dict[str, Any], stop: Stop, quiet: bool) -> dict[str, Any]:
@@ -104,7 +142,12 @@ def _start(
     command = [sys.executable, "-m", "sparse_coord_ros.executables", module, "--ros-args"]
     command += ["-r", f"__node:={name}", "--params-file", str(file)]
     command += ["--log-level", "warn"] if quiet else []
-    return subprocess.Popen(command, start_new_session=True)
+    # A signal that comes before the child can hear it waits until it does.
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)
+    try:
+        return subprocess.Popen(command, start_new_session=True)
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
 def _wait(
@@ -112,8 +155,10 @@ def _wait(
 ) -> bool:
     """Wait for all processes; return whether they were stopped early.
 
-    The others go on without a recorder that has begun its bag.
+    The others go on without a recorder that has begun its bag; a world that all robots have left
+    is ended.
     """
+    alone = 0.0
     while True:
         running = any(one.poll() is None for one in processes.values())  # before what they say
         needed = {n: p for n, p in processes.items() if p is not recorder or not bag.exists()}
@@ -128,6 +173,14 @@ def _wait(
             )
         if not running:
             return False
+        world = processes[WORLD]
+        robots = [p for n, p in processes.items() if n not in (WORLD, RECORDER)]
+        left = world.poll() is None and all(robot.poll() is not None for robot in robots)
+        alone = (alone or time.monotonic()) if left else 0.0
+        if alone and time.monotonic() - alone > ALONE_SECONDS:
+            print("all robots have left: the run ends", file=sys.stderr, flush=True)
+            _end(processes.values())
+            return True
         if stop:
             _end(processes.values())
             return True

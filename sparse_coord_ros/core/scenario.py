@@ -266,9 +266,13 @@ PAPER_MEASURES = ("reward", "time_to_goal", "miscoordinations")
 FILE_KEYS = ("name", "map", "robots", "paper", *SETTINGS)
 
 
+PARAMETERS = "params"
+"""Beside them lies a file of ROS parameters."""
+
+
 def scenario_names() -> list[str]:
     """Return the names of the scenarios that the package ships, sorted."""
-    return share_names("config", ".yaml")
+    return [name for name in share_names("config", ".yaml") if name != PARAMETERS]
 
 
 def load_scenario(name: str | Path, **settings: object) -> Scenario:

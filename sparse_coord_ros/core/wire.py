@@ -97,7 +97,11 @@ SAVE, PAUSE, RESET = "~/save", "~/pause", "~/reset"
 """Services of a robot and of the world."""
 
 WORLD, RECORDER = "world_simulator", "recorder"
-"""Node names by which robots know that they are heard; a robot's node has the robot's name."""
+"""Roles, and what their nodes are called unless they are renamed: the world is who announces
+`run`, a recorder who publishes `recording`; a robot's node has the robot's name."""
+
+RECORDING = Topic("recording", "std_msgs/msg/String", TEAM, LATCHED)
+"""Where a recorder writes: the bag's directory."""
 
 MAP_FRAME = "map"
 
@@ -148,11 +152,13 @@ FORMAT_KEY = "format"
 INITIAL, CHECKPOINT, FINAL = "initial", "checkpoint", "final"
 """Occasions on which a robot publishes its tables."""
 
-WAITING, LEARNING, PAUSED, FINISHED, STOPPED = (
+WAITING, LEARNING, GREEDY, PAUSED, FINISHED, STOPPED = (
     "waiting",
     "learning",
+    "acting greedily",
     "paused",
     "finished",
     "stopped",
 )
+STATES = (WAITING, LEARNING, GREEDY, PAUSED, FINISHED, STOPPED)
 """The states that `status` can name."""

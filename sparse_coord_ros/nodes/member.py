@@ -31,7 +31,7 @@ from sparse_coord_ros.lockstep.watch import Reminder
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.episode_messages import CoordinationMapLayout
 from sparse_coord_ros.nodes.messages import Converter, status, tables_message
-from sparse_coord_ros.nodes.outputs import begin_with, open_output, saving
+from sparse_coord_ros.nodes.outputs import begin_with, open_output, save_somewhere, saving
 from sparse_coord_ros.nodes.peers import Peer
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ class Member:
     """
 
     def __init__(self, node: "RobotNode", run: RunConfig, text: str) -> None:
-        self._node, self.run = node, run
+        self._node, self.run, self._text = node, run, text
         self._names = [robot.name for robot in run.scenario.robots]
         number = self._number()
         tables = self._initial_tables(number)
@@ -265,17 +265,21 @@ class Member:
         """Write the tables and return where; None: no directory was given."""
         if self._out is None:
             return None
-        path = robot_file(self._out, self._node.name)
-        write_tables(path, self._packed())
-        return path
+        packed, name = self._packed(), self._node.name
+
+        def write(out: Path) -> None:
+            write_tables(robot_file(out, name), packed)
+
+        place = save_somewhere(self._node, self._out, self._text, write)
+        return robot_file(place, name)
 
     def finish(self) -> None:
         """Publish the last coordination map and the tables, and save them."""
-        self.report()
-        self.publish_tables(wire.FINAL)
         path = self._save()
         if path is not None:
             self._node.get_logger().info(f"saved {path}")
+        self.report()
+        self.publish_tables(wire.FINAL)
 
     def has_learned(self, last_step: int) -> bool:
         """Whether all is learned that happened before a time step, the run's last."""
@@ -302,7 +306,9 @@ class Member:
         message = DiagnosticArray(header=self._convert.header(step))
         message.status = [
             status(
-                self._node.name, "learning" if self.lockstep.agent.learning else "greedy", values
+                f"{self._node.name}: agent",
+                wire.LEARNING if self.lockstep.agent.learning else wire.GREEDY,
+                values,
             )
         ]
         self._node.diagnostics_publisher.publish(message)

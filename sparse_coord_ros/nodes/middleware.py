@@ -3,10 +3,39 @@
 """What the middleware is told before ROS starts."""
 
 import os
+import sys
+from pathlib import Path
 
 from sparse_coord_ros.core.share import share_folder
+from sparse_coord_ros.errors import RunError
 
 PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
+
+
+SECURITY = "ROS_SECURITY_ENABLE"
+SECURITY_MARK = b"dds.sec.auth.plugin"
+"""What a Fast DDS with DDS-Security knows by name."""
+
+
+def check_security(prefix: Path | None = None) -> None:
+    """Refuse to start where DDS-Security is asked for and the Fast DDS that is here has none.
+
+    Args:
+        prefix: where the PyPI wheels keep their libraries; None: this environment. Other builds of
+            Fast DDS, such as that of the apt packages, have it.
+
+    Raises:
+        RunError: nothing would be secured.
+    """
+    library = (Path(sys.prefix) if prefix is None else prefix) / "lib" / "libfastrtps.so"
+    if os.environ.get(SECURITY, "").lower() != "true" or not library.exists():
+        return
+    if SECURITY_MARK not in library.read_bytes():
+        raise RunError(
+            f"{SECURITY} asks for DDS-Security, but this Fast DDS ({library}, from PyPI) is built "
+            "without it and nothing would be secured; use ROS 2's apt packages "
+            "(docs/reliability.md), or unset it"
+        )
 
 
 def repair_promptly() -> None:

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """From what the nodes of a run wrote to the files of its output directory."""
 
-from collections.abc import Iterator, Sequence
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -114,6 +115,44 @@ def saving(node: Node) -> Iterator[None]:
             f"checkpoint not saved: {os_error_text(error)}; the run goes on, the earlier "
             "checkpoints are kept: make room"
         )
+
+
+def save_somewhere(node: Node, out: Path, run_text: str, write: Callable[[Path], None]) -> Path:
+    """Write files of a run into its output directory, or beside it where that cannot be.
+
+    A directory that is gone is made again; one that cannot be written (a full disk) is stood in
+    for by `<out>_rescued` beside it, or in the folder for temporary files. One line says so.
+
+    Args:
+        node: says it.
+        out: the output directory.
+        run_text: the run's `run.yaml`, written where it lacks.
+        write: writes the files into a directory.
+
+    Returns:
+        The directory.
+
+    Raises:
+        OSError: none of the places can be written; that of the first.
+    """
+    name = f"{out.absolute().name}_rescued"
+    refusal: OSError | None = None
+    for place in (out, out.absolute().with_name(name), Path(tempfile.gettempdir()) / name):
+        gone = not place.exists()
+        try:
+            place.mkdir(parents=True, exist_ok=True)
+            if not (place / RUN_FILE).exists():
+                (place / RUN_FILE).write_text(run_text, encoding="utf-8")
+            write(place)
+        except OSError as error:
+            refusal = refusal or error
+            continue
+        if refusal is not None:
+            node.get_logger().error(f"{os_error_text(refusal)}; saved in {place} instead")
+        elif gone:
+            node.get_logger().warning(f"output directory {out}: it was gone and was made again")
+        return place
+    raise refusal or OSError(f"{out} cannot be written")
 
 
 def begin_with(directory: Path, run: RunConfig) -> list[Tables]:

@@ -15,18 +15,22 @@ from rcl_interfaces.msg import (
 )
 from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 
 from sparse_coord_ros.core.run_config import RUN_SETTINGS, RunConfig, make_run
-from sparse_coord_ros.core.scenario import load_scenario, scenario_names
+from sparse_coord_ros.core.scenario import SETTINGS, Scenario, load_scenario, scenario_names
 from sparse_coord_ros.core.settings import Setting, SettingTable, parse_assignments
-from sparse_coord_ros.core.wire import RECORDER
+from sparse_coord_ros.core.wire import RECORDER, WORLD
 from sparse_coord_ros.errors import RunError, SettingError, SparseCoordError, failure_of
 from sparse_coord_ros.lockstep.watch import Reminder
+from sparse_coord_ros.nodes.interface import RECORDING as RECORDING_TOPIC
 from sparse_coord_ros.nodes.interface import RUN, RosTopic
 from sparse_coord_ros.nodes.tap import Tap, TappedPublisher
+
+RCLError = rclpy_implementation.RCLError
 
 EXECUTOR = Setting(
     "executor",
@@ -141,6 +145,13 @@ TEAM_PARAMETERS = SettingTable(
     }.values()
 )
 
+ALL_NAMES = (*TEAM_PARAMETERS, *RECORDER_PARAMETERS, *SETTINGS)
+"""Of the parameters of all nodes of a team: one file, or a launch file's group, may give them to
+each of them, which takes its own."""
+
+ROLES = {WORLD: RUN, RECORDER: RECORDING_TOPIC}
+"""By what a node's role is known, whatever the node is called: a topic that it publishes."""
+
 SLOWEST = 0.001
 CHANGEABLE = ("rate",)
 """Parameters of a team's nodes that can be set while they run; all others are read once."""
@@ -183,14 +194,19 @@ class ParameterNode(Node):
         tap: Tap | None = None,
     ) -> None:
         given = [Parameter(key, value=value) for key, value in (values or {}).items()]
-        super().__init__(
-            name,
-            context=context,
-            namespace=namespace,
-            use_global_arguments=values is None,
-            parameter_overrides=given,
-            automatically_declare_parameters_from_overrides=True,
-        )
+        try:
+            super().__init__(
+                name,
+                context=context,
+                namespace=namespace,
+                use_global_arguments=values is None,
+                parameter_overrides=given,
+                automatically_declare_parameters_from_overrides=True,
+            )
+        except (RCLError, RuntimeError) as error:
+            raise RunError(
+                f"node {name}: ROS cannot make it: {' '.join(str(error).split())}"
+            ) from None
         self.born = time.monotonic()
         self._start_reminder = Reminder()
         self.failure: SparseCoordError | None = None
@@ -280,8 +296,15 @@ class ParameterNode(Node):
     def _run_topic(self) -> str:
         return self.resolve_topic_name(RUN.name)
 
+    def names_of(self, role: str) -> set[str]:
+        """Return what the nodes of a role are called; a robot's role is its name."""
+        if role not in ROLES:
+            return {role}
+        topic = self.resolve_topic_name(ROLES[role].name)
+        return {info.node_name for info in self.get_publishers_info_by_topic(topic)}
+
     def heard_by(self, publisher: Publisher, names: Collection[str]) -> bool:
-        """Whether nodes of all these names subscribe to a topic of this node.
+        """Whether nodes of all these roles subscribe to a topic of this node.
 
         Bystanders (`ros2 topic echo`, RViz) do not count.
         """
@@ -294,14 +317,15 @@ class ParameterNode(Node):
                 names = [name for name in names if name != RECORDER]
         infos = self.get_subscriptions_info_by_topic(publisher.topic_name)
         matched = publisher.get_subscription_count() >= len(names)
-        return matched and {info.node_name for info in infos}.issuperset(names)
+        heard = {info.node_name for info in infos}
+        return matched and all(heard & self.names_of(name) for name in names)
 
     def is_recorded(self, topic: str) -> bool:
         """Whether a recorder subscribes to a topic, or is here and has given up recording."""
         if self._tap is not None and self._tap.closed:
             return True
         infos = self.get_subscriptions_info_by_topic(self.resolve_topic_name(topic))
-        return RECORDER in {info.node_name for info in infos}
+        return bool(self.names_of(RECORDER) & {info.node_name for info in infos})
 
     def _declare(self) -> dict[str, Any]:
         overrides = {
@@ -309,11 +333,20 @@ class ParameterNode(Node):
             for key, parameter in self.get_parameters_by_prefix("").items()
             if key not in ROS_OWN and not key.startswith(ROS_OWN_PREFIX)
         }
+        takes = dict(self._table)
+        if "set" in self._table:
+            takes |= SETTINGS
+        others = set(ALL_NAMES) - set(takes)
+        given = {name: value for name, value in overrides.items() if name not in others}
         try:
-            values = {**self._table.defaults(), **self._table.parse(overrides)}
+            parsed = SettingTable(takes.values()).parse(given)
         except SettingError as error:
             text = str(error).replace("setting", "parameter", 1)
             raise SettingError(f"node {self.get_name()}: {text}") from None
+        values = {**self._table.defaults(), **{n: parsed[n] for n in parsed if n in self._table}}
+        settings = [f"{name}={parsed[name]}" for name in parsed if name not in self._table]
+        if settings:
+            values["set"] = [*values["set"], *settings]
         for name in overrides:
             self.undeclare_parameter(name)
         for name, setting in self._table.items():
@@ -330,6 +363,15 @@ class ParameterNode(Node):
         except SettingError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
+
+    def show_settings(self, scenario: Scenario) -> None:
+        """Declare the settings of a scenario as parameters, to be looked at."""
+        for name, setting in SETTINGS.items():
+            value = getattr(scenario, name)
+            shown = value if isinstance(value, bool | int | float) else str(value)
+            self.declare_parameter(
+                name, shown, _descriptor(setting, read_only=True), ignore_override=True
+            )
 
 
 def _descriptor(setting: Setting, *, read_only: bool) -> ParameterDescriptor:

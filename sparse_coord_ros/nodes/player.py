@@ -263,7 +263,8 @@ class Player(ParameterNode):
                 self.get_logger().info(self._step()[1])
             else:
                 self._on_key(key)
-                self.get_logger().info(self._state())
+                rate = f", rate {self.values['rate']:g}" if key in ("faster", "slower") else ""
+                self.get_logger().info(self._state() + (rate if self._playback.paused else ""))
 
     def _on_key(self, key: str) -> None:
         rate = self.values["rate"]

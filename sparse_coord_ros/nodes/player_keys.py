@@ -18,6 +18,8 @@ KEYS = {
     b"\x1b[A": "faster",
     b"\x1b[B": "slower",
     b"\x1b[H": "start",
+    b"\x1b[1~": "start",  # tmux, screen, the Linux console
+    b"\x1b[7~": "start",  # rxvt
     b"q": "quit",
 }
 """What the keys mean: space, right, left, Page Up, Page Down, up, down, Home and q."""

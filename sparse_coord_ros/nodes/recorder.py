@@ -4,6 +4,7 @@
 
 import contextlib
 import functools
+import shutil
 import struct
 import sys
 import time
@@ -57,6 +58,8 @@ QUIET_SECONDS = 0.3
 """After the run's end, the bag is closed when nothing has come for so long."""
 LAST_WORDS_SECONDS = 6.0
 """After the run's end, how long the bag is kept open for last words that may be to come."""
+KEPT_FREE = 32 << 20
+"""Bytes of the disk that a recording leaves free, so that tables can still be saved."""
 STOP_SECONDS = 1.0
 """How long a recorder that gets a signal waits for the world's last status: both may get it."""
 
@@ -128,6 +131,7 @@ class Recorder(ParameterNode):
         self._tables: dict[str, tuple[int, bytes]] = {}
         self._final: set[str] = set()
         self._diagnostics_publisher = self.announce(interface.DIAGNOSTICS)
+        self._recording_publisher = self.announce(interface.RECORDING)
         read = typed(interface.RUN, read_run)
         self._status: Said | None = None
         self._subscribe(interface.RUN, self._on_run, read=lambda data: (data, read(data)))
@@ -169,7 +173,8 @@ class Recorder(ParameterNode):
         for topic in (*interface.TEAM_TOPICS, *ROS_TOPICS):
             if topic is not interface.RUN:
                 self._record(bag, topic, topic.name)
-        self._record(bag, interface.CLAIM, interface.CLAIM.of(WORLD))
+        for name in self.names_of(WORLD) or {WORLD}:
+            self._record(bag, interface.CLAIM, interface.CLAIM.of(name))
         for robot in run.scenario.robots:
             for topic in (*interface.ROBOT_TOPICS, interface.CLAIM, interface.SERVICE_EVENTS):
                 self._record(bag, topic, topic.of(robot.name))
@@ -177,6 +182,7 @@ class Recorder(ParameterNode):
             read = typed(interface.TABLES, read_tables_message)
             self._subscribe(interface.TABLES, then, robot.name, read=read)
         bag.flush()
+        self._recording_publisher.publish(String(data=str(self.directory)))
         if self._status is not None:
             self._on_status(self._status)
 
@@ -238,6 +244,13 @@ class Recorder(ParameterNode):
         """Let all that was recorded survive this process."""
         self._steps, self._flushed = 0, time.monotonic()
         bag.flush()
+        with contextlib.suppress(OSError):  # the directory is gone: the bag's own error says so
+            free = shutil.disk_usage(self.directory).free
+            if free < KEPT_FREE:
+                raise BagError(
+                    f"recording to {self.directory} ends: its disk has {free >> 20} MiB left, "
+                    f"{KEPT_FREE >> 20} are kept for what the team saves; make room"
+                )
 
     def _subscribe(
         self,
@@ -340,7 +353,7 @@ class Recorder(ParameterNode):
         }
         convert = Converter(recording.run)
         message = DiagnosticArray(header=convert.header(self._now_ns // convert.period))
-        message.status = [status(self.get_name(), "recording", values)]
+        message.status = [status(f"{self.get_name()}: bag", "recording", values)]
         self._diagnostics_publisher.publish(message)
 
     def finish(self, *, interrupted: bool) -> None:

@@ -28,7 +28,7 @@ from sparse_coord_ros.errors import (
     failure_of,
 )
 from sparse_coord_ros.nodes import interface
-from sparse_coord_ros.nodes.middleware import repair_promptly
+from sparse_coord_ros.nodes.middleware import check_security, repair_promptly
 from sparse_coord_ros.nodes.parameters import ParameterNode
 
 READERS_SECONDS = 3.5
@@ -102,6 +102,7 @@ def ros_context(args: Sequence[str] | None = None, *, domain_id: int | None = No
         domain_id: the ROS domain; None: that of the environment.
     """
     repair_promptly()
+    check_security()
     context = Context()
     try:
         rclpy.init(

@@ -33,7 +33,8 @@ from sparse_coord_ros.nodes.claim import JOINED, Claim
 from sparse_coord_ros.nodes.episode_messages import MapLayout, MarkersLayout
 from sparse_coord_ros.nodes.intake import Intake
 from sparse_coord_ros.nodes.messages import CLOCK_LAYOUT, Converter, read_claim, status, typed
-from sparse_coord_ros.nodes.outputs import SUMMARY_FILE, open_output, saving
+from sparse_coord_ros.nodes.outputs import SUMMARY_FILE, open_output, save_somewhere, saving
+from sparse_coord_ros.nodes.owners import Owners
 from sparse_coord_ros.nodes.parameters import (
     END,
     GO_ON,
@@ -80,6 +81,7 @@ class WorldSimulator(ParameterNode):
             tap=tap,
         )
         self.run = replace(run_from_parameters(self.values), id=uuid.uuid4().hex)
+        self.show_settings(self.run.scenario)
         self._out: Path | None = None
         self._checkpoints: Checkpoints | None = None
         self._convert = Converter(self.run)
@@ -102,6 +104,10 @@ class WorldSimulator(ParameterNode):
         self._claim = Claim(self, self.intake)
         self._run_publisher = self.announce(interface.RUN)
         self._create_publishers()
+        said = (self._run_publisher, self._status_publisher, self._clock_publisher)
+        own = [*said, self._map_publisher, *self._state_publishers, *self._reward_publishers]
+        heard = [subscription.topic_name for subscription in self._action_subscriptions]
+        self._owners = Owners(self, [*(publisher.topic_name for publisher in own), *heard])
         self.create_timer(TICK_SECONDS, self._tick)
         self._rate_timer: Timer | None = None
 
@@ -345,10 +351,13 @@ class WorldSimulator(ParameterNode):
                 self._seconds += time.monotonic()
             self._say_state(wire.STOPPED)
         if self._out is not None:
-            text = yaml.safe_dump(self.summary(), sort_keys=False)
-            (self._out / SUMMARY_FILE).write_text(text, encoding="utf-8")
-            self.lockstep.history.history().save(self._out)
+            save_somewhere(self, self._out, self.run.to_yaml(), self._write_outcome)
         wait_for_readers(self.publishers)
+
+    def _write_outcome(self, out: Path) -> None:
+        text = yaml.safe_dump(self.summary(), sort_keys=False)
+        (out / SUMMARY_FILE).write_text(text, encoding="utf-8")
+        self.lockstep.history.history().save(out)
 
     def summary(self) -> dict[str, Any]:
         """Return what happened, as plain data."""
@@ -374,7 +383,9 @@ class WorldSimulator(ParameterNode):
     def _running_state(self) -> str:
         if self._paused:
             return wire.PAUSED
-        return wire.LEARNING if self._started else wire.WAITING
+        if not self._started:
+            return wire.WAITING
+        return wire.GREEDY if self.run.greedy else wire.LEARNING
 
     def _say_state(self, state: str) -> None:
         self._state = state
@@ -385,6 +396,7 @@ class WorldSimulator(ParameterNode):
         self._status_publisher.publish(status(self.run.scenario.name, state, values))
 
     def _report(self, now: float) -> None:
+        self._owners.look()
         world = self.lockstep.world
         before = self._reported_transitions
         rate = (world.transitions - before) / (now - self._reported + 1e-9)
@@ -401,11 +413,12 @@ class WorldSimulator(ParameterNode):
             "timeouts": self.lockstep.timeouts,
             "replaced_robots": self.replaced,
             "messages_dropped": self.intake.total,
+            "topics_of_two_publishers": len(self._owners.doubled),
         }
         self._slow = [0.0] * len(self._names)
         message = DiagnosticArray(header=self._convert.header(world.step))
         message.status = [
-            status(self.get_name(), self._state, values, warn=bool(self.lockstep.absent))
+            status(f"{self.get_name()}: run", self._state, values, warn=bool(self.lockstep.absent))
         ]
         self._diagnostics_publisher.publish(message)
         self._say_state(self._state)

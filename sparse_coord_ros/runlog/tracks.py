@@ -280,7 +280,7 @@ class _Sorter:
 
     def statuses(self, found: Sequence[Status]) -> None:
         """Note the world's statuses, and what is odd about them."""
-        known = (wire.WAITING, wire.LEARNING, wire.PAUSED, wire.FINISHED, wire.STOPPED)
+        known = wire.STATES
         for before, status in zip([None, *found], found, strict=False):
             if before is not None and status.step < before.step:
                 later = f"after that of step {before.step}"

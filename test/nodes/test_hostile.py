@@ -20,10 +20,13 @@ from sparse_coord_ros.core.settings import SettingTable
 from sparse_coord_ros.core.tables import load_team
 from sparse_coord_ros.errors import FaultError, RunError
 from sparse_coord_ros.nodes import interface
+from sparse_coord_ros.nodes.middleware import SECURITY_MARK, check_security
+from sparse_coord_ros.nodes.owners import Owners
 from sparse_coord_ros.nodes.parameters import EXECUTOR, ParameterNode
 from sparse_coord_ros.nodes.spin import ros_context, run_node, signals
 from sparse_coord_ros.nodes.team import run_team
 from sparse_coord_ros.recording import open_bag
+from sparse_coord_ros.runlog.verify import verify
 
 GARBAGE = (b"", b"abcd", b"\x00\x01\x00\x00\xff\xff\xff\xff", bytes(range(12)))
 SETTINGS = ["steps=60", "epsilon=constant:1"]
@@ -178,3 +181,47 @@ def test_a_closed_terminal_stops_a_node_but_not_one_under_nohup():
             assert not stop
     finally:
         signal.signal(signal.SIGHUP, before)
+
+
+def test_a_second_publisher_of_a_topic_is_named(bench, capfd):
+    stranger = bench.observer()
+    stranger.create_publisher(interface.REWARD.type, interface.REWARD.of("robot_2"), 10)
+    owners = Owners(bench.world(), ["/robot_1/reward", "/robot_2/reward"])
+
+    def seen():
+        owners.look()
+        return owners.doubled
+
+    bench.spin_until(seen, "the stranger is seen")
+    owners.look()
+    assert owners.doubled == {"/robot_2/reward"}
+    (line,) = [line for line in capfd.readouterr().err.splitlines() if "publishers" in line]
+    assert "/robot_2/reward has 2 publishers, /observer, /world_simulator; one should" in line
+
+
+def test_security_is_refused_where_fast_dds_has_none(tmp_path, monkeypatch):
+    library = tmp_path / "lib" / "libfastrtps.so"
+    check_security(tmp_path)
+    monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")
+    check_security(tmp_path)  # no wheel: a build of the user's own
+    library.parent.mkdir()
+    library.write_bytes(b"without")
+    with pytest.raises(RunError, match="asks for DDS-Security, but this Fast DDS .* without it"):
+        check_security(tmp_path)
+    library.write_bytes(b"with " + SECURITY_MARK)
+    check_security(tmp_path)
+
+
+def test_world_and_recorder_may_be_renamed(start, bench, tmp_path):
+    """Their roles are known by what they publish; and /clock stands still for use_sim_time."""
+    values = ["-p", "scenario:=env1", "-p", "set:=[steps=30]", "-p", "recorded:=true"]
+    own = ["--ros-args", "-p", "use_sim_time:=true", "-r"]
+    nodes = [start("nodes.world_simulator", *own, "__node:=earth", *values)]
+    out = f"out:={tmp_path / 'bag'}"
+    nodes.append(start("nodes.recorder", *own, "__node:=scribe", "-p", out))
+    nodes += [start("nodes.robot", *own, f"__node:={name}") for name in NAMES]
+    for node in nodes:
+        assert node.exit_code() == 0, node.output
+    bag = open_bag(tmp_path / "bag")
+    assert "/earth/claim" in bag.topics
+    assert verify(tmp_path / "bag").same

@@ -242,18 +242,18 @@ def test_percepts_have_the_own_pose_and_then_the_peers(team):
 
 def test_diagnostics_come_from_everybody(team):
     by_name = {m.status[0].name: m.status[0] for m in team.diagnostics}
-    assert set(by_name) == {"world_simulator", *NAMES}
-    world = status_values(by_name["world_simulator"])
+    assert set(by_name) == {"world_simulator: run", *(f"{name}: agent" for name in NAMES)}
+    world = status_values(by_name["world_simulator: run"])
     assert world["budget"] == "2000"
     rates = [
         float(status_values(m.status[0])["steps_per_second"])
         for m in team.diagnostics
-        if m.status[0].name == "world_simulator"
+        if m.status[0].name == "world_simulator: run"
     ]
     assert max(rates) > 0
     assert world["slowest_robot"] in NAMES
     assert world["timeouts"] == "0"
-    robot = status_values(by_name["robot_1"])
+    robot = status_values(by_name["robot_1: agent"])
     assert int(robot["asks_answered"]) + int(robot["asks_refused"]) > 0
     assert robot["epsilon"] == "1.0000"
     assert robot["transitions_dropped"] == "0"

@@ -8,6 +8,7 @@ from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
 from rclpy.parameter import parameter_value_to_python
 
 from sparse_coord_ros.core.run_config import RUN_SETTINGS
+from sparse_coord_ros.core.scenario import SETTINGS
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.nodes import recorder, robot, team, world_simulator
 from sparse_coord_ros.nodes.parameters import (
@@ -83,6 +84,38 @@ def test_a_runs_settings_are_the_worlds_parameters():
     assert set(RUN_SETTINGS) <= set(WORLD_PARAMETERS)
 
 
+def test_no_scenario_setting_is_called_like_a_parameter():
+    assert not set(SETTINGS) & set(TEAM_PARAMETERS)
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_a_node_minds_only_its_own_of_a_teams_parameters(context, name):
+    """One file, or a launch file's group, may give all of them to every node."""
+    values = {
+        "out": "x", "seed": 7, "record": True, "compression": "lz4", "world_timeout": 9.0,
+        "penalty": -100.0, "perception": "never",
+    }  # fmt: skip
+    node = ParameterNode("node", TABLES[name], context=context, values=values)
+    try:
+        own = {key: value for key, value in values.items() if key in TABLES[name]}
+        assert {key: node.values[key] for key in own} == own
+        assert set(node.values) == set(TABLES[name])
+        if "set" in own or "set" in node.values:
+            assert node.values["set"][1:] == ["penalty=-100.0", "perception=never"]
+        else:
+            assert not node.has_parameter("penalty")
+    finally:
+        node.destroy_node()
+
+
+def test_scenario_settings_are_parameters_of_the_world(bench):
+    world = bench.world(set=["penalty=-5", "max_steps=40"], penalty=-100.0, use_sim_time=True)
+    assert (world.run.scenario.penalty, world.run.scenario.max_steps) == (-100.0, 40)
+    shown = {name: world.get_parameter(name).value for name in ("penalty", "max_steps", "starts")}
+    assert shown == {"penalty": -100.0, "max_steps": 40, "starts": str(world.run.scenario.starts)}
+    assert all(world.describe_parameter(name).read_only for name in SETTINGS)
+
+
 @pytest.mark.parametrize(
     ("values", "text"),
     [
@@ -130,7 +163,13 @@ def test_whole_numbers_do_for_numbers(context):
         ("world_simulator", ["scenario:=env1", "percept_timeout:=5"], "less than step_timeout"),
         ("robot", ["table:=x"], "unknown parameter 'table' (did you mean 'tables'?)"),
         ("robot", ["claim_window:=61"], "allowed: a number from 0 to 60"),
-        ("recorder", ["seed:=1"], "unknown parameter 'seed'"),
+        ("recorder", ["sed:=1"], "unknown parameter 'sed'"),
+        (
+            "world_simulator",
+            ["scenario:=env1", "penalty:=3"],
+            "parameter penalty: value is 3",
+        ),
+        ("world_simulator", ["scenario:=env1", "penalti:=-3"], "(did you mean 'penalty'?)"),
         ("recorder", ["executor:=fast"], "parameter executor: value is 'fast'"),
         ("team", ["record:=2"], "parameter record: value is 2, allowed: true or false"),
         ("team", ["scenari:=env1"], "(did you mean 'scenario'?)"),

@@ -5,6 +5,7 @@
 import os
 import re
 import select
+import shutil
 import signal
 from pathlib import Path
 
@@ -12,9 +13,12 @@ import pytest
 import yaml
 
 import sparse_coord_ros
+from sparse_coord_ros.core.history import load_history
+from sparse_coord_ros.core.run_config import load_run
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.tables import load_team
 from sparse_coord_ros.errors import BagError
+from sparse_coord_ros.lockstep.world import WorldSide
 from sparse_coord_ros.nodes.recorder import BagProcess
 from sparse_coord_ros.nodes.spin import ros_context
 from sparse_coord_ros.nodes.team import run_team
@@ -205,3 +209,35 @@ def test_without_either_nothing_is_flushed(bench, tmp_path):
     step, recorder = a_recorded_bench(bench, tmp_path / "bag", 30)
     bench.spin_until(lambda: recorder.recording.bag.message_count > 7 * step, "all is there")
     assert last_step(tmp_path / "bag") == 0
+
+
+def test_a_recording_leaves_room_for_the_tables(bench, tmp_path, monkeypatch):
+    monkeypatch.setattr("sparse_coord_ros.nodes.recorder.KEPT_FREE", 1 << 60)
+    bench.world(recorded=True, rate=100.0)
+    bench.recorder(tmp_path / "bag", flush_steps=5)
+    bench.robots()
+    with pytest.raises(BagError, match=r"ends: its disk has \d+ MiB left, \d+ are kept for what"):
+        bench.spin_until(lambda: False)
+
+
+def test_an_output_directory_that_is_deleted_is_made_again(tmp_path, capfd, monkeypatch):
+    """Tables, history and summary are all there, and one line a node says so."""
+    out = tmp_path / "out"
+
+    deleted = []
+
+    class Deleting(WorldSide):
+        def advance(self):
+            super().advance()
+            if self.world.transitions == 20:
+                deleted.append(shutil.rmtree(out))
+
+    values = {"scenario": "env1", "out": str(out), "record": False, "claim_window": 0.0}
+    monkeypatch.setattr("sparse_coord_ros.nodes.world_simulator.WorldSide", Deleting)
+    with ros_context() as context:
+        run_team({**values, "set": ["steps=40"]}, context=context)
+    assert deleted
+    assert load_run(out).scenario.name == "env1"
+    assert len(load_team(out, load_scenario("env1"))) == 2
+    assert load_history(out).length.sum() == 40
+    assert "it was gone and was made again" in capfd.readouterr().err
