@@ -30,6 +30,7 @@ VERBS: Mapping[str, str] = {
     "recover": "finish a bag that a crash cut off or that is damaged, as far as it can be read",
     "plot": "draw policies, ask maps, learning curves, sparsity and percepts of runs, or results",
     "animate": "make a film (GIF) of an episode: robots move, ask and are answered",
+    "report": "tell all of a run, or of results, in one HTML file: pictures, worth, faults",
     "reproduce": "reproduce the paper's tables and figures, and go beyond them",
     "bench": "measure the speed of env1: live, beside bare rclpy nodes passing the same messages, "
     "and the batch engine",

@@ -185,7 +185,10 @@ def test_all_commands_of_a_page(page, shell):
 SERVES = ("watch",)
 """Verbs that go on until somebody stops them."""
 LONG_VERBS = ("reproduce", "bench")
-NEEDS_A_BAG = ("watch", "info", "verify", "explain", "replay", "recover", "plot", "animate")
+NEEDS_A_BAG = (
+    *("watch", "info", "verify", "explain", "replay", "recover"),
+    *("plot", "animate", "report"),
+)
 
 
 @pytest.mark.parametrize(

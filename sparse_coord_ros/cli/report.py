@@ -1,0 +1,51 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`sparse_coord report`: all that there is to tell of a run, or of results, as one page."""
+
+import argparse
+from pathlib import Path
+
+from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.cli import pictures
+
+KINDS = (".html", ".htm")
+
+
+def add_parser(verbs) -> None:
+    """Add the verb."""
+    parser = shared.add_verb(
+        verbs, "report", example="sparse_coord report runs/demo --out demo.html"
+    )
+    parser.add_argument(
+        "source",
+        metavar="RUN|BAG|RESULTS",
+        type=Path,
+        help="a run's directory; a bag's, or its file; a directory of results",
+    )
+    parser.add_argument(
+        "--no-baselines",
+        action="store_true",
+        help="do not let Indiv. and Non-coop. learn the same, to compare",
+    )
+    pictures.add_out(parser, KINDS)
+    shared.add_json(parser)
+    parser.set_defaults(execute=execute)
+
+
+def execute(options: argparse.Namespace) -> int:
+    """Run the verb."""
+    pictures.check_out(options.out, KINDS)
+    with pictures.drawing():
+        from sparse_coord_ros.view import report
+        from sparse_coord_ros.view.experiments import ResultsShown
+        from sparse_coord_ros.view.source import is_results, open_shown
+
+        say = pictures.Progress()
+        if is_results(options.source):
+            say("drawing")
+            page = report.results_report(ResultsShown(options.source))
+        else:
+            shown = open_shown(options.source, say)
+            page = report.run_report(shown, baselines=not options.no_baselines)
+    pictures.write(options.out, page, json=options.json)
+    return 0
