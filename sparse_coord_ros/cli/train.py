@@ -8,7 +8,7 @@ import io
 import sys
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tqdm import tqdm
 
@@ -25,7 +25,7 @@ from sparse_coord_ros.core.run_config import (
     load_run,
     make_run,
 )
-from sparse_coord_ros.core.scenario import SETTINGS, Scenario
+from sparse_coord_ros.core.scenario import SETTINGS, Scenario, load_scenario
 from sparse_coord_ros.core.settings import Setting
 from sparse_coord_ros.core.tables import TEAM_FILE, save_team
 from sparse_coord_ros.engine.batch import ENGINES, is_prepared, prepare
@@ -41,6 +41,10 @@ from sparse_coord_ros.engine.training import (
 )
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.files import write_whole
+
+if TYPE_CHECKING:
+    from sparse_coord_ros.watch.server import Server
+    from sparse_coord_ros.watch.training import TrainingView
 
 EVALUATIONS_FILE = "evaluations.csv"
 FILES = (RUN_FILE, CHECKPOINT_FILE, HISTORY_FILE, EVALUATIONS_FILE, TEAM_FILE)
@@ -87,6 +91,7 @@ def add_parser(verbs) -> None:
         default="1000",
         help="Monte-Carlo trials of what was learned (default: 1000; 0: do not evaluate it)",
     )
+    shared.add_watch(parser)
     shared.add_json(parser)
     parser.set_defaults(execute=execute)
 
@@ -99,11 +104,48 @@ def execute(options: argparse.Namespace) -> int:
         out, run = _begin(options)
     else:
         out, run = _go_on(options)
+    if not options.watch:
+        _run(options, out, run, trials, every)
+        return 0
+    from sparse_coord_ros.cli import page
+
+    with page.served(options) as server:
+        while True:
+            _run(options, out, run, trials, every, server)
+            page.show_end(server, run, out)
+            try:
+                wish = page.next_wish(server)
+            except KeyboardInterrupt:
+                return 0
+            scenario = load_scenario(wish["scenario"]).with_settings(
+                {**shared.settings_of(options), "penalty": wish["penalty"]}
+            )
+            options.resume = None
+            out, run = _make(options, scenario, shared.new_directory(scenario.name))
+
+
+def _run(
+    options: argparse.Namespace,
+    out: Path,
+    run: RunConfig,
+    trials: int,
+    every: int | None,
+    server: "Server | None" = None,
+) -> None:
+    """Let one team learn, save what it learned, and say so."""
     checkpoint = out / CHECKPOINT_FILE
     began: list[int] = []
     try:
-        done = _train(run, options, every, checkpoint, began)
+        view = None
+        if server is not None:
+            from sparse_coord_ros.watch.training import TrainingView
+
+            view = TrainingView(run, server.board, title=str(out))
+            server.show(view)
+        done = _train(run, options, every, checkpoint, began, view)
         _save(out, done)
+        if view is not None:
+            view.end(done)
     except BaseException as error:
         resumed = options.resume is not None
         saved = checkpoint.exists() and (began or not resumed)
@@ -120,16 +162,22 @@ def execute(options: argparse.Namespace) -> int:
                 print("nothing that was learned is saved, nothing is left", file=sys.stderr)
         raise
     _say(out, run, done, trials, as_json=options.json)
-    return 0
 
 
 def _begin(options: argparse.Namespace) -> tuple[Path, RunConfig]:
     if options.scenario is None:
         raise RunError("a SCENARIO is missing, or --resume DIR; see sparse_coord train --help")
     scenario = shared.scenario_of(options)
+    return _make(options, scenario, shared.output_directory(options, scenario.name))
+
+
+def _make(
+    options: argparse.Namespace, scenario: Scenario, directory: Path
+) -> tuple[Path, RunConfig]:
+    """Make a run's directory, with its `run.yaml`."""
     run = make_run(scenario, {"seed": options.seed, "learner": options.learner})
     engine_for(scenario, run.rule, options.engine)  # refused before a directory is made
-    out = create_output(shared.output_directory(options, scenario.name))
+    out = create_output(directory)
     try:
         write_whole(out / RUN_FILE, run.to_yaml())
     except BaseException as error:
@@ -196,6 +244,7 @@ def _train(
     every: int | None,
     checkpoint: Path,
     began: list[int],
+    view: "TrainingView | None" = None,
 ) -> Training:
     """Let the team learn, with a line of progress; note in `began` where learning begins."""
     scenario, quiet = run.scenario, options.json
@@ -240,6 +289,7 @@ def _train(
             progress=progress,
             checkpoint=checkpoint,
             resume=options.resume is not None,
+            watcher=view,
         )
     finally:
         if bar is not None:

@@ -163,6 +163,12 @@ class Agent:
         """Number of joint states whose entries in Q^C were updated."""
         return len({entry[:-1] for entry in self._coord_updates})
 
+    @property
+    def asked_in(self) -> np.ndarray:
+        """How often it has learned from COORDINATE in each cell, shape (cells,), int64."""
+        counts: np.ndarray = self._star_updates[:, COORDINATE]
+        return counts
+
     def epsilon(self, step: int) -> float:
         """Return the probability of exploring at a time step; 0 without learning."""
         if not self.learning:

@@ -96,6 +96,24 @@ class LearningState(NamedTuple):
     histories: tuple[History, ...]
 
 
+class Glimpse(NamedTuple):
+    """One transition of a learning run, for who watches it; K robots.
+
+    Attributes:
+        step: the time step t (of robots that learn alone: of the first one).
+        cells: X_k(t).
+        actions: what each robot did; None where it did not act.
+        after: X_k(t+1).
+        miscoordination: whether robots ended up in the same doorway.
+    """
+
+    step: int
+    cells: tuple[int, ...]
+    actions: tuple[Action | None, ...]
+    after: tuple[int, ...]
+    miscoordination: bool
+
+
 def groups_of(scenario: Scenario, learner: Learner) -> list[list[int]]:
     """Return the robots (from 0) that learn together.
 
@@ -156,14 +174,43 @@ class Learning:
         """Let every group of robots learn until it has made so many transitions."""
         for world, team, recorder in self._groups:
             while world.transitions < until:
-                choices, actions = team.act(world)
-                outcome = world.advance(actions)
-                team.learn(choices, world, outcome)
-                if self._gathering:
-                    recorder.add(world.episode, world.step - 1, actions, outcome)
-                if outcome.episode_over:
-                    world.begin_episode()
+                self._advance(world, team, recorder)
         self.done = max(self.done, until)
+
+    def _advance(
+        self, world: World, team: Team, recorder: HistoryRecorder
+    ) -> tuple[list[Action | None], StepOutcome, tuple[int, ...]]:
+        """Make one transition; return the actions, what they brought, and where they led."""
+        choices, actions = team.act(world)
+        outcome = world.advance(actions)
+        team.learn(choices, world, outcome)
+        if self._gathering:
+            recorder.add(world.episode, world.step - 1, actions, outcome)
+        after = tuple(world.cells)
+        if outcome.episode_over:
+            world.begin_episode()
+        return actions, outcome, after
+
+    def glimpse(self) -> Glimpse:
+        """Let every group of robots make one transition, and return it."""
+        step = self._groups[0][0].step
+        robots = sum(len(world.agents) for world, _, _ in self._groups)
+        cells, after = [0] * robots, [0] * robots
+        actions: list[Action | None] = [None] * robots
+        met = False
+        for world, team, recorder in self._groups:
+            before = tuple(world.cells)
+            did, outcome, then = self._advance(world, team, recorder)
+            met |= outcome.miscoordination
+            for k in world.agents:
+                cells[k], actions[k], after[k] = before[k], did[k], then[k]
+        self.done += 1
+        return Glimpse(step, tuple(cells), tuple(actions), tuple(after), met)
+
+    @property
+    def asked(self) -> np.ndarray:
+        """How often each robot has learned from COORDINATE in each cell, shape (robots, cells)."""
+        return np.array([agent.asked_in for agent in self.agents])
 
     @property
     def tables(self) -> list[Tables]:

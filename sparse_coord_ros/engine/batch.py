@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.core.agent import Memory, Tables, initial_tables
-from sparse_coord_ros.core.algorithm import ACTIONS, PRIMITIVES
+from sparse_coord_ros.core.agent import NOBODY, Memory, Tables, initial_tables
+from sparse_coord_ros.core.algorithm import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.evaluation import Trials, play
 from sparse_coord_ros.core.factors import (
     FactorMemory,
@@ -32,7 +32,7 @@ from sparse_coord_ros.core.learners import Learner, learner_of
 from sparse_coord_ros.core.perception import percept_probabilities
 from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.schedules import exploration, exploring_starts, step_sizes
-from sparse_coord_ros.core.simulation import Learning, LearningState, groups_of
+from sparse_coord_ros.core.simulation import Glimpse, Learning, LearningState, groups_of
 from sparse_coord_ros.core.sparse import SparseTable
 from sparse_coord_ros.core.streams import (
     BLIND,
@@ -40,13 +40,21 @@ from sparse_coord_ros.core.streams import (
     EVALUATION,
     LEARNING,
     MOTION,
+    PEER,
     PERCEPT,
     POLICY,
     REPLAY,
     START,
+    Stream,
     bit_generator,
 )
-from sparse_coord_ros.core.world import EPISODE_GAP, FIRST_STEP, UNKNOWN_PARTNERS, Position
+from sparse_coord_ros.core.world import (
+    EPISODE_GAP,
+    FIRST_STEP,
+    UNKNOWN_PARTNERS,
+    Action,
+    Position,
+)
 from sparse_coord_ros.engine import kernels
 from sparse_coord_ros.engine.compiled import Loops, compile_once, compiled, has_numba, is_compiled
 from sparse_coord_ros.engine.exact import ExactMeans, exact_means
@@ -565,6 +573,55 @@ class CompiledLearning:
                 team.loops.learn(part, self.learners, game, self._choice, draws, record)
                 team.check_wanted()
         self.done = max(self.done, until)
+
+    def glimpse(self) -> Glimpse:
+        """Let every group of robots make one transition, and return it."""
+        team = self._team
+        positions = [_position(game) for game in self._games]
+        robots = len(team.scenario.robots)
+        cells, after = [0] * robots, [0] * robots
+        actions: list[Action | None] = [None] * robots
+        self.advance(self.done + 1)
+        chosen = self._choice
+        for problem, game, before in zip(team.learning, self._games, positions, strict=True):
+            for k in problem.members.tolist():
+                acted = not (before.under_way and before.arrived[k])
+                cells[k] = int(chosen.cells[k]) if acted else before.cells[k]
+                after[k] = int(game.cells[k])
+                if acted:
+                    actions[k] = self._action(k, before.step)
+        return Glimpse(
+            positions[0].step, tuple(cells), tuple(actions), tuple(after), self._met(after)
+        )
+
+    def _action(self, k: int, step: int) -> Action:
+        """Return what a robot did at the time step that was made last."""
+        chosen, scenario = self._choice, self._team.scenario
+        asked = int(chosen.actions[k]) == COORDINATE
+        peer = NOBODY
+        robots = len(scenario.robots)
+        if asked and robots > 1 and scenario.peers != "all":
+            draw = Stream(self._seed, k, POLICY).at(step)[PEER]
+            peer = int(draw * (robots - 1))
+            peer += peer >= k
+        perceived = asked and int(chosen.rows[k]) != kernels.NO_ROW
+        return Action(int(chosen.moves[k]), asked, peer, perceived)
+
+    def _met(self, cells: Sequence[int]) -> bool:
+        """Whether a joint state is a miscoordination; robots that learn alone never meet."""
+        scenario = self._team.scenario
+        if self._team.learner.alone:
+            return False
+        inside = [cell for cell in cells if cell in scenario.map.doorways]
+        if scenario.conflict == "any_doorway":
+            return len(inside) > 1
+        return len(set(inside)) < len(inside)
+
+    @property
+    def asked(self) -> np.ndarray:
+        """How often each robot has learned from COORDINATE in each cell, shape (robots, cells)."""
+        counts: np.ndarray = self.learners.star_updates[:, :, COORDINATE].copy()
+        return counts
 
     def play(self, trials: int) -> Trials:
         """Play greedy trials with what was learned so far."""

@@ -24,7 +24,7 @@ from sparse_coord_ros.core.learners import Learner, learner_of
 from sparse_coord_ros.core.run_config import RUN_FILE, create_output, make_run
 from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.settings import Setting
-from sparse_coord_ros.core.simulation import Learning, LearningState
+from sparse_coord_ros.core.simulation import Glimpse, Learning, LearningState
 from sparse_coord_ros.core.tables import save_team
 from sparse_coord_ros.engine.batch import (
     CompiledLearning,
@@ -111,7 +111,29 @@ class Training:
         return folder
 
 
-class _Learning(Protocol):
+class Watcher(Protocol):
+    """Who looks at a run while it goes on; it may hold it, or slow it down.
+
+    Attributes:
+        wants_glimpse: whether it wants a transition to be made and shown when it looks next.
+    """
+
+    wants_glimpse: bool
+
+    def look(self, learning: "LearningRun", glimpse: Glimpse | None) -> int | None:
+        """Look at a run between two transitions.
+
+        Args:
+            learning: the run.
+            glimpse: the transition that it has just made, where it could be made apart.
+
+        Returns:
+            After how many transitions to look again at the latest; 0: hold, and look again at
+            once; None: as it is best for the speed.
+        """
+
+
+class LearningRun(Protocol):
     """What both engines offer."""
 
     done: int
@@ -133,6 +155,13 @@ class _Learning(Protocol):
 
     def state(self) -> LearningState:
         """Return where the run is."""
+
+    def glimpse(self) -> Glimpse:
+        """Make one transition and return it."""
+
+    @property
+    def asked(self) -> np.ndarray:
+        """How often each robot has learned from COORDINATE in each cell."""
 
 
 def engine_for(scenario: Scenario, learner: str | Learner, engine: str = "auto") -> str:
@@ -168,6 +197,7 @@ def train(
     checkpoint: Path | None = None,
     resume: bool = False,
     until: int | None = None,
+    watcher: Watcher | None = None,
 ) -> Training:
     """Let one learner learn for the scenario's budget.
 
@@ -187,6 +217,7 @@ def train(
         checkpoint: file to save to, every half minute and when interrupted; None: nowhere.
         resume: whether to go on from `checkpoint`.
         until: transitions after which to stop, and to save; the budget where None.
+        watcher: looks at the run several times a second; the bits stay the same.
 
     Raises:
         SettingError: a bad value, or numba is asked for and not installed.
@@ -206,6 +237,7 @@ def train(
     course = _Course(
         scenario, rule, seed, chosen, evaluate_every or 0, trials, checkpoint, progress, saved
     )
+    course.watcher = watcher
     return course.run(scenario.steps if until is None else min(until, scenario.steps))
 
 
@@ -227,9 +259,10 @@ class _Course:
         self.scenario, self.learner, self.seed, self.engine = scenario, learner, seed, engine
         self.evaluate_every, self.trials = evaluate_every, trials
         self.checkpoint, self.progress = checkpoint, progress
+        self.watcher: Watcher | None = None
         self.evaluations = [] if saved is None else list(saved.evaluations)
         state = None if saved is None else saved.state
-        self.learning: _Learning
+        self.learning: LearningRun
         if engine == "numba":
             prepare(scenario, learner, history=True)
             team = CompiledTeam(scenario, learner, compiled())
@@ -241,7 +274,8 @@ class _Course:
         """Learn until so many transitions have been made, or a signal comes."""
         with _held_back(wanted=self.checkpoint is not None) as caught:
             self._learn(until, caught)
-            if self.checkpoint is not None and self.learning.done < self.scenario.steps:
+            unfinished = self.learning.done < self.scenario.steps
+            if self.checkpoint is not None and (unfinished or caught):
                 self.save()
         if caught:
             signal.raise_signal(caught[0])
@@ -264,7 +298,10 @@ class _Course:
         saved = time.monotonic()
         self.progress(learning.done, budget)
         while learning.done < until and not caught:
-            target = min(until, learning.done + part)
+            wanted = self._look(until)
+            if wanted == 0:
+                continue
+            target = min(until, learning.done + min(part, wanted or part))
             if self.evaluate_every:
                 target = min(
                     target, (learning.done // self.evaluate_every + 1) * self.evaluate_every
@@ -272,7 +309,7 @@ class _Course:
             began = time.monotonic()
             learning.advance(target)
             took = time.monotonic() - began
-            if took < PART_SECONDS[0]:
+            if wanted is None and took < PART_SECONDS[0]:
                 part *= 2
             elif took > PART_SECONDS[1]:
                 part = max(1, part // 2)
@@ -282,6 +319,15 @@ class _Course:
             if self.checkpoint is not None and time.monotonic() - saved >= SAVE_SECONDS:
                 self.save()
                 saved = time.monotonic()
+
+    def _look(self, until: int) -> int | None:
+        """Let the watcher look; return what it returns."""
+        learning, watcher, every = self.learning, self.watcher, self.evaluate_every
+        if watcher is None:
+            return None
+        following = learning.done + 1
+        apart = watcher.wants_glimpse and following < until and (not every or following % every)
+        return watcher.look(learning, learning.glimpse() if apart else None)
 
     def evaluation(self) -> Evaluation:
         """Return what the team is worth now."""

@@ -59,6 +59,7 @@ class LiveView:
     Attributes:
         state: what the team is doing, in a word.
         asked: how often each robot asked in each cell, [robot][cell].
+        last: the newest transition.
     """
 
     def __init__(
@@ -76,7 +77,7 @@ class LiveView:
         robots, cells = len(run.scenario.robots), len(run.scenario.map.cells)
         self.asked = [[0] * cells for _ in range(robots)]
         self._now = now
-        self._last: Transition | None = None
+        self.last: Transition | None = None
         self._shown: tuple[Transition | None, str, float] | None = None
         self._entries: deque[frames.Message] = deque(maxlen=DIALOGUE)
         self._slow = self._counted = -1e9
@@ -93,7 +94,7 @@ class LiveView:
 
     def take(self, transition: Transition) -> None:
         """Take in a transition; called for each, so it does next to nothing."""
-        self._last = transition
+        self.last = transition
         for k, action in enumerate(transition.actions):
             if action is not None and action.asked:
                 self.asked[k][transition.cells[k]] += 1
@@ -114,10 +115,10 @@ class LiveView:
             passed = now - self._counted
             self._speed = None if passed > 60 else (transitions - self._count_then) / passed
             self._counted, self._count_then = now, transitions
-        key = (self._last, self.state, rate)
+        key = (self.last, self.state, rate)
         if key == self._shown:
             return
-        last = self._last
+        last = self.last
         new = self._shown is None or self._shown[0] is not last
         self._shown = key
         if last is None:
@@ -165,7 +166,7 @@ class LiveView:
         self.board.put(frames.curves_message(history))
         if tables is not None:
             self.board.put(frames.tables_message(self.run, tables, rings))
-        step = 0 if self._last is None else self._last.step
+        step = 0 if self.last is None else self.last.step
         counted = np.array(self.asked) if asked is None else asked
         self.board.put(frames.asked_message(counted, step))
 

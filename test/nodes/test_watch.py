@@ -41,9 +41,9 @@ def test_what_is_heard_is_what_the_log_says(tmp_path, name):
     team_heard = _Heard(SimpleNamespace(), Listening(), run, view)
     seen = {}
     for message in open_bag(tmp_path / "bag").messages(set(heard)):
-        before = view._last
+        before = view.last
         heard[message.topic](message.data)
-        if view._last is not before:
+        if view.last is not before:
             view.show(transitions=team_heard.seen, episode=team_heard.episode)
             frame = board.get("frame")
             seen[frame["step"]] = frame
@@ -78,7 +78,7 @@ def test_a_page_beside_a_live_team(bench):
     step = world.lockstep.world.step
     node.command(Command(STEP, 1))
     bench.spin_until(lambda: board.get("frame")["step"] == step, "one step more")
-    assert board.get("frame")["cells"] == list(node._team._view._last.cells)
+    assert board.get("frame")["cells"] == list(node._team._view.last.cells)
     node.command(Command(RATE, 500.0))
     bench.spin_until(lambda: world.values["rate"] == 500.0, "the rate")
     episode = world.lockstep.world.episode
