@@ -300,6 +300,11 @@ class FactoredAgent(Agent):
         counts = self._counts.setdefault(key, [0] * PRIMITIVES)
         learn_correction(rho, counts, move, common, self._by_count, floor)
 
+    @property
+    def asked_in(self) -> np.ndarray:
+        """How often it has learned from COORDINATE in each cell, shape (cells,), int64."""
+        return np.array(self._own.updates, dtype=np.int64)[:, COORDINATE]
+
     def memory(self) -> Memory:
         """Return what the agent has learned; a copy."""
         own = self._own

@@ -604,7 +604,8 @@ class CompiledLearning:
             draw = Stream(self._seed, k, POLICY).at(step)[PEER]
             peer = int(draw * (robots - 1))
             peer += peer >= k
-        perceived = asked and int(chosen.rows[k]) != kernels.NO_ROW
+        failed = kernels.NO_ROW if self.learners.factored is None else kernels.FAILED
+        perceived = asked and int(chosen.rows[k]) != failed
         return Action(int(chosen.moves[k]), asked, peer, perceived)
 
     def _met(self, cells: Sequence[int]) -> bool:

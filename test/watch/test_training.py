@@ -142,7 +142,7 @@ def test_an_interrupt_in_the_last_moment_loses_nothing(tmp_path):
         def look(self, learning, glimpse):
             if learning.done == 0:
                 signal.raise_signal(signal.SIGINT)
-            return None
+            return
 
     checkpoint = tmp_path / "checkpoint.npz"
     with pytest.raises(KeyboardInterrupt):
