@@ -43,6 +43,7 @@ setup(
         "mcap-ros2-support",
         "matplotlib",
         "pandas",
+        "pillow",
         "tqdm",
         "aiohttp>=3.8",
     ],

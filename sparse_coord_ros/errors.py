@@ -7,6 +7,7 @@ command line and the nodes print it and exit with `EXIT_BAD_INPUT`.
 """
 
 import difflib
+import reprlib
 import traceback
 from collections.abc import Iterable
 
@@ -91,6 +92,16 @@ def failure_of(error: Exception) -> SparseCoordError:
         )
     failure.__cause__ = error
     return failure
+
+
+_short = reprlib.Repr()
+_short.maxlevel = 3
+_short.maxother = _short.maxstring = 80
+
+
+def in_short(value: object) -> str:
+    """Return a value as Python writes it, cut to a length that fits a line."""
+    return _short.repr(value)
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

@@ -36,7 +36,9 @@ def make_parser(chosen: str | None = None) -> argparse.ArgumentParser:
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB")
     for verb, text in VERBS.items():
         if verb == chosen:
-            importlib.import_module(f"sparse_coord_ros.cli.{verb}").add_parser(verbs)
+            importlib.import_module(f"sparse_coord_ros.cli.{verb.replace('-', '_')}").add_parser(
+                verbs
+            )
         else:
             verbs.add_parser(verb, help=text)
     return parser

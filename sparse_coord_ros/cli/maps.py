@@ -21,14 +21,18 @@ def add_parser(verbs) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Run the verb."""
-    grids = [_map(name) for name in ([options.name] if options.name else map_names())]
+    grids = [map_of(name) for name in ([options.name] if options.name else map_names())]
     if options.json:
         shared.print_json([_facts(grid) for grid in grids])
     elif options.name:
         grid = grids[0]
         height, width = grid.shape
         print(f"{grid.name}: {grid.title}\nsource: {grid.source}\nprovenance: {grid.provenance}")
-        print(f"{height} x {width}, {len(grid.cells)} cells, {len(grid.doorways)} doorways\n")
+        print(f"{height} x {width}, {len(grid.cells)} cells, {len(grid.doorways)} doorways")
+        if grid.resolution is not None:
+            x, y = grid.origin
+            print(f"{grid.resolution:g} m a cell, lower left corner at {x:g},{y:g} m")
+        print()
         print("\n".join(grid.rows))
     else:
         rows = [
@@ -39,7 +43,7 @@ def execute(options: argparse.Namespace) -> int:
     return 0
 
 
-def _map(name: str) -> GridMap:
+def map_of(name: str) -> GridMap:
     """Return a map; that of a scenario file too."""
     return load_scenario(name).map if name.endswith((".yaml", ".yml")) else load_map(name)
 
@@ -53,5 +57,7 @@ def _facts(grid: GridMap) -> dict:
         "rows": list(grid.rows),
         "cells": len(grid.cells),
         "doorways": [list(grid.cells[x]) for x in sorted(grid.doorways)],
+        "resolution": grid.resolution,
+        "origin": list(grid.origin),
         "starts": {digit: list(grid.cells[x]) for digit, x in sorted(grid.starts.items())},
     }

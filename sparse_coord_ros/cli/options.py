@@ -22,6 +22,8 @@ VERBS: Mapping[str, str] = {
     "optimum": "compute the exact joint optimum: full joint state and action, no cost of asking; "
     "the exact worth of fixed shortest paths; and the best team of Algorithm 1's form",
     "maps": "list the maps, or show one",
+    "import-map": "make a map and a scenario of a building's map, as map_server reads it",
+    "export-map": "write a map as map_server reads it",
     "info": "say what is in a bag: the run, its topics and files, whether it is whole",
     "verify": "compute a recorded run again, from its seed and its log alone, and compare",
     "explain": "trace each COORDINATE of a time step: question, answer, what was learned from it",

@@ -30,11 +30,12 @@ class Frame:
 
     Args:
         run: the run; time step t is stamped t * step_period seconds, the map's lower left corner
-            is the origin, x points east, y north.
+            lies at its `origin`, x points east, y north.
 
     Attributes:
         grid: the map.
         resolution: metres a cell.
+        origin: (x, y) of the map's lower left corner, in metres.
         period: nanoseconds a time step.
         referee: whether rewards say with whom a robot was in a miscoordination.
         robots: how many robots there are.
@@ -43,12 +44,13 @@ class Frame:
     def __init__(self, run: RunConfig) -> None:
         self.grid: GridMap = run.scenario.map
         self.resolution = run.resolution
+        self.origin = x, y = self.grid.origin
         self.referee = run.scenario.referee
         self.robots = len(run.scenario.robots)
         self.period = round(run.step_period * SECOND)
         rows = self.grid.shape[0]
         self.centres = [
-            ((column + 0.5) * self.resolution, (rows - row - 0.5) * self.resolution)
+            (x + (column + 0.5) * self.resolution, y + (rows - row - 0.5) * self.resolution)
             for row, column in self.grid.cells
         ]
         self._cells = {centre: cell for cell, centre in enumerate(self.centres)}
@@ -66,7 +68,8 @@ class Frame:
         cell = self._cells.get((x, y))
         if cell is None and isfinite(x) and isfinite(y):
             rows = self.grid.shape[0]
-            position = (rows - 1 - int(y // self.resolution), int(x // self.resolution))
+            east, north = (x - self.origin[0], y - self.origin[1])
+            position = (rows - 1 - int(north // self.resolution), int(east // self.resolution))
             cell = self.grid.number.get(position)
         return cell
 

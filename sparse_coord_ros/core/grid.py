@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Grid maps: free cells, walls, doorways and starts, read from text files.
 
-A map file is a YAML header (`title`, `source`, `provenance`), a line `---`, then the grid: one
-line a row, `#` wall, `.` free, `D` doorway (free), a digit 1 to 9 a start (free).
+A map file is a YAML header (`title`, `source`, `provenance`, and of a map of a real place
+`resolution` and `origin`), a line `---`, then the grid: one line a row, `#` wall, `.` free, `D`
+doorway (free), a digit 1 to 9 a start (free).
 Free cells are numbered row by row from the top left; that number is a robot's local state.
 """
 
@@ -11,12 +12,13 @@ from collections import deque
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
 
 from sparse_coord_ros.core.share import share_file, share_names
-from sparse_coord_ros.errors import MapError, did_you_mean
+from sparse_coord_ros.errors import MapError, did_you_mean, in_short
 
 MOVES = ((-1, 0), (1, 0), (0, 1), (0, -1))
 """(row, column) change of the primitive actions north, south, east, west."""
@@ -24,6 +26,16 @@ MOVES = ((-1, 0), (1, 0), (0, 1), (0, -1))
 WALL, FREE, DOORWAY = "#", ".", "D"
 SYMBOLS = "'#' wall, '.' free, 'D' doorway, '1' to '9' start"
 UNREACHABLE = -1
+
+HEADER_TEXTS = ("title", "source", "provenance")
+RESOLUTIONS = (1e-3, 1000.0)
+"""Least and most metres a cell."""
+
+FURTHEST = 1e7
+"""Most metres from the frame's origin to the grid's corner."""
+
+IMAGES = (".pgm", ".png", ".pbm", ".ppm", ".bmp", ".jpg", ".jpeg", ".tif", ".tiff")
+"""What the names of images end with, as map_server's maps are."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +48,8 @@ class GridMap:
         title: what the map shows.
         source: where the map comes from.
         provenance: which parts are found, derived or chosen.
+        resolution: metres a cell of the place that the map shows; None: of no real place.
+        origin: (x, y) of the grid's lower left corner in that place's frame, in metres.
     """
 
     name: str
@@ -43,6 +57,8 @@ class GridMap:
     title: str = ""
     source: str = ""
     provenance: str = ""
+    resolution: float | None = None
+    origin: tuple[float, float] = (0.0, 0.0)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -102,11 +118,10 @@ class GridMap:
 
     def to_text(self) -> str:
         """Return the map as the text of a map file; `parse_map` reads it back."""
-        header = yaml.safe_dump(
-            {"title": self.title, "source": self.source, "provenance": self.provenance},
-            sort_keys=False,
-            allow_unicode=True,
-        )
+        said: dict[str, Any] = {name: getattr(self, name) for name in HEADER_TEXTS}
+        if self.resolution is not None:
+            said |= {"resolution": self.resolution, "origin": list(self.origin)}
+        header = yaml.safe_dump(said, sort_keys=False, allow_unicode=True)
         return header + "---\n" + "\n".join(self.rows) + "\n"
 
 
@@ -128,6 +143,11 @@ def load_map(name: str, *, beside: Path | None = None) -> GridMap:
     folders = [beside, Path()] if beside else [Path()]
     for candidate in [folder / name for folder in folders] + [share_file("maps", f"{name}.txt")]:
         if candidate is not None and candidate.is_file():
+            if candidate.suffix.lower() in IMAGES:
+                raise MapError(
+                    f"map {candidate}: is an image; make a map of it with: sparse_coord "
+                    "import-map, and the YAML file that belongs to the image"
+                )
             try:
                 text = candidate.read_text(encoding="utf-8")
             except (OSError, UnicodeDecodeError) as error:
@@ -164,8 +184,8 @@ def parse_map(text: str, *, name: str, where: str) -> GridMap:
     return GridMap(name=name, rows=rows, **_header("\n".join(lines[: first - 1]), where))
 
 
-def _header(text: str, where: str) -> dict[str, str]:
-    allowed = ("title", "source", "provenance")
+def _header(text: str, where: str) -> dict[str, Any]:
+    allowed = (*HEADER_TEXTS, "resolution", "origin")
     try:
         header = yaml.safe_load(text) or {}
     except yaml.YAMLError as error:
@@ -180,7 +200,29 @@ def _header(text: str, where: str) -> dict[str, str]:
                 f"map {where}: unknown header key {key!r}{did_you_mean(str(key), allowed)}; "
                 f"allowed: {', '.join(allowed)}"
             )
-    return {key: str(value or "").strip() for key, value in header.items()}
+    found: dict[str, Any] = {}
+    for key, value in header.items():
+        if key == "resolution":
+            found[key] = _number(value, *RESOLUTIONS, f"map {where}: header key 'resolution'")
+        elif key == "origin":
+            what = f"map {where}: header key 'origin'"
+            if not isinstance(value, list) or len(value) != 2:
+                raise MapError(f"{what} is {in_short(value)}, allowed: [x, y] in metres")
+            x, y = (_number(one, -FURTHEST, FURTHEST, what) for one in value)
+            found[key] = (x, y)
+        else:
+            found[key] = str(value or "").strip()
+    if "origin" in found and "resolution" not in found:
+        raise MapError(f"map {where}: has an origin and no resolution; give the metres a cell")
+    return found
+
+
+def _number(value: object, low: float, high: float, what: str) -> float:
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not number or not low <= value <= high:  # type: ignore[operator]
+        shown = in_short(value)
+        raise MapError(f"{what} is {shown}, allowed: a number from {low:g} to {high:g}")
+    return float(value)  # type: ignore[arg-type]
 
 
 def _check_rows(rows: tuple[str, ...], first_line: int, where: str) -> None:

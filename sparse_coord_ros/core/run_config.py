@@ -19,6 +19,7 @@ from typing import Any
 import yaml
 
 from sparse_coord_ros import __version__
+from sparse_coord_ros.core.grid import RESOLUTIONS
 from sparse_coord_ros.core.learners import LEARNERS, Learner, learner_of
 from sparse_coord_ros.core.scenario import Scenario, parse_yaml, scenario_from_dict
 from sparse_coord_ros.core.settings import Setting, SettingTable
@@ -59,7 +60,14 @@ RUN_SETTINGS = SettingTable(
         Setting("learner", LEARNER, "coop", "who learns; coop is Algorithm 1 of the paper"),
         Setting("greedy", bool, False, "act on learned tables, without exploring or learning"),
         Setting("step_period", float, 0.1, "simulated seconds a time step", low=1e-3, high=60),
-        Setting("resolution", float, 1.0, "metres a cell", low=1e-3, high=1000),
+        Setting(
+            "resolution",
+            float,
+            0.0,
+            "metres a cell, at least 0.001; 0: the map's own, or 1 where it shows no real place",
+            low=0,
+            high=RESOLUTIONS[1],
+        ),
         Setting("step_timeout", float, 5.0, "seconds until a silent robot is left out", low=0.1),
         Setting(
             "percept_timeout",
@@ -96,7 +104,7 @@ class RunConfig:
     learner: str = "coop"
     greedy: bool = False
     step_period: float = 0.1
-    resolution: float = 1.0
+    resolution: float = 0.0
     step_timeout: float = 5.0
     percept_timeout: float = 2.0
     tables: str = ""
@@ -106,7 +114,18 @@ class RunConfig:
     id: str = ""
 
     def __post_init__(self) -> None:
-        """Raise `SettingError` where the deadlines contradict each other."""
+        """Look up the map's resolution where 0 is given.
+
+        Raises:
+            SettingError: the deadlines contradict each other, or the cells are too small.
+        """
+        if self.resolution == 0.0:
+            object.__setattr__(self, "resolution", self.scenario.map.resolution or 1.0)
+        if self.resolution < RESOLUTIONS[0]:
+            raise SettingError(
+                f"setting resolution: value is {self.resolution:g}, allowed: 0 or a number from "
+                f"{RESOLUTIONS[0]:g} to {RESOLUTIONS[1]:g}"
+            )
         if self.percept_timeout >= self.step_timeout:
             raise SettingError(
                 f"setting percept_timeout: value is {self.percept_timeout:g}, allowed: less than "

@@ -49,6 +49,9 @@ PEERS = ("one", "all")
 MOST_JOINT_STATES = 2**63
 """A joint state is numbered by a 64-bit integer where Q^C is sparse."""
 
+MOST_VALUES = 1_000_000
+"""Values of a YAML file, what aliases stand for included."""
+
 LONGEST = 1_000_000
 """Most steps of an episode or a trial."""
 
@@ -350,7 +353,23 @@ def parse_yaml(text: str, *, where: str) -> dict[str, Any]:
         ) from None
     if not isinstance(data, dict):
         raise ScenarioError(f"{where}: must be 'key: value' lines, is {type(data).__name__}")
+    if _values(data, {}) > MOST_VALUES:
+        raise ScenarioError(
+            f"{where}: its aliases (*name) stand for more than {MOST_VALUES:,} values; write the "
+            "values out"
+        )
     return data
+
+
+def _values(data: object, known: dict[int, float]) -> float:
+    """Return how many values YAML data would have if each alias were written out."""
+    if not isinstance(data, dict | list):
+        return 1.0
+    if id(data) not in known:
+        known[id(data)] = float("inf")  # while it is counted: what holds itself has no end
+        inside = data.values() if isinstance(data, dict) else data
+        known[id(data)] = 1.0 + sum(_values(one, known) for one in inside)
+    return known[id(data)]
 
 
 def scenario_from_dict(
@@ -375,6 +394,11 @@ def scenario_from_dict(
         ScenarioError: a field is missing, unknown or bad.
         MapError: the map is missing or malformed.
     """
+    if "image" in data and "map" not in data:
+        raise ScenarioError(
+            f"{where}: is a map of map_server, no scenario; make one of it with: sparse_coord "
+            f"import-map {where}"
+        )
     for key in data:
         if key not in FILE_KEYS:
             raise ScenarioError(

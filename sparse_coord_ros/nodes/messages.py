@@ -227,6 +227,7 @@ class Converter(Frame):
         message = OccupancyGrid(header=self.header(step))
         message.info.resolution = self.resolution
         message.info.height, message.info.width = self.grid.shape
+        message.info.origin.position.x, message.info.origin.position.y = self.origin
         message.info.origin.orientation.w = 1.0
         message.data = packed("b", southmost_first)
         return message

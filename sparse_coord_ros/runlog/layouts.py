@@ -174,10 +174,13 @@ def response(count: int) -> Layout:
     return event([Fixed("<u4", 0), Fixed("<u4", 1), *path(count)])
 
 
-def occupancy(resolution: float, rows: int, columns: int) -> list[Item]:
+def occupancy(
+    resolution: float, rows: int, columns: int, origin: tuple[float, float]
+) -> list[Item]:
     """Return the fields of a nav_msgs/OccupancyGrid up to its data."""
     info = [*no_stamp(), Fixed("<f4", resolution), Fixed("<u4", columns), Fixed("<u4", rows)]
-    return [*header(), *info, *NO_POSE, Fixed("<u4", rows * columns)]
+    corner = [Fixed("<f8", n) for n in (*origin, 0.0)]
+    return [*header(), *info, *corner, *UPRIGHT, Fixed("<u4", rows * columns)]
 
 
 def markers(looks: Sequence[Any], shown: Sequence[tuple[str, int, Any]]) -> Layout:

@@ -208,7 +208,8 @@ def cell_numbers(frame: Frame, places: np.ndarray) -> tuple[np.ndarray, np.ndarr
     for cell, (row, column) in enumerate(frame.grid.cells):
         numbers[row, column] = cell
     with np.errstate(invalid="ignore"):
-        column, south = (np.floor_divide(places[..., i], frame.resolution) for i in (0, 1))
+        offsets = places - np.array(frame.origin)
+        column, south = (np.floor_divide(offsets[..., i], frame.resolution) for i in (0, 1))
         inside = (column >= 0) & (column < columns) & (south >= 0) & (south < rows)
     from_top = np.where(inside, rows - 1 - np.where(inside, south, 0), rows).astype(np.int64)
     found = numbers[from_top, np.where(inside, column, columns).astype(np.int64)]

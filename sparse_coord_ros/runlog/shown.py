@@ -26,7 +26,7 @@ def occupancy(frame: Frame) -> Callable[[Any], bytes]:
         time = info.map_load_time
         if (info.resolution, info.width, info.height, time.sec, time.nanosec) != due:
             raise ValueError("has another resolution or size than the map")
-        if flat_position(info.origin) != (0.0, 0.0):
+        if flat_position(info.origin) != frame.origin:
             raise ValueError("has another origin than the map")
         data = bytes(value & 0xFF for value in message.data)
         if len(data) != rows * columns:

@@ -396,7 +396,8 @@ class _Readers:
                 raise ValueError("is not the scenario's map")
             return _stamp(message), data
 
-        items = layouts.occupancy(self._frame.resolution, rows_, columns)
+        frame = self._frame
+        items = layouts.occupancy(frame.resolution, rows_, columns, frame.origin)
         if expected is None:
             items.append(layouts.Free("data", f"({size},)i1"))
         else:

@@ -51,6 +51,7 @@ def python(code):
         ("runlog", 10, {"core", "engine", "recording", "runlog"}),
         ("watch", 6, {"core", "engine", "recording", "runlog", "view", "watch"}),
         ("engine", 17, {"core", "engine"}),
+        ("floorplan", 4, {"core", "floorplan"}),
         ("view", 3, {"core", "engine", "recording", "runlog", "view"}),
     ],
 )

@@ -145,7 +145,8 @@ def test_bad_run_settings(values, words):
 
 def test_defaults():
     run = make_run(load_scenario("env1"), {})
-    assert {name: getattr(run, name) for name in RUN_SETTINGS} == RUN_SETTINGS.defaults()
+    due = RUN_SETTINGS.defaults() | {"resolution": 1.0}  # 0: that of the map, which has none
+    assert {name: getattr(run, name) for name in RUN_SETTINGS} == due
 
 
 def test_output_directory_is_created_with_its_parents(tmp_path):

@@ -124,7 +124,7 @@ def test_scenario_settings_are_parameters_of_the_world(bench):
         ({"seed": 7.5}, "parameter seed: value is 7.5, allowed: a whole number"),
         ({"seed": True}, "parameter seed: value is True, allowed: a whole number"),
         ({"seed": -1}, "parameter seed: value is -1, allowed"),
-        ({"resolution": 0.0}, "parameter resolution: value is 0.0, allowed: a number from 0.001"),
+        ({"resolution": -1.0}, "parameter resolution: value is -1.0, allowed: a number from 0 to"),
         ({"greedy": "perhaps"}, "parameter greedy: value is 'perhaps', allowed: true or false"),
         ({"set": "steps=7"}, "parameter set: value is 'steps=7', allowed: a list of texts"),
         ({"executor": "multi"}, "parameter executor: value is 'multi', allowed: events or single"),

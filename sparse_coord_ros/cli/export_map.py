@@ -1,0 +1,56 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`sparse_coord export-map`: a map of this package as a map of map_server."""
+
+import argparse
+from pathlib import Path
+
+from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.cli.maps import map_of
+from sparse_coord_ros.core.grid import RESOLUTIONS
+from sparse_coord_ros.core.settings import Setting
+from sparse_coord_ros.errors import MapError
+from sparse_coord_ros.floorplan.image import MOST_PIXELS, write_floor_plan
+
+RESOLUTION = Setting("--resolution", float, 1.0, "metres a cell", *RESOLUTIONS)
+PIXELS = Setting("--pixels", int, 10, "pixels along the side of a cell", 1, 1000)
+
+
+def add_parser(verbs) -> None:
+    """Add the verb."""
+    parser = shared.add_verb(
+        verbs, "export-map", example="sparse_coord export-map env1 --out env1_map"
+    )
+    parser.add_argument("map", metavar="MAP", help="a map's name, a map file, or a scenario file")
+    parser.add_argument("--resolution", help="metres a cell (default: the map's own, or 1)")
+    parser.add_argument(
+        "--pixels", default=str(PIXELS.default), help=f"{PIXELS.help} (default: {PIXELS.default})"
+    )
+    parser.add_argument(
+        "--image", choices=("pgm", "png"), default="pgm", help="the image's format (default: pgm)"
+    )
+    parser.add_argument("--out", type=Path, help="directory (default: here)")
+    parser.set_defaults(execute=execute)
+
+
+def execute(options: argparse.Namespace) -> int:
+    """Run the verb."""
+    grid = map_of(options.map)
+    resolution = RESOLUTION.parse(options.resolution or grid.resolution or 1.0)
+    pixels = PIXELS.parse(options.pixels)
+    if grid.shape[0] * grid.shape[1] * pixels**2 > MOST_PIXELS:
+        raise MapError(f"--pixels {pixels}: the image would have more than {MOST_PIXELS:,} pixels")
+    folder = options.out or Path()
+    for path in (folder / f"{grid.name}.yaml", folder / f"{grid.name}.{options.image}"):
+        if path.exists():
+            raise MapError(f"{path}: exists already, nothing is overwritten; choose another --out")
+    folder.mkdir(parents=True, exist_ok=True)
+    said, picture = write_floor_plan(
+        grid, folder, grid.name, resolution=resolution, pixels=pixels, image=options.image
+    )
+    print(f"written: {said}, {picture}")
+    if grid.doorways:
+        print(
+            f"note: map_server knows no doorways; {len(grid.doorways)} cells are plain free cells"
+        )
+    return 0

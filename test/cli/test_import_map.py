@@ -1,0 +1,150 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`sparse_coord import-map` and `export-map`: there and back, files, notes, and bad input."""
+
+import json
+
+import numpy as np
+import pytest
+import yaml
+from PIL import Image
+
+from sparse_coord_ros.core.grid import load_map, map_names
+from sparse_coord_ros.core.scenario import load_scenario
+
+ENV1 = ("--cell", "1", "--radius", "0.1", "--start", "0.5,4.5", "4.5,4.5")
+GOALS = ("--goal", "4.5,0.5", "0.5,0.5")
+
+
+@pytest.fixture
+def exported(sparse_coord, folder):
+    """Write env1 as a map of map_server."""
+    assert sparse_coord("export-map", "env1", "--out", "e")[0] == 0
+    return folder / "e" / "env1.yaml"
+
+
+@pytest.mark.parametrize("name", map_names())
+def test_there_and_back(sparse_coord, folder, name):
+    assert sparse_coord("export-map", name)[0] == 0
+    size = ("--cell", "1", "--radius", "0.05", "--doorway-length", "1")
+    code, out, err = sparse_coord("import-map", f"{name}.yaml", *size, "--out", "i")
+    assert (code, err) == (0, "")
+    back = load_map(str(folder / "i" / f"{name}.txt"))
+    walls = [["#" == sign for sign in row] for row in load_map(name).rows]
+    rows = np.array([["#" == sign for sign in row] for row in back.rows])
+    assert rows.tolist() == [row[: rows.shape[1]] for row in walls[: rows.shape[0]]]
+    assert back.resolution == 1.0
+
+
+def test_a_scenario_that_learns_as_the_original(sparse_coord, folder, exported):
+    code, out, _ = sparse_coord("import-map", exported, *ENV1, *GOALS, "--out", "i")
+    assert code == 0
+    assert "1 doorways; lower left corner at 0,0" in out
+    made, original = load_scenario(folder / "i" / "env1.yaml"), load_scenario("env1")
+    assert made.map.doorways == original.map.doorways
+    assert [(r.start, r.goal) for r in made.robots] == [(r.start, r.goal) for r in original.robots]
+    assert Image.open(folder / "i" / "env1.png").size == (50, 50)
+    assert sparse_coord("maps", "i/env1.yaml")[1].splitlines()[4:6] == [
+        "1 m a cell, lower left corner at 0,0 m",
+        "",
+    ]
+
+
+def test_json_and_settings(sparse_coord, folder, exported):
+    settings = ("--set", "penalty=-100", "--set", "perception=probability:0.7")
+    said = sparse_coord("import-map", exported, *ENV1, *GOALS, *settings, "--json", "--out", "i")
+    facts = json.loads(said[1])
+    assert (facts["cells"], facts["doorways"], facts["origin"]) == (21, 1, [0.0, 0.0])
+    assert facts["files"] == ["i/env1.txt", "i/env1.yaml", "i/env1.png"]
+    scenario = load_scenario(folder / "i" / "env1.yaml")
+    assert (scenario.penalty, str(scenario.perception)) == (-100.0, "probability:0.7")
+
+
+def test_places_west_and_south_of_the_origin(sparse_coord, folder, exported):
+    text = exported.read_text().replace("- 0.0\n- 0.0\n- 0.0", "- -10.0\n- -20.0\n- 0.0")
+    exported.write_text(text)
+    robots = ("--start", "-9.5,-15.5", "--goal", "-5.5,-19.5")
+    code, out, err = sparse_coord("import-map", exported, *ENV1[:4], *robots, "--out", "i")
+    assert (code, err) == (0, "")
+    assert "lower left corner at -10,-20" in out
+    assert load_map(str(folder / "i" / "env1.txt")).origin == (-10.0, -20.0)
+
+
+def test_nothing_is_overwritten_unasked(sparse_coord, folder, exported, refused):
+    assert sparse_coord("import-map", exported, *ENV1, *GOALS, "--out", "i")[0] == 0
+    assert "i/env1.txt: exists already" in refused(
+        "import-map", exported, *ENV1, *GOALS, "--out", "i"
+    )
+    here = refused("import-map", exported, *ENV1, *GOALS, "--out", "e", "--replace")
+    assert "would be overwritten" in here
+    assert "exists already" in refused("export-map", "env1", "--out", "e")
+    again = (*ENV1, *GOALS, "--no-doorway", "2.5,2.5", "--out", "i", "--replace")
+    code, out, _ = sparse_coord("import-map", exported, *again)
+    assert code == 0
+    assert "note: no doorway found" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ((*ENV1,), "--start has 2 places and --goal 0"),
+        ((*ENV1, "--goal", "4.5,0.5", "x,y"), "place 'x,y': write it as X,Y in metres"),
+        ((*ENV1, "--goal", "4.5,0.5", "2.5,4.5"), "--goal of robot_2 at 2.5,4.5 is in no free"),
+        (("--cell", "wide", "--radius", "0.1"), "--cell: value is 'wide', allowed: a number"),
+        (("--cell", "-1", "--radius", "0.1"), "--cell is -1, allowed: 0.1 to 1000"),
+        (("--cell", "inf", "--radius", "0.1"), "--cell: value is 'inf'"),
+        (("--cell", "1", "--radius", "9"), "finds no room"),
+        (("--cell", "1", "--radius", "0.1", "--name", "../up"), "name '../up': allowed are"),
+        (("--cell", "1", "--radius", "0.1", "--set", "steps=9"), "--set needs a scenario"),
+        ((*ENV1, *GOALS, "--set", "stepz=9"), "unknown field 'stepz' (did you mean 'steps'?)"),
+        ((*ENV1, *GOALS, "--set", "map=cmu"), "--set map: is no setting"),
+        (("--cell", "1"), "required: --radius"),
+    ],
+)
+def test_bad_input_is_one_line(exported, refused, arguments, words):
+    assert words in refused("import-map", exported, *arguments, "--out", "i")
+
+
+def test_maps_of_map_server_point_to_import_map(exported, refused, folder):
+    assert "sparse_coord import-map e/env1.yaml" in refused("maps", "e/env1.yaml")
+    assert "sparse_coord import-map" in refused("maps", "e/env1.pgm")
+    assert "sparse_coord import-map" in refused("train", "e/env1.yaml")
+    (folder / "mine.yaml").write_text("map: e/env1.pgm\nrobots: {a: {start: 1, goal: 2}}\n")
+    assert "sparse_coord import-map" in refused("train", "mine.yaml")
+
+
+@pytest.mark.parametrize(
+    ("header", "words"),
+    [
+        ("resolution: -1", "header key 'resolution' is -1, allowed: a number from 0.001 to 1000"),
+        ("resolution: 1\norigin: [0]", "header key 'origin' is [0], allowed: [x, y] in metres"),
+        ("resolution: 1\norigin: [0, .inf]", "header key 'origin' is inf, allowed"),
+        ("origin: [0, 0]", "has an origin and no resolution"),
+    ],
+)
+def test_bad_headers_are_one_line(folder, refused, header, words):
+    (folder / "m.txt").write_text(f"{header}\n---\n..\n")
+    assert words in refused("maps", "m.txt")
+
+
+def test_exported_numbers_are_checked(refused):
+    assert "setting --pixels: value is '0', allowed" in refused(
+        "export-map", "env1", "--pixels", "0"
+    )
+    assert "more than 100,000,000" in refused("export-map", "cmu", "--pixels", "1000")
+    assert "setting --resolution: value is '-1'" in refused(
+        "export-map", "env1", "--resolution=-1"
+    )
+
+
+def test_what_is_exported_says_where_it_lies(sparse_coord, folder):
+    (folder / "m.txt").write_text("resolution: 0.5\norigin: [3, -4]\n---\n.#\n..\n")
+    assert sparse_coord("export-map", "m.txt", "--pixels", "2", "--image", "png")[0] == 0
+    said = yaml.safe_load((folder / "m.yaml").read_text())
+    assert (said["resolution"], said["origin"], said["image"]) == (0.25, [3.0, -4.0, 0.0], "m.png")
+    assert np.asarray(Image.open(folder / "m.png")).tolist() == [
+        [254, 254, 0, 0],
+        [254, 254, 0, 0],
+        [254] * 4,
+        [254] * 4,
+    ]

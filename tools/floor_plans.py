@@ -1,0 +1,254 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Draw maps of map_server whose doorways are known, to count what import-map finds.
+
+`python -m tools.floor_plans DIR` writes them; with `--check` it imports each one as well, counts
+doorways found, missed and false, and writes the previews.
+"""
+
+import argparse
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import yaml
+from PIL import Image
+from scipy import ndimage
+
+from sparse_coord_ros.floorplan.image import doorway_places, read_floor_plan
+from sparse_coord_ros.floorplan.plan import import_map
+from sparse_coord_ros.floorplan.preview import write_preview
+
+UNKNOWN, WALL, FREE = 205, 0, 254
+PIXEL = 0.05
+"""Metres."""
+
+NEAR = 0.8
+"""Metres from a true doorway's middle within which a found one is that one."""
+
+
+@dataclass
+class Drawing:
+    """A floor plan in the making.
+
+    Attributes:
+        width, height: metres.
+        thick: metres of wall.
+        pixels: the image, top row first.
+        doors: (x, y) of the middle of each doorway, from the lower left corner.
+    """
+
+    width: float
+    height: float
+    thick: float = 0.2
+    doors: list[tuple[float, float]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        """Begin with free space."""
+        shape = round(self.height / PIXEL), round(self.width / PIXEL)
+        self.pixels = np.full(shape, FREE, dtype=np.uint8)
+
+    def fill(self, x: float, y: float, x2: float, y2: float, value: int = WALL) -> None:
+        """Fill a rectangle."""
+        rows = len(self.pixels)
+        top, bottom = rows - round(y2 / PIXEL), rows - round(y / PIXEL)
+        self.pixels[max(0, top) : bottom, max(0, round(x / PIXEL)) : round(x2 / PIXEL)] = value
+
+    def wall(self, x: float, y: float, x2: float, y2: float) -> None:
+        """Draw a wall along a line, with its thickness to both sides."""
+        half = self.thick / 2
+        self.fill(x - half, y - half, x2 + half, y2 + half)
+
+    def door(self, x: float, y: float, *, wide: float = 0.9, north: bool = True) -> None:
+        """Break a doorway into a wall; `north`: one that is passed northward."""
+        along, through = (wide / 2, self.thick) if north else (self.thick, wide / 2)
+        self.fill(x - along, y - through, x + along, y + through, FREE)
+        self.doors.append((x, y))
+
+    def outline(self) -> None:
+        """Draw the outer walls."""
+        w, h, half = self.width, self.height, self.thick / 2
+        for line in ((half, half, w - half, half), (half, h - half, w - half, h - half)):
+            self.wall(*line)
+        for line in ((half, half, half, h - half), (w - half, half, w - half, h - half)):
+            self.wall(*line)
+
+
+def office() -> Drawing:
+    """Six rooms on both sides of a corridor; six doorways."""
+    plan = Drawing(20.0, 14.0)
+    plan.outline()
+    for y in (6.0, 8.2):
+        plan.wall(0, y, 20, y)
+    for x in (6.6, 13.4):
+        plan.wall(x, 0, x, 6.0)
+        plan.wall(x, 8.2, x, 14.0)
+    for x in (3.2, 10.1, 16.7):
+        plan.door(x, 6.0)
+    for x in (4.6, 9.3, 17.3):
+        plan.door(x, 8.2)
+    return plan
+
+
+def warehouse() -> Drawing:
+    """Racks, a loading bay and an office; five doorways."""
+    plan = Drawing(36.0, 22.0, thick=0.25)
+    plan.outline()
+    plan.wall(26, 0, 26, 22)
+    plan.wall(26, 9, 36, 9)
+    plan.wall(26, 15, 36, 15)
+    for x in range(4, 24, 4):  # racks with aisles of 2.9 m, and a cross aisle
+        plan.fill(x - 0.55, 2.5, x + 0.55, 9.5)
+        plan.fill(x - 0.55, 12.5, x + 0.55, 19.5)
+    plan.door(26, 4.0, wide=1.2, north=False)
+    plan.door(26, 12.0, wide=1.0, north=False)
+    plan.door(26, 18.0, wide=1.2, north=False)
+    plan.door(31, 9.0, wide=1.0)
+    plan.door(33, 15.0, wide=1.0)
+    return plan
+
+
+def flat() -> Drawing:
+    """A flat with furniture; five doorways."""
+    plan = Drawing(12.0, 10.0, thick=0.15)
+    plan.outline()
+    plan.wall(0, 5, 12, 5)
+    plan.wall(4, 0, 4, 5)
+    plan.wall(8, 0, 8, 5)
+    plan.wall(7, 5, 7, 10)
+    plan.door(2.0, 5)
+    plan.door(6.1, 5)
+    plan.door(10.3, 5)
+    plan.door(7, 7.6, north=False)
+    plan.door(8, 2.2, north=False)
+    plan.fill(0.4, 0.4, 2.0, 2.4)  # bed
+    plan.fill(9.6, 7.2, 11.2, 8.2)  # table
+    plan.fill(1.5, 8.6, 4.0, 9.8)  # sofa
+    for x, y in ((9.2, 6.4), (9.2, 9.2)):  # legs of a chair
+        plan.fill(x, y, x + 0.15, y + 0.15)
+    return plan
+
+
+def tower() -> Drawing:
+    """8 x 8 rooms of 25 m: 4,000 x 4,000 pixels, 112 doorways."""
+    plan = Drawing(200.0, 200.0)
+    plan.outline()
+    for k in range(1, 8):
+        plan.wall(25 * k, 0, 25 * k, 200)
+        plan.wall(0, 25 * k, 200, 25 * k)
+    for k in range(1, 8):
+        for j in range(8):
+            shift = 3.1 * ((k * 5 + j * 3) % 6 - 2.5)
+            plan.door(25 * k, 25 * j + 12.5 + shift, north=False)
+            plan.door(25 * j + 12.5 - shift, 25 * k)
+    return plan
+
+
+def scanned(plan: Drawing, degrees: float, seed: int) -> Drawing:
+    """Return a plan as SLAM would have it: turned, noisy, in grey, with specks and gaps."""
+    random = np.random.default_rng(seed)
+    margin = round(1.5 / PIXEL)
+    padded = np.pad(plan.pixels, margin, constant_values=UNKNOWN)
+    turned = ndimage.rotate(padded, degrees, reshape=True, order=0, cval=UNKNOWN)
+    # Walls are seen from inside, a few pixels deep; behind them it is unknown.
+    walls, free = turned == WALL, turned == FREE
+    seen = walls & ndimage.binary_dilation(free, iterations=3)
+    values = np.where(free, FREE, UNKNOWN)
+    ragged = ndimage.binary_dilation(seen) & free & (random.random(seen.shape) < 0.25)
+    values[(seen & (random.random(seen.shape) < 0.97)) | ragged] = WALL
+    inside = np.flatnonzero(free)
+    values.flat[random.choice(inside, len(inside) // 400, replace=False)] = WALL  # dust
+    values.flat[random.choice(inside, len(inside) // 300, replace=False)] = UNKNOWN
+    made = Drawing(turned.shape[1] * PIXEL, turned.shape[0] * PIXEL)
+    made.pixels = values.astype(np.uint8)
+    angle = math.radians(degrees)
+    for x, y in plan.doors:
+        dx, dy = x - plan.width / 2, y - plan.height / 2
+        made.doors.append(
+            (
+                made.width / 2 + dx * math.cos(angle) - dy * math.sin(angle),
+                made.height / 2 + dx * math.sin(angle) + dy * math.cos(angle),
+            )
+        )
+    return made
+
+
+PLANS: dict[str, tuple[Callable[[], Drawing], str, tuple[float, float]]] = {
+    "office": (office, "pgm", (-10.0, -7.0)),
+    "warehouse": (warehouse, "png", (0.0, 0.0)),
+    "slam_office": (lambda: scanned(office(), 1.5, 1), "pgm", (-11.3, -8.1)),
+    "slam_flat": (lambda: scanned(flat(), -2.0, 2), "png", (2.5, 100.0)),
+    "tower": (tower, "png", (-100.0, -100.0)),
+}
+"""Drawing, format of the image and origin."""
+
+
+def write(name: str, directory: Path) -> list[tuple[float, float]]:
+    """Write a map's YAML file and image, and return its doorways in its frame."""
+    draw, kind, origin = PLANS[name]
+    plan = draw()
+    image = directory / f"{name}.{kind}"
+    Image.fromarray(plan.pixels).save(image)
+    said = {
+        "image": image.name,
+        "resolution": PIXEL,
+        "origin": [*origin, 0.0],
+        "negate": 0,
+        "occupied_thresh": 0.65,
+        "free_thresh": 0.196,
+    }
+    (directory / f"{name}.yaml").write_text(yaml.safe_dump(said, sort_keys=False))
+    return [(x + origin[0], y + origin[1]) for x, y in plan.doors]
+
+
+def write_damaged(directory: Path) -> None:
+    """Write the office's map as an interrupted copy leaves it: half an image."""
+    write("office", directory)
+    data = (directory / "office.pgm").read_bytes()
+    (directory / "damaged.pgm").write_bytes(data[: len(data) // 2])
+    text = (directory / "office.yaml").read_text().replace("office.pgm", "damaged.pgm")
+    (directory / "damaged.yaml").write_text(text)
+
+
+def matched(true: list[tuple[float, float]], found: list[tuple[float, float]]) -> tuple[int, int]:
+    """Return how many true doorways were found, and how many cells lie in no true one."""
+    hits = sum(any(math.dist(t, f) <= NEAR for f in found) for t in true)
+    return hits, sum(all(math.dist(t, f) > NEAR for t in true) for f in found)
+
+
+def main() -> None:
+    """Write the maps, and check them."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("directory", type=Path)
+    parser.add_argument("--check", action="store_true", help="import each map and count doorways")
+    parser.add_argument("--cell", type=float, default=0.5)
+    parser.add_argument("--radius", type=float, default=0.2)
+    options = parser.parse_args()
+    options.directory.mkdir(parents=True, exist_ok=True)
+    for name in PLANS:
+        true = write(name, options.directory)
+        if not options.check:
+            continue
+        began = time.monotonic()
+        plan = read_floor_plan(options.directory / f"{name}.yaml")
+        done = import_map(plan, cell=options.cell, radius=options.radius)
+        preview = options.directory / f"{name}_preview.png"
+        write_preview(preview, plan, done.grid)
+        seconds = time.monotonic() - began
+        hits, false = matched(true, doorway_places(done.grid, options.cell))
+        rows, columns = plan.free.shape
+        print(
+            f"{name}: {columns} x {rows} pixels, {len(done.grid.cells)} cells, "
+            f"{done.doorways} doorways: {hits} of {len(true)} found, {false} false, "
+            f"{seconds:.1f} s"
+        )
+        for note in done.notes:
+            print(f"  note: {note}")
+    write_damaged(options.directory)
+
+
+if __name__ == "__main__":
+    main()
