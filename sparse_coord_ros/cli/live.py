@@ -20,6 +20,7 @@ from rclpy.logging import LoggingSeverity, set_logger_level
 from sparse_coord_ros.core.run_config import create_output
 from sparse_coord_ros.core.wire import RECORDER, WORLD
 from sparse_coord_ros.errors import EXIT_BAD_INPUT, BagError, RunError
+from sparse_coord_ros.nodes.middleware import check_participants
 from sparse_coord_ros.nodes.outputs import gather
 from sparse_coord_ros.nodes.parameters import (
     RECORDER_PARAMETERS,
@@ -106,6 +107,7 @@ def sole_team() -> Iterator[None]:
 
 def _run_processes(values: dict[str, Any], stop: Stop, quiet: bool) -> dict[str, Any]:
     run = team_run(values)
+    check_participants(1 + len(run.scenario.robots) + values["record"])
     out = create_output(Path(values["out"]))
     bag = out / BAG_DIRECTORY
     world = {name: values[name] for name in WORLD_PARAMETERS}

@@ -12,6 +12,25 @@ from sparse_coord_ros.errors import RunError
 PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
 
 
+RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+MOST_PARTICIPANTS = 32
+"""How many participants find each other with the range LOCALHOST: rmw_fastrtps looks for the first
+32 of a domain (maxInitialPeersRange)."""
+
+
+def check_participants(count: int) -> None:
+    """Refuse to start more processes than find each other on this machine.
+
+    Raises:
+        RunError: they are too many for the discovery range.
+    """
+    if os.environ.get(RANGE, "").upper() == "LOCALHOST" and count > MOST_PARTICIPANTS:
+        raise RunError(
+            f"{count} nodes in processes of their own: with {RANGE}=LOCALHOST at most "
+            f"{MOST_PARTICIPANTS} find each other; use {RANGE}=SUBNET, or leave out --processes"
+        )
+
+
 SECURITY = "ROS_SECURITY_ENABLE"
 SECURITY_MARK = b"dds.sec.auth.plugin"
 """What a Fast DDS with DDS-Security knows by name."""

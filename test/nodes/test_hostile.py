@@ -20,7 +20,7 @@ from sparse_coord_ros.core.settings import SettingTable
 from sparse_coord_ros.core.tables import load_team
 from sparse_coord_ros.errors import FaultError, RunError
 from sparse_coord_ros.nodes import interface
-from sparse_coord_ros.nodes.middleware import SECURITY_MARK, check_security
+from sparse_coord_ros.nodes.middleware import SECURITY_MARK, check_participants, check_security
 from sparse_coord_ros.nodes.owners import Owners
 from sparse_coord_ros.nodes.parameters import EXECUTOR, ParameterNode
 from sparse_coord_ros.nodes.spin import ros_context, run_node, signals
@@ -225,3 +225,12 @@ def test_world_and_recorder_may_be_renamed(start, bench, tmp_path):
     bag = open_bag(tmp_path / "bag")
     assert "/earth/claim" in bag.topics
     assert verify(tmp_path / "bag").same
+
+
+def test_more_processes_than_find_each_other_are_refused(monkeypatch):
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    check_participants(32)
+    with pytest.raises(RunError, match="^34 nodes in processes of their own: .* at most 32 find"):
+        check_participants(34)
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
+    check_participants(34)
