@@ -26,7 +26,8 @@ setup(
         (f"share/{PACKAGE}", ["package.xml"]),
         (
             f"share/{PACKAGE}/config",
-            glob("config/*.yaml") + ["config/fastdds.xml", "config/class_bounds.json"],
+            glob("config/*.yaml")
+            + ["config/fastdds.xml", "config/class_bounds.json", "config/sros2_policy.xml"],
         ),
         (f"share/{PACKAGE}/maps", glob("maps/*.txt")),
         (f"share/{PACKAGE}/launch", glob("launch/*.launch.py")),
