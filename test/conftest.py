@@ -7,6 +7,8 @@ import tempfile
 
 import pytest
 
+from sparse_coord_ros.engine.kept import FOLDER_VARIABLE
+
 DOMAIN_ID = 1 + os.getpid() % 100
 """Of this test run; the subprocesses that tests start are in it too."""
 
@@ -30,3 +32,11 @@ def ros_environment():
                 os.environ.pop(name)
             else:
                 os.environ[name] = value
+
+
+def pytest_configure(config):
+    """Keep compiled loops for all processes of this test run, and no longer."""
+    if not hasattr(config, "workerinput"):
+        folder = tempfile.TemporaryDirectory(prefix="sparse_coord_kept_")
+        config.add_cleanup(folder.cleanup)
+        os.environ[FOLDER_VARIABLE] = folder.name

@@ -71,7 +71,8 @@ class BatchFigures:
         steps: transitions of a learning run.
         runs: learning runs of a measurement (of plain Python: at most `PYTHON_RUNS`).
         cores: cores that this process may use.
-        compile_seconds: what numba takes to compile, once a process; None without numba.
+        ready_seconds: what numba takes to compile the loops, or to find them on disk; None
+            without numba.
         peak_memory: greatest resident memory of the process that measured the engine, in bytes,
             interpreter and compiler included; None without numba.
         figures: engine and rival on all cores and on one, plain Python on one.
@@ -81,7 +82,7 @@ class BatchFigures:
     steps: int
     runs: int
     cores: int
-    compile_seconds: float | None
+    ready_seconds: float | None
     peak_memory: int | None
     figures: tuple[Figure, ...]
 
@@ -126,9 +127,9 @@ def measure_here(
     threads = sorted({cores, 1}, reverse=True)
     ways: dict[tuple[str, int], Callable[[], float]] = {}
     missing: dict[tuple[str, int], str] = {}
-    compile_seconds = peak_memory = None
+    ready_seconds = peak_memory = None
     if has_numba():
-        compile_seconds = _compile_seconds(scenario)
+        ready_seconds = _ready_seconds(scenario)
         _engine_rate(scenario, runs, cores)
         peak_memory = _peak_memory()  # before anything else takes more
         ways |= {(ENGINE, n): partial(_engine_rate, scenario, runs, n) for n in threads}
@@ -150,11 +151,11 @@ def measure_here(
         Figure(*way, tuple(rates.get(way, ())), missing.get(way, ""))
         for way in [*order, (PYTHON, 1)]
     )
-    return BatchFigures(name, steps, runs, cores, compile_seconds, peak_memory, figures)
+    return BatchFigures(name, steps, runs, cores, ready_seconds, peak_memory, figures)
 
 
-def _compile_seconds(scenario: Scenario) -> float:
-    """Return how long the first run takes: little else than compiling."""
+def _ready_seconds(scenario: Scenario) -> float:
+    """Return how long the first run takes: little else than making the loops ready."""
     short = scenario.with_settings({"steps": 1})
     started = time.perf_counter()
     list(run_batch(short, LEARNER, [0], trials=0, engine="numba", jobs=1))

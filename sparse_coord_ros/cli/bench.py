@@ -140,10 +140,10 @@ def batch_table(figures: batch.BatchFigures, rival: str = "") -> str:
         rows.append([name, _millions(median), spread, _millions(median / figure.threads), share])
     title = f"{figures.scenario}, Coop., {figures.runs} runs of {figures.steps} steps"
     head = [title, "M agent-steps/s", "range", "per core", f"of the {rival}"]
-    if figures.compile_seconds is not None and figures.peak_memory is not None:
+    if figures.ready_seconds is not None and figures.peak_memory is not None:
         notes.append(
-            f"engine: compiles in {figures.compile_seconds:.1f} s, once a process (not counted "
-            f"above); peak memory {figures.peak_memory / 1e6:.0f} MB"
+            f"engine: ready in {figures.ready_seconds:.1f} s, once a process (compiled, or found "
+            f"on disk; not counted above); peak memory {figures.peak_memory / 1e6:.0f} MB"
         )
     columns = 5 if rival else 4
     table = shared.format_table(head[:columns], [row[:columns] for row in rows])

@@ -116,7 +116,7 @@ class Bar(ExitStack):
 
     def compiling(self) -> None:
         """Say that it takes some seconds until the first run."""
-        print("compiling the learning loop (some 10 s) ...", file=sys.stderr, flush=True)
+        print("compiling the learning loop (some 10 s, once) ...", file=sys.stderr, flush=True)
 
     def show(self, name: str, done: int, total: int) -> None:
         """Show the agent-steps that are done; see `engine.runner.Progress`."""

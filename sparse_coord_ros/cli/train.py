@@ -251,7 +251,7 @@ def _train(
     engine = engine_for(scenario, run.rule, options.engine)
     if not quiet and engine == "numba" and not is_prepared(learner=run.rule, history=True):
         print(
-            "compiling the learning loop (about 5 s, once a process) ...",
+            "compiling the learning loop (some 10 s, once) ...",
             file=sys.stderr,
             flush=True,
         )
@@ -298,7 +298,9 @@ def _train(
 
 def _would_help(options: argparse.Namespace, run: RunConfig) -> bool:
     """Whether numba would make the run quicker."""
-    return options.engine == "auto" and run.rule.compiled and worth_compiling(run.scenario)
+    return (
+        options.engine == "auto" and run.rule.compiled and worth_compiling(run.scenario, run.rule)
+    )
 
 
 def _save(out: Path, done: Training) -> None:

@@ -58,6 +58,7 @@ from sparse_coord_ros.core.world import (
 from sparse_coord_ros.engine import kernels
 from sparse_coord_ros.engine.compiled import Loops, compile_once, compiled, has_numba, is_compiled
 from sparse_coord_ros.engine.exact import ExactMeans, exact_means
+from sparse_coord_ros.engine.kept import is_kept
 from sparse_coord_ros.engine.processes import in_processes
 from sparse_coord_ros.errors import SettingError
 
@@ -69,6 +70,9 @@ FIRST_ROWS = 2 * BLOCK
 
 MOST_ROWS = 2**62
 """Rows of a sparse table over the joint state: as many as memory holds."""
+
+NEXT_DOUBLE = np.random.PCG64().ctypes.next_double
+"""As of `kernels.Draws`; no constant of the loops, which numba could not keep on disk then."""
 
 ENGINES = ("auto", "numba", "python")
 
@@ -198,13 +202,20 @@ def prepare(
 
 
 def is_prepared(*, learner: str | Learner = "coop", history: bool = False) -> bool:
-    """Whether the loops for a learner are compiled in this process."""
+    """Whether the loops for a learner need no compiling: they are, in this process or on disk."""
+    key = _loops_key(learner, history)
+    return is_compiled(key) or is_kept(key)
+
+
+def is_loaded(*, learner: str | Learner = "coop", history: bool = False) -> bool:
+    """Whether the loops for a learner are ready in this process."""
     return is_compiled(_loops_key(learner, history))
 
 
-def _loops_key(learner: str | Learner, history: bool) -> tuple[bool, bool]:
+def _loops_key(learner: str | Learner, history: bool) -> str:
     """Return what tells the compiled loops apart: numba compiles one for each kind of tables."""
-    return history, learner_of(learner).factors is not None
+    tables = "tables" if learner_of(learner).factors is None else "factors"
+    return f"{tables}_with_history" if history else tables
 
 
 def _warm_up(scenario: Scenario, learner: str | Learner, history: bool) -> None:
@@ -512,6 +523,7 @@ class CompiledTeam:
             values,
             np.array(states, dtype=np.uint64),
             np.array(parts),
+            NEXT_DOUBLE,
             self._stop,
         )
 

@@ -15,7 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sparse_coord_ros.core import algorithm, factors
-from sparse_coord_ros.engine import kernels
+from sparse_coord_ros.engine import kept, kernels
+from sparse_coord_ros.errors import SparseCoordError
 
 CALLED = (
     algorithm.greedy,
@@ -149,17 +150,27 @@ def _end_without(future: Future[Any]) -> None:
         os._exit(INTERRUPTED)
 
 
-def compile_once(key: object, warm_up: Callable[[], None]) -> None:
+def compile_once(key: str, warm_up: Callable[[], None]) -> None:
     """Let numba compile, in the background; return when it has.
 
     Args:
         key: names the loops.
         warm_up: calls each of them.
     """
-    in_background(("compile", key), warm_up)
+
+    def compile_or_take() -> None:
+        try:
+            warm_up()
+        except Exception as error:  # whatever a spoiled file on disk makes numba raise
+            if isinstance(error, SparseCoordError | MemoryError) or not kept.forget():
+                raise
+            warm_up()
+        kept.keep(key)
+
+    in_background(("compile", key), compile_or_take)
 
 
-def is_compiled(key: object) -> bool:
+def is_compiled(key: str) -> bool:
     """Whether `compile_once` has compiled the loops of that name."""
     future = _background.get(("compile", key))
     return future is not None and future.done() and future.exception() is None
@@ -169,8 +180,7 @@ def is_compiled(key: object) -> bool:
 def compiled() -> Loops:
     """Return the loops compiled by numba (they compile when first called).
 
-    No fast-math: the same bits as plain Python. Not cached on disk: numba's cache does not see
-    changes of the functions that a loop calls.
+    No fast-math: the same bits as plain Python. What was compiled is kept on disk (`kept`).
     """
     numba = _numba()
     options = _accepted("_nrt", False)
@@ -178,7 +188,7 @@ def compiled() -> Loops:
     for function in CALLED:
         inlined = inline if function in INLINED else {}
         numba.extending.register_jitable(**options, **inlined)(function)
-    return Loops(*(numba.njit(nogil=True, **options)(loop) for loop in PLAIN))
+    return Loops(*kept.jit(PLAIN, **options))
 
 
 def _accepted(name: str, value: bool) -> dict[str, bool]:

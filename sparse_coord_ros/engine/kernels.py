@@ -7,6 +7,7 @@ and the update are the very functions of `core.algorithm`. Plain Python runs the
 the same bits.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -55,9 +56,6 @@ FREE_PLACE = -1
 STEP, EPISODE_START, DONE, PLACED, FIRST, END = range(6)
 """Entries of `Game.clock`: time step, first step of the episode, transitions (or trials) done,
 whether the episode has begun, first step of the block of draws and the step after its last."""
-
-NEXT_DOUBLE = np.random.PCG64().ctypes.next_double
-"""NumPy's C function that makes a generator's next draw in [0, 1), from the state's address."""
 
 REWARD, TIME, ASKS, CONFLICTS = range(4)
 """Last axis of a trial's result."""
@@ -216,6 +214,8 @@ class Draws(NamedTuple):
         states: addresses of the generators' states, as NumPy gives them to C.
         parts: which part of `values` each generator draws, [generator, (first, end)]; draws that
             nothing looks at have no generator and stay 0.
+        next_double: NumPy's C function that makes a generator's next draw in [0, 1), from the
+            state's address.
         stop: its one entry is set where nobody waits for the result any more.
     """
 
@@ -228,6 +228,7 @@ class Draws(NamedTuple):
     values: np.ndarray
     states: np.ndarray
     parts: np.ndarray
+    next_double: Callable[[int], float]
     stop: np.ndarray
 
 
@@ -254,7 +255,7 @@ def draw(game: Game, draws: Draws) -> None:
     for number in range(len(draws.states)):
         state = int(draws.states[number])
         for i in range(draws.parts[number, 0], draws.parts[number, 1]):
-            draws.values[i] = NEXT_DOUBLE(state)
+            draws.values[i] = draws.next_double(state)
     game.clock[FIRST] = game.clock[END]
     game.clock[END] += draws.policy.shape[1]
 

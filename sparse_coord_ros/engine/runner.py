@@ -317,7 +317,7 @@ def compute(
     found = {name: result for name, result in there.items() if result is not None}
     done, total = 0, sum(_agent_steps(one) * plan.runs for one in missing)
     for one in missing:
-        if uses_numba(engine, learner_of(one.learner)) and not is_prepared():
+        if uses_numba(engine, learner_of(one.learner)) and not is_prepared(learner=one.learner):
             compiling()
             prepare(one.scenario, one.learner, engine=engine)
         progress(one.id, done, total)

@@ -29,6 +29,7 @@ from sparse_coord_ros.core.tables import save_team
 from sparse_coord_ros.engine.batch import (
     CompiledLearning,
     CompiledTeam,
+    is_loaded,
     is_prepared,
     prepare,
     uses_numba,
@@ -41,8 +42,9 @@ from sparse_coord_ros.files import write_whole
 EVERY = Setting("evaluate-every", int, 0, "steps between evaluations", low=0, high=10_000_000)
 EVERY_TRIALS = Setting("trials", int, 200, "trials of each of them", low=2, high=10_000_000)
 
-WORTH_COMPILING = 500_000
-"""Agent-steps that plain Python makes while numba compiles: a shorter run is quicker without."""
+WORTH_COMPILING, WORTH_LOADING = 500_000, 100_000
+"""Agent-steps that plain Python makes while numba compiles, or is imported and finds the compiled
+loops on disk: a shorter run is quicker without."""
 
 FIRST_PART = 1000
 """Transitions learned at first between two looks at the clock and at signals."""
@@ -168,21 +170,23 @@ def engine_for(scenario: Scenario, learner: str | Learner, engine: str = "auto")
     """Return what computes a run: "numba" or "python".
 
     "auto" is numba where it is installed, the learner has a compiled form, and the run is long
-    enough to be worth the seconds that compiling takes (or they have been spent already).
+    enough to be worth the seconds that numba takes to begin (or they have been spent already).
 
     Raises:
         SettingError: numba is asked for, and not installed or no help to the learner.
     """
     rule = learner_of(learner)
-    spent = is_prepared(learner=rule, history=True)
-    if engine == "auto" and not worth_compiling(scenario) and not spent:
+    quick = is_loaded(learner=rule, history=True) or worth_compiling(scenario, rule)
+    if engine == "auto" and not quick:
         return "python"
     return "numba" if uses_numba(engine, rule) else "python"
 
 
-def worth_compiling(scenario: Scenario) -> bool:
-    """Whether plain Python takes longer for a run than numba takes to compile."""
-    return scenario.steps * len(scenario.robots) >= WORTH_COMPILING
+def worth_compiling(scenario: Scenario, learner: Learner) -> bool:
+    """Whether plain Python takes longer for a run than numba takes to begin."""
+    kept = is_prepared(learner=learner, history=True)
+    needed = WORTH_LOADING if kept else WORTH_COMPILING
+    return scenario.steps * len(scenario.robots) >= needed
 
 
 def train(

@@ -364,7 +364,7 @@ def test_what_a_report_needs_is_missed_before_anything_is_computed(refused, monk
 
 
 def test_compiling_is_said_before_the_clock_starts(sparse_coord, monkeypatch):
-    monkeypatch.setattr(module, "is_prepared", lambda: False)
+    monkeypatch.setattr(module, "is_prepared", lambda **_: False)
     cell = "env1/indiv/penalty=-20,steps=100"
     for times in (1, 0):
         _, _, err = sparse_coord("reproduce", cell, *FEW, "--out", "r")

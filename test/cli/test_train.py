@@ -20,6 +20,7 @@ from sparse_coord_ros.core.run_config import load_run
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.simulation import Learning, learn, tables_equal
 from sparse_coord_ros.core.tables import load_team
+from sparse_coord_ros.engine.kept import FOLDER_VARIABLE
 
 SHORT = ("train", "env1", "--steps", 5, "--trials", 0)
 
@@ -342,7 +343,11 @@ def test_an_interrupt_while_numba_compiles(folder, number):
     for attempt in range(3):
         out = folder / f"out{attempt}"
         process = subprocess.Popen(
-            [*command, str(out)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+            [*command, str(out)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=os.environ | {FOLDER_VARIABLE: str(folder / f"kept{attempt}")},
         )
         try:
             assert process.stderr.readline().startswith("compiling the learning loop")
