@@ -59,14 +59,14 @@ def jit(loops: Sequence[Callable[..., Any]], **options: Any) -> list[Callable[..
     """Return loops that numba compiles when they are first called, or takes from disk."""
     import numba
 
-    place = folder()
-    before = numba.config.CACHE_DIR
+    place, config = folder(), vars(numba.config)
+    before = config["CACHE_DIR"]
     if place is not None:
-        numba.config.CACHE_DIR = str(place)
+        config["CACHE_DIR"] = str(place)
     try:
         return [numba.njit(nogil=True, cache=place is not None, **options)(loop) for loop in loops]
     finally:
-        numba.config.CACHE_DIR = before
+        config["CACHE_DIR"] = before
 
 
 def is_kept(key: str) -> bool:

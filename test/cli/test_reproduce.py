@@ -37,7 +37,7 @@ def test_an_experiment(sparse_coord, folder):
     assert {"figures/table1.png", "figures/table1.svg"} <= names
     assert "cells/env2-4r/coop/penalty=-20.json" in names
     with (folder / "r/tables/table1.csv").open(newline="") as file:
-        assert len(list(csv.DictReader(file))) == 9
+        assert len(list(csv.DictReader(file))) == 12
 
 
 def test_a_second_call_computes_only_what_is_missing(sparse_coord, folder, monkeypatch):
@@ -122,7 +122,7 @@ def test_a_single_run_or_trial_has_no_standard_error(sparse_coord, runs, trials,
 
 def test_list(sparse_coord, folder):
     code, out, _ = sparse_coord("reproduce", "table1", "table2", "--list")
-    assert (code, len(out.splitlines())) == (0, 9)
+    assert (code, len(out.splitlines())) == (0, 12)
     more = ("env1/coop/penalty=-5", "env1/coop/penalty=-5/1")
     listed = sparse_coord("reproduce", "table1", *more, "--list")[1].splitlines()
     data = json.loads(sparse_coord("reproduce", "table1", *more, "--list", "--json")[1])
