@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from sparse_coord_ros.api import verify as verify
     from sparse_coord_ros.core.agent import Agent as Agent
     from sparse_coord_ros.core.agent import Tables as Tables
+    from sparse_coord_ros.core.buildings import generated_building as generated_building
     from sparse_coord_ros.core.class_bound import ClassBound as ClassBound
     from sparse_coord_ros.core.class_bound import RobotPolicy as RobotPolicy
     from sparse_coord_ros.core.class_bound import shipped_class_bound as shipped_class_bound
@@ -59,6 +60,7 @@ _PLACES = {
     "load_scenario": "core.scenario",
     "scenario_names": "core.scenario",
     "Scenario": "core.scenario",
+    "generated_building": "core.buildings",
     # Learning
     "train": "api",
     "train_many": "api",

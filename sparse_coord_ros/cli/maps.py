@@ -3,10 +3,13 @@
 """`sparse_coord maps`: the maps that the package ships, or one of them."""
 
 import argparse
+from pathlib import Path
 
 from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.core.buildings import SIZES, Building, building_text
 from sparse_coord_ros.core.grid import GridMap, load_map, map_names
 from sparse_coord_ros.core.scenario import load_scenario
+from sparse_coord_ros.errors import ScenarioError, SettingError
 
 
 def add_parser(verbs) -> None:
@@ -15,12 +18,37 @@ def add_parser(verbs) -> None:
     parser.add_argument(
         "name", metavar="NAME", nargs="?", help="a map's name, a map file, or a scenario file"
     )
+    parser.add_argument(
+        "--generate",
+        metavar="FILE",
+        type=Path,
+        help="write a scenario on a generated building: rooms, corridors, doorways, robots",
+    )
+    for name, setting in SIZES.items():
+        parser.add_argument(
+            f"--{name}",
+            metavar="N",
+            help=f"{setting.help} (with --generate; default: {setting.default})",
+        )
+    parser.add_argument(
+        "--seed", metavar="N", help="of the building (with --generate; default: 0)"
+    )
     shared.add_json(parser)
     parser.set_defaults(execute=execute)
 
 
 def execute(options: argparse.Namespace) -> int:
     """Run the verb."""
+    numbers = {name: getattr(options, name) for name in (*SIZES, "seed")}
+    numbers = {name: value for name, value in numbers.items() if value is not None}
+    if options.generate is not None:
+        if options.name:
+            raise SettingError(
+                f"map {options.name!r}: is not needed with --generate; leave it out"
+            )
+        return _generate(options.generate, Building(**numbers), as_json=options.json)
+    if numbers:
+        raise SettingError(f"option --{next(iter(numbers))}: only with --generate FILE; add it")
     grids = [map_of(name) for name in ([options.name] if options.name else map_names())]
     if options.json:
         shared.print_json([_facts(grid) for grid in grids])
@@ -46,6 +74,24 @@ def execute(options: argparse.Namespace) -> int:
 def map_of(name: str) -> GridMap:
     """Return a map; that of a scenario file too."""
     return load_scenario(name).map if name.endswith((".yaml", ".yml")) else load_map(name)
+
+
+def _generate(path: Path, building: Building, *, as_json: bool) -> int:
+    """Write a building's scenario file, and show its map."""
+    text = building_text(building)
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(text)
+    except FileExistsError:
+        raise ScenarioError(f"{path}: exists already; choose another file, or remove it") from None
+    except OSError as error:
+        raise ScenarioError(f"{path}: cannot be written ({error.strerror})") from None
+    grid = load_scenario(str(path)).map
+    if as_json:
+        shared.print_json({"file": str(path), **_facts(grid)})
+    else:
+        print("\n".join([f"{path}: {grid.title}", "", *grid.rows]))
+    return 0
 
 
 def _facts(grid: GridMap) -> dict:

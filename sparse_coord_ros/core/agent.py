@@ -37,6 +37,7 @@ from sparse_coord_ros.core.streams import (
     Stream,
 )
 from sparse_coord_ros.core.world import SUM_OF_PARTS, Action, Reward, RewardWeights
+from sparse_coord_ros.errors import SettingError
 
 NOBODY = -1
 
@@ -78,6 +79,21 @@ class Memory(NamedTuple):
     values: np.ndarray
     updates: np.ndarray
     factors: FactorMemory | None = None
+
+
+MOST_JOINT_STATES = 2**63
+"""A joint state is numbered by a 64-bit integer where Q^C is sparse."""
+
+
+def check_joint_states(scenario: Scenario) -> None:
+    """Raise `SettingError` where Q^C is over more joint states than can be numbered."""
+    cells = len(scenario.map.cells)
+    if scenario.sparse and cells**scenario.perceived >= MOST_JOINT_STATES:
+        raise SettingError(
+            "setting peers: value is 'all', allowed with this learner below 2^63 joint states; "
+            f"scenario {scenario.name} has {cells}^{scenario.perceived}; use 'one', fewer robots, "
+            "or learner factored"
+        )
 
 
 def initial_tables(scenario: Scenario, *, asks: bool = True) -> Tables:

@@ -14,8 +14,8 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
-from sparse_coord_ros.core.agent import Agent, Tables, initial_tables
-from sparse_coord_ros.core.factored import FactoredAgent, initial_factored
+from sparse_coord_ros.core.agent import Agent, Tables, check_joint_states, initial_tables
+from sparse_coord_ros.core.factored import FactoredAgent, check_peers, initial_factored
 from sparse_coord_ros.core.factors import FactorRule
 from sparse_coord_ros.core.plugins import Registry, failing_as, is_shipped, path_of
 from sparse_coord_ros.core.scenario import Scenario
@@ -76,6 +76,11 @@ class Learner:
         if not values:
             return scenario
         return replace(scenario.with_settings(values), given=scenario.given)
+
+    def check(self, scenario: Scenario) -> None:
+        """Raise `SettingError` where it cannot learn a scenario; called before a run begins."""
+        if self.asks:
+            check_joint_states(scenario)
 
     def weights(self, scenario: Scenario) -> RewardWeights:
         """Return how much each part of R_k(t) counts while it learns.
@@ -255,6 +260,10 @@ class Factored(Learner):
         if len(scenario.robots) > 2 and "referee" not in scenario.given:
             chosen = replace(chosen, referee=True)
         return chosen
+
+    def check(self, scenario: Scenario) -> None:
+        """Raise `SettingError` unless COORDINATE perceives every peer."""
+        check_peers(scenario)
 
     def tables(self, scenario: Scenario) -> Tables:
         """Return the tables of the first robot before learning; others have the same factors.

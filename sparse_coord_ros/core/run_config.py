@@ -170,7 +170,9 @@ def make_run(scenario: Scenario, values: Mapping[str, object]) -> RunConfig:
         SettingError: an unknown name or a bad value.
     """
     settings = {**RUN_SETTINGS.defaults(), **RUN_SETTINGS.parse(values)}
-    scenario = learner_of(settings["learner"]).with_defaults(scenario)
+    learner = learner_of(settings["learner"])
+    scenario = learner.with_defaults(scenario)
+    learner.check(scenario)
     return RunConfig(scenario=scenario, versions=versions(), **settings)
 
 

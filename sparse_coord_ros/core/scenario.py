@@ -46,9 +46,6 @@ the `team` that r^C falls on; or by a number, `weight:W`."""
 PEERS = ("one", "all")
 """Whom COORDINATE perceives: a peer drawn at random, or every other robot (paper, footnote 3)."""
 
-MOST_JOINT_STATES = 2**63
-"""A joint state is numbered by a 64-bit integer where Q^C is sparse."""
-
 MOST_VALUES = 1_000_000
 """Values of a YAML file, what aliases stand for included."""
 
@@ -185,11 +182,6 @@ class Scenario:
                 f"setting common_reward: {str(self.common_reward)!r} has {factors} "
                 f"factor{'s' * (factors != 1)}, scenario {self.name} has {team} robots and needs "
                 f"{team}; give each robot one, in the scenario's order"
-            )
-        if self.sparse and len(self.map.cells) ** team >= MOST_JOINT_STATES:
-            raise SettingError(
-                f"setting peers: value is 'all', allowed below 2^63 joint states; scenario "
-                f"{self.name} has {len(self.map.cells)}^{team}; use 'one' or fewer robots"
             )
 
     @property

@@ -94,6 +94,7 @@ def make_condition(name: str, learner: str, settings: Mapping[str, object]) -> C
     rule = learner_of(learner)
     scenario = rule.with_defaults(_load(name))
     changed = rule.with_defaults(_load(name).with_settings(settings))
+    rule.check(changed)
     kept = [
         (key, _text(getattr(changed, key)))
         for key in sorted(settings)

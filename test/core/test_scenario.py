@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from sparse_coord_ros.core.run_config import make_run
 from sparse_coord_ros.core.scenario import (
     SETTINGS,
     load_scenario,
@@ -229,10 +230,10 @@ def test_too_many_joint_states_to_be_numbered():
     cells = load_scenario("crowd-8r").map.cells
     for k in range(3):
         data["robots"][f"more_{k}"] = {"start": list(cells[k]), "goal": list(cells[-1])}
-    assert len(scenario_from_dict(data, where="f.yaml", name="f").robots) == 11
-    message = refusal({**data, "peers": "all"})
-    for words in ("f.yaml: setting peers: value is 'all'", "59^11", "use 'one' or fewer robots"):
-        assert words in message
+    scenario = scenario_from_dict({**data, "peers": "all"}, where="f.yaml", name="f")
+    with pytest.raises(SettingError, match="peers: value is 'all'.*59.11; use 'one', fewer"):
+        make_run(scenario, {})
+    assert make_run(scenario, {"learner": "factored"}).scenario.peers == "all"
 
 
 def test_settings_change_a_copy_only():

@@ -17,10 +17,10 @@ from sparse_coord_ros.engine.results import ConditionResult, Plan, open_results
 from sparse_coord_ros.engine.runner import compute
 from sparse_coord_ros.errors import EXIT_BAD_INPUT, SparseCoordError
 from sparse_coord_ros.files import write_whole
-from tools.coordination.studies import SEED, STUDIES, Study
+from tools.coordination.studies import SEED, STUDIES, Study, scale
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "coordination.md"
-NAMES = [study.name for study in STUDIES]
+NAMES = [*(study.name for study in STUDIES), "scale"]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -32,7 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--jobs", type=int, default=1, help="threads (default: 1)")
     options = parser.parse_args(arguments)
     try:
-        for study in _chosen(options.studies):
+        for study in _chosen(options.studies, options.out):
             table = study.table(_results(study, options.out, options.jobs).__getitem__)
             write_whole(options.page, with_table(options.page.read_text("utf-8"), study, table))
             print(table, flush=True)
@@ -42,11 +42,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _chosen(names: Sequence[str]) -> list[Study]:
+def _chosen(names: Sequence[str], out: Path) -> list[Study]:
     for name in names:
         if name not in NAMES:
             raise SparseCoordError(f"study {name!r}: allowed: {', '.join(NAMES)}")
-    return [study for study in STUDIES if not names or study.name in names]
+    chosen = [study for study in STUDIES if not names or study.name in names]
+    return [*chosen, scale(out / "buildings")] if not names or "scale" in names else chosen
 
 
 def _results(study: Study, out: Path, jobs: int) -> "dict[Condition, ConditionResult]":

@@ -2,14 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """The studies as data: conditions, how many runs of each, and the table of each study."""
 
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
+from sparse_coord_ros.core.buildings import Building, building_text
 from sparse_coord_ros.core.class_bound import shipped_class_bound
 from sparse_coord_ros.core.evaluation import Measure
+from sparse_coord_ros.core.learners import learner_of
+from sparse_coord_ros.core.optimum import independent_bound
 from sparse_coord_ros.core.reference import shortest_path_reference
+from sparse_coord_ros.core.scenario import Scenario
+from sparse_coord_ros.engine.batch import prepare, run_batch
 from sparse_coord_ros.engine.conditions import Condition, make_condition
 from sparse_coord_ros.engine.experiments import CLOSE, LARGE, LONG, SMALL
 from sparse_coord_ros.engine.report.analysis import gap_closed
@@ -262,6 +269,92 @@ def _percepts(found: Found) -> str:
             row[f"{name}, coop"] = f"{coop.best('reward').mean:.2f}"
         rows.append(row)
     return to_markdown(rows)
+
+
+ROBOTS = (2, 4, 8, 16)
+BUILDINGS = ({"seed": 0}, {"seed": 1}, {"seed": 2}, {"rooms": 4, "size": 5, "seed": 0})
+
+
+def buildings(folder: Path) -> dict[int, list[str]]:
+    """Write the buildings of the study of scale as scenario files; return them by their robots."""
+    folder.mkdir(parents=True, exist_ok=True)
+    made: dict[int, list[str]] = {}
+    for robots in ROBOTS:
+        for numbers in BUILDINGS:
+            building = Building(**numbers, robots=robots)
+            name = f"{building.rooms}x{building.rows}x{building.size}-{robots}r-{building.seed}"
+            path = folder / f"building-{name}.yaml"
+            path.write_text(building_text(building), encoding="utf-8")
+            made.setdefault(robots, []).append(str(path))
+    return made
+
+
+def scale(folder: Path) -> Study:
+    """Return the study of scale, its buildings written into a folder."""
+    made = buildings(folder)
+    given = {"penalty": -100}
+    learners = ("factored", "coop", "noncoop")
+    by_robots = {
+        robots: [[make_condition(path, who, given) for who in learners] for path in paths]
+        for robots, paths in made.items()
+    }
+
+    def table(found: Found) -> str:
+        rows = []
+        for robots, own in by_robots.items():
+            factored, coop, base = (
+                [found(one) for one in some] for some in zip(*own, strict=True)
+            )
+            scenarios = [some[0].scenario for some in own]
+            bound = np.mean([independent_bound(one) for one in scenarios])
+            fixed = [8 * len(one.map.cells) * (2 * 4 + 1) for one in scenarios]
+            spent = [learning_seconds(one) for one in scenarios]
+            rows.append(
+                {
+                    "robots": str(robots),
+                    "factored": _pooled(factored),
+                    "robots alone (bound)": f"{bound:.2f}",
+                    "coop": _pooled(coop),
+                    "Non-coop.": _pooled(base),
+                    "asks": f"{np.mean([r.best('asks').mean for r in factored]):.2f}",
+                    "miscoordinations": _mean(factored, "miscoordinations"),
+                    "trials in which all arrive": percent(_arrived(factored), 2),
+                    "of coop's": percent(_arrived(coop), 2),
+                    "of Non-coop.'s": percent(_arrived(base), 2),
+                    "bytes a robot": size(
+                        np.mean([r.visited_bytes for r in factored]) + np.mean(fixed)
+                    ),
+                    "seconds to learn": f"{np.mean(spent):.2f}",
+                }
+            )
+        return to_markdown(rows)
+
+    everything = [one for own in by_robots.values() for some in own for one in some]
+    return Study("scale", (10, 10), 300, everything, table)
+
+
+def _pooled(results: Sequence[ConditionResult]) -> str:
+    """Return mean and standard error over the runs of several buildings, each by itself."""
+    measures = [result.best("reward") for result in results]
+    error = np.sqrt(sum(one.standard_error**2 for one in measures)) / len(measures)
+    return f"{np.mean([one.mean for one in measures]):.2f} ({error:.2f})"
+
+
+def _mean(results: Sequence[ConditionResult], name: str) -> str:
+    return f"{np.mean([result.best(name).mean for result in results]):.3f}"
+
+
+def _arrived(results: Sequence[ConditionResult]) -> float:
+    return float(np.mean([result.arrived for result in results]))
+
+
+def learning_seconds(scenario: Scenario) -> float:
+    """Return the seconds of processor time of one learning run of the factored learner."""
+    scenario = learner_of("factored").with_defaults(scenario)
+    prepare(scenario, "factored")
+    began = time.process_time()
+    list(run_batch(scenario, "factored", [SEED], trials=0, jobs=1))
+    return time.process_time() - began
 
 
 STUDIES: tuple[Study, ...] = (
