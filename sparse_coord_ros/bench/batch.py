@@ -15,6 +15,7 @@ from functools import partial
 from pathlib import Path
 from typing import Protocol
 
+from sparse_coord_ros.core.learners import learner_of
 from sparse_coord_ros.core.scenario import Scenario, load_scenario
 from sparse_coord_ros.core.simulation import learn
 from sparse_coord_ros.engine.batch import run_batch
@@ -68,6 +69,7 @@ class BatchFigures:
 
     Attributes:
         scenario: the scenario's name.
+        learner: the learner's name in files.
         steps: transitions of a learning run.
         runs: learning runs of a measurement (of plain Python: at most `PYTHON_RUNS`).
         cores: cores that this process may use.
@@ -79,6 +81,7 @@ class BatchFigures:
     """
 
     scenario: str
+    learner: str
     steps: int
     runs: int
     cores: int
@@ -100,8 +103,9 @@ def measure(
     runs: int,
     repeats: int,
     rivals: Sequence[tuple[str, Callable[[Scenario], Rival]]] = (),
+    learner: str = LEARNER,
 ) -> BatchFigures:
-    """Measure learning runs of Coop. in a process of its own.
+    """Measure learning runs in a process of its own.
 
     Args:
         name: a scenario's name.
@@ -109,8 +113,9 @@ def measure(
         runs: runs of a measurement.
         repeats: how often each figure is measured, all figures in turn.
         rivals: names of others, and what makes them of a scenario, or raises `RunError`.
+        learner: whose learning.
     """
-    [figures] = in_processes(measure_here, [(name, steps, runs, repeats, rivals)], 1)
+    [figures] = in_processes(measure_here, [(name, steps, runs, repeats, rivals, learner)], 1)
     return figures
 
 
@@ -120,19 +125,21 @@ def measure_here(
     runs: int,
     repeats: int,
     rivals: Sequence[tuple[str, Callable[[Scenario], Rival]]] = (),
+    learner: str = LEARNER,
 ) -> BatchFigures:
     """Measure in this process; see `measure`."""
     scenario = load_scenario(name).with_settings({"steps": steps})
+    scenario = learner_of(learner).with_defaults(scenario)
     cores = len(os.sched_getaffinity(0))
     threads = sorted({cores, 1}, reverse=True)
     ways: dict[tuple[str, int], Callable[[], float]] = {}
     missing: dict[tuple[str, int], str] = {}
     ready_seconds = peak_memory = None
     if has_numba():
-        ready_seconds = _ready_seconds(scenario)
-        _engine_rate(scenario, runs, cores)
+        ready_seconds = _ready_seconds(scenario, learner)
+        _engine_rate(scenario, learner, runs, cores)
         peak_memory = _peak_memory()  # before anything else takes more
-        ways |= {(ENGINE, n): partial(_engine_rate, scenario, runs, n) for n in threads}
+        ways |= {(ENGINE, n): partial(_engine_rate, scenario, learner, runs, n) for n in threads}
     else:
         missing |= {(ENGINE, n): "numba is not installed" for n in threads}
     for rival, make in rivals:
@@ -141,7 +148,7 @@ def measure_here(
             ways |= {(rival, n): partial(other.rate, runs, n) for n in threads}
         except RunError as error:
             missing |= {(rival, n): str(error) for n in threads}
-    ways[PYTHON, 1] = partial(_python_rate, scenario, min(runs, PYTHON_RUNS))
+    ways[PYTHON, 1] = partial(_python_rate, scenario, learner, min(runs, PYTHON_RUNS))
     rates: dict[tuple[str, int], list[float]] = {way: [] for way in ways}
     for _ in range(repeats):
         for way, rate in ways.items():
@@ -151,28 +158,28 @@ def measure_here(
         Figure(*way, tuple(rates.get(way, ())), missing.get(way, ""))
         for way in [*order, (PYTHON, 1)]
     )
-    return BatchFigures(name, steps, runs, cores, ready_seconds, peak_memory, figures)
+    return BatchFigures(name, learner, steps, runs, cores, ready_seconds, peak_memory, figures)
 
 
-def _ready_seconds(scenario: Scenario) -> float:
+def _ready_seconds(scenario: Scenario, learner: str) -> float:
     """Return how long the first run takes: little else than making the loops ready."""
     short = scenario.with_settings({"steps": 1})
     started = time.perf_counter()
-    list(run_batch(short, LEARNER, [0], trials=0, engine="numba", jobs=1))
+    list(run_batch(short, learner, [0], trials=0, engine="numba", jobs=1))
     return time.perf_counter() - started
 
 
-def _engine_rate(scenario: Scenario, runs: int, threads: int) -> float:
+def _engine_rate(scenario: Scenario, learner: str, runs: int, threads: int) -> float:
     started = time.perf_counter()
-    for _ in run_batch(scenario, LEARNER, range(runs), trials=0, engine="numba", jobs=threads):
+    for _ in run_batch(scenario, learner, range(runs), trials=0, engine="numba", jobs=threads):
         pass
     return agent_steps_rate(scenario, runs, started)
 
 
-def _python_rate(scenario: Scenario, runs: int) -> float:
+def _python_rate(scenario: Scenario, learner: str, runs: int) -> float:
     started = time.perf_counter()
     for seed in range(runs):
-        learn(scenario, LEARNER, seed)
+        learn(scenario, learner, seed)
     return agent_steps_rate(scenario, runs, started)
 
 

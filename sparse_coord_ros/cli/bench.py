@@ -13,6 +13,7 @@ from typing import Any
 
 from sparse_coord_ros.bench import batch
 from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.core.learners import learner_of
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.settings import Setting
 from sparse_coord_ros.core.simulation import learn
@@ -138,7 +139,8 @@ def batch_table(figures: batch.BatchFigures, rival: str = "") -> str:
             share = f"{median / other:.0%}"
         spread = f"{_millions(min(rates))} to {_millions(max(rates))}"
         rows.append([name, _millions(median), spread, _millions(median / figure.threads), share])
-    title = f"{figures.scenario}, Coop., {figures.runs} runs of {figures.steps} steps"
+    who = learner_of(figures.learner).title or figures.learner.rpartition(":")[2]
+    title = f"{figures.scenario}, {who}, {figures.runs} runs of {figures.steps} steps"
     head = [title, "M agent-steps/s", "range", "per core", f"of the {rival}"]
     if figures.ready_seconds is not None and figures.peak_memory is not None:
         notes.append(

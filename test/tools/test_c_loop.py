@@ -17,8 +17,8 @@ from sparse_coord_ros.engine.batch import make_problem
 from sparse_coord_ros.engine.compiled import has_numba
 from sparse_coord_ros.errors import RunError
 from tools.c_loop import loop
-from tools.c_loop.__main__ import main
-from tools.c_loop.loop import CLoop
+from tools.c_loop.__main__ import MEASURED, main
+from tools.c_loop.loop import CLoop, FactoredCLoop
 
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
 SHORT = ["--steps", "100", "--runs", "2", "--repeats", "1"]
@@ -49,6 +49,31 @@ def test_c_loop_learns_the_same_bits(name, settings):
     c_loop = CLoop(scenario)
     for seed in (0, 7):
         assert tables_equal(c_loop.learn(c_loop.sources(seed)), learn(scenario, "coop", seed))
+
+
+@needs_compiler
+@pytest.mark.parametrize(
+    ("name", "settings", "learner"),
+    [
+        ("env1", {"steps": 2000}, "factored"),
+        ("env2-4r", {"steps": 1200}, "tools.coordination.rules:FiveReplays"),
+        (
+            "env2-4r",
+            {"steps": 1200, "perception": "probability:0.7", "credit": "team", "referee": "off"},
+            "factored",
+        ),
+        (
+            "env2-2r",
+            {"steps": 1500, "perception": "range:3", "conflict": "any_doorway"},
+            "factored",
+        ),
+    ],
+)
+def test_the_c_loop_of_the_factored_learner_learns_the_same_bits(name, settings, learner):
+    rule = learner_of(learner)
+    scenario = rule.with_defaults(load_scenario(name).with_settings({"penalty": -50, **settings}))
+    c_loop = FactoredCLoop(scenario, rule)
+    assert tables_equal(c_loop.learn(c_loop.sources(7)), learn(scenario, rule, 7))
 
 
 @needs_compiler
@@ -85,7 +110,8 @@ def test_compiler_that_fails(monkeypatch):
 @pytest.mark.skipif(not has_numba(), reason="numba is not installed")
 def test_beside_the_engine(capsys):
     assert main([*SHORT, "--json"]) == 0
-    data = json.loads(capsys.readouterr().out)
+    data, *others = json.loads(capsys.readouterr().out)
+    assert [one["learner"] for one in others] == [learner for _, learner, _ in MEASURED[1:]]
     medians = {(f["name"], f["threads"]): f["agent_steps_per_second"] for f in data["figures"]}
     cores = data["cores"]
     [engine], [c_loop] = medians[batch.ENGINE, cores], medians[CLoop.name, cores]
@@ -96,8 +122,8 @@ def test_beside_the_engine(capsys):
 
 
 def test_without_numba_and_compiler(capsys, monkeypatch):
-    def measure(name, *, steps, runs, repeats, rivals):
-        return batch.measure_here(name, steps, runs, repeats, rivals)
+    def measure(name, *, steps, runs, repeats, rivals, learner):
+        return batch.measure_here(name, steps, runs, repeats, rivals, learner)
 
     monkeypatch.setattr(batch, "measure", measure)
     monkeypatch.setattr(batch, "has_numba", lambda: False)
@@ -105,8 +131,8 @@ def test_without_numba_and_compiler(capsys, monkeypatch):
     assert main(SHORT) == 0
     out = capsys.readouterr().out
     assert out.splitlines()[0].endswith("of the plain C loop")
-    assert out.count("plain C loop: there is no C compiler (no_such_compiler)") == 1
-    (row,) = [line for line in out.splitlines() if line.startswith("plain Python")]
-    assert row.split()[-1] == "-"
+    assert out.count("plain C loop: there is no C compiler (no_such_compiler)") == len(MEASURED)
+    rows = [line for line in out.splitlines() if line.startswith("plain Python")]
+    assert [row.split()[-1] for row in rows] == ["-"] * len(MEASURED)
     assert main(["--steps", "99"]) == 2
     assert "from 100 to" in capsys.readouterr().err

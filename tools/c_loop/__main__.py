@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Part of `make bench`: measure the batch engine on env1, beside a plain C loop of the same work.
+"""Part of `make bench`: measure the batch engine beside plain C loops of the same work.
 
 `python -m tools.c_loop --runs 100 --repeats 1`, in a checkout.
 """
@@ -8,12 +8,23 @@
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict
+from functools import partial
 
 from sparse_coord_ros.bench import batch
 from sparse_coord_ros.cli import bench
 from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.core.learners import learner_of
+from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.errors import EXIT_BAD_INPUT, SparseCoordError
-from tools.c_loop.loop import CLoop
+from tools.c_loop.loop import CLoop, FactoredCLoop
+
+MEASURED = (
+    (bench.SCENARIO, "coop", 1.0),
+    (bench.SCENARIO, "factored", 0.5),
+    (bench.SCENARIO, "tools.coordination.rules:NoReplay", 0.5),
+    ("crowd-8r", "factored", 0.1),
+)
+"""Scenario, learner, and how many of the runs that were asked for."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -25,13 +36,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except SparseCoordError as error:
         print(f"error: {error}", file=sys.stderr)
         return EXIT_BAD_INPUT
-    rivals = [(CLoop.name, CLoop)]
-    figures = batch.measure(bench.SCENARIO, steps=steps, runs=runs, repeats=repeats, rivals=rivals)
+    measured = []
+    for scenario, learner, factor in MEASURED:
+        figures = batch.measure(
+            scenario,
+            steps=steps,
+            runs=max(2, int(runs * factor)),
+            repeats=repeats,
+            rivals=[(CLoop.name, partial(_rival, learner))],
+            learner=learner,
+        )
+        measured.append({**asdict(figures), "engine_to_c": figures.against(CLoop.name)})
+        if not as_json:
+            print(bench.batch_table(figures, CLoop.name), end="\n\n", flush=True)
     if as_json:
-        shared.print_json({**asdict(figures), "engine_to_c": figures.against(CLoop.name)})
-    else:
-        print(bench.batch_table(figures, CLoop.name))
+        shared.print_json(measured)
     return 0
+
+
+def _rival(learner: str, scenario: Scenario) -> CLoop:
+    """Return the C loop of a learner."""
+    rule = learner_of(learner)
+    return CLoop(scenario) if rule.factors is None else FactoredCLoop(scenario, rule)
 
 
 if __name__ == "__main__":

@@ -12,9 +12,9 @@
 enum { PRIMITIVES = 4, COORDINATE = 4, ACTIONS = 5, EPISODE_GAP = 2, NO_ROW = -1 };
 enum { EXPLORE, EXPLORED_ACTION, TIE, PRIMITIVE_TIE, PEER, POLICY_DRAWS };
 
-// A scenario; bench/batch.py declares the same fields. k is a robot, x its cell.
+// A scenario; loop.py declares the same fields. k is a robot, x its cell.
 struct problem {
-    int32_t team, cells, most_start_cells, budget, max_steps, any_doorway;
+    int32_t team, cells, most_start_cells, budget, max_steps, any_doorway, fails;
     const int32_t *starts;         // [k]
     const int32_t *goals;          // [k]
     const int32_t *next_cell;      // [x][action]
@@ -55,13 +55,15 @@ static inline double uniform(struct pcg64 *source)
     return (double)(bits >> 11) * (1.0 / 9007199254740992.0);
 }
 
-static inline void draw(struct robot *robots, int team)
+// The draws of a time step; those of percepts that cannot fail are looked at by nobody.
+static inline void draw(const struct problem *problem, struct robot *robots, int team)
 {
     for (struct robot *robot = robots; robot < robots + team; robot++) {
         for (int i = 0; i < POLICY_DRAWS; i++)
             robot->policy[i] = uniform(&robot->policy_source);
         robot->motion = uniform(&robot->motion_source);
-        robot->percept = uniform(&robot->percept_source);
+        if (problem->fails)
+            robot->percept = uniform(&robot->percept_source);
         robot->start[0] = uniform(&robot->start_source);
         robot->start[1] = uniform(&robot->start_source);
     }
@@ -223,12 +225,12 @@ int learn_run(const struct problem *problem, const uint64_t *sources, double *q_
         robot->coord_updates = robot->star_updates + stars;
     }
 
-    draw(robots, team);  // time step 0 is never played
+    draw(problem, robots, team);  // time step 0 is never played
     bool placed = false;
     int64_t episode_start = 0;
     int64_t step = 0;
     for (int32_t done = 0; done < problem->budget; done++) {
-        draw(robots, team);
+        draw(problem, robots, team);
         step++;
         int32_t scheduled = step < problem->budget ? (int32_t)step : problem->budget;
         if (!placed) {
@@ -249,7 +251,7 @@ int learn_run(const struct problem *problem, const uint64_t *sources, double *q_
         }
         if (over || step + 1 - episode_start >= problem->max_steps) {
             for (int i = 0; i < EPISODE_GAP; i++)
-                draw(robots, team);
+                draw(problem, robots, team);
             step += EPISODE_GAP;
             placed = false;
         }

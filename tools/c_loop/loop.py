@@ -1,34 +1,46 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The plain C loop: compiles loop.c and learns with it."""
+"""The plain C loops: compile loop.c and factored.c and learn with them."""
 
 import ctypes
 import shutil
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from sparse_coord_ros.bench.batch import LEARNER, agent_steps_rate
 from sparse_coord_ros.core.agent import Tables
 from sparse_coord_ros.core.algorithm import ACTIONS, PRIMITIVES
-from sparse_coord_ros.core.learners import learner_of
+from sparse_coord_ros.core.factors import coordination_table, sorted_factors
+from sparse_coord_ros.core.learners import Learner, learner_of
 from sparse_coord_ros.core.scenario import Scenario
-from sparse_coord_ros.core.streams import LEARNING, MOTION, PERCEPT, POLICY, START, bit_generator
+from sparse_coord_ros.core.streams import (
+    BLIND,
+    LEARNING,
+    MOTION,
+    PERCEPT,
+    POLICY,
+    REPLAY,
+    START,
+    bit_generator,
+)
 from sparse_coord_ros.engine.batch import make_problem
 from sparse_coord_ros.errors import RunError
 
 SOURCE = Path(__file__).parent / "loop.c"
+FACTORED_SOURCE = Path(__file__).parent / "factored.c"
 COMPILER = "cc"
 # No contraction: a fused multiply-add would round differently from NumPy and numba.
 FLAGS = ("-O3", "-march=native", "-ffp-contract=off", "-shared", "-fPIC")
 
 _SIZES = ("team", "cells", "most_start_cells")
-_INTEGERS = ("budget", "max_steps", "any_doorway")
+_INTEGERS = ("budget", "max_steps", "any_doorway", "fails")
 _ARRAYS = (
     ("starts", np.int32),
     ("goals", np.int32),
@@ -57,8 +69,23 @@ class _Problem(ctypes.Structure):
     ]
 
 
-ROLES = (POLICY, MOTION, PERCEPT, START)
-"""The streams that the C loop draws from, in its order."""
+def _problem(scenario: Scenario, learner: Learner) -> tuple[dict[str, np.ndarray], _Problem]:
+    """Return a scenario as the C code has it, and the arrays that it only points to: keep them."""
+    problem = make_problem(scenario, learner, np.arange(len(scenario.robots)))
+    sizes = (len(problem.starts), len(problem.doorway), problem.start_cells.shape[1])
+    arrays = {
+        name: np.ascontiguousarray(getattr(problem, name), dtype=dtype) for name, dtype in _ARRAYS
+    }
+    fails = bool((problem.percept < 1.0).any())
+    integers = {name: getattr(problem, name) for name in _INTEGERS if name != "fails"}
+    return arrays, _Problem(
+        **dict(zip(_SIZES, sizes, strict=True)),
+        **{name: getattr(scenario, name) for name in _INITIAL},
+        **integers,
+        fails=fails,
+        **{name: getattr(problem, name) for name in _NUMBERS},
+        **{name: array.ctypes.data for name, array in arrays.items()},
+    )
 
 
 class CLoop:
@@ -72,24 +99,14 @@ class CLoop:
     """
 
     name = "plain C loop"
+    roles = (POLICY, MOTION, PERCEPT, START)
+    """The streams that it draws from, in its order."""
 
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
-        self._learn_run = _compiled_loop()
-        problem = make_problem(scenario, learner_of(LEARNER), np.arange(len(scenario.robots)))
-        sizes = (len(problem.starts), len(problem.doorway), problem.start_cells.shape[1])
-        initial = {name: getattr(scenario, name) for name in _INITIAL}
-        # Kept: the structure only points to them.
-        self._arrays = {
-            name: np.ascontiguousarray(getattr(problem, name), dtype=dtype)
-            for name, dtype in _ARRAYS
-        }
-        self._problem = _Problem(
-            **dict(zip(_SIZES, sizes, strict=True)),
-            **initial,
-            **{name: getattr(problem, name) for name in _INTEGERS + _NUMBERS},
-            **{name: array.ctypes.data for name, array in self._arrays.items()},
-        )
+        kinds = [ctypes.POINTER(_Problem), *[ctypes.c_void_p] * 3]
+        self._learn_run = _compiled_loop(SOURCE, "learn_run", kinds)
+        self._arrays, self._problem = _problem(scenario, learner_of(LEARNER))
 
     def sources(self, seed: int) -> np.ndarray:
         """Return the random generators of a run.
@@ -98,10 +115,10 @@ class CLoop:
         """
         words = []
         for k in range(len(self.scenario.robots)):
-            for role in ROLES:
+            for role in self.roles:
                 state = bit_generator(seed, k, role, LEARNING).state["state"]
                 words += [divmod(state[part], 2**64) for part in ("state", "inc")]
-        return np.array(words, dtype=np.uint64).reshape(-1, len(ROLES), 4)
+        return np.array(words, dtype=np.uint64).reshape(-1, len(self.roles), 4)
 
     def rate(self, runs: int, threads: int) -> float:
         """Learn some runs and return the agent-steps a second.
@@ -137,22 +154,81 @@ class CLoop:
         return [Tables(*tables) for tables in zip(q_star, q_coord, strict=True)]
 
 
-def _compiled_loop() -> Callable[..., int]:
+class _Rule(ctypes.Structure):
+    """`struct rule` of factored.c."""
+
+    _fields_ = [
+        ("common_weight", ctypes.c_double),
+        *((name, ctypes.c_int32) for name in ("replays", "share", "percept_update", "referee")),
+    ]
+
+
+class FactoredCLoop(CLoop):
+    """factored.c, compiled for this machine: learns in factors, the same bits as `learn`.
+
+    Args:
+        scenario: the problem, with the learner's defaults: two robots or more.
+        learner: one that learns in factors.
+
+    Raises:
+        RunError: there is no C compiler, or it fails.
+    """
+
+    roles = (POLICY, MOTION, PERCEPT, START, REPLAY, BLIND)
+
+    def __init__(self, scenario: Scenario, learner: Learner) -> None:
+        assert learner.factors is not None
+        self.scenario = scenario
+        rule = learner.factors
+        kinds = [ctypes.POINTER(_Problem), ctypes.POINTER(_Rule), *[ctypes.c_void_p] * 6]
+        self._learn_run = _compiled_loop(FACTORED_SOURCE, "learn_run_factored", kinds)
+        self._arrays, self._problem = _problem(scenario, learner)
+        self._rule = _Rule(
+            learner.weights(scenario).common,
+            rule.replays,
+            rule.share,
+            rule.percept_update,
+            scenario.referee,
+        )
+
+    def learn(self, sources: np.ndarray) -> list[Tables]:
+        """Learn once; as of `CLoop.learn`."""
+        team, cells = len(self.scenario.robots), len(self.scenario.map.cells)
+        q_star = np.empty((team, cells, len(ACTIONS)))
+        u, r_bar = np.zeros((2, team, cells, PRIMITIVES))
+        w = np.zeros((team, cells))
+        seen = cells * team * cells
+        rho = np.zeros((team, seen + cells, PRIMITIVES))
+        filled = [array.ctypes.data for array in (q_star, u, r_bar, w, rho)]
+        if self._learn_run(
+            ctypes.byref(self._problem), ctypes.byref(self._rule), sources.ctypes.data, *filled
+        ):
+            raise MemoryError("not enough memory for the counters of factored.c")
+        keys = np.arange(seen + cells)  # as of `core.factors`: failed percepts last
+        tables = []
+        for k in range(team):
+            factors = sorted_factors(u[k], r_bar[k], w[k], keys, rho[k], team)
+            tables.append(Tables(q_star[k], coordination_table(factors, k, team), factors))
+        return tables
+
+
+def _compiled_loop(source: Path, function: str, kinds: Sequence[Any]) -> Callable[..., int]:
+    """Compile a file and return one of its functions, which takes such arguments."""
     compiler = shutil.which(COMPILER)
     if compiler is None:
         raise RunError(f"there is no C compiler ({COMPILER}); install one, e.g. gcc")
     with tempfile.TemporaryDirectory(prefix="sparse_coord_bench_") as folder:
         library = Path(folder) / "loop.so"
         done = subprocess.run(
-            [compiler, *FLAGS, "-o", str(library), str(SOURCE)],
+            [compiler, *FLAGS, "-o", str(library), str(source)],
             capture_output=True,
             text=True,
             check=False,
         )
         if done.returncode:
             first = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[0]
-            raise RunError(f"{compiler} cannot compile {SOURCE}: {first}")
-        learn_run = ctypes.CDLL(str(library)).learn_run
-    learn_run.argtypes = [ctypes.POINTER(_Problem), *[ctypes.c_void_p] * 3]
-    learn_run.restype = ctypes.c_int
-    return learn_run
+            raise RunError(f"{compiler} cannot compile {source}: {first}")
+        loop: Callable[..., int] = getattr(ctypes.CDLL(str(library)), function)
+    loop.argtypes = list(kinds)  # type: ignore[attr-defined]
+    loop.restype = ctypes.c_int  # type: ignore[attr-defined]
+    return loop
