@@ -295,7 +295,7 @@ def test_frames_of_experiments():
 def test_an_experiment_by_name(tmp_path):
     assert "table1" in sc.experiment_names()
     done = sc.run_experiment("table1", runs=1, trials=1, out=tmp_path / "r", report=True)
-    assert len(done) == 9
+    assert len(done) == 12
     assert (tmp_path / "r/reproduction.md").exists()
 
 

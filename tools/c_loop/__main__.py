@@ -13,10 +13,8 @@ from functools import partial
 from sparse_coord_ros.bench import batch
 from sparse_coord_ros.cli import bench
 from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.core.learners import learner_of
-from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.errors import EXIT_BAD_INPUT, SparseCoordError
-from tools.c_loop.loop import CLoop, FactoredCLoop
+from tools.c_loop.loop import CLoop, c_loop_of
 
 MEASURED = (
     (bench.SCENARIO, "coop", 1.0),
@@ -43,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             steps=steps,
             runs=max(2, int(runs * factor)),
             repeats=repeats,
-            rivals=[(CLoop.name, partial(_rival, learner))],
+            rivals=[(CLoop.name, partial(c_loop_of, learner))],
             learner=learner,
         )
         measured.append({**asdict(figures), "engine_to_c": figures.against(CLoop.name)})
@@ -52,12 +50,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if as_json:
         shared.print_json(measured)
     return 0
-
-
-def _rival(learner: str, scenario: Scenario) -> CLoop:
-    """Return the C loop of a learner."""
-    rule = learner_of(learner)
-    return CLoop(scenario) if rule.factors is None else FactoredCLoop(scenario, rule)
 
 
 if __name__ == "__main__":

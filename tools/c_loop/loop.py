@@ -212,6 +212,12 @@ class FactoredCLoop(CLoop):
         return tables
 
 
+def c_loop_of(learner: str, scenario: Scenario) -> CLoop:
+    """Return the C loop of a learner, as of `CLoop`."""
+    rule = learner_of(learner)
+    return CLoop(scenario) if rule.factors is None else FactoredCLoop(scenario, rule)
+
+
 def _compiled_loop(source: Path, function: str, kinds: Sequence[Any]) -> Callable[..., int]:
     """Compile a file and return one of its functions, which takes such arguments."""
     compiler = shutil.which(COMPILER)

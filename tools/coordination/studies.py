@@ -19,7 +19,7 @@ from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.engine.batch import prepare, run_batch
 from sparse_coord_ros.engine.conditions import Condition, make_condition
 from sparse_coord_ros.engine.experiments import CLOSE, LARGE, LONG, SMALL
-from sparse_coord_ros.engine.report.analysis import gap_closed
+from sparse_coord_ros.engine.report.analysis import gap_closed, paired
 from sparse_coord_ros.engine.report.text import Row, percent, size, to_markdown, with_error
 from sparse_coord_ros.engine.results import ConditionResult
 
@@ -116,6 +116,26 @@ def _pairs(found: Found) -> str:
     return to_markdown(rows)
 
 
+FREE: Mapping[str, object] = {**LONG, "penalty": 0}
+
+
+def _fall(found: Found) -> str:
+    rows: list[Row] = []
+    for name in CLOSE:
+        row: dict[str, str | None] = {"scenario": name}
+        bounds = [_bound(_factored(name, settings)) for settings in (FREE, LONG)]
+        bound = (bounds[0] or np.nan) - (bounds[1] or np.nan)
+        for who in ("factored", "coop", "noncoop"):
+            first, last = (found(make_condition(name, who, settings)) for settings in (FREE, LONG))
+            fall = paired(first.run_means("reward") - last.run_means("reward"))
+            row[f"{who} falls by"] = with_error(fall)
+            if who == "factored":
+                row["class bound falls by"] = f"{bound:.2f}"
+                row["times as much"] = f"{fall.mean / bound:.2f}"
+        rows.append(row)
+    return to_markdown(rows)
+
+
 def _paper(found: Found) -> str:
     rows: list[Row] = []
     for name in SMALL + LARGE:
@@ -160,7 +180,7 @@ def _many(found: Found) -> str:
                 "coop": _reward(coop),
                 "Non-coop.": _reward(base),
                 "planner with routes": f"{ROUTES[name]:.2f}",
-                "bytes of rho a robot": size(result.visited_bytes),
+                "bytes of rho": size(result.visited_bytes),
             }
         )
     return to_markdown(rows)
@@ -366,6 +386,18 @@ STUDIES: tuple[Study, ...] = (
         _pairs,
     ),
     Study(
+        "fall",
+        (200, 100),
+        2,
+        [
+            make_condition(name, who, settings)
+            for name in CLOSE
+            for who in ("factored", "coop", "noncoop")
+            for settings in (FREE, LONG)
+        ],
+        _fall,
+    ),
+    Study(
         "many",
         (200, 100),
         300,
@@ -385,15 +417,15 @@ STUDIES: tuple[Study, ...] = (
     ),
     Study(
         "ablation",
-        (60, 24),
+        (40, 16),
         200,
         [one for name in ABLATION for one in _varied(name).values()],
         _ablation,
     ),
-    Study("credit", (60, 24), 200, _credit_conditions(), _credit),
+    Study("credit", (40, 16), 200, _credit_conditions(), _credit),
     Study(
         "percepts",
-        (60, 24),
+        (40, 16),
         200,
         [
             make_condition(name, who, settings)
