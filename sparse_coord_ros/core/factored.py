@@ -30,6 +30,7 @@ from sparse_coord_ros.core.factors import (
     states_of,
     unseen_key,
 )
+from sparse_coord_ros.core.links import PerceptStream
 from sparse_coord_ros.core.perception import percept_probabilities
 from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.streams import (
@@ -37,7 +38,6 @@ from sparse_coord_ros.core.streams import (
     BLIND_ACTION,
     BLIND_EXPLORE,
     LEARNING,
-    PERCEPT,
     REPLAY,
     Stream,
 )
@@ -145,7 +145,7 @@ class FactoredAgent(Agent):
         self._counts: dict[int, list[int]] = {}
         self._by_count = self._step_sizes.by_count.tolist()
         self._floor = self._step_sizes.by_step.tolist()
-        self._percepts = Stream(seed, number, PERCEPT, phase)
+        self._percepts = PerceptStream(scenario.link, seed, number, phase)
         self._probabilities = percept_probabilities(scenario.perception, scenario.map).tolist()
         self._replays = Stream(seed, number, REPLAY, phase)
         self._blind = Stream(seed, number, BLIND, phase)

@@ -11,6 +11,7 @@ from typing import Any
 import yaml
 
 from sparse_coord_ros.core.grid import UNREACHABLE, GridMap, load_map, parse_map
+from sparse_coord_ros.core.links import LINKS
 from sparse_coord_ros.core.perception import PERCEPTION
 from sparse_coord_ros.core.schedules import EPSILON, STARTS, STEP_SIZE
 from sparse_coord_ros.core.settings import Setting, SettingTable
@@ -76,6 +77,13 @@ SETTINGS = SettingTable(
             choices=("same_cell", "any_doorway"),
         ),
         Setting("perception", PERCEPTION, "always", "when the percept of COORDINATE succeeds"),
+        Setting(
+            "link",
+            LINKS,
+            "up",
+            "when a robot's COORDINATE gets no answer: lost, late or refused",
+            neutral="up",
+        ),
         Setting(
             "peers",
             str,
@@ -160,6 +168,7 @@ class Scenario:
     move_success: float
     conflict: str
     perception: Spec
+    link: Spec
     peers: str
     max_steps: int
     horizon: int

@@ -11,10 +11,11 @@ from sparse_coord_ros.core.agent import Agent, Decision, Memory, Tables
 from sparse_coord_ros.core.factors import AdditiveTable
 from sparse_coord_ros.core.history import History, HistoryRecorder, concatenated
 from sparse_coord_ros.core.learners import Learner, learner_of
+from sparse_coord_ros.core.links import PerceptStream
 from sparse_coord_ros.core.perception import percept_probabilities
 from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.sparse import SparseTable
-from sparse_coord_ros.core.streams import LEARNING, PERCEPT, Stream
+from sparse_coord_ros.core.streams import LEARNING
 from sparse_coord_ros.core.world import Action, Position, StepOutcome, World
 
 Choice = tuple[int, Decision, Action, tuple[int, ...] | None]
@@ -36,7 +37,9 @@ class Team:
     ) -> None:
         self.agents = agents
         self._of = {agent.number: agent for agent in agents}
-        self._percepts = [Stream(seed, agent.number, PERCEPT, phase) for agent in agents]
+        self._percepts = [
+            PerceptStream(scenario.link, seed, agent.number, phase) for agent in agents
+        ]
         self._probabilities = percept_probabilities(scenario.perception, scenario.map).tolist()
 
     def act(self, world: World) -> tuple[list[Choice | None], list[Action | None]]:

@@ -29,6 +29,7 @@ from sparse_coord_ros.core.factors import (
 )
 from sparse_coord_ros.core.history import History, concatenated
 from sparse_coord_ros.core.learners import Learner, learner_of
+from sparse_coord_ros.core.links import UP, link_of
 from sparse_coord_ros.core.perception import percept_probabilities
 from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.schedules import exploration, exploring_starts, step_sizes
@@ -489,7 +490,8 @@ class CompiledTeam:
         the time step `first`.
         """
         team = len(problem.starts)
-        fails = bool(team == 1 or (problem.percept < 1.0).any())
+        links = [link_of(self.scenario.link, seed, k, phase) for k in range(team)]
+        fails = bool(team == 1 or (problem.percept < 1.0).any() or self.scenario.link != UP)
         looked_at = {
             POLICY: True,
             MOTION: True,
@@ -525,6 +527,8 @@ class CompiledTeam:
             np.array(parts),
             NEXT_DOUBLE,
             self._stop,
+            np.array([link.pattern for link in links]),
+            links[0].dead_from,
         )
 
 

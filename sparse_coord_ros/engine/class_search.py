@@ -30,6 +30,7 @@ from sparse_coord_ros.core.class_bound import (
     game_digest,
 )
 from sparse_coord_ros.core.grid import MOVES
+from sparse_coord_ros.core.links import check_up
 from sparse_coord_ros.core.perception import percept_probabilities
 from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.engine import class_loops
@@ -131,6 +132,7 @@ def _game(scenario: Scenario, weights: tuple[float, float]) -> Game:
     """Return the game; the weights say how much each robot's reward counts."""
     grid = scenario.map
     cells = len(grid.cells)
+    check_up(scenario.link, "class bound")
     percept = percept_probabilities(scenario.perception, grid)
     doors = sorted(grid.doorways)
     toll = np.zeros((cells, cells))

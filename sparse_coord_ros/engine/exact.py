@@ -20,6 +20,7 @@ from sparse_coord_ros.core.agent import Agent, Tables
 from sparse_coord_ros.core.algorithm import COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.evaluation import Measure, acting_on, check_tables
 from sparse_coord_ros.core.learners import Learner, learner_of
+from sparse_coord_ros.core.links import check_up
 from sparse_coord_ros.core.perception import percept_probabilities
 from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.streams import EVALUATION
@@ -200,6 +201,7 @@ def _policies(
         (2, cells, peer's cells, moves): without asking, and together with asking. The second's
         sum over asking and moves is 1.
     """
+    check_up(scenario.link, "exact evaluation")
     percepts = percept_probabilities(scenario.perception, scenario.map)
     cells = len(scenario.map.cells)
     asking, moves = [], []

@@ -33,6 +33,7 @@ from sparse_coord_ros.core.factors import (
     replay,
     unseen_key,
 )
+from sparse_coord_ros.core.links import LOST
 from sparse_coord_ros.core.streams import (
     BLIND_ACTION,
     BLIND_EXPLORE,
@@ -217,6 +218,9 @@ class Draws(NamedTuple):
         next_double: NumPy's C function that makes a generator's next draw in [0, 1), from the
             state's address.
         stop: its one entry is set where nobody waits for the result any more.
+        down: when each robot's link is down, [k, time step modulo its length]; no columns where
+            links have no pattern.
+        dead_from: the time step from which all links are down.
     """
 
     policy: np.ndarray
@@ -230,6 +234,8 @@ class Draws(NamedTuple):
     parts: np.ndarray
     next_double: Callable[[int], float]
     stop: np.ndarray
+    down: np.ndarray
+    dead_from: int
 
 
 class Record(NamedTuple):
@@ -258,6 +264,13 @@ def draw(game: Game, draws: Draws) -> None:
             draws.values[i] = draws.next_double(state)
     game.clock[FIRST] = game.clock[END]
     game.clock[END] += draws.policy.shape[1]
+    period = draws.down.shape[1]
+    if period > 0 or draws.dead_from < game.clock[END]:
+        for now in range(draws.percept.shape[1]):
+            step = game.clock[FIRST] + now
+            for k in range(draws.percept.shape[0]):
+                if step >= draws.dead_from or (period > 0 and draws.down[k, step % period]):
+                    draws.percept[k, now] = LOST
 
 
 def place(problem: CompiledScenario, game: Game, draws: Draws) -> None:

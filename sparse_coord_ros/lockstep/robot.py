@@ -13,9 +13,9 @@ from typing import NamedTuple, Protocol
 from sparse_coord_ros.core.agent import Agent, Decision, Memory
 from sparse_coord_ros.core.algorithm import COORDINATE
 from sparse_coord_ros.core.frame import Account
+from sparse_coord_ros.core.links import PerceptStream
 from sparse_coord_ros.core.perception import percept_probabilities
 from sparse_coord_ros.core.run_config import RunConfig
-from sparse_coord_ros.core.streams import PERCEPT, Stream
 from sparse_coord_ros.core.wire import (
     ANSWERED,
     LATE,
@@ -157,7 +157,9 @@ class RobotSide:
         self._cell = -1
         self._episode_start = NO_STEP
         self._transitions = 0
-        self._percepts = [Stream(run.seed, k, PERCEPT) for k in range(len(run.scenario.robots))]
+        self._percepts = [
+            PerceptStream(run.scenario.link, run.seed, k) for k in range(len(run.scenario.robots))
+        ]
         self._probabilities = percept_probabilities(
             run.scenario.perception, run.scenario.map
         ).tolist()

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from sparse_coord_ros.core.frame import Frame
+from sparse_coord_ros.core.links import LOST, link_of
 from sparse_coord_ros.core.perception import percept_probabilities
 from sparse_coord_ros.core.streams import PERCEPT as PERCEPT_ROLE
 from sparse_coord_ros.core.wire import (
@@ -53,8 +54,9 @@ class _Judge:
         for k in self.robots:
             asked = set(log.step[log.asked[:, k]].tolist()) | set(steps[k])
             wanted = np.array(sorted(step for step in asked if step >= 0), dtype=np.int64)
-            values = draws_at(log.run.seed, k, PERCEPT_ROLE, wanted)[:, 0].tolist()
-            self.draws.append(dict(zip(wanted.tolist(), values, strict=True)))
+            values = draws_at(log.run.seed, k, PERCEPT_ROLE, wanted)[:, 0]
+            values[link_of(scenario.link, log.run.seed, k).down(wanted)] = LOST
+            self.draws.append(dict(zip(wanted.tolist(), values.tolist(), strict=True)))
 
     @property
     def robots(self) -> range:

@@ -88,6 +88,9 @@ CASES = [
     ("crowd-3r", "noncoop", {"peers": "all"}),
     ("crowd-3r", "coop", {"peers": "all", "perception": "probability:0.7", "max_steps": 30}),
     ("env2-4r", "coop", {"peers": "all", "common_reward": "each:2:0:1:1", "horizon": 20}),
+    ("env1", "coop", {"link": "lost:0.3"}),
+    ("env2-4r", "coop", {"link": "bursts:0.05:0.2", "perception": "probability:0.7"}),
+    ("crowd-3r", "coop", {"peers": "all", "link": "dead:1500", "max_steps": 30}),
 ]
 
 

@@ -161,6 +161,20 @@ def test_team_in_another_namespace(tmp_path, simulate, assert_same_tables):
     assert_same_tables(tmp_path / "out", said)
 
 
+def test_links_that_fail_fail_alike(tmp_path, simulate, assert_same_tables):
+    """Live, in the simulation and in the log."""
+    settings = {"steps": 120, "epsilon": "constant:0.8", "link": "bursts:0.1:0.2"}
+    said = simulate("env1", settings, seed=SEED)
+    assert any(seen is None for _, seen in said.percepts.values())
+    sets = [f"{name}={value}" for name, value in settings.items()]
+    out = tmp_path / "out"
+    with ros_context() as context:
+        summary = run_team(values(out, "env1", 120, set=sets, record=True), context=context)
+    assert_same_tables(out, said)
+    assert sum(asks["refused"] for asks in summary["asks"].values()) > 5
+    assert verify(out / "bag").same
+
+
 @pytest.mark.parametrize(
     "scenario, learner, settings",
     [
