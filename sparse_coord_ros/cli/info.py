@@ -24,7 +24,7 @@ def execute(options: argparse.Namespace) -> int:
     from sparse_coord_ros.recording.reader import open_bag
 
     bag = open_bag(options.bag)
-    found = _information(bag, recording=not bag.finished and being_recorded(bag.path))
+    found = _information(bag, recording=not bag.finished and being_recorded(bag.files[-1].path))
     if options.json:
         shared.print_json(found)
     else:
@@ -41,6 +41,7 @@ def _information(bag, *, recording: bool) -> dict[str, Any]:
     }
     return {
         "file": str(bag.path),
+        "files": [file.path.name for file in bag.files],
         "bytes": bag.file_bytes,
         "finished": bag.finished,
         "recording": recording,
@@ -74,6 +75,8 @@ def _print(found: dict[str, Any]) -> None:
     from sparse_coord_ros.recording.recover import recovered_text
 
     print(f"{found['file']}: {found['bytes']} bytes, {_state(found)}")
+    if len(found["files"]) > 1:
+        print(f"files: {', '.join(found['files'])}")
     if found["recovered"] is not None:
         print(recovered_text(found["recovered"]))
     if found["run"]:

@@ -108,7 +108,9 @@ def sole_team() -> Iterator[None]:
 def _run_processes(values: dict[str, Any], stop: Stop, quiet: bool) -> dict[str, Any]:
     run = team_run(values)
     check_participants(1 + len(run.scenario.robots) + values["record"])
-    out = create_output(Path(values["out"]))
+    out = Path(values["out"])
+    if not values["resume"]:
+        create_output(out)
     bag = out / BAG_DIRECTORY
     world = {name: values[name] for name in WORLD_PARAMETERS}
     robot = {name: values[name] for name in ROBOT_PARAMETERS}

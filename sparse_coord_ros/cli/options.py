@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from sparse_coord_ros.core.learners import LEARNERS
+from sparse_coord_ros.core.run_config import RUN_SETTINGS
 from sparse_coord_ros.core.scenario import Scenario, load_scenario, scenario_names
 from sparse_coord_ros.core.settings import parse_assignments
 from sparse_coord_ros.errors import EXIT_BAD_INPUT, RunError
@@ -152,6 +153,36 @@ def add_watch(parser: argparse.ArgumentParser) -> None:
         help="show the run on a page in the browser, which stays when it is over",
     )
     add_page(parser)
+
+
+def nothing_else_given(options: argparse.Namespace, verb: str) -> None:
+    """Refuse what would change a run that is resumed.
+
+    Raises:
+        RunError: something is given beside --resume.
+    """
+    given = [
+        name
+        for name, value, default in (
+            ("SCENARIO", options.scenario, None),
+            ("--penalty", options.penalty, None),
+            ("--set", options.assignments, []),
+            ("--steps", options.steps, None),
+            ("--seed", options.seed, str(RUN_SETTINGS["seed"].default)),
+            ("--out", options.out, None),
+            ("--learner", options.learner, RUN_SETTINGS["learner"].default),
+            ("--checkpoint", getattr(options, "checkpoint", None), None),
+            ("--tables", getattr(options, "tables", None), None),
+            ("--greedy", getattr(options, "greedy", False), False),
+            ("--no-record", getattr(options, "no_record", False), False),
+        )
+        if value != default
+    ]
+    if given:
+        raise RunError(
+            f"{', '.join(given)} cannot change a run that is resumed; leave it out: "
+            f"sparse_coord {verb} --resume {options.resume}"
+        )
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:

@@ -17,11 +17,18 @@ def add_parser(verbs) -> None:
     parser = shared.add_verb(
         verbs,
         "run",
-        example="sparse_coord run env1 --steps 2000 --seed 7",
+        example="sparse_coord run env1 --steps 2000 --seed 7\n  sparse_coord run --resume runs/a",
     )
-    shared.add_scenario(parser)
+    shared.add_scenario(parser, optional=True)
     shared.add_learning(parser)
     shared.add_learner(parser)
+    parser.add_argument(
+        "--resume",
+        type=Path,
+        metavar="DIR",
+        help="go on with a run that ended too early, from its last common checkpoint, instead of "
+        "SCENARIO; DIR is its output directory",
+    )
     parser.add_argument(
         "--executor",
         choices=("events", "single"),
@@ -38,10 +45,18 @@ def add_parser(verbs) -> None:
         help="of the bag (default: zstd)",
     )
     parser.add_argument(
+        "--max-bagfile-size", metavar="BYTES", help="begin another file of the bag after so many"
+    )
+    parser.add_argument(
+        "--max-bagfile-duration",
+        metavar="SECONDS",
+        help="begin another file of the bag after so many simulated seconds",
+    )
+    parser.add_argument(
         "--checkpoint",
-        default="10000",
         metavar="STEPS",
-        help="record the tables each so many steps (default: 10000; 0: only at the end)",
+        help="record the tables and save what --resume needs each so many steps (default: 10000; "
+        "0: only at the end)",
     )
     parser.add_argument("--tables", metavar="DIR", help="begin with the tables of that run")
     parser.add_argument("--greedy", action="store_true", help="act on --tables without learning")
@@ -56,24 +71,17 @@ def execute(options: argparse.Namespace) -> int:
         import rclpy  # noqa: F401
     except ImportError as error:
         raise shared.ros_missing(error, "sparse_coord train") from None
-    scenario = shared.scenario_of(options)
-    if options.greedy and not options.tables:
-        raise RunError("--greedy needs --tables DIR, the output directory of a run to act on")
-    RUN_SETTINGS.parse({"seed": options.seed, "checkpoint": options.checkpoint})
-    out = shared.output_directory(options, scenario.name)
-    values = {
-        "scenario": options.scenario,
-        "set": [f"{name}={value}" for name, value in shared.settings_of(options).items()] or [""],
-        "seed": options.seed,
-        "learner": options.learner,
-        "executor": options.executor,
-        "rate": options.rate,
-        "out": str(out),
-        "record": not options.no_record,
-        "compression": options.compression,
-        "checkpoint": options.checkpoint,
-        "tables": options.tables or "",
-        "greedy": options.greedy,
+    if options.resume is not None:
+        shared.nothing_else_given(options, "run")
+        values = {"resume": True, "out": str(options.resume), "scenario": "", "set": [""]}
+    else:
+        values = _new(options)
+    values |= {"executor": options.executor, "rate": options.rate}
+    values |= {"compression": options.compression}
+    values |= {
+        name: getattr(options, name)
+        for name in ("max_bagfile_size", "max_bagfile_duration")
+        if getattr(options, name) is not None
     }
     if options.watch:
         return _watched(options, values)
@@ -101,7 +109,7 @@ def _watched(options: argparse.Namespace, values: dict[str, Any]) -> int:
             except KeyboardInterrupt:
                 return 0
             kept = [text for text in values["set"] if text and not text.startswith("penalty=")]
-            values["scenario"] = wish["scenario"]
+            values["scenario"], values["resume"] = wish["scenario"], False
             values["set"] = [*kept, f"penalty={wish['penalty']}"]
             values["out"] = str(shared.new_directory(wish["scenario"]))
 
@@ -114,14 +122,36 @@ def _run(options: argparse.Namespace, values: dict[str, Any], page: Any = None) 
     if options.json:
         shared.print_json({"directory": str(out), **summary})
     else:
-        _print(out, summary, recorded=not options.no_record)
+        _print(out, summary)
     if "recording_error" in summary:
         sys.stdout.flush()  # the error comes last, wherever both go
         raise BagError(summary["recording_error"])
     return 130 if summary["interrupted"] else 0
 
 
-def _print(out, summary, *, recorded: bool) -> None:
+def _new(options: argparse.Namespace) -> dict[str, Any]:
+    """Return the parameters of a team that begins a run."""
+    if options.scenario is None:
+        raise RunError("a SCENARIO is missing, or --resume DIR; see sparse_coord run --help")
+    scenario = shared.scenario_of(options)
+    if options.greedy and not options.tables:
+        raise RunError("--greedy needs --tables DIR, the output directory of a run to act on")
+    checkpoint = {} if options.checkpoint is None else {"checkpoint": options.checkpoint}
+    RUN_SETTINGS.parse({"seed": options.seed, **checkpoint})
+    return {
+        "scenario": options.scenario,
+        "set": [f"{name}={value}" for name, value in shared.settings_of(options).items()] or [""],
+        "seed": options.seed,
+        "learner": options.learner,
+        "out": str(shared.output_directory(options, scenario.name)),
+        "record": not options.no_record,
+        "tables": options.tables or "",
+        "greedy": options.greedy,
+        **checkpoint,
+    }
+
+
+def _print(out, summary) -> None:
     print(
         f"\n{summary.get('transitions', 0)} steps in {summary.get('seconds', 0)} s: "
         f"{summary.get('steps_per_second', 0)} steps/s, {summary.get('episodes', 0)} episodes, "
@@ -132,5 +162,5 @@ def _print(out, summary, *, recorded: bool) -> None:
     for robot, asks in summary.get("asks", {}).items():
         print(f"{robot} asked: " + ", ".join(f"{count} {how}" for how, count in asks.items()))
     print(f"tables  {out / 'tables.npz'}\nrun     {out / 'run.yaml'}")
-    if recorded:
+    if (out / "bag").exists():
         print(f"bag     {out / 'bag'}")

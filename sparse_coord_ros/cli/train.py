@@ -19,7 +19,6 @@ from sparse_coord_ros.core.history import HISTORY_FILE
 from sparse_coord_ros.core.optimum import joint_optimum
 from sparse_coord_ros.core.run_config import (
     RUN_FILE,
-    RUN_SETTINGS,
     RunConfig,
     create_output,
     load_run,
@@ -211,24 +210,7 @@ def _unwritable(out: Path, error: OSError, *, saved: bool) -> RunError:
 
 
 def _go_on(options: argparse.Namespace) -> tuple[Path, RunConfig]:
-    given = [
-        name
-        for name, value, default in (
-            ("SCENARIO", options.scenario, None),
-            ("--penalty", options.penalty, None),
-            ("--set", options.assignments, []),
-            ("--steps", options.steps, None),
-            ("--seed", options.seed, str(RUN_SETTINGS["seed"].default)),
-            ("--out", options.out, None),
-            ("--learner", options.learner, RUN_SETTINGS["learner"].default),
-        )
-        if value != default
-    ]
-    if given:
-        raise RunError(
-            f"{', '.join(given)} cannot change a run that is resumed; leave it out: "
-            f"sparse_coord train --resume {options.resume}"
-        )
+    shared.nothing_else_given(options, "train")
     run = load_run(options.resume)
     if not (options.resume / CHECKPOINT_FILE).exists():
         what = "is finished" if (options.resume / TEAM_FILE).exists() else "has no checkpoint"

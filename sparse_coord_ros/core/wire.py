@@ -60,6 +60,8 @@ PERCEPT = Topic("percept", "nav_msgs/msg/Path", ROBOT, STEP, stamped=True)
 COORDINATION_MAP = Topic(
     "coordination_map", "nav_msgs/msg/OccupancyGrid", ROBOT, LATCHED, stamped=True, tapped=True
 )
+PROGRESS = Topic("progress", "diagnostic_msgs/msg/DiagnosticStatus", ROBOT, LATCHED)
+"""What a robot says of its checkpoints, and the recorder of the orders that it has seen."""
 TABLES = Topic("tables", "std_msgs/msg/UInt8MultiArray", ROBOT, TABLES_KEPT)
 """Of a robot, as the bytes of an .npz file; the recorder attaches them to the bag."""
 
@@ -91,7 +93,7 @@ ROSOUT = Topic("/rosout", "rcl_interfaces/msg/Log", TEAM, EVENT)
 PARAMETER_EVENTS = Topic("/parameter_events", "rcl_interfaces/msg/ParameterEvent", TEAM, EVENT)
 
 TEAM_TOPICS = (RUN, STATUS, CLOCK, MAP, MARKERS, DIAGNOSTICS)
-ROBOT_TOPICS = (LOCAL_STATE, REWARD, ACTION, PERCEPT, COORDINATION_MAP)
+ROBOT_TOPICS = (LOCAL_STATE, REWARD, ACTION, PERCEPT, COORDINATION_MAP, PROGRESS)
 
 SAVE, PAUSE, RESET = "~/save", "~/pause", "~/reset"
 """Services of a robot and of the world."""
@@ -135,6 +137,10 @@ the world made a transition without the robot, though it had not arrived; why th
 RUN_ID = "run"
 """What `status` calls the identity of the world's run, which `run.yaml` gives as `id`."""
 
+ROLLBACK = "rollback"
+"""What `status` calls the order to go back that stands: its name, the checkpoint's step and the
+step of the first local state after it; empty where there is none."""
+
 START, ARRIVED, STEPS, RESET, NOBODY_LEFT = "start", "arrived", "steps", "reset", "nobody"
 """Why an episode began: the run's first; all had arrived; `max_steps` were used up; somebody asked
 for it; nobody was left to wait for."""
@@ -152,13 +158,14 @@ FORMAT_KEY = "format"
 INITIAL, CHECKPOINT, FINAL = "initial", "checkpoint", "final"
 """Occasions on which a robot publishes its tables."""
 
-WAITING, LEARNING, GREEDY, PAUSED, FINISHED, STOPPED = (
+WAITING, RESUMING, LEARNING, GREEDY, PAUSED, FINISHED, STOPPED = (
     "waiting",
+    "resuming",
     "learning",
     "acting greedily",
     "paused",
     "finished",
     "stopped",
 )
-STATES = (WAITING, LEARNING, GREEDY, PAUSED, FINISHED, STOPPED)
+STATES = (WAITING, RESUMING, LEARNING, GREEDY, PAUSED, FINISHED, STOPPED)
 """The states that `status` can name."""

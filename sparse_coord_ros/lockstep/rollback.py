@@ -107,6 +107,8 @@ class WorldRollback:
         able = self.order.step in (ROLL_CALL, *said.checkpoints)
         if said.obeyed == self.order.name or not able:
             self._waiting.discard(robot)
+        elif new:
+            self._waiting.add(robot)
         if not self._waiting and not self._side.held:
             self.order = Order()
         return new

@@ -95,6 +95,7 @@ class WorldSide:
         self.history = HistoryRecorder(len(run.scenario.robots))
         self.watcher: Watcher | None = None
         self.held = False
+        self._begins = True
         self._port = port
         self._budget = run.scenario.steps
         self._checkpoint = run.checkpoint
@@ -121,7 +122,7 @@ class WorldSide:
         arrived = (False,) * len(self._robots)
         done = world.transitions + lost
         world.go_on_from(Position(done, step, False, step, nothing, arrived))
-        world.episode, self.began = episode + 1, RESET
+        world.episode, self.began, self._begins = episode + 1, RESET, True
         return lost
 
     @property
@@ -145,7 +146,8 @@ class WorldSide:
     def start(self) -> None:
         """Publish the first joint state, also that after `go_on_from`."""
         self.held = False
-        self._port.episode(self.world.step)
+        if self._begins:
+            self._port.episode(self.world.step)
         self._publish_states()
 
     def snapshot(self, step: int | None = None) -> WorldState | None:
@@ -183,7 +185,7 @@ class WorldSide:
         self.history = HistoryRecorder(
             len(self._robots), history=history, under_way=position.under_way
         )
-        self.held = True
+        self.held, self._begins = True, not position.under_way
         self._actions = [None] * len(self._robots)
         self._rewards = [None] * len(self._robots)
 

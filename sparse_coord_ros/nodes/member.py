@@ -12,7 +12,7 @@ from nav_msgs.srv import GetPlan
 from std_srvs.srv import Trigger
 
 from sparse_coord_ros.core import wire
-from sparse_coord_ros.core.agent import Tables
+from sparse_coord_ros.core.agent import Agent, Tables
 from sparse_coord_ros.core.frame import Account
 from sparse_coord_ros.core.run_config import RunConfig
 from sparse_coord_ros.core.tables import TEAM_FILE, pack_tables, robot_file, write_tables
@@ -27,10 +27,16 @@ from sparse_coord_ros.errors import (
 from sparse_coord_ros.lockstep.checkpoints import Checkpoints
 from sparse_coord_ros.lockstep.gate import StepGate
 from sparse_coord_ros.lockstep.robot import NO_STEP, Answer, RobotSide
+from sparse_coord_ros.lockstep.rollback import ROLL_CALL, Order, RobotRollback
 from sparse_coord_ros.lockstep.watch import Reminder
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.episode_messages import CoordinationMapLayout
-from sparse_coord_ros.nodes.messages import Converter, status, tables_message
+from sparse_coord_ros.nodes.messages import (
+    Converter,
+    progress_message,
+    status,
+    tables_message,
+)
 from sparse_coord_ros.nodes.outputs import begin_with, open_output, save_somewhere, saving
 from sparse_coord_ros.nodes.peers import Peer
 
@@ -60,18 +66,25 @@ class Member:
         self._node, self.run, self._text = node, run, text
         self._names = [robot.name for robot in run.scenario.robots]
         number = self._number()
-        tables = self._initial_tables(number)
         self._convert = Converter(run)
         self._map = CoordinationMapLayout(self._convert)
         own = [robot_file(Path(), node.name).name, TEAM_FILE]
-        self._out = open_output(node.values["out"], text, own)
+        resumed = node.values["resume"]
+        self._out = open_output(node.values["out"], text, [] if resumed else own)
+        if resumed and self._out is None:
+            raise RunError(
+                f"robot {node.name}: parameter resume needs parameter 'out', the output directory"
+            )
         self._checkpoints: Checkpoints | None = None
         if self._out is not None:
             self._checkpoints = Checkpoints(self._out, node.name, run)
-        agent = run.rule.agent(
-            run.scenario, number, run.seed, tables=tables, learning=not run.greedy
+        self.lockstep = RobotSide(run, self._fresh_agent(), self)
+        self._back = RobotRollback(
+            self.lockstep, self._checkpoints, self._fresh_agent, node.claim.id, resumed=resumed
         )
-        self.lockstep = RobotSide(run, agent, self)
+        self._unsaid = resumed
+        if resumed:
+            self._begin_again()
         self._gate = StepGate()
         self._kept = (0, 0)
         self._reminder = Reminder()
@@ -89,6 +102,7 @@ class Member:
             for k, name in enumerate(self._names)
             if k != number
         }
+        self.say_progress()
 
     def _number(self) -> int:
         name, names = self._node.name, self._names
@@ -99,6 +113,44 @@ class Member:
                 f"node with --ros-args -r __node:={names[0]}"
             )
         return names.index(name)
+
+    def _fresh_agent(self) -> Agent:
+        """Return an agent as it is at the run's beginning."""
+        run, number = self.run, self._number()
+        tables = self._initial_tables(number)
+        return run.rule.agent(
+            run.scenario, number, run.seed, tables=tables, learning=not run.greedy
+        )
+
+    def _begin_again(self) -> None:
+        """Go on from the newest checkpoint of one's own, and say so."""
+        step = self._back.begin()
+        for line in self._checkpoints.broken if self._checkpoints is not None else ():
+            self._node.get_logger().warning(line)
+        what = f"goes on from its checkpoint of step {step}" if step else "has no checkpoint yet"
+        self._node.get_logger().info(f"{self._node.name} {what}")
+
+    def say_progress(self) -> None:
+        """Tell the world which checkpoints there are."""
+        said = progress_message(self._node.name, self._back.progress())
+        self._node.progress_publisher.publish(said)
+
+    def obey(self, order: Order) -> None:
+        """Go back to a checkpoint, where the world orders it."""
+        if not self._back.obey(order):
+            return
+        if order.step != ROLL_CALL:
+            self._unsaid = False
+            self._gate = StepGate(order.first)
+            for peer in self._peers.values():
+                peer.start_anew()
+            self._node.get_logger().info(f"went back to the checkpoint of step {order.step}")
+            self._say_what_is_known()
+        self.say_progress()
+
+    def _say_what_is_known(self) -> None:
+        self.publish_map(self.lockstep.handled)
+        self.publish_tables(wire.INITIAL)
 
     def _initial_tables(self, number: int) -> Tables | None:
         source = self._node.values["tables"] or self.run.tables
@@ -139,6 +191,7 @@ class Member:
         if self._checkpoints is not None:
             with saving(self._node):
                 self._checkpoints.save_robot(self.lockstep.snapshot())
+            self.say_progress()
 
     # Incoming.
 
@@ -155,6 +208,9 @@ class Member:
             return
         if watch is not None and watch.sees(step):
             self._node.intake.drop(interface.STATUS.name, "the run was said to be over")
+        if self._unsaid:  # no order to go back has come: it goes on from its own checkpoint
+            self._unsaid = False
+            self._say_what_is_known()
         self.lockstep.state(step, cell)
 
     def world_said(self, step: int) -> None:
@@ -229,8 +285,8 @@ class Member:
         listen(interface.LOCAL_STATE, self._on_state, name, read=convert.unpack_state)
         self._node.claim.join()
         self._node.get_logger().info(f"joined run {self.run.scenario.name}, seed {self.run.seed}")
-        self.publish_map(self.lockstep.handled)
-        self.publish_tables(wire.INITIAL)
+        if not self._unsaid:
+            self._say_what_is_known()
 
     def _not_heard_by(self) -> str:
         """Return who is to hear this robot and does not yet, or an empty text."""
@@ -275,11 +331,18 @@ class Member:
 
     def finish(self) -> None:
         """Publish the last coordination map and the tables, and save them."""
+        if self.lockstep.handled and not self._unsaid:
+            self._save_checkpoint()
         path = self._save()
         if path is not None:
             self._node.get_logger().info(f"saved {path}")
         self.report()
         self.publish_tables(wire.FINAL)
+
+    def close(self) -> None:
+        """Let others have its checkpoints."""
+        if self._checkpoints is not None:
+            self._checkpoints.close()
 
     def has_learned(self, last_step: int) -> bool:
         """Whether all is learned that happened before a time step, the run's last."""

@@ -39,11 +39,13 @@ from sparse_coord_ros.core.wire import (
     PARTNERS_LABEL,
     REWARD_LABELS,
     ROBOTS,
+    ROLLBACK,
     RUN,
     RUN_ID,
     STATUS_VALUES,
 )
 from sparse_coord_ros.core.world import Action, Reward
+from sparse_coord_ros.lockstep.rollback import NO_ORDER, Order, Progress
 from sparse_coord_ros.nodes.cdr import FixedLayout
 from sparse_coord_ros.nodes.interface import RosTopic
 
@@ -286,12 +288,14 @@ class Said(NamedTuple):
         state: one of the states of `core.wire`.
         step: the time step.
         transitions: how many were made.
+        order: to go back to a checkpoint, where one stands.
     """
 
     run: str
     state: str
     step: int
     transitions: int
+    order: Order = Order()
 
 
 def read_status(message: DiagnosticStatus) -> Said:
@@ -307,7 +311,43 @@ def read_status(message: DiagnosticStatus) -> Said:
         raise ValueError(f"no value is called {error.args[0]!r}") from None
     if step < 0 or transitions < 0:
         raise ValueError(f"step {step} with {transitions} transitions")
-    return Said(values.get(RUN_ID, ""), message.message, step, transitions)
+    name, *steps = values.get(ROLLBACK, "").split() or [NO_ORDER]
+    if len(steps) != (2 if name else 0):
+        raise ValueError(f"{ROLLBACK} is {values[ROLLBACK]!r}")
+    order = Order(name, *map(int, steps)) if name else Order()
+    return Said(values.get(RUN_ID, ""), message.message, step, transitions, order)
+
+
+def order_text(order: Order) -> str:
+    """Return what `status` says of the order that stands."""
+    return f"{order.name} {order.step} {order.first}" if order.name else ""
+
+
+def progress_message(name: str, said: Progress) -> DiagnosticStatus:
+    """Return what a robot says of its checkpoints as a message."""
+    values: dict[str, object] = {**said._asdict(), "resumed": int(said.resumed)}
+    values["checkpoints"] = " ".join(map(str, said.checkpoints))
+    return status(name, "progress", values)
+
+
+def read_progress(message: DiagnosticStatus) -> Progress:
+    """Return what a robot says of its checkpoints.
+
+    Raises:
+        ValueError: it is malformed.
+    """
+    values = status_values(message)
+    missing = [name for name in Progress._fields if name not in values]
+    if missing:
+        raise ValueError(f"no value is called {missing[0]!r}")
+    return Progress(
+        values["life"],
+        int(values["step"]),
+        int(values["transitions"]),
+        tuple(int(text) for text in values["checkpoints"].split()),
+        values["obeyed"],
+        values["resumed"] == "1",
+    )
 
 
 def read_claim(header: Header) -> tuple[str, int]:

@@ -3,7 +3,7 @@
 """From what the nodes of a run wrote to the files of its output directory."""
 
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ from typing import Any
 import yaml
 from rclpy.node import Node
 
+from sparse_coord_ros import __version__
 from sparse_coord_ros.core.agent import Tables
 from sparse_coord_ros.core.evaluation import check_tables
 from sparse_coord_ros.core.run_config import RUN_FILE, RunConfig, load_run
@@ -24,7 +25,8 @@ from sparse_coord_ros.core.tables import (
     save_team,
 )
 from sparse_coord_ros.errors import BagError, RunError, os_error_text
-from sparse_coord_ros.lockstep.checkpoints import remove_checkpoints
+from sparse_coord_ros.lockstep.checkpoints import CHECKPOINTS, remove_checkpoints
+from sparse_coord_ros.nodes.parameters import run_from_parameters
 
 SUMMARY_FILE = "summary.yaml"
 
@@ -64,6 +66,40 @@ def gather(
     if not interrupted and (out / TEAM_FILE).exists():
         remove_checkpoints(out)
     return summary
+
+
+def resumed_run(values: Mapping[str, Any]) -> RunConfig:
+    """Return the run that is to go on: that of the output directory.
+
+    Args:
+        values: of the parameters `out` and, where the run is described again, `scenario` and all
+            that goes with it.
+
+    Raises:
+        SparseCoordError: there is none, it is finished, of another version, or another run than
+            the one described.
+    """
+    if not values["out"]:
+        raise RunError("parameter resume: needs parameter 'out', the output directory of the run")
+    out = Path(values["out"])
+    run = load_run(out)
+    if (out / TEAM_FILE).exists() and not (out / CHECKPOINTS).is_dir():
+        raise RunError(f"{out}: the run is finished, there is nothing to go on with")
+    wrote = run.versions.get("sparse_coord_ros")
+    if wrote != __version__:
+        raise RunError(
+            f"{out}: is a run of version {wrote} of sparse_coord_ros, this is {__version__}; go "
+            "on with that version, or begin the run anew"
+        )
+    if values["scenario"]:
+        asked = run_from_parameters(values)
+        if asked.digest != run.digest:
+            raise RunError(
+                f"{out}: holds another run ({run.scenario.name}, learner {run.learner}, seed "
+                f"{run.seed}) than the one given ({asked.scenario.name}, learner "
+                f"{asked.learner}, seed {asked.seed}, or other settings); leave them out"
+            )
+    return run
 
 
 def open_output(text: str, run_text: str, own: Sequence[str]) -> Path | None:

@@ -58,8 +58,31 @@ WORLD_TIMEOUT = Setting(
     low=0,
 )
 GO_ON, WAIT, END = "go_on", "wait", "end"
+RESUME = Setting(
+    "resume",
+    bool,
+    False,
+    "go on with the run in out, from the newest checkpoint that everybody has",
+)
+ROLL_BACK, CONTINUE = "rollback", "continue"
 RECORDING = SettingTable(
     [
+        Setting(
+            "max_bagfile_size",
+            int,
+            0,
+            "bytes after which another file of the bag begins; 0: never",
+            low=0,
+            high=2**53,
+        ),
+        Setting(
+            "max_bagfile_duration",
+            float,
+            0.0,
+            "simulated seconds after which another file of the bag begins; 0: never",
+            low=0,
+            high=1e9,
+        ),
         Setting(
             "compression",
             str,
@@ -94,6 +117,15 @@ WORLD_PARAMETERS = SettingTable(
             "rate", float, 0.0, "time steps a second; 0: as fast as the team acts", low=0, high=1e6
         ),
         Setting("out", str, "", "directory for run.yaml and summary.yaml; empty: none"),
+        RESUME,
+        Setting(
+            "returning",
+            str,
+            ROLL_BACK,
+            "what the world does when a robot, or the world itself, comes back with resume: take "
+            "everybody back to the last common checkpoint, or go on with what is lost",
+            choices=(ROLL_BACK, CONTINUE),
+        ),
         Setting(
             "lost_robot",
             str,
@@ -116,6 +148,7 @@ WORLD_PARAMETERS = SettingTable(
 )
 ROBOT_PARAMETERS = SettingTable(
     [
+        RESUME,
         Setting("out", str, "", "directory for the learned tables; empty: they are not saved"),
         Setting(
             "tables", str, "", "directory of a run whose tables to begin with; empty: the run's"
@@ -129,6 +162,7 @@ ROBOT_PARAMETERS = SettingTable(
 RECORDER_PARAMETERS = SettingTable(
     [
         Setting("out", str, "", "directory for the bag; empty: bag_<date>_<time>"),
+        RESUME,
         *RECORDING.values(),
         WORLD_TIMEOUT,
         STARTUP_TIMEOUT,

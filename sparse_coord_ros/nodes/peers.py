@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A robot's side of asking one peer: requests, answers, and a peer that fell silent."""
 
+import time
 from collections.abc import Callable
 
 from geometry_msgs.msg import PoseStamped
@@ -18,6 +19,10 @@ from sparse_coord_ros.nodes.interface import ACTIVE_PERCEPTION_TYPE, STEP_QOS
 
 AT_ONCE = 10
 """How often a peer that is a step behind is asked again at once; after that with each tick."""
+
+
+AGAIN_SECONDS = 0.5
+"""After so long without an answer the request is sent again."""
 
 
 class Peer:
@@ -42,6 +47,7 @@ class Peer:
         self._step = self._repeats = 0
         self._unsent: int | None = None
         self._open: Future | None = None
+        self._sent = 0.0
 
     @staticmethod
     def introspect(node: Node, endpoint: Client | Service) -> None:
@@ -70,13 +76,25 @@ class Peer:
         return not self._silent
 
     def send_what_waits(self) -> None:
-        """Send the request once the peer's service is there; the node's timer calls this too."""
+        """Send the request once the peer's service is there; the node's timer calls this too.
+
+        One that is not answered is sent again: a peer that has just come back may have missed it.
+        """
+        now = time.monotonic()
+        if self._open is not None and now - self._sent >= AGAIN_SECONDS and not self._silent:
+            self._unsent = self._step
         if self._unsent is None or not self.ready():
             return
         step, self._unsent = self._unsent, None
+        self._sent = now
         self._forget()
         self._open = self._client.call_async(self._request)
         self._open.add_done_callback(lambda future: self._on_done(step, future))
+
+    def start_anew(self) -> None:
+        """Forget what was asked: the run goes back to an earlier time step, with every robot."""
+        self._silent, self._unsent = False, None
+        self._forget()
 
     def gave_up(self) -> None:
         """Note that the deadline passed without an answer."""

@@ -31,6 +31,7 @@ from sparse_coord_ros.core.run_config import (
 from sparse_coord_ros.core.wire import RECORDER, WORLD
 from sparse_coord_ros.errors import BagError, RunError, SparseCoordError
 from sparse_coord_ros.lockstep.gate import NEAR
+from sparse_coord_ros.lockstep.rollback import NO_ORDER, ROLL_CALL, Order, Progress
 from sparse_coord_ros.lockstep.watch import WorldWatch
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.intake import Intake
@@ -38,6 +39,7 @@ from sparse_coord_ros.nodes.messages import (
     Announced,
     Converter,
     Said,
+    progress_message,
     read_run,
     read_status,
     read_tables_message,
@@ -48,7 +50,10 @@ from sparse_coord_ros.nodes.parameters import RECORDER_PARAMETERS, ParameterNode
 from sparse_coord_ros.nodes.spin import run_node
 from sparse_coord_ros.nodes.tap import Tap
 from sparse_coord_ros.recording import BagWriter, QoS
+from sparse_coord_ros.recording.metadata import RESTARTED, ROLLED_BACK
 from sparse_coord_ros.recording.process import BagProcess
+from sparse_coord_ros.recording.recover import continued
+from sparse_coord_ros.recording.writer import Earlier
 
 TICK_SECONDS = 0.02
 REPORT_SECONDS = 1.0
@@ -114,7 +119,7 @@ class Recorder(ParameterNode):
         )
         out = self.values["out"] or datetime.now().strftime("bag_%Y%m%d_%H%M%S")
         self.directory = Path(out)
-        if self.directory.exists():
+        if self.directory.exists() and not self.values["resume"]:
             raise RunError(
                 f"output directory {self.directory}: exists already, nothing is overwritten; "
                 "choose another one for parameter 'out'"
@@ -134,6 +139,9 @@ class Recorder(ParameterNode):
         self._recording_publisher = self.announce(interface.RECORDING)
         read = typed(interface.RUN, read_run)
         self._status: Said | None = None
+        self._announced: tuple[bytes, Announced] | None = None
+        self._obeyed = NO_ORDER
+        self._progress_publisher = self.announce(interface.PROGRESS, RECORDER)
         self._subscribe(interface.RUN, self._on_run, read=lambda data: (data, read(data)))
         self._subscribe(STATUS, self._on_status, read=typed(STATUS, read_status))
         self.create_timer(TICK_SECONDS, self._tick)
@@ -157,19 +165,79 @@ class Recorder(ParameterNode):
                     "another world simulator has begun a run; this recorder stays with its own"
                 )
             return
+        self._announced = said
+        self._begin_when_told()
+
+    def _begin_when_told(self) -> None:
+        """Open the bag; where it is continued, once the world has said from where."""
+        status = self._status
+        if self._announced is None or self.recording is not None:
+            return
+        earlier = None
+        if self.values["resume"]:
+            if status is None or (status.state == wire.RESUMING and not status.order.name):
+                return
+            earlier = continued(self.directory)
+        data, (run, text) = self._announced
+        bag, go_on = self._open(run, earlier, Order() if status is None else status.order)
+        self._listen(run, text, data, bag, go_on=go_on)
+
+    def _open(self, run: RunConfig, earlier: Earlier | None, order: Order) -> tuple[Bag, bool]:
+        """Return a new bag, or one that is continued, and whether it is that."""
+        options: dict[str, Any] = {
+            "compression": self.values["compression"],
+            "max_bytes": self.values["max_bagfile_size"],
+            "max_ns": round(self.values["max_bagfile_duration"] * SECOND),
+        }
+        if earlier is not None:
+            options |= {"earlier": earlier, "why": self._why(order)}
+            self._now_ns = earlier.end_ns
+            if order.name and order.step != ROLL_CALL:
+                self._now_ns = (order.first - 1) * Converter(run).period
+            if earlier.run_id not in ("", run.id):
+                raise RunError(
+                    f"{self.directory}: holds the recording of another run; choose another one "
+                    "for parameter 'out'"
+                )
         make = BagWriter if self._tap is None else BagProcess
-        bag: Bag = make(self.directory, compression=self.values["compression"])
+        return make(self.directory, **options), earlier is not None
+
+    def _why(self, order: Order) -> dict[str, str]:
+        """Return what a file says that begins with an order, or without one."""
+        self._obeyed = order.name
+        if not order.name or order.step == ROLL_CALL:
+            return {"why": RESTARTED}
+        return {"why": ROLLED_BACK, "step": str(order.step), "first": str(order.first)}
+
+    def _obey(self, order: Order) -> None:
+        """Begin another file of the bag where the run goes back, and tell the world."""
+        recording = self.recording
+        if recording is None or not order.name:
+            return
+        if order.name != self._obeyed:
+            why = self._why(order)
+            if order.step != ROLL_CALL:
+                recording.bag.begin_file(why)
+                self._now_ns = self._said_ns = (order.first - 1) * Converter(recording.run).period
+                self._tables.clear()
+        said = Progress("", 0, 0, (), self._obeyed)
+        self._progress_publisher.publish(progress_message(RECORDER, said))
+
+    def _listen(self, run: RunConfig, text: str, data: bytes, bag: Bag, *, go_on: bool) -> None:
+        """Begin to record a run; where its bag is continued, what it is stands in it already."""
         patience = self.values["world_timeout"]
         watch = WorldWatch(run.id, run.scenario.steps, patience, time.monotonic())
         self.recording = Recording(run, bag, watch)
         self._near_ns = NEAR * Converter(run).period
-        record = {**run.record(), wire.FORMAT_KEY: str(wire.BAG_FORMAT)}
-        bag.add_metadata(RUN_RECORD, record)
-        scenario = yaml.safe_dump(run.scenario.to_dict(), sort_keys=False, allow_unicode=True)
-        bag.attach(RUN_FILE, text.encode(), "application/yaml")
-        bag.attach(SCENARIO_FILE, scenario.encode(), "application/yaml")
-        bag.attach(MAP_FILE, run.scenario.map.to_text().encode(), "text/plain")
-        bag.write(self._channel(bag, String, interface.RUN.name, interface.RUN.qos), data, 0, 0)
+        channel = self._channel(bag, String, interface.RUN.name, interface.RUN.qos)
+        if not go_on:
+            record = {**run.record(), wire.FORMAT_KEY: str(wire.BAG_FORMAT)}
+            bag.add_metadata(RUN_RECORD, record)
+            scenario = yaml.safe_dump(run.scenario.to_dict(), sort_keys=False, allow_unicode=True)
+            bag.attach(RUN_FILE, text.encode(), "application/yaml")
+            bag.attach(SCENARIO_FILE, scenario.encode(), "application/yaml")
+            bag.attach(MAP_FILE, run.scenario.map.to_text().encode(), "text/plain")
+            bag.write(channel, data, 0, 0)
         for topic in (*interface.TEAM_TOPICS, *ROS_TOPICS):
             if topic is not interface.RUN:
                 self._record(bag, topic, topic.name)
@@ -269,14 +337,17 @@ class Recorder(ParameterNode):
     def _on_status(self, said: Said) -> None:
         if self.recording is None:
             self._status = said  # perhaps the world's last word, before its run has come
-        if self.recording is None or self.error is not None:
+            self._begin_when_told()
+            return
+        if self.error is not None:
             return
         run, _, watch = self.recording
         try:
-            watch.hear(*said, time.monotonic())
+            watch.hear(*said[:4], time.monotonic())
         except ValueError as error:
             self._intake.drop(STATUS.name, error)
             return
+        self._obey(said.order)
         sec, nanosec = Converter(run).stamp(said.step)
         self._said_ns = max(self._said_ns, sec * SECOND + nanosec)
 
@@ -290,6 +361,7 @@ class Recorder(ParameterNode):
             self._tables[robot] = (step, packed)
             name = wire.tables_attachment(robot, step)
             bag.attach(name, packed, "application/x-npz", self._now_ns)
+            self._flush(bag)  # the robot saves now, and may go on from there
         if occasion == wire.FINAL:
             self._final.add(robot)
 

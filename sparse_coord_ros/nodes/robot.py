@@ -21,6 +21,8 @@ from sparse_coord_ros.nodes.tap import Tap
 
 TICK_SECONDS = 0.02
 REPORT_SECONDS = 1.0
+STOP_SECONDS = 1.0
+"""How long a robot that gets a signal waits for the world's last status: both may get it."""
 LAST_WORDS_SECONDS = 2.0
 """How long a robot waits for its last reward after the run's end."""
 
@@ -40,6 +42,8 @@ class RobotNode(ParameterNode):
             no world simulator.
     """
 
+    member: Member | None = None
+
     def __init__(
         self,
         *,
@@ -53,17 +57,18 @@ class RobotNode(ParameterNode):
             name, ROBOT_PARAMETERS, context=context, namespace=namespace, values=values, tap=tap
         )
         self.name = self.get_name()
-        self.member: Member | None = None
         self.watch: WorldWatch | None = None
         self.intake = Intake(self)
         self.claim = Claim(self, self.intake)
         self._announced: Announced | None = None
         self._status: Said | None = None
+        self._stopping: float | None = None
         self._reported = time.monotonic()
         self.action_publisher = self.announce(interface.ACTION, self.name)
         self.percept_publisher = self.announce(interface.PERCEPT, self.name)
         self.map_publisher = self.announce(interface.COORDINATION_MAP, self.name)
         self.tables_publisher = self.announce(interface.TABLES, self.name)
+        self.progress_publisher = self.announce(interface.PROGRESS, self.name)
         self.diagnostics_publisher = self.announce(interface.DIAGNOSTICS)
         self.intake.listen(interface.RUN, self._on_run, read=typed(interface.RUN, read_run))
         read = typed(interface.STATUS, read_status)
@@ -86,10 +91,11 @@ class RobotNode(ParameterNode):
             self._status = said  # perhaps the world's last word
             return
         try:
-            self.watch.hear(*said, time.monotonic())
+            self.watch.hear(*said[:4], time.monotonic())
         except ValueError as error:
             self.intake.drop(interface.STATUS.name, error)
             return
+        self.member.obey(said.order)
         self.member.world_said(said.step)
 
     def _tick(self) -> None:
@@ -125,6 +131,25 @@ class RobotNode(ParameterNode):
             if gone:
                 self.get_logger().warning(f"{gone}: this robot saves and ends")
                 self.done = True
+
+    def may_stop(self) -> bool:
+        """Whether all is learned up to the step at which the world stopped, or it does not.
+
+        World and robots often get the same signal: then all save what is of one time step.
+        """
+        now = time.monotonic()
+        self._stopping = self._stopping or now
+        if self.member is None or self.watch is None or self.done or not self.member.joined:
+            return True
+        if self.watch.end is not None and self.member.has_learned(self.watch.end):
+            return True
+        return now - self._stopping > STOP_SECONDS
+
+    def destroy_node(self) -> None:
+        """As `Node`'s; others may have its checkpoints then."""
+        if self.member is not None:
+            self.member.close()
+        super().destroy_node()
 
     def finish(self, *, interrupted: bool) -> None:
         """Publish the last coordination map and the tables, save them and let all arrive."""

@@ -13,7 +13,7 @@ from rclpy.context import Context
 
 from sparse_coord_ros.core.run_config import RunConfig, create_output
 from sparse_coord_ros.errors import BagError, NameTakenError, failure_of
-from sparse_coord_ros.nodes.outputs import begin_with, gather
+from sparse_coord_ros.nodes.outputs import begin_with, gather, resumed_run
 from sparse_coord_ros.nodes.parameters import (
     RECORDER_PARAMETERS,
     ROBOT_PARAMETERS,
@@ -50,6 +50,10 @@ def team_run(values: dict[str, Any]) -> RunConfig:
     Raises:
         SparseCoordError: bad input.
     """
+    if values["resume"]:
+        run = resumed_run(values)
+        values["record"] = values["recorded"] = run.recorded
+        return run
     values["recorded"] = values["record"]
     run = run_from_parameters(values)
     if values["tables"]:
@@ -68,7 +72,8 @@ def run_team(
     """Run a team until its step budget is used up or `stop` says so.
 
     Args:
-        values: some of `TEAM_PARAMETERS`; `out` is the output directory, which must not exist.
+        values: some of `TEAM_PARAMETERS`; `out` is the output directory, which must not
+            exist, unless the run is to `resume`.
         context: the ROS context.
         namespace: the team's namespace.
         stop: asked several times a second.
@@ -84,7 +89,9 @@ def run_team(
     values = {**TEAM_PARAMETERS.defaults(), **TEAM_PARAMETERS.parse(values)}
     run = team_run(values)
     now = datetime.now().strftime("%Y%m%d_%H%M%S")
-    out = create_output(Path(values["out"] or f"{run.scenario.name}_{now}"))
+    out = Path(values["out"] or f"{run.scenario.name}_{now}")
+    if not values["resume"]:
+        create_output(out)
     tap = Tap() if values["record"] else None
     place: dict[str, Any] = {"context": context, "namespace": namespace, "tap": tap}
     nodes: list[ParameterNode] = []
@@ -148,9 +155,9 @@ def _spin(
     finished: set[int] = set()
     failures: list[Exception] = []
 
-    def settle(*, interrupted: bool = False) -> bool:
+    def settle(*, interrupted: bool = False, only: type = ParameterNode) -> bool:
         for number, node in enumerate(nodes):
-            speaks = not isinstance(node, Recorder)
+            speaks = isinstance(node, only) and not isinstance(node, Recorder)
             if number not in finished and (node.done or (interrupted and speaks)):
                 finished.add(number)
                 try:
@@ -159,13 +166,26 @@ def _spin(
                     failures.append(error)
         return bool(failures) or len(finished) == len(nodes)
 
+    def stopping() -> bool:
+        """Stop one after the other, on one executor: another would miss what waits in this one.
+
+        The world first; the robots when they have learned all that it has done; the recorder.
+        """
+        if not stop():
+            return False
+        settle(interrupted=True, only=WorldSimulator)
+        if not all(node.may_stop() for node in nodes if isinstance(node, RobotNode)):
+            return False
+        settle(interrupted=True)
+        return all(node.may_stop() for node in nodes if isinstance(node, Recorder))
+
     try:
-        spin_nodes(nodes, kind, context, lambda: settle() or stop())
+        spin_nodes(nodes, kind, context, lambda: settle() or stopping())
     except NameTakenError:
         raise
     except Exception as error:
         failures.insert(0, error)
-    stopped = len(finished) < len(nodes)
+    stopped = bool(stop()) and not all(node.done for node in nodes)
     settle(interrupted=True)
     for recorder in (node for node in nodes if isinstance(node, Recorder) and not node.done):
         try:

@@ -26,18 +26,35 @@ from sparse_coord_ros.core.wire import RECORDER, WORLD
 from sparse_coord_ros.core.world import Action, Reward
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.lockstep.checkpoints import Checkpoints
+from sparse_coord_ros.lockstep.rollback import NO_ORDER, Progress, WorldRollback
 from sparse_coord_ros.lockstep.watch import Reminder
 from sparse_coord_ros.lockstep.world import WorldSide
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.claim import JOINED, Claim
 from sparse_coord_ros.nodes.episode_messages import MapLayout, MarkersLayout
 from sparse_coord_ros.nodes.intake import Intake
-from sparse_coord_ros.nodes.messages import CLOCK_LAYOUT, Converter, read_claim, status, typed
-from sparse_coord_ros.nodes.outputs import SUMMARY_FILE, open_output, save_somewhere, saving
+from sparse_coord_ros.nodes.messages import (
+    CLOCK_LAYOUT,
+    Converter,
+    order_text,
+    read_claim,
+    read_progress,
+    status,
+    typed,
+)
+from sparse_coord_ros.nodes.outputs import (
+    SUMMARY_FILE,
+    open_output,
+    resumed_run,
+    save_somewhere,
+    saving,
+)
 from sparse_coord_ros.nodes.owners import Owners
 from sparse_coord_ros.nodes.parameters import (
+    CONTINUE,
     END,
     GO_ON,
+    ROLL_BACK,
     WORLD_PARAMETERS,
     ParameterNode,
     run_from_parameters,
@@ -64,6 +81,8 @@ class WorldSimulator(ParameterNode):
         SparseCoordError: a bad parameter, a taken name, robots that do not come.
     """
 
+    _checkpoints: Checkpoints | None = None
+
     def __init__(
         self,
         *,
@@ -80,17 +99,22 @@ class WorldSimulator(ParameterNode):
             values=values,
             tap=tap,
         )
-        self.run = replace(run_from_parameters(self.values), id=uuid.uuid4().hex)
+        if self.values["resume"]:
+            self.run = resumed_run(self.values)
+        else:
+            self.run = replace(run_from_parameters(self.values), id=uuid.uuid4().hex)
         self.show_settings(self.run.scenario)
         self._out: Path | None = None
-        self._checkpoints: Checkpoints | None = None
         self._convert = Converter(self.run)
         self._map = MapLayout(self._convert)
         self._markers = MarkersLayout(self._convert, self.run.scenario)
         self._names = [robot.name for robot in self.run.scenario.robots]
         self.lockstep = WorldSide(self.run, self)
+        self._back = WorldRollback(self.lockstep, None, len(self._names))
+        self._recorder_obeyed = NO_ORDER
+        self._held_since = 0.0
         self._state = wire.WAITING
-        self._opened = self._paused = self._started = self.done = False
+        self._opened = self._paused = self._started = self.done = self._over = False
         self._clock_step = -1
         self._since = self._stands_since = self._reported = time.monotonic()
         self._reminder = Reminder()
@@ -141,7 +165,7 @@ class WorldSimulator(ParameterNode):
 
     def _on_action(self, robot: int, said: tuple[int, Action]) -> None:
         step, action = said
-        if not self._started:
+        if not self._started or self._over:
             return
         opened = self.lockstep.action(robot, step, action)
         self._slow[robot] = max(self._slow[robot], time.monotonic() - self._since)
@@ -155,14 +179,64 @@ class WorldSimulator(ParameterNode):
         if rank != JOINED or identity == before:
             return
         self._members[robot] = identity
+        said = self._back.said(robot)
         if before is None:
             self.get_logger().info(f"{self._names[robot]} has joined")
         elif self._started:
             self.replaced += 1
+            if said is not None and said.life == identity and said.resumed:
+                return  # `_on_progress` says what becomes of it
             self.get_logger().warning(
                 f"{self._names[robot]} was replaced at step {self.lockstep.world.step}: a new "
                 "node has joined under its name, with tables of its own"
             )
+
+    def _on_progress(self, robot: int, said: Progress) -> None:
+        """Take in what a robot says of its checkpoints; one that comes back may take us along."""
+        new = self._back.heard(robot, said)
+        if not (new and said.resumed and self._started) or self.lockstep.finished:
+            return
+        name, step = self._names[robot], self.lockstep.world.step
+        if self.values["returning"] == ROLL_BACK and self._take_back():
+            self.get_logger().warning(
+                f"{name} came back at step {step}: everybody goes back to the checkpoint of step "
+                f"{self._back.order.step}"
+            )
+            return
+        lost = max(0, step - said.step)
+        self._back.lost += lost
+        self.get_logger().warning(
+            f"{name} came back at step {step} with what it had learned until step {said.step}: "
+            f"the team goes on, {lost} time steps of {name} are lost"
+        )
+
+    def _on_recorder(self, said: Progress) -> None:
+        self._recorder_obeyed = said.obeyed
+
+    def _take_back(self) -> bool:
+        """Go back to the last common checkpoint, and order it; return whether there is one."""
+        if self._back.take_back(uuid.uuid4().hex) is None:
+            return False
+        self._held_since = time.monotonic()
+        self._say_state(self._running_state())
+        return True
+
+    def _go_on_when_all_obeyed(self, now: float) -> None:
+        """End the hold after an order; who does not obey in time joins later."""
+        late = now - self._held_since >= self.run.step_timeout
+        recorded = not self.run.recorded or self._recorder_obeyed == self._back.order.name
+        if not recorded and not late:
+            return
+        waiting = [self._names[k] for k in self._back.waiting]
+        if not self._back.go_on(whoever=late):
+            return
+        self._since = self._stands_since = now
+        if waiting:
+            self.get_logger().warning(f"{', '.join(waiting)} did not obey; going on without")
+        if self._back.lost:
+            self.get_logger().warning(f"{self._back.lost} transitions are lost in the history")
+        self._say_state(self._running_state())
+        self._end_when_finished()
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response):
         self._paused = request.data
@@ -202,6 +276,8 @@ class WorldSimulator(ParameterNode):
 
     def _tick(self) -> None:
         now = time.monotonic()
+        if self._over:
+            return
         if not self._opened:
             if now - self.born >= self.values["claim_window"]:
                 self._claim.hold()
@@ -209,6 +285,8 @@ class WorldSimulator(ParameterNode):
             return
         if not self._started:
             self._start_when_complete(now)
+        elif self.lockstep.held:
+            self._go_on_when_all_obeyed(now)
         elif not self.lockstep.finished:
             self._watch_the_barrier(now)
         if now - self._reported >= REPORT_SECONDS:
@@ -218,20 +296,56 @@ class WorldSimulator(ParameterNode):
         """Offer the services and tell everybody what the run is."""
         robots = [robot_file(Path(), name).name for name in self._names]
         own = [RUN_FILE, SUMMARY_FILE, TEAM_FILE, HISTORY_FILE, *robots]
-        self._out = open_output(self.values["out"], self.run.to_yaml(), own)
+        resumed = self.values["resume"]
+        self._out = open_output(self.values["out"], self.run.to_yaml(), [] if resumed else own)
         if self._out is not None:
             self._checkpoints = Checkpoints(self._out, WORLD, self.run)
+            self._back = WorldRollback(self.lockstep, self._checkpoints, len(self._names))
+            self._checkpoints.steps()
+            for line in self._checkpoints.broken:
+                self.get_logger().warning(line)
+        for robot, name in enumerate(self._names):
+            then = functools.partial(self._on_progress, robot)
+            read = typed(interface.PROGRESS, read_progress)
+            self.intake.listen(interface.PROGRESS, then, name, read=read)
+        if self.run.recorded:
+            read = typed(interface.PROGRESS, read_progress)
+            self.intake.listen(interface.PROGRESS, self._on_recorder, RECORDER, read=read)
         self.create_service(SetBool, "~/pause", self._on_pause)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(Trigger, "~/step", self._on_step)
         self._run_publisher.publish(String(data=self.run.to_yaml()))
-        self._map_publisher.publish(self._map.pack(0))
-        self._publish_markers()
-        self._say_state(wire.WAITING)
+        if not resumed:
+            self._map_publisher.publish(self._map.pack(0))
+            self._publish_markers()
+        self._say_state(wire.RESUMING if resumed else wire.WAITING)
         self._opened = True
 
+    def _order_when_all_have_said(self) -> list[str]:
+        """Where a run is resumed, say from where; return whose checkpoints are not known yet."""
+        if not self.values["resume"] or self.lockstep.held:
+            return []
+        silent = [self._names[k] for k in self._back.silent]
+        if silent:
+            return silent
+        if self.values["returning"] == CONTINUE:
+            self._back.call(uuid.uuid4().hex)
+            self._held_since = time.monotonic()
+            self._say_state(wire.RESUMING)
+        elif not self._take_back():
+            raise RunError(
+                "resume: a robot keeps no checkpoints; give every robot parameter 'out' and "
+                "resume:=true, or this world returning:=continue"
+            )
+        step = self.lockstep.world.step
+        self.get_logger().info(
+            f"going on from the checkpoint of step {max(0, self._back.order.step)} "
+            f"(transition {self.lockstep.world.transitions}, next step {step})"
+        )
+        return []
+
     def _start_when_complete(self, now: float) -> None:
-        missing = self._missing_nodes()
+        missing = self._order_when_all_have_said() or self._missing_nodes()
         if missing:
             self.remind(self._reminder, ", ".join(missing))
             limit = self.values["startup_timeout"]
@@ -254,7 +368,10 @@ class WorldSimulator(ParameterNode):
             f"{self.run.scenario.name}: {len(self._names)} robots, {self.run.scenario.steps} "
             f"steps, seed {self.run.seed}"
         )
-        self.lockstep.start()
+        if self.lockstep.held:
+            self._held_since = now
+        else:
+            self.lockstep.start()
 
     def _missing_nodes(self) -> list[str]:
         """Return the robots, and the recorder where one is to be, that do not listen yet."""
@@ -326,7 +443,12 @@ class WorldSimulator(ParameterNode):
             self._rate_timer = self.create_timer(_period(self.values) / 1e9, self._on_rate)
 
     def _on_rate(self) -> None:
-        if self.values["rate"] > 0 and self.lockstep.complete and not self._paused:
+        if (
+            not self._over
+            and self.values["rate"] > 0
+            and self.lockstep.complete
+            and not self._paused
+        ):
             self._advance()
             self._publish_markers()
 
@@ -342,14 +464,23 @@ class WorldSimulator(ParameterNode):
             self._say_state(wire.FINISHED)
             self.done = True
 
+    def destroy_node(self) -> None:
+        """As `Node`'s; others may have its checkpoints then."""
+        if self._checkpoints is not None:
+            self._checkpoints.close()
+        super().destroy_node()
+
     def finish(self, *, interrupted: bool) -> None:
         """Say good-bye, write summary and history, and let the last messages arrive."""
+        self._over = True
         if not self._opened:
             return
         if interrupted:
             if self._started:
                 self._seconds += time.monotonic()
             self._say_state(wire.STOPPED)
+        if self._started and not self.lockstep.held:
+            self.checkpoint(self.lockstep.world.step)
         if self._out is not None:
             save_somewhere(self, self._out, self.run.to_yaml(), self._write_outcome)
         wait_for_readers(self.publishers)
@@ -371,6 +502,8 @@ class WorldSimulator(ParameterNode):
             "timeouts": self.lockstep.timeouts,
             "stale_actions": self.lockstep.stale,
             "replaced_robots": self.replaced,
+            "taken_back": self._back.taken_back,
+            "transitions_lost": self._back.lost,
             "messages_dropped": self.intake.total,
             "executor": self.values["executor"],
             "rate": self.values["rate"],
@@ -383,9 +516,9 @@ class WorldSimulator(ParameterNode):
     def _running_state(self) -> str:
         if self._paused:
             return wire.PAUSED
-        if not self._started:
-            return wire.WAITING
-        return wire.GREEDY if self.run.greedy else wire.LEARNING
+        if self._started:
+            return wire.GREEDY if self.run.greedy else wire.LEARNING
+        return wire.RESUMING if self.values["resume"] else wire.WAITING
 
     def _say_state(self, state: str) -> None:
         self._state = state
@@ -393,6 +526,7 @@ class WorldSimulator(ParameterNode):
         said = (side.world.step, side.world.transitions, side.left_out, side.began)
         values = dict(zip(wire.STATUS_VALUES, said, strict=True))
         values[wire.RUN_ID] = self.run.id
+        values[wire.ROLLBACK] = order_text(self._back.order)
         self._status_publisher.publish(status(self.run.scenario.name, state, values))
 
     def _report(self, now: float) -> None:

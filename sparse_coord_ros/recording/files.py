@@ -110,12 +110,21 @@ def chunk_compression(compression: str) -> CompressionType:
     return _COMPRESSIONS[compression]
 
 
-def create_bag_file(directory: Path, file_name: str) -> BagFile:
-    """Make the directory, which must not exist, and a file in it; raises BagError."""
+def create_bag_file(directory: Path, file_name: str, *, new: bool = True) -> BagFile:
+    """Make the directory, which must not exist where it is `new`, and a file in it.
+
+    Raises:
+        BagError: it cannot be made.
+    """
     try:
-        directory.mkdir(parents=True)
+        if new:
+            directory.mkdir(parents=True)
         return BagFile(directory / file_name)
     except FileExistsError as error:
+        if not new:
+            raise BagError(
+                f"bag file {directory / file_name} exists: another recorder writes this bag"
+            ) from error
         raise BagError(
             f"bag directory {directory} exists: choose another name, or move it away"
         ) from error

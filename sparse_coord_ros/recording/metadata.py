@@ -16,6 +16,13 @@ METADATA_FILE = "metadata.yaml"
 METADATA_RECORD = "rosbag2"
 RECOVERED_RECORD = "recovered"
 """Name of the metadata record that `recover` leaves in what it made of a broken bag."""
+CONTINUED_RECORD = "continued"
+"""Name of the metadata record of every file of a bag but the first: `why` it begins (see
+`SPLIT`, `RESTARTED`, `ROLLED_BACK`); of one that takes the run back `step`, the checkpoint, and
+`first`, the time step of the first local state after it."""
+SPLIT, RESTARTED, ROLLED_BACK = "split", "restarted", "rolled_back"
+"""Why a file begins: the one before was big or long enough; its recorder had ended; the run went
+back to a checkpoint, and what the files before say from there on is superseded."""
 METADATA_VERSION = 9
 ROS_DISTRO = "jazzy"
 
@@ -55,49 +62,73 @@ class TopicSummary:
         }
 
 
+@dataclass(frozen=True)
+class FileSummary:
+    """What `metadata.yaml` says about one of the bag's files.
+
+    Attributes:
+        name: its name in the bag's directory.
+        message_count: number of messages in it.
+        start_ns, end_ns: log times of its earliest and latest message; ignored without any.
+    """
+
+    name: str
+    message_count: int
+    start_ns: int
+    end_ns: int
+
+    def as_mapping(self) -> dict[str, Any]:
+        """Return the file's entry in `files`."""
+        return {"path": self.name} | self.times() | {"message_count": self.message_count}
+
+    def times(self) -> dict[str, Any]:
+        """Return when it begins and how long it lasts."""
+        start, length = _NO_START_NS, 0
+        if self.message_count:
+            start, length = self.start_ns, self.end_ns - self.start_ns
+        return {
+            "starting_time": {"nanoseconds_since_epoch": start},
+            "duration": {"nanoseconds": length},
+        }
+
+
 def bag_information(
-    file_name: str,
+    files: Sequence[FileSummary],
     topics: Sequence[TopicSummary],
     *,
-    start_time_ns: int,
-    end_time_ns: int,
     custom_data: Mapping[str, str] | None = None,
     ros_distro: str = ROS_DISTRO,
 ) -> dict[str, Any]:
-    """Return what rosbag2 stores about a bag of one MCAP file, keys in rosbag2's order.
+    """Return what rosbag2 stores about a bag, keys in rosbag2's order.
 
     Chunks are compressed inside the MCAP file, of which rosbag2 knows nothing: its compression
     fields, meant for whole files or single messages, stay empty.
 
     Args:
-        file_name: name of the MCAP file in the bag's directory.
+        files: its files, one after the other.
         topics: one summary a topic, in the order they are to be listed.
-        start_time_ns: log time of the earliest message; ignored if there is no message.
-        end_time_ns: log time of the latest message; ignored if there is no message.
         custom_data: texts for `ros2 bag info` to show, none by default.
         ros_distro: name of the ROS distribution that recorded the bag.
     """
-    message_count = sum(topic.message_count for topic in topics)
-    duration = {"nanoseconds": end_time_ns - start_time_ns if message_count else 0}
-    starting_time = {"nanoseconds_since_epoch": start_time_ns if message_count else _NO_START_NS}
+    filled = [file for file in files if file.message_count]
+    whole = FileSummary(
+        "",
+        sum(file.message_count for file in files),
+        min((file.start_ns for file in filled), default=0),
+        max((file.end_ns for file in filled), default=0),
+    )
+    times = whole.times()
     return {
         "version": METADATA_VERSION,
         "storage_identifier": "mcap",
-        "duration": duration,
-        "starting_time": starting_time,
-        "message_count": message_count,
+        "duration": times["duration"],
+        "starting_time": times["starting_time"],
+        "message_count": whole.message_count,
         "topics_with_message_count": [topic.as_mapping() for topic in topics],
         "compression_format": "",
         "compression_mode": "",
-        "relative_file_paths": [file_name],
-        "files": [
-            {
-                "path": file_name,
-                "starting_time": starting_time,
-                "duration": duration,
-                "message_count": message_count,
-            }
-        ],
+        "relative_file_paths": [file.name for file in files],
+        "files": [file.as_mapping() for file in files],
         "custom_data": dict(custom_data) if custom_data else None,
         "ros_distro": ros_distro,
     }

@@ -37,8 +37,8 @@ class BagProcess:
     `BATCH` of them or `flush` is called; a failure is raised by a later call than its cause.
 
     Args:
-        directory: the bag's directory; must not exist.
-        compression: of chunks: `zstd`, `lz4` or `none`.
+        directory: the bag's directory.
+        options: the other arguments of `BagWriter`.
 
     Attributes:
         message_count: number of messages handed over; a few hundred may wait to be.
@@ -48,7 +48,7 @@ class BagProcess:
         BagError: as `BagWriter`, or the child has ended or hangs.
     """
 
-    def __init__(self, directory: Path, *, compression: str = "zstd") -> None:
+    def __init__(self, directory: Path, **options: Any) -> None:
         """Start the child and let it begin the bag, as the class says."""
         self._directory = directory
         self._batch: list[tuple[int, bytes, int, int]] = []
@@ -75,7 +75,7 @@ class BagProcess:
                 "nothing is recorded"
             ) from error
         try:
-            self._call("open", str(Path(directory).absolute()), compression)
+            self._call("open", str(Path(directory).absolute()), options)
             self._begun = True
         except BagError:
             self._end()
@@ -84,6 +84,10 @@ class BagProcess:
     def add_topic(self, topic: str, type_name: str, qos: QoS) -> int:
         """As `BagWriter.add_topic`."""
         return self._call("add_topic", topic, type_name, qos)
+
+    def begin_file(self, why: dict[str, str]) -> None:
+        """As `BagWriter.begin_file`."""
+        self._call("begin_file", why)
 
     def add_metadata(self, name: str, data: dict[str, str]) -> None:
         """As `BagWriter.add_metadata`."""
@@ -185,8 +189,8 @@ class _Child:
     def __init__(self) -> None:
         self.bag: BagWriter
 
-    def open(self, directory: str, compression: str) -> None:
-        self.bag = BagWriter(Path(directory), compression=compression)
+    def open(self, directory: str, options: dict[str, Any]) -> None:
+        self.bag = BagWriter(Path(directory), **options)
 
     def write_all(self, batch: list[tuple[int, bytes, int, int]]) -> None:
         write = self.bag.write

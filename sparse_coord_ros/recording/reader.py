@@ -18,7 +18,7 @@ from sparse_coord_ros.core.run_config import RUN_RECORD
 from sparse_coord_ros.core.wire import BAG_FORMAT, FORMAT_KEY
 from sparse_coord_ros.errors import BagError, newer_format
 from sparse_coord_ros.recording.files import PARTIAL, open_to_read
-from sparse_coord_ros.recording.metadata import RECOVERED_RECORD
+from sparse_coord_ros.recording.metadata import CONTINUED_RECORD, RECOVERED_RECORD
 from sparse_coord_ros.recording.records import (
     HEAD,
     MAGIC,
@@ -81,11 +81,11 @@ class Attachment(NamedTuple):
 
 
 class Attachments(Sequence[Attachment]):
-    """The attachments of a bag, each read from the file when it is asked for."""
+    """The attachments of a bag, each read from its file when it is asked for."""
 
-    def __init__(self, path: Path, places: Sequence[AttachmentPlace]) -> None:
-        """Take the file, and where in it the attachments are."""
-        self._path = path
+    def __init__(self, paths: Sequence[Path], places: Sequence[AttachmentPlace]) -> None:
+        """Take the file of each attachment, and where in it that is."""
+        self.paths = tuple(paths)
         self._places = tuple(places)
 
     @property
@@ -107,7 +107,7 @@ class Attachments(Sequence[Attachment]):
         if isinstance(item, slice):
             return tuple(self[i] for i in range(*item.indices(len(self))))
         place = self._places[item]
-        with _opened(self._path) as source:
+        with _opened(self.paths[item]) as source:
             source.seek(place.offset)
             data = source.read(place.size)
         return Attachment(place.name, place.media_type, data, place.log_time_ns)
@@ -115,10 +115,10 @@ class Attachments(Sequence[Attachment]):
 
 @dataclass(frozen=True)
 class Bag:
-    """A bag, checked byte by byte by `open_bag`.
+    """A bag, checked byte by byte by `open_bag`: one file, or several one after the other.
 
     Attributes:
-        path: the MCAP file.
+        path: the MCAP file; of several their directory.
         finished: whether its recorder closed it: footer and summary are there.
         damage: None if every byte checked out; otherwise one sentence: the byte offset and what
             is wrong there. A bag that is unfinished is not damaged by that alone.
@@ -156,6 +156,17 @@ class Bag:
     lost_bytes: int
     whole: bool
     _names: Mapping[int, str] = field(repr=False)
+    _files: tuple["Bag", ...] = ()
+
+    @property
+    def files(self) -> tuple["Bag", ...]:
+        """Its files, each as a bag of its own, in their order."""
+        return self._files or (self,)
+
+    @property
+    def continued(self) -> Mapping[str, str] | None:
+        """Why this file continues a bag (see `metadata.CONTINUED_RECORD`); None: it does not."""
+        return self.metadata.get(CONTINUED_RECORD)
 
     @property
     def recovered(self) -> Mapping[str, str] | None:
@@ -207,6 +218,10 @@ class Bag:
         Raises:
             BagError: the file has changed since it was opened, or cannot be read.
         """
+        if self._files:
+            for place in range(len(self._files)):
+                yield from self.parts_of(place, size)
+            return
         waiting, length_of_all = [], 0
         with _opened(self.path) as source:
             source.seek(len(MAGIC))
@@ -227,6 +242,21 @@ class Bag:
             if waiting:
                 yield _part(b"".join(waiting), offset)
 
+    def parts_of(self, place: int, size: int = 0) -> Iterator[Part]:
+        """Yield the parts of one of the files (from 0), with the channels of the whole."""
+        file = self.files[place]
+        if file is self:
+            yield from self.parts(size)
+            return
+        numbers = {name: channel for channel, name in self._names.items()}
+        table = np.zeros(1 << 16, dtype=np.uint16)
+        for channel, name in file.channels.items():
+            table[channel] = numbers[name]
+        for part in file.parts(size):
+            heads = part.heads.copy()
+            heads["channel"] = table[heads["channel"]]
+            yield part._replace(heads=heads)
+
 
 def _part(content: bytes, offset: int) -> Part:
     places, heads, _ = message_heads(content, offset)
@@ -244,11 +274,17 @@ def open_bag(path: Path) -> Bag:
         The bag; if it is damaged, as far as it can be read.
 
     Raises:
-        BagError: there is no such file, no or more than one MCAP file in the directory, or the
-            file does not begin as MCAP or holds other messages than those of ROS 2, or is a
-            run's in a format newer than this version's.
+        BagError: there is no such file, none in the directory or several that are not parts of
+            one bag, or a file does not begin as MCAP, holds other messages than those of ROS 2, or
+            is a run's in a format newer than this version's.
     """
-    path = bag_file(Path(path))
+    files = bag_files(Path(path))
+    if len(files) > 1:
+        return _joined([_open_file(file) for file in files])
+    return _open_file(files[0])
+
+
+def _open_file(path: Path) -> Bag:
     with _opened(path) as source:
         finished = _closed(source)
         try:
@@ -278,7 +314,7 @@ def open_bag(path: Path) -> Bag:
         topics={topic.name: topic for topic in scan.topics.values()},
         metadata_records=tuple(scan.metadata),
         metadata=first_texts,
-        attachments=Attachments(path, scan.attachments),
+        attachments=Attachments([path] * len(scan.attachments), scan.attachments),
         counts=counts,
         sizes=sizes,
         message_count=sum(counts.values()),
@@ -293,14 +329,67 @@ def open_bag(path: Path) -> Bag:
     )
 
 
-def bag_file(path: Path) -> Path:
-    """Return the MCAP file of a bag's directory, or the file itself; raises BagError.
+def _joined(files: Sequence[Bag]) -> Bag:
+    """Return several files as one bag."""
+    names: dict[str, int] = {}
+    for file in files:
+        for name in file.channels.values():
+            names.setdefault(name, len(names) + 1)
+    topics: dict[str, BagTopic] = {}
+    for file in files:
+        for name, topic in file.topics.items():
+            if topics.setdefault(name, topic).schema != topic.schema:
+                raise BagError(
+                    f"{file.path}: topic {name} has another definition than in the file before: "
+                    "these are no parts of one bag; name one"
+                )
+    filled = [file for file in files if file.message_count]
+    damaged = [f"{file.path.name}: {file.damage}" for file in files if file.damage is not None]
+    records = [record for file in files for record in file.metadata_records]
+    first_texts: dict[str, Mapping[str, str]] = {}
+    for name, texts in records:
+        if name != RECOVERED_RECORD:
+            first_texts.setdefault(name, texts)
+    if files[-1].recovered is not None:  # what was lost before is a gap between the files
+        first_texts[RECOVERED_RECORD] = files[-1].recovered
+    return Bag(
+        path=files[0].path.parent,
+        finished=all(file.finished for file in files),
+        damage=damaged[0] if damaged else None,
+        topics=topics,
+        metadata_records=tuple(records),
+        metadata=first_texts,
+        attachments=Attachments(
+            [path for file in files for path in file.attachments.paths],
+            [place for file in files for place in file.attachments.places],
+        ),
+        counts={name: sum(file.counts.get(name, 0) for file in files) for name in topics},
+        sizes={name: sum(file.sizes.get(name, 0) for file in files) for name in topics},
+        message_count=sum(file.message_count for file in files),
+        start_ns=min((file.start_ns for file in filled), default=0),
+        end_ns=max((file.end_ns for file in filled), default=0),
+        compressions=tuple(sorted({name for file in files for name in file.compressions})),
+        file_bytes=sum(file.file_bytes for file in files),
+        readable_bytes=sum(file.readable_bytes for file in files),
+        lost_bytes=sum(file.lost_bytes for file in files),
+        whole=all(file.whole for file in files),
+        _names={number: name for name, number in names.items()},
+        _files=tuple(files),
+    )
 
-    Where a finished and an unfinished file lie beside each other, it is the finished one. In a
-    directory without either, it is that of the directory `bag` there, as `run` leaves it.
+
+_NUMBERED = re.compile(rf"(.+)_(0|[1-9][0-9]*)\.mcap({re.escape(PARTIAL)})?")
+
+
+def bag_files(path: Path) -> list[Path]:
+    """Return the MCAP files of a bag's directory in order, or the file itself; raises BagError.
+
+    Several are one bag where their names differ in their numbers only. Where a finished and an
+    unfinished file of one name lie beside each other, it is the finished one. In a directory
+    without any, they are those of the directory `bag` there, as `run` leaves it.
     """
     if not path.is_dir():
-        return path
+        return [path]
     for directory in (path, path / BAG_DIRECTORY):
         try:
             files = sorted(p for p in directory.iterdir() if not p.name.startswith("."))
@@ -308,15 +397,37 @@ def bag_file(path: Path) -> Path:
             break
         except OSError as error:
             raise BagError(f"cannot read the bag {directory}: {error.strerror}") from error
-        for ending in (".mcap", f".mcap{PARTIAL}"):
-            found = [file for file in files if file.name.endswith(ending)]
-            if len(found) > 1:
-                raise BagError(f"bag {directory} has {len(found)} {ending} files: name one")
+        found = {
+            file.name.removesuffix(PARTIAL): file
+            for ending in (f".mcap{PARTIAL}", ".mcap")
+            for file in files
+            if file.name.endswith(ending)
+        }
+        if len(found) < 2:
             if found:
-                return found[0]
+                return list(found.values())
+            continue
+        matches = [_NUMBERED.fullmatch(name) for name in found]
+        if None in matches or len({match[1] for match in matches if match}) > 1:
+            raise BagError(f"bag {directory} has {len(found)} .mcap files: name one")
+        return [found[name] for name in sorted(found, key=number_of)]
     raise BagError(
         f"{path} is not a bag: it has no .mcap file; give a bag's directory or its file"
     )
+
+
+def bag_file(path: Path) -> Path:
+    """Return the one MCAP file of a bag, as `bag_files`; raises BagError where it has several."""
+    files = bag_files(path)
+    if len(files) > 1:
+        raise BagError(f"bag {path} has {len(files)} files: name one")
+    return files[0]
+
+
+def number_of(name: str) -> int:
+    """Return the number in the name of a bag's file; 0 where there is none."""
+    match = _NUMBERED.fullmatch(name)
+    return int(match[2]) if match else 0
 
 
 class _opened:  # noqa: N801

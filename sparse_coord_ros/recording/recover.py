@@ -12,6 +12,7 @@ from pathlib import Path
 
 import yaml
 
+from sparse_coord_ros.core.run_config import RUN_FILE
 from sparse_coord_ros.errors import BagError
 from sparse_coord_ros.recording.files import (
     PARTIAL,
@@ -24,12 +25,13 @@ from sparse_coord_ros.recording.metadata import (
     METADATA_FILE,
     METADATA_RECORD,
     RECOVERED_RECORD,
+    FileSummary,
     TopicSummary,
     bag_information,
     metadata_yaml,
 )
-from sparse_coord_ros.recording.reader import Bag, bag_file, open_bag
-from sparse_coord_ros.recording.writer import BagWriter
+from sparse_coord_ros.recording.reader import Bag, bag_files, number_of, open_bag
+from sparse_coord_ros.recording.writer import BagWriter, Earlier
 
 _DRAFT = ".recovering"
 
@@ -41,7 +43,8 @@ class Recovery:
     Attributes:
         path: the whole bag: its directory, or the file that was whole already.
         bag: what was read of the original; all of it is in the whole bag.
-        kept: the original file where it is now; None if it is in use as it was.
+        kept: the original file where it is now (of several the first); None if it is in use as
+            it was.
         changed: whether anything was written or renamed.
     """
 
@@ -59,10 +62,11 @@ class Recovery:
 def recover(path: Path) -> Recovery:
     """Make a bag whole: everything up to the first damage, indexed, with `metadata.yaml`.
 
-    A directory is mended in place: the finished file is `<name>_0.mcap`, the original is kept as
-    `<file>.damaged`. For a file given by its name a bag `<stem>_recovered` is made beside it, and
-    the file is left alone. A whole bag is left as it is; a missing `metadata.yaml` is written.
-    What is made of an unfinished or damaged bag says so itself (`Bag.recovered`), for good.
+    A directory is mended in place, file by file: the finished one is `<name>_0.mcap`, the original
+    is kept as `<file>.damaged`. For a file given by its name a bag `<stem>_recovered` is made
+    beside it, and the file is left alone. A whole bag is left as it is; a missing `metadata.yaml`
+    is written. What is made of an unfinished or damaged file says so itself (`Bag.recovered`), for
+    good.
 
     Args:
         path: as of `open_bag`.
@@ -72,39 +76,111 @@ def recover(path: Path) -> Recovery:
             written; whatever was recorded is there still.
     """
     path = Path(path)
-    file = bag_file(path)
-    with _not_recording(file):
-        bag = open_bag(file)
+    files = bag_files(path)
+    with contextlib.ExitStack() as held:
+        for file in files:
+            held.enter_context(_not_recording(file))
+        bag = open_bag(path)
         if not (bag.topics or bag.metadata or bag.attachments):
-            raise BagError(f"{file} holds nothing to recover{_because(bag)}")
+            raise BagError(f"{files[0]} holds nothing to recover{_because(bag)}")
         try:
-            return _in_place(bag, file.parent) if path.is_dir() else _beside(bag)
+            return _in_place(bag, files[0].parent) if path.is_dir() else _beside(bag)
         except OSError as error:
-            raise BagError(f"cannot recover {file}: {error.strerror}; make room") from error
+            raise BagError(f"cannot recover {files[0]}: {error.strerror}; make room") from error
+
+
+def continued(directory: Path) -> Earlier | None:
+    """Make a bag whole that a recorder is to continue, and return what it holds.
+
+    Returns:
+        None where there is no bag, or nothing in it: what there is was moved aside.
+
+    Raises:
+        BagError: it is being recorded, or cannot be read or mended.
+    """
+    if not directory.is_dir():
+        return None
+    try:
+        files = bag_files(directory)
+    except BagError:
+        if any(directory.iterdir()):
+            raise
+        directory.rmdir()
+        return None
+    while files and not _holds_anything(files[-1]):
+        with _not_recording(files[-1]):
+            _keep(files[-1])
+            files.pop().unlink(missing_ok=True)
+    if not files:
+        directory.rename(_free(directory.with_name(f"{directory.name}.damaged")))
+        return None
+    recovery = recover(directory)
+    if recovery.complete and recovery.kept is not None:
+        recovery.kept.unlink()  # all of it is in the file that was finished
+    bag = open_bag(directory)
+    files = bag_files(directory)
+    return Earlier(
+        number_of(files[-1].name) + 1,
+        _name(files[-1]),
+        tuple(_file_summary(file) for file in bag.files),
+        bag.counts,
+        bag.topics,
+        bag.end_ns,
+        _run_id(bag),
+    )
+
+
+def _run_id(bag: Bag) -> str:
+    """Return the identity of the run that a bag records; empty where it says none."""
+    for attachment in bag.attachments:
+        if attachment.name == RUN_FILE:
+            with contextlib.suppress(yaml.YAMLError, AttributeError):
+                return str(yaml.safe_load(attachment.data).get("id", ""))
+    return ""
+
+
+def _holds_anything(file: Path) -> bool:
+    try:
+        bag = open_bag(file)
+    except BagError:
+        return False
+    return bool(bag.message_count or bag.attachments or bag.metadata)
+
+
+def _free(path: Path) -> Path:
+    """Return a name that nothing has, with a number at its end where it must have one."""
+    for number in itertools.count(1):
+        free = path.with_name(f"{path.name}{number if number > 1 else ''}")
+        if not free.exists():
+            return free
+    raise AssertionError
 
 
 def _in_place(bag: Bag, directory: Path) -> Recovery:
-    file = bag.path
-    if not bag.finished or bag.damage is not None:
-        name = _name(file)
-        with _draft(bag, directory / _DRAFT, name) as draft:
-            kept = _keep(file)
-            metadata = directory / METADATA_FILE
-            if metadata.exists():
-                _keep(metadata)
-            os.replace(draft / f"{name}_0.mcap", directory / f"{name}_0.mcap")
-            os.replace(draft / METADATA_FILE, metadata)
-            if file.name != f"{name}_0.mcap":
-                file.unlink(missing_ok=True)  # it is there as `kept`
-            sync_directory(directory)
-        return Recovery(directory, bag, kept, True)
-    finished = file.with_name(file.name.removesuffix(PARTIAL))
-    if finished != file:
-        file.rename(finished)
-    described = _describes(directory / METADATA_FILE, bag, finished.name)
+    metadata = directory / METADATA_FILE
+    kept: list[Path] = []
+    renamed = False
+    for one in bag.files:
+        file, finished = one.path, directory / f"{_name(one.path)}_{number_of(one.path.name)}.mcap"
+        if not one.finished or one.damage is not None:
+            with _draft(one, directory / _DRAFT, finished.name) as draft:
+                kept.append(_keep(file))
+                if metadata.exists():
+                    _keep(metadata)
+                    metadata.unlink(missing_ok=True)
+                os.replace(draft / finished.name, finished)
+                if file != finished:
+                    file.unlink(missing_ok=True)  # it is there as `kept`
+        elif file.name.endswith(PARTIAL):
+            file.rename(file.with_name(file.name.removesuffix(PARTIAL)))
+            renamed = True
+    mended = open_bag(directory)
+    described = _describes(metadata, mended)
     if not described:
-        _write_metadata(directory / METADATA_FILE, bag, finished.name)
-    return Recovery(directory, bag, None, finished != file or not described)
+        _write_metadata(metadata, mended)
+    sync_directory(directory)
+    changed = bool(kept) or renamed or not described
+    return Recovery(directory, bag, kept[0] if kept else None, changed)
 
 
 def _beside(bag: Bag) -> Recovery:
@@ -115,7 +191,8 @@ def _beside(bag: Bag) -> Recovery:
     directory = file.with_name(f"{stem}_recovered")
     if directory.exists():
         raise BagError(f"{directory} exists, nothing is overwritten: move it away")
-    with _draft(bag, file.with_name(f".{directory.name}"), _name(file)) as draft:
+    name = f"{_name(file)}_{number_of(file.name)}.mcap"
+    with _draft(bag, file.with_name(f".{directory.name}"), name) as draft:
         os.rename(draft, directory)
         sync_directory(directory.parent)
     return Recovery(directory, bag, file, True)
@@ -123,11 +200,18 @@ def _beside(bag: Bag) -> Recovery:
 
 @contextlib.contextmanager
 def _draft(bag: Bag, directory: Path, name: str) -> Iterator[Path]:
-    """Write all that can be read of a bag into a directory, checked, removed at the end."""
+    """Write all that can be read of a bag's file into a directory, checked, removed at the end.
+
+    Args:
+        bag: one file.
+        directory: a new one.
+        name: of the file in it.
+    """
     shutil.rmtree(directory, ignore_errors=True)
     compression = bag.compressions[0] if len(bag.compressions) == 1 else "zstd"
     try:
-        with BagWriter(directory, compression=compression, name=name) as writer:
+        stem = name.removesuffix(".mcap").rpartition("_")[0]
+        with BagWriter(directory, compression=compression, name=stem) as writer:
             if (note := _note(bag)) is not None:
                 writer.add_metadata(RECOVERED_RECORD, note)
             for record, texts in bag.metadata_records:
@@ -140,6 +224,10 @@ def _draft(bag: Bag, directory: Path, name: str) -> Iterator[Path]:
             channels = {t.name: writer.add_known_topic(t) for t in bag.topics.values()}
             for topic, data, log_ns, publish_ns, sequence in bag.messages():
                 writer.write(channels[topic], data, log_ns, publish_ns, sequence)
+        if name != f"{stem}_0.mcap":
+            (directory / f"{stem}_0.mcap").rename(directory / name)
+            text = (directory / METADATA_FILE).read_text().replace(f"{stem}_0.mcap", name)
+            (directory / METADATA_FILE).write_text(text)
         copy = open_bag(directory)
         if copy.damage or copy.counts != bag.counts:
             raise BagError(f"what was recovered of {bag.path} does not read back: {copy.damage}")
@@ -181,7 +269,9 @@ def recovered_text(note: Mapping[str, str]) -> str:
 
 
 def _name(file: Path) -> str:
-    return file.name.removesuffix(PARTIAL).removesuffix(".mcap").removesuffix("_0") or "bag"
+    """Return what the names of a bag's files begin with."""
+    stem = file.name.removesuffix(PARTIAL).removesuffix(".mcap")
+    return stem.removesuffix(f"_{number_of(file.name)}") or "bag"
 
 
 def _because(bag: Bag) -> str:
@@ -202,29 +292,32 @@ def _keep(file: Path) -> Path:
     raise AssertionError
 
 
-def _describes(metadata: Path, bag: Bag, file_name: str) -> bool:
+def _describes(metadata: Path, bag: Bag) -> bool:
     """Whether a `metadata.yaml` is there and fits the bag."""
+    names = [file.path.name for file in bag.files]
     try:
         information = yaml.safe_load(metadata.read_bytes())["rosbag2_bagfile_information"]
         return (
-            file_name in information["relative_file_paths"]
+            information["relative_file_paths"] == names
             and information["message_count"] == bag.message_count
         )
     except (OSError, yaml.YAMLError, ValueError, TypeError, KeyError, RecursionError):
         return False
 
 
-def _write_metadata(metadata: Path, bag: Bag, file_name: str) -> None:
+def _write_metadata(metadata: Path, bag: Bag) -> None:
     if metadata.exists():
         _keep(metadata)
     topics = [
         TopicSummary(t.name, t.type_name, bag.counts[t.name], t.qos, t.type_hash)
         for t in bag.topics.values()
     ]
-    information = bag_information(
-        file_name, topics, start_time_ns=bag.start_ns, end_time_ns=bag.end_ns
-    )
-    write_text(metadata, metadata_yaml(information))
+    files = [_file_summary(file) for file in bag.files]
+    write_text(metadata, metadata_yaml(bag_information(files, topics)))
+
+
+def _file_summary(file: Bag) -> FileSummary:
+    return FileSummary(file.path.name, file.message_count, file.start_ns, file.end_ns)
 
 
 @contextlib.contextmanager

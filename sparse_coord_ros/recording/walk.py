@@ -214,7 +214,7 @@ class Walk:
     @property
     def attachments(self) -> Attachments:
         """The attachments found so far."""
-        return Attachments(self.path, self._attachments)
+        return Attachments([self.path] * len(self._attachments), self._attachments)
 
     def attached(self, place: AttachmentPlace) -> bytes:
         """Return an attachment's bytes; raises BagError."""

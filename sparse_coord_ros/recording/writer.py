@@ -1,9 +1,10 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The bag writer: raw CDR messages into a rosbag2 directory with one MCAP file."""
+"""The bag writer: raw CDR messages into a rosbag2 directory of MCAP files."""
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import NamedTuple
 
 from mcap.writer import Writer
 
@@ -11,8 +12,12 @@ from sparse_coord_ros import __version__
 from sparse_coord_ros.errors import BagError
 from sparse_coord_ros.recording.files import chunk_compression, create_bag_file, write_text
 from sparse_coord_ros.recording.metadata import (
+    CONTINUED_RECORD,
     METADATA_FILE,
     METADATA_RECORD,
+    RESTARTED,
+    SPLIT,
+    FileSummary,
     TopicSummary,
     bag_information,
     metadata_yaml,
@@ -28,8 +33,34 @@ DEFAULT_CHUNK_SIZE = 256 * 1024
 _LARGEST_CHUNK_SIZE = LARGEST_RECORD // 4
 
 
+class Earlier(NamedTuple):
+    """What a bag holds already that is to be continued; `recover.continued` tells it.
+
+    Attributes:
+        number: of the file that comes next.
+        name: stem of the files.
+        files: those that are there.
+        counts: messages by topic.
+        topics: by name.
+        end_ns: latest log time.
+        run_id: identity of the run that it records; empty: unknown.
+    """
+
+    number: int
+    name: str
+    files: tuple[FileSummary, ...]
+    counts: Mapping[str, int]
+    topics: Mapping[str, BagTopic]
+    end_ns: int
+    run_id: str = ""
+
+
 class BagWriter:
     """Writes one bag: a new directory with `<name>_0.mcap` and `metadata.yaml`.
+
+    Further files follow where a limit is passed, by `begin_file`, or where an earlier bag is
+    continued: `<name>_1.mcap` and so on, each with a metadata record that says why it begins.
+    Channels and sequence numbers go on.
 
     Until it is closed the file is `<name>_0.mcap.partial`, alone in its directory. Every chunk is
     handed to the operating system as soon as it is full, and by `flush`: a bag that is never
@@ -43,6 +74,10 @@ class BagWriter:
         compression: of chunks: `zstd`, `lz4` or `none`.
         chunk_size: bytes of uncompressed messages after which a chunk is written, up to 64 MiB.
         name: stem of the MCAP file; the directory's name by default.
+        max_bytes: begin another file after so many; 0: never.
+        max_ns: the same, after so much log time.
+        earlier: the bag that is to be continued, in that directory; None: a new one.
+        why: what the first new file then says, see `begin_file`.
 
     Raises:
         BagError: an argument is not as above, or directory or file cannot be made.
@@ -55,33 +90,71 @@ class BagWriter:
         compression: str = "zstd",
         chunk_size: int = DEFAULT_CHUNK_SIZE,
         name: str | None = None,
+        max_bytes: int = 0,
+        max_ns: int = 0,
+        earlier: Earlier | None = None,
+        why: Mapping[str, str] | None = None,
     ) -> None:
         """Make the directory and start the file, as the class says."""
-        compression_type = chunk_compression(compression)
+        self._compression = chunk_compression(compression)
         if type(chunk_size) is not int or not 1 <= chunk_size <= _LARGEST_CHUNK_SIZE:
             raise BagError(
                 f"chunk_size is {chunk_size!r}: give a number of bytes, 1 to {_LARGEST_CHUNK_SIZE}"
             )
+        self._chunk_size = chunk_size
+        self._max_bytes, self._max_ns = max_bytes, max_ns
         self._directory = Path(directory)
         stem = self._directory.name if name is None else name
+        if earlier is not None:
+            stem = earlier.name
         if not stem or "/" in stem or "\0" in stem:
             raise BagError(f"bag name is {stem!r}: give a file name, without directories")
-        self._file_name = f"{stem}_0.mcap"
-        self._file = create_bag_file(self._directory, self._file_name)
+        self._stem, self._number = stem, 0 if earlier is None else earlier.number
+        self._files: list[FileSummary] = [] if earlier is None else [*earlier.files]
+        self._counts_before = {} if earlier is None else dict(earlier.counts)
+        self._topics_before = {} if earlier is None else dict(earlier.topics)
+        self._bytes_before = 0
+        self._channels: dict[str, int] = {}
+        self._topics: dict[str, BagTopic] = {}
+        self._counts: dict[int, int] = {}
+        self._start_file(new=earlier is None)
+        if earlier is not None:
+            self._writer.add_metadata(CONTINUED_RECORD, dict(why or {"why": RESTARTED}))
+
+    def _start_file(self, *, new: bool = False) -> None:
+        """Begin a file, with the channels that there are."""
+        self._file_name = f"{self._stem}_{self._number}.mcap"
+        self._file = create_bag_file(self._directory, self._file_name, new=new)
         self._writer = Writer(
             self._file,  # type: ignore[arg-type]  # of a stream, Writer uses write, tell and flush
-            chunk_size=chunk_size,
-            compression=compression_type,
+            chunk_size=self._chunk_size,
+            compression=self._compression,
             enable_data_crcs=True,
         )
         self._add_message = self._writer.add_message
         self._schema_ids: dict[tuple[str, str, str], int] = {}
-        self._channels: dict[str, int] = {}
-        self._topics: dict[str, BagTopic] = {}
-        self._counts: dict[int, int] = {}
+        self._before = dict(self._counts)
         self._start_ns = LATEST_NS
         self._end_ns = 0
         self._writer.start(profile="ros2", library=f"sparse_coord_ros {__version__}")
+        for topic in self._topics.values():
+            self._register(topic)
+
+    def begin_file(self, why: Mapping[str, str]) -> None:
+        """End the file and begin the next.
+
+        Args:
+            why: texts of its metadata record `continued`; see `metadata.CONTINUED_RECORD`.
+
+        Raises:
+            BagError: writing failed, or the bag is closed.
+        """
+        self._file.check_usable()
+        self._finish_file()
+        self._bytes_before += self._file.tell()
+        self._number += 1
+        self._start_file()
+        self._writer.add_metadata(CONTINUED_RECORD, dict(why))
 
     @property
     def message_count(self) -> int:
@@ -91,7 +164,7 @@ class BagWriter:
     @property
     def bytes_written(self) -> int:
         """Bytes handed to the operating system; the unfinished chunk is not among them."""
-        return self._file.tell()
+        return self._bytes_before + self._file.tell()
 
     def add_topic(self, topic: str, type_name: str, qos: QoS) -> int:
         """Return the topic's channel id, registering topic and type if they are new.
@@ -130,12 +203,20 @@ class BagWriter:
         self._file.check_usable()
         if topic.name in self._topics:
             raise BagError(f"topic {topic.name} is in the bag already: add a topic once")
+        self._topics[topic.name] = topic
+        channel_id = self._channels[topic.name] = self._register(topic)
+        self._counts[channel_id] = self._counts_before.get(topic.name, 0)
+        self._before[channel_id] = self._counts[channel_id]
+        return channel_id
+
+    def _register(self, topic: BagTopic) -> int:
+        """Write a topic's type and channel into the file, and return the channel."""
         schema = topic.type_name, topic.schema_encoding, topic.schema
         if schema not in self._schema_ids:
             self._schema_ids[schema] = self._writer.register_schema(
                 *schema[:2], schema[2].encode()
             )
-        channel_id = self._writer.register_channel(
+        return self._writer.register_channel(
             topic.name,
             "cdr",
             self._schema_ids[schema],
@@ -144,10 +225,6 @@ class BagWriter:
                 "topic_type_hash": topic.type_hash,
             },
         )
-        self._channels[topic.name] = channel_id
-        self._topics[topic.name] = topic
-        self._counts[channel_id] = 0
-        return channel_id
 
     def write(
         self,
@@ -172,6 +249,8 @@ class BagWriter:
         """
         if self._file.refusal is not None:
             raise BagError(self._file.refusal)
+        if (self._max_bytes or self._max_ns) and self._full(log_time_ns):
+            self.begin_file({"why": SPLIT})
         try:
             count = self._counts[channel_id]
         except KeyError:
@@ -196,6 +275,12 @@ class BagWriter:
             self._start_ns = log_time_ns
         if log_time_ns > self._end_ns:
             self._end_ns = log_time_ns
+
+    def _full(self, log_time_ns: int) -> bool:
+        """Whether a message of that time belongs into another file."""
+        if 0 < self._max_bytes <= self._file.tell():
+            return True
+        return 0 < self._max_ns <= log_time_ns - self._start_ns
 
     def add_metadata(self, name: str, data: Mapping[str, str]) -> None:
         """Add a metadata record of texts, for example parameters or versions.
@@ -237,22 +322,32 @@ class BagWriter:
         """
         if self._file.closed:
             return
+        self._finish_file()
+        topics = {name: (topic, 0) for name, topic in self._topics_before.items()}
+        topics |= {n: (t, self._counts[self._channels[n]]) for n, t in self._topics.items()}
+        summaries = [
+            TopicSummary(
+                t.name, t.type_name, count or self._counts_before.get(name, 0), t.qos, t.type_hash
+            )
+            for name, (t, count) in topics.items()
+        ]
+        information = bag_information(self._files, summaries)
+        write_text(self._directory / METADATA_FILE, metadata_yaml(information))
+
+    def _finish_file(self) -> None:
+        """Finish and rename the file, and close it in any case."""
+        counts = {c: count - self._before[c] for c, count in self._counts.items()}
+        file = FileSummary(self._file_name, sum(counts.values()), self._start_ns, self._end_ns)
+        summaries = [
+            TopicSummary(t.name, t.type_name, counts[channel], t.qos, t.type_hash)
+            for t, channel in zip(self._topics.values(), self._channels.values(), strict=True)
+        ]
         try:
             self._file.check_usable()
-            information = bag_information(
-                self._file_name,
-                [
-                    TopicSummary(t.name, t.type_name, self._counts[channel], t.qos, t.type_hash)
-                    for t, channel in zip(
-                        self._topics.values(), self._channels.values(), strict=True
-                    )
-                ],
-                start_time_ns=self._start_ns,
-                end_time_ns=self._end_ns,
-            )
             self._writer.flush()
             # rosbag2 stores its information in the file too, and reads it from there if the
             # MCAP file is opened alone.
+            information = bag_information([file], summaries)
             self._writer.add_metadata(
                 METADATA_RECORD, {"serialized_metadata": yaml_text(information)}
             )
@@ -260,7 +355,7 @@ class BagWriter:
             self._file.finish()
         finally:
             self._file.close()
-        write_text(self._directory / METADATA_FILE, metadata_yaml(information))
+        self._files.append(file)
 
     def abandon(self) -> None:
         """Write the current chunk and close the file without finishing it.

@@ -196,6 +196,8 @@ class AgentCheck:
         due = {name: int((ended == code).sum()) for code, name in enumerate(PERCEPT_ENDS)}
         learned = int(story.learned[:to].sum())
         mine = [r for r in log.requests if r.asker == self.k and r.step < entry.step + end - to]
+        # What was sent again as no answer came is the same request.
+        mine = [r for r in mine if r.answer is not None]
         again = len(mine) - len({(r.peer, r.step) for r in mine})
         # A robot that stops while it asks has repeated without an action that follows.
         until = entry.step + (entry is self.recorded[-1])

@@ -4,7 +4,7 @@
 
 import hashlib
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from sparse_coord_ros.core.agent import Tables
@@ -15,6 +15,7 @@ from sparse_coord_ros.core.wire import TABLES_FOLDER, tables_attachment
 from sparse_coord_ros.errors import TablesError
 from sparse_coord_ros.recording.reader import Bag
 from sparse_coord_ros.runlog.difference import Difference
+from sparse_coord_ros.runlog.timeline import Rollback, of_last
 
 TABLES = TABLES_TOPIC.name
 NAME = re.compile(
@@ -39,15 +40,20 @@ class RecordedTables(NamedTuple):
 
 
 def read_tables(
-    bag: Bag, run: RunConfig
+    bag: Bag, run: RunConfig, backs: Sequence[Rollback] = ()
 ) -> Iterator[tuple[Difference | None, RecordedTables | None]]:
-    """Read the attachments tables/<robot>_<step>.npz; yield what is odd, and the tables."""
+    """Read the attachments tables/<robot>_<step>.npz; yield what is odd, and the tables.
+
+    Those that a roll-back superseded are left out; those of its checkpoint come again.
+    """
     scenario = run.scenario
     names = [robot.name for robot in scenario.robots]
     cells = len(scenario.map.cells)
     due = (cells, 5), (cells,) * scenario.perceived + (4,)
     seen: set[tuple[str, bytes]] = set()
+    files = {file.path: place for place, file in enumerate(bag.files)}
     for place, name in enumerate(bag.attachments.names):
+        in_file = files[bag.attachments.paths[place]]
         if not name.startswith(TABLES_FOLDER):
             continue
         match = NAME.fullmatch(name)
@@ -59,9 +65,12 @@ def read_tables(
             )
             continue
         robot, step = match[1], int(match[2])
+        if not of_last([in_file], [step], backs)[0]:
+            continue
         data = bag.attachments[place].data
         key = (name, hashlib.sha256(data).digest())
-        if key in seen:
+        again = any(back.file == in_file and back.step == step for back in backs)
+        if key in seen and not again:
             yield Difference(step, robot, TABLES, "twice", "once"), None
             continue
         seen.add(key)

@@ -46,14 +46,21 @@ class Columns:
         readers: by topic; other topics' messages are only counted and timed.
         stamped: the topics whose messages begin with the time at which they are logged.
         period: nanoseconds of a time step.
+        begins: for each of the bag's files the time at which its recorder begins to count anew;
+            None: it goes on.
 
     Attributes:
-        rows: by topic, in the order of the file.
+        rows: by topic, in the order of the file, of each file of the bag.
         problems: messages out of number or time, or unreadable.
     """
 
     def __init__(
-        self, bag: Bag, readers: Mapping[str, Reader], stamped: Sequence[str], period: int
+        self,
+        bag: Bag,
+        readers: Mapping[str, Reader],
+        stamped: Sequence[str],
+        period: int,
+        begins: Sequence[int | None],
     ) -> None:
         self.problems: list[Difference] = []
         self._decode = Decoder(bag.topics)
@@ -67,14 +74,20 @@ class Columns:
         self._stamped = np.array([name in stamped for name in self._topics], dtype=bool)
         self._due = dict.fromkeys(self._topics, 0)
         self._now = 0
-        parts: dict[str, list[np.ndarray]] = {name: [] for name in readers}
-        for part in bag.parts(PART_BYTES):
-            for name, rows in self._part(part):
-                parts[name].append(rows)
-        self.rows = {
-            name: np.concatenate([np.empty(0, readers[name].kind), *found])
-            for name, found in parts.items()
-        }
+        self.rows: list[dict[str, np.ndarray]] = []
+        for begins_at in begins:
+            if begins_at is not None:
+                self._now = begins_at
+            parts: dict[str, list[np.ndarray]] = {name: [] for name in readers}
+            for part in bag.parts_of(len(self.rows), PART_BYTES):
+                for name, rows in self._part(part):
+                    parts[name].append(rows)
+            self.rows.append(
+                {
+                    name: np.concatenate([np.empty(0, readers[name].kind), *found])
+                    for name, found in parts.items()
+                }
+            )
 
     def _part(self, part: Part) -> Iterator[tuple[str, np.ndarray]]:
         """Yield topics with the rows of their messages."""

@@ -100,6 +100,7 @@ class RunLog:
             return None
         tracks = self.tracks
         ends = [track.step.max(initial=0) for track in (*tracks.states, tracks.clock)]
+        ends += [gap.first - 1 for gap in tracks.gaps]
         return int(min(ends)) - MARGIN
 
     @property

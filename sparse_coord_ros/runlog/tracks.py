@@ -3,6 +3,7 @@
 """A bag's messages sorted by topic and time step, with whatever is odd about them."""
 
 from collections.abc import Callable, Collection, Iterable, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,6 +25,15 @@ from sparse_coord_ros.runlog.difference import MISSING, Difference
 from sparse_coord_ros.runlog.layouts import Layout, nanoseconds
 from sparse_coord_ros.runlog.shown import MarkersContent, occupancy
 from sparse_coord_ros.runlog.source import Source, check_source, find_run
+from sparse_coord_ros.runlog.timeline import (
+    Gap,
+    Rollback,
+    gaps,
+    kept,
+    of_last,
+    rollbacks,
+    steps_of,
+)
 
 NUMBERS = len(ACTION_LABELS) + len(ACCOUNT_LABELS)
 STAMP = ("ns", "i8")
@@ -79,6 +89,8 @@ class Tracks:
         statuses: of the world, in the order of the log.
         requests: the dialogue.
         tables: of each attachment.
+        rollbacks: where the run went back to a checkpoint; what they superseded is left out.
+        gaps: what was not recorded between two files.
         problems: what is odd.
     """
 
@@ -100,12 +112,15 @@ class Tracks:
         self.statuses: list[Status] = []
         self.requests: list[Request] = []
         self.tables: list[RecordedTables] = []
+        self.rollbacks: list[Rollback] = []
+        self.gaps: list[Gap] = []
         self.problems: list[Difference] = []
 
     @property
     def broken_off(self) -> bool:
         """Whether the recording ended before the run, or a part of it is lost."""
-        return not (self.bag.finished and self.bag.whole) or self.bag.recovered is not None
+        bag = self.bag
+        return not (bag.finished and bag.whole) or bag.recovered is not None or bool(self.gaps)
 
     def of(self, k: int) -> tuple[Track, Track, Track, Track]:
         """Return one robot's tracks: states, rewards, actions, percepts."""
@@ -129,7 +144,7 @@ def read_tracks(path: Path) -> Tracks:
     found = find_run(bag, Decoder(bag.topics))
     tracks, topics = tracks_of(bag, found)
     _check_source(tracks, found, topics)
-    for odd, entry in read_tables(bag, found.run):
+    for odd, entry in read_tables(bag, found.run, tracks.rollbacks):
         tracks.problems += [] if odd is None else [odd]
         tracks.tables += [] if entry is None else [entry]
     return tracks
@@ -169,21 +184,36 @@ def tracks_of(
     if only is not None:
         wanted = {tracks.topic(topic, k) for topic in only for k in range(len(tracks.names))}
     readers_of = {name: reader for name, reader in by_name.items() if name in wanted}
-    columns = Columns(bag, readers_of, stamped, frame.period)
-    columns.rows |= {n: np.empty(0, r.kind) for n, r in by_name.items() if n not in readers_of}
+    backs = rollbacks(bag)
+    begins: list[int | None] = [None] * len(bag.files)
+    for back in backs:
+        begins[back.file] = (back.first - 1) * frame.period
+    columns = Columns(bag, readers_of, stamped, frame.period, begins)
+    for found_rows in columns.rows:
+        found_rows |= {n: np.empty(0, r.kind) for n, r in by_name.items() if n not in readers_of}
     tracks.problems += columns.problems
+    clocks = [steps_of(rows[clock], frame.period) for rows in columns.rows]
+    tracks.gaps, tracks.rollbacks = gaps(bag, clocks, backs)
+    for gap in tracks.gaps:
+        logged = f"nothing of the time steps {gap.first} to {gap.last}: no recorder was there"
+        tracks.problems.append(Difference(None, None, "recording", logged, "every time step"))
+
+    def rows_of(name: str, *, checkpoints: bool = False) -> np.ndarray:
+        files = [rows[name] for rows in columns.rows]
+        return kept(files, backs, frame.period, checkpoints=checkpoints)
+
     for k in range(len(tracks.names)):
-        accounts = columns.rows[tracks.topic(wire.ACTION, k)]["numbers"][:, len(ACTION_LABELS) :]
+        accounts = rows_of(tracks.topic(wire.ACTION, k))["numbers"][:, len(ACTION_LABELS) :]
         if not np.isnan(accounts).all():  # only format 2 has them, whatever the record says
             tracks.format = max(tracks.format, 2)
     sort = _Sorter(tracks, frame)
-    tracks.clock = sort.track(columns.rows[clock], None, THE_CLOCK)
+    tracks.clock = sort.track(rows_of(clock), None, THE_CLOCK)
     tracks.problems += [
         Difference(step, None, THE_CLOCK, "twice", "once")
         for step in tracks.clock.repeats.tolist()
     ]
-    tracks.maps = sort.several(columns.rows[tracks.topic(wire.MAP)], None, wire.MAP.name)[0]
-    rows = columns.rows[tracks.topic(wire.MARKERS)]
+    tracks.maps = sort.several(rows_of(tracks.topic(wire.MAP)), None, wire.MAP.name)[0]
+    rows = rows_of(tracks.topic(wire.MARKERS))
     tracks.markers = sort.several(rows, None, wire.MARKERS.name)
     kinds = (
         (wire.LOCAL_STATE, tracks.states),
@@ -193,15 +223,41 @@ def tracks_of(
     )
     for k in range(len(tracks.names)):
         for topic, of in kinds:
-            of.append(sort.track(columns.rows.pop(tracks.topic(topic, k)), k, topic.name))
+            of.append(sort.track(rows_of(tracks.topic(topic, k)), k, topic.name))
         topic = wire.COORDINATION_MAP
-        rows = columns.rows[tracks.topic(topic, k)]
+        rows = rows_of(tracks.topic(topic, k), checkpoints=True)
         tracks.coordination_maps.append(sort.several(rows, k, topic.name))
-    sort.statuses(readers.statuses)
-    events = [columns.rows[tracks.topic(wire.SERVICE_EVENTS, k)] for k in range(len(tracks.names))]
-    tracks.requests, problems = put_together(events, list(tracks.names), frame)
-    tracks.problems += problems
+    status = tracks.topic(wire.STATUS)
+    places = np.repeat(np.arange(len(columns.rows)), [len(rows[status]) for rows in columns.rows])
+    steps = [one.step for one in readers.statuses]
+    valid = of_last(places.tolist(), steps, backs)
+    sort.statuses([one for one, ok in zip(readers.statuses, valid, strict=True) if ok])
+    _read_dialogue(tracks, columns, frame)
     return tracks, list(by_name)
+
+
+def _read_dialogue(tracks: Tracks, columns: Columns, frame: Frame) -> None:
+    """Put the dialogue together, of each time line by itself: who comes back counts anew."""
+    names = [tracks.topic(wire.SERVICE_EVENTS, k) for k in range(len(tracks.names))]
+    firsts = [back.first for back in tracks.rollbacks]
+    cuts = [0, *(back.file for back in tracks.rollbacks), len(columns.rows)]
+    for place, (begin, end) in enumerate(pairwise(cuts)):
+        files = columns.rows[begin:end]
+        if not files:
+            continue
+        events = [np.concatenate([rows[name] for rows in files]) for name in names]
+        requests, problems = put_together(events, list(tracks.names), frame)
+        limit = min(firsts[place:], default=np.inf)
+        late = tracks.rollbacks[place - 1].until - 1 if place else np.inf
+        tracks.requests += [request for request in requests if request.step < limit]
+        # Answers that were under way when the run went back come without their requests.
+        tracks.problems += [
+            one
+            for one in problems
+            if one.step is None
+            or (one.step < limit and not (one.step >= late and "without" in one.logged))
+        ]
+    tracks.requests.sort(key=lambda one: (one.step, one.asker))
 
 
 def _check_source(tracks: Tracks, source: Source, topics: Iterable[str]) -> None:

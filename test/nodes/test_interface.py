@@ -41,6 +41,7 @@ ROBOT = {
     "action": ("sensor_msgs/msg/JointState", False),
     "percept": ("nav_msgs/msg/Path", False),
     "coordination_map": ("nav_msgs/msg/OccupancyGrid", True),
+    "progress": ("diagnostic_msgs/msg/DiagnosticStatus", True),
     "tables": ("std_msgs/msg/UInt8MultiArray", True),
     "claim": ("std_msgs/msg/Header", True),
 }

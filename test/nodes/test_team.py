@@ -17,7 +17,16 @@ from sparse_coord_ros.runlog import verify
 
 NAMES = ("robot_1", "robot_2")
 TEAM = {"run", "status", "map", "markers", "diagnostics", "world_simulator/claim"}
-ROBOT = {"local_state", "reward", "action", "percept", "coordination_map", "tables", "claim"}
+ROBOT = {
+    "local_state",
+    "reward",
+    "action",
+    "percept",
+    "coordination_map",
+    "progress",
+    "tables",
+    "claim",
+}
 
 
 def test_reset_begins_an_episode_and_nobody_learns_across_it(bench):

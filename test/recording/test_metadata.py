@@ -15,6 +15,7 @@ from sparse_coord_ros.recording import (
     metadata_yaml,
     offered_qos_profiles,
 )
+from sparse_coord_ros.recording.metadata import FileSummary
 
 LATCHED = QoS(durability="transient_local", depth=1)
 
@@ -85,26 +86,26 @@ rosbag2_bagfile_information:
 def test_metadata_is_version_9_as_jazzy_writes_it():
     """Keys, order, layout and empty values."""
     topic = TopicSummary("/map", "nav_msgs/msg/OccupancyGrid", 3, (LATCHED,), "RIHS01_ab")
-    information = bag_information("run_0.mcap", [topic], start_time_ns=1000, end_time_ns=1250)
+    information = bag_information([FileSummary("run_0.mcap", 3, 1000, 1250)], [topic])
     assert metadata_yaml(information) == METADATA_TEXT
 
 
 def test_bag_without_messages_starts_at_the_largest_time():
     """rosbag2's convention; a topic nobody published on is still listed."""
     topic = TopicSummary("/chatter", "std_msgs/msg/String", 0)
-    information = bag_information("a_0.mcap", [topic], start_time_ns=2**63 - 1, end_time_ns=0)
+    information = bag_information([FileSummary("a_0.mcap", 0, 2**63 - 1, 0)], [topic])
     assert information["starting_time"] == {"nanoseconds_since_epoch": 2**63 - 1}
     assert information["duration"] == {"nanoseconds": 0}
     assert information["files"][0]["message_count"] == information["message_count"] == 0
     assert 'type_description_hash: ""' in metadata_yaml(information)
-    none = bag_information("a_0.mcap", [], start_time_ns=0, end_time_ns=0)
+    none = bag_information([FileSummary("a_0.mcap", 0, 0, 0)], [])
     assert yaml.safe_load(metadata_yaml(none))["rosbag2_bagfile_information"] == none
 
 
 def test_custom_data_and_distribution_are_kept():
     """Texts that look like numbers stay texts."""
     information = bag_information(
-        "a_0.mcap", [], start_time_ns=0, end_time_ns=0, custom_data={"seed": "7"}, ros_distro="x"
+        [FileSummary("a_0.mcap", 0, 0, 0)], [], custom_data={"seed": "7"}, ros_distro="x"
     )
     read = yaml.safe_load(metadata_yaml(information))["rosbag2_bagfile_information"]
     assert read["custom_data"] == {"seed": "7"}

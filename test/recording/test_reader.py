@@ -110,7 +110,7 @@ def test_nothing_to_read_is_one_line(tmp_path):
     (tmp_path / "empty").mkdir()
     (tmp_path / "text.mcap").write_text("not at all a bag\n" * 9)
     (tmp_path / "two").mkdir()
-    for name in ("a_0.mcap", "a_1.mcap"):
+    for name in ("a_0.mcap", "b_1.mcap"):
         (tmp_path / "two" / name).write_text("")
     os.mkfifo(tmp_path / "pipe")
     for path, message in {

@@ -1,0 +1,131 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""One time line from the files of a bag: what a roll-back superseded is left out, gaps are named.
+
+A team that goes back to a checkpoint does some time steps again. The recorder then begins another
+file, which says where the run goes on. What the files before it say of these steps is superseded.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from sparse_coord_ros.core.world import EPISODE_GAP
+from sparse_coord_ros.recording.metadata import ROLLED_BACK, SPLIT
+from sparse_coord_ros.recording.reader import Bag
+
+
+class Rollback(NamedTuple):
+    """Where a file of a bag takes the run back.
+
+    Attributes:
+        file: its place in the bag.
+        step: the checkpoint: the robots' tables are of this time step.
+        first: the time step of the first local state after it.
+        until: the newest time step of the files before.
+    """
+
+    file: int
+    step: int
+    first: int
+    until: int
+
+
+class Gap(NamedTuple):
+    """Time steps that nobody recorded, between two files: from `first` to `last`."""
+
+    first: int
+    last: int
+
+
+def rollbacks(bag: Bag) -> list[Rollback]:
+    """Return the roll-backs of a bag, `until` still unknown.
+
+    What makes no sense is no roll-back; the log then differs, as steps come again.
+    """
+    found = []
+    for place, file in enumerate(bag.files):
+        said = file.continued or {}
+        texts = said.get("step", ""), said.get("first", "")
+        if place and said.get("why") == ROLLED_BACK and all(t.isdecimal() for t in texts):
+            step, first = (int(text[:18]) for text in texts)
+            if step <= first <= step + EPISODE_GAP or step == 0:
+                found.append(Rollback(place, step, first, 0))
+    return found
+
+
+def kept(
+    files: Sequence[np.ndarray], backs: Sequence[Rollback], period: int, *, checkpoints: bool
+) -> np.ndarray:
+    """Return the rows of one topic, of which those that a roll-back superseded are left out.
+
+    Args:
+        files: rows with the field `ns`, of each file.
+        backs: the roll-backs.
+        period: nanoseconds of a time step.
+        checkpoints: the topic also says things of a roll-back's checkpoint, before its first step.
+    """
+    rows = files[0]
+    of_file = {back.file: back for back in backs}
+    for place, more in enumerate(files[1:], start=1):
+        back = of_file.get(place)
+        if back is not None:
+            end = back.first * period
+            rows = rows[rows["ns"] < end]
+            begin = back.step * period if checkpoints else end
+            # Before them lie stragglers: what was under way when the order came.
+            late = np.flatnonzero(np.diff(more["ns"]) < 0)
+            more = more[late[-1] + 1 :] if len(late) and _falls(more["ns"], late) else more
+            more = more[more["ns"] >= begin]
+        rows = np.concatenate([rows, more])
+    return rows
+
+
+def _falls(ns: np.ndarray, late: np.ndarray) -> bool:
+    """Whether all that comes before the last fall is of a later time than what comes after it."""
+    last = int(late[-1]) + 1
+    return bool(ns[:last].min() > ns[last])
+
+
+def of_last(places: Sequence[int], steps: Sequence[int], backs: Sequence[Rollback]) -> list[bool]:
+    """Return which of some things, in a file and of a time step each, are not superseded."""
+    return [
+        not any(
+            (place < back.file and step >= back.first) or (place == back.file and step < back.step)
+            for back in backs
+        )
+        for place, step in zip(places, steps, strict=True)
+    ]
+
+
+def gaps(
+    bag: Bag, clocks: Sequence[np.ndarray], backs: Sequence[Rollback]
+) -> tuple[list[Gap], list[Rollback]]:
+    """Return what was not recorded between files, and the roll-backs with their `until`.
+
+    Args:
+        bag: the bag.
+        clocks: time steps of the clock, of each file.
+        backs: the roll-backs.
+    """
+    of_file: Mapping[int, Rollback] = {back.file: back for back in backs}
+    found, known = [], []
+    end = 0
+    for place, steps in enumerate(clocks):
+        back = of_file.get(place)
+        if back is not None:
+            known.append(back._replace(until=end))
+            end = min(end, back.first - 1)
+        said = bag.files[place].continued or {}
+        if place and len(steps) and (said.get("why") != SPLIT or back is not None):
+            first = int(steps.min()) if back is None else back.first
+            if first - end > EPISODE_GAP:
+                found.append(Gap(end + 1, first - 1))
+        end = max(end, int(steps.max(initial=0)))
+    return found, known
+
+
+def steps_of(rows: np.ndarray, period: int) -> np.ndarray:
+    """Return the time steps of rows with the field `ns`."""
+    return np.asarray((rows["ns"] + period // 2) // period)

@@ -1,0 +1,160 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Live teams that are broken off and go on: the bits of an unbroken run."""
+
+import json
+import os
+import signal
+from pathlib import Path
+
+import pytest
+import yaml
+
+from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.nodes.spin import ros_context
+from sparse_coord_ros.nodes.team import run_team
+from sparse_coord_ros.runlog import verify
+
+SEED = 7
+SETTINGS = {"steps": 600, "perception": "probability:0.7"}
+NODES = ("world_simulator", "robot_1", "robot_2")
+SETS = [f"{name}={value}" for name, value in SETTINGS.items()]
+
+
+@pytest.fixture(scope="module")
+def said(simulate):
+    return simulate("env1", SETTINGS, seed=SEED)
+
+
+def values(out, **more):
+    base = {"scenario": "env1", "seed": SEED, "out": str(out), "set": SETS, "checkpoint": 150}
+    return {**base, "claim_window": 0.0, **more}
+
+
+def saved(out):
+    folder = Path(out) / "checkpoint"
+    return {path.name for path in folder.glob("*.npz")} if folder.exists() else set()
+
+
+def test_a_team_that_was_stopped_goes_on_from_its_last_step(tmp_path, said, assert_same_tables):
+    out = tmp_path / "out"
+    with ros_context() as context:
+        stop = lambda: len(saved(out)) >= 3  # noqa: E731
+        assert run_team(values(out), context=context, stop=stop)["interrupted"]
+    steps = [
+        {int(name[:-4].rpartition("_")[2]) for name in saved(out) if n in name} for n in "12w"
+    ]
+    assert max(set.intersection(*steps)) == max(set.union(*steps)), "all ended at one step"
+    again = {"resume": True, "out": str(out), "claim_window": 0.0}
+    with ros_context() as context:
+        summary = run_team(again, context=context)
+    assert_same_tables(out, said)
+    assert (summary["transitions"], summary["timeouts"]) == (600, 0)
+    assert summary["taken_back"] == 1
+    assert sorted(path.name for path in (out / "bag").iterdir()) == [
+        "bag_0.mcap",
+        "bag_1.mcap",
+        "metadata.yaml",
+    ]
+    found = verify(out)
+    assert found.same, found.differences[:3]
+    assert not saved(out)
+    with ros_context() as context, pytest.raises(RunError, match="the run is finished"):
+        run_team(again, context=context)
+
+
+def test_another_run_is_refused(tmp_path):
+    out = tmp_path / "out"
+    with ros_context() as context:
+        run_team(values(out, record=False), context=context, stop=lambda: len(saved(out)) >= 3)
+        with pytest.raises(RunError, match="holds another run .*seed 7"):
+            run_team(values(out, resume=True, seed=8), context=context)
+        run = out / "run.yaml"
+        run.write_text(run.read_text().replace("sparse_coord_ros: 0", "sparse_coord_ros: 9"))
+        with pytest.raises(RunError, match="is a run of version 9"):
+            run_team({"resume": True, "out": str(out)}, context=context)
+
+
+def by_hand(start_node, out, **more):
+    world = {**values(out, **more), "rate": 400.0, "recorded": False}
+    del world["claim_window"]
+    nodes = {"world_simulator": start_node("world_simulator", "world_simulator", **world)}
+    for name in ("robot_1", "robot_2"):
+        nodes[name] = start_node("robot", name, out=str(out))
+    return nodes
+
+
+def killed_and_resumed(start_node, nodes, who, out, **more):
+    while len(saved(out)) < 6:  # two checkpoints of each
+        assert nodes[who].running(), nodes[who].output
+    nodes[who].send_signal(signal.SIGKILL)
+    nodes[who].exit_code()
+    module = "robot" if who != "world_simulator" else who
+    more = more if who == "world_simulator" else {}
+    nodes[who] = start_node(module, who, out=str(out), resume=True, **more)
+    for name, node in nodes.items():
+        assert node.exit_code() == 0, (name, node.output)
+    return yaml.safe_load((out / "summary.yaml").read_text())
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("who", ["robot_2", "world_simulator"])
+def test_who_comes_back_takes_everybody_back(start_node, tmp_path, said, assert_same_tables, who):
+    out = tmp_path / "out"
+    nodes = by_hand(start_node, out)
+    summary = killed_and_resumed(start_node, nodes, who, out)
+    assert (summary["taken_back"], summary["transitions_lost"]) == (1, 0)
+    assert_same_tables(out, said)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("who", ["robot_2", "world_simulator"])
+def test_or_goes_on_with_what_is_lost(start_node, tmp_path, who):
+    out = tmp_path / "out"
+    nodes = by_hand(start_node, out, returning="continue")
+    summary = killed_and_resumed(start_node, nodes, who, out, returning="continue")
+    assert summary["transitions"] == 600
+    assert (summary["taken_back"], summary["transitions_lost"] > 0) == (0, True)
+    assert "lost" in nodes["world_simulator"].output
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("processes", [[], ["--processes"]], ids=["one process", "many"])
+def test_kill_9_of_everything(start, tmp_path, processes, assert_same_tables, simulate):
+    """Twice, then it ends with the bits of an unbroken run; a second resume at once is refused."""
+    out = tmp_path / "out"
+    settings = {"steps": 6000, "perception": "probability:0.7"}
+    sets = [text for name, value in settings.items() for text in ("--set", f"{name}={value}")]
+    run = ["run", "env1", "--seed", "7", "--checkpoint", "500", "--out", str(out), *sets]
+    process = start("cli.main", *run, *processes)
+    for k in range(2):
+        known = saved(out)
+        while len(saved(out) - known) < 3:
+            assert process.running(), process.output
+        os.killpg(process.pid, signal.SIGKILL)
+        for pid in _of(out):
+            os.kill(pid, signal.SIGKILL)
+        process.exit_code()
+        process = start("cli.main", "run", "--resume", str(out), "--json", *processes)
+        if k:
+            process.wait_for("", 1)
+    assert process.exit_code() == 0, process.output
+    said = simulate("env1", settings, seed=7)
+    assert_same_tables(out, said)
+    assert json.loads(process.output[process.output.index("{") :])["transitions"] == 6000
+    found = verify(out)
+    assert found.same or {one.quantity for one in found.differences} == {"recording"}
+
+
+def _of(out):
+    """Return the processes that were started for a run."""
+    for path in Path("/proc").glob("[0-9]*"):
+        try:
+            words = (path / "cmdline").read_bytes().decode().split("\0")
+            files = [Path(word) for word in words if word.endswith(".yaml") and "/" in word]
+            if "sparse_coord_ros.executables" in words and any(
+                str(out) in file.read_text() for file in files if file.exists()
+            ):
+                yield int(path.name)
+        except OSError:
+            continue

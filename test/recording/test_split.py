@@ -1,0 +1,125 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Bags of several files: by size and time, continued after a crash; every reader reads them."""
+
+import json
+
+import pytest
+import yaml
+from rosbags.highlevel import AnyReader
+
+from sparse_coord_ros.cli.main import main
+from sparse_coord_ros.recording import BagError, BagWriter, QoS, open_bag
+from sparse_coord_ros.recording.metadata import ROLLED_BACK
+from sparse_coord_ros.recording.playlist import Playlist
+from sparse_coord_ros.recording.recover import continued, recover
+
+STRING = "std_msgs/msg/String"
+
+
+def begin(directory, samples, times=range(30), **options):
+    writer = BagWriter(directory, chunk_size=200, **options)
+    channels = [writer.add_topic(f"/{name}", STRING, QoS()) for name in "ab"]
+    write(writer, channels, samples, times)
+    return writer, channels
+
+
+def write(writer, channels, samples, times):
+    for time in times:
+        writer.write(channels[time % 2], samples.cdr(STRING, time), time, time)
+
+
+def by_rosbags(directory):
+    with AnyReader([directory]) as reader:
+        return [(c.topic, time) for c, time, _ in reader.messages()]
+
+
+def said(bag):
+    return [(message.topic, message.log_time_ns) for message in bag.messages()]
+
+
+@pytest.mark.parametrize("limit", [{"max_bytes": 1500}, {"max_ns": 10}])
+def test_files_by_size_and_time(tmp_path, samples, limit):
+    begin(tmp_path / "bag", samples, **limit)[0].close()
+    bag = open_bag(tmp_path / "bag")
+    assert len(bag.files) > 1
+    assert [file.path.name for file in bag.files] == [
+        f"bag_{number}.mcap" for number in range(len(bag.files))
+    ]
+    assert (bag.finished, bag.damage, bag.whole, bag.message_count) == (True, None, True, 30)
+    assert said(bag) == by_rosbags(tmp_path / "bag") == [(f"/{'ab'[i % 2]}", i) for i in range(30)]
+    assert [message.sequence for message in bag.messages({"/a"})] == list(range(15))
+    assert len(Playlist(bag, ["/a", "/b"])) == 30
+    information = yaml.safe_load((tmp_path / "bag" / "metadata.yaml").read_text())
+    information = information["rosbag2_bagfile_information"]
+    assert information["relative_file_paths"] == [file.path.name for file in bag.files]
+    counts = [file["message_count"] for file in information["files"]]
+    assert sum(counts) == information["message_count"] == 30
+    topics = information["topics_with_message_count"]
+    assert [topic["message_count"] for topic in topics] == [15, 15]
+    assert bag.files[1].continued == {"why": "split"}
+
+
+def test_a_killed_recorder_goes_on_in_the_next_file(tmp_path, samples):
+    directory = tmp_path / "bag"
+    begin(directory, samples)[0].abandon()
+    earlier = continued(directory)
+    assert (earlier.number, earlier.name, earlier.end_ns) == (1, "bag", 29)
+    writer, _ = begin(directory, samples, range(30, 40), earlier=earlier)
+    writer.close()
+    bag = open_bag(directory)
+    assert said(bag) == by_rosbags(directory) == [(f"/{'ab'[i % 2]}", i) for i in range(40)]
+    assert bag.files[1].continued == {"why": "restarted"}
+    assert [message.sequence for message in bag.messages({"/b"})] == list(range(20))
+    assert sorted(path.name for path in directory.iterdir()) == [
+        "bag_0.mcap",
+        "bag_1.mcap",
+        "metadata.yaml",
+    ]
+
+
+def test_recover_mends_every_file(tmp_path, samples, capsys):
+    directory = tmp_path / "bag"
+    writer, _ = begin(directory, samples, max_ns=10)
+    writer.abandon()
+    (directory / "bag_1.mcap").rename(directory / "bag_1.mcap.partial")
+    data = (directory / "bag_1.mcap.partial").read_bytes()
+    (directory / "bag_1.mcap.partial").write_bytes(data[:-100])
+    assert open_bag(directory).message_count == 30
+    recovery = recover(directory)
+    assert recovery.changed
+    assert said(open_bag(directory)) == by_rosbags(directory)
+    assert len(said(open_bag(directory))) == 30
+    assert not recover(directory).changed
+    assert main(["info", str(directory), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["files"] == ["bag_0.mcap", "bag_1.mcap", "bag_2.mcap"]
+
+
+def test_a_bag_that_never_began_is_moved_aside(tmp_path):
+    directory = tmp_path / "bag"
+    BagWriter(directory).abandon()
+    assert continued(directory) is None
+    assert not directory.exists()
+    assert (tmp_path / "bag.damaged").exists()
+    assert continued(tmp_path / "none") is None
+
+
+def test_a_bag_that_is_being_recorded_is_left_alone(tmp_path, samples):
+    writer, channels = begin(tmp_path / "bag", samples)
+    writer.flush()
+    with pytest.raises(BagError, match="is being recorded"):
+        continued(tmp_path / "bag")
+    write(writer, channels, samples, [30])
+    writer.close()
+
+
+def test_a_file_that_takes_the_run_back(tmp_path, samples):
+    writer, channels = begin(tmp_path / "bag", samples)
+    writer.begin_file({"why": ROLLED_BACK, "step": "3", "first": "3"})
+    write(writer, channels, samples, [7, 8])
+    writer.close()
+    bag = open_bag(tmp_path / "bag")
+    assert bag.files[0].continued is None
+    assert bag.files[1].continued == {"why": ROLLED_BACK, "step": "3", "first": "3"}
+    assert said(bag)[-2:] == [("/b", 7), ("/a", 8)]
