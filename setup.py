@@ -31,6 +31,8 @@ setup(
         ),
         (f"share/{PACKAGE}/maps", glob("maps/*.txt")),
         (f"share/{PACKAGE}/launch", glob("launch/*.launch.py")),
+        (f"share/{PACKAGE}/rviz", ["rviz/team.rviz"]),
+        (f"share/{PACKAGE}/foxglove", ["foxglove/team.json"]),
     ],
     zip_safe=False,
     install_requires=[

@@ -13,6 +13,7 @@ from launch_ros.actions import Node
 
 from launch import LaunchDescription
 from sparse_coord_ros.core.scenario import load_scenario
+from sparse_coord_ros.core.share import share_file
 
 PACKAGE = "sparse_coord_ros"
 
@@ -28,6 +29,7 @@ ARGUMENTS = {
     "record": ("true", "true: record the run to the bag OUT/bag"),
     "namespace": ("", "the team's namespace; its /clock is then NAMESPACE/clock"),
     "use_sim_time": ("false", "true: the nodes' ROS clocks follow the team's /clock"),
+    "rviz": ("false", "true: open RViz, where it is installed, with rviz/team.rviz"),
     "params_file": ("", "a parameter file for all nodes, such as config/params.yaml"),
 }
 
@@ -75,7 +77,12 @@ def team(context):
     if record:
         bag = {"out": str(Path(out) / "bag")}
         nodes.append(Node(executable="recorder", parameters=[*common, bag], **place))
-    return [*nodes, *endings(nodes)]
+    view = []
+    if is_true(given["rviz"]):
+        shown = ["-d", str(share_file("rviz", "team.rviz"))]
+        stamps = [{"use_sim_time": True}]
+        view = [Node(package="rviz2", executable="rviz2", arguments=shown, parameters=stamps)]
+    return [*nodes, *view, *endings(nodes)]
 
 
 def endings(nodes):

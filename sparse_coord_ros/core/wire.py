@@ -48,6 +48,9 @@ STATUS = Topic("status", "diagnostic_msgs/msg/DiagnosticStatus", TEAM, LATCHED)
 CLOCK = Topic("/clock", "rosgraph_msgs/msg/Clock", TEAM, STEP, stamped=True, tapped=True)
 MAP = Topic("map", "nav_msgs/msg/OccupancyGrid", TEAM, LATCHED, stamped=True, tapped=True)
 MARKERS = Topic("markers", "visualization_msgs/msg/MarkerArray", TEAM, LATCHED, tapped=True)
+SCENE = Topic("scene", "visualization_msgs/msg/MarkerArray", TEAM, LATCHED)
+"""For people only: names of robots, who asks whom, how full doorways are."""
+
 DIAGNOSTICS = Topic("diagnostics", "diagnostic_msgs/msg/DiagnosticArray", TEAM, EVENT)
 """Drivers and aggregators publish here too, with stamps of other clocks."""
 
@@ -92,7 +95,7 @@ SERVICE_EVENTS = Topic(
 ROSOUT = Topic("/rosout", "rcl_interfaces/msg/Log", TEAM, EVENT)
 PARAMETER_EVENTS = Topic("/parameter_events", "rcl_interfaces/msg/ParameterEvent", TEAM, EVENT)
 
-TEAM_TOPICS = (RUN, STATUS, CLOCK, MAP, MARKERS, DIAGNOSTICS)
+TEAM_TOPICS = (RUN, STATUS, CLOCK, MAP, MARKERS, SCENE, DIAGNOSTICS)
 ROBOT_TOPICS = (LOCAL_STATE, REWARD, ACTION, PERCEPT, COORDINATION_MAP, PROGRESS)
 
 SAVE, PAUSE, RESET = "~/save", "~/pause", "~/reset"
@@ -109,6 +112,10 @@ MAP_FRAME = "map"
 
 DOORWAYS, GOALS, ROBOTS = "doorways", "goals", "robots"
 """The namespaces of the markers."""
+
+ROBOT_NAMES, QUESTIONS, WORDS, OCCUPANCY = "names", "questions", "words", "occupancy"
+"""The namespaces of the scene's markers: texts over the robots, lines from who asks to whom, what
+came of it in words, boxes over the doorways."""
 
 REWARD_LABELS = ("individual", "common", "ask_cost", "total")
 """What the numbers of a reward are called in its message."""

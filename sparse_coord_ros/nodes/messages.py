@@ -27,6 +27,7 @@ from sparse_coord_ros.core.frame import (
     reward_from,
 )
 from sparse_coord_ros.core.occupancy import UNKNOWN, OccupancyData
+from sparse_coord_ros.core.palette import WALL_COLOUR, rgb, robot_colour
 from sparse_coord_ros.core.run_config import RunConfig, run_from_yaml
 from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.wire import (
@@ -48,18 +49,6 @@ from sparse_coord_ros.core.world import Action, Reward
 from sparse_coord_ros.lockstep.rollback import NO_ORDER, Order, Progress
 from sparse_coord_ros.nodes.cdr import FixedLayout
 from sparse_coord_ros.nodes.interface import RosTopic
-
-ROBOT_COLOURS = (
-    (0.12, 0.47, 0.71),
-    (1.00, 0.50, 0.05),
-    (0.17, 0.63, 0.17),
-    (0.84, 0.15, 0.16),
-    (0.58, 0.40, 0.74),
-    (0.55, 0.34, 0.29),
-    (0.89, 0.47, 0.76),
-    (0.09, 0.75, 0.81),
-)
-DOORWAY_COLOUR = (0.45, 0.45, 0.45)
 
 
 def _header(sec: int, nanosec: int) -> Header:
@@ -239,10 +228,10 @@ class Converter(Frame):
         array = MarkerArray()
         for number, cell in enumerate(sorted(self.grid.doorways)):
             array.markers.append(
-                self._marker(step, DOORWAYS, number, cell, DOORWAY_COLOUR, Marker.CUBE, 0.05)
+                self._marker(step, DOORWAYS, number, cell, rgb(WALL_COLOUR), Marker.CUBE, 0.05)
             )
         for k, robot in enumerate(scenario.robots):
-            colour = ROBOT_COLOURS[k % len(ROBOT_COLOURS)]
+            colour = rgb(robot_colour(k))
             goal = self._marker(step, GOALS, k, robot.goal, colour, Marker.CYLINDER, 0.04)
             here = self._marker(step, ROBOTS, k, cells[k], colour, Marker.SPHERE, 0.5)
             array.markers += [goal, here]

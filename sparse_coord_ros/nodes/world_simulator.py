@@ -59,6 +59,7 @@ from sparse_coord_ros.nodes.parameters import (
     ParameterNode,
     run_from_parameters,
 )
+from sparse_coord_ros.nodes.scene import Scene, ScenePublisher
 from sparse_coord_ros.nodes.spin import run_node, wait_for_readers
 from sparse_coord_ros.nodes.tap import Tap
 
@@ -152,7 +153,7 @@ class WorldSimulator(ParameterNode):
     def episode(self, step: int) -> None:
         """Publish map and markers as they are when an episode begins."""
         self._map_publisher.publish(self._map.pack(step))
-        self._publish_markers()
+        self._publish_markers(scene=False)
 
     def checkpoint(self, step: int) -> None:
         """Save where the world is; the robots save under the same time step."""
@@ -162,6 +163,11 @@ class WorldSimulator(ParameterNode):
                 self._checkpoints.save_world(state)
 
     # Incoming.
+
+    def _read_action(self, robot: int, data: bytes) -> tuple[int, Action]:
+        said = self._convert.unpack_action(data)
+        self._scene.actions[robot] = data
+        return said
 
     def _on_action(self, robot: int, said: tuple[int, Action]) -> None:
         step, action = said
@@ -565,15 +571,19 @@ class WorldSimulator(ParameterNode):
             )
         self._publish_markers()
 
-    def _publish_markers(self) -> None:
+    def _publish_markers(self, *, scene: bool = True) -> None:
         world = self.lockstep.world
         self._marker_publisher.publish(self._markers.pack(world.step, world.cells))
+        if scene:
+            self._scene.publish(world.step, world.cells, always=self.lockstep.finished)
 
     def _create_publishers(self) -> None:
         self._status_publisher = self.announce(interface.STATUS)
         self._clock_publisher = self.announce(interface.CLOCK)
         self._map_publisher = self.announce(interface.MAP)
         self._marker_publisher = self.announce(interface.MARKERS)
+        scene = Scene(self._convert, self._names)
+        self._scene = ScenePublisher(self, self.announce(interface.SCENE), scene)
         self._diagnostics_publisher = self.announce(interface.DIAGNOSTICS)
         self._state_publishers = [self.announce(interface.LOCAL_STATE, n) for n in self._names]
         self._reward_publishers = [self.announce(interface.REWARD, n) for n in self._names]
@@ -582,7 +592,7 @@ class WorldSimulator(ParameterNode):
                 interface.ACTION,
                 functools.partial(self._on_action, robot),
                 name,
-                read=self._convert.unpack_action,
+                read=functools.partial(self._read_action, robot),
             )
             for robot, name in enumerate(self._names)
         ]

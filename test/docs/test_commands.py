@@ -25,6 +25,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 from sparse_coord_ros.cli.main import make_parser
 from sparse_coord_ros.cli.options import VERBS
@@ -61,7 +62,8 @@ def blocks(page):
 def pages():
     """Return every page of the documentation that is written by hand, and the README."""
     generated = {"reproduction.md", "protocol.md"}
-    docs = sorted(path for path in (ROOT / "docs").glob("*.md") if path.name not in generated)
+    docs = sorted(path for path in (ROOT / "docs").rglob("*.md") if path.name not in generated)
+    docs = [path for path in docs if "_build" not in path.parts]
     shown = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "examples/README.md", *docs]
     return [str(path.relative_to(ROOT)) for path in shown if path.exists()]
 
@@ -180,6 +182,20 @@ def test_commands_of_a_page(page, shell):
 )
 def test_all_commands_of_a_page(page, shell):
     run_page(page, shell, everything=True)
+    if page.startswith("docs/tutorials/"):
+        check_pictures(page, shell)
+
+
+def check_pictures(page, shell):
+    """The commands of a tutorial have made every picture on it, and of the size shown there."""
+    names = re.findall(r"!\[[^\]]*\]\((\S+)\)", (ROOT / page).read_text(encoding="utf-8"))
+    assert names
+    for name in names:
+        with Image.open(ROOT / page.rpartition("/")[0] / name) as shown:
+            with Image.open(shell.work / name) as made:
+                frames = [getattr(one, "n_frames", 1) > 1 for one in (made, shown)]
+                assert made.format == shown.format and frames[0] == frames[1]
+                assert max(abs(a - b) for a, b in zip(made.size, shown.size, strict=True)) <= 8
 
 
 SERVES = ("watch",)

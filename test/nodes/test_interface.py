@@ -32,6 +32,7 @@ TEAM = {
     "/clock": ("rosgraph_msgs/msg/Clock", False),
     "map": ("nav_msgs/msg/OccupancyGrid", True),
     "markers": ("visualization_msgs/msg/MarkerArray", True),
+    "scene": ("visualization_msgs/msg/MarkerArray", True),
     "diagnostics": ("diagnostic_msgs/msg/DiagnosticArray", False),
     "world_simulator/claim": ("std_msgs/msg/Header", True),
 }

@@ -16,7 +16,7 @@ from sparse_coord_ros.recording import open_bag
 from sparse_coord_ros.runlog import verify
 
 NAMES = ("robot_1", "robot_2")
-TEAM = {"run", "status", "map", "markers", "diagnostics", "world_simulator/claim"}
+TEAM = {"run", "status", "map", "markers", "scene", "diagnostics", "world_simulator/claim"}
 ROBOT = {
     "local_state",
     "reward",

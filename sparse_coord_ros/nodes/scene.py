@@ -1,0 +1,193 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What people see of a team in RViz and Foxglove beside the markers: names, questions, doorways.
+
+It comes with the markers, but not at every episode's start, and 30 times a second at most. Where
+tf2_msgs is installed, transforms `map` to `<robot>/base_link` come along, by the run's clock.
+"""
+
+import time
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from geometry_msgs.msg import Point, TransformStamped
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from std_msgs.msg import ColorRGBA
+from visualization_msgs.msg import Marker, MarkerArray
+
+from sparse_coord_ros.core.palette import (
+    ANSWERED,
+    DOORWAY_COLOUR,
+    FAILED,
+    OUTCOME_COLOURS,
+    REFUSED,
+    rgb,
+)
+from sparse_coord_ros.core.wire import (
+    ACTION_LABELS,
+    NOT_ASKED,
+    OCCUPANCY,
+    QUESTIONS,
+    ROBOT_NAMES,
+    WORDS,
+)
+from sparse_coord_ros.core.wire import ANSWERED as PERCEIVED
+from sparse_coord_ros.core.wire import REFUSED as NOT_PERCEIVED
+from sparse_coord_ros.nodes.messages import ACTION_LAYOUT, Converter
+
+MOST_OFTEN = 30.0
+"""Scenes a second, by the wall clock."""
+
+BASE_FRAME = "base_link"
+TF_TOPIC, TF_DEPTH = "/tf", 100
+
+
+class Scene:
+    """The scene as messages.
+
+    Args:
+        convert: conversions of the run.
+        names: the robots.
+    """
+
+    def __init__(self, convert: Converter, names: Sequence[str]) -> None:
+        self._convert, self._names = convert, names
+        self._doorways = sorted(convert.grid.doorways)
+
+    def markers(
+        self, step: int, cells: Sequence[int], actions: Mapping[int, bytes]
+    ) -> MarkerArray:
+        """Return names, the questions of the actions, and how full the doorways are.
+
+        Args:
+            step: the time step of the scene.
+            cells: where the robots are.
+            actions: the newest action of each robot, as bytes; of robots that asked nobody, or in
+                another step than the one before, no question is shown.
+        """
+        found = [self._name(step, k, cells[k]) for k in range(len(self._names))]
+        for k in range(len(self._names)):
+            found += self._question(step, k, cells, actions.get(k))
+        inside = Counter(cells)
+        found += [
+            self._doorway(step, number, cell, inside[cell])
+            for number, cell in enumerate(self._doorways)
+        ]
+        return MarkerArray(markers=found)
+
+    def transforms(self, step: int, cells: Sequence[int], prefix: str) -> list[TransformStamped]:
+        """Return where each robot's base is in the frame `map`; `prefix` begins their names."""
+        found = []
+        for name, cell in zip(self._names, cells, strict=True):
+            one = TransformStamped(header=self._convert.header(step))
+            one.child_frame_id = f"{prefix}{name}/{BASE_FRAME}"
+            one.transform.translation.x, one.transform.translation.y = self._convert.centres[cell]
+            found.append(one)
+        return found
+
+    def _marker(
+        self, step: int, space: str, number: int, kind: int, colour: str, alpha: float = 1.0
+    ) -> Marker:
+        marker = Marker(header=self._convert.header(step), ns=space, id=number, type=kind)
+        marker.pose.orientation.w = 1.0
+        red, green, blue = rgb(colour)
+        marker.color = ColorRGBA(r=red, g=green, b=blue, a=alpha)
+        return marker
+
+    def _text(self, step: int, space: str, number: int, text: str) -> Marker:
+        marker = self._marker(step, space, number, Marker.TEXT_VIEW_FACING, "#000000")
+        marker.text, marker.scale.z = text, 0.22 * self._convert.resolution
+        return marker
+
+    def _name(self, step: int, k: int, cell: int) -> Marker:
+        marker = self._text(step, ROBOT_NAMES, k, self._names[k])
+        place, metres = marker.pose.position, self._convert.resolution
+        place.x, place.y = self._convert.centres[cell]
+        place.y, place.z = place.y + 0.38 * metres, 0.7 * metres
+        return marker
+
+    def _question(
+        self, step: int, k: int, cells: Sequence[int], action: bytes | None
+    ) -> list[Marker]:
+        asked = None if action is None else self._read(step, action)
+        if asked is None:
+            gone = [self._marker(step, space, k, 0, "#000000") for space in (QUESTIONS, WORDS)]
+            for marker in gone:
+                marker.action = Marker.DELETE
+            return gone
+        peer, outcome = asked
+        peers = [peer] if peer >= 0 else [j for j in range(len(cells)) if j != k]
+        metres = self._convert.resolution
+        line = self._marker(step, QUESTIONS, k, Marker.LINE_LIST, OUTCOME_COLOURS[outcome])
+        line.scale.x = 0.1 * metres
+        for other in peers:
+            for cell in (cells[k], cells[other]):
+                x, y = self._convert.centres[cell]
+                line.points.append(Point(x=x, y=y, z=0.6 * metres))
+        whom = self._names[peer] if peer >= 0 else "all"
+        said = self._text(step, WORDS, k, f"asks {whom}: {outcome}")
+        said.pose.position.x, said.pose.position.y = self._convert.centres[cells[k]]
+        said.pose.position.y -= 0.4 * metres
+        said.pose.position.z = 0.7 * metres
+        return [line, said]
+
+    def _read(self, step: int, action: bytes) -> tuple[int, str] | None:
+        """Return whom an action asked (from 0, -1: all) and how it ended; None: it did not ask."""
+        sec, nanosec, *numbers = ACTION_LAYOUT.unpack(action)
+        percept = int(numbers[len(ACTION_LABELS)])
+        _, _, asked, peer, perceived = numbers[: len(ACTION_LABELS)]
+        if not asked or self._convert.step(sec, nanosec) < step - 1:
+            return None
+        if perceived or percept == PERCEIVED:
+            return int(peer) - 1, ANSWERED
+        return int(peer) - 1, REFUSED if percept in (NOT_PERCEIVED, NOT_ASKED) else FAILED
+
+    def _doorway(self, step: int, number: int, cell: int, robots: int) -> Marker:
+        """Return a box that grows with the robots in a doorway, flat and pale where none is."""
+        alpha = (0.15, 0.45, 0.8)[min(robots, 2)]
+        box = self._marker(step, OCCUPANCY, number, Marker.CUBE, DOORWAY_COLOUR, alpha)
+        metres = self._convert.resolution
+        box.pose.position.x, box.pose.position.y = self._convert.centres[cell]
+        box.scale.x = box.scale.y = 0.96 * metres
+        box.scale.z = (0.02 + 0.15 * robots) * metres
+        return box
+
+
+class ScenePublisher:
+    """Publishes the scene of a world, not too often.
+
+    Args:
+        node: the world's node.
+        publisher: of the topic `scene`.
+        scene: the scene.
+
+    Attributes:
+        actions: the newest action of each robot, as bytes.
+    """
+
+    def __init__(self, node: Node, publisher: Any, scene: Scene) -> None:
+        self._publisher, self._scene = publisher, scene
+        self._last = float("-inf")
+        self.actions: dict[int, bytes] = {}
+        namespace = node.get_namespace().strip("/")
+        self._prefix = f"{namespace}/" if namespace else ""
+        self._tf: Any = None
+        try:
+            from tf2_msgs.msg import TFMessage
+        except ImportError:
+            return
+        self._message = TFMessage
+        self._tf = node.create_publisher(TFMessage, TF_TOPIC, QoSProfile(depth=TF_DEPTH))
+
+    def publish(self, step: int, cells: Sequence[int], *, always: bool = False) -> None:
+        """Publish the scene, unless the last one is too young; `always`: even then."""
+        now = time.monotonic()
+        if now - self._last < 1 / MOST_OFTEN and not always:
+            return
+        self._last = now
+        self._publisher.publish(self._scene.markers(step, cells, self.actions))
+        if self._tf is not None:
+            frames = self._scene.transforms(step, cells, self._prefix)
+            self._tf.publish(self._message(transforms=frames))

@@ -1,0 +1,209 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What RViz and Foxglove show: the scene's markers, transforms, and the files that name topics."""
+
+import json
+import math
+import sys
+from types import ModuleType
+from types import SimpleNamespace as Anything
+
+import pytest
+import yaml
+from geometry_msgs.msg import TransformStamped
+from visualization_msgs.msg import Marker
+
+from sparse_coord_ros.core import wire
+from sparse_coord_ros.core.frame import Account
+from sparse_coord_ros.core.palette import OUTCOME_COLOURS, rgb
+from sparse_coord_ros.core.run_config import make_run
+from sparse_coord_ros.core.scenario import load_scenario
+from sparse_coord_ros.core.share import share_file
+from sparse_coord_ros.core.world import Action
+from sparse_coord_ros.nodes.messages import Converter
+from sparse_coord_ros.nodes.scene import Scene, ScenePublisher
+
+NAMES = ("robot_1", "robot_2")
+MESSAGE_OF = {
+    "rviz_default_plugins/Map": "nav_msgs/msg/OccupancyGrid",
+    "rviz_default_plugins/MarkerArray": "visualization_msgs/msg/MarkerArray",
+}
+"""What RViz's displays subscribe to (rviz_default_plugins/plugins_description.xml)."""
+
+
+@pytest.fixture
+def scene():
+    run = make_run(load_scenario("env1"), {"step_period": 0.2, "resolution": 0.5})
+    convert = Converter(run)
+    return Anything(run=run, convert=convert, made=Scene(convert, NAMES))
+
+
+def markers(scene, cells, actions=None, step=5):
+    found = scene.made.markers(step, cells, actions or {}).markers
+    return {(one.ns, one.id): one for one in found}
+
+
+def asking(scene, percept, *, perceived=False, step=4, peer=1):
+    account = Account(percept, False)
+    return scene.convert.pack_action(step, Action(0, True, peer, perceived), account)
+
+
+def test_names_hang_over_the_robots(scene):
+    found = markers(scene, [0, 11])
+    for k, cell in enumerate((0, 11)):
+        one = found["names", k]
+        assert (one.type, one.text) == (Marker.TEXT_VIEW_FACING, NAMES[k])
+        x, y = scene.convert.centres[cell]
+        assert one.pose.position.x == x and y < one.pose.position.y < y + 0.5 * 0.5
+    stamps = {(m.header.frame_id, m.header.stamp.sec) for m in found.values()}
+    assert stamps == {("map", 1)}
+
+
+@pytest.mark.parametrize(
+    ("percept", "perceived", "outcome"),
+    [
+        (wire.ANSWERED, True, "answered"),
+        (wire.REFUSED, False, "refused"),
+        (wire.LATE, False, "failed"),
+        (wire.NOBODY_TO_ASK, False, "failed"),
+    ],
+)
+def test_a_question_is_a_line_to_the_peer_and_words(scene, percept, perceived, outcome):
+    found = markers(scene, [9, 11], {0: asking(scene, percept, perceived=perceived)})
+    line, words = found["questions", 0], found["words", 0]
+    assert line.type == Marker.LINE_LIST and line.action == Marker.ADD
+    ends = [(point.x, point.y) for point in line.points]
+    assert ends == [scene.convert.centres[9], scene.convert.centres[11]]
+    colour = (line.color.r, line.color.g, line.color.b)
+    assert colour == pytest.approx(rgb(OUTCOME_COLOURS[outcome]), abs=1e-6)
+    assert words.text == f"asks robot_2: {outcome}"
+    assert found["questions", 1].action == found["words", 1].action == Marker.DELETE
+
+
+def test_old_questions_go_and_one_to_all_has_a_line_to_each(scene):
+    old = markers(scene, [9, 11], {0: asking(scene, wire.ANSWERED, step=3)})
+    assert old["questions", 0].action == Marker.DELETE
+    run = make_run(load_scenario("crowd-4r"), {})
+    convert = Converter(run)
+    names = [robot.name for robot in run.scenario.robots]
+    said = convert.pack_action(4, Action(0, True, -1, True), Account(wire.ANSWERED, False))
+    found = Scene(convert, names).markers(5, [0, 1, 2, 3], {1: said}).markers
+    [line] = [m for m in found if m.ns == "questions" and m.action == Marker.ADD]
+    assert len(line.points) == 6
+
+
+def test_doorways_rise_with_the_robots_in_them(scene):
+    [door] = scene.run.scenario.map.doorways
+    boxes = [markers(scene, cells)["occupancy", 0] for cells in ([0, 1], [door, 1], [door] * 2)]
+    assert boxes[0].scale.z < boxes[1].scale.z < boxes[2].scale.z
+    assert boxes[0].color.a < boxes[1].color.a < boxes[2].color.a
+    assert boxes[0].pose.position.x == scene.convert.centres[door][0]
+    for box in boxes:
+        assert math.isclose(box.pose.orientation.w, 1.0)
+
+
+def test_transforms_are_stamped_by_the_run_and_published_where_tf2_is(scene, monkeypatch):
+    [one, other] = scene.made.transforms(5, [0, 11], "team_a/")
+    assert isinstance(one, TransformStamped)
+    assert (one.header.frame_id, one.child_frame_id) == ("map", "team_a/robot_1/base_link")
+    assert (one.header.stamp.sec, one.header.stamp.nanosec) == (1, 0)
+    where = other.transform.translation
+    assert (where.x, where.y) == scene.convert.centres[11] and other.transform.rotation.w == 1
+    published = []
+
+    class Node:
+        def get_namespace(self):
+            return "/team_a"
+
+        def create_publisher(self, kind, topic, qos):
+            return Anything(publish=lambda message: published.append((topic, message)))
+
+    package, module = ModuleType("tf2_msgs"), ModuleType("tf2_msgs.msg")
+    module.TFMessage = lambda transforms: transforms
+    monkeypatch.setitem(sys.modules, "tf2_msgs", package)
+    monkeypatch.setitem(sys.modules, "tf2_msgs.msg", module)
+    seen = []
+    made = ScenePublisher(Node(), Anything(publish=seen.append), scene.made)
+    for _ in range(50):
+        made.publish(5, [0, 11])
+    assert len(seen) < 5, "at most 30 a second"
+    made.publish(6, [0, 11], always=True)
+    assert published[-1][0] == "/tf"
+    assert published[-1][1][1].child_frame_id == "team_a/robot_2/base_link"
+    monkeypatch.setitem(sys.modules, "tf2_msgs.msg", None)
+    assert ScenePublisher(Node(), Anything(publish=seen.append), scene.made)._tf is None
+
+
+def vocabulary():
+    """Return the type and the delivery of every topic of a team of two, by its full name."""
+    found = {f"/{topic.name}".replace("//", "/"): topic for topic in wire.TEAM_TOPICS}
+    for topic in wire.ROBOT_TOPICS:
+        found |= {f"/{topic.of(name)}": topic for name in NAMES}
+    return found
+
+
+def displays(part):
+    for one in part.get("Displays", []):
+        yield one
+        yield from displays(one)
+
+
+def test_the_rviz_file_names_topics_types_qos_and_frames_that_there_are():
+    config = yaml.safe_load(share_file("rviz", "team.rviz").read_text())
+    manager = config["Visualization Manager"]
+    assert manager["Global Options"]["Fixed Frame"] == wire.MAP_FRAME
+    assert manager["Views"]["Current"]["Target Frame"] == wire.MAP_FRAME
+    topics, shown = vocabulary(), []
+    for display in displays(manager):
+        if display["Class"] not in MESSAGE_OF:
+            assert display["Class"] in ("rviz_common/Group", "rviz_default_plugins/TF")
+            continue
+        topic = topics[display["Topic"]["Value"]]
+        shown.append(display["Topic"]["Value"])
+        assert topic.type_name == MESSAGE_OF[display["Class"]]
+        assert (display["Topic"]["Durability Policy"] == "Transient Local") is (
+            topic.delivery == wire.LATCHED
+        )
+        assert display["Topic"]["Reliability Policy"] == "Reliable"
+    assert set(shown) >= {"/map", "/markers", "/scene", "/robot_2/coordination_map"}
+    by_topic = {d["Topic"]["Value"]: d for d in displays(manager) if "Namespaces" in d}
+    assert set(by_topic["/markers"]["Namespaces"]) == {wire.DOORWAYS, wire.GOALS, wire.ROBOTS}
+    spaces = {wire.ROBOT_NAMES, wire.QUESTIONS, wire.WORDS, wire.OCCUPANCY}
+    assert set(by_topic["/scene"]["Namespaces"]) == spaces
+
+
+def panels(tree):
+    if isinstance(tree, str):
+        return [tree]
+    assert tree["direction"] in ("row", "column") and 0 < tree["splitPercentage"] < 100
+    return panels(tree["first"]) + panels(tree["second"])
+
+
+def test_the_foxglove_layout_fits_its_schema_and_the_topics():
+    layout = json.loads(share_file("foxglove", "team.json").read_text())
+    assert set(layout) == {
+        "configById",
+        "globalVariables",
+        "userNodes",
+        "playbackConfig",
+        "layout",
+    }
+    assert sorted(panels(layout["layout"])) == sorted(layout["configById"])
+    topics = vocabulary()
+    for name, config in layout["configById"].items():
+        kind = name.partition("!")[0]
+        if kind == "3D":
+            assert config["followTf"] == wire.MAP_FRAME
+            drawn = {topics[topic].type_name for topic in config["topics"]}
+            assert drawn <= set(MESSAGE_OF.values())
+        elif kind == "Plot":
+            for path in config["paths"]:
+                topic, _, field = path["value"].rpartition(".")
+                labels = {"action": wire.ACTION_LABELS, "reward": wire.REWARD_LABELS}
+                found = topics[topic]
+                assert found.type_name == "sensor_msgs/msg/JointState"
+                number = int(field.removeprefix("position[").removesuffix("]"))
+                assert labels[found.name][number] in ("total", "coordinate")
+        else:
+            assert kind == "DiagnosticSummary"
+            assert topics[config["topicToRender"]].type_name.endswith("DiagnosticArray")
