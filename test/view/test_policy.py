@@ -45,7 +45,7 @@ def test_a_baseline_never_asks_and_its_goal_has_no_move():
 )
 def test_learned_joint_states(name, learner, settings):
     rule = learner_of(learner)
-    asking = {"q_star_init": 100, "ask_cost": 0, "steps": 1500, **settings}
+    asking = {"q_star_init": 100, "ask_cost": 0, "steps": 3000, "penalty": -100, **settings}
     scenario = rule.with_defaults(load_scenario(name).with_settings(asking))
     before = sparsity_of(rule.tables(scenario), scenario)
     assert before.by_cell.sum() == 0 and before.share == 0
