@@ -137,7 +137,10 @@ class Browser:
         deadline = time.monotonic() + seconds
         while True:
             try:
-                found = self.value(f"(() => {{ try {{ return {expression} }} catch {{ }} }})()")
+                found = self.value(
+                    f"(() => {{ try {{ const it = {expression}; return it instanceof Node || it }}"
+                    " catch { } })()"
+                )
             except RuntimeError:  # the page is being left
                 found = None
             if found:

@@ -28,7 +28,7 @@ from sparse_coord_ros.core.history import HistoryRecorder
 from sparse_coord_ros.core.settings import Setting, SettingTable
 from sparse_coord_ros.core.tables import unpack_robot
 from sparse_coord_ros.core.wire import WORLD
-from sparse_coord_ros.core.world import Action, Reward, StepOutcome
+from sparse_coord_ros.core.world import FIRST_STEP, Action, Reward, StepOutcome
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.intake import Intake
 from sparse_coord_ros.nodes.messages import (
@@ -365,7 +365,12 @@ class _Heard:
         """The joint state of a time step is known: so is what the step before it brought."""
         before = step - 1
         if self._newest is None:
-            self.whole = step == 1
+            self.whole = step == FIRST_STEP
+            if not self.whole:
+                self._view.notice(
+                    f"heard from time step {step} on: the curves lack what was before",
+                    level="info",
+                )
         self._newest = step
         if before in self._states and len(self._states[before]) == self._robots:
             self._settle_transition(before)

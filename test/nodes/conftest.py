@@ -285,7 +285,8 @@ def assert_same_tables():
 
 EXECUTABLES_MODULE = "sparse_coord_ros.executables"
 EXECUTABLES = {"cli.main": "sparse_coord"} | {
-    f"nodes.{name}": name for name in ("world_simulator", "robot", "recorder", "team", "player")
+    f"nodes.{name}": name
+    for name in ("world_simulator", "robot", "recorder", "team", "player", "watch")
 }
 
 

@@ -1,0 +1,244 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The page in headless Chromium: every source, every button, and values that are the log's."""
+
+import importlib.util
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sparse_coord_ros.core.history import load_history
+from sparse_coord_ros.core.run_config import make_run
+from sparse_coord_ros.core.scenario import load_scenario
+from sparse_coord_ros.core.tables import load_team
+from sparse_coord_ros.runlog import read_run
+from tools.browser import REMEDY, Browser, find_browser
+
+pytestmark = pytest.mark.long
+
+_path = Path(__file__).parents[1] / "runlog/conftest.py"
+_spec = importlib.util.spec_from_file_location("recordings", _path)
+recordings = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(recordings)
+
+STEP = "Number(document.getElementById('step').textContent.replaceAll(',', ''))"
+STATE = "document.getElementById('state').dataset.state"
+
+
+@pytest.fixture
+def browser():
+    if find_browser() is None:
+        pytest.fail(REMEDY)
+    with Browser() as opened:
+        opened.size(1440, 960)
+        yield opened
+        assert opened.problems == []
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory):
+    settings = {"steps": 1500, "perception": "probability:0.6", **recordings.OFTEN}
+    run = make_run(load_scenario("env1").with_settings(settings), {"seed": 7, "checkpoint": 200})
+    bag = tmp_path_factory.mktemp("watched") / "bag"
+    recordings.Recording(bag, run)
+    return bag
+
+
+def address_of(process):
+    process.wait_for("watch it at ")
+    return re.search(r"watch it at (http\S+)", process.output)[1]
+
+
+def click(browser, name):
+    browser.value(f"document.getElementById('{name}').click()")
+
+
+def cells(browser):
+    """Return the cell of each robot on the map."""
+    return browser.value(
+        "[...document.querySelectorAll('.robot')].map((r) => Number(r.dataset.cell))"
+    )
+
+
+def test_a_bag_is_played_and_every_value_is_the_log_s(browser, start, bag):
+    log = read_run(bag)
+    process = start("cli.main", "watch", str(bag), "--port", "0", "--rate", "20")
+    browser.open(address_of(process))
+    browser.wait_for(f"{STEP} > 20")
+    browser.wait_for("document.querySelector('.ask')")  # drawn while it plays
+    browser.press(" ", "Space")
+    browser.wait_for(f"{STATE} === 'paused'")
+    step = browser.value(STEP)
+    row = int(np.searchsorted(log.step, step))
+    assert cells(browser) == log.cells[row].tolist()
+    click(browser, "next-step")
+    browser.wait_for(f"{STEP} === {log.step[row + 1]}")
+    assert cells(browser) == log.cells[row + 1].tolist()
+    browser.press("ArrowLeft")
+    browser.wait_for(f"{STEP} === {step}")
+    asking = int(np.flatnonzero(log.asked[:, 1] & ~log.perceived[:, 1])[9])
+    wanted = int(log.step[asking])
+    browser.value(
+        "(() => { const s = document.getElementById('seek');"
+        f"s.value = {wanted}; s.dispatchEvent(new Event('input')); }})()"
+    )
+    browser.wait_for(f"{STEP} === {wanted}")
+    browser.wait_for('document.querySelector(\'.ask[data-robot="2"][data-outcome="refused"]\')')
+    said = f"document.querySelector('#dialogue li').innerText.includes('step {wanted}: ')"
+    browser.wait_for(said)
+    assert "refused" in browser.value("document.querySelector('#dialogue li').innerText")
+    browser.wait_for("document.getElementById('foot').dataset.read === '1'")
+    history = log.history()
+    episodes = browser.value("document.getElementById('episodes').textContent")
+    assert int(episodes.replace(",", "")) == history.episodes
+    browser.wait_for("document.querySelectorAll('#curves .curve').length === 6")
+    browser.wait_for("!document.getElementById('evaluation-panel').hidden")
+    browser.value("document.getElementById('map').focus()")
+    browser.press("ArrowDown")
+    browser.press("ArrowRight")
+    shown = browser.wait_for(
+        "[...document.querySelectorAll('#cell tr[data-robot=\"1\"] td')]"
+        ".map((cell) => cell.textContent)"
+    )
+    at = max(entry.step for entry in log.all_tables if entry.robot == 0 and entry.step <= wanted)
+    title = browser.value("document.getElementById('cell-title').textContent")
+    cell = int(re.search(r"cell (\d+)", title)[1])
+    due = [f"{value:.2f}" for value in log.tables[0, at].q_star[cell]]
+    assert shown[1:] == due
+    ages = browser.value("document.getElementById('ages').textContent")
+    assert f"step {at:,}, {wanted - at} ago" in ages
+
+
+def test_a_run_on_its_own_page_then_the_next_one(browser, start, tmp_path):
+    out = tmp_path / "run"
+    options = ("--steps", "1500", "--rate", "300", "--penalty", "-100", "--port", "0")
+    process = start("cli.main", "run", "env1", *options, "--watch", "--out", str(out))
+    browser.open(address_of(process))
+    browser.wait_for(f"{STEP} > 10 && {STATE} === 'learning'")
+    before = cells(browser)
+    browser.wait_for(
+        "JSON.stringify([...document.querySelectorAll('.robot')].map((r) => "
+        f"Number(r.dataset.cell))) !== '{str(before).replace(' ', '')}'"
+    )
+    click(browser, "pause")
+    browser.wait_for(f"{STATE} === 'paused'")
+    step = browser.value(STEP)
+    click(browser, "next-step")
+    browser.wait_for(f"{STEP} > {step}")
+    click(browser, "reset")
+    browser.value(
+        "(() => { const r = document.getElementById('rate'); r.value = '0';"
+        "r.dispatchEvent(new Event('change')); })()"
+    )
+    click(browser, "pause")
+    browser.wait_for(f"{STATE} === 'finished'")
+    browser.wait_for("!document.getElementById('evaluation-panel').hidden")
+    browser.wait_for("document.querySelector('.ask, #dialogue li')")
+    history = load_history(out)
+    browser.wait_for(f"document.getElementById('episodes').textContent === '{history.episodes}'")
+    assert browser.value("document.getElementById('transitions').textContent").startswith("1,500")
+    own = load_team(out, load_scenario("env1"))[0].q_star[0]
+    browser.value("document.getElementById('map').focus()")
+    browser.press("ArrowDown")
+    shown = browser.wait_for(
+        "[...document.querySelectorAll('#cell tr[data-robot=\"1\"] td')]"
+        ".map((cell) => cell.textContent)"
+    )
+    assert shown[1:] == [f"{value:.2f}" for value in own]
+    browser.value("document.getElementById('scenario').value = 'isr'")
+    browser.value("document.getElementById('penalty').value = '-5'")
+    browser.wait_for("!document.getElementById('start').disabled")
+    click(browser, "start")
+    browser.wait_for("document.getElementById('about').textContent.startsWith('isr')")
+    assert "penalty -5," in browser.value("document.getElementById('about').textContent")
+    browser.wait_for(f"{STEP} > 10")
+
+
+def test_a_page_beside_a_team_in_other_processes(browser, start, tmp_path):
+    page = start("nodes.watch", "--ros-args", "-p", "port:=0")
+    browser.open(address_of(page))
+    browser.wait_for("document.getElementById('notice').textContent.includes('waiting')")
+    for number in range(2):  # the page stays, teams come and go
+        options = ("--steps", "400", "--rate", "60", "--no-record", "--seed", str(number))
+        out = str(tmp_path / f"run{number}")
+        team = start("cli.main", "run", "env1", "--processes", *options, "--out", out)
+        about = "document.getElementById('about').textContent"
+        browser.wait_for(f"{about}.endsWith('seed {number}') && {STEP} > 15")
+        browser.wait_for(f"{STATE} === 'learning'")
+        browser.wait_for(f"['finished', 'gone'].includes({STATE})", 60)
+        assert team.exit_code() == 0
+    history = load_history(tmp_path / "run1")
+    late = "document.getElementById('notice').textContent.includes('lack what was before')"
+    same = f"document.getElementById('episodes').textContent === '{history.episodes}'"
+    browser.wait_for(f"{late} || {same}")
+
+
+def test_a_run_without_ros(browser, start, tmp_path):
+    out = tmp_path / "run"
+    options = ("--steps", "60000", "--engine", "python", "--port", "0", "--trials", "0")
+    process = start("cli.main", "train", "env1", *options, "--watch", "--out", str(out))
+    browser.open(address_of(process))
+    browser.wait_for(f"{STEP} > 10")
+    click(browser, "pause")
+    browser.wait_for(f"{STATE} === 'paused'")
+    step = browser.value(STEP)
+    click(browser, "next-step")
+    browser.wait_for(f"{STEP} > {step}")
+    browser.wait_for("document.querySelectorAll('.arrow').length > 10")
+    click(browser, "pause")
+    browser.wait_for("document.querySelector('.ask, #dialogue li')")
+    browser.wait_for(f"{STATE} === 'finished'", 120)
+    browser.wait_for("!document.getElementById('evaluation-panel').hidden")
+    history = load_history(out)
+    episodes = f"{history.episodes:,}"
+    browser.wait_for(f"document.getElementById('episodes').textContent === '{episodes}'")
+
+
+def test_a_foreign_page_gets_nothing_and_an_address_without_token_no_controls(browser, start, bag):
+    process = start("cli.main", "watch", str(bag), "--port", "0")
+    address = address_of(process)
+    port = re.search(r":(\d+)/", address)[1]
+    browser.open("data:text/html,<p>elsewhere</p>")
+    browser.wait_for("document.querySelector('p')")
+    browser.value(
+        f"window.said = ''; const s = new WebSocket('ws://127.0.0.1:{port}/ws');"
+        "s.onopen = () => { said = 'open' }; s.onerror = () => { said = 'refused' }; 0"
+    )
+    browser.wait_for("said === 'refused'")
+    browser.problems.clear()  # Chromium notes the refusal
+    browser.open(address.partition("#")[0])
+    browser.wait_for(f"{STEP} > 0")
+    assert browser.value("document.getElementById('pause').disabled")
+    assert "view only" in browser.value("document.getElementById('said').textContent")
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_eight_robots_in_light_and_dark(browser, start, tmp_path, scheme):
+    (tmp_path / "eight.txt").write_text(
+        "title: Two rooms\n---\n12..#..56\n....D....\n....#....\n....D....\n34..#..78\n"
+    )
+    robots = "".join(
+        f"  robot_{k}: {{start: {k}, goal: [{(k - 1) % 4}, {8 if k < 5 else 0}]}}\n"
+        for k in range(1, 9)
+    )
+    (tmp_path / "eight.yaml").write_text(f"map: eight.txt\nrobots:\n{robots}steps: 20000\n")
+    browser.prefer(scheme)
+    process = start(
+        "cli.main", "train", str(tmp_path / "eight.yaml"), "--engine", "python", "--watch",
+        "--port", "0", "--out", str(tmp_path / "run"),
+    )  # fmt: skip
+    browser.open(address_of(process))
+    browser.wait_for(f"{STEP} > 10")
+    assert browser.value("document.querySelectorAll('.robot[visibility=visible]').length") == 8
+    shapes = "[...document.querySelectorAll('.robot .body')].map((b) => b.outerHTML)"
+    assert len(set(browser.value(shapes))) == 8
+    browser.press("8", "Digit8")
+    browser.wait_for("document.querySelector('.arrow[data-robot=\"8\"]')")
+    wide = "document.documentElement.scrollWidth <= window.innerWidth"
+    assert browser.value(wide)
+    browser.size(700, 900)
+    browser.wait_for(wide)
+    page = browser.value("getComputedStyle(document.body).backgroundColor")
+    assert (page == "rgb(22, 23, 25)") == (scheme == "dark")
