@@ -17,6 +17,8 @@ demo: $(VENV)/installed
 	@$(BIN)/sparse_coord evaluate $(RUN) --exact
 	@echo
 	@$(BIN)/sparse_coord evaluate $(RUN)_factored --exact
+	@echo
+	@echo "watch them in the browser: $(BIN)/sparse_coord watch $(RUN)"
 
 test: $(VENV)/installed
 	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile
