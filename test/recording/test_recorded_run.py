@@ -28,7 +28,8 @@ PERIOD_NS = 200_000_000
 NAMES = ("robot_1", "robot_2")
 CLAIMS = {f"/{name}/claim" for name in ("world_simulator", *NAMES)}
 MAPS = {f"/{name}/coordination_map" for name in NAMES}
-LATCHED = {"/run", "/status", "/map", "/markers", "/scene"} | MAPS | CLAIMS
+PROGRESS = {f"/{name}/progress" for name in NAMES}
+LATCHED = {"/run", "/status", "/map", "/markers", "/scene"} | MAPS | PROGRESS | CLAIMS
 EVENTS = {f"/{name}/active_perception/_service_event" for name in NAMES}
 STEP_TOPICS = {
     f"/{name}/{topic}"
