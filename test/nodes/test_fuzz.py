@@ -198,6 +198,7 @@ def test_some_seconds_of_fuzz_change_nothing(bench, tmp_path, simulate, assert_s
 
 
 @pytest.mark.long
+@pytest.mark.timeout(900)
 def test_minutes_of_fuzz_change_nothing(bench, tmp_path, simulate, assert_same_tables, capfd):
     grown = check(bench, tmp_path, simulate, assert_same_tables, capfd, SECONDS)
     assert grown < SPARE_KIB
