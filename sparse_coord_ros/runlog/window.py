@@ -13,11 +13,12 @@ from sparse_coord_ros.core.frame import Frame
 from sparse_coord_ros.core.history import History
 from sparse_coord_ros.core.run_config import RunConfig
 from sparse_coord_ros.core.tables import unpack_robot
+from sparse_coord_ros.recording.reader import bag_files
 from sparse_coord_ros.recording.scan import AttachmentPlace
 from sparse_coord_ros.recording.walk import Walk
 from sparse_coord_ros.runlog.attached import NAME, RecordedTables
 from sparse_coord_ros.runlog.decode import Decoder
-from sparse_coord_ros.runlog.log import RunLog, log_of
+from sparse_coord_ros.runlog.log import RunLog, log_of, read_run
 from sparse_coord_ros.runlog.source import find_run
 from sparse_coord_ros.runlog.tracks import tracks_of
 
@@ -154,6 +155,35 @@ class LongLog:
         tables, counts = unpack_robot(self.walk.attached(place), robot + 1, where=place.name)
         return RecordedTables(robot, at, tables, counts)
 
+    @property
+    def path(self) -> Path:
+        """The bag's file, or its directory."""
+        return self.walk.path
+
+    @property
+    def damage(self) -> str | None:
+        """Where the log cannot be read any further, and why; None: nowhere yet."""
+        return self.walk.damage
+
+    @property
+    def finished(self) -> bool:
+        """Whether no more will come."""
+        return self.walk.finished
+
+    @property
+    def empty(self) -> bool:
+        """Whether there is no message."""
+        return not self.walk.chunks
+
+    def begin(self) -> RunLog:
+        """Return the first time steps."""
+        place = min(self.walk.chunks, key=lambda one: one.start_ns)
+        return self.around(place.start_ns // self.period, chunks=2)
+
+    def extend(self) -> bool:
+        """Take in what the file has grown by; return whether there was anything."""
+        return self.walk.extend()
+
     def table_steps(self) -> list[list[int]]:
         """Return of each robot the time steps of its tables."""
         return [sorted(known) for known in self._known_tables()]
@@ -174,3 +204,81 @@ class LongLog:
     def close(self) -> None:
         """Close the file."""
         self.walk.close()
+
+
+class WholeLog(LongLog):
+    """A bag of several files, read whole: what a roll-back superseded is not in it."""
+
+    def __init__(self, path: Path) -> None:
+        self._log = read_run(path)
+        self.run = self._log.run
+        self.period = Frame(self.run).period
+
+    @property
+    def path(self) -> Path:
+        """The bag's directory."""
+        return self._log.bag.path
+
+    @property
+    def damage(self) -> str | None:
+        """What is wrong with a file of it."""
+        return self._log.damage
+
+    @property
+    def finished(self) -> bool:
+        """Whether its recorder closed it."""
+        return self._log.bag.finished
+
+    @property
+    def empty(self) -> bool:
+        """Whether there is no time step."""
+        return not len(self._log.step)
+
+    @property
+    def last_step(self) -> int:
+        """The newest time step."""
+        return int(self._log.step[-1])
+
+    def begin(self) -> RunLog:
+        """Return the whole log."""
+        return self._log
+
+    def extend(self) -> bool:
+        """Nothing comes later."""
+        return False
+
+    def read(self, first: int, last: int) -> RunLog:
+        """Return the time steps from `first` to `last`, with the dialogue."""
+        return self._log.between(first, last)
+
+    def around(self, step: int, chunks: int = 0) -> RunLog:
+        """Return the whole log."""
+        return self._log
+
+    def episodes(self, begin: int = 0) -> Iterator[Episodes]:
+        """Yield the learning history at once."""
+        log = self._log
+        asked = np.zeros((len(log.names), len(self.run.scenario.map.cells)), dtype=np.int64)
+        rows, who = np.nonzero(log.asked & (log.cells >= 0))
+        np.add.at(asked, (who, log.cells[rows, who]), 1)
+        yield Episodes(log.history(), asked, self.last_step, None)
+
+    def table_steps(self) -> list[list[int]]:
+        """Return of each robot the time steps of its tables."""
+        return [
+            sorted({entry.step for entry in self._log.all_tables if entry.robot == k})
+            for k in range(len(self._log.names))
+        ]
+
+    def tables_before(self, robot: int, step: int) -> RecordedTables | None:
+        """Return a robot's newest tables of a time step or earlier; None: there are none."""
+        mine = [one for one in self._log.all_tables if one.robot == robot and one.step <= step]
+        return max(mine, key=lambda one: one.step, default=None)
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+def open_log(path: Path) -> LongLog:
+    """Open a bag; arguments and errors as of `LongLog`."""
+    return WholeLog(path) if len(bag_files(path)) > 1 else LongLog(path)

@@ -19,7 +19,7 @@ from sparse_coord_ros.errors import BagError, SparseCoordError
 from sparse_coord_ros.recording.files import being_recorded
 from sparse_coord_ros.runlog.log import NONE, RunLog, miscoordinations
 from sparse_coord_ros.runlog.percepts import ENDED
-from sparse_coord_ros.runlog.window import LongLog
+from sparse_coord_ros.runlog.window import open_log
 from sparse_coord_ros.view.episodes import logged_asks
 from sparse_coord_ros.watch import frames
 from sparse_coord_ros.watch.board import Board
@@ -61,19 +61,19 @@ class BagSource:
     def __init__(
         self, path: Path, board: Board, *, now: Callable[[], float] = time.monotonic
     ) -> None:
-        self.log = LongLog(path)
+        self.log = open_log(path)
         self.run = self.log.run
         self.board = board
         self._now = now
         self._commands: queue.SimpleQueue[Command] = queue.SimpleQueue()
-        if not self.log.walk.chunks:
-            damage = self.log.walk.damage
+        if self.log.empty:
+            damage = self.log.damage
             self.log.close()
             raise BagError(
                 f"{path}: holds no message to show{'' if damage is None else f'; {damage}'}; see "
                 "'sparse_coord info'"
             )
-        self.growing = not self.log.walk.finished and being_recorded(self.log.walk.path)
+        self.growing = not self.log.finished and being_recorded_still(self.log.path)
         self.first = self._first_step()
         self.position = float(self.log.last_step if self.growing else self.first)
         self.paused = False
@@ -91,14 +91,13 @@ class BagSource:
         self._said: str | None = None
         self.board.put(
             frames.run_message(
-                self.run, source="bag", title=str(self.log.walk.path.parent), controls=CONTROLS
+                self.run, source="bag", title=_title(self.log.path), controls=CONTROLS
             )
         )
         self._say()
 
     def _first_step(self) -> int:
-        place = min(self.log.walk.chunks, key=lambda one: one.start_ns)
-        log = self.log.around(place.start_ns // self.log.period, chunks=2)
+        log = self.log.begin()
         acted = np.flatnonzero((log.cells != NONE).any(axis=1))
         return int(log.step[acted[0]]) if len(acted) else int(log.step[0])
 
@@ -128,11 +127,11 @@ class BagSource:
 
     def look(self) -> None:
         """Take in what the file has grown by."""
-        walk = self.log.walk
-        growing = being_recorded_still(walk.path)
-        if walk.extend():
+        log = self.log
+        growing = being_recorded_still(log.path)
+        if log.extend():
             self._window = None
-        if walk.finished or walk.damage is not None or not growing:
+        if log.finished or log.damage is not None or not growing:
             self.growing = False
             self._say()
 
@@ -267,12 +266,12 @@ class BagSource:
             self.board.put(frames.asked_message(known[place][1], known[place][0]))
 
     def _say(self) -> None:
-        walk = self.log.walk
-        if walk.damage is not None:
-            text = f"damaged: {walk.damage}; what is before it is shown"
+        log = self.log
+        if log.damage is not None:
+            text = f"damaged: {log.damage}; what is before it is shown"
         elif self.growing:
             text = "still being recorded: the page follows it"
-        elif not walk.finished:
+        elif not log.finished:
             text = "never closed by its recorder: what there is of it is shown"
         else:
             text = ""
@@ -345,6 +344,11 @@ class BagSource:
             step = min(entry.step for entry in found)
             tables = [entry.tables for entry in found]
             self.board.put(evaluation_message(self.run, tables, step))
+
+
+def _title(path: Path) -> str:
+    """Return what the page calls a bag: its directory."""
+    return str(path if path.is_dir() else path.parent)
 
 
 def being_recorded_still(path: Path) -> bool:

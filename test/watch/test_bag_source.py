@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from sparse_coord_ros.errors import BagError, SparseCoordError
+from sparse_coord_ros.recording import BagWriter, open_bag
 from sparse_coord_ros.recording.reader import bag_file
 from sparse_coord_ros.runlog import read_run
 from sparse_coord_ros.runlog.explain import explain
@@ -158,4 +159,31 @@ def test_a_bag_of_version_0_1_0(recorded):
     player = Player(old)
     player.source._read_through()
     assert player.board.get("curves")["episodes"] == log.history().episodes
+    player.source.log.close()
+
+
+def test_a_bag_of_several_files(bag, tmp_path):
+    source = open_bag(bag)
+    with BagWriter(tmp_path / "split", max_bytes=40_000) as new:
+        for name, texts in source.metadata.items():
+            if name != "rosbag2":
+                new.add_metadata(name, texts)
+        channels = {
+            topic.name: new.add_topic(topic.name, topic.type_name, topic.qos[0])
+            for topic in source.topics.values()
+        }
+        for one in source.attachments:
+            new.attach(one.name, one.data, one.media_type, one.log_time_ns)
+        for one in source.messages():
+            new.write(channels[one.topic], one.data, one.log_time_ns, one.publish_time_ns)
+    player, log = Player(tmp_path / "split"), read_run(bag)
+    assert len(list(player.source.log.path.glob("*.mcap"))) > 1
+    row = 400
+    frame = player.do(SEEK, int(log.step[row]))
+    assert frame["cells"] == log.cells[row].tolist()
+    assert player.do(STEP, 1)["cells"] == log.cells[row + 1].tolist()
+    player.source._read_through()
+    assert player.board.get("curves")["length"] == log.history().length.tolist()
+    assert player.board.get("tables")["robots"][0]["step"] > 0
+    assert player.board.get("evaluation")["how"] == "exact"
     player.source.log.close()
