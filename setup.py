@@ -27,7 +27,8 @@ setup(
         (
             f"share/{PACKAGE}/config",
             glob("config/*.yaml")
-            + ["config/fastdds.xml", "config/class_bounds.json", "config/sros2_policy.xml"],
+            + ["config/fastdds.xml", "config/sros2_policy.xml"]
+            + ["config/class_bounds.json", "config/best_teams.json"],
         ),
         (f"share/{PACKAGE}/maps", glob("maps/*.txt")),
         (f"share/{PACKAGE}/launch", glob("launch/*.launch.py")),

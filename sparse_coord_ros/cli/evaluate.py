@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.core.best_team import shipped_best_team
 from sparse_coord_ros.core.class_bound import shipped_class_bound
 from sparse_coord_ros.core.evaluation import TRIALS, Evaluation, Measure, check_tables, evaluate
 from sparse_coord_ros.core.optimum import Optimum, joint_optimum
@@ -57,6 +58,7 @@ def execute(options: argparse.Namespace) -> int:
         result = evaluate(run.scenario, tables, trials=trials, seed=seed, learner=run.rule)
     bound = shipped_class_bound(run.scenario)
     optimum = joint_optimum(run.scenario)
+    team = shipped_best_team(run.scenario)
     bag = options.directory / "bag"
     if options.json:
         shared.print_json(
@@ -68,6 +70,7 @@ def execute(options: argparse.Namespace) -> int:
                 "optimum": optimum.value,
                 "optimum_exact": optimum.exact,
                 "class_bound": None if bound is None else bound.value,
+                "best_team": None if team is None else team.value,
             }
         )
         return 0
@@ -118,6 +121,9 @@ def result_table(run: RunConfig, result: Evaluation | ExactEvaluation, optimum: 
     bound = shipped_class_bound(run.scenario)
     if bound is not None:
         rows.append(["class bound", f"{bound.value:.2f}", "-", "-", "-", "-"])
+    team = shipped_best_team(run.scenario)
+    if team is not None:
+        rows.append(["best known team", f"{team.value:.2f}", "-", "-", "-", "-"])
     name = "exact joint optimum" if optimum.exact else "bound (robots alone)"
     rows.append([name, f"{optimum.value:.2f}", "-", "-", "-", "-"])
     head = ["reward", "time to goal", "miscoordinations", "asks", "all arrived"]

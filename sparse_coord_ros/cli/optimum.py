@@ -8,6 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.core.best_team import shipped_best_team
 from sparse_coord_ros.core.class_bound import (
     RESTARTS,
     WARNING,
@@ -62,11 +63,14 @@ def execute(options: argparse.Namespace) -> int:
     optimum = joint_optimum(scenario)
     bound = independent_bound(scenario)
     paths = shortest_path_reference(scenario)
-    shipped = shipped_class_bound(scenario)
+    shipped, team = shipped_class_bound(scenario), shipped_best_team(scenario)
     if options.json:
         found = {"scenario": scenario.name, **asdict(optimum), "robots_alone": bound}
-        known = None if shipped is None else shipped.to_dict()
-        shared.print_json({**found, "shortest_paths": asdict(paths), "class_bound": known})
+        known = {
+            "class_bound": None if shipped is None else shipped.to_dict(),
+            "best_team": None if team is None else team.to_dict(),
+        }
+        shared.print_json({**found, "shortest_paths": asdict(paths), **known})
         return 0
     print(f"{scenario.name}, penalty {scenario.penalty:g}, {optimum.joint_states} joint states")
     if optimum.exact:
@@ -75,6 +79,8 @@ def execute(options: argparse.Namespace) -> int:
         print(f"exact joint optimum  not computed: more than {LARGEST} joint states")
     if shipped is not None:
         print(f"class bound          {shipped.value:.2f}, {WARNING}")
+    if team is not None:
+        print(f"best known team      {team}")
     print(f"bound (robots alone) {bound:.2f}")
     print(
         f"fixed shortest paths {paths.reward:.2f}, {paths.miscoordinations:.2f} miscoordinations"

@@ -33,7 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     try:
         for study in _chosen(options.studies, options.out):
-            table = study.table(_results(study, options.out, options.jobs).__getitem__)
+            table = study.table(results_of(study, options.out, options.jobs).__getitem__)
             write_whole(options.page, with_table(options.page.read_text("utf-8"), study, table))
             print(table, flush=True)
     except SparseCoordError as error:
@@ -50,7 +50,7 @@ def _chosen(names: Sequence[str], out: Path) -> list[Study]:
     return [*chosen, scale(out / "buildings")] if not names or "scale" in names else chosen
 
 
-def _results(study: Study, out: Path, jobs: int) -> "dict[Condition, ConditionResult]":
+def results_of(study: Study, out: Path, jobs: int) -> "dict[Condition, ConditionResult]":
     """Return the results of a study's conditions, computed where they are not there yet."""
     found: dict[Condition, ConditionResult] = {}
     for two, runs in zip((True, False), study.runs, strict=True):

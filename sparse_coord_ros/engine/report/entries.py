@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from sparse_coord_ros.core.best_team import shipped_best_team
 from sparse_coord_ros.core.class_bound import shipped_class_bound
 from sparse_coord_ros.core.evaluation import Measure
 from sparse_coord_ros.core.learners import learner_of
@@ -76,6 +77,12 @@ class Entry:
         """What the best team of Algorithm 1's form is worth, as far as known; None if unknown."""
         bound = shipped_class_bound(self.scenario)
         return bound.value if bound else None
+
+    @property
+    def best_team(self) -> float | None:
+        """What the best known team of more than two robots is worth; None if unknown."""
+        team = shipped_best_team(self.scenario)
+        return team.value if team else None
 
     def measure(self, name: str) -> Measure:
         """Return mean (exact where it is known), spread and standard error of a measure."""
@@ -160,6 +167,7 @@ def _row(entry: Entry) -> dict[str, Any]:
         row[f"exact_{name}_mean"] = float(np.mean(means)) if means else None
         row[f"exact_{name}_standard_error"] = _error(means) if means else None
     row["class_bound"] = entry.class_bound
+    row["best_team"] = entry.best_team
     return row
 
 

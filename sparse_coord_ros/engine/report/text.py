@@ -61,7 +61,12 @@ def optimum(entry: Entry) -> str:
 
 
 def class_bound(entry: Entry) -> str | None:
-    """Return what the best known team of Algorithm 1's form is worth; None where it is unknown."""
+    """Return what the best known team of Algorithm 1's form is worth; None where it is unknown.
+
+    Marked where no search found it: the best of many learned teams, of more than two robots.
+    """
+    if entry.best_team is not None:
+        return f">= {entry.best_team:.2f}"
     bound = entry.class_bound
     return None if bound is None else f"{bound:.2f}"
 
