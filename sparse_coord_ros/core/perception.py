@@ -9,7 +9,8 @@ under a name; one of the user's own may also be named as `module:function`.
 """
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import Any, cast
 
 import numpy as np
 
@@ -17,6 +18,9 @@ from sparse_coord_ros.core.grid import GridMap
 from sparse_coord_ros.core.plugins import Registry, failing_as, is_path, is_shipped, path_of
 from sparse_coord_ros.core.specs import Number, Spec, SpecFamily
 from sparse_coord_ros.errors import SettingError
+
+LARGEST_LISTS = 2**19
+"""Probabilities up to which they are kept as lists: those of 724 cells."""
 
 PerceptionModel = Callable[..., np.ndarray]
 """Takes the map and the numbers of its spec; returns what `percept_probabilities` does. Its
@@ -140,6 +144,16 @@ def percept_probabilities(model: Spec, grid: GridMap) -> np.ndarray:
             f"({cells}, {cells}): the asker's cell, then the asked robot's"
         )
     return matrix
+
+
+def probability_rows(model: Spec, grid: GridMap) -> Sequence[Sequence[float]]:
+    """Return `percept_probabilities` to look up entry by entry.
+
+    They are lists, which are quickest, or on large maps the array, which takes a quarter.
+    """
+    matrix = percept_probabilities(model, grid)
+    rows: Any = matrix if matrix.size > LARGEST_LISTS else matrix.tolist()
+    return cast(Sequence[Sequence[float]], rows)
 
 
 def _shown(found: object) -> str:

@@ -16,6 +16,7 @@ from sparse_coord_ros.core.perception import PERCEPTION
 from sparse_coord_ros.core.schedules import EPSILON, STARTS, STEP_SIZE
 from sparse_coord_ros.core.settings import Setting, SettingTable
 from sparse_coord_ros.core.share import share_file, share_names
+from sparse_coord_ros.core.sparse import dense_nbytes
 from sparse_coord_ros.core.specs import Number, Spec, SpecFamily
 from sparse_coord_ros.errors import MapError, ScenarioError, SettingError, did_you_mean
 
@@ -46,6 +47,9 @@ the `team` that r^C falls on; or by a number, `weight:W`."""
 
 PEERS = ("one", "all")
 """Whom COORDINATE perceives: a peer drawn at random, or every other robot (paper, footnote 3)."""
+
+LARGEST_DENSE = 2**24
+"""Bytes of one robot's Q^C up to which it is an array: a pair's on 724 cells."""
 
 MOST_VALUES = 1_000_000
 """Values of a YAML file, what aliases stand for included."""
@@ -219,8 +223,13 @@ class Scenario:
 
     @property
     def sparse(self) -> bool:
-        """Whether Q^C has rows for visited joint states only: it is over more than a pair."""
-        return self.perceived > 2
+        """Whether Q^C has rows for visited joint states only.
+
+        It has where it is over more than a pair, and on maps so large that an array would take
+        more than `LARGEST_DENSE` bytes a robot.
+        """
+        large = dense_nbytes(len(self.map.cells), 2) > LARGEST_DENSE
+        return self.perceived > 2 or large
 
     def with_settings(
         self, values: Mapping[str, object] | None = None, /, **settings: object

@@ -12,7 +12,7 @@ from sparse_coord_ros.core.factors import AdditiveTable
 from sparse_coord_ros.core.history import History, HistoryRecorder, concatenated
 from sparse_coord_ros.core.learners import Learner, learner_of
 from sparse_coord_ros.core.links import PerceptStream
-from sparse_coord_ros.core.perception import percept_probabilities
+from sparse_coord_ros.core.perception import probability_rows
 from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.sparse import SparseTable
 from sparse_coord_ros.core.streams import LEARNING
@@ -40,7 +40,7 @@ class Team:
         self._percepts = [
             PerceptStream(scenario.link, seed, agent.number, phase) for agent in agents
         ]
-        self._probabilities = percept_probabilities(scenario.perception, scenario.map).tolist()
+        self._probabilities = probability_rows(scenario.perception, scenario.map)
 
     def act(self, world: World) -> tuple[list[Choice | None], list[Action | None]]:
         """Let every agent that has not arrived choose.

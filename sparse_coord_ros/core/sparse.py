@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Q^C over the joint states of more than two agents: rows for visited joint states only.
+"""Q^C over many joint states: rows for visited joint states only.
 
 "Our matrix Q^C_k will be sparse" (paper, Section 3.2): with n agents on m cells a dense table has
 m^n rows, a sparse one as many as COORDINATE has met.
@@ -90,6 +90,12 @@ class SparseTable:
     def rows(self) -> np.ndarray:
         """The entries of `keys`, in the same order: shape (rows, 4), float64; a copy."""
         return self._rows[[place for _, place in sorted(self._places.items())]]
+
+    def dense(self) -> np.ndarray:
+        """Return the table as an array of its shape; of few agents, or memory will not do."""
+        array = np.full(self.shape, self.unseen)
+        array[tuple(self.keys.T)] = self.rows
+        return array
 
     @property
     def nbytes(self) -> int:

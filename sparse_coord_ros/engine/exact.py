@@ -23,6 +23,7 @@ from sparse_coord_ros.core.learners import Learner, learner_of
 from sparse_coord_ros.core.links import check_up
 from sparse_coord_ros.core.perception import percept_probabilities
 from sparse_coord_ros.core.scenario import Scenario
+from sparse_coord_ros.core.sparse import SparseTable
 from sparse_coord_ros.core.streams import EVALUATION
 from sparse_coord_ros.engine import exact_loops
 from sparse_coord_ros.errors import SettingError
@@ -220,7 +221,8 @@ def _policies(
         blind = _greedy(np.array(unseen))[:, None, :]
         # One robot alone has nobody to ask: its percept fails.
         seen = percepts[:, :, None] if len(tables) > 1 else np.zeros((cells, cells, 1))
-        after_asking = seen * _greedy(np.asarray(q_coord)) + (1.0 - seen) * blind
+        coord = q_coord.dense() if isinstance(q_coord, SparseTable) else np.asarray(q_coord)
+        after_asking = seen * _greedy(coord) + (1.0 - seen) * blind
         both = np.empty((2, cells, cells, PRIMITIVES))
         both[0] = chosen[:, None, :PRIMITIVES]
         both[1] = asks[:, None, None] * after_asking

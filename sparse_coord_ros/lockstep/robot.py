@@ -14,7 +14,7 @@ from sparse_coord_ros.core.agent import Agent, Decision, Memory
 from sparse_coord_ros.core.algorithm import COORDINATE
 from sparse_coord_ros.core.frame import Account
 from sparse_coord_ros.core.links import PerceptStream
-from sparse_coord_ros.core.perception import percept_probabilities
+from sparse_coord_ros.core.perception import probability_rows
 from sparse_coord_ros.core.run_config import RunConfig
 from sparse_coord_ros.core.wire import (
     ANSWERED,
@@ -160,9 +160,7 @@ class RobotSide:
         self._percepts = [
             PerceptStream(run.scenario.link, run.seed, k) for k in range(len(run.scenario.robots))
         ]
-        self._probabilities = percept_probabilities(
-            run.scenario.perception, run.scenario.map
-        ).tolist()
+        self._probabilities = probability_rows(run.scenario.perception, run.scenario.map)
 
     @property
     def waiting(self) -> tuple[str, int] | None:

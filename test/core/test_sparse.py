@@ -72,3 +72,12 @@ def test_from_keys_and_rows_in_any_order():
 def test_arrays_that_are_no_table(keys, rows, words):
     with pytest.raises(ValueError, match=words):
         SparseTable(3, 3, 0.0, np.array(keys), rows)
+
+
+def test_as_an_array():
+    table = SparseTable(5, 2, 7.0)
+    table[1, 2, 3] = 4.0
+    array = table.dense()
+    assert array.shape == table.shape
+    assert array[1, 2].tolist() == [7.0, 7.0, 7.0, 4.0]
+    assert (array == 7.0).sum() == array.size - 1

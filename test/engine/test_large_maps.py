@@ -1,0 +1,101 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""On large maps Q^C is sparse by itself, and the same is learned."""
+
+import numpy as np
+import pytest
+
+from sparse_coord_ros.core import perception
+from sparse_coord_ros.core import scenario as scenarios
+from sparse_coord_ros.core.agent import initial_tables
+from sparse_coord_ros.core.grid import GridMap
+from sparse_coord_ros.core.scenario import load_scenario, scenario_from_dict
+from sparse_coord_ros.core.simulation import Learning
+from sparse_coord_ros.core.sparse import SparseTable
+from sparse_coord_ros.engine.batch import CompiledLearning, CompiledTeam
+from sparse_coord_ros.engine.compiled import compiled
+from sparse_coord_ros.engine.exact import evaluate_exact
+
+
+def room(side):
+    """Return a scenario of two robots in an empty room."""
+    rows = ("." * side,) * side
+    grid = GridMap("room", rows)
+    end = [side - 1, side - 1]
+    robots = {"a": {"start": [0, 0], "goal": end}, "b": {"start": end, "goal": [0, 0]}}
+    said = {"name": "room", "text": grid.to_text()}
+    return scenario_from_dict({"map": said, "robots": robots}, where="room", name="room")
+
+
+@pytest.fixture
+def small(monkeypatch):
+    """Return a function that says from how many bytes on Q^C is sparse."""
+    return lambda size: monkeypatch.setattr(scenarios, "LARGEST_DENSE", size)
+
+
+@pytest.mark.parametrize(("side", "sparse"), [(26, False), (27, True), (100, True)])
+def test_by_size(side, sparse):
+    scenario = room(side)
+    assert scenario.sparse == sparse
+    table = initial_tables(scenario).q_coord
+    assert isinstance(table, SparseTable) == sparse
+    assert table.shape == (side * side, side * side, 4)
+    assert table.nbytes <= scenarios.LARGEST_DENSE
+
+
+@pytest.mark.parametrize("name", ["env1", "env2-4r"])
+@pytest.mark.parametrize("learner", ["coop", "noncoop"])
+def test_the_same_bits_sparse_and_dense(small, name, learner):
+    """In both engines; and a run that was broken off goes on in the other form."""
+    scenario = load_scenario(name, steps=1500, penalty=-100)
+
+    def learned():
+        plain, state = Learning(scenario, learner, 3), None
+        plain.advance(700)
+        state = plain.state()
+        plain.advance(1500)
+        team = CompiledTeam(scenario, learner, compiled())
+        fast = CompiledLearning(team, 3, state)
+        fast.advance(1500)
+        assert (plain.visited > 0).all() == (learner == "coop")
+        return plain.tables, fast.tables, state
+
+    dense, dense_fast, _ = learned()
+    small(0)
+    assert scenario.sparse
+    sparse, sparse_fast, state = learned()
+    for one, *others in zip(dense, dense_fast, sparse, sparse_fast, strict=True):
+        assert {type(other.q_coord) for other in others[1:]} == {SparseTable}
+        arrays = [others[0].q_coord, *(other.q_coord.dense() for other in others[1:])]
+        assert {array.tobytes() for array in arrays} == {one.q_coord.tobytes()}
+        assert {other.q_star.tobytes() for other in others} == {one.q_star.tobytes()}
+    small(2**24)  # the state of the sparse run goes on in arrays
+    again = Learning(scenario, learner, 3, state)
+    again.advance(1500)
+    for one, two in zip(again.tables, dense, strict=True):
+        assert one.q_coord.tobytes() == two.q_coord.tobytes()
+
+
+def test_exact_evaluation_of_sparse_tables(small):
+    scenario = load_scenario("env1", steps=3000)
+    due = Learning(scenario, "coop", 1)
+    due.advance(3000)
+    expected = evaluate_exact(scenario, due.tables, learner="coop")
+    small(0)
+    found = Learning(scenario, "coop", 1)
+    found.advance(3000)
+    again = evaluate_exact(scenario, found.tables, learner="coop")
+    assert (again.reward, again.asks) == (expected.reward, expected.asks)
+
+
+def test_percepts_by_lists_and_by_array(monkeypatch):
+    scenario = load_scenario("env1", steps=800, perception="range:2")
+    lists = Learning(scenario, "coop", 2)
+    lists.advance(800)
+    monkeypatch.setattr(perception, "LARGEST_LISTS", 0)
+    array = Learning(scenario, "coop", 2)
+    assert isinstance(perception.probability_rows(scenario.perception, scenario.map), np.ndarray)
+    array.advance(800)
+    for one, two in zip(lists.tables, array.tables, strict=True):
+        assert one.q_coord.tobytes() == two.q_coord.tobytes()
+        assert one.q_star.tobytes() == two.q_star.tobytes()
