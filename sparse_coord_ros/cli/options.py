@@ -31,6 +31,7 @@ VERBS: Mapping[str, str] = {
     "watch": "show a team that learns on a page in the browser: a live one, or a recorded run",
     "replay": "play a recorded run back over ROS 2: same messages, types, QoS and clock",
     "recover": "finish a bag that a crash cut off or that is damaged, as far as it can be read",
+    "tables": "take the tables of a checkpoint out of a bag",
     "plot": "draw policies, ask maps, learning curves, sparsity and percepts of runs, or results",
     "animate": "make a film (GIF) of an episode: robots move, ask and are answered",
     "report": "tell all of a run, or of results, in one HTML file: pictures, worth, faults",

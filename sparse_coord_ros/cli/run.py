@@ -10,6 +10,7 @@ from typing import Any
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.core.run_config import RUN_SETTINGS, load_run
 from sparse_coord_ros.errors import BagError, RunError
+from sparse_coord_ros.lockstep.checkpoints import CHECKPOINTS
 
 
 def add_parser(verbs) -> None:
@@ -162,5 +163,7 @@ def _print(out, summary) -> None:
     for robot, asks in summary.get("asks", {}).items():
         print(f"{robot} asked: " + ", ".join(f"{count} {how}" for how, count in asks.items()))
     print(f"tables  {out / 'tables.npz'}\nrun     {out / 'run.yaml'}")
+    if (out / CHECKPOINTS).is_dir():
+        print(f"not finished; go on with: sparse_coord run --resume {out}")
     if (out / "bag").exists():
         print(f"bag     {out / 'bag'}")

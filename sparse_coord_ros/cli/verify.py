@@ -44,6 +44,8 @@ def execute(options: argparse.Namespace) -> int:
                 "open": [one._asdict() for one in found.open],
                 "broke_off": list(found.broke_off),
                 "lost": dict(found.lost),
+                "rollbacks": [one._asdict() for one in found.log.tracks.rollbacks],
+                "gaps": [one._asdict() for one in found.log.tracks.gaps],
             }
         )
     else:
@@ -79,6 +81,11 @@ def _print(found, shown: int | None) -> None:
     ):
         if count:
             print(f"{count} {what}")
+    for back in found.log.tracks.rollbacks:
+        print(
+            f"at step {back.until} the run went back to the checkpoint of step {back.step}: what "
+            f"the log says before that of the steps {back.first} to {back.until} is not compared"
+        )
     if found.lost:
         copies = ", ".join(f"{count} of {topic}" for topic, count in found.lost.items())
         print(f"lost copies at episode starts (of these topics only the last is kept): {copies}")

@@ -63,7 +63,8 @@ def gather(
         for part in parts:
             part.unlink()
     path.write_text(yaml.safe_dump(summary, sort_keys=False), encoding="utf-8")
-    if not interrupted and (out / TEAM_FILE).exists():
+    finished = summary.get("transitions", 0) >= scenario.steps
+    if finished and not interrupted and (out / TEAM_FILE).exists():
         remove_checkpoints(out)
     return summary
 

@@ -30,7 +30,6 @@ from sparse_coord_ros.core.run_config import (
 )
 from sparse_coord_ros.core.wire import RECORDER, WORLD
 from sparse_coord_ros.errors import BagError, RunError, SparseCoordError
-from sparse_coord_ros.lockstep.gate import NEAR
 from sparse_coord_ros.lockstep.rollback import NO_ORDER, ROLL_CALL, Order, Progress
 from sparse_coord_ros.lockstep.watch import WorldWatch
 from sparse_coord_ros.nodes import interface
@@ -65,6 +64,8 @@ LAST_WORDS_SECONDS = 6.0
 """After the run's end, how long the bag is kept open for last words that may be to come."""
 KEPT_FREE = 32 << 20
 """Bytes of the disk that a recording leaves free, so that tables can still be saved."""
+LAG_STEPS = 1000
+"""How far one topic may be ahead of all others: on a busy machine they arrive in bursts."""
 STOP_SECONDS = 1.0
 """How long a recorder that gets a signal waits for the world's last status: both may get it."""
 
@@ -228,7 +229,7 @@ class Recorder(ParameterNode):
         patience = self.values["world_timeout"]
         watch = WorldWatch(run.id, run.scenario.steps, patience, time.monotonic())
         self.recording = Recording(run, bag, watch)
-        self._near_ns = NEAR * Converter(run).period
+        self._near_ns = LAG_STEPS * Converter(run).period
         channel = self._channel(bag, String, interface.RUN.name, interface.RUN.qos)
         if not go_on:
             record = {**run.record(), wire.FORMAT_KEY: str(wire.BAG_FORMAT)}

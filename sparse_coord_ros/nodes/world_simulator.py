@@ -118,6 +118,7 @@ class WorldSimulator(ParameterNode):
         self._opened = self._paused = self._started = self.done = self._over = False
         self._clock_step = -1
         self._since = self._stands_since = self._reported = time.monotonic()
+        self._ticked = time.monotonic()
         self._reminder = Reminder()
         self.replaced = 0
         self._members: dict[int, str] = {}
@@ -282,6 +283,9 @@ class WorldSimulator(ParameterNode):
 
     def _tick(self) -> None:
         now = time.monotonic()
+        if now - self._ticked > REPEAT_SECONDS:
+            self._since = now  # this process stood still itself: nobody was silent
+        self._ticked = now
         if self._over:
             return
         if not self._opened:

@@ -238,6 +238,7 @@ def test_run_ends_well_on_a_signal(start, tmp_path, number, processes):
     assert load_history(out).length.sum() == summary["transitions"]
     assert {path.name for path in out.iterdir()} == {
         "bag",
+        "checkpoint",
         "history.npz",
         "run.yaml",
         "summary.yaml",

@@ -1,0 +1,66 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`sparse_coord tables`: the tables of a checkpoint, taken out of a bag."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.core.run_config import RUN_FILE, create_output
+from sparse_coord_ros.core.settings import Setting
+from sparse_coord_ros.core.tables import TEAM_FILE, save_team
+from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.files import write_whole
+
+STEP = Setting("step", int, 0, "time step", low=0)
+
+
+def add_parser(verbs) -> None:
+    """Add the verb."""
+    parser = shared.add_verb(
+        verbs,
+        "tables",
+        example="sparse_coord tables runs/demo/bag --step 1000 --out runs/then",
+    )
+    shared.add_bag(parser)
+    parser.add_argument(
+        "--step", metavar="N", help="the checkpoint's time step; without: say which"
+    )
+    parser.add_argument("--out", type=Path, metavar="DIR", help="where to write them")
+    shared.add_json(parser)
+    parser.set_defaults(execute=execute)
+
+
+def execute(options: argparse.Namespace) -> int:
+    """Run the verb."""
+    from sparse_coord_ros.runlog.tracks import read_tracks
+
+    if (options.step is None) != (options.out is None):
+        raise RunError("--step N and --out DIR belong together; without both the steps are listed")
+    tracks = read_tracks(options.bag)
+    of_each: list[dict[int, Any]] = [
+        {one.step: one.tables for one in tracks.tables if one.robot == k}
+        for k in range(len(tracks.names))
+    ]
+    common = sorted(set.intersection(*(set(known) for known in of_each)))
+    said: dict[str, Any] = {"bag": str(options.bag), "steps": common}
+    if options.out is not None:
+        step = STEP.parse(options.step)
+        if step not in common:
+            known = ", ".join(map(str, common)) or "none"
+            raise RunError(
+                f"{options.bag}: holds no tables of all robots of time step {step}; there are "
+                f"those of: {known}"
+            )
+        out = create_output(options.out)
+        save_team(out, [known[step] for known in of_each])
+        write_whole(out / RUN_FILE, tracks.run.to_yaml())
+        said |= {"step": step, "directory": str(out)}
+    if options.json:
+        shared.print_json(said)
+    elif options.out is None:
+        print("\n".join(map(str, common)) if common else "no tables of all robots of one step")
+    else:
+        print(f"tables  {options.out / TEAM_FILE}\nrun     {options.out / RUN_FILE}")
+    return 0

@@ -1,0 +1,58 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Tables of a checkpoint, out of a bag of several files."""
+
+import json
+
+import pytest
+
+from sparse_coord_ros.cli.main import main
+from sparse_coord_ros.core.run_config import make_run
+from sparse_coord_ros.core.scenario import load_scenario
+from sparse_coord_ros.core.simulation import Learning, tables_equal
+from sparse_coord_ros.core.tables import load_team, pack_tables
+from sparse_coord_ros.core.wire import tables_attachment
+from sparse_coord_ros.recording import BagWriter
+
+
+@pytest.fixture
+def recorded(tmp_path):
+    """Return a bag with the tables of two steps in two files, and the later tables."""
+    scenario = load_scenario("env1").with_settings({"steps": 60})
+    run = make_run(scenario, {"seed": 3})
+    learning = Learning(scenario, "coop", 3)
+    with BagWriter(tmp_path / "bag") as bag:
+        bag.attach("run.yaml", run.to_yaml().encode(), "application/yaml")
+        for step in (20, 40):
+            learning.advance(step)
+            for k, agent in enumerate(learning.agents, start=1):
+                data = pack_tables({k: agent.tables}, counts={"step": step})
+                bag.attach(tables_attachment(f"robot_{k}", step), data, "application/x-npz")
+            if step == 20:
+                bag.begin_file({"why": "split"})
+    return tmp_path / "bag", scenario, [agent.tables for agent in learning.agents]
+
+
+def test_one_step(recorded, tmp_path, capsys):
+    bag, scenario, tables = recorded
+    assert main(["tables", str(bag), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["steps"] == [20, 40]
+    assert main(["tables", str(bag), "--step", "40", "--out", str(tmp_path / "then")]) == 0
+    assert tables_equal(load_team(tmp_path / "then", scenario), tables)
+    assert main(["evaluate", str(tmp_path / "then"), "--trials", "5"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--step", "30", "--out", "then"], "there are those of: 20, 40"),
+        (["--step", "30"], "belong together"),
+        (["--step", "x", "--out", "then"], "whole number"),
+    ],
+)
+def test_what_cannot_be(recorded, capsys, words, said, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["tables", str(recorded[0]), *words]) == 2
+    error = capsys.readouterr().err
+    assert said in error
+    assert error.count("\n") == 1
