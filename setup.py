@@ -56,10 +56,13 @@ setup(
         "ros": ["ros-jazzy-rclpy[fastrtps]", "ros-jazzy-common-interfaces"],
         # Compiles the batch engine: the same results, two orders of magnitude faster.
         "fast": ["numba"],
+        # Scenarios as environments for learners that others wrote.
+        "pettingzoo": ["pettingzoo>=1.24"],
         "test": [
             "hypothesis",
             "pytest",
             "pytest-timeout",
+            "pettingzoo>=1.24",
             "pytest-xdist",
             "rosbags",
             "pymcap-cli",

@@ -41,14 +41,14 @@ def joint_optimum(scenario: Scenario) -> Optimum:
     if states > LARGEST:
         return Optimum(independent_bound(scenario), False, states)
     team = len(scenario.robots)
-    successors = [_successors(scenario, k) for k in range(team)]
-    payment = _payment(scenario)
+    leads = [successors(scenario, k) for k in range(team)]
+    paid = payment(scenario)
     value = np.zeros((cells,) * team)
     goal = tuple(robot.goal for robot in scenario.robots)
     while True:
-        best = scenario.discount * value + payment  # value of the joint state that a step leads to
+        best = scenario.discount * value + paid  # value of the joint state that a step leads to
         for k in range(team):
-            best = _own_moves(best, k, successors[k], scenario.move_success)
+            best = _own_moves(best, k, leads[k], scenario.move_success)
         # One axis of actions a robot stands in front of the joint state's axes.
         best = best.max(axis=tuple(range(team)))
         # All have arrived: the trial is over, and nobody pays where they stand in one doorway.
@@ -78,14 +78,14 @@ def independent_bound(scenario: Scenario) -> float:
     return float(np.mean(worth))
 
 
-def _successors(scenario: Scenario, k: int) -> np.ndarray:
+def successors(scenario: Scenario, k: int) -> np.ndarray:
     """Shape (4, cells): where a successful move leads; an arrived robot stays."""
     table = scenario.map.next_cell.T.copy()
     table[:, scenario.robots[k].goal] = scenario.robots[k].goal
     return table
 
 
-def _payment(scenario: Scenario) -> np.ndarray:
+def payment(scenario: Scenario) -> np.ndarray:
     """Shape (cells,) * robots: average reward of a step that ends in that joint state."""
     cells, team = len(scenario.map.cells), len(scenario.robots)
     paid = np.zeros((cells,) * team)

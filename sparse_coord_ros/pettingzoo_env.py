@@ -1,0 +1,293 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A scenario as a parallel environment of PettingZoo, for learners that others wrote.
+
+A time step is one `step`, or two where somebody chooses COORDINATE: then nobody moves yet, who
+asked sees what was perceived, and in the second half chooses a move; the others repeat the move
+that they chose, which is all that their mask allows. World, draws, links, the drawn peer and the
+percept model are those of `core`: the same seed and the same choices bring the same states,
+percepts and rewards.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from sparse_coord_ros.core.algorithm import ACTIONS, COORDINATE, PRIMITIVES
+from sparse_coord_ros.core.grid import WALL
+from sparse_coord_ros.core.links import PerceptStream
+from sparse_coord_ros.core.palette import DOORWAY_COLOUR, WALL_COLOUR, rgb, robot_colour
+from sparse_coord_ros.core.perception import probability_rows
+from sparse_coord_ros.core.scenario import Scenario, load_scenario
+from sparse_coord_ros.core.streams import EVALUATION, LEARNING, PEER, POLICY, Stream
+from sparse_coord_ros.core.world import Action, World
+from sparse_coord_ros.errors import RunError, SettingError
+
+try:
+    from gymnasium import spaces
+    from pettingzoo import ParallelEnv
+except ImportError as missing:
+    raise RunError(
+        f"the PettingZoo environment needs the packages pettingzoo and gymnasium ({missing}): pip "
+        "install 'sparse_coord_ros[pettingzoo]'"
+    ) from None
+
+STARTS = ("fixed", "protocol")
+NOBODY = -1
+SIDE = 16
+"""Pixels along the side of a cell in pictures."""
+
+
+def parallel_env(
+    scenario: str | Path | Scenario,
+    *,
+    starts: str = "fixed",
+    worth: bool = False,
+    render_mode: str | None = None,
+) -> SparseCoordEnv:
+    """Return a scenario as a parallel environment.
+
+    Args:
+        scenario: a scenario, a shipped one's name, or a scenario file's path.
+        starts: "fixed": every episode begins at the scenario's starts, and lasts `horizon` steps;
+            "protocol": as learning episodes do here, with exploring starts and `max_steps`.
+        worth: whether arriving also pays what being at the goal is worth from then on: discount *
+            goal_value. A learner whose episodes end there then solves the same problem as ours.
+        render_mode: None or "rgb_array".
+
+    Raises:
+        ScenarioError: there is no such scenario.
+        SettingError: a bad value of `starts` or `render_mode`.
+    """
+    found = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
+    return SparseCoordEnv(found, starts=starts, worth=worth, render_mode=render_mode)
+
+
+class SparseCoordEnv(ParallelEnv):
+    """A scenario; arguments as of `parallel_env`.
+
+    Observations are a dict. `observation` holds: the own cell; whether it is the second half of a
+    time step; whether a percept succeeded; and for each other robot, in the scenario's order, its
+    cell plus 1 where it was perceived, else 0. `action_mask` says which of the five actions are
+    allowed: north, south, east, west, COORDINATE.
+
+    An agent that arrives is terminated; when the steps are used up all others are truncated.
+    `infos` hold `half_step` (the next step completes this time step, and nothing is discounted in
+    between), `reward_parts` (individual, common, ask_cost) and `miscoordination`.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {
+        "name": "sparse_coord_v0",
+        "render_modes": ["rgb_array"],
+        "render_fps": 10,
+        "is_parallelizable": True,
+    }
+
+    def __init__(
+        self, scenario: Scenario, *, starts: str, worth: bool, render_mode: str | None
+    ) -> None:
+        if starts not in STARTS:
+            raise SettingError(f"starts is {starts!r}, allowed: {', '.join(STARTS)}")
+        if render_mode not in (None, "rgb_array"):
+            raise SettingError(f"render_mode is {render_mode!r}, allowed: None, 'rgb_array'")
+        self.scenario = scenario
+        self.render_mode = render_mode
+        self.possible_agents = [robot.name for robot in scenario.robots]
+        self.agents: list[str] = []
+        self._number = {name: k for k, name in enumerate(self.possible_agents)}
+        self._phase = EVALUATION if starts == "fixed" else LEARNING
+        self._worth = scenario.discount * scenario.goal_value if worth else 0.0
+        self._probabilities = probability_rows(scenario.perception, scenario.map)
+        cells, team = len(scenario.map.cells), len(scenario.robots)
+        self.state_space = spaces.MultiDiscrete([cells] * team + [2] * team + [2])
+        self._world: World | None = None
+        self._half = False
+        self.observation_spaces = {name: self._space() for name in self.possible_agents}
+        self.action_spaces = {name: spaces.Discrete(len(ACTIONS)) for name in self.possible_agents}
+
+    def _space(self) -> spaces.Dict:
+        cells, team = len(self.scenario.map.cells), len(self.scenario.robots)
+        return spaces.Dict(
+            {
+                "observation": spaces.MultiDiscrete([cells, 2, 2] + [cells + 1] * (team - 1)),
+                "action_mask": spaces.MultiBinary(len(ACTIONS)),
+            }
+        )
+
+    def observation_space(self, agent: str) -> spaces.Dict:
+        """Return the space of an agent's observations."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> spaces.Discrete:
+        """Return the space of an agent's actions."""
+        return self.action_spaces[agent]
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Begin an episode.
+
+        Args:
+            seed: begins a new run with this seed, at time step 1; None: the next episode of the
+                run, or at first a run with a seed that nobody chose.
+            options: none are known.
+        """
+        if seed is not None or self._world is None:
+            chosen = int(np.random.SeedSequence().generate_state(1)[0] if seed is None else seed)
+            horizon = self.scenario.horizon if self._phase == EVALUATION else None
+            self._world = World(self.scenario, chosen, phase=self._phase, max_steps=horizon)
+            numbers = range(len(self.possible_agents))
+            self._peer_draws = [Stream(chosen, k, POLICY, self._phase) for k in numbers]
+            self._percept_draws = [
+                PerceptStream(self.scenario.link, chosen, k, self._phase) for k in numbers
+            ]
+            for name, space in self.action_spaces.items():
+                space.seed(chosen + self._number[name])
+        else:
+            self._world.begin_episode()
+        self.agents = list(self.possible_agents)
+        self._half = False
+        self._chosen: dict[int, int] = {}
+        self._asked: dict[int, tuple[int, ...]] = {}
+        self._seen: dict[int, tuple[int, ...] | None] = {}
+        return self._observations(), {name: self._info(None, False) for name in self.agents}
+
+    def step(
+        self, actions: Mapping[str, int]
+    ) -> tuple[dict[str, Any], dict[str, float], dict[str, bool], dict[str, bool], dict[str, Any]]:
+        """Make a time step, or half of one; a missing action means that the agent does not act.
+
+        Raises:
+            SettingError: an action is none, or not allowed by its mask.
+        """
+        world = self._running()
+        chosen = {self._number[name]: self._checked(name, a) for name, a in actions.items()}
+        if not self._half and COORDINATE in chosen.values():
+            self._half, self._chosen = True, chosen
+            for k, action in chosen.items():
+                if action == COORDINATE:
+                    self._asked[k] = self._peers(world, k)
+                    self._seen[k] = self._perceived(world, k, self._asked[k])
+            nothing = dict.fromkeys(self.agents, False)
+            return (
+                self._observations(),
+                dict.fromkeys(self.agents, 0.0),
+                dict(nothing),
+                dict(nothing),
+                {name: self._info(None, False) for name in self.agents},
+            )
+        acts: list[Action | None] = [None] * len(self.possible_agents)
+        for k, move in chosen.items():
+            asked = k in self._asked
+            peers = self._asked.get(k, ())
+            peer = peers[0] if len(peers) == 1 else NOBODY
+            acts[k] = Action(move, asked, peer, self._seen.get(k) is not None)
+        outcome = world.advance(acts)
+        self._half, self._chosen, self._asked, self._seen = False, {}, {}, {}
+        before, rewards = self.agents, {}
+        for name in before:
+            k = self._number[name]
+            bonus = self._worth if k in outcome.arrived else 0.0
+            rewards[name] = outcome.rewards[k].total + bonus
+        terminated = {name: self._number[name] in outcome.arrived for name in before}
+        truncated = {name: outcome.episode_over and not terminated[name] for name in before}
+        observations = self._observations()
+        infos = {
+            name: self._info(outcome.rewards[self._number[name]], outcome.miscoordination)
+            for name in before
+        }
+        self.agents = [name for name in before if not terminated[name] and not truncated[name]]
+        return observations, rewards, terminated, truncated, infos
+
+    def state(self) -> np.ndarray:
+        """Return the joint state: every robot's cell, who has arrived, and which half it is."""
+        world = self._running()
+        return np.array([*world.cells, *world.arrived, self._half], dtype=np.int64)
+
+    def render(self) -> np.ndarray | None:
+        """Return the map and the robots as a picture, shape (height, width, 3), uint8."""
+        if self.render_mode is None:
+            return None
+        world, grid = self._running(), self.scenario.map
+        rows, columns = grid.shape
+        picture = np.full((rows * SIDE, columns * SIDE, 3), 255, dtype=np.uint8)
+
+        def fill(row: int, column: int, colour: str, inset: int) -> None:
+            top, left, far = row * SIDE + inset, column * SIDE + inset, SIDE - 2 * inset
+            picture[top : top + far, left : left + far] = [round(255 * c) for c in rgb(colour)]
+
+        for row, line in enumerate(grid.rows):
+            for column, sign in enumerate(line):
+                if sign == WALL:
+                    fill(row, column, WALL_COLOUR, 0)
+        for cell in grid.doorways:
+            fill(*grid.cells[cell], DOORWAY_COLOUR, 1)
+        for k, cell in enumerate(world.cells):
+            fill(*grid.cells[cell], robot_colour(k), 3 + k % 3)
+        return picture
+
+    def close(self) -> None:
+        """Nothing is held open."""
+
+    def _running(self) -> World:
+        if self._world is None:
+            raise RunError("the environment has no episode yet; call reset first")
+        return self._world
+
+    def _checked(self, name: str, action: int) -> int:
+        if name not in self.agents:
+            raise SettingError(f"agent {name!r} does not act; allowed: {', '.join(self.agents)}")
+        number = int(action)
+        mask = self._mask(self._number[name])
+        if not 0 <= number < len(ACTIONS) or not mask[number]:
+            raise SettingError(
+                f"agent {name}: action is {number}, allowed: {np.flatnonzero(mask).tolist()}"
+            )
+        return number
+
+    def _mask(self, k: int) -> np.ndarray:
+        mask = np.ones(len(ACTIONS), dtype=np.int8)
+        if self._half:
+            mask[COORDINATE] = 0
+            if k not in self._asked:
+                mask[:] = 0
+                mask[self._chosen.get(k, slice(PRIMITIVES))] = 1
+        return mask
+
+    def _peers(self, world: World, k: int) -> tuple[int, ...]:
+        others = tuple(j for j in range(len(self.possible_agents)) if j != k)
+        if self.scenario.peers == "all" or not others:
+            return others
+        draw = self._peer_draws[k].at(world.step)[PEER]
+        return (others[int(draw * len(others))],)
+
+    def _perceived(self, world: World, k: int, peers: tuple[int, ...]) -> tuple[int, ...] | None:
+        """Return the cells of the asked peers; None unless the percept of each succeeds."""
+        if not peers:
+            return None
+        draw = self._percept_draws[k].at(world.step)[0]
+        chances = self._probabilities[world.cells[k]]
+        cells = tuple(world.cells[peer] for peer in peers)
+        return None if any(draw >= chances[cell] for cell in cells) else cells
+
+    def _observations(self) -> dict[str, Any]:
+        return {name: self._observation(self._number[name]) for name in self.agents}
+
+    def _observation(self, k: int) -> dict[str, np.ndarray]:
+        world, seen = self._running(), self._seen.get(k)
+        shown = dict(zip(self._asked.get(k, ()), seen or (), strict=False))
+        others = [shown.get(j, -1) + 1 for j in range(len(self.possible_agents)) if j != k]
+        values = [world.cells[k], self._half, seen is not None, *others]
+        return {"observation": np.array(values, dtype=np.int64), "action_mask": self._mask(k)}
+
+    def _info(self, reward: Any, miscoordination: bool) -> dict[str, Any]:
+        parts = (0.0, 0.0, 0.0) if reward is None else tuple(reward[:3])
+        return {
+            "half_step": self._half,
+            "reward_parts": parts,
+            "miscoordination": miscoordination,
+        }

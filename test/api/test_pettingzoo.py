@@ -1,0 +1,137 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The PettingZoo environment: its checks and ours; our learner learns the same bits through it."""
+
+import numpy as np
+import pytest
+from pettingzoo.test import parallel_api_test
+
+from sparse_coord_ros.core.learners import learner_of
+from sparse_coord_ros.core.scenario import load_scenario
+from sparse_coord_ros.core.simulation import Learning
+from sparse_coord_ros.errors import RunError, SettingError
+from sparse_coord_ros.pettingzoo_env import parallel_env
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("name", ["env1", "env2-4r"])
+@pytest.mark.parametrize("starts", ["fixed", "protocol"])
+def test_pettingzoos_own_check(name, starts):
+    parallel_api_test(parallel_env(name, starts=starts), num_cycles=300)
+
+
+def random_run(env, seed, episodes=3):
+    """Return all that an environment says while the same choices are made."""
+    random, said = np.random.default_rng(7), []
+    for episode in range(episodes):
+        seen, infos = env.reset(seed=seed if episode == 0 else None)
+        said.append(repr((seen, infos)))
+        while env.agents:
+            acts = {}
+            for agent in env.agents:
+                allowed = np.flatnonzero(seen[agent]["action_mask"])
+                acts[agent] = int(random.choice(allowed))
+                assert env.observation_space(agent).contains(seen[agent])
+            seen, *rest = env.step(acts)
+            assert env.state_space.contains(env.state())
+            said.append(repr((seen, rest, env.state().tolist())))
+    return said
+
+
+@pytest.mark.parametrize("starts", ["fixed", "protocol"])
+def test_the_same_seed_brings_the_same_episodes_to_their_ends(starts):
+    scenario = load_scenario("env2-4r", perception="probability:0.6", horizon=60)
+    first, again, other = (
+        random_run(parallel_env(scenario, starts=starts), seed) for seed in (4, 4, 5)
+    )
+    assert first == again
+    assert first != other
+
+
+@pytest.mark.parametrize(
+    ("name", "settings"),
+    [
+        ("env1", {"penalty": -100, "perception": "probability:0.7"}),
+        ("env2-4r", {"perception": "range:3"}),
+        ("env2-4r", {"peers": "all", "perception": "probability:0.9"}),
+    ],
+)
+def test_our_learner_learns_the_same_bits_through_it(name, settings):
+    """The agents of Algorithm 1, driven by what the environment says alone."""
+    scenario = load_scenario(name, steps=1200, **settings)
+    due = Learning(scenario, "coop", 3)
+    due.advance(1200)
+    env = parallel_env(scenario, starts="protocol")
+    rule = learner_of("coop")
+    agents = {name: rule.agent(scenario, k, 3) for k, name in enumerate(env.possible_agents)}
+    seen, _ = env.reset(seed=3)
+    asked, done, step = 0, 0, 1
+    while done < 1200:
+        cells = {name: int(seen[name]["observation"][0]) for name in env.agents}
+        decided = {name: agents[name].decide(step, cells[name]) for name in env.agents}
+        acts = {name: choice.action for name, choice in decided.items()}
+        percepts = dict.fromkeys(env.agents)
+        if 4 in acts.values():
+            seen, _, _, _, infos = env.step(acts)
+            assert all(info["half_step"] for info in infos.values())
+            for agent in env.agents:
+                _, half, success, *others = seen[agent]["observation"].tolist()
+                assert half == 1
+                if success:
+                    asked += 1
+                    percepts[agent] = tuple(cell - 1 for cell in others if cell)
+        taken = {
+            agent: agents[agent].act(step, cells[agent], decided[agent], percepts[agent])
+            for agent in env.agents
+        }
+        before = env.agents
+        world = env.unwrapped._world
+        seen, rewards, ended, cut, infos = env.step({n: a.move for n, a in taken.items()})
+        for agent in before:
+            k = env.possible_agents.index(agent)
+            parts = infos[agent]["reward_parts"]
+            assert sum(parts) == rewards[agent]
+            from sparse_coord_ros.core.world import Reward
+
+            agents[agent].learn(
+                step,
+                cells[agent],
+                decided[agent],
+                taken[agent],
+                percepts[agent],
+                Reward(*parts, rewards[agent]),
+                int(env.state()[k]),
+            )
+        done += 1
+        step += 1
+        if not env.agents:
+            assert all(ended[agent] or cut[agent] for agent in before)
+            seen, _ = env.reset()
+            step = world.step
+    assert asked > 20
+    for expected, agent in zip(due.tables, agents.values(), strict=True):
+        assert agent.tables.q_star.tobytes() == expected.q_star.tobytes()
+        if isinstance(expected.q_coord, np.ndarray):
+            assert agent.tables.q_coord.tobytes() == expected.q_coord.tobytes()
+        else:
+            assert agent.tables.q_coord.same_bits(expected.q_coord)
+
+
+def test_masks_worth_and_bad_input():
+    env = parallel_env("env1", worth=True, render_mode="rgb_array")
+    with pytest.raises(RunError, match="call reset first"):
+        env.state()
+    env.reset(seed=1)
+    seen, rewards, *_ = env.step({"robot_1": 4, "robot_2": 2})
+    assert rewards == {"robot_1": 0.0, "robot_2": 0.0}
+    assert seen["robot_1"]["action_mask"].tolist() == [1, 1, 1, 1, 0]
+    assert seen["robot_2"]["action_mask"].tolist() == [0, 0, 1, 0, 0]
+    with pytest.raises(SettingError, match=r"agent robot_2: action is 1, allowed: \[2\]"):
+        env.step({"robot_1": 0, "robot_2": 1})
+    _, rewards, *_ = env.step({"robot_1": 0, "robot_2": 2})
+    assert rewards["robot_1"] == -1.0
+    picture = env.render()
+    assert (picture.shape, picture.dtype) == ((80, 80, 3), np.uint8)
+    for values in ({"starts": "any"}, {"render_mode": "human"}):
+        with pytest.raises(SettingError, match="allowed"):
+            parallel_env("env1", **values)
