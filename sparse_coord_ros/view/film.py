@@ -49,6 +49,9 @@ OUTCOME_LINES = {"answered": "-", "refused": (0, (4, 2)), "failed": (0, (1, 2))}
 TALK, HOLD = 1.6, 4.0
 """How long a question stands still, and the last frame, in time steps."""
 
+CLOSE = 0.9
+"""Cells between two robots that leave no room for a sign."""
+
 SHARED = 0.22
 """How far robots that share a cell stand from its centre, in cells."""
 
@@ -223,6 +226,8 @@ class _Stage:
         found: list[Artist] = []
         for peer in ask.peers or (ask.asker,):
             x, y = 0.45 * places[ask.asker] + 0.55 * places[peer]
+            if np.hypot(*(places[ask.asker] - places[peer])) < CLOSE:
+                y -= 0.45  # it would hide their numbers
             if not np.isfinite(x):
                 continue
             badge = Circle((x, y), 0.22, facecolor="white", edgecolor=colour, linewidth=1.8)
