@@ -1,0 +1,53 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The studies behind docs/coordination.md: small ones from start to end, and their places."""
+
+import pytest
+
+from sparse_coord_ros.core.learners import learner_of
+from sparse_coord_ros.engine.conditions import make_condition
+from tools.coordination import __main__ as tool
+from tools.coordination import studies
+from tools.coordination.studies import STUDIES, Study, failed_share, never_asks
+
+
+def test_every_study_has_its_place_in_the_document():
+    page = tool.PAGE.read_text(encoding="utf-8")
+    for name in tool.NAMES:
+        assert page.count(f"<!-- table: {name} -->") == 1
+    with pytest.raises(tool.SparseCoordError, match="no <!-- table: pairs --> ... "):
+        tool.with_table("nothing", STUDIES[0], "")
+
+
+def test_a_small_study_is_computed_kept_and_written(tmp_path, monkeypatch, capsys):
+    given = {"penalty": -100, "steps": 400}
+    conditions = [make_condition("env1", "factored", given)]
+
+    def table(found):
+        result = found(conditions[0])
+        return f"| {never_asks(result):.2f} | {failed_share(result):.2f} |\n"
+
+    study = Study("small", (2, 2), 5, conditions, table)
+    monkeypatch.setattr(tool, "STUDIES", (study,))
+    monkeypatch.setattr(tool, "NAMES", ["small"])
+    page = tmp_path / "page.md"
+    page.write_text("a\n<!-- table: small -->\nold\n<!-- end of table -->\nb\n")
+    arguments = ["small", "--out", str(tmp_path / "out"), "--page", str(page)]
+    assert tool.main(arguments) == 0
+    text = page.read_text()
+    assert text.startswith("a\n<!-- table: small -->\n| ") and text.endswith("table -->\nb\n")
+    assert "old" not in text
+    monkeypatch.setattr(
+        "sparse_coord_ros.engine.runner.run_batch", lambda *_, **__: pytest.fail("computed again")
+    )
+    assert tool.main(arguments) == 0
+    assert page.read_text() == text
+    assert tool.main(["smal", *arguments[1:]]) == 2
+    assert "study 'smal': allowed: small" in capsys.readouterr().err
+
+
+def test_the_ablation_turns_off_one_part_each():
+    whole = learner_of("factored").factors
+    for rule in studies.ABLATED.values():
+        part = learner_of(rule).factors
+        assert sum(a != b for a, b in zip(part, whole, strict=True)) == (rule != "factored")
