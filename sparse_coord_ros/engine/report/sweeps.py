@@ -252,6 +252,7 @@ def crowd_section(entries: Sequence[Entry]) -> Section:
     one, every = (pick(coop, peers=peers) for peers in ("one", "all"))
     gains = [list(map(difference, own, base)) for own in (one, every, factored)]
     shown = points(entries, "reward", where) + points(entries, "loss", where)
+    shown = [p for p in shown if p["line"] != CLASS]  # known for two robots only: no line
     for entry, gain in zip([*one, *every, *factored], chain(*gains), strict=True):
         shown.append(point(gain, GAIN, **where(entry)))
     asking = [*coop, *factored]
