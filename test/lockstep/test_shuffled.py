@@ -336,7 +336,7 @@ def test_noncoop(name):
     ("name", "settings"),
     [
         ("env1", {"perception": "probability:0.7", "steps": 1500}),
-        ("env1", {"perception": "line_of_sight", "steps": 1500, "max_steps": 25, "credit": 3}),
+        ("env1", {"perception": "line_of_sight", "steps": 3000, "max_steps": 40, "credit": 3}),
         ("env2-4r", {"perception": "probability:0.7", "steps": 800, "conflict": "any_doorway"}),
         ("env2-4r", {"perception": "range:5", "steps": 800, "peers": "all"}),
         ("env2-4r", {"steps": 600, "referee": False}),
