@@ -292,6 +292,7 @@ def test_frames_of_experiments():
     assert np.isnan(once.reward_standard_error[0])
 
 
+@pytest.mark.long
 def test_an_experiment_by_name(tmp_path):
     assert "table1" in sc.experiment_names()
     done = sc.run_experiment("table1", runs=1, trials=1, out=tmp_path / "r", report=True)
@@ -315,6 +316,7 @@ def test_exact_evaluation_is_what_trials_tend_to(training, scenario):
         sc.evaluate_exact(training.tables)
 
 
+@pytest.mark.long
 def test_class_bounds(scenario, printed, tmp_path):
     assert sc.shipped_class_bound(scenario).value == pytest.approx(118.5092, abs=1e-4)
     file = tmp_path / "search.json"

@@ -106,6 +106,7 @@ def test_it_is_evaluated_verified_and_explained(runs, verb):
     assert "robot_" in verb("explain", live)
 
 
+@pytest.mark.long
 def test_reproduce_names_it_in_ids(place, verb):
     ids = [
         f"env1/my_code:{name}/penalty=-20,perception=my_code:fog:0.5,steps=200"
@@ -125,6 +126,7 @@ def test_reproduce_names_it_in_ids(place, verb):
     assert np.isfinite(reward)
 
 
+@pytest.mark.long
 def test_where_the_module_is_missing_later_one_line_says_so(runs, verb, tmp_path):
     learner, (trained, live, _) = runs
     shutil.copytree(trained, tmp_path / "plain")

@@ -105,6 +105,7 @@ def test_a_single_run_is_that_run(sparse_coord, folder):
     assert json.loads(out)["learner"] == "coop"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("runs", "trials"), [(1, 5), (2, 1), (1, 1)])
 def test_a_single_run_or_trial_has_no_standard_error(sparse_coord, runs, trials, recwarn):
     few = ("--runs", runs, "--trials", trials)

@@ -200,10 +200,10 @@ def check_pictures(page, shell):
 
 SERVES = ("watch",)
 """Verbs that go on until somebody stops them."""
-LONG_VERBS = ("reproduce", "bench")
+LONG_VERBS = ("reproduce", "bench", "run", "train", "watch", "report")
 NEEDS_A_BAG = (
     *("watch", "info", "verify", "explain", "replay", "recover"),
-    *("plot", "animate", "report"),
+    *("plot", "animate", "report", "tables"),
 )
 
 
@@ -224,6 +224,8 @@ def test_examples_of_help(verb, shell):
             together([command], shell)
             continue
         if "--resume" in command:  # of a run that was stopped
-            begun = f"sparse_coord train env1 --steps 2e5 --out {command.split()[-1]}"
-            shell(f"{begun} & p=$!; sleep 3; kill -TERM $p; wait $p; test $? = 130")
+            how = "--steps 10000" if verb == "run" else "--steps 4e5 --engine python"
+            begun = f"sparse_coord {verb} env1 {how} --out {command.split()[-1]}"
+            code = 0 if verb == "run" else 130
+            shell(f"{begun} & p=$!; sleep 3; kill -TERM $p; wait $p; test $? = {code}")
         shell(command)

@@ -606,6 +606,7 @@ def test_an_experiment_without_a_section_of_its_own(tmp_path):
     assert (tmp_path / "figures/horizons.png").exists()
 
 
+@pytest.mark.long
 def test_a_single_run_has_no_errors(tmp_path):
     one = dict.fromkeys(SUMS, [100.0])
     single = {"means": one, "variances": one, "not_arrived": [0], "visited": [100.0]}

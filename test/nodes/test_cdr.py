@@ -127,9 +127,10 @@ def test_keeps_the_bits_of_nan():
 
 
 @pytest.mark.parametrize("frame_id", ["", "odom", "nap", "map/robot_1"])
-def test_reads_poses_of_other_frames(frame_id):
+def test_refuses_poses_of_other_frames(frame_id):
     data = serialize_message(pose(12, 34, 1.5, -2.5, frame_id))
-    assert POSE_LAYOUT.unpack(data) == (12, 34, 1.5, -2.5)
+    with pytest.raises(ValueError, match=f"frame_id is '{frame_id}', not 'map'"):
+        POSE_LAYOUT.unpack(data)
 
 
 def test_reads_a_pose_with_an_orientation_of_its_own():
@@ -184,7 +185,7 @@ def test_misses_a_label_without_a_number():
 
 def test_misses_all_labels_of_an_empty_message():
     with pytest.raises(ValueError, match="east, north, coordinate, peer, perceived"):
-        ACTION_LAYOUT.unpack(serialize_message(JointState()))
+        ACTION_LAYOUT.unpack(serialize_message(JointState(header=Header(frame_id="map"))))
 
 
 def test_refuses_a_layout_whose_probes_are_not_found():

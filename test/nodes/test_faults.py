@@ -217,6 +217,7 @@ def test_a_signal_while_modules_are_imported(name, code, number):
     assert (done.returncode, done.stdout, done.stderr) == (code, "", "")
 
 
+@pytest.mark.long
 @SIGNALS
 @pytest.mark.parametrize("processes", [[], ["--processes"]], ids=["one process", "processes"])
 def test_run_ends_well_on_a_signal(start, tmp_path, number, processes):

@@ -193,6 +193,7 @@ def check(bench, tmp_path, simulate, assert_same_tables, capfd, seconds):
     return after - before
 
 
+@pytest.mark.long
 def test_some_seconds_of_fuzz_change_nothing(bench, tmp_path, simulate, assert_same_tables, capfd):
     check(bench, tmp_path, simulate, assert_same_tables, capfd, 2.0)
 

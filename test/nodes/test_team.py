@@ -140,6 +140,7 @@ def test_a_stranger_who_says_that_the_run_is_finished_is_not_believed(bench):
     assert world.summary()["timeouts"] == 0
 
 
+@pytest.mark.long
 def test_diagnostics_of_other_programs_do_not_move_the_time_of_the_log(bench, tmp_path):
     """Drivers stamp them with the wall clock; a stamp may even be negative."""
     observer = bench.observer()

@@ -106,6 +106,7 @@ def check_recovered(directory, read, attachments, original):
     assert (bag.finished, bag.damage) == (True, None)
 
 
+@pytest.mark.long
 def test_a_thousand_damaged_bags(tmp_path, originals):
     """A third of them are unfinished, a third are recovered."""
     draw = random.Random(1)
@@ -166,6 +167,7 @@ def tiny(tmp_path_factory, samples):
     )
 
 
+@pytest.mark.long
 def test_cut_at_every_byte(tmp_path, tiny):
     """More bytes never give less; only the whole file is whole, and cuts are told from kills."""
     before = 0

@@ -21,7 +21,13 @@ SEED, STEPS = 3, 60
 EVENT = "/active_perception/_service_event"
 
 
-@pytest.mark.parametrize("name", SMALL + LARGE)
+@pytest.mark.parametrize(
+    "name",
+    [
+        name if name in ("env1", "env2-4r") else pytest.param(name, marks=pytest.mark.long)
+        for name in SMALL + LARGE
+    ],
+)
 def test_a_recorded_run(name, tmp_path):
     out = tmp_path / "out"
     values = {"scenario": name, "seed": SEED, "set": [f"steps={STEPS}"], "out": str(out)}

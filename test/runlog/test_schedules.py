@@ -40,7 +40,9 @@ def schedule(draw, robots):
     }
 
 
-@pytest.mark.parametrize("block", range(4))
+@pytest.mark.parametrize(
+    "block", [0, *(pytest.param(block, marks=pytest.mark.long) for block in range(1, 4))]
+)
 def test_no_false_alarm(record, block):
     suffered = set()
     for seed in range(10 * block, 10 * block + 10):

@@ -519,6 +519,7 @@ def test_a_wrong_seed_everywhere(good, rewritten, tmp_path):
     assert found.first.quantity in ("local_state", "action", "percept")
 
 
+@pytest.mark.long
 def test_flipped_bytes_of_the_file(good, tmp_path):
     """Whatever byte it is: named as damage, or nothing can be read."""
     source = open_bag(good.bag).path.read_bytes()

@@ -106,6 +106,7 @@ def test_compiler_that_fails(monkeypatch):
         CLoop(load_scenario("env1"))
 
 
+@pytest.mark.long
 @needs_compiler
 @pytest.mark.skipif(not has_numba(), reason="numba is not installed")
 def test_beside_the_engine(capsys):

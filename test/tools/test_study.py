@@ -196,6 +196,7 @@ def test_the_defaults_are_a_protocol_of_the_space():
     assert [name for name in SPACE if choices[name] not in SPACE[name]] == []
 
 
+@pytest.mark.long
 def test_the_command(tmp_path, capsys, monkeypatch):
     # In place: others have imported these very objects.
     for name, value in TEXTBOOK.items():

@@ -113,6 +113,7 @@ def test_its_command_computes_the_same_bits(trained, tmp_path, monkeypatch, quic
     assert again.config.digest == load_run(trained).digest
 
 
+@pytest.mark.long
 def test_whatever_comes_from_files_is_escaped(trained, tmp_path):
     evil = '<script>alert("x")</script>&amp;$\\frac{$'
     run = tmp_path / "a<b>&$x$"
