@@ -21,7 +21,8 @@ def add_parser(verbs) -> None:
     parser = shared.add_verb(
         verbs,
         "tables",
-        example="sparse_coord tables runs/demo/bag --step 1000 --out runs/then",
+        example="sparse_coord tables runs/demo/bag\n"
+        "  sparse_coord tables runs/demo/bag --step 0 --out runs/then",
     )
     shared.add_bag(parser)
     parser.add_argument(
