@@ -28,7 +28,7 @@ from sparse_coord_ros.lockstep.checkpoints import Checkpoints
 from sparse_coord_ros.lockstep.gate import StepGate
 from sparse_coord_ros.lockstep.robot import NO_STEP, Answer, RobotSide
 from sparse_coord_ros.lockstep.rollback import ROLL_CALL, Order, RobotRollback
-from sparse_coord_ros.lockstep.watch import Reminder
+from sparse_coord_ros.lockstep.waiting import Reminder
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.episode_messages import CoordinationMapLayout
 from sparse_coord_ros.nodes.messages import (

@@ -25,7 +25,7 @@ from sparse_coord_ros.core.scenario import SETTINGS, Scenario, load_scenario, sc
 from sparse_coord_ros.core.settings import Setting, SettingTable, parse_assignments
 from sparse_coord_ros.core.wire import RECORDER, WORLD
 from sparse_coord_ros.errors import RunError, SettingError, SparseCoordError, failure_of
-from sparse_coord_ros.lockstep.watch import Reminder
+from sparse_coord_ros.lockstep.waiting import Reminder
 from sparse_coord_ros.nodes.interface import RECORDING as RECORDING_TOPIC
 from sparse_coord_ros.nodes.interface import RUN, RosTopic
 from sparse_coord_ros.nodes.tap import Tap, TappedPublisher

@@ -31,7 +31,7 @@ from sparse_coord_ros.core.run_config import (
 from sparse_coord_ros.core.wire import RECORDER, WORLD
 from sparse_coord_ros.errors import BagError, RunError, SparseCoordError
 from sparse_coord_ros.lockstep.rollback import NO_ORDER, ROLL_CALL, Order, Progress
-from sparse_coord_ros.lockstep.watch import WorldWatch
+from sparse_coord_ros.lockstep.waiting import WorldPresence
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.intake import Intake
 from sparse_coord_ros.nodes.messages import (
@@ -78,7 +78,7 @@ class Recording(NamedTuple):
 
     run: RunConfig
     bag: Bag
-    watch: WorldWatch
+    watch: WorldPresence
 
 
 class Recorder(ParameterNode):
@@ -227,7 +227,7 @@ class Recorder(ParameterNode):
     def _listen(self, run: RunConfig, text: str, data: bytes, bag: Bag, *, go_on: bool) -> None:
         """Begin to record a run; where its bag is continued, what it is stands in it already."""
         patience = self.values["world_timeout"]
-        watch = WorldWatch(run.id, run.scenario.steps, patience, time.monotonic())
+        watch = WorldPresence(run.id, run.scenario.steps, patience, time.monotonic())
         self.recording = Recording(run, bag, watch)
         self._near_ns = LAG_STEPS * Converter(run).period
         channel = self._channel(bag, String, interface.RUN.name, interface.RUN.qos)

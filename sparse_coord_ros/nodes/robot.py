@@ -9,7 +9,7 @@ from typing import Any
 
 from rclpy.context import Context
 
-from sparse_coord_ros.lockstep.watch import WorldWatch
+from sparse_coord_ros.lockstep.waiting import WorldPresence
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.claim import Claim
 from sparse_coord_ros.nodes.intake import Intake
@@ -57,7 +57,7 @@ class RobotNode(ParameterNode):
             name, ROBOT_PARAMETERS, context=context, namespace=namespace, values=values, tap=tap
         )
         self.name = self.get_name()
-        self.watch: WorldWatch | None = None
+        self.watch: WorldPresence | None = None
         self.intake = Intake(self)
         self.claim = Claim(self, self.intake)
         self._announced: Announced | None = None
@@ -108,13 +108,13 @@ class RobotNode(ParameterNode):
             return
         if self.member is None or self.watch is None:
             run, patience = self._announced.run, self.values["world_timeout"]
-            self.watch = WorldWatch(run.id, run.scenario.steps, patience, now)
+            self.watch = WorldPresence(run.id, run.scenario.steps, patience, now)
             self.member = Member(self, run, self._announced.text)
             if self._status is not None:
                 self._on_status(self._status)
         self._go_on(self.member, self.watch, now)
 
-    def _go_on(self, member: Member, watch: WorldWatch, now: float) -> None:
+    def _go_on(self, member: Member, watch: WorldPresence, now: float) -> None:
         if not member.joined:
             member.join_when_ready(now)
         elif watch.end is None:

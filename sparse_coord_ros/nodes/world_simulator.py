@@ -27,7 +27,7 @@ from sparse_coord_ros.core.world import Action, Reward
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.lockstep.checkpoints import Checkpoints
 from sparse_coord_ros.lockstep.rollback import NO_ORDER, Progress, WorldRollback
-from sparse_coord_ros.lockstep.watch import Reminder
+from sparse_coord_ros.lockstep.waiting import Reminder
 from sparse_coord_ros.lockstep.world import WorldSide
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.claim import JOINED, Claim

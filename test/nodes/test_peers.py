@@ -8,7 +8,7 @@ import pytest
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.srv import GetPlan
 
-from sparse_coord_ros.lockstep.watch import WorldWatch
+from sparse_coord_ros.lockstep.waiting import WorldPresence
 from sparse_coord_ros.nodes.member import Member
 from sparse_coord_ros.nodes.peers import Peer
 from sparse_coord_ros.nodes.robot import LAST_WORDS_SECONDS, RobotNode
@@ -106,7 +106,7 @@ def test_a_robot_whose_last_reward_does_not_come_leaves_after_a_while():
     """It has some seconds from the first time that it hears of the run's end."""
     member = SimpleNamespace(joined=True, has_learned=lambda step: False)
     robot = SimpleNamespace(_reported=1e9, done=False)
-    watch = WorldWatch("this", 9, 0.0, 0.0)
+    watch = WorldPresence("this", 9, 0.0, 0.0)
     watch.hear("this", "finished", 9, 9, 1.0)
     watch.hear("this", "finished", 9, 9, 2.0)
     RobotNode._go_on(robot, member, watch, 1.0 + LAST_WORDS_SECONDS)

@@ -36,7 +36,7 @@ class Reminder:
         self._since = None
 
 
-class WorldWatch:
+class WorldPresence:
     """Watches the world of one run.
 
     Args:

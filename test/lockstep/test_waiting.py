@@ -4,12 +4,12 @@
 
 import pytest
 
-from sparse_coord_ros.lockstep.watch import Reminder, WorldWatch
+from sparse_coord_ros.lockstep.waiting import Reminder, WorldPresence
 
 
 @pytest.fixture
 def watch():
-    watch = WorldWatch("mine", 100, 60.0, 0.0)
+    watch = WorldPresence("mine", 100, 60.0, 0.0)
     watch.hear("mine", "learning", 5, 4, 1.0)
     return watch
 
@@ -70,7 +70,7 @@ def test_a_new_world_ends_the_wait_for_the_old_one_once_that_is_silent(watch):
 
 
 def test_patience_without_end():
-    watch = WorldWatch("mine", 100, 0.0, 0.0)
+    watch = WorldPresence("mine", 100, 0.0, 0.0)
     assert watch.given_up(1e9) == ""
     watch.to_say(4.0)
     assert watch.to_say(9.0) == "no word from the world for 9 s: waiting for it"
