@@ -5,16 +5,18 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.core.best_team import shipped_best_team
-from sparse_coord_ros.core.class_bound import shipped_class_bound
+from sparse_coord_ros.core.class_bound import game_digest, shipped_class_bound
 from sparse_coord_ros.core.evaluation import TRIALS, Evaluation, Measure, check_tables, evaluate
-from sparse_coord_ros.core.optimum import Optimum, joint_optimum
+from sparse_coord_ros.core.optimum import joint_optimum
 from sparse_coord_ros.core.run_config import RUN_SETTINGS, RunConfig, load_run
 from sparse_coord_ros.core.tables import load_team
+from sparse_coord_ros.errors import SettingError
 
 if TYPE_CHECKING:
     from sparse_coord_ros.engine.exact import ExactEvaluation
@@ -27,11 +29,19 @@ def add_parser(verbs) -> None:
     parser = shared.add_verb(
         verbs,
         "evaluate",
-        example="sparse_coord train env1 --out runs/a && sparse_coord evaluate runs/a",
+        example="sparse_coord train env1 --out runs/a && sparse_coord evaluate runs/a\n"
+        "  sparse_coord train env1 --learner noncoop --out runs/b\n"
+        "  sparse_coord evaluate runs/a runs/b",
     )
-    parser.add_argument("directory", metavar="DIR", type=Path, help="output of run or train")
+    parser.add_argument(
+        "directories",
+        metavar="DIR",
+        type=Path,
+        nargs="+",
+        help="output of run or train; several are compared, exactly where that can be",
+    )
     how = parser.add_mutually_exclusive_group()
-    how.add_argument("--trials", default="1000", help="Monte-Carlo trials (default: 1000)")
+    how.add_argument("--trials", help=f"Monte-Carlo trials (default: {TRIALS.default})")
     how.add_argument(
         "--exact",
         action="store_true",
@@ -42,44 +52,93 @@ def add_parser(verbs) -> None:
     parser.set_defaults(execute=execute)
 
 
+class Evaluated(NamedTuple):
+    """A run and what it is worth."""
+
+    directory: Path
+    run: RunConfig
+    result: Evaluation | ExactEvaluation
+
+
 def execute(options: argparse.Namespace) -> int:
     """Run the verb."""
-    trials = TRIALS.parse(options.trials)
+    trials = TRIALS.parse(TRIALS.default if options.trials is None else options.trials)
     seed = RUN_SETTINGS["seed"].parse(options.seed)
-    run = load_run(options.directory)
-    tables = load_team(options.directory, run.scenario)
+    several = len(options.directories) > 1
+    exact = True if options.exact else None if several and options.trials is None else False
+    found = [evaluated(path, trials, seed, exact=exact) for path in options.directories]
+    if options.json:
+        facts = [facts_of(one) for one in found]
+        shared.print_json({"runs": facts} if several else facts[0])
+        return 0
+    print("\n\n".join(result_table(runs, several=several) for runs in by_game(found)))
+    for one in found:
+        if isinstance(one.result, Evaluation) and one.result.not_arrived:
+            which = f"{one.directory}: " if several else ""
+            print(
+                f"{which}in {one.result.not_arrived} of {trials} trials some robot did not arrive"
+            )
+    if not several and (options.directories[0] / "bag").is_dir():
+        print(f"bag: {options.directories[0] / 'bag'}")
+    return 0
+
+
+def evaluated(directory: Path, trials: int, seed: int, *, exact: bool | None) -> Evaluated:
+    """Evaluate one run.
+
+    Args:
+        directory: where it is.
+        trials: Monte-Carlo trials.
+        seed: seed of the trials.
+        exact: whether to compute the measures; None: where that can be.
+
+    Raises:
+        SparseCoordError: there is no such run, or it cannot be evaluated so.
+    """
+    run = load_run(directory)
+    tables = load_team(directory, run.scenario)
     check_tables(run.scenario, tables, run.learner)
-    result: Evaluation | ExactEvaluation
-    if options.exact:
+    if exact is not False:
         from sparse_coord_ros.engine.exact import evaluate_exact
 
-        result = evaluate_exact(run.scenario, tables, learner=run.rule)
-    else:
-        result = evaluate(run.scenario, tables, trials=trials, seed=seed, learner=run.rule)
-    bound = shipped_class_bound(run.scenario)
-    optimum = joint_optimum(run.scenario)
-    team = shipped_best_team(run.scenario)
-    bag = options.directory / "bag"
-    if options.json:
-        shared.print_json(
-            {
-                "scenario": run.scenario.name,
-                "learner": run.learner,
-                **result.to_dict(),
-                "paper": paper_row(run),
-                "optimum": optimum.value,
-                "optimum_exact": optimum.exact,
-                "class_bound": None if bound is None else bound.value,
-                "best_team": None if team is None else team.value,
-            }
-        )
-        return 0
-    print(result_table(run, result, optimum))
-    if isinstance(result, Evaluation) and result.not_arrived:
-        print(f"in {result.not_arrived} of {trials} trials some robot did not arrive")
-    if bag.is_dir():
-        print(f"bag: {bag}")
-    return 0
+        try:
+            result = evaluate_exact(run.scenario, tables, learner=run.rule)
+            return Evaluated(directory, run, result)
+        except SettingError:  # too many robots, or no chain of joint states
+            if exact:
+                raise
+    played = evaluate(run.scenario, tables, trials=trials, seed=seed, learner=run.rule)
+    return Evaluated(directory, run, played)
+
+
+def by_game(found: list[Evaluated]) -> list[list[Evaluated]]:
+    """Return the runs in groups of the same class bound and optimum, in the order given."""
+    groups: dict[tuple[str, str], list[Evaluated]] = {}
+    for one in found:
+        scenario = one.run.scenario
+        groups.setdefault((scenario.name, game_digest(scenario)), []).append(one)
+    return list(groups.values())
+
+
+def facts_of(one: Evaluated) -> dict[str, Any]:
+    """Return plain data of a run and its worth."""
+    scenario = one.run.scenario
+    bound, team = shipped_class_bound(scenario), shipped_best_team(scenario)
+    optimum = joint_optimum(scenario)
+    return {
+        "directory": str(one.directory),
+        "scenario": scenario.name,
+        "penalty": scenario.penalty,
+        "learner": one.run.learner,
+        "seed": one.run.seed,
+        "steps": scenario.steps,
+        **one.result.to_dict(),
+        "paper": paper_row(one.run),
+        "optimum": optimum.value,
+        "optimum_exact": optimum.exact,
+        "class_bound": None if bound is None else bound.value,
+        "best_team": None if team is None else team.value,
+    }
 
 
 def paper_row(run: RunConfig) -> dict:
@@ -92,43 +151,58 @@ def same_game_as_paper(run: RunConfig) -> bool:
     return run.scenario.penalty == PAPER_PENALTY
 
 
-def result_table(run: RunConfig, result: Evaluation | ExactEvaluation, optimum: Optimum) -> str:
-    """Return the table that `evaluate` prints: ours, the paper's, class bound and optimum."""
-    learner = run.rule.title or run.learner
+def result_table(found: Sequence[Evaluated], *, several: bool = False) -> str:
+    """Return the table of runs of one game: ours, the paper's, class bound and optimum.
+
+    Args:
+        found: the runs.
+        several: whether the rows name the runs' directories.
+    """
+    scenario, rows = found[0].run.scenario, []
+    for one in found:
+        name = f"{one.directory}: {title_of(one.run)}" if several else title_of(one.run)
+        rows.append(result_row(name, one.result))
+    papers = {title_of(one.run): paper_row(one.run) for one in found}
+    for title, paper in papers.items():
+        if paper:
+            cells = [
+                "{:.2f} ± {:.2f}".format(*paper[measure]) if measure in paper else "-"
+                for measure in ("reward", "time_to_goal", "miscoordinations")
+            ]
+            rows.append([f"{title}, paper", *cells, "-", "-"])
+    bound = shipped_class_bound(scenario)
+    if bound is not None:
+        rows.append(["class bound", f"{bound.value:.2f}", "-", "-", "-", "-"])
+    team = shipped_best_team(scenario)
+    if team is not None:
+        rows.append(["best known team", f"{team.value:.2f}", "-", "-", "-", "-"])
+    optimum = joint_optimum(scenario)
+    name = "exact joint optimum" if optimum.exact else "bound (robots alone)"
+    rows.append([name, f"{optimum.value:.2f}", "-", "-", "-", "-"])
+    head = ["reward", "time to goal", "miscoordinations", "asks", "all arrived"]
+    return shared.format_table([f"{scenario.name}, penalty {scenario.penalty:g}", *head], rows)
+
+
+def title_of(run: RunConfig) -> str:
+    """Return what the run's learner is called in print."""
+    return run.rule.title or run.learner
+
+
+def result_row(name: str, result: Evaluation | ExactEvaluation) -> list[str]:
+    """Return the row of one run."""
     if isinstance(result, Evaluation):
         how = f"{result.trials} trials"
         arrived = f"{result.trials - result.not_arrived} of {result.trials}"
     else:
         how, arrived = "exact", f"{100 * result.all_arrived:.2f} %"
-    rows = [
-        [
-            f"{learner}, {how}",
-            _pair(result.reward),
-            _pair(result.time_to_goal),
-            _pair(result.miscoordinations),
-            f"{result.asks.mean:.2f}",
-            arrived,
-        ]
+    return [
+        f"{name}, {how}",
+        _pair(result.reward),
+        _pair(result.time_to_goal),
+        _pair(result.miscoordinations),
+        f"{result.asks.mean:.2f}",
+        arrived,
     ]
-    paper = paper_row(run)
-    if paper:
-        measures = ("reward", "time_to_goal", "miscoordinations")
-        cells = [
-            "{:.2f} ± {:.2f}".format(*paper[measure]) if measure in paper else "-"
-            for measure in measures
-        ]
-        rows.append([f"{learner}, paper", *cells, "-", "-"])
-    bound = shipped_class_bound(run.scenario)
-    if bound is not None:
-        rows.append(["class bound", f"{bound.value:.2f}", "-", "-", "-", "-"])
-    team = shipped_best_team(run.scenario)
-    if team is not None:
-        rows.append(["best known team", f"{team.value:.2f}", "-", "-", "-", "-"])
-    name = "exact joint optimum" if optimum.exact else "bound (robots alone)"
-    rows.append([name, f"{optimum.value:.2f}", "-", "-", "-", "-"])
-    head = ["reward", "time to goal", "miscoordinations", "asks", "all arrived"]
-    penalty = f"penalty {run.scenario.penalty:g}"
-    return shared.format_table([f"{run.scenario.name}, {penalty}", *head], rows)
 
 
 def _pair(measure: Measure) -> str:

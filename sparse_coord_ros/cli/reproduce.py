@@ -10,9 +10,8 @@ from pathlib import Path
 from tqdm import tqdm
 
 from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.cli.evaluate import result_table
+from sparse_coord_ros.cli.evaluate import Evaluated, result_table
 from sparse_coord_ros.core.evaluation import summary
-from sparse_coord_ros.core.optimum import joint_optimum
 from sparse_coord_ros.core.run_config import RUN_SETTINGS, make_run
 from sparse_coord_ros.engine.batch import ENGINES, uses_numba
 from sparse_coord_ros.engine.experiments import NAMES
@@ -97,7 +96,7 @@ def execute(options: argparse.Namespace) -> int:
     for one in done.runs:
         scenario = one.condition.scenario
         learned = make_run(scenario, {"seed": one.seed, "learner": one.condition.learner})
-        print(result_table(learned, summary(one.trials), joint_optimum(scenario)))
+        print(result_table([Evaluated(one.directory, learned, summary(one.trials))]))
         print(f"tables  {one.directory / 'tables.npz'}")
     return 0
 

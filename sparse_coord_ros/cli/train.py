@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from tqdm import tqdm
 
 from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.cli.evaluate import result_table
+from sparse_coord_ros.cli.evaluate import Evaluated, result_table
 from sparse_coord_ros.core.evaluation import Evaluation, evaluate
 from sparse_coord_ros.core.history import HISTORY_FILE
 from sparse_coord_ros.core.optimum import joint_optimum
@@ -308,11 +308,11 @@ def _say(out: Path, run: RunConfig, done: Training, trials: int, *, as_json: boo
     result = None
     if trials:
         result = evaluate(scenario, done.tables, trials=trials, seed=0, learner=run.rule)
-    optimum = joint_optimum(scenario) if trials else None
     if as_json:
         said: dict[str, Any] = {"directory": str(out), "learner": run.learner, "seed": run.seed}
         said |= {"engine": done.engine, "episodes": done.history.episodes}
-        if result is not None and optimum is not None:
+        if result is not None:
+            optimum = joint_optimum(scenario)
             said["evaluation"] = result.to_dict()
             said |= {"optimum": optimum.value, "optimum_exact": optimum.exact}
         if done.evaluations:
@@ -322,8 +322,8 @@ def _say(out: Path, run: RunConfig, done: Training, trials: int, *, as_json: boo
     if done.evaluations:
         head = ["after steps", "reward", "time to goal", "miscoordinations", "asks", "arrived"]
         print(shared.format_table(head, [_row(n, e) for n, e in done.evaluations]), end="\n\n")
-    if result is not None and optimum is not None:
-        print(result_table(run, result, optimum))
+    if result is not None:
+        print(result_table([Evaluated(out, run, result)]))
         if result.not_arrived:
             print(f"In {result.not_arrived} of {trials} trials some robot did not arrive.")
             for line in advice(scenario, done):

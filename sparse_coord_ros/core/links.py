@@ -29,9 +29,14 @@ LINKS = SpecFamily(
         "bursts": (Number("p_down", 0.0, 1.0), Number("p_up", 0.0, 1.0)),
         "dead": (Number("step", 0.0),),
     },
+    {
+        "up": "never fails",
+        "lost": "fails at each time step with this probability",
+        "bursts": "goes down and comes back, each time step with a probability",
+        "dead": "is dead from this time step on",
+    },
 )
-"""How a robot's link fails: never; each time step with a probability; it goes down and comes back,
-each time step with a probability; it is dead from a time step on."""
+"""How a robot's link fails."""
 
 LINK = 6
 """Role of the links' random stream, after those of `core.streams`."""

@@ -16,7 +16,7 @@ import numpy as np
 
 from sparse_coord_ros.core.grid import GridMap
 from sparse_coord_ros.core.plugins import Registry, failing_as, is_path, is_shipped, path_of
-from sparse_coord_ros.core.specs import Number, Spec, SpecFamily
+from sparse_coord_ros.core.specs import Form, Number, Spec, SpecFamily
 from sparse_coord_ros.errors import SettingError
 
 LARGEST_LISTS = 2**19
@@ -64,15 +64,24 @@ class PerceptionFamily(SpecFamily):
         super().__init__("perception", {})
 
     @property
+    def forms(self) -> tuple[Form, ...]:
+        """The registered models."""
+        return self._named.forms
+
+    @property
     def usage(self) -> str:
         """The allowed forms, for help and error texts."""
-        return f"{self._named.usage}, or one of your own as module:function"
+        return f"{super().usage}, or one of your own as module:function"
 
     @property
     def _named(self) -> SpecFamily:
         """The registered models, without those that are `module:function`."""
-        own = {name: _numbers(model) for name, model in MODELS.registered.items()}
-        return SpecFamily(self.setting, {n: v for n, v in own.items() if ":" not in n})
+        own = {name: m for name, m in MODELS.registered.items() if ":" not in name}
+        return SpecFamily(
+            self.setting,
+            {name: _numbers(model) for name, model in own.items()},
+            {name: (inspect.getdoc(model) or "").split("\n")[0] for name, model in own.items()},
+        )
 
     def parse(self, value: object) -> Spec:
         """Read a model with its numbers; errors as of `SpecFamily.parse`."""
@@ -165,11 +174,12 @@ def _shown(found: object) -> str:
 
 
 def _probability(grid: GridMap, p: float) -> np.ndarray:
+    """Succeed with the same probability everywhere."""
     return np.full((len(grid.cells), len(grid.cells)), p)
 
 
 def _range(grid: GridMap, reach: float) -> np.ndarray:
-    """Succeed within `reach` cells, measured straight between the cells' centres."""
+    """Succeed within so many cells, measured straight between the cells' centres."""
     centres = np.array(grid.cells, dtype=float)
     gap = centres[:, None, :] - centres[None, :, :]
     return np.asarray(np.hypot(gap[..., 0], gap[..., 1]) <= reach, dtype=float)
@@ -215,10 +225,12 @@ def _sees(grid: GridMap, here: tuple[int, int], there: tuple[int, int]) -> bool:
 
 
 def _always(grid: GridMap) -> np.ndarray:
+    """Succeed."""
     return _probability(grid, 1.0)
 
 
 def _never(grid: GridMap) -> np.ndarray:
+    """Fail."""
     return _probability(grid, 0.0)
 
 

@@ -23,6 +23,7 @@ from sparse_coord_ros.core.grid import RESOLUTIONS
 from sparse_coord_ros.core.learners import LEARNERS, Learner, learner_of
 from sparse_coord_ros.core.scenario import Scenario, parse_yaml, scenario_from_dict
 from sparse_coord_ros.core.settings import Setting, SettingTable
+from sparse_coord_ros.core.specs import Form
 from sparse_coord_ros.errors import RunError, SettingError, did_you_mean, newer_format
 
 RUN_FILE, SCENARIO_FILE, MAP_FILE = "run.yaml", "scenario.yaml", "map.txt"
@@ -42,6 +43,11 @@ class LearnerName:
     def usage(self) -> str:
         """The allowed names, for help and error texts."""
         return LEARNERS.usage
+
+    @property
+    def forms(self) -> tuple[Form, ...]:
+        """The learners that are registered."""
+        return tuple(Form(name, (), one.summary) for name, one in LEARNERS.registered.items())
 
     def parse(self, value: object) -> str:
         """Return the learner's name as files have it.

@@ -23,9 +23,12 @@ from sparse_coord_ros.errors import MapError, ScenarioError, SettingError, did_y
 COMMON_REWARD = SpecFamily(
     "common_reward",
     {"same": (), "each": (Number("factor", 0.0, 1e6, repeated=True),)},
+    {
+        "same": "every robot pays the penalty",
+        "each": "each robot, in the scenario's order, pays its own factor times the penalty",
+    },
 )
-"""Who pays what of r^C (paper, Section 5). Either every robot pays the `same`, or `each` its own
-factor times `penalty`, in the scenario's order."""
+"""Who pays what of r^C (paper, Section 5)."""
 
 
 class CreditFamily(SpecFamily):
@@ -41,9 +44,16 @@ class CreditFamily(SpecFamily):
         return super().parse(f"weight:{text}")
 
 
-CREDIT = CreditFamily("credit", {"own": (), "team": (), "weight": (Number("w", 0.0, 1e6),)})
-"""How much a robot weighs r^C while it learns: once, as its `own`; as often as there are robots of
-the `team` that r^C falls on; or by a number, `weight:W`."""
+CREDIT = CreditFamily(
+    "credit",
+    {"own": (), "team": (), "weight": (Number("w", 0.0, 1e6),)},
+    {
+        "own": "once",
+        "team": "as often as there are robots that it falls on",
+        "weight": "as often as this number says; a number alone means this too",
+    },
+)
+"""How much a robot weighs r^C while it learns."""
 
 PEERS = ("one", "all")
 """Whom COORDINATE perceives: a peer drawn at random, or every other robot (paper, footnote 3)."""
@@ -140,6 +150,15 @@ SETTINGS = SettingTable(
     ]
 )
 """Every setting of a scenario that `--set` and the `set` parameter can change."""
+
+DIALOGUE = ("perception", "link", "peers")
+"""The settings that say whom COORDINATE asks and when the answer comes."""
+
+PROTOCOL = (
+    *("steps", "max_steps", "starts", "step_size", "epsilon"),
+    *("q_star_init", "q_coord_init", "goal_value", "credit", "referee"),
+)
+"""The settings that say how robots learn; the others say what they play."""
 
 
 @dataclass(frozen=True)

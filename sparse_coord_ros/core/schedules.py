@@ -24,10 +24,14 @@ STEP_SIZE = SpecFamily(
             Number("last", 0.0, 1.0),
         ),
     },
+    {
+        "constant": "the same at each update",
+        "power": "n^-exponent at the n-th update of a table entry",
+        "floored": "that power, but never less than a floor that falls linearly over the budget",
+    },
 )
-"""`constant:ALPHA`, `power:EXPONENT`: n^-exponent at the n-th update of a table entry, or
-`floored:EXPONENT:FIRST:LAST`: that power, but never less than a floor that falls linearly over the
-step budget: the first updates average, the later ones track peers that still learn."""
+"""The step size alpha of an update. With a floor the first updates average, the later ones track
+peers that still learn."""
 
 EPSILON = SpecFamily(
     "epsilon",
@@ -39,8 +43,12 @@ EPSILON = SpecFamily(
             Number("fraction", 0.0, 1.0),
         ),
     },
+    {
+        "constant": "the same at each time step",
+        "linear": "falls from first to last over that fraction of the budget",
+    },
 )
-"""`constant:EPSILON`, or `linear:FIRST:LAST:FRACTION`: falls over that fraction of the budget."""
+"""The probability of a random action."""
 
 STARTS = SpecFamily(
     "starts",
@@ -54,10 +62,14 @@ STARTS = SpecFamily(
             Number("fraction", 0.0, 1.0),
         ),
     },
+    {
+        "fixed": "at the scenario's starts",
+        "random": "at exploring starts: any cell with a way to the goal",
+        "mixed": "each robot with this probability at an exploring start",
+        "exploring": "the same; the probability falls over that fraction of the budget",
+    },
 )
-"""Where learning episodes begin. `fixed`: at the scenario's starts; `random`: exploring starts,
-any cell with a way to the goal; `mixed:P_RANDOM`: each robot with that probability at an exploring
-start; `exploring:FIRST:LAST:FRACTION`: a probability that falls over that part of the budget."""
+"""Where learning episodes begin."""
 
 
 class StepSizes(NamedTuple):

@@ -7,6 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from sparse_coord_ros.core.specs import Form
 from sparse_coord_ros.errors import SettingError, did_you_mean
 
 LARGEST_WHOLE = 2**53
@@ -21,6 +22,10 @@ class Family(Protocol):
     @property
     def usage(self) -> str:
         """The allowed forms, for help and error texts."""
+
+    @property
+    def forms(self) -> tuple[Form, ...]:
+        """The allowed forms, one by one."""
 
     def parse(self, value: object) -> Any:
         """Read a value; raises `SettingError`."""

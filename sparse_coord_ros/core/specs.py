@@ -8,7 +8,8 @@ settings. A family of them (the perception models, the schedules) is one `SpecFa
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from sparse_coord_ros.errors import SettingError, did_you_mean
 
@@ -43,21 +44,49 @@ class Spec:
         return ":".join([self.kind, *(repr(n).removesuffix(".0") for n in self.numbers)])
 
 
+class Form(NamedTuple):
+    """One way to write a setting, e.g. `probability:P`.
+
+    Attributes:
+        text: how it is written; capital letters stand for numbers.
+        numbers: what these are.
+        meaning: one line.
+    """
+
+    text: str
+    numbers: tuple[Number, ...]
+    meaning: str
+
+
 @dataclass(frozen=True)
 class SpecFamily:
-    """The kinds that one setting allows, each with its numbers."""
+    """The kinds that one setting allows, each with its numbers.
+
+    Attributes:
+        setting: the setting's name.
+        kinds: the numbers of each kind.
+        meanings: one line for each kind.
+    """
 
     setting: str
     kinds: Mapping[str, tuple[Number, ...]]
+    meanings: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def forms(self) -> tuple[Form, ...]:
+        """The allowed forms, one for each kind."""
+        forms = []
+        for kind, numbers in self.kinds.items():
+            text = ":".join([kind, *(number.name.upper() for number in numbers)])
+            repeated = bool(numbers) and numbers[-1].repeated
+            meaning = self.meanings.get(kind, "")
+            forms.append(Form(f"{text}:..." if repeated else text, numbers, meaning))
+        return tuple(forms)
 
     @property
     def usage(self) -> str:
         """The allowed forms, for help and error texts."""
-        forms = []
-        for kind, numbers in self.kinds.items():
-            form = ":".join([kind, *(number.name.upper() for number in numbers)])
-            forms.append(f"{form}:..." if numbers and numbers[-1].repeated else form)
-        return ", ".join(forms)
+        return ", ".join(form.text for form in self.forms)
 
     def parse(self, value: object) -> Spec:
         """Read a setting's value.

@@ -101,6 +101,49 @@ def test_exact_is_no_number_of_trials(refused, trained):
     assert "not allowed with" in refused("evaluate", "a", "--exact", "--trials", 5)
 
 
+def test_several_runs_side_by_side(sparse_coord, folder):
+    short = ("--steps", 300, "--trials", 0)
+    for out, *arguments in (
+        ("a", "env1", "--penalty", -100),
+        ("b", "env1", "--penalty", -100, "--learner", "noncoop"),
+        ("c", "env2-4r", "--seed", 4),
+    ):
+        assert sparse_coord("train", *arguments, *short, "--out", out)[0] == 0
+    code, out, err = sparse_coord("evaluate", "a", "b", "c", "--json")
+    assert (code, err) == (0, "")
+    runs = json.loads(out)["runs"]
+    assert [(one["directory"], one["scenario"], one["learner"], one["seed"]) for one in runs] == [
+        ("a", "env1", "coop", 0),
+        ("b", "env1", "noncoop", 0),
+        ("c", "env2-4r", "coop", 4),
+    ]
+    assert [one["reward"]["standard_error"] == 0 for one in runs] == [True, True, False]
+    assert (
+        runs[1]["reward"]
+        == json.loads(sparse_coord("evaluate", "b", "--exact", "--json")[1])["reward"]
+    )
+    env1, env2 = sparse_coord("evaluate", "a", "b", "c")[1].split("\n\n")
+    assert [line.split("  ")[0] for line in env1.splitlines()[2:]] == [
+        "a: Coop., exact",
+        "b: Non-coop., exact",
+        "class bound",
+        "exact joint optimum",
+    ]
+    assert [line.split("  ")[0] for line in env2.splitlines()[2:4]] == [
+        "c: Coop., 1000 trials",
+        "Coop., paper",
+    ]
+    assert env2.count("bound (robots alone)") == 1
+    by_trials = sparse_coord("evaluate", "a", "b", "--trials", 20)[1]
+    assert by_trials.count(", 20 trials") == 2 and "exact," not in by_trials
+
+
+def test_several_with_exact_are_refused_where_there_is_none(sparse_coord, refused):
+    for out, name in (("a", "env1"), ("c", "env2-4r")):
+        sparse_coord("train", name, "--steps", 300, "--trials", 0, "--out", out)
+    assert "env2-4r has 4 robots" in refused("evaluate", "a", "c", "--exact")
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

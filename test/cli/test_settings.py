@@ -1,0 +1,61 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`sparse_coord settings`: what the tables that validate say."""
+
+import json
+
+import pytest
+
+from sparse_coord_ros.core.learners import LEARNERS
+from sparse_coord_ros.core.run_config import RUN_SETTINGS
+from sparse_coord_ros.core.scenario import DIALOGUE, PROTOCOL, SETTINGS
+
+
+def test_every_setting_is_there_once(sparse_coord):
+    code, out, err = sparse_coord("settings", "--json")
+    assert (code, err) == (0, "")
+    groups = json.loads(out)
+    told = [name for group in ("scenario", "dialogue", "protocol") for name in groups[group]]
+    assert sorted(told) == sorted(SETTINGS)
+    assert {*DIALOGUE, *PROTOCOL} <= {*SETTINGS}
+    assert list(groups["run"]) == list(RUN_SETTINGS)
+    assert list(groups["learners"])[: len(LEARNERS.registered)] == list(LEARNERS.registered)
+    assert {"world_simulator", "robot", "recorder", "player", "watch"} <= set(groups)
+
+
+def test_it_says_what_validates(sparse_coord):
+    said = json.loads(sparse_coord("settings", "discount", "link", "--json")[1])
+    assert list(said) == ["scenario", "dialogue"]
+    one = said["scenario"]["discount"]
+    assert (one["default"], one["low"], one["high"]) == (0.95, 0, 0.999)
+    assert one["allowed"] == SETTINGS["discount"].allowed
+    forms = {form["form"]: form for form in said["dialogue"]["link"]["forms"]}
+    assert list(forms) == SETTINGS["link"].allowed.split(", ")
+    assert forms["lost:P"]["numbers"] == [{"name": "p", "low": 0, "high": 1, "repeated": False}]
+
+
+@pytest.mark.parametrize("name", SETTINGS)
+def test_forms_say_what_they_mean(sparse_coord, name):
+    kind = SETTINGS[name].kind
+    lines = sparse_coord("settings", name)[1].splitlines()
+    assert lines[2].startswith(name)
+    if not isinstance(kind, type):
+        assert [form.text for form in kind.forms if not form.meaning] == []
+        words = " ".join(" ".join(lines).split())
+        assert [f.text for f in kind.forms if f"{f.text}: {f.meaning}" not in words] == []
+
+
+def test_a_learner_and_its_own_defaults(sparse_coord):
+    out = sparse_coord("settings", "factored")[1]
+    assert "epsilon=linear:0.3:0.02:0.8" in out
+    assert "coop" not in out
+
+
+def test_a_narrow_terminal(sparse_coord, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "60")
+    out = sparse_coord("settings", "protocol")[1]
+    assert max(len(line) for line in out.splitlines()[2:]) <= 60
+
+
+def test_an_unknown_name(refused):
+    assert "unknown setting 'lnk' (did you mean 'link'?)" in refused("settings", "lnk")
