@@ -50,6 +50,7 @@ setup(
         "pillow",
         "tqdm",
         "aiohttp>=3.8",
+        "argcomplete>=3",
     ],
     extras_require={
         # ROS 2 from PyPI, for machines that have none; never needed beside an installed ROS 2.

@@ -46,6 +46,10 @@ def make_parser(chosen: str | None = None) -> argparse.ArgumentParser:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one verb and return the exit code."""
+    if "_ARGCOMPLETE" in os.environ:
+        from sparse_coord_ros.cli.completion import complete
+
+        complete(make_parser)
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     verb = next((text for text in arguments if not text.startswith("-")), None)
     try:

@@ -36,6 +36,7 @@ VERBS: Mapping[str, str] = {
     "plot": "draw policies, ask maps, learning curves, sparsity and percepts of runs, or results",
     "animate": "make a film (GIF) of an episode: robots move, ask and are answered",
     "report": "tell all of a run, or of results, in one HTML file: pictures, worth, faults",
+    "completion": "print what your shell needs to complete sparse_coord with the Tab key",
     "reproduce": "reproduce the paper's tables and figures, and go beyond them",
     "bench": "measure the speed of env1: live, beside bare rclpy nodes passing the same messages, "
     "and the batch engine",

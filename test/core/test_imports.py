@@ -85,7 +85,8 @@ def test_help_and_small_verbs_start_fast(arguments):
         f"    main({arguments!r})\n"
         "except SystemExit:\n"
         "    pass\n"
-        "heavy = ('numba', 'matplotlib', 'sparse_coord_ros.engine', 'sparse_coord_ros.bench')\n"
+        "heavy = ('argcomplete', 'numba', 'matplotlib',\n"
+        "    'sparse_coord_ros.engine', 'sparse_coord_ros.bench')\n"
         "print([n for n in heavy if n in sys.modules])"
     )
     assert out.splitlines()[-1] == "[]"
