@@ -22,6 +22,7 @@ VERBS: Mapping[str, str] = {
     "evaluate": "evaluate learned tables by Monte-Carlo trials, as in the paper, or exactly",
     "optimum": "compute the exact joint optimum: full joint state and action, no cost of asking; "
     "the exact worth of fixed shortest paths; and the best team of Algorithm 1's form",
+    "doctor": "look whether all is here that a run needs, and say what to do where it is not",
     "settings": "list all settings: defaults, what is allowed, what they mean",
     "maps": "list the maps, or show one",
     "import-map": "make a map and a scenario of a building's map, as map_server reads it",

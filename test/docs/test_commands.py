@@ -200,7 +200,7 @@ def check_pictures(page, shell):
 
 SERVES = ("watch",)
 """Verbs that go on until somebody stops them."""
-LONG_VERBS = ("reproduce", "bench", "run", "train", "watch", "report")
+LONG_VERBS = ("doctor", "reproduce", "bench", "run", "train", "watch", "report")
 NEEDS_A_BAG = (
     *("watch", "info", "verify", "explain", "replay", "recover"),
     *("plot", "animate", "report", "tables"),

@@ -1,0 +1,183 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Do two processes find each other over ROS 2 and hear each other?
+
+Two children are started (`python -m sparse_coord_ros.doctor.middleware echo NAME`, and `ask`): a
+crash or a hang in the middleware is then a finding, and no end of the doctor.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from typing import Any
+
+from sparse_coord_ros.doctor.findings import FINE, HINT, WRONG, Finding
+
+SECONDS = 8.0
+"""How long the asker waits for an answer."""
+
+START_SECONDS = 20.0
+"""How long importing rclpy may take beside that, on a slow machine."""
+
+GRACE_SECONDS = 5.0
+"""How long a process may take to leave: one that is killed leaves files in shared memory."""
+
+QUESTIONS = 20
+TRIED = "rmw_fastrtps_cpp"
+"""The middleware that this package is tested with."""
+
+TRANSPORTS, RANGE = "FASTDDS_BUILTIN_TRANSPORTS", "ROS_AUTOMATIC_DISCOVERY_RANGE"
+
+OTHER_WAYS: tuple[tuple[str, str, str], ...] = (
+    (TRANSPORTS, "UDPv4", "shared memory does not work between processes here"),
+    (RANGE, "LOCALHOST", "multicast does not work here"),
+)
+"""What to try where nobody answers, and what it means where that helps."""
+
+
+def middleware() -> Iterator[Finding]:
+    """Try rclpy, the middleware, and a round trip between two processes."""
+    said = round_trip()
+    if "missing" in said:
+        yield Finding(
+            HINT,
+            "ROS 2",
+            f"is not there ({said['missing']}): train, evaluate, plot and the Python API work, "
+            "run does not",
+            "source /opt/ros/jazzy/setup.bash, or pip install 'sparse_coord_ros[ros]'",
+        )
+        return
+    if "rmw" in said:
+        known = said["rmw"] == TRIED
+        yield Finding(
+            FINE if known else HINT,
+            "ROS 2",
+            f"rclpy with {said['rmw']}",
+            ""
+            if known
+            else f"this package is tested with {TRIED}: export RMW_IMPLEMENTATION={TRIED}",
+        )
+    if "round_trip" in said:
+        yield Finding(
+            FINE,
+            "round trip",
+            f"two processes found each other in {said['found']:.1f} s; question and answer take "
+            f"{1000 * said['round_trip']:.2f} ms (median of {QUESTIONS})",
+        )
+        return
+    problem = said.get("problem", f"no answer within {SECONDS:g} s")
+    for name, value, meaning in OTHER_WAYS:
+        if os.environ.get(name) != value and "round_trip" in round_trip({name: value}):
+            yield Finding(
+                WRONG, "round trip", f"{problem}; {meaning}", f"export {name}={value}, or mend it"
+            )
+            return
+    yield Finding(
+        WRONG,
+        "round trip",
+        f"{problem}: two processes on this machine do not hear each other",
+        "look at the findings above; unset RMW_IMPLEMENTATION, FASTRTPS_DEFAULT_PROFILES_FILE and "
+        "ROS_SECURITY_ENABLE; stop the firewall to try",
+    )
+
+
+def round_trip(changes: Mapping[str, str] | None = None) -> dict[str, Any]:
+    """Let one process ask and another answer.
+
+    Args:
+        changes: environment variables to change.
+
+    Returns:
+        `rmw`, `found` (seconds until the first answer) and `round_trip` (median seconds); or
+        `missing`: why rclpy cannot be imported; or `problem`.
+    """
+    name = f"sparse_coord_doctor_{os.getpid()}"
+    environment = {**os.environ, **(changes or {})}
+    command = [sys.executable, "-m", __name__]
+    answerer, asker = (
+        subprocess.Popen(
+            [*command, role, name],
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        for role in ("echo", "ask")
+    )
+    try:
+        out, err = asker.communicate(timeout=SECONDS + START_SECONDS)
+        lines = err.strip().splitlines()
+        with suppress(json.JSONDecodeError, IndexError):
+            return dict(json.loads(out.strip().splitlines()[-1]))
+        return {"problem": lines[-1] if lines else f"a process died ({asker.returncode})"}
+    except subprocess.TimeoutExpired:
+        return {"problem": "the middleware hangs"}
+    finally:
+        for process in (asker, answerer):
+            process.terminate()
+            try:
+                process.communicate(timeout=GRACE_SECONDS)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.communicate()
+
+
+def main(role: str, name: str) -> int:
+    """Answer until killed, or ask and print what came of it as JSON."""
+    try:
+        import rclpy
+        from std_msgs.msg import Int64
+
+        from sparse_coord_ros.nodes.spin import ros_context
+    except ImportError as error:
+        print(json.dumps({"missing": str(error)}))
+        return 0
+    from rclpy.executors import SingleThreadedExecutor
+
+    stopped: list[int] = []
+    signal.signal(signal.SIGTERM, lambda number, _: stopped.append(number))
+    with ros_context() as context:
+        node = rclpy.create_node(f"{name}_{role}", context=context)
+        executor = SingleThreadedExecutor(context=context)
+        executor.add_node(node)
+        if role == "echo":
+            answers = node.create_publisher(Int64, f"{name}/answer", 10)
+            node.create_subscription(Int64, f"{name}/question", answers.publish, 10)
+            while not stopped:
+                executor.spin_once(timeout_sec=0.1)
+        else:
+            questions = node.create_publisher(Int64, f"{name}/question", 10)
+            heard: list[Any] = []
+            node.create_subscription(Int64, f"{name}/answer", heard.append, 10)
+            said: dict[str, Any] = {"rmw": rclpy.get_rmw_implementation_identifier()}
+            took: list[float] = []
+            number, began = 0, time.monotonic()
+            while len(took) <= QUESTIONS and time.monotonic() - began < SECONDS and not stopped:
+                number, asked = number + 1, time.monotonic()
+                questions.publish(Int64(data=number))
+                while not _has(heard, number) and time.monotonic() - asked < 0.1:
+                    executor.spin_once(timeout_sec=0.02)
+                if _has(heard, number):
+                    said.setdefault("found", time.monotonic() - began)
+                    took.append(time.monotonic() - asked)
+            if len(took) > QUESTIONS:
+                said["round_trip"] = sorted(took[1:])[QUESTIONS // 2]
+            print(json.dumps(said), flush=True)
+        executor.shutdown()
+        node.destroy_node()
+    return 0
+
+
+def _has(heard: list[Any], number: int) -> bool:
+    return any(message.data == number for message in heard)
+
+
+if __name__ == "__main__":
+    sys.exit(main(*sys.argv[1:]))

@@ -1,0 +1,254 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`sparse_coord doctor`: each trouble is found, and each finding says what to do."""
+
+import fcntl
+import json
+import os
+import sys
+from importlib import metadata
+
+import pytest
+
+from sparse_coord_ros.cli import doctor
+from sparse_coord_ros.doctor import installation, middleware, network, places
+from sparse_coord_ros.doctor.findings import FINE, HINT, WRONG, Finding
+from sparse_coord_ros.engine import kept
+from sparse_coord_ros.nodes.shared_memory import leftovers, remove
+
+
+def levels(findings):
+    return [one.level for one in findings]
+
+
+def the_one(findings, word):
+    """Return the only finding whose text has a word."""
+    (found,) = [one for one in findings if word in one.text]
+    return found
+
+
+def check_remedies(findings):
+    assert [one for one in findings if one.level == WRONG and not one.remedy] == []
+
+
+@pytest.mark.parametrize(("level", "code"), [(FINE, 0), (HINT, 0), (WRONG, 1)])
+def test_exit_code_and_json(sparse_coord, monkeypatch, level, code):
+    found = [Finding(FINE, "python", "3.11"), Finding(level, "ports", "some text", "do this")]
+    monkeypatch.setattr(doctor, "findings", lambda: iter(found))
+    assert sparse_coord("doctor", "--json")[:2] == (
+        code,
+        json.dumps({"fine": code == 0, "findings": [one._asdict() for one in found]}, indent=2)
+        + "\n",
+    )
+    text = sparse_coord("doctor")
+    assert text[0] == code
+    assert "ports: some text" in text[1] and "to do: do this" in text[1]
+
+
+@pytest.mark.long
+def test_here_nothing_is_wrong(sparse_coord):
+    code, out, err = sparse_coord("doctor")
+    assert (code, err) == (0, ""), out
+    for part in ("package", "python", "numba", "write access", "discovery", "ROS 2", "round trip"):
+        assert f" {part}: " in out
+
+
+def test_packages_that_are_missing_or_too_old():
+    found = list(
+        installation.requirements(
+            ["numpy", "numpy<1", "no_such_package>=2", 'no_such_extra; extra == "pettingzoo"']
+        )
+    )
+    assert levels(found) == [WRONG, WRONG, FINE, FINE]
+    assert found[0].remedy == "pip install 'numpy<1'"
+    assert "no_such_package is missing" in found[1].text
+    assert "no_such_extra" in the_one(found, "extra pettingzoo").text
+
+
+def test_what_pip_installed_is_another_version(monkeypatch):
+    monkeypatch.setattr(metadata, "version", lambda name: "0.1.0")
+    found = list(installation.installation())
+    check_remedies(found)
+    assert the_one(found, "0.1.0 is what pip installed").level == WRONG
+
+
+class SpoiledNumba:
+    def njit(self, function):
+        raise ImportError("Numba needs NumPy 2.3 or less")
+
+
+@pytest.mark.parametrize(("module", "level"), [(None, HINT), (SpoiledNumba(), WRONG)])
+def test_numba_missing_or_broken(monkeypatch, module, level):
+    monkeypatch.setitem(sys.modules, "numba", module)
+    (found,) = installation.compiler()
+    assert (found.level, found.part, bool(found.remedy)) == (level, "numba", True)
+
+
+@pytest.mark.parametrize(("kept_in", "level"), [("", HINT), ("cache", FINE)])
+def test_where_numba_keeps_what_it_compiled(monkeypatch, tmp_path, kept_in, level):
+    monkeypatch.setenv(kept.FOLDER_VARIABLE, kept_in and str(tmp_path / kept_in))
+    kept.folder.cache_clear()
+    try:
+        (found,) = installation.compiler()
+    finally:
+        kept.folder.cache_clear()
+    assert found.level == level, found
+
+
+def test_where_nothing_can_be_written(tmp_path):
+    (tmp_path / "file").touch()
+    found = places.writable("logs", tmp_path / "file" / "log", "do this")
+    assert (found.level, found.remedy) == (WRONG, "do this")
+    assert places.writable("logs", tmp_path / "not" / "yet", "do this").level == FINE
+
+
+def test_where_ros_logs_go(monkeypatch):
+    monkeypatch.setenv("ROS_LOG_DIR", "/somewhere")
+    assert str(places.ros_logs()) == "/somewhere"
+    monkeypatch.delenv("ROS_LOG_DIR")
+    monkeypatch.setenv("ROS_HOME", "/home/ros")
+    assert str(places.ros_logs()) == "/home/ros/log"
+
+
+def lock(path):
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT)
+    fcntl.flock(descriptor, fcntl.LOCK_EX)
+    return descriptor
+
+
+def test_leftovers_are_what_no_living_process_holds(tmp_path):
+    dead = ["fastrtps_0123456789abcdef", "fastrtps_0123456789abcdef_el", "fastrtps_port7411"]
+    dead += ["fastrtps_port7413_el", "sem.fastrtps_port7411_mutex"]
+    alive = ["fastrtps_fedcba9876543210", "fastrtps_port7415", "sem.fastrtps_port7415_mutex"]
+    for name in (*dead, *alive, "another", "sem.another"):
+        (tmp_path / name).write_bytes(b"1234")
+    held = [
+        lock(tmp_path / "fastrtps_fedcba9876543210_el"),
+        lock(tmp_path / "fastrtps_port7415_sl"),
+    ]
+    try:
+        left = leftovers(tmp_path)
+        assert [path.name for path in left] == sorted(dead)
+        found = the_one(places.shared_memory(tmp_path), "5 files")
+        assert (found.level, "doctor --clean" in found.remedy) == (HINT, True)
+        assert remove(left) == 5
+        assert leftovers(tmp_path) == []
+        assert len(list(tmp_path.iterdir())) == 7
+    finally:
+        for descriptor in held:
+            os.close(descriptor)
+
+
+def test_without_shared_memory(tmp_path):
+    assert leftovers(tmp_path / "none") == []
+    assert list(places.shared_memory(tmp_path / "none")) == []
+
+
+@pytest.mark.parametrize(
+    ("variables", "expected", "word"),
+    [
+        ({}, [FINE, FINE], "not set"),
+        ({"ROS_DOMAIN_ID": "300"}, [WRONG, FINE], "0 to 232"),
+        ({"ROS_DOMAIN_ID": "-1"}, [WRONG, FINE], "'-1'"),
+        ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCAL"}, [FINE, WRONG], "LOCALHOST"),
+        ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"}, [FINE, WRONG], "no node finds another"),
+        ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}, [FINE, FINE], "this machine only"),
+        ({"ROS_LOCALHOST_ONLY": "1"}, [FINE, FINE, HINT], "deprecates"),
+        ({"ROS_STATIC_PEERS": "10.0.0.2"}, [FINE, FINE, FINE], "10.0.0.2"),
+    ],
+)
+def test_environment(variables, expected, word):
+    found = list(network.environment(variables))
+    assert levels(found) == expected
+    assert any(word in one.text for one in found)
+    check_remedies(found)
+    assert network.domain(variables) == 0
+
+
+@pytest.mark.parametrize(
+    ("flags", "level", "word"),
+    [
+        ({"lo": 0x9, "eth0": 0x1003}, FINE, "up: eth0, lo"),
+        ({"lo": 0x9, "eth0": 0x1002}, HINT, "only the loopback"),
+        ({"lo": 0x9, "tun0": 0x1}, HINT, "tun0: no multicast"),
+        ({"lo": 0x8, "eth0": 0x1003}, WRONG, "the loopback is down"),
+    ],
+)
+def test_interfaces(tmp_path, flags, level, word):
+    for name, value in flags.items():
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "flags").write_text(f"{value:#x}\n")
+    found = list(network.interfaces(tmp_path))
+    assert the_one(found, word).level == level
+    check_remedies(found)
+
+
+def udp_table(path, ports):
+    lines = [f"  1: 00000000:{port:04X} 00000000:0000 07" for port in ports]
+    path.write_text("\n".join(["  sl  local_address rem_address   st", *lines, ""]))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("domain", "taken", "level", "word"),
+    [
+        (3, [8150, 8160, 8161, 8162], FINE, "2 participants"),
+        (0, [7410 + 2 * i for i in range(32)], HINT, "32 participants"),
+        (200, [], HINT, "lent"),
+    ],
+)
+def test_ports(tmp_path, monkeypatch, domain, taken, level, word):
+    monkeypatch.setattr(network, "_first_ephemeral", lambda: 32768)
+    table = udp_table(tmp_path / "udp", taken)
+    (found,) = network.ports(domain, (table, tmp_path / "udp6"))
+    assert (found.level, word in found.text) == (level, True), found
+    assert list(network.ports(domain, (tmp_path / "none",))) == []
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "part"),
+    [
+        ("etc/ufw/ufw.conf", "LOGLEVEL=low\nENABLED=yes\n", "firewall"),
+        ("run/firewalld/x", "", "firewall"),
+        ("proc/version", "Linux version 5.15 (Microsoft)", "WSL"),
+        (".dockerenv", "", "container"),
+    ],
+)
+def test_surroundings(tmp_path, file, text, part):
+    assert list(network.surroundings(tmp_path)) == []
+    (tmp_path / file).parent.mkdir(parents=True, exist_ok=True)
+    (tmp_path / file).write_text(text)
+    (found,) = network.surroundings(tmp_path)
+    assert (found.level, found.part, bool(found.remedy)) == (HINT, part, True)
+
+
+@pytest.mark.parametrize(
+    ("said", "expected"),
+    [
+        ([{"missing": "No module named 'rclpy'"}], [HINT]),
+        ([{"rmw": "rmw_fastrtps_cpp", "found": 0.1, "round_trip": 0.001}], [FINE, FINE]),
+        ([{"rmw": "rmw_other", "found": 0.1, "round_trip": 0.001}], [HINT, FINE]),
+        ([{"problem": "the middleware hangs"}, {}, {}], [WRONG]),
+        ([{"rmw": "rmw_fastrtps_cpp"}, {"found": 1.0, "round_trip": 0.1}], [FINE, WRONG]),
+    ],
+)
+def test_what_the_round_trip_means(monkeypatch, said, expected):
+    for name in (middleware.TRANSPORTS, middleware.RANGE):
+        monkeypatch.delenv(name, raising=False)
+    answers = iter(said)
+    monkeypatch.setattr(middleware, "round_trip", lambda changes=None: next(answers))
+    found = list(middleware.middleware())
+    assert levels(found) == expected
+    check_remedies(found)
+    if len(said) == 2:
+        assert "shared memory does not work" in found[-1].text
+
+
+def test_a_round_trip_between_two_processes():
+    said = middleware.round_trip()
+    assert said["rmw"] and 0 < said["round_trip"] < 1, said
+
+
+def test_a_middleware_that_is_not_there():
+    said = middleware.round_trip({"RMW_IMPLEMENTATION": "rmw_none"})
+    assert "rmw_none" in said["problem"]
