@@ -5,6 +5,11 @@ from glob import glob
 from setuptools import find_packages, setup
 
 PACKAGE = "sparse_coord_ros"
+# There are wheels for these only; elsewhere the example's test is skipped.
+OPEN_SPIEL = (
+    "open-spiel>=2; platform_system == 'Linux' and platform_machine == 'x86_64' "
+    "and python_version < '3.14'"
+)
 
 setup(
     name=PACKAGE,
@@ -60,8 +65,11 @@ setup(
         "fast": ["numba"],
         # Scenarios as environments for learners that others wrote.
         "pettingzoo": ["pettingzoo>=1.24"],
+        # What examples/pettingzoo_learners.py compares with.
+        "examples": ["pettingzoo>=1.24", OPEN_SPIEL],
         "test": [
             "hypothesis",
+            OPEN_SPIEL,
             "pytest",
             "pytest-timeout",
             "pettingzoo>=1.24",

@@ -17,7 +17,7 @@ from sparse_coord_ros.doctor.findings import FINE, HINT, WRONG, Finding
 
 OLDEST_PYTHON = (3, 11)
 
-FOR_DEVELOPERS = ("test", "lint", "docs", "coverage")
+FOR_DEVELOPERS = ("test", "lint", "docs", "coverage", "examples")
 """Extras that only a checkout needs."""
 
 ROS, FAST = "ros", "fast"

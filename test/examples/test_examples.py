@@ -80,6 +80,22 @@ def test_own_learner(python):
     assert len({line.partition(":")[2] for line in lines}) == 2
 
 
+@pytest.mark.long
+def test_pettingzoo_learners(python):
+    pytest.importorskip("open_spiel")
+    lines = python(EXAMPLES / "pettingzoo_learners.py", 600, 2, 3).splitlines()
+    titles = [line.split("|")[1].strip() for line in lines[2:-1]]
+    assert titles == [
+        "OpenSpiel Q-learner",
+        "OpenSpiel Q-learner, asks",
+        "ours: noncoop",
+        "ours: coop",
+        "ours: factored",
+    ]
+    assert all(line.count("±") == 4 for line in lines[2:-1])
+    assert lines[-1] == "class bound 118.51, joint optimum 120.56"
+
+
 def test_analyse_log(python):
     verb = ("-m", "sparse_coord_ros.cli.main", "run")
     python(*verb, "env1", "--steps", 300, "--seed", 2, "--out", "runs/demo")
