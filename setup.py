@@ -63,11 +63,14 @@ setup(
         "ros": ["ros-jazzy-rclpy[fastrtps]", "ros-jazzy-common-interfaces"],
         # Compiles the batch engine: the same results, two orders of magnitude faster.
         "fast": ["numba"],
+        # Sweeps on a cluster (--scheduler).
+        "cluster": ["distributed>=2024.1"],
         # Scenarios as environments for learners that others wrote.
         "pettingzoo": ["pettingzoo>=1.24"],
         # What examples/pettingzoo_learners.py compares with.
         "examples": ["pettingzoo>=1.24", OPEN_SPIEL],
         "test": [
+            "distributed>=2024.1",
             "hypothesis",
             OPEN_SPIEL,
             "pytest",

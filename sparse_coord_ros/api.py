@@ -29,6 +29,7 @@ from sparse_coord_ros.core.scenario import Scenario, load_scenario
 from sparse_coord_ros.core.tables import load_team
 from sparse_coord_ros.engine import exact, training
 from sparse_coord_ros.engine.batch import Run, run_batch
+from sparse_coord_ros.engine.cluster import check_place, cluster_at
 from sparse_coord_ros.engine.conditions import Condition
 from sparse_coord_ros.engine.exact import ExactEvaluation
 from sparse_coord_ros.engine.results import JOBS, RUNS, SUMS, TRIALS, Plan
@@ -231,6 +232,7 @@ def train_many(
     history: bool = True,
     engine: str = "auto",
     jobs: int | None = None,
+    scheduler: str | None = None,
     progress: Callable[[int, int], None] = lambda done, runs: None,
 ) -> Runs:
     """Learn several times, each time with another seed, on all cores.
@@ -246,22 +248,33 @@ def train_many(
         history: whether each run keeps its learning history.
         engine: "numba", "python", or "auto": numba where it is installed. The bits are the same.
         jobs: threads (or processes) at once; all cores that this process may use where None.
+        scheduler: address of the scheduler of a Dask cluster that computes; None: this machine.
         progress: called with the runs done and to be done.
 
     Raises:
         ScenarioError, SettingError: no such scenario or learner, or a bad setting.
+        RunError: the cluster cannot be reached, or was lost.
         PluginError: a learner or perception model of the user's own failed.
     """
     rule = learner_of(learner)
     problem = rule.with_defaults(_scenario(scenario))
     plan = _plan(seed, runs, trials, no_trials=True)
     jobs = _jobs(jobs)
+    check_place(jobs, scheduler)
     done: list[Run] = []
-    for run in run_batch(
-        problem, rule, plan.seeds, trials=plan.trials, engine=engine, jobs=jobs, history=history
-    ):
-        done.append(run)
-        progress(len(done), plan.runs)
+    with cluster_at(scheduler) as cluster:
+        for run in run_batch(
+            problem,
+            rule,
+            plan.seeds,
+            trials=plan.trials,
+            engine=engine,
+            jobs=jobs,
+            history=history,
+            cluster=cluster,
+        ):
+            done.append(run)
+            progress(len(done), plan.runs)
     return Runs(problem, rule.label, tuple(done))
 
 
@@ -420,6 +433,7 @@ def run_experiment(
     report: bool = False,
     engine: str = "auto",
     jobs: int | None = None,
+    scheduler: str | None = None,
     progress: Progress = no_progress,
 ) -> ExperimentResults:
     """Compute experiments or single conditions; with `out`, save them and go on where it stopped.
@@ -434,11 +448,13 @@ def run_experiment(
         report: write the experiments' tables, figures and text into `out`.
         engine: "numba", "python", or "auto": numba where it is installed. The bits are the same.
         jobs: threads (or processes) at once; all cores that this process may use where None.
+        scheduler: address of the scheduler of a Dask cluster that computes; None: this machine.
         progress: called with a condition's id, the agent-steps done and those of the whole call.
 
     Raises:
         ScenarioError, SettingError: no such experiment, scenario or learner, or a bad setting.
         ResultsError: `out` cannot be used, or holds results of something else.
+        RunError: the cluster cannot be reached, or was lost.
         PluginError: a learner or perception model of the user's own failed.
     """
     asked = [what] if isinstance(what, str | Condition) else list(what)
@@ -453,6 +469,7 @@ def run_experiment(
         report=report,
         engine=engine,
         jobs=_jobs(jobs),
+        scheduler=scheduler,
         progress=progress,
     )
 

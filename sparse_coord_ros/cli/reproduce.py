@@ -10,12 +10,13 @@ from pathlib import Path
 from tqdm import tqdm
 
 from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.cli.computing import add_computing, jobs_of
 from sparse_coord_ros.cli.evaluate import Evaluated, result_table
 from sparse_coord_ros.core.evaluation import summary
 from sparse_coord_ros.core.run_config import RUN_SETTINGS, make_run
-from sparse_coord_ros.engine.batch import ENGINES, uses_numba
+from sparse_coord_ros.engine.batch import uses_numba
 from sparse_coord_ros.engine.experiments import NAMES
-from sparse_coord_ros.engine.results import JOBS, RUNS, TRIALS, Plan
+from sparse_coord_ros.engine.results import RUNS, TRIALS, Plan
 from sparse_coord_ros.engine.runner import (
     ExperimentResults,
     check_runs,
@@ -48,13 +49,7 @@ def add_parser(verbs) -> None:
     parser.add_argument("--runs", default="100", help=f"{RUNS.help} (default: 100)")
     parser.add_argument("--trials", default="1000", help=f"{TRIALS.help} (default: 1000)")
     parser.add_argument("--seed", default="0", help="seed of run 0; run i has seed + i (0)")
-    parser.add_argument(
-        "--engine",
-        choices=ENGINES,
-        default="auto",
-        help="numba, python, or auto: numba where it is installed; the results are the same",
-    )
-    parser.add_argument("--jobs", help=f"{JOBS.help} (default: all cores)")
+    add_computing(parser)
     parser.add_argument("--list", action="store_true", help="list the conditions and stop")
     shared.add_json(parser)
     parser.set_defaults(execute=execute)
@@ -67,8 +62,8 @@ def execute(options: argparse.Namespace) -> int:
         RUNS.parse(options.runs),
         TRIALS.parse(options.trials),
     )
-    jobs = None if options.jobs is None else JOBS.parse(options.jobs)
-    compiled = uses_numba(options.engine)
+    jobs = jobs_of(options)
+    compiled = options.scheduler is not None or uses_numba(options.engine)
     targets = parse_targets(options.targets)
     check_runs(targets, plan)
     if options.list:
@@ -85,6 +80,7 @@ def execute(options: argparse.Namespace) -> int:
             out=options.out,
             engine=options.engine,
             jobs=jobs,
+            scheduler=options.scheduler,
             progress=bar.show,
             compiling=bar.compiling,
             report=True,

@@ -57,6 +57,7 @@ from sparse_coord_ros.core.world import (
     Position,
 )
 from sparse_coord_ros.engine import kernels
+from sparse_coord_ros.engine.cluster import Cluster
 from sparse_coord_ros.engine.compiled import Loops, compile_once, compiled, has_numba, is_compiled
 from sparse_coord_ros.engine.exact import ExactMeans, exact_means
 from sparse_coord_ros.engine.kept import is_kept
@@ -107,6 +108,7 @@ def run_batch(
     engine: str = "auto",
     jobs: int | None = None,
     history: bool = False,
+    cluster: Cluster | None = None,
 ) -> Iterator[Run]:
     """Learn once for each seed, play greedy trials, and yield the runs in the order of the seeds.
 
@@ -118,13 +120,20 @@ def run_batch(
         engine: "numba", "python", or "auto": numba where it is installed.
         jobs: threads (or processes); all cores that this process may use where None.
         history: whether each run comes with its learning history.
+        cluster: whose workers compute; None: this machine.
 
     Raises:
         SettingError: numba is asked for and not installed.
-        RunError: a process that computed runs was killed.
+        RunError: a process that computed runs was killed, or the cluster is lost.
     """
-    jobs = len(os.sched_getaffinity(0)) if jobs is None else jobs
     rule = learner_of(learner)
+    if cluster is not None:
+        shares = cluster.shares(seeds, agent_steps(scenario), len(seeds))
+        asked = [(scenario, rule, share, trials, engine, history) for share in shares]
+        for runs in cluster.in_order(_runs_of, asked):
+            yield from runs
+        return
+    jobs = len(os.sched_getaffinity(0)) if jobs is None else jobs
     if not uses_numba(engine, rule):
         work = [(scenario, rule, seed, trials, history) for seed in seeds]
         if jobs == 1 or len(work) == 1:  # here: a learner of a script is in no other process
@@ -144,6 +153,25 @@ def run_batch(
         finally:
             stop[0] = True
             pool.shutdown(wait=True, cancel_futures=True)
+
+
+def agent_steps(scenario: Scenario) -> int:
+    """Return the steps of one learning run, of all robots."""
+    return scenario.steps * len(scenario.robots)
+
+
+def _runs_of(
+    scenario: Scenario,
+    learner: Learner,
+    seeds: Sequence[int],
+    trials: int,
+    engine: str,
+    history: bool,
+) -> list[Run]:
+    """Compute some runs in a thread of a cluster's worker."""
+    return list(
+        run_batch(scenario, learner, seeds, trials=trials, engine=engine, jobs=1, history=history)
+    )
 
 
 def uses_numba(engine: str, learner: Learner | None = None) -> bool:

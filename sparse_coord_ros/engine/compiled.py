@@ -108,6 +108,7 @@ def _numba() -> ModuleType:
 
 
 _background: dict[object, Future[Any]] = {}
+_one_begins = threading.Lock()
 
 
 def in_background(key: object, work: Callable[[], Any]) -> Any:
@@ -121,11 +122,12 @@ def in_background(key: object, work: Callable[[], Any]) -> Any:
         key: names the work.
         work: what to do the first time.
     """
-    future = _background.get(key)
-    if future is None or (future.done() and future.exception() is not None):
-        future = _background[key] = Future()
-        thread = threading.Thread(target=_do, args=(work, future), name=f"{key}", daemon=True)
-        thread.start()
+    with _one_begins:  # a cluster's worker computes in several threads
+        future = _background.get(key)
+        if future is None or (future.done() and future.exception() is not None):
+            future = _background[key] = Future()
+            thread = threading.Thread(target=_do, args=(work, future), name=f"{key}", daemon=True)
+            thread.start()
     try:
         while not future.done():
             wait([future], timeout=WAIT_SECONDS)

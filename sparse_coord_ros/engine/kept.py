@@ -47,7 +47,12 @@ def _user_cache() -> Path:
 
 def _version() -> str:
     """Return a digest of whatever the compiled code depends on, beside the processor."""
-    digest = hashlib.sha256("\n".join(map(version, COMPILER)).encode())
+    return digest_of_sources("\n".join(map(version, COMPILER)))
+
+
+def digest_of_sources(compiler: str = "") -> str:
+    """Return a digest of the sources of whatever computes, and of what compiles them."""
+    digest = hashlib.sha256(compiler.encode())
     package = Path(__file__).parents[1]
     for name in SOURCES:
         for path in sorted((package / name).glob("*.py")):

@@ -2,21 +2,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """Calls of a function in processes, which never outlive the process that asked for them.
 
-Not `concurrent.futures`: its processes go on for a whole call after Ctrl-C, and for ever where
-the parent is killed. These are started afresh, so they inherit no lock of the parent.
+The processes of `concurrent.futures` would finish their call after a Ctrl-C, and go on for ever
+where the parent is killed. Here each holds one end of a pipe, and leaves when the other is gone.
 """
 
 import os
 import signal
 import sys
 import threading
-import traceback
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
-from multiprocessing import get_context, parent_process, resource_tracker
-from multiprocessing.connection import Connection, wait
-from multiprocessing.process import BaseProcess
-from typing import Any, cast
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import get_context, resource_tracker
+from multiprocessing.connection import Connection
+from typing import Any
 
 from sparse_coord_ros.errors import RunError
 
@@ -33,88 +32,51 @@ def in_processes(
 
     Raises:
         RunError: a process was killed, for example because memory ran out.
-        Exception: whatever the function raised.
+        Exception: whatever the function raised; its cause is the traceback there.
     """
-    waiting = iter(enumerate(work))
-    calls: dict[Connection, int] = {}
-    done: dict[int, Any] = {}
-    processes: list[BaseProcess] = []
+    if not work:
+        return
+    context = get_context("spawn")  # started afresh, they inherit no lock of this process
+    lifeline, mine = context.Pipe(duplex=False)
+    pool = ProcessPoolExecutor(
+        min(jobs, len(work)), context, initializer=_begin, initargs=(lifeline, os.getcwd())
+    )
     try:
-        for _ in range(min(jobs, len(work))):
-            process, end = _start(function, processes)
-            calls[end], arguments = next(waiting)
-            _send(end, arguments)
-        for number in range(len(work)):
-            while number not in done:
-                for ready in wait(list(calls)):
-                    end = cast(Connection, ready)
-                    done[calls.pop(end)] = _received(end)
-                    following = next(waiting, None)
-                    if following is not None:
-                        calls[end] = following[0]
-                        _send(end, following[1])
-            yield done.pop(number)
-    finally:
-        for process in processes:
-            process.kill()
-        for process in processes:
-            process.join()
-
-
-def _start(function: Callable[..., Any], processes: list[BaseProcess]) -> tuple[Any, Connection]:
-    """Start a process, note it in the list, and return it with the connection to it."""
-    context = get_context("spawn")
-    resource_tracker.ensure_running()  # it would let signals through again where it starts later
-    mine, its = context.Pipe()
-    # The process inherits the mask: a Ctrl-C at the terminal is for this process alone.
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        process = context.Process(target=_serve, args=(function, its), daemon=True)
-        process.start()
-        processes.append(process)
-    finally:
-        its.close()
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-    return process, mine
-
-
-def _send(end: Connection, arguments: tuple[Any, ...]) -> None:
-    with suppress(ConnectionError):  # it was killed: receiving from it says so
-        end.send(arguments)
-
-
-def _received(end: Connection) -> Any:
-    try:
-        result, error = end.recv()
-    except (EOFError, ConnectionError):
+        futures = _submitted(pool, function, work)
+        futures.reverse()
+        while futures:  # a result can be large: keep none that was handed out
+            yield futures.pop().result()
+    except BrokenProcessPool:
         raise RunError(
             "a process that computed runs was killed (is the memory used up?); what was finished "
             "is saved: call again, perhaps with fewer --jobs"
         ) from None
-    if error is not None:
-        raise error
-    return result
+    finally:
+        mine.close()
+        pool.shutdown(cancel_futures=True)
+        lifeline.close()
 
 
-def _serve(function: Callable[..., Any], end: Connection) -> None:
-    """Answer calls until killed."""
-    if os.getcwd() not in sys.path:  # where modules of the user's own may lie
-        sys.path.append(os.getcwd())
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-    answer: tuple[Any, Exception | None]
-    while True:
-        try:
-            answer = function(*end.recv()), None
-        except EOFError:
-            return
-        except Exception as error:
-            error.add_note(traceback.format_exc())  # what its cause was, too: it is not sent
-            answer = None, error
-        end.send(answer)
+def _submitted(
+    pool: ProcessPoolExecutor, function: Callable[..., Any], work: Sequence[tuple[Any, ...]]
+) -> list[Future[Any]]:
+    """Hand the calls to the pool, which starts its processes as it takes them."""
+    resource_tracker.ensure_running()  # it would let signals through again where it starts later
+    # The processes inherit the mask: a Ctrl-C at the terminal is for this process alone.
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        return [pool.submit(function, *arguments) for arguments in work]
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _end_with_parent() -> None:
-    parent = parent_process()
-    if parent is not None:
-        parent.join()
+def _begin(lifeline: Connection, folder: str) -> None:
+    """Make a process ready: where modules of the user's own may lie, and when to leave."""
+    if folder not in sys.path:
+        sys.path.append(folder)
+    threading.Thread(target=_leave_after, args=(lifeline,), daemon=True).start()
+
+
+def _leave_after(lifeline: Connection) -> None:
+    lifeline.poll(None)  # nothing is ever sent: this returns when the other end is closed
     os._exit(1)

@@ -17,7 +17,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -197,8 +197,47 @@ class ConditionResult:
         }
 
 
-def collect(condition: Condition, trials: int, runs: Iterable[Run]) -> ConditionResult:
-    """Sum up the runs of a condition (>= 1), one after the other (a run's tables are not kept)."""
+class Sample(NamedTuple):
+    """What a condition's result keeps of one run: small, whatever its tables are.
+
+    Attributes:
+        means, variances: of each measure of `SUMS`.
+        by_robot: mean of each measure of `BY_ROBOT`, shape (robots,).
+        not_arrived: trials in which some robot did not arrive.
+        visited: as of `ConditionResult`.
+        exact: mean of each exact measure; empty where nobody knows.
+        asked, stays: how often, over all trials, shape (robots, cells).
+    """
+
+    means: dict[str, float]
+    variances: dict[str, float]
+    by_robot: dict[str, np.ndarray]
+    not_arrived: int
+    visited: float
+    exact: dict[str, float]
+    asked: np.ndarray
+    stays: np.ndarray
+
+
+def sample(run: Run) -> Sample:
+    """Return what a condition's result keeps of a run with trials."""
+    trials = run.trials
+    assert trials is not None  # whoever computes a condition asks for trials
+    exact = {} if run.exact is None else run.exact._asdict()
+    return Sample(
+        means={name: float(getattr(trials, name).mean()) for name in SUMS},
+        variances={name: float(getattr(trials, name).var()) for name in SUMS},
+        by_robot={name: getattr(trials, name).mean(axis=0) for name in BY_ROBOT},
+        not_arrived=int((~trials.arrived.all(axis=1)).sum()),
+        visited=float(run.visited.mean()),
+        exact={name: float(np.mean(value)) for name, value in exact.items()},
+        asked=trials.asked,
+        stays=trials.stays,
+    )
+
+
+def collect(condition: Condition, trials: int, samples: Iterable[Sample]) -> ConditionResult:
+    """Sum up what is kept of a condition's runs (>= 1), in the order of their seeds."""
     scenario = condition.scenario
     cells, robots = len(scenario.map.cells), len(scenario.robots)
     means: dict[str, list[float]] = {name: [] for name in SUMS}
@@ -206,22 +245,18 @@ def collect(condition: Condition, trials: int, runs: Iterable[Run]) -> Condition
     by_robot = {name: np.zeros(robots) for name in BY_ROBOT}
     not_arrived, visited, (asked, stays) = [], [], np.zeros((2, robots, cells))
     exact: dict[str, list[float]] = {}
-    for run in runs:
-        trials_of_run = run.trials
-        assert trials_of_run is not None  # whoever computes a condition asks for trials
+    for one in samples:
         for name in SUMS:
-            values = getattr(trials_of_run, name)
-            means[name].append(float(values.mean()))
-            variances[name].append(float(values.var()))
+            means[name].append(one.means[name])
+            variances[name].append(one.variances[name])
         for name in BY_ROBOT:
-            by_robot[name] += getattr(trials_of_run, name).mean(axis=0)
-        not_arrived.append(int((~trials_of_run.arrived.all(axis=1)).sum()))
-        visited.append(float(run.visited.mean()))
-        if run.exact is not None:
-            for name, value in run.exact._asdict().items():
-                exact.setdefault(name, []).append(float(np.mean(value)))
-        asked += trials_of_run.asked
-        stays += trials_of_run.stays
+            by_robot[name] += one.by_robot[name]
+        not_arrived.append(one.not_arrived)
+        visited.append(one.visited)
+        for name, value in one.exact.items():
+            exact.setdefault(name, []).append(value)
+        asked += one.asked
+        stays += one.stays
     count, optimum = len(not_arrived), joint_optimum(scenario)
     factored = learner_of(condition.learner).factors is not None
     return ConditionResult(

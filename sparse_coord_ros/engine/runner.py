@@ -12,16 +12,25 @@ import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from sparse_coord_ros.core.evaluation import Trials, play, summary
 from sparse_coord_ros.core.frames import data_frame
-from sparse_coord_ros.core.learners import learner_of
+from sparse_coord_ros.core.learners import Learner, learner_of
 from sparse_coord_ros.core.run_config import RUN_FILE, RunConfig, load_run, make_run
+from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.specs import Spec
 from sparse_coord_ros.core.tables import load_team, save_team
-from sparse_coord_ros.engine.batch import Run, is_prepared, prepare, run_batch, uses_numba
+from sparse_coord_ros.engine.batch import (
+    agent_steps,
+    is_prepared,
+    prepare,
+    run_batch,
+    uses_numba,
+)
+from sparse_coord_ros.engine.cluster import Cluster, check_place, cluster_at
 from sparse_coord_ros.engine.conditions import Condition, parse_id
 from sparse_coord_ros.engine.experiments import NAMES, Experiment, experiment
 from sparse_coord_ros.engine.results import (
@@ -29,9 +38,11 @@ from sparse_coord_ros.engine.results import (
     ConditionResult,
     Plan,
     Results,
+    Sample,
     collect,
     digest,
     open_results,
+    sample,
     unusable_file,
 )
 from sparse_coord_ros.errors import (
@@ -47,7 +58,8 @@ if TYPE_CHECKING:
 
 Progress = Callable[[str, int, int], None]
 """Called with a condition's id, the agent-steps done so far and those of the whole call: where a
-condition begins, after what it needs is compiled, and after each of its runs."""
+condition begins, after what it needs is compiled, and after each of its runs; on a cluster, as it
+begins and after each task."""
 
 
 def no_progress(name: str, done: int, total: int) -> None:
@@ -239,6 +251,7 @@ def run_targets(
     out: Path | None = None,
     engine: str = "auto",
     jobs: int | None = None,
+    scheduler: str | None = None,
     progress: Progress = no_progress,
     compiling: Callable[[], None] = say_nothing,
     report: bool = False,
@@ -251,6 +264,7 @@ def run_targets(
         out: results directory; None: nothing is saved.
         engine: "numba", "python", or "auto": numba where it is installed.
         jobs: threads (or processes); all cores that this process may use where None.
+        scheduler: address of the scheduler of a Dask cluster that computes; None: this machine.
         progress: see `Progress`.
         compiling: called before some seconds go by in which numba compiles, if they do.
         report: write the report of the experiments, with its tables and figures, into `out`.
@@ -258,31 +272,33 @@ def run_targets(
     Raises:
         ResultsError: `out` cannot be used, or holds results of something else.
         SettingError: the number of a single run is not below `plan.runs`; single runs or a report
-            without `out`; numba is asked for and not there.
-        RunError: a process that computed runs was killed; pandas or Matplotlib is missing, which a
-            report needs.
+            without `out`; numba is asked for and not there; `jobs` and a scheduler.
+        RunError: a process that computed runs was killed; the cluster cannot be reached or was
+            lost; pandas or Matplotlib is missing, which a report needs.
     """
     check_runs(targets, plan)
+    check_place(jobs, scheduler)
     if out is None and (targets.runs or report):
         raise SettingError("single runs and reports are files: name a results directory")
     if report and targets.experiments:
         _check_report()
     opened: AbstractContextManager[Results | None]
     opened = nullcontext() if out is None else open_results(out, plan)
-    with opened as results:
+    with opened as results, cluster_at(scheduler) as cluster:
         found = compute(
             targets.conditions,
             plan,
             results=results,
             engine=engine,
             jobs=jobs,
+            cluster=cluster,
             progress=progress,
             compiling=compiling,
         )
         played = []
         if results is not None:
             played = [
-                one_run(results, condition, number, engine=engine, jobs=jobs)
+                one_run(results, condition, number, engine=engine, jobs=jobs, cluster=cluster)
                 for condition, number in targets.runs
             ]
             if report and targets.experiments:
@@ -297,6 +313,7 @@ def compute(
     results: Results | None = None,
     engine: str = "auto",
     jobs: int | None = None,
+    cluster: Cluster | None = None,
     progress: Progress = no_progress,
     compiling: Callable[[], None] = say_nothing,
 ) -> dict[str, ConditionResult]:
@@ -308,6 +325,7 @@ def compute(
         results: the results directory, open; None: nothing is saved.
         engine: as of `run_batch`.
         jobs: as of `run_batch`.
+        cluster: as of `run_batch`.
         progress: see `Progress`.
         compiling: called before some seconds go by in which numba compiles, if they do.
     """
@@ -315,34 +333,87 @@ def compute(
     there = {one.id: None if results is None else results.load(one) for one in conditions}
     missing = [one for one in conditions if there[one.id] is None]
     found = {name: result for name, result in there.items() if result is not None}
-    done, total = 0, sum(_agent_steps(one) * plan.runs for one in missing)
-    for one in missing:
+    if cluster is not None:
+        computed = _on_cluster(cluster, missing, plan, engine, progress)
+    else:
+        computed = _here(missing, plan, engine, jobs, progress, compiling)
+    for one, result in computed:
+        if results is not None:
+            results.save(one, result)
+        found[one.id] = result
+    return {one.id: found[one.id] for one in conditions}
+
+
+Computed = Iterator[tuple[Condition, ConditionResult]]
+
+
+def _here(
+    conditions: Sequence[Condition],
+    plan: Plan,
+    engine: str,
+    jobs: int | None,
+    progress: Progress,
+    compiling: Callable[[], None],
+) -> Computed:
+    """Compute conditions on this machine, one after the other."""
+    done, total = 0, _all_steps(conditions, plan)
+    for one in conditions:
         if uses_numba(engine, learner_of(one.learner)) and not is_prepared(learner=one.learner):
             compiling()
             prepare(one.scenario, one.learner, engine=engine)
         progress(one.id, done, total)
-        runs = run_batch(
+        samples = []
+        for run in run_batch(
             one.scenario, one.learner, plan.seeds, trials=plan.trials, engine=engine, jobs=jobs
-        )
-        size = _agent_steps(one)
-
-        def counted(
-            runs: Iterable[Run] = runs, name: str = one.id, before: int = done, size: int = size
-        ) -> Iterator[Run]:
-            for number, run in enumerate(runs, start=1):
-                yield run
-                progress(name, before + number * size, total)
-
-        result = collect(one, plan.trials, counted())
-        if results is not None:
-            results.save(one, result)
-        found[one.id] = result
-        done += plan.runs * size
-    return {one.id: found[one.id] for one in conditions}
+        ):
+            samples.append(sample(run))
+            done += agent_steps(one.scenario)
+            progress(one.id, done, total)
+        yield one, collect(one, plan.trials, samples)
 
 
-def _agent_steps(condition: Condition) -> int:
-    return condition.scenario.steps * len(condition.scenario.robots)
+def _on_cluster(
+    cluster: Cluster,
+    conditions: Sequence[Condition],
+    plan: Plan,
+    engine: str,
+    progress: Progress,
+) -> Computed:
+    """Compute conditions on a cluster, all at once; yield each when its last run is there."""
+    done, total = 0, _all_steps(conditions, plan)
+    work: list[tuple[Scenario, Learner, Sequence[int], int, str]] = []
+    whose: list[tuple[Condition, int]] = []
+    parts: dict[Condition, list[list[Sample] | None]] = {}
+    for one in conditions:
+        rule = learner_of(one.learner)
+        shares = cluster.shares(plan.seeds, agent_steps(one.scenario), plan.runs * len(conditions))
+        parts[one] = [None] * len(shares)
+        whose += [(one, place) for place in range(len(shares))]
+        work += [(one.scenario, rule, share, plan.trials, engine) for share in shares]
+    for one in conditions[:1]:
+        progress(one.id, done, total)
+    for number, samples in cluster.results(samples_of, work):
+        one, place = whose[number]
+        own = parts[one]
+        own[place] = samples
+        done += len(samples) * agent_steps(one.scenario)
+        progress(one.id, done, total)
+        whole = [part for part in own if part is not None]
+        if len(whole) == len(own):
+            del parts[one]
+            yield one, collect(one, plan.trials, chain.from_iterable(whole))
+
+
+def samples_of(
+    scenario: Scenario, learner: Learner, seeds: Sequence[int], trials: int, engine: str
+) -> list[Sample]:
+    """Compute some runs of a condition in a thread of a cluster's worker."""
+    runs = run_batch(scenario, learner, seeds, trials=trials, engine=engine, jobs=1)
+    return [sample(run) for run in runs]
+
+
+def _all_steps(conditions: Iterable[Condition], plan: Plan) -> int:
+    return sum(agent_steps(one.scenario) * plan.runs for one in conditions)
 
 
 def _check_report() -> None:
@@ -408,6 +479,7 @@ def one_run(
     *,
     engine: str = "auto",
     jobs: int | None = None,
+    cluster: Cluster | None = None,
 ) -> SingleRun:
     """Compute one run of a condition and save what it learned, as `train` does.
 
@@ -427,7 +499,14 @@ def one_run(
     except OSError as error:
         raise unusable_file(folder, error, "read") from None
     [run] = run_batch(
-        scenario, learner, [seed], trials=trials, engine=engine, jobs=jobs, history=True
+        scenario,
+        learner,
+        [seed],
+        trials=trials,
+        engine=engine,
+        jobs=jobs,
+        history=True,
+        cluster=cluster,
     )
     assert run.trials is not None
     assert run.history is not None

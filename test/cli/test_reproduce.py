@@ -339,7 +339,10 @@ def test_no_process_goes_on_computing(folder, number):
             os.killpg(process.pid, signal.SIGKILL)
     assert (process.returncode, out) == (-number if number == signal.SIGKILL else 130, "")
     assert "Traceback" not in err
-    assert err == ("" if number == signal.SIGKILL else "interrupted\n")
+    if number == signal.SIGKILL:  # Python says that it removes the semaphores of a killed process
+        assert err == "" or "leaked semaphore objects to clean up" in err
+    else:
+        assert err == "interrupted\n"
     with open_results(Path("results"), Plan(0, 2, 5)):
         pass
 

@@ -21,7 +21,7 @@ from sparse_coord_ros.core.scenario import scenario_from_dict
 from sparse_coord_ros.engine import results as module
 from sparse_coord_ros.engine.batch import Run, run_batch
 from sparse_coord_ros.engine.conditions import make_condition
-from sparse_coord_ros.engine.results import Plan, collect, open_results
+from sparse_coord_ros.engine.results import Plan, collect, open_results, sample
 from sparse_coord_ros.errors import ResultsError, SettingError
 
 CELL = make_condition("env1", "coop", {"penalty": -20})
@@ -55,7 +55,7 @@ def made_up(seed):
 
 @pytest.fixture
 def result():
-    return collect(CELL, PLAN.trials, map(made_up, PLAN.seeds))
+    return collect(CELL, PLAN.trials, (sample(made_up(seed)) for seed in PLAN.seeds))
 
 
 def test_mean_spread_and_standard_error(result):
@@ -100,7 +100,7 @@ def test_each_robot_has_its_own_means(result):
 def test_the_bytes_of_a_sparse_table_include_its_keys(name, settings, row):
     cell = make_condition(name, "coop", {"steps": 300, **settings})
     runs = list(run_batch(cell.scenario, "coop", [1, 2], trials=2, jobs=1))
-    result = collect(cell, 2, runs)
+    result = collect(cell, 2, map(sample, runs))
     assert result.row_bytes == row
     assert result.joint_states == len(cell.scenario.map.cells) ** cell.scenario.perceived
     if cell.scenario.sparse:
@@ -165,7 +165,7 @@ def test_results_of_version_0_1_0_are_gone_on_with(tmp_path):
         for one in conditions:
             old = results.load(one)
             runs = run_batch(one.scenario, one.learner, plan.seeds, trials=plan.trials)
-            new = collect(one, plan.trials, runs)
+            new = collect(one, plan.trials, map(sample, runs))
             assert old.digest != new.digest
             assert replace(old, digest=new.digest, exact=new.exact) == new
         other = make_condition("env1", "coop", {**settings, "discount": 0.9})

@@ -10,8 +10,11 @@ import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.cli.computing import add_computing, jobs_of
+from sparse_coord_ros.engine.cluster import cluster_at
 from sparse_coord_ros.engine.conditions import Condition
 from sparse_coord_ros.engine.results import ConditionResult, Plan, open_results
 from sparse_coord_ros.engine.runner import compute
@@ -29,13 +32,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("studies", nargs="*", metavar="STUDY", help=f"of {', '.join(NAMES)}")
     parser.add_argument("--out", type=Path, default=Path("coordination"), help="results directory")
     parser.add_argument("--page", type=Path, default=PAGE, help="the document with the tables")
-    parser.add_argument("--jobs", type=int, default=1, help="threads (default: 1)")
+    add_computing(parser)
     options = parser.parse_args(arguments)
     try:
-        for study in _chosen(options.studies, options.out):
-            table = study.table(results_of(study, options.out, options.jobs).__getitem__)
-            write_whole(options.page, with_table(options.page.read_text("utf-8"), study, table))
-            print(table, flush=True)
+        jobs = jobs_of(options)
+        chosen = _chosen(options.studies, options.out)
+        with cluster_at(options.scheduler) as cluster:
+            for study in chosen:
+                found = results_of(
+                    study, options.out, engine=options.engine, jobs=jobs, cluster=cluster
+                )
+                table = study.table(found.__getitem__)
+                page = with_table(options.page.read_text("utf-8"), study, table)
+                write_whole(options.page, page)
+                print(table, flush=True)
     except SparseCoordError as error:
         print(f"error: {error}", file=sys.stderr)
         return EXIT_BAD_INPUT
@@ -50,8 +60,14 @@ def _chosen(names: Sequence[str], out: Path) -> list[Study]:
     return [*chosen, scale(out / "buildings")] if not names or "scale" in names else chosen
 
 
-def results_of(study: Study, out: Path, jobs: int) -> "dict[Condition, ConditionResult]":
-    """Return the results of a study's conditions, computed where they are not there yet."""
+def results_of(study: Study, out: Path, **where: Any) -> "dict[Condition, ConditionResult]":
+    """Return the results of a study's conditions, computed where they are not there yet.
+
+    Args:
+        study: the study.
+        out: the results directory.
+        where: by what it is computed: engine, jobs and cluster of `engine.runner.compute`.
+    """
     found: dict[Condition, ConditionResult] = {}
     for two, runs in zip((True, False), study.runs, strict=True):
         own = [one for one in study.conditions if (len(one.scenario.robots) == 2) == two]
@@ -59,7 +75,7 @@ def results_of(study: Study, out: Path, jobs: int) -> "dict[Condition, Condition
         if not own:
             continue
         with open_results(out / f"{runs}-runs-{plan.trials}-trials", plan) as results:
-            by_id = compute(own, plan, results=results, jobs=jobs, progress=_say)
+            by_id = compute(own, plan, results=results, progress=_say, **where)
         found |= {one: by_id[one.id] for one in own}
     return found
 

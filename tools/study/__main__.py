@@ -7,27 +7,28 @@
 
 import argparse
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import pandas as pd
 from tqdm import tqdm
 
 from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.cli.computing import add_computing, jobs_of
 from sparse_coord_ros.core.run_config import RUN_SETTINGS
 from sparse_coord_ros.core.settings import Setting
-from sparse_coord_ros.engine.batch import ENGINES, run_batch
+from sparse_coord_ros.engine.cluster import cluster_at
 from sparse_coord_ros.engine.conditions import Condition
 from sparse_coord_ros.engine.results import (
     ConditionResult,
     Plan,
     Results,
-    collect,
     open_results,
     write_result,
 )
+from sparse_coord_ros.engine.runner import compute
 from sparse_coord_ros.errors import EXIT_BAD_INPUT, SparseCoordError
 from tools.study.document import protocol_document
 from tools.study.search import (
@@ -67,7 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--seed", default="10000", help="seed of run 0; run i has seed + i (default: 10000)"
     )
-    parser.add_argument("--engine", choices=ENGINES, default="auto", help="as of reproduce")
+    add_computing(parser)
     shared.add_json(parser)
     try:
         return execute(parser.parse_args(arguments))
@@ -84,19 +85,22 @@ def execute(options: argparse.Namespace) -> int:
         TRIALS.parse(options.trials),
     )
     candidates = CANDIDATES.parse(options.candidates)
+    jobs = jobs_of(options)
     final_plan = Plan(plan.seed + FINAL_SEEDS, FINAL_RUNS * plan.runs, plan.trials)
     with (
         open_results(options.out / "search", plan) as searched,
         open_results(options.out / "final", final_plan) as finals,
+        cluster_at(options.scheduler) as cluster,
     ):
-        compute = partial(_result, searched, options.engine)
-        outcomes = _listed(search(compute, candidates), "search", candidates)
-        again = final(outcomes, partial(_result, finals, options.engine))
+        where = {"engine": options.engine, "jobs": jobs, "cluster": cluster}
+        result = partial(_result, searched, where)
+        outcomes = _listed(search(result, candidates), "search", candidates)
+        again = final(outcomes, partial(_result, finals, where))
         finalists = _listed(again, "final", FINALISTS)
         best = min(finalists, key=lambda one: one.loss)
-        reference = judge(best.choices, compute, float("inf"))
+        reference = judge(best.choices, result, float("inf"))
         changes = sum(map(len, SPACE.values())) - len(SPACE)
-        variations = _listed(vary(reference, compute), "one choice at a time", changes)
+        variations = _listed(vary(reference, result), "one choice at a time", changes)
     document = protocol_document(plan, final_plan, outcomes, finalists, reference, variations)
     write_result(options.out / "protocol.md", document)
     write_result(options.out / "protocols.csv", _csv(outcomes))
@@ -115,16 +119,8 @@ def _listed(items: Iterator[T], title: str, total: int) -> list[T]:
     return list(tqdm(items, desc=title, total=total, disable=None, file=sys.stderr))
 
 
-def _result(results: Results, engine: str, condition: Condition) -> ConditionResult:
-    result = results.load(condition)
-    if result is None:
-        plan = results.plan
-        runs = run_batch(
-            condition.scenario, condition.learner, plan.seeds, trials=plan.trials, engine=engine
-        )
-        result = collect(condition, plan.trials, runs)
-        results.save(condition, result)
-    return result
+def _result(results: Results, where: Mapping[str, Any], condition: Condition) -> ConditionResult:
+    return compute([condition], results.plan, results=results, **where)[condition.id]
 
 
 def _csv(outcomes: Sequence[Judgement]) -> str:

@@ -1,0 +1,213 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Learning runs on the workers of a Dask cluster: the same bits, whoever computes them.
+
+A task is a few runs of one condition. Dask gives the tasks of a worker that is lost to others.
+Only what comes back is kept here, so that a call can be repeated and goes on where it stopped.
+"""
+
+import functools
+import math
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError
+from contextlib import AbstractContextManager, nullcontext
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+from sparse_coord_ros.engine.kept import digest_of_sources
+from sparse_coord_ros.errors import ResultsError, RunError, SettingError, SparseCoordError
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+WAIT_SECONDS = 30
+"""How long to wait for the scheduler, and for its first worker."""
+
+TASK_STEPS = 20_000_000
+"""Agent-steps of a task at most, if it has more than one run: a second or two, compiled."""
+
+TASKS_A_THREAD = 4
+"""Tasks that each thread of the cluster gets at least, if there are so many runs."""
+
+
+def check_place(jobs: int | None, scheduler: str | None) -> None:
+    """Raise `SettingError` where both this machine and a cluster are told what to do."""
+    if jobs is not None and scheduler is not None:
+        raise SettingError(
+            f"setting jobs: value is {jobs}, allowed with a scheduler: none, as its workers say "
+            "how many threads they have; leave one of the two out"
+        )
+
+
+def cluster_at(scheduler: str | None) -> "AbstractContextManager[Cluster | None]":
+    """Return the cluster of a scheduler, to be entered; None where no scheduler is named."""
+    return nullcontext() if scheduler is None else Cluster(scheduler)
+
+
+class Cluster(AbstractContextManager["Cluster"]):
+    """A Dask cluster.
+
+    Args:
+        scheduler: the address of its scheduler, such as tcp://10.0.0.1:8786.
+
+    Raises:
+        SettingError: that is no address.
+        RunError: Dask is not installed, or the scheduler does not answer or has no workers.
+    """
+
+    def __init__(self, scheduler: str) -> None:
+        self.scheduler = scheduler
+        self._client = _connected(scheduler)
+        self.threads = sum(self._client.nthreads().values())
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Leave the cluster."""
+        self._client.close()
+
+    def shares(self, seeds: Sequence[int], agent_steps: int, runs: int) -> list[Sequence[int]]:
+        """Return the seeds of a condition, those of one task together.
+
+        Args:
+            seeds: one a run.
+            agent_steps: of a run.
+            runs: of the whole call, whose tasks are to keep all threads busy.
+        """
+        fair = math.ceil(runs / (TASKS_A_THREAD * self.threads))
+        size = max(1, min(fair, TASK_STEPS // agent_steps))
+        return [seeds[i : i + size] for i in range(0, len(seeds), size)]
+
+    def results(
+        self, function: Callable[..., Any], work: Sequence[tuple[Any, ...]]
+    ) -> Iterator[tuple[int, Any]]:
+        """Call a function once for each tuple of arguments; yield number and result of each.
+
+        They come as they are done. Where the iterator is closed, calls that have not begun never
+        begin.
+
+        Args:
+            function: importable by name, on the workers too.
+            work: the arguments of each call.
+
+        Raises:
+            ResultsError: a worker has another version of this software.
+            RunError: workers died one after the other of the same call, or the scheduler is lost.
+            Exception: whatever the function raised.
+        """
+        from distributed import as_completed
+
+        sources = own_sources()
+        numbers = {
+            self._client.submit(_call, sources, function, arguments, pure=False): number
+            for number, arguments in enumerate(work)
+        }
+        try:
+            for future in as_completed(list(numbers), loop=self._client.loop):
+                number = numbers.pop(future)
+                try:
+                    result = future.result()
+                except SparseCoordError:
+                    raise
+                except Exception as error:
+                    raise self._failure(error) from error
+                yield number, result
+        finally:
+            if numbers and self._client.status == "running":
+                self._client.cancel(list(numbers), force=True)
+
+    def in_order(
+        self, function: Callable[..., Any], work: Sequence[tuple[Any, ...]]
+    ) -> Iterator[Any]:
+        """Call as `results` does; yield the results in the order of the work."""
+        there: dict[int, Any] = {}
+        due = 0
+        for number, result in self.results(function, work):
+            there[number] = result
+            while due in there:
+                yield there.pop(due)
+                due += 1
+
+    def _failure(self, error: Exception) -> Exception:
+        """Return an error of the cluster in words; any other as it is."""
+        from distributed.scheduler import KilledWorker
+
+        again = "what was finished is saved: call again"
+        if isinstance(error, KilledWorker):
+            last = error.last_worker.address
+            return RunError(
+                f"cluster {self.scheduler}: workers died one after the other of the same runs, "
+                f"the last one {last} (is its memory used up?); {again}"
+            )
+        if isinstance(error, CancelledError):
+            return RunError(f"cluster {self.scheduler}: the scheduler is gone; {again}")
+        missing = _import_error(error)
+        if missing is not None:
+            return RunError(
+                f"cluster {self.scheduler}: a worker cannot import what the runs need "
+                f"({missing}); install the same there, modules of your own too"
+            )
+        return error
+
+
+def _import_error(error: BaseException | None) -> ImportError | None:
+    """Return the import that failed, where that is what an error is about."""
+    while error is not None and not isinstance(error, ImportError):
+        error = error.__cause__
+    return error
+
+
+@functools.cache
+def own_sources() -> str:
+    """Return a digest of the sources that this process computes with: those of its first call."""
+    return digest_of_sources()
+
+
+def _call(sources: str, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
+    """Call a function on a worker, if it computes what the asker would."""
+    if own_sources() != sources:
+        from distributed import get_worker
+
+        raise ResultsError(
+            f"worker {get_worker().address}: has another version of sparse_coord_ros than this "
+            "machine; nothing is mixed: install the same on both"
+        )
+    return function(*arguments)
+
+
+def _connected(scheduler: str) -> "Client":
+    """Return a client of a scheduler that has workers."""
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise RunError(
+            f"a cluster needs the Python package distributed ({error}): pip install "
+            "'sparse_coord_ros[cluster]', or leave --scheduler out"
+        ) from None
+    try:
+        client = Client(scheduler, timeout=WAIT_SECONDS, set_as_default=False)
+    except ValueError as error:
+        raise SettingError(
+            f"scheduler: value is {scheduler!r} ({error}), allowed: an address such as "
+            "tcp://10.0.0.1:8786"
+        ) from None
+    except OSError:
+        raise RunError(
+            f"scheduler {scheduler}: does not answer within {WAIT_SECONDS} s; start one with "
+            "'dask scheduler', and give the address that it prints"
+        ) from None
+    try:
+        client.wait_for_workers(1, timeout=WAIT_SECONDS)
+    except TimeoutError:
+        client.close()
+        raise RunError(
+            f"scheduler {scheduler}: has no worker after {WAIT_SECONDS} s; start some with "
+            f"'dask worker {scheduler}'"
+        ) from None
+    except BaseException:
+        client.close()
+        raise
+    return client
