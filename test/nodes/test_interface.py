@@ -2,22 +2,26 @@
 # SPDX-License-Identifier: Apache-2.0
 """What others see of a team: topics, services, QoS and values, as the design tells them."""
 
+import json
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import OccupancyGrid, Path
 from nav_msgs.srv import GetPlan
-from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import MarkerArray
 
+from sparse_coord_ros.core.palette import robot_colour
 from sparse_coord_ros.core.run_config import run_from_yaml
+from sparse_coord_ros.core.share import share_file
 from sparse_coord_ros.core.tables import load_tables, robot_file
 from sparse_coord_ros.nodes.messages import Converter, status_values
 
@@ -321,3 +325,108 @@ def test_save_writes_the_tables(team):
     assert saved.q_coord.tobytes() == tables.q_coord.tobytes()
     assert np.count_nonzero(saved.q_star) > 0
     assert not robot_file(team.out, "robot_2").exists()
+
+
+RVIZ_READS = {
+    "rviz_default_plugins/Map": OccupancyGrid,
+    "rviz_default_plugins/MarkerArray": MarkerArray,
+}
+"""What RViz's displays subscribe to (rviz_default_plugins/plugins_description.xml)."""
+
+
+def displays(part):
+    for one in part.get("Displays", []):
+        yield one
+        yield from displays(one)
+
+
+def headers(message):
+    return [m.header for m in getattr(message, "markers", [message])]
+
+
+def test_rviz_gets_what_its_file_subscribes_to(team):
+    """Every display gets a message, by its QoS, in the fixed frame, with the namespaces it names.
+
+    Other QoS than the publisher's would match nobody; a namespace that is not listed is shown all
+    the same, one that is listed and never comes is a slip.
+    """
+    manager = yaml.safe_load(share_file("rviz", "team.rviz").read_text())["Visualization Manager"]
+    frame = manager["Global Options"]["Fixed Frame"]
+    assert manager["Views"]["Current"]["Target Frame"] == frame
+    rviz, got = team.bench.observer(), {}
+    for display in displays(manager):
+        kind = RVIZ_READS.get(display["Class"])
+        if kind is None:
+            assert display["Class"] in ("rviz_common/Group", "rviz_default_plugins/TF")
+            continue
+        wanted = display["Topic"]
+        qos = QoSProfile(
+            depth=wanted["Depth"],
+            history=HistoryPolicy[wanted["History Policy"].upper().replace(" ", "_")],
+            reliability=ReliabilityPolicy[wanted["Reliability Policy"].upper()],
+            durability=DurabilityPolicy[wanted["Durability Policy"].upper().replace(" ", "_")],
+        )
+        found = got[display["Name"]] = []
+        rviz.create_subscription(
+            kind, wanted["Value"], lambda m, found=found: found.append(m), qos
+        )
+    team.bench.spin_until(lambda: all(got.values()), "a message for every display")
+    for display in displays(manager):
+        for message in got.get(display["Name"], []):
+            assert {header.frame_id for header in headers(message)} == {frame}
+            if "Namespaces" in display:
+                assert {m.ns for m in message.markers} == set(display["Namespaces"])
+    shown = {display["Topic"]["Value"] for display in displays(manager) if "Topic" in display}
+    assert shown == {"/map", "/markers", "/scene", *(f"/{n}/coordination_map" for n in NAMES)}
+
+
+def panels(tree):
+    if isinstance(tree, str):
+        return [tree]
+    assert set(tree) == {"direction", "first", "second", "splitPercentage"}
+    assert tree["direction"] in ("row", "column") and 0 < tree["splitPercentage"] < 100
+    return panels(tree["first"]) + panels(tree["second"])
+
+
+def test_foxglove_finds_what_its_layout_names(team):
+    """Topics, their types and frames, and the numbers that are plotted, in a running team."""
+    layout = json.loads(share_file("foxglove", "team.json").read_text())
+    keys = {"configById", "globalVariables", "userNodes", "playbackConfig", "layout"}
+    assert set(layout) == keys
+    assert sorted(panels(layout["layout"])) == sorted(layout["configById"])
+    types = {name: kinds for name, kinds in team.observer.get_topic_names_and_types()}
+    shows = {"3D": [], "Plot": [], "DiagnosticSummary": []}
+    for name, config in layout["configById"].items():
+        shows[name.partition("!")[0]].append(config)
+    drawable = {"nav_msgs/msg/OccupancyGrid": OccupancyGrid}
+    drawable["visualization_msgs/msg/MarkerArray"] = MarkerArray
+    got = {}
+    for scene in shows["3D"]:
+        assert set(scene["topics"]) == {
+            "/map", "/markers", "/scene", *(f"/{n}/coordination_map" for n in NAMES)
+        }  # fmt: skip
+        for topic in scene["topics"]:
+            [kind] = types[topic]
+            got[topic] = team.observer.listen(drawable[kind], topic, latched=True)
+        team.bench.spin_until(lambda: all(got.values()), "all that is drawn")
+        for messages in got.values():
+            frames = {h.frame_id for message in messages for h in headers(message)}
+            assert frames == {scene["followTf"]}
+    heard = {f"/{n}/action": team.actions[n] for n in NAMES}
+    heard |= {f"/{n}/reward": team.rewards[n] for n in NAMES}
+    plotted = set()
+    for path in (path for plot in shows["Plot"] for path in plot["paths"]):
+        topic, _, field = path["value"].rpartition(".")
+        assert types[topic] == ["sensor_msgs/msg/JointState"]
+        name, place = field.removesuffix("]").split("[")
+        message = heard[topic][-1]
+        assert np.isfinite(getattr(message, name)[int(place)])
+        plotted.add((topic, message.name[int(place)]))
+        assert path["label"] == topic.split("/")[1]
+        assert path["color"].upper() == robot_colour(NAMES.index(path["label"]))
+    wanted = {f"/{n}/reward": "total" for n in NAMES} | {
+        f"/{n}/action": "coordinate" for n in NAMES
+    }
+    assert plotted == set(wanted.items())
+    for summary in shows["DiagnosticSummary"]:
+        assert types[summary["topicToRender"]] == ["diagnostic_msgs/msg/DiagnosticArray"]

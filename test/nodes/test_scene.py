@@ -1,15 +1,13 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What RViz and Foxglove show: the scene's markers, transforms, and the files that name topics."""
+"""What RViz and Foxglove show beside the markers: the scene and the transforms."""
 
-import json
 import math
 import sys
 from types import ModuleType
 from types import SimpleNamespace as Anything
 
 import pytest
-import yaml
 from geometry_msgs.msg import TransformStamped
 from visualization_msgs.msg import Marker
 
@@ -18,17 +16,11 @@ from sparse_coord_ros.core.frame import Account
 from sparse_coord_ros.core.palette import OUTCOME_COLOURS, rgb
 from sparse_coord_ros.core.run_config import make_run
 from sparse_coord_ros.core.scenario import load_scenario
-from sparse_coord_ros.core.share import share_file
 from sparse_coord_ros.core.world import Action
 from sparse_coord_ros.nodes.messages import Converter
 from sparse_coord_ros.nodes.scene import Scene, ScenePublisher
 
 NAMES = ("robot_1", "robot_2")
-MESSAGE_OF = {
-    "rviz_default_plugins/Map": "nav_msgs/msg/OccupancyGrid",
-    "rviz_default_plugins/MarkerArray": "visualization_msgs/msg/MarkerArray",
-}
-"""What RViz's displays subscribe to (rviz_default_plugins/plugins_description.xml)."""
 
 
 @pytest.fixture
@@ -132,78 +124,3 @@ def test_transforms_are_stamped_by_the_run_and_published_where_tf2_is(scene, mon
     assert published[-1][1][1].child_frame_id == "team_a/robot_2/base_link"
     monkeypatch.setitem(sys.modules, "tf2_msgs.msg", None)
     assert ScenePublisher(Node(), Anything(publish=seen.append), scene.made)._tf is None
-
-
-def vocabulary():
-    """Return the type and the delivery of every topic of a team of two, by its full name."""
-    found = {f"/{topic.name}".replace("//", "/"): topic for topic in wire.TEAM_TOPICS}
-    for topic in wire.ROBOT_TOPICS:
-        found |= {f"/{topic.of(name)}": topic for name in NAMES}
-    return found
-
-
-def displays(part):
-    for one in part.get("Displays", []):
-        yield one
-        yield from displays(one)
-
-
-def test_the_rviz_file_names_topics_types_qos_and_frames_that_there_are():
-    config = yaml.safe_load(share_file("rviz", "team.rviz").read_text())
-    manager = config["Visualization Manager"]
-    assert manager["Global Options"]["Fixed Frame"] == wire.MAP_FRAME
-    assert manager["Views"]["Current"]["Target Frame"] == wire.MAP_FRAME
-    topics, shown = vocabulary(), []
-    for display in displays(manager):
-        if display["Class"] not in MESSAGE_OF:
-            assert display["Class"] in ("rviz_common/Group", "rviz_default_plugins/TF")
-            continue
-        topic = topics[display["Topic"]["Value"]]
-        shown.append(display["Topic"]["Value"])
-        assert topic.type_name == MESSAGE_OF[display["Class"]]
-        assert (display["Topic"]["Durability Policy"] == "Transient Local") is (
-            topic.delivery == wire.LATCHED
-        )
-        assert display["Topic"]["Reliability Policy"] == "Reliable"
-    assert set(shown) >= {"/map", "/markers", "/scene", "/robot_2/coordination_map"}
-    by_topic = {d["Topic"]["Value"]: d for d in displays(manager) if "Namespaces" in d}
-    assert set(by_topic["/markers"]["Namespaces"]) == {wire.DOORWAYS, wire.GOALS, wire.ROBOTS}
-    spaces = {wire.ROBOT_NAMES, wire.QUESTIONS, wire.WORDS, wire.OCCUPANCY}
-    assert set(by_topic["/scene"]["Namespaces"]) == spaces
-
-
-def panels(tree):
-    if isinstance(tree, str):
-        return [tree]
-    assert tree["direction"] in ("row", "column") and 0 < tree["splitPercentage"] < 100
-    return panels(tree["first"]) + panels(tree["second"])
-
-
-def test_the_foxglove_layout_fits_its_schema_and_the_topics():
-    layout = json.loads(share_file("foxglove", "team.json").read_text())
-    assert set(layout) == {
-        "configById",
-        "globalVariables",
-        "userNodes",
-        "playbackConfig",
-        "layout",
-    }
-    assert sorted(panels(layout["layout"])) == sorted(layout["configById"])
-    topics = vocabulary()
-    for name, config in layout["configById"].items():
-        kind = name.partition("!")[0]
-        if kind == "3D":
-            assert config["followTf"] == wire.MAP_FRAME
-            drawn = {topics[topic].type_name for topic in config["topics"]}
-            assert drawn <= set(MESSAGE_OF.values())
-        elif kind == "Plot":
-            for path in config["paths"]:
-                topic, _, field = path["value"].rpartition(".")
-                labels = {"action": wire.ACTION_LABELS, "reward": wire.REWARD_LABELS}
-                found = topics[topic]
-                assert found.type_name == "sensor_msgs/msg/JointState"
-                number = int(field.removeprefix("position[").removesuffix("]"))
-                assert labels[found.name][number] in ("total", "coordinate")
-        else:
-            assert kind == "DiagnosticSummary"
-            assert topics[config["topicToRender"]].type_name.endswith("DiagnosticArray")
