@@ -27,7 +27,7 @@ from sparse_coord_ros.core.frame import (
     reward_from,
 )
 from sparse_coord_ros.core.occupancy import UNKNOWN, OccupancyData
-from sparse_coord_ros.core.palette import WALL_COLOUR, rgb, robot_colour
+from sparse_coord_ros.core.palette import DOORWAY_COLOUR, rgb, robot_colour
 from sparse_coord_ros.core.run_config import RunConfig, run_from_yaml
 from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.wire import (
@@ -227,9 +227,10 @@ class Converter(Frame):
         """Return doorways, goals and robots."""
         array = MarkerArray()
         for number, cell in enumerate(sorted(self.grid.doorways)):
-            array.markers.append(
-                self._marker(step, DOORWAYS, number, cell, rgb(WALL_COLOUR), Marker.CUBE, 0.05)
-            )
+            colour = rgb(DOORWAY_COLOUR)
+            plate = self._marker(step, DOORWAYS, number, cell, colour, Marker.CUBE, 0.05)
+            plate.color.a = 0.3  # the map is dark where walls are; the scene's boxes stand on it
+            array.markers.append(plate)
         for k, robot in enumerate(scenario.robots):
             colour = rgb(robot_colour(k))
             goal = self._marker(step, GOALS, k, robot.goal, colour, Marker.CYLINDER, 0.04)

@@ -18,6 +18,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from sparse_coord_ros.core.agent import initial_tables
 from sparse_coord_ros.core.algorithm import COORDINATE
 from sparse_coord_ros.core.frame import Account
+from sparse_coord_ros.core.palette import DOORWAY_COLOUR, rgb
 from sparse_coord_ros.core.run_config import make_run
 from sparse_coord_ros.core.scenario import load_scenario, scenario_names
 from sparse_coord_ros.core.wire import ACCOUNT_LABELS, ACTION_LABELS, REWARD_LABELS
@@ -306,6 +307,8 @@ def test_markers_show_doorways_goals_and_robots():
     assert set(by_kind["doorways"].values()) == scenario.map.doorways
     assert list(by_kind["goals"].values()) == [robot.goal for robot in scenario.robots]
     assert list(by_kind["robots"].values()) == cells
+    [look] = {(m.color.r, m.color.g, m.color.b) for m in array.markers if m.ns == "doorways"}
+    assert look == pytest.approx(rgb(DOORWAY_COLOUR), abs=1e-6), "as in every picture, no wall"
     assert len(array.markers) == sum(len(ids) for ids in by_kind.values())
 
 
