@@ -5,6 +5,7 @@
 from datetime import datetime
 from pathlib import Path
 
+from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction, RegisterEventHandler
 from launch.event_handlers import OnProcessExit
 from launch.events import Shutdown
@@ -79,6 +80,13 @@ def team(context):
         nodes.append(Node(executable="recorder", parameters=[*common, bag], **place))
     view = []
     if is_true(given["rviz"]):
+        try:
+            get_package_prefix("rviz2")
+        except PackageNotFoundError:
+            raise RuntimeError(
+                "rviz:=true: RViz is not installed: sudo apt install ros-jazzy-rviz2, or leave "
+                "rviz:=true out; 'sparse_coord watch' shows the team in a browser"
+            ) from None
         shown = ["-d", str(share_file("rviz", "team.rviz"))]
         stamps = [{"use_sim_time": True}]
         view = [Node(package="rviz2", executable="rviz2", arguments=shown, parameters=stamps)]
