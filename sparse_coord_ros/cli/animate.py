@@ -60,7 +60,7 @@ def execute(options: argparse.Namespace) -> int:
                 "or a bag"
             )
         say = pictures.Progress()
-        shown = open_shown(options.source, say)
+        shown = open_shown(options.source, say, say.share)
         scenario = shown.config.scenario
         greedy = options.greedy or shown.bag is None
         if greedy:

@@ -19,15 +19,25 @@ LONGEST_NAME = 255
 """Bytes of a file's name, on common file systems."""
 
 
+EVERY_SECONDS = 2.0
+"""Between two lines that say how far it is."""
+
+
 class Progress:
-    """Says on stderr what takes a while, and how long the whole took."""
+    """Says on stderr what takes a while, and how far it is."""
 
     def __init__(self) -> None:
-        self._begun = time.monotonic()
+        self._begun = self._said = time.monotonic()
 
     def __call__(self, what: str) -> None:
         """Say what begins now."""
-        print(f"{time.monotonic() - self._begun:5.1f} s  {what} ...", file=sys.stderr, flush=True)
+        self._said = time.monotonic()
+        print(f"{self._said - self._begun:5.1f} s  {what} ...", file=sys.stderr, flush=True)
+
+    def share(self, done: float) -> None:
+        """Say how much of it is done, from 0 to 1; most calls say nothing."""
+        if time.monotonic() - self._said > EVERY_SECONDS:
+            self(f"{done:4.0%}")
 
 
 def add_out(parser: argparse.ArgumentParser, kinds: Sequence[str]) -> None:

@@ -9,7 +9,7 @@ grown since. What it hands out is checked when it is read.
 
 import os
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
@@ -38,6 +38,14 @@ from sparse_coord_ros.recording.topics import BagTopic, topic_of
 _TIMES = struct.Struct("<QQ")
 _LENGTH = struct.Struct("<I")
 _SIZE = struct.Struct("<Q")
+
+
+class NoChunks(BagError):  # noqa: N818
+    """The file holds messages outside of chunks: only `open_bag` reads it."""
+
+
+Heard = Callable[[float], None]
+"""Hears which share of what is read was read."""
 
 
 class ChunkPlace(NamedTuple):
@@ -70,6 +78,7 @@ class Walk:
 
     Raises:
         BagError: there is no such file, or it does not begin as MCAP.
+        NoChunks: it holds messages outside of chunks.
     """
 
     def __init__(self, path: Path) -> None:
@@ -130,9 +139,9 @@ class Walk:
                 raise Damage(begin, "a chunk record whose fields do not fit into it")
             start_ns, end_ns = _TIMES.unpack(self._read(begin, _TIMES.size))
             place = ChunkPlace(begin - HEAD.size, length, start_ns, end_ns)
-            if not self.topics:  # a recorder tells of them before its first message
-                list(self.parts([place]))
-            if end_ns:
+            # A recorder tells of its topics before the first message, and of the run at time 0.
+            first = [] if self.topics and end_ns else list(self.parts([place]))
+            if end_ns or any(len(part.heads) for part in first):
                 self.chunks.append(place)
         elif opcode == Opcode.ATTACHMENT:
             self._attachments.append(self._attachment(begin, length))
@@ -140,10 +149,7 @@ class Walk:
             record = parse(Metadata, self._read(begin, length), begin - HEAD.size)
             self._metadata.append((record.name, record.metadata))
         elif opcode == Opcode.MESSAGE:
-            raise BagError(
-                f"{self.path}: holds messages outside of chunks, which cannot be watched; play it "
-                "('sparse_coord replay') and watch the topics"
-            )
+            raise NoChunks(f"{self.path}: holds messages outside of chunks")
         elif opcode == Opcode.DATA_END:
             self.finished = True
 
@@ -166,11 +172,14 @@ class Walk:
             raise Damage(begin - HEAD.size, "an attachment whose fields do not fit into it")
         return AttachmentPlace(texts[0], texts[1], log_ns, begin + place, size)
 
-    def parts(self, places: Sequence[ChunkPlace], size: int = 0) -> Iterator[Part]:
+    def parts(
+        self, places: Sequence[ChunkPlace], size: int = 0, heard: Heard | None = None
+    ) -> Iterator[Part]:
         """Yield the messages of chunks in parts of whole chunks, of at least `size` bytes each.
 
         At the first damage they end; `damage` says so, and nothing behind it is read any more.
         """
+        total, read = sum(place.length for place in places), 0
         group: list[ChunkPlace] = []
         waiting: list[bytes] = []
         for place in places:
@@ -183,11 +192,16 @@ class Walk:
             except (Damage, OSError) as error:
                 self._end_at(place, error)
                 break
+            read += place.length
             if sum(map(len, waiting)) > size:
                 yield from self._part(group, waiting)
                 group, waiting = [], []
+                if heard is not None:
+                    heard(read / total)
         if group:
             yield from self._part(group, waiting)
+            if heard is not None:
+                heard(read / total)
 
     def _part(self, group: Sequence[ChunkPlace], contents: Sequence[bytes]) -> Iterator[Part]:
         """Yield the messages among chunks' records; note the topics that they tell of."""
@@ -223,7 +237,9 @@ class Walk:
         except Damage as damage:
             raise BagError(f"{self.path}: {damage}") from None
 
-    def bag(self, first_ns: int = 0, last_ns: int | None = None) -> "PartOfBag":
+    def bag(
+        self, first_ns: int = 0, last_ns: int | None = None, heard: Heard | None = None
+    ) -> "PartOfBag":
         """Return the chunks that have messages of some log times, as a bag of their own."""
         chosen = [
             place
@@ -256,6 +272,7 @@ class Walk:
             _names=names,
             walk=self,
             chosen=tuple(chosen),
+            heard=heard,
         )
 
 
@@ -265,7 +282,8 @@ class PartOfBag(Bag):
 
     walk: Walk = field(repr=False)
     chosen: tuple[ChunkPlace, ...] = field(repr=False)
+    heard: Heard | None = field(repr=False)
 
     def parts(self, size: int = 0) -> Iterator[Part]:
         """Yield the messages in parts of whole chunks, as `Bag.parts`."""
-        return self.walk.parts(self.chosen, size)
+        return self.walk.parts(self.chosen, size, self.heard)

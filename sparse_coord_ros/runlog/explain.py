@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Each COORDINATE traced: who asked whom, what was answered, and what was learned from it."""
 
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -79,22 +80,38 @@ def explain(log: RunLog, robot: int, step: int) -> Coordination | None:
 
     The tables before and after are computed again from the start of the log, as `verify` does.
     """
+    return next(explained(log, robot, [step]))
+
+
+def explained(log: RunLog, robot: int, steps: Sequence[int]) -> Iterator[Coordination | None]:
+    """Yield the same of several time steps, ascending; the log is followed once for all."""
     story = tell(log, robot)
-    place = int(np.searchsorted(story.step, step))
-    if place == len(story.step) or story.step[place] != step or story.action[place] != COORDINATE:
-        return None
     begun, odd = first_tables(log, robot)
-    doubt: str | None
+    doubt = None if odd is None else f"{odd}"
     if begun is None:
         doubt = f"the log does not hold the tables that {log.names[robot]} began with"
         begun = log.run.rule.tables(log.run.scenario)
-    else:
-        doubt = None if odd is None else f"{odd}"
-        if log.tracks.format == 1 and len(story.step) and not story.told[:place].all():
-            doubt = doubt or (
-                "the robot was left out before, and a bag of format 1 does not say what it learned"
-            )
     follower = Follower(log, robot, story, begun)
+    for step in steps:
+        place = int(np.searchsorted(story.step, step))
+        here = story.step[place : place + 1] == step
+        if not here.any() or story.action[place] != COORDINATE:
+            yield None
+            continue
+        unknown = log.tracks.format == 1 and not story.told[:place].all()
+        left_out = (
+            "the robot was left out before, and a bag of format 1 does not say what it learned"
+        )
+        yield _coordination(
+            log, robot, story, follower, place, doubt or (left_out if unknown else None)
+        )
+
+
+def _coordination(
+    log: RunLog, robot: int, story: Story, follower: Follower, place: int, doubt: str | None
+) -> Coordination:
+    """Follow a robot to an action that is COORDINATE, and over it."""
+    step = int(story.step[place])
     agrees = follower.advance(place)
     values = follower.values(place)
     seen = tuple(story.seen[place].tolist())

@@ -40,6 +40,8 @@ STAMP = ("ns", "i8")
 Fill = Callable[[np.ndarray, np.ndarray], np.ndarray | None]
 """Puts the fields of messages into rows; see `Reader`."""
 THE_CLOCK = wire.CLOCK.name.lstrip("/")
+KEEPER = Reader(np.dtype([("message", "O")]), lambda message: (message,), [])
+"""Keeps messages as they are decoded."""
 
 
 class Track(NamedTuple):
@@ -88,6 +90,7 @@ class Tracks:
         coordination_maps: of each robot, with the grid's `data`.
         statuses: of the world, in the order of the log.
         requests: the dialogue.
+        spoken: decoded messages of some of `SPOKEN`, by topic, where they were asked for.
         tables: of each attachment.
         rollbacks: where the run went back to a checkpoint; what they superseded is left out.
         gaps: what was not recorded between two files.
@@ -111,6 +114,7 @@ class Tracks:
         self.coordination_maps: list[tuple[np.ndarray, np.ndarray]] = []
         self.statuses: list[Status] = []
         self.requests: list[Request] = []
+        self.spoken: dict[wire.Topic, list[Any]] = {}
         self.tables: list[RecordedTables] = []
         self.rollbacks: list[Rollback] = []
         self.gaps: list[Gap] = []
@@ -138,20 +142,32 @@ class Tracks:
         return self.prefix + (topic.name if robot is None else topic.of(self.names[robot]))
 
 
-def read_tracks(path: Path) -> Tracks:
-    """Read a bag; arguments and errors as of `read_run`."""
+SPOKEN = (wire.DIAGNOSTICS, wire.ROSOUT)
+"""Topics of which `Tracks.spoken` keeps the messages, where they are asked for."""
+
+
+def read_tracks(path: Path, also: Collection[wire.Topic] = ()) -> Tracks:
+    """Read a bag; arguments and errors as of `read_run`, `also`: of `SPOKEN`."""
     bag = open_bag(path)
     found = find_run(bag, Decoder(bag.topics))
-    tracks, topics = tracks_of(bag, found)
+    tracks, topics = tracks_of(bag, found, also=also)
     _check_source(tracks, found, topics)
-    for odd, entry in read_tables(bag, found.run, tracks.rollbacks):
-        tracks.problems += [] if odd is None else [odd]
-        tracks.tables += [] if entry is None else [entry]
+    add_tables(tracks)
     return tracks
 
 
+def add_tables(tracks: Tracks) -> None:
+    """Read the attached tables of a bag whose messages are read."""
+    for odd, entry in read_tables(tracks.bag, tracks.run, tracks.rollbacks):
+        tracks.problems += [] if odd is None else [odd]
+        tracks.tables += [] if entry is None else [entry]
+
+
 def tracks_of(
-    bag: Bag, found: Source, only: Collection[wire.Topic] | None = None
+    bag: Bag,
+    found: Source,
+    only: Collection[wire.Topic] | None = None,
+    also: Collection[wire.Topic] = (),
 ) -> tuple[Tracks, list[str]]:
     """Return a bag's messages without its attachments, and the topics on which they should be.
 
@@ -159,6 +175,7 @@ def tracks_of(
         bag: the bag, or a part of one.
         found: its run.
         only: the topics to read, the others seem to have no messages; None: all.
+        also: of `SPOKEN`, to be read too.
     """
     run = found.run
     tracks = Tracks(bag, run, max(found.number, found.of_text), found.prefix)
@@ -182,8 +199,12 @@ def tracks_of(
         stamped += [tracks.topic(topic, k) for topic in of_robots if topic.stamped]
     wanted = set(by_name)
     if only is not None:
-        wanted = {tracks.topic(topic, k) for topic in only for k in range(len(tracks.names))}
+        wanted = {tracks.topic(topic) for topic in only if topic in of_team}
+        for k in range(len(tracks.names)):
+            wanted |= {tracks.topic(topic, k) for topic in only if topic in of_robots}
     readers_of = {name: reader for name, reader in by_name.items() if name in wanted}
+    spoken = {topic: _absolute(tracks, topic) for topic in also}
+    readers_of |= dict.fromkeys(spoken.values(), KEEPER)
     backs = rollbacks(bag)
     begins: list[int | None] = [None] * len(bag.files)
     for back in backs:
@@ -233,7 +254,13 @@ def tracks_of(
     valid = of_last(places.tolist(), steps, backs)
     sort.statuses([one for one, ok in zip(readers.statuses, valid, strict=True) if ok])
     _read_dialogue(tracks, columns, frame)
+    for topic, name in spoken.items():
+        tracks.spoken[topic] = [one for rows in columns.rows for (one,) in rows[name].tolist()]
     return tracks, list(by_name)
+
+
+def _absolute(tracks: Tracks, topic: wire.Topic) -> str:
+    return topic.name if topic.name.startswith("/") else tracks.topic(topic)
 
 
 def _read_dialogue(tracks: Tracks, columns: Columns, frame: Frame) -> None:

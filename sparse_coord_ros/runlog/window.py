@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Any stretch of a long log, read by itself; the learning history of a log, stretch by stretch."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,12 +15,12 @@ from sparse_coord_ros.core.run_config import RunConfig
 from sparse_coord_ros.core.tables import unpack_robot
 from sparse_coord_ros.recording.reader import bag_files
 from sparse_coord_ros.recording.scan import AttachmentPlace
-from sparse_coord_ros.recording.walk import Walk
+from sparse_coord_ros.recording.walk import Heard, NoChunks, Walk
 from sparse_coord_ros.runlog.attached import NAME, RecordedTables
 from sparse_coord_ros.runlog.decode import Decoder
-from sparse_coord_ros.runlog.log import RunLog, log_of, read_run
+from sparse_coord_ros.runlog.log import RunLog, log_of
 from sparse_coord_ros.runlog.source import find_run
-from sparse_coord_ros.runlog.tracks import tracks_of
+from sparse_coord_ros.runlog.tracks import SPOKEN, add_tables, read_tracks, tracks_of
 
 MOVES = (wire.LOCAL_STATE, wire.REWARD, wire.ACTION)
 """What the history is computed from."""
@@ -58,6 +58,7 @@ class LongLog:
     Attributes:
         walk: where things are in the file.
         run: the run.
+        format: number of the bag's format.
         period: nanoseconds a time step.
 
     Raises:
@@ -74,6 +75,7 @@ class LongLog:
             self.walk.close()
             raise
         self.run: RunConfig = self._source.run
+        self.format = self._source.number
         self.period = Frame(self.run).period
         self._tables: tuple[int, list[dict[int, AttachmentPlace]]] | None = None
 
@@ -86,6 +88,24 @@ class LongLog:
         """Return the time steps from `first` to `last`, whole, with the dialogue."""
         bag = self.walk.bag(first * self.period, last * self.period)
         return log_of(tracks_of(bag, self._source)[0]).between(first, last)
+
+    def whole(
+        self,
+        only: Collection[wire.Topic],
+        also: Collection[wire.Topic] = (),
+        heard: Heard | None = None,
+    ) -> RunLog:
+        """Return all time steps and tables, as far as some topics tell of them, read once.
+
+        Args:
+            only: the topics to read.
+            also: of `SPOKEN`, to be read too.
+            heard: hears how far it is.
+        """
+        tracks, _ = tracks_of(self.walk.bag(heard=heard), self._source, only, also)
+        tracks.bag = self.walk.bag()  # which knows of the damage that was found
+        add_tables(tracks)
+        return log_of(tracks)
 
     def around(self, step: int, chunks: int = 6) -> RunLog:
         """Return the time steps of a few chunks in whose middle a time step lies."""
@@ -141,14 +161,18 @@ class LongLog:
                 return
             begin = end
 
-    def tables_before(self, robot: int, step: int) -> RecordedTables | None:
+    def tables_before(self, robot: int, step: int | None = None) -> RecordedTables | None:
         """Return a robot's newest tables of a time step or earlier; None: there are none.
+
+        Args:
+            robot: its number from 0.
+            step: the time step; None: the newest of all.
 
         Raises:
             BagError, TablesError: they cannot be read.
         """
         known = self._known_tables()[robot]
-        at = max((at for at in known if at <= step), default=None)
+        at = max((at for at in known if step is None or at <= step), default=None)
         if at is None:
             return None
         place = known[at]
@@ -172,13 +196,13 @@ class LongLog:
 
     @property
     def empty(self) -> bool:
-        """Whether there is no message."""
-        return not self.walk.chunks
+        """Whether there is no time step."""
+        return not any(place.end_ns for place in self.walk.chunks)
 
     def begin(self) -> RunLog:
         """Return the first time steps."""
-        place = min(self.walk.chunks, key=lambda one: one.start_ns)
-        return self.around(place.start_ns // self.period, chunks=2)
+        places = [place for place in self.walk.chunks if place.end_ns][:2]
+        return self.read(0, max(place.end_ns for place in places) // self.period)
 
     def extend(self) -> bool:
         """Take in what the file has grown by; return whether there was anything."""
@@ -207,11 +231,12 @@ class LongLog:
 
 
 class WholeLog(LongLog):
-    """A bag of several files, read whole: what a roll-back superseded is not in it."""
+    """A bag read whole: one of several files, of which a roll-back may have superseded some."""
 
     def __init__(self, path: Path) -> None:
-        self._log = read_run(path)
+        self._log = log_of(read_tracks(path, SPOKEN))
         self.run = self._log.run
+        self.format = self._log.tracks.format
         self.period = Frame(self.run).period
 
     @property
@@ -243,6 +268,15 @@ class WholeLog(LongLog):
         """Return the whole log."""
         return self._log
 
+    def whole(
+        self,
+        only: Collection[wire.Topic] = (),
+        also: Collection[wire.Topic] = (),
+        heard: Heard | None = None,
+    ) -> RunLog:
+        """Return the whole log."""
+        return self._log
+
     def extend(self) -> bool:
         """Nothing comes later."""
         return False
@@ -270,9 +304,10 @@ class WholeLog(LongLog):
             for k in range(len(self._log.names))
         ]
 
-    def tables_before(self, robot: int, step: int) -> RecordedTables | None:
+    def tables_before(self, robot: int, step: int | None = None) -> RecordedTables | None:
         """Return a robot's newest tables of a time step or earlier; None: there are none."""
-        mine = [one for one in self._log.all_tables if one.robot == robot and one.step <= step]
+        mine = [one for one in self._log.all_tables if one.robot == robot]
+        mine = [one for one in mine if step is None or one.step <= step]
         return max(mine, key=lambda one: one.step, default=None)
 
     def close(self) -> None:
@@ -281,4 +316,9 @@ class WholeLog(LongLog):
 
 def open_log(path: Path) -> LongLog:
     """Open a bag; arguments and errors as of `LongLog`."""
-    return WholeLog(path) if len(bag_files(path)) > 1 else LongLog(path)
+    if len(bag_files(path)) == 1:
+        try:
+            return LongLog(path)
+        except NoChunks:
+            pass
+    return WholeLog(path)

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """A page that tells all of a run, or of results: what was learned, its worth, what went wrong."""
 
+import contextlib
 import shlex
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -24,8 +24,7 @@ from sparse_coord_ros.engine.report.entries import Entry
 from sparse_coord_ros.engine.report.section import common
 from sparse_coord_ros.engine.training import train
 from sparse_coord_ros.errors import SettingError, SparseCoordError
-from sparse_coord_ros.runlog.decode import Decoder
-from sparse_coord_ros.runlog.explain import explain
+from sparse_coord_ros.runlog.explain import explained
 from sparse_coord_ros.runlog.log import RunLog
 from sparse_coord_ros.runlog.words import in_words
 from sparse_coord_ros.view import figures
@@ -145,13 +144,19 @@ def _measures(name: str, scenario: Scenario, tables: Sequence[Tables], rule: Lea
 
 
 def _dialogue(page: Page, shown: Shown) -> None:
-    log = shown.log
     page.heading("Some questions and answers")
     shown.say("following the dialogue")
-    told = [one for k, step in _samples(log) for one in [explain(log, k, step)] if one is not None]
+    samples = set(_samples(shown.log))
+    log = shown.with_requests({step for _, step in samples})
+    told = [
+        one
+        for k in range(len(log.names))
+        for one in explained(log, k, sorted(step for robot, step in samples if robot == k))
+        if one is not None
+    ]
     if not told:
         page.say("Nobody asked anything that the log can tell of.")
-    for one in told:
+    for one in sorted(told, key=lambda one: (one.step, one.robot)):
         page.code("\n".join(in_words(log, one)))
 
 
@@ -176,11 +181,10 @@ def _faults(page: Page, shown: Shown) -> None:
         rows += [("steps that the world made without a robot", last.left_out)] * (
             last.left_out is not None
         )
-    steps, warnings = _spoken(shown)
+    steps, warnings = _spoken(log)
     if steps:
         rows.append(("steps/s, median (least, most)", _spread(steps)))
-    rows.append(("messages", log.bag.message_count))
-    rows.append(("odd messages in the bag", len(log.problems)))
+    rows.append(("odd messages among those read", len(log.problems)))
     page.table((), rows)
     for problem in log.problems[:MOST_WARNINGS]:
         page.say(str(problem), warn=True)
@@ -199,27 +203,20 @@ def _spread(values: Sequence[float]) -> str:
     return f"{np.median(values):.0f} ({min(values):.0f}, {max(values):.0f})"
 
 
-def _spoken(shown: Shown) -> tuple[list[float], Counter[str]]:
+def _spoken(log: RunLog) -> tuple[list[float], Counter[str]]:
     """Return the world's speeds, and the nodes' warnings with how often they came."""
-    bag = shown.log.bag
-    decode = Decoder(bag.topics)
+    spoken = log.tracks.spoken
+    warnings = Counter(
+        f"{said.name}: {said.msg}"[:300]
+        for said in spoken.get(ROSOUT, ())
+        if said.level >= WARNING_LEVEL
+    )
     speeds: list[float] = []
-    warnings: Counter[str] = Counter()
-    of_type = {name: topic.type_name for name, topic in bag.topics.items()}
-    wanted = [n for n, t in of_type.items() if t in (DIAGNOSTICS.type_name, ROSOUT.type_name)]
-    for message in bag.messages(wanted) if wanted else ():
-        try:
-            content: Any = decode(message.topic, message.data)
-            if of_type[message.topic] == ROSOUT.type_name:
-                if content.level >= WARNING_LEVEL:
-                    warnings[f"{content.name}: {content.msg}"[:300]] += 1
-                continue
-            values = {v.key: v.value for status in content.status for v in status.values}
-            if float(values.get("steps_per_second", 0)) > 0:
-                speeds.append(float(values["steps_per_second"]))
-        except (AttributeError, TypeError, ValueError):
-            continue  # of another writer; what is odd is counted above
-    return speeds, warnings
+    for said in spoken.get(DIAGNOSTICS, ()):
+        values = {v.key: v.value for status in said.status for v in status.values}
+        with contextlib.suppress(ValueError):  # of another writer
+            speeds.append(float(values.get("steps_per_second", 0)))
+    return [speed for speed in speeds if speed > 0], warnings
 
 
 def _scenario(page: Page, scenario: Scenario) -> None:

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is to be shown: a run's directory or a bag, opened into one object."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -12,11 +12,14 @@ from sparse_coord_ros.core.evaluation import Trials, check_tables, play
 from sparse_coord_ros.core.history import HISTORY_FILE, History, load_history
 from sparse_coord_ros.core.run_config import RUN_FILE, RunConfig, load_run
 from sparse_coord_ros.core.tables import load_team
+from sparse_coord_ros.core.wire import PERCEPT, SERVICE_EVENTS, STATUS
 from sparse_coord_ros.engine.results import MANIFEST
 from sparse_coord_ros.errors import RunError, SparseCoordError, TablesError
 from sparse_coord_ros.recording.reader import BAG_DIRECTORY
-from sparse_coord_ros.runlog.attached import RecordedTables
-from sparse_coord_ros.runlog.log import RunLog, read_run
+from sparse_coord_ros.recording.walk import Heard
+from sparse_coord_ros.runlog.log import RunLog
+from sparse_coord_ros.runlog.tracks import SPOKEN
+from sparse_coord_ros.runlog.window import MOVES, LongLog, open_log
 
 TRIALS = 200
 """Greedy episodes from which pictures show where robots go and ask."""
@@ -38,12 +41,14 @@ class Shown:
         directory: the run's directory; None: a bag alone was given.
         bag: its bag; None: it has none.
         say: hears what takes a while.
+        heard: hears how much of the bag was read.
     """
 
     path: Path
     directory: Path | None
     bag: Path | None
     say: Say = silent
+    heard: Heard | None = None
 
     @property
     def name(self) -> str:
@@ -54,22 +59,43 @@ class Shown:
     @cached_property
     def config(self) -> RunConfig:
         """What the run is; errors as of `load_run` and `read_run`."""
-        return self.log.run if self.directory is None else load_run(self.directory)
+        return self.recording.run if self.directory is None else load_run(self.directory)
 
     @cached_property
-    def log(self) -> RunLog:
-        """The run's log.
+    def recording(self) -> LongLog:
+        """The bag, of which nothing is read yet but which run it is of.
 
         Raises:
             RunError: it was not recorded.
-            BagError: the bag cannot be read, or is of another run than the directory.
+            BagError: the bag cannot be read.
         """
         if self.bag is None:
             raise RunError(
                 f"{self.path}: has no bag; 'sparse_coord run' records one, 'train' does not"
             )
-        self.say(f"reading {self.bag} ({_size(self.bag)})")
-        return read_run(self.bag)
+        return open_log(self.bag)
+
+    @cached_property
+    def log(self) -> RunLog:
+        """The run's log: what robots saw, did and got, and what nodes said; not all else.
+
+        The dialogue is in it only where other things cannot be told without it: in bags of format
+        1, and of robots that learn from being asked. Errors as of `recording`.
+        """
+        recording = self.recording
+        self.say(f"reading {self.bag} ({_size(recording.path)})")
+        topics = [*MOVES, PERCEPT, STATUS]
+        if recording.format == 1 or recording.run.rule.factors is not None:
+            topics.append(SERVICE_EVENTS)
+        return recording.whole(topics, SPOKEN, self.heard)
+
+    def with_requests(self, steps: Collection[int]) -> RunLog:
+        """Return the log with the dialogue of at least some time steps."""
+        log, recording = self.log, self.recording
+        if log.requests:
+            return log
+        found = [one for step in sorted(steps) for one in recording.read(step, step).requests]
+        return replace(log, requests=tuple(found))
 
     @cached_property
     def tables(self) -> list[Tables]:
@@ -82,14 +108,15 @@ class Shown:
         if self.directory is not None:
             tables = load_team(self.directory, scenario)
         else:
-            newest = {entry.robot: entry.tables for entry in _ascending(self.log)}
-            missing = [n for k, n in enumerate(self.log.names) if k not in newest]
-            if missing:
+            newest = [self.recording.tables_before(k) for k in range(len(scenario.robots))]
+            found = [entry.tables for entry in newest if entry is not None]
+            if len(found) < len(newest):
+                missing = [r.name for r, e in zip(scenario.robots, newest, strict=True) if not e]
                 raise TablesError(
-                    f"{self.path}: holds no readable tables of {', '.join(missing)}; see "
+                    f"{self.path}: holds no tables of {', '.join(missing)}; see "
                     "'sparse_coord info'"
                 )
-            tables = [newest[k] for k in range(len(self.log.names))]
+            tables = found
         check_tables(scenario, tables, self.config.learner)
         return tables
 
@@ -121,10 +148,6 @@ class Shown:
         return True
 
 
-def _ascending(log: RunLog) -> list[RecordedTables]:
-    return sorted(log.all_tables, key=lambda entry: entry.step)
-
-
 def _size(bag: Path) -> str:
     files = [bag] if bag.is_file() else [path for path in bag.rglob("*") if path.is_file()]
     return f"{sum(path.stat().st_size for path in files) / 1e6:.1f} MB"
@@ -135,17 +158,18 @@ def is_results(path: Path) -> bool:
     return (path / MANIFEST).is_file()
 
 
-def open_shown(path: Path, say: Say = silent) -> Shown:
+def open_shown(path: Path, say: Say = silent, heard: Heard | None = None) -> Shown:
     """Open a run's directory or a bag.
 
     Args:
         path: a run's directory; a bag's, or its file.
         say: hears what takes a while.
+        heard: hears how much of the bag was read.
 
     Raises:
         RunError, BagError: it is neither; `info` says more of a bag.
     """
     if (path / RUN_FILE).is_file():
         bag = path / BAG_DIRECTORY
-        return Shown(path, path, bag if bag.is_dir() else None, say)
-    return Shown(path, None, path, say)
+        return Shown(path, path, bag if bag.is_dir() else None, say, heard)
+    return Shown(path, None, path, say, heard)

@@ -19,6 +19,7 @@ from sparse_coord_ros.core.run_config import load_run
 from sparse_coord_ros.core.simulation import tables_equal
 from sparse_coord_ros.engine.exact import evaluate_exact
 from sparse_coord_ros.runlog.explain import explain
+from sparse_coord_ros.runlog.log import read_run
 from sparse_coord_ros.runlog.words import in_words
 from sparse_coord_ros.view.experiments import ResultsShown
 from sparse_coord_ros.view.html import Page
@@ -94,7 +95,7 @@ def test_its_numbers_are_those_of_the_log(page, bag):
     assert f"<td>{exact.reward.mean:.2f} ± {exact.reward.spread:.2f}</td>" in page
     for words in ("exact joint optimum", "121.89", "fixed shortest paths", "Indiv., same seed"):
         assert words in page
-    log = shown.log
+    log = read_run(bag)
     assert f"<td>percepts answered</td><td>{int((log.asked & log.perceived).sum())}</td>" in page
     k, row = next((k, r) for r in range(len(log.step)) for k in (0, 1) if log.perceived[r, k])
     told = "\n".join(in_words(log, explain(log, k, int(log.step[row]))))

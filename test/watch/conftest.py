@@ -12,8 +12,14 @@ from sparse_coord_ros.core.scenario import load_scenario
 
 ROOT = Path(__file__).parents[2]
 _spec = importlib.util.spec_from_file_location("recordings", ROOT / "test/runlog/conftest.py")
-recordings = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(recordings)
+_recordings = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(_recordings)
+
+
+@pytest.fixture(scope="session")
+def recordings():
+    """Return the module that makes bags of whole runs."""
+    return _recordings
 
 
 @pytest.fixture(scope="session")
@@ -21,12 +27,12 @@ def recorded(tmp_path_factory):
     """Return a function that records a run in which robots often ask, and returns its bag."""
 
     def record(name="env1", steps=600, seed=7, **options):
-        settings = {"steps": steps, "perception": "probability:0.6", **recordings.OFTEN}
+        settings = {"steps": steps, "perception": "probability:0.6", **_recordings.OFTEN}
         run = make_run(
             load_scenario(str(name)).with_settings(settings), {"seed": seed, "checkpoint": 200}
         )
         bag = tmp_path_factory.mktemp("watched") / "bag"
-        recordings.Recording(bag, run, **options)
+        _recordings.Recording(bag, run, **options)
         return bag
 
     return record

@@ -7,11 +7,17 @@ import shutil
 import numpy as np
 import pytest
 
+from sparse_coord_ros.core import wire
 from sparse_coord_ros.core.history import concatenated
+from sparse_coord_ros.core.run_config import make_run
+from sparse_coord_ros.core.scenario import load_scenario
+from sparse_coord_ros.core.simulation import tables_equal
 from sparse_coord_ros.errors import BagError
+from sparse_coord_ros.recording import walk
 from sparse_coord_ros.recording.reader import bag_file
 from sparse_coord_ros.recording.walk import Walk
 from sparse_coord_ros.runlog import read_run, window
+from sparse_coord_ros.runlog.tracks import SPOKEN
 from sparse_coord_ros.runlog.window import LongLog
 
 ARRAYS = ("step", "cells", "action", "move", "peer", "asked", "perceived", "percept")
@@ -43,6 +49,46 @@ def test_the_history_stretch_by_stretch_is_that_of_the_log(bag, monkeypatch, siz
     log.close()
 
 
+def test_what_was_said_at_time_0_is_found_at_once(tmp_path, monkeypatch, recordings):
+    """A recorder flushes the run before the first time step: into a chunk of the time 0."""
+
+    class Flushed(recordings.Recording):
+        def mark(self):
+            super().mark()
+            self.bag.flush()
+
+    run = make_run(load_scenario("env1").with_settings({"steps": 400}), {"seed": 7})
+    Flushed(tmp_path / "bag", run)
+    read = []
+    content = walk.chunk_content
+
+    def counted(*given, **options):
+        read.append(given)
+        return content(*given, **options)
+
+    monkeypatch.setattr(walk, "chunk_content", counted)
+    log = LongLog(tmp_path / "bag")
+    assert log.walk.chunks[0].end_ns == 0 and len(log.walk.chunks) > len(read) + 2
+    assert next(log.walk.bag().messages(["/run"])).data
+    assert not log.empty and log.begin().step[0] == 1
+    log.close()
+
+
+@pytest.mark.parametrize("also", [(), SPOKEN])
+def test_the_whole_log_as_far_as_some_topics_tell(bag, also):
+    """Read once, without a look at every byte; the rest of it is empty, not wrong."""
+    due, log, shares = read_run(bag), LongLog(bag), []
+    found = log.whole((*window.MOVES, wire.STATUS), also, shares.append)
+    for name in ("step", "cells", "action", "asked", "perceived", "reward", "numbers"):
+        assert getattr(found, name).tobytes() == getattr(due, name).tobytes(), name
+    assert found.history().same_bits(due.history())
+    assert found.tracks.statuses == due.tracks.statuses and not found.requests
+    assert tables_equal(list(found.tables.values()), list(due.tables.values()))
+    assert set(found.tracks.spoken) == set(also)
+    assert shares == sorted(shares) and 0 < shares[0] and shares[-1] == 1
+    log.close()
+
+
 def test_tables_before_a_step(bag):
     log = LongLog(bag)
     steps = log.table_steps()[0]
@@ -57,15 +103,15 @@ def test_a_file_that_grows_is_walked_on(bag, tmp_path):
     data = bag_file(bag).read_bytes()
     path = tmp_path / "grows.mcap.partial"
     path.write_bytes(data[: len(data) // 2])
-    walk = Walk(path)
-    before = len(walk.chunks)
-    assert before and not walk.finished and walk.damage is None and not walk.extend()
+    grows = Walk(path)
+    before = len(grows.chunks)
+    assert before and not grows.finished and grows.damage is None and not grows.extend()
     with path.open("ab") as file:
         file.write(data[len(data) // 2 :])
     path.rename(tmp_path / "grows.mcap")  # as its recorder does
-    assert walk.extend() and walk.finished and len(walk.chunks) > before
-    assert [place[:2] for place in walk.chunks] == [place[:2] for place in Walk(bag).chunks]
-    walk.close()
+    assert grows.extend() and grows.finished and len(grows.chunks) > before
+    assert [place[:2] for place in grows.chunks] == [place[:2] for place in Walk(bag).chunks]
+    grows.close()
 
 
 def test_a_walk_reads_a_removed_file_and_says_where_one_is_damaged(bag, tmp_path):
