@@ -62,9 +62,9 @@ def findings() -> Iterator[Finding]:
 
 
 def _clean() -> int:
-    from sparse_coord_ros.nodes.shared_memory import leftovers, remove
+    from sparse_coord_ros.nodes.shared_memory import remove_orphans
 
-    return remove(leftovers())
+    return len(remove_orphans())
 
 
 def _print(finding: Finding) -> None:

@@ -28,7 +28,7 @@ from sparse_coord_ros.nodes.parameters import (
     TEAM_PARAMETERS,
     WORLD_PARAMETERS,
 )
-from sparse_coord_ros.nodes.spin import STOPPING, Stop, ros_context, signals
+from sparse_coord_ros.nodes.spin import STOPPING, Stop, ros_context, signals, tidy_shared_memory
 from sparse_coord_ros.nodes.team import run_team, team_run
 from sparse_coord_ros.recording.reader import BAG_DIRECTORY
 
@@ -64,8 +64,9 @@ def run(
     """
     values = {**TEAM_PARAMETERS.defaults(), **TEAM_PARAMETERS.parse(values)}
     with signals() as stop, sole_team():
-        if processes:
+        if processes:  # the world's tidies
             return _run_processes(values, stop, quiet)
+        tidy_shared_memory()
         with ros_context() as context:
             if quiet:
                 set_logger_level("", LoggingSeverity.WARN)

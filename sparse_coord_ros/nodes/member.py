@@ -38,7 +38,7 @@ from sparse_coord_ros.nodes.messages import (
     tables_message,
 )
 from sparse_coord_ros.nodes.outputs import begin_with, open_output, save_somewhere, saving
-from sparse_coord_ros.nodes.peers import Peer
+from sparse_coord_ros.nodes.peers import Clients, Peer, introspect
 
 if TYPE_CHECKING:
     from sparse_coord_ros.nodes.robot import RobotNode
@@ -53,6 +53,7 @@ class Member:
     Args:
         node: the robot's node.
         run: the run; text: its `run.yaml`, as it was announced.
+        clients: those of the robots of this process.
 
     Attributes:
         lockstep: the robot's side of the lock step, with its agent.
@@ -62,7 +63,7 @@ class Member:
         SparseCoordError: the scenario has no such robot, or the tables to begin with do not fit.
     """
 
-    def __init__(self, node: "RobotNode", run: RunConfig, text: str) -> None:
+    def __init__(self, node: "RobotNode", run: RunConfig, text: str, clients: Clients) -> None:
         self._node, self.run, self._text = node, run, text
         self._names = [robot.name for robot in run.scenario.robots]
         number = self._number()
@@ -93,12 +94,14 @@ class Member:
         self._waiting: tuple[str, int] | None = None
         self._waiting_since = 0.0
         service = f"{node.name}/{wire.ACTIVE_PERCEPTION}"
-        Peer.introspect(
+        introspect(
             node, node.create_service(interface.ACTIVE_PERCEPTION_TYPE, service, self._on_asked)
         )
         node.create_service(Trigger, wire.SAVE, self._on_save)
         self._peers = {
-            k: Peer(node, name, node.guarded(functools.partial(self._on_answer, k)))
+            k: Peer(
+                node, clients.of(name, node), node.guarded(functools.partial(self._on_answer, k))
+            )
             for k, name in enumerate(self._names)
             if k != number
         }
@@ -315,7 +318,8 @@ class Member:
                 self._peers[self.lockstep.asking].gave_up()
             self.lockstep.expire()
         for peer in self._peers.values():
-            peer.send_what_waits()
+            if peer.waits:
+                peer.send_what_waits()
 
     def _save(self) -> Path | None:
         """Write the tables and return where; None: no directory was given."""

@@ -1,6 +1,11 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A robot's side of asking one peer: requests, answers, and a peer that fell silent."""
+"""A robot's side of asking one peer: requests, answers, and a peer that fell silent.
+
+ROS 2 delivers the answer of a service to every client of it, each of which wakes up to see that it
+is not its own. With a client for each pair of robots the cost of a question would grow with the
+team, and that of starting and ending with its square. So the robots of one process share clients.
+"""
 
 import time
 from collections.abc import Callable
@@ -25,21 +30,40 @@ AGAIN_SECONDS = 0.5
 """After so long without an answer the request is sent again."""
 
 
+def introspect(node: Node, endpoint: Client | Service) -> None:
+    """Publish the dialogue of a client or service, so that it can be recorded."""
+    endpoint.configure_introspection(
+        node.get_clock(), STEP_QOS, ServiceIntrospectionState.CONTENTS
+    )
+
+
+class Clients:
+    """One client for each robot that is asked; its node is the first that wants to ask it."""
+
+    def __init__(self) -> None:
+        self._clients: dict[str, Client] = {}
+
+    def of(self, name: str, node: Node) -> Client:
+        """Return the client of a robot's `active_perception`; `node` makes it if there is none."""
+        if name not in self._clients:
+            client = node.create_client(ACTIVE_PERCEPTION_TYPE, f"{name}/{ACTIVE_PERCEPTION}")
+            introspect(node, client)
+            self._clients[name] = client
+        return self._clients[name]
+
+
 class Peer:
-    """The client of one peer's `active_perception`.
+    """One peer's `active_perception`, to ask it.
 
     Args:
         node: the asking robot; its name goes into the requests.
-        name: the peer's name.
+        client: the client of the peer's service.
         answered: called with the request's step and the answer's path.
     """
 
-    def __init__(self, node: Node, name: str, answered: Callable[[int, Path], None]) -> None:
+    def __init__(self, node: Node, client: Client, answered: Callable[[int, Path], None]) -> None:
         self._answered = answered
-        self._client: Client = node.create_client(
-            ACTIVE_PERCEPTION_TYPE, f"{name}/{ACTIVE_PERCEPTION}"
-        )
-        self.introspect(node, self._client)
+        self._client = client
         self._request = GetPlan.Request()
         self._request.goal.header.frame_id = node.get_name()
         self._seen = False
@@ -49,12 +73,10 @@ class Peer:
         self._open: Future | None = None
         self._sent = 0.0
 
-    @staticmethod
-    def introspect(node: Node, endpoint: Client | Service) -> None:
-        """Publish the dialogue of a client or service, so that it can be recorded."""
-        endpoint.configure_introspection(
-            node.get_clock(), STEP_QOS, ServiceIntrospectionState.CONTENTS
-        )
+    @property
+    def waits(self) -> bool:
+        """Whether a request is to be sent, or to be answered."""
+        return self._unsent is not None or self._open is not None
 
     def ready(self) -> bool:
         """Whether the peer's service has been there."""

@@ -16,6 +16,7 @@ from sparse_coord_ros.nodes.intake import Intake
 from sparse_coord_ros.nodes.member import Member
 from sparse_coord_ros.nodes.messages import Announced, Said, read_run, read_status, typed
 from sparse_coord_ros.nodes.parameters import ROBOT_PARAMETERS, ParameterNode
+from sparse_coord_ros.nodes.peers import Clients
 from sparse_coord_ros.nodes.spin import run_node, wait_for_readers
 from sparse_coord_ros.nodes.tap import Tap
 
@@ -36,6 +37,7 @@ class RobotNode(ParameterNode):
         namespace: the team's namespace.
         values: parameters given by the program; None: by the command line.
         tap: the way to a recorder in the same process.
+        clients: those of the robots of the same process; None: it is alone.
 
     Raises:
         SparseCoordError: a bad parameter, a name that is taken or that the scenario does not have,
@@ -52,11 +54,13 @@ class RobotNode(ParameterNode):
         namespace: str = "",
         values: Mapping[str, Any] | None = None,
         tap: Tap | None = None,
+        clients: Clients | None = None,
     ) -> None:
         super().__init__(
             name, ROBOT_PARAMETERS, context=context, namespace=namespace, values=values, tap=tap
         )
         self.name = self.get_name()
+        self._shared_clients = Clients() if clients is None else clients
         self.watch: WorldPresence | None = None
         self.intake = Intake(self)
         self.claim = Claim(self, self.intake)
@@ -109,7 +113,7 @@ class RobotNode(ParameterNode):
         if self.member is None or self.watch is None:
             run, patience = self._announced.run, self.values["world_timeout"]
             self.watch = WorldPresence(run.id, run.scenario.steps, patience, now)
-            self.member = Member(self, run, self._announced.text)
+            self.member = Member(self, run, self._announced.text, self._shared_clients)
             if self._status is not None:
                 self._on_status(self._status)
         self._go_on(self.member, self.watch, now)

@@ -1,77 +1,118 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What Fast DDS leaves in shared memory when a process is killed.
+"""What killed processes have left of Fast DDS in shared memory.
 
-A participant holds a lock on a file beside each of its own: `fastrtps_<id>_el` beside its
-segment, `_el` or `_sl` beside a port that it listens on. The lock goes with the process, the files
-stay. So a file whose lock can be taken is nobody's.
+Fast DDS keeps a segment for each participant and one for each port in /dev/shm. A process that
+ends removes its own; SIGKILL leaves them there, some megabytes each time. A lock file beside each
+segment, and beside a port that somebody reads, is locked while its owner lives, so that the rest
+can be told apart, whoever started it (`fastdds shm clean` does so too). Ports without a lock file
+have no reader (50 kB each); they go where this process can see that no other has them open.
 """
 
 import fcntl
 import os
 import re
+import time
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
-SHARED_MEMORY = Path("/dev/shm")
+FOLDER = Path("/dev/shm")
 
-_NAME = re.compile(r"(?:fast(?:rtps|dds)_(?:port\d+|[0-9a-f]{16}))")
-_LOCKS = ("_el", "_sl")
-_MUTEX = "sem.{}_mutex"
+SEGMENT = re.compile(r"(?P<name>fast(?:rtps|dds)_(?:[0-9a-f]{16}|port\d{1,5}))(?P<lock>_[es]l)?")
+"""A segment's file, or its lock file."""
+
+YOUNG_SECONDS = 2.0
+"""Files that are younger may be about to be locked."""
+
+EVERY_PROCESS = 0xEFFFFFFC
+"""The number of the first PID namespace (the kernel's PROC_PID_INIT_INO), which sees them all."""
+INIT = "1"
+"""The first process there, which even root may not be allowed to look into; it is no ROS node."""
 
 
-def leftovers(folder: Path = SHARED_MEMORY) -> list[Path]:
-    """Return the files that no living process holds and that this user may remove, sorted.
+def leftovers(folder: Path = FOLDER) -> list[Path]:
+    """Return the files of Fast DDS that no living process holds, sorted.
 
     Args:
-        folder: where the shared memory is.
+        folder: where shared memory is.
     """
-    try:
-        names = set(os.listdir(folder))
-    except OSError:
-        return []
-    left = []
-    for name in names:
-        if not _NAME.fullmatch(name) or _held(folder, name):
-            continue
-        beside = [name, *(name + lock for lock in _LOCKS), _MUTEX.format(name)]
-        left += [folder / one for one in beside if one in names]
-    left += [
-        folder / name
-        for name in names
-        if name.endswith(_LOCKS) and name[:-3] not in names and _NAME.fullmatch(name[:-3])
-        if not _locked(folder / name)
+    return sorted(path for name, files in _free(folder) for path in _take(folder, name, files))
+
+
+def remove_orphans(folder: Path = FOLDER) -> list[Path]:
+    """Remove the files of Fast DDS that no living process holds, and return them.
+
+    Files of other users, which this process may not remove, stay; so do those that are so young
+    that their owner may be about to lock them.
+
+    Args:
+        folder: where shared memory is.
+    """
+    return [
+        path for name, files in _free(folder) for path in _take(folder, name, files, remove=True)
     ]
-    return sorted(path for path in left if os.access(path, os.W_OK))
 
 
-def remove(paths: list[Path]) -> int:
-    """Remove leftovers; return how many are gone."""
-    for path in paths:
-        with suppress(OSError):
-            path.unlink()
-    return sum(not path.exists() for path in paths)
+def _free(folder: Path) -> Iterator[tuple[str, list[str]]]:
+    """Yield segments and ports with their files, but not those that somebody surely has open."""
+    found: dict[str, list[str]] = {}
+    with suppress(OSError):
+        for file in sorted(os.listdir(folder)):
+            match = SEGMENT.fullmatch(file)
+            if match:
+                found.setdefault(match["name"], []).append(file)
+    in_use = None
+    for name, files in found.items():
+        if files == [name]:  # without a lock file
+            in_use = _mapped(folder) if in_use is None else in_use
+            if in_use is ALL or str(folder / name) in in_use:
+                continue
+        yield name, files
 
 
-def _held(folder: Path, name: str) -> bool:
-    return any(_locked(folder / (name + lock)) for lock in _LOCKS)
+ALL = frozenset({"*"})
+"""Instead of the files that are in use, where that cannot be known."""
 
 
-def _locked(path: Path) -> bool:
-    """Whether a living process holds the lock on a file; one that cannot be tried counts as held.
+def _mapped(folder: Path) -> frozenset[str]:
+    """Return the files of a folder that processes have mapped; `ALL` where not all can be seen."""
+    files: set[str] = set()
+    try:
+        if os.stat("/proc/self/ns/pid").st_ino != EVERY_PROCESS:
+            return ALL
+        for process in os.listdir("/proc"):
+            if process.isdigit() and process != INIT:
+                with suppress(FileNotFoundError, ProcessLookupError):  # it has just ended
+                    text = Path("/proc", process, "maps").read_text(errors="replace")
+                    files.update(re.findall(rf"{re.escape(str(folder))}/\S+", text))
+    except OSError:  # no /proc, or a process of somebody else
+        return ALL
+    return frozenset(files)
 
-    A file that is not there is held by nobody.
+
+def _take(folder: Path, name: str, files: list[str], *, remove: bool = False) -> list[Path]:
+    """Return a segment's files and, of a port, its semaphore; none where one of them is held.
+
+    They are removed while their locks are held here.
     """
+    held = []
     try:
-        descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
-    except FileNotFoundError:
-        return False
-    except OSError:
-        return True
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        return True
+        age = time.time() - max(os.lstat(folder / file).st_mtime for file in files)
+        if remove and age < YOUNG_SECONDS:
+            return []
+        for file in files:
+            held.append(os.open(folder / file, os.O_RDWR | os.O_NOFOLLOW))
+            fcntl.flock(held[-1], fcntl.LOCK_EX | fcntl.LOCK_NB)
+        taken = []
+        for path in (folder / f"sem.{name}_mutex", *(folder / file for file in files)):
+            if path.exists():
+                if remove:
+                    path.unlink()
+                taken.append(path)
+        return taken
+    except OSError:  # its owner lives, or it is another user's, or it has just gone
+        return []
     finally:
-        os.close(descriptor)
-    return False
+        for descriptor in held:
+            os.close(descriptor)

@@ -15,6 +15,7 @@ import rclpy
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -30,6 +31,8 @@ from sparse_coord_ros.errors import (
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.middleware import check_security, repair_promptly
 from sparse_coord_ros.nodes.parameters import ParameterNode
+from sparse_coord_ros.nodes.shared_memory import FOLDER as SHARED_MEMORY
+from sparse_coord_ros.nodes.shared_memory import remove_orphans
 
 READERS_SECONDS = 3.5
 """How long the last messages may take: with profiles of the user's own, Fast DDS offers lost ones
@@ -91,6 +94,14 @@ def signals() -> Iterator[Stop]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def tidy_shared_memory() -> None:
+    """Remove what killed processes have left, before ROS starts; say so in one line."""
+    removed = remove_orphans()
+    if removed:
+        said = f"removed {len(removed)} files of killed processes from {SHARED_MEMORY}"
+        get_logger("sparse_coord").info(said)
 
 
 @contextmanager

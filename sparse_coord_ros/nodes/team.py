@@ -22,6 +22,7 @@ from sparse_coord_ros.nodes.parameters import (
     ParameterNode,
     run_from_parameters,
 )
+from sparse_coord_ros.nodes.peers import Clients
 from sparse_coord_ros.nodes.recorder import Recorder
 from sparse_coord_ros.nodes.robot import RobotNode
 from sparse_coord_ros.nodes.spin import (
@@ -32,6 +33,7 @@ from sparse_coord_ros.nodes.spin import (
     say_on_rosout,
     signals,
     spin_nodes,
+    tidy_shared_memory,
 )
 from sparse_coord_ros.nodes.tap import Tap
 from sparse_coord_ros.nodes.world_simulator import WorldSimulator
@@ -105,9 +107,11 @@ def run_team(
         world = WorldSimulator(values={**own, "out": str(out)}, **place)
         nodes.append(world)
         robots = []
+        clients = Clients()
         for robot in run.scenario.robots:
             own = {name: values[name] for name in ROBOT_PARAMETERS}
-            robots.append(RobotNode(name=robot.name, values={**own, "out": str(out)}, **place))
+            own["out"] = str(out)
+            robots.append(RobotNode(name=robot.name, values=own, clients=clients, **place))
             nodes.append(robots[-1])
         if page is not None:
             from sparse_coord_ros.nodes.watch import WatchNode
@@ -140,8 +144,8 @@ def run_team(
     finally:
         if recorder is not None:
             recorder.close()
-        with limited_shutdown():
-            for node in nodes:
+        for node in nodes:
+            with limited_shutdown():
                 node.destroy_node()
 
 
@@ -204,6 +208,7 @@ def main(args: list[str] | None = None) -> int:
     Returns:
         The exit code: 0 after the run and after a signal, 2 on bad input or a broken recording.
     """
+    tidy_shared_memory()
     with signals() as stop:
         return exit_code_of(lambda: _run(sys.argv if args is None else args, stop))
 

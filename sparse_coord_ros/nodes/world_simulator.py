@@ -60,7 +60,7 @@ from sparse_coord_ros.nodes.parameters import (
     run_from_parameters,
 )
 from sparse_coord_ros.nodes.scene import Scene, ScenePublisher
-from sparse_coord_ros.nodes.spin import run_node, wait_for_readers
+from sparse_coord_ros.nodes.spin import run_node, tidy_shared_memory, wait_for_readers
 from sparse_coord_ros.nodes.tap import Tap
 
 TICK_SECONDS = 0.02
@@ -613,6 +613,7 @@ def _period(values: Mapping[str, Any]) -> int:
 
 def main(args: list[str] | None = None) -> int:
     """Run the node `world_simulator`."""
+    tidy_shared_memory()
     return run_node(lambda context: WorldSimulator(context=context), args)
 
 

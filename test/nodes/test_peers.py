@@ -10,7 +10,7 @@ from nav_msgs.srv import GetPlan
 
 from sparse_coord_ros.lockstep.waiting import WorldPresence
 from sparse_coord_ros.nodes.member import Member
-from sparse_coord_ros.nodes.peers import Peer
+from sparse_coord_ros.nodes.peers import Clients, Peer
 from sparse_coord_ros.nodes.robot import LAST_WORDS_SECONDS, RobotNode
 
 
@@ -70,9 +70,17 @@ def node():
     return Node()
 
 
+def test_robots_that_share_clients_have_one_for_each_peer(node):
+    clients, made = Clients(), []
+    node.create_client = lambda kind, name: made.append(name) or Node()
+    first = [clients.of(name, node) for name in ("robot_2", "robot_3")]
+    assert [clients.of(name, node) for name in ("robot_2", "robot_3")] == first
+    assert made == ["robot_2/active_perception", "robot_3/active_perception"]
+
+
 def test_a_peer_that_gave_up_is_asked_but_not_waited_for(node):
     heard = []
-    peer = Peer(node, "robot_2", lambda step, plan: heard.append(step))
+    peer = Peer(node, node, lambda step, plan: heard.append(step))
     assert peer.request(PoseStamped(), 1) is True
     peer.gave_up()
     assert peer.request(PoseStamped(), 2) is False
@@ -83,7 +91,7 @@ def test_a_peer_that_gave_up_is_asked_but_not_waited_for(node):
 
 
 def test_what_was_not_sent_to_a_peer_that_gave_up_is_not_sent_later(node):
-    peer = Peer(node, "robot_2", lambda step, plan: None)
+    peer = Peer(node, node, lambda step, plan: None)
     node.service_is_ready = lambda: False
     peer.request(PoseStamped(), 1)
     peer.gave_up()
@@ -121,7 +129,7 @@ def test_the_deadline_of_what_is_waited_for():
     lockstep = SimpleNamespace(
         waiting=("percept", 4), asking=1, expire=lambda: done.append("expired")
     )
-    peer = SimpleNamespace(gave_up=lambda: done.append("gave up"), send_what_waits=lambda: None)
+    peer = SimpleNamespace(gave_up=lambda: done.append("gave up"), waits=False)
     member = SimpleNamespace(
         lockstep=lockstep,
         run=SimpleNamespace(percept_timeout=1.0),

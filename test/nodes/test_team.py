@@ -6,12 +6,15 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.srv import GetPlan
+from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
 from sparse_coord_ros.core import wire
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.messages import Converter
+from sparse_coord_ros.nodes.spin import ros_context
+from sparse_coord_ros.nodes.team import run_team
 from sparse_coord_ros.recording import open_bag
 from sparse_coord_ros.runlog import verify
 
@@ -107,6 +110,23 @@ def test_two_teams_in_two_namespaces_do_not_meet(bench):
         summary = world.summary()
         assert summary["transitions"] == 40
         assert summary["timeouts"] == 0
+
+
+def test_in_one_process_an_answer_reaches_one_client(own_domain, tmp_path):
+    """Not one of each robot: the cost of a question would grow with the team."""
+    clients = []
+    with ros_context() as context:
+        probe = Node("probe", context=context)
+
+        def look():
+            clients.append(probe.count_clients(f"robot_1/{wire.ACTIVE_PERCEPTION}"))
+            return False
+
+        values = {"scenario": "crowd-3r", "set": ["steps=300"], "record": False}
+        summary = run_team({**values, "out": str(tmp_path / "run")}, context=context, stop=look)
+        probe.destroy_node()
+    assert summary["timeouts"] == 0
+    assert max(clients) == 1
 
 
 def test_a_bystander_is_no_robot(bench):
