@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol, overload
+from typing import TYPE_CHECKING, Protocol, cast, overload
 
 import numpy as np
 
@@ -20,15 +20,15 @@ from sparse_coord_ros.core.agent import Tables
 from sparse_coord_ros.core.class_bound import RESTARTS, ClassBound
 from sparse_coord_ros.core.evaluation import Evaluation
 from sparse_coord_ros.core.frames import data_frame
-from sparse_coord_ros.core.history import History, load_history
+from sparse_coord_ros.core.history import History, load_history, no_history
 from sparse_coord_ros.core.learners import Learner, learner_of
 from sparse_coord_ros.core.optimum import Optimum, joint_optimum
 from sparse_coord_ros.core.reference import Reference, shortest_path_reference
 from sparse_coord_ros.core.run_config import RUN_SETTINGS, RunConfig
-from sparse_coord_ros.core.scenario import Scenario, load_scenario
+from sparse_coord_ros.core.scenario import Scenario, loaded
 from sparse_coord_ros.core.tables import load_team
 from sparse_coord_ros.engine import exact, training
-from sparse_coord_ros.engine.batch import Run, run_batch
+from sparse_coord_ros.engine.batch import run_batch, uses_numba
 from sparse_coord_ros.engine.cluster import check_place, cluster_at
 from sparse_coord_ros.engine.conditions import Condition
 from sparse_coord_ros.engine.exact import ExactEvaluation
@@ -69,11 +69,10 @@ class Learned(Protocol):
 
 
 @dataclass(frozen=True)
-class Runs(Sequence[Run]):
+class Runs(Sequence[Training]):
     """Independent learning runs of one learner in one scenario, in the order of their seeds.
 
-    Each has the attributes `seed`, `tables` (one pair a robot), `history`, `trials` (its greedy
-    trials, arrays of shape (trials, robots)) and `visited`.
+    Each is a `Training`, with its greedy trials in `trials`.
 
     Attributes:
         scenario: the problem and its protocol.
@@ -83,21 +82,21 @@ class Runs(Sequence[Run]):
 
     scenario: Scenario
     learner: str
-    runs: tuple[Run, ...]
+    runs: tuple[Training, ...]
 
     @overload
-    def __getitem__(self, place: int) -> Run: ...
+    def __getitem__(self, place: int) -> Training: ...
 
     @overload
     def __getitem__(self, place: slice) -> "Runs": ...
 
-    def __getitem__(self, place: int | slice) -> "Run | Runs":
+    def __getitem__(self, place: int | slice) -> "Training | Runs":
         """Return a run, or some of them."""
         if isinstance(place, slice):
             return Runs(self.scenario, self.learner, self.runs[place])
         return self.runs[place]
 
-    def __iter__(self) -> Iterator[Run]:
+    def __iter__(self) -> Iterator[Training]:
         """Iterate over the runs."""
         return iter(self.runs)
 
@@ -179,6 +178,8 @@ def load_run(directory: str | Path) -> SavedRun:
         RunError: there is no run, or it is of a newer version.
         SettingError: its learner or its perception model is missing here.
     """
+    if not isinstance(directory, str | os.PathLike):
+        raise RunError(f"run: value is {directory!r}, allowed: a directory, a text or a Path")
     return SavedRun(Path(directory), run_config.load_run(Path(directory)))
 
 
@@ -212,7 +213,7 @@ def train(
     """
     rule = learner_of(learner)
     return training.train(
-        rule.with_defaults(_scenario(scenario)),
+        rule.with_defaults(loaded(scenario)),
         rule,
         RUN_SETTINGS["seed"].parse(seed),
         evaluate_every=EVERY.parse(evaluate_every),
@@ -245,7 +246,7 @@ def train_many(
         runs: learning runs.
         seed: seed of run 0.
         trials: greedy trials of each run afterwards, seeded by the run's seed; 0: none.
-        history: whether each run keeps its learning history.
+        history: whether each run keeps its learning history; else it has no episodes.
         engine: "numba", "python", or "auto": numba where it is installed. The bits are the same.
         jobs: threads (or processes) at once; all cores that this process may use where None.
         scheduler: address of the scheduler of a Dask cluster that computes; None: this machine.
@@ -257,11 +258,12 @@ def train_many(
         PluginError: a learner or perception model of the user's own failed.
     """
     rule = learner_of(learner)
-    problem = rule.with_defaults(_scenario(scenario))
+    problem = rule.with_defaults(loaded(scenario))
     plan = _plan(seed, runs, trials, no_trials=True)
     jobs = _jobs(jobs)
     check_place(jobs, scheduler)
-    done: list[Run] = []
+    used = "numba" if uses_numba(engine, rule) else "python"
+    done: list[Training] = []
     with cluster_at(scheduler) as cluster:
         for run in run_batch(
             problem,
@@ -273,13 +275,27 @@ def train_many(
             history=history,
             cluster=cluster,
         ):
-            done.append(run)
+            done.append(
+                Training(
+                    scenario=problem,
+                    learner=rule,
+                    seed=run.seed,
+                    engine=used,
+                    tables=run.tables,
+                    history=run.history or no_history(len(problem.robots)),
+                    visited=run.visited,
+                    evaluations=(),
+                    transitions=problem.steps,
+                    finished=True,
+                    trials=run.trials,
+                )
+            )
             progress(len(done), plan.runs)
     return Runs(problem, rule.label, tuple(done))
 
 
 def evaluate(
-    learned: Learned | Sequence[Tables],
+    learned: str | Path | Learned | Sequence[Tables],
     *,
     scenario: ScenarioLike | None = None,
     learner: LearnerLike | None = None,
@@ -289,8 +305,9 @@ def evaluate(
     """Play greedy Monte-Carlo trials from the scenario's starts (paper, Section 4).
 
     Args:
-        learned: a `Training` or a `SavedRun`; or the tables of every robot.
+        learned: a `Training`, a `SavedRun` or its directory; or the tables of every robot.
         scenario: the problem to play; needed with tables alone, else that of the learning run.
+            Where neither it nor the user chose a setting, the default of the learner holds.
         learner: whose greedy policy acts; the one that learned where None.
         trials: how many trials, >= 1.
         seed: seed of the trials' draws, independent of the draws of learning.
@@ -308,7 +325,7 @@ def evaluate(
 
 
 def evaluate_exact(
-    learned: Learned | Sequence[Tables],
+    learned: str | Path | Learned | Sequence[Tables],
     *,
     scenario: ScenarioLike | None = None,
     learner: LearnerLike | None = None,
@@ -316,8 +333,9 @@ def evaluate_exact(
     """Compute what `evaluate` estimates, for one or two robots: from the joint Markov chain.
 
     Args:
-        learned: a `Training` or a `SavedRun`; or the tables of every robot.
+        learned: a `Training`, a `SavedRun` or its directory; or the tables of every robot.
         scenario: the problem to play; needed with tables alone, else that of the learning run.
+            Where neither it nor the user chose a setting, the default of the learner holds.
         learner: whose greedy policy acts; the one that learned where None.
 
     Returns:
@@ -337,7 +355,7 @@ def optimum(scenario: ScenarioLike) -> Optimum:
     Its `value` is the total discounted reward from the starts, averaged over the robots. Where the
     joint state space is too large (`exact` is False), it is an upper bound.
     """
-    return joint_optimum(_scenario(scenario))
+    return joint_optimum(loaded(scenario))
 
 
 def class_bound(
@@ -367,7 +385,7 @@ def class_bound(
     from sparse_coord_ros.engine import class_search
 
     return class_search.class_bound(
-        _scenario(scenario),
+        loaded(scenario),
         restarts=RESTARTS.parse(restarts),
         seed=RUN_SETTINGS["seed"].parse(seed),
         file=None if file is None else Path(file),
@@ -381,7 +399,7 @@ def shortest_paths(scenario: ScenarioLike) -> Reference:
     It is what Indiv. tends to. `reward` (total discounted) and `time_to_goal` (steps) are means
     over the robots, `miscoordinations` is that of a trial.
     """
-    return shortest_path_reference(_scenario(scenario))
+    return shortest_path_reference(loaded(scenario))
 
 
 def read_log(bag: str | Path) -> "RunLog":
@@ -475,22 +493,37 @@ def run_experiment(
 
 
 def _learned(
-    learned: Learned | Sequence[Tables], scenario: ScenarioLike | None, learner: LearnerLike | None
+    learned: str | Path | Learned | Sequence[Tables],
+    scenario: ScenarioLike | None,
+    learner: LearnerLike | None,
 ) -> tuple[Scenario, Sequence[Tables], Learner | None]:
     """Return the problem to play, the tables, and who acts on them."""
+    own: Scenario | None = None
+    tables: Sequence[Tables]
+    if isinstance(learned, str | Path):
+        return _learned(load_run(learned), scenario, learner)
     if isinstance(learned, Sequence):
-        tables = learned
+        tables = cast("Sequence[Tables]", learned)
     else:
-        tables = learned.tables
-        scenario = learned.scenario if scenario is None else scenario
+        if not all(hasattr(learned, name) for name in ("tables", "scenario", "learner")):
+            raise TablesError(
+                f"what was learned: value is {learned!r}, allowed: a Training, a SavedRun, its "
+                "directory, or a list of Tables"
+            )
+        own, tables = learned.scenario, learned.tables
         learner = learned.learner if learner is None else learner
-    if scenario is None:
+    if not all(isinstance(pair, Tables) for pair in tables):
+        raise TablesError(
+            "what was learned: value is no list of the robots' tables; give a Training, a "
+            "SavedRun, its directory, or a list of Tables (of many runs, one: runs[0])"
+        )
+    rule = None if learner is None else learner_of(learner)
+    if scenario is not None:
+        problem = loaded(scenario)
+        return problem if rule is None else rule.with_defaults(problem), tables, rule
+    if own is None:
         raise TablesError("tables alone do not say their scenario; give evaluate(scenario=...)")
-    return _scenario(scenario), tables, None if learner is None else learner_of(learner)
-
-
-def _scenario(scenario: ScenarioLike) -> Scenario:
-    return scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
+    return own, tables, rule
 
 
 def _plan(seed: int, runs: int, trials: int, *, no_trials: bool = False) -> Plan:

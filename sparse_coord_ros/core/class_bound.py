@@ -14,13 +14,14 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from sparse_coord_ros.core.agent import Tables
 from sparse_coord_ros.core.algorithm import ACTIONS, COORDINATE, PRIMITIVES
-from sparse_coord_ros.core.scenario import Scenario
+from sparse_coord_ros.core.scenario import Scenario, loaded
 from sparse_coord_ros.core.settings import Setting
 from sparse_coord_ros.core.share import share_file
 from sparse_coord_ros.errors import SettingError
@@ -115,9 +116,13 @@ def game_digest(scenario: Scenario) -> str:
     return hashlib.sha256(json.dumps(kept, sort_keys=True).encode()).hexdigest()[:16]
 
 
-def shipped_class_bound(scenario: Scenario) -> ClassBound | None:
-    """Return the class bound that this package ships for the very same game, or None."""
-    return _shipped().get(game_digest(scenario))
+def shipped_class_bound(scenario: str | Path | Scenario) -> ClassBound | None:
+    """Return the class bound that this package ships for the very same game, or None.
+
+    Args:
+        scenario: the problem; settings of learning do not matter.
+    """
+    return _shipped().get(game_digest(loaded(scenario)))
 
 
 @cache

@@ -67,20 +67,47 @@ MOST_VALUES = 1_000_000
 LONGEST = 1_000_000
 """Most steps of an episode or a trial."""
 
+LARGEST_VALUE = 1e9
+"""Largest reward, cost or initial value: sums of them stay numbers."""
+
+LONGEST_NAME = 100
+"""Letters of a robot's name: DDS takes 255 of a topic, its namespace included."""
+
 SETTINGS = SettingTable(
     [
         Setting(
             "steps", int, 10_000, "step budget of learning, in transitions", low=1, high=10**7
         ),
-        Setting("goal_reward", float, 10.0, "r^I paid on arrival and each step after it", low=0),
-        Setting("penalty", float, -20.0, "r^C of one miscoordination, paid to all", high=0),
+        Setting(
+            "goal_reward",
+            float,
+            10.0,
+            "r^I paid on arrival and each step after it",
+            low=0,
+            high=LARGEST_VALUE,
+        ),
+        Setting(
+            "penalty",
+            float,
+            -20.0,
+            "r^C of one miscoordination, paid to all",
+            low=-LARGEST_VALUE,
+            high=0,
+        ),
         Setting(
             "common_reward",
             COMMON_REWARD,
             "same",
             "what each robot pays of r^C: the penalty, or its own factor times the penalty",
         ),
-        Setting("ask_cost", float, 1.0, "cost of choosing COORDINATE, answered or not", low=0),
+        Setting(
+            "ask_cost",
+            float,
+            1.0,
+            "cost of choosing COORDINATE, answered or not",
+            low=0,
+            high=LARGEST_VALUE,
+        ),
         Setting("discount", float, 0.95, "gamma", low=0, high=0.999),
         Setting("move_success", float, 0.8, "probability that a move succeeds", low=0.01, high=1),
         Setting(
@@ -138,14 +165,30 @@ SETTINGS = SettingTable(
         Setting("starts", STARTS, "exploring:1:0.2:0.5", "start cells of learning episodes"),
         Setting("step_size", STEP_SIZE, "floored:0.5:0.1:0.01", "alpha of QLUpdate"),
         Setting("epsilon", EPSILON, "linear:0.15:0.02:0.8", "exploration of pi_epsilon"),
-        Setting("q_star_init", float, 20.0, "initial value of Q*"),
-        Setting("q_coord_init", float, 200.0, "initial value of Q^C"),
+        Setting(
+            "q_star_init",
+            float,
+            20.0,
+            "initial value of Q*",
+            low=-LARGEST_VALUE,
+            high=LARGEST_VALUE,
+        ),
+        Setting(
+            "q_coord_init",
+            float,
+            200.0,
+            "initial value of Q^C",
+            low=-LARGEST_VALUE,
+            high=LARGEST_VALUE,
+        ),
         Setting(
             "goal_value",
             float,
             200.0,
             "value of being at the goal while learning: 200 = absorbing goal that pays 10 a "
             "step for ever, 0 = a single payment",
+            low=-LARGEST_VALUE,
+            high=LARGEST_VALUE,
         ),
     ]
 )
@@ -305,6 +348,21 @@ PARAMETERS = "params"
 def scenario_names() -> list[str]:
     """Return the names of the scenarios that the package ships, sorted."""
     return [name for name in share_names("config", ".yaml") if name != PARAMETERS]
+
+
+def loaded(scenario: "str | Path | Scenario") -> "Scenario":
+    """Return a scenario as it is, or load it by its name or path.
+
+    Raises:
+        ScenarioError: there is none, or it is none.
+    """
+    if isinstance(scenario, Scenario):
+        return scenario
+    if not isinstance(scenario, str | Path):
+        raise ScenarioError(
+            f"scenario: value is {scenario!r}, allowed: a Scenario, a name or a path"
+        )
+    return load_scenario(scenario)
 
 
 def load_scenario(name: str | Path, **settings: object) -> Scenario:
@@ -486,6 +544,11 @@ def _robots(value: object, grid: GridMap, where: str) -> tuple[Robot, ...]:
             raise ScenarioError(
                 f"{where}: robot name {str(name)!r} is no ROS name; use letters, digits and _"
             )
+        if len(str(name)) > LONGEST_NAME:
+            raise ScenarioError(
+                f"{where}: robot name {str(name)!r} has {len(str(name))} letters, allowed: at "
+                f"most {LONGEST_NAME}, as topics are named after it; shorten it"
+            )
         if name in RESERVED_NAMES:
             raise ScenarioError(
                 f"{where}: robot name {name!r} is that of another node; choose e.g. robot_1"
@@ -493,7 +556,10 @@ def _robots(value: object, grid: GridMap, where: str) -> tuple[Robot, ...]:
         start = _cell(entry["start"], grid, f"{where}: robot {name}: start")
         goal = _cell(entry["goal"], grid, f"{where}: robot {name}: goal")
         if start == goal:
-            raise ScenarioError(f"{where}: robot {name}: start and goal are the same cell")
+            raise ScenarioError(
+                f"{where}: robot {name}: start and goal are the same cell, "
+                f"{list(grid.cells[start])}; choose another cell for one of them"
+            )
         if grid.distances_to(goal)[start] == UNREACHABLE:
             raise ScenarioError(
                 f"{where}: robot {name}: its goal {entry['goal']} cannot be reached from its "

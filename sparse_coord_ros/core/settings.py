@@ -42,6 +42,7 @@ class Setting:
         help: one line: meaning and unit.
         low: smallest number allowed; None: no bound.
         high: largest number allowed; None: no bound.
+        least: smallest number allowed but 0, which turns the thing off; None: no such bound.
         choices: the strings allowed; empty: any.
         neutral: of a setting that came after version 0.1.0, the value that changes nothing: it
             holds where an older file lacks the setting, and digests leave it out; None: of 0.1.0.
@@ -55,6 +56,7 @@ class Setting:
     high: float | None = None
     choices: tuple[str, ...] = ()
     neutral: Any = None
+    least: float | None = None
 
     @property
     def allowed(self) -> str:
@@ -68,9 +70,10 @@ class Setting:
         if self.kind not in (int, float):
             return "a text" if self.kind is str else "a list of texts"
         words = "a whole number" if self.kind is int else "a number"
+        words = words if self.least is None else f"0, or {words}"
         low, high = (
             f"{bound}" if self.kind is int else f"{bound:g}" if bound is not None else ""
-            for bound in (self.low, self.high)
+            for bound in (self.low if self.least is None else self.least, self.high)
         )
         if self.low is not None and self.high is not None:
             return f"{words} from {low} to {high}"
@@ -95,6 +98,8 @@ class Setting:
         if self.kind in (int, float) and not (
             (self.low is None or parsed >= self.low) and (self.high is None or parsed <= self.high)
         ):
+            raise self._error(value)
+        if self.least is not None and parsed != 0 and parsed < self.least:
             raise self._error(value)
         return parsed
 

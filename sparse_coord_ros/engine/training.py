@@ -18,7 +18,7 @@ from typing import Protocol
 import numpy as np
 
 from sparse_coord_ros.core.agent import Tables
-from sparse_coord_ros.core.evaluation import Evaluation, play, summary
+from sparse_coord_ros.core.evaluation import Evaluation, Trials, play, summary
 from sparse_coord_ros.core.history import History
 from sparse_coord_ros.core.learners import Learner, learner_of
 from sparse_coord_ros.core.run_config import RUN_FILE, create_output, make_run
@@ -71,6 +71,8 @@ class Training:
         evaluations: what the team was worth on the way, as (transitions, evaluation).
         transitions: transitions learned from; of a learner that learns `alone`, by each robot.
         finished: whether they are the scenario's budget.
+        trials: greedy trials afterwards, arrays of shape (trials, robots), as `train_many` plays
+            them; None where none were played.
     """
 
     scenario: Scenario
@@ -83,6 +85,7 @@ class Training:
     evaluations: tuple[tuple[int, Evaluation], ...]
     transitions: int
     finished: bool
+    trials: Trials | None = None
 
     def save(self, directory: str | Path) -> Path:
         """Write a run's directory, as `sparse_coord train` does: every verb reads it.

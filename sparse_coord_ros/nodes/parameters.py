@@ -71,9 +71,10 @@ RECORDING = SettingTable(
             "max_bagfile_size",
             int,
             0,
-            "bytes after which another file of the bag begins; 0: never",
+            "bytes after which another file of the bag begins, at least 65536; 0: never",
             low=0,
             high=2**53,
+            least=2**16,
         ),
         Setting(
             "max_bagfile_duration",

@@ -331,13 +331,12 @@ class Follower:
             q_coord = SparseTable(
                 begun.shape[0], len(begun.shape) - 1, begun.unseen, begun.keys, begun.rows
             )
-            for key, row in zip(self._keys[updated].tolist(), rows[updated].tolist(), strict=True):
-                for action, value in enumerate(row):
-                    q_coord[(*key, action)] = value
         else:
             assert isinstance(begun, np.ndarray)  # learners with other tables are followed apart
             q_coord = begun.copy()
-            q_coord[tuple(self._keys[updated].T)] = rows[updated]
+        for key, row in zip(self._keys[updated].tolist(), rows[updated].tolist(), strict=True):
+            for action, value in enumerate(row):
+                q_coord[(*key, action)] = value
         return Tables(q_star, q_coord)
 
 

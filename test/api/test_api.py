@@ -159,6 +159,12 @@ def test_scenarios(tmp_path):
         (lambda: sc.evaluate([]), "give evaluate(scenario=...)"),
         (lambda: sc.evaluate([], scenario="env1", trials=0), "setting trials: value is 0"),
         (lambda: sc.evaluate([], scenario="env1"), "tables of 0 robots"),
+        (lambda: sc.evaluate([1, 2], scenario="env1"), "no list of the robots' tables"),
+        (lambda: sc.evaluate(3), "value is 3, allowed: a Training"),
+        (lambda: sc.evaluate("nowhere"), "no readable run.yaml"),
+        (lambda: sc.train(None), "scenario: value is None"),
+        (lambda: sc.load_run(None), "run: value is None"),
+        (lambda: sc.load_scenario("env1", goal_reward=1e308), "from 0 to 1e+09"),
     ],
 )
 def test_errors_are_one_line(call, words, tmp_path, monkeypatch):
@@ -233,8 +239,29 @@ def test_many_runs_are_the_single_ones(scenario, training):
     assert frame.reward[1] == sc.evaluate(training, trials=4, seed=3).reward.mean
     assert frame.arrived[0] == many[0].trials.arrived.all(axis=1).mean()
     bare = sc.train_many(scenario, runs=1, trials=0, history=False)
-    assert (bare[0].trials, bare[0].history) == (None, None)
+    assert (bare[0].trials, bare[0].history.episodes) == (None, 0)
     assert list(bare.to_pandas()) == ["seed"]
+
+
+def test_one_of_many_runs_is_a_training(scenario, training, tmp_path):
+    one = sc.train_many(scenario, runs=2, seed=2, trials=4)[1]
+    assert sc.evaluate(one, trials=20).to_dict() == sc.evaluate(training, trials=20).to_dict()
+    assert sc.load_run(one.save(tmp_path / "saved")).history.same_bits(training.history)
+
+
+def test_a_learner_keeps_its_defaults_where_the_scenario_is_named_again(tmp_path):
+    scenario = sc.load_scenario("crowd-3r", steps=300)
+    training = sc.train(scenario, "factored")
+    ours = sc.evaluate(training, trials=20).to_dict()
+    assert sc.evaluate(training, scenario=scenario, trials=20).to_dict() == ours
+    tables = sc.evaluate(training.tables, scenario=scenario, learner="factored", trials=20)
+    assert tables.to_dict() == ours
+    assert sc.evaluate(training.save(tmp_path / "saved"), trials=20).to_dict() == ours
+
+
+def test_a_shipped_class_bound_by_name():
+    bound = sc.shipped_class_bound("env1")
+    assert bound is not None and bound == sc.shipped_class_bound(sc.load_scenario("env1"))
 
 
 def test_references_are_those_of_optimum(printed, scenario):

@@ -86,7 +86,7 @@ def test_discount_zero(sparse_coord):
     [
         (["env"], ["scenario 'env'", "did you mean 'env1'"]),
         (["env1", "--set", "discount=1"], ["setting discount", "from 0 to 0.999"]),
-        (["env1", "--penalty", "1"], ["setting penalty", "at most 0"]),
+        (["env1", "--penalty", "1"], ["setting penalty", "from -1e+09 to 0"]),
         (["env2-4r", "--class"], ["env2-4r has 4 robots, allowed: 2", "leave out --class"]),
         (["env1", "--restarts", "3"], ["--restarts", "add --class"]),
         (["env1", "--class", "--restarts", "0"], ["setting restarts: value is '0'", "from 1"]),

@@ -120,7 +120,7 @@ def test_default_directory_is_named_after_the_scenario(sparse_coord, folder):
         (["env1", "--set", "penalti=-5"], ["unknown setting 'penalti'", "did you mean 'penalty'"]),
         (["env1", "--set", "penalty"], ["'penalty'", "key=value"]),
         (["env1", "--set", "perception=range"], ["setting perception", "range:CELLS"]),
-        (["env1", "--penalty", "5"], ["setting penalty: value is '5'", "at most 0"]),
+        (["env1", "--penalty", "5"], ["setting penalty: value is '5'", "from -1e+09 to 0"]),
         (["env1", "--steps", "0"], ["setting steps: value is '0'", "from 1 to"]),
         (["env1", "--steps", "many"], ["setting steps: value is 'many'", "whole number"]),
         (["env1", "--steps", "1e5.5"], ["setting steps: value is '1e5.5'", "whole number"]),

@@ -255,7 +255,7 @@ def test_settings_change_a_copy_only():
     ("values", "words"),
     [
         ({"penalti": "-5"}, ["unknown setting 'penalti'", "did you mean 'penalty'", "goal_value"]),
-        ({"penalty": "5"}, ["setting penalty", "'5'", "at most 0"]),
+        ({"penalty": "5"}, ["setting penalty", "'5'", "from -1e+09 to 0"]),
         ({"penalty": "low"}, ["setting penalty", "'low'", "a number"]),
         ({"discount": "1"}, ["setting discount", "'1'", "from 0 to 0.999"]),
         ({"move_success": 0}, ["setting move_success", "from 0.01 to 1"]),
@@ -304,7 +304,7 @@ def test_every_setting_has_a_help_line_and_a_default_in_range():
     ("change", "words"),
     [
         ({"penaltyy": 3}, ["f.yaml", "unknown field 'penaltyy'", "did you mean 'penalty'"]),
-        ({"penalty": 3}, ["f.yaml", "setting penalty", "at most 0"]),
+        ({"penalty": 3}, ["f.yaml", "setting penalty", "from -1e+09 to 0"]),
         ({"common_reward": "each:1:2:3"}, ["f.yaml: setting common_reward", "needs 2; give each"]),
         ({"map": 5}, ["f.yaml", "field 'map' is 5", "name or path"]),
         ({"robots": {}}, ["f.yaml", "no robot", "e.g. robot_1"]),
@@ -321,7 +321,11 @@ def test_every_setting_has_a_help_line_and_a_default_in_range():
         ({"robots": {"r": {"start": [-1, 0], "goal": 1}}}, ["start [-1, 0] is outside"]),
         ({"robots": {"r": {"start": "a", "goal": 1}}}, ["start is 'a'", "start digit"]),
         ({"robots": {"r": {"start": True, "goal": 1}}}, ["start is True", "start digit"]),
-        ({"robots": {"r": {"start": 1, "goal": [0, 0]}}}, ["start and goal are the same cell"]),
+        (
+            {"robots": {"r": {"start": 1, "goal": [0, 0]}}},
+            ["start and goal are the same cell, [0, 0]"],
+        ),
+        ({"robots": {"r" * 101: {"start": 1, "goal": 2}}}, ["101 letters", "at most 100"]),
         ({"paper": {"best": {}}}, ["paper", "unknown learner 'best'", "indiv, noncoop, coop"]),
         ({"paper": {"coop": {"speed": [1, 2]}}}, ["paper: coop: speed", "time_to_goal"]),
         ({"paper": {"coop": {"reward": 3}}}, ["reward is 3", "[mean, spread]"]),

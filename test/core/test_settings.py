@@ -23,6 +23,7 @@ TABLE = SettingTable(
         Setting("text", str, "", "a text"),
         Setting("names", list, [], "names"),
         Setting("mode", MODE, "off", "a mode"),
+        Setting("part", int, 0, "a part", low=0, high=99, least=8),
     ]
 )
 
@@ -48,6 +49,8 @@ TABLE = SettingTable(
         ("text", 3, "3"),
         ("names", ("x", "y"), ["x", "y"]),
         ("mode", "level:0.5", Spec("level", (0.5,))),
+        ("part", "0", 0),
+        ("part", "8", 8),
     ],
 )
 def test_values_become_the_setting_s_type(name, value, parsed):
@@ -85,6 +88,8 @@ def test_values_become_the_setting_s_type(name, value, parsed):
         ("names", "x", "a list of texts"),
         ("names", [1], "a list of texts"),
         ("mode", "on", "off, level:X"),
+        ("part", 7, "0, or a whole number from 8 to 99"),
+        ("part", -1, "0, or a whole number from 8 to 99"),
     ],
 )
 def test_bad_values(name, value, allowed):
@@ -107,7 +112,7 @@ def test_unknown_name_gets_the_nearest_and_all_allowed():
 def test_defaults_are_parsed():
     assert TABLE.defaults()["mode"] == Spec("off")
     assert list(TABLE.defaults()) == list(TABLE)
-    assert len(TABLE) == 10
+    assert len(TABLE) == 11
 
 
 def test_assignments():

@@ -47,7 +47,7 @@ def test_a_cell_has_one_id(text, canonical):
     [
         ("env7/coop/penalty=-20", ScenarioError, "env7.*env1"),
         ("env1/cop/penalty=-20", SettingError, "'cop'.*did you mean 'coop'"),
-        ("env1/coop/penalty=20", SettingError, "penalty.*at most 0"),
+        ("env1/coop/penalty=20", SettingError, "penalty.*to 0"),
         ("env1/coop/penaltie=-20", SettingError, "did you mean 'penalty'"),
         ("env1/coop/penalty", SettingError, "key=value"),
         ("env1/coop/penalty=-1,penalty=-2", SettingError, "a setting is there twice"),

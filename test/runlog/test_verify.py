@@ -127,6 +127,15 @@ def test_a_good_log_is_identical(record, name, settings, values):
         assert outcomes == {True, False}
 
 
+@pytest.mark.parametrize("learner", ["coop", "noncoop", "factored"])
+def test_a_robot_without_peers(record, tmp_path, learner):
+    (tmp_path / "one.yaml").write_text("map: env1\nrobots: {x: {start: 1, goal: 2}}\n")
+    run = record(str(tmp_path / "one.yaml"), values={"learner": learner})
+    found = verify(run.bag)
+    assert found.differences == ()
+    assert found.tables >= 2
+
+
 def test_a_greedy_run_from_tables(record, good):
     tables = [robot.agent.tables for robot in good.recording.robots]
     run = record(settings=HALF, values={"greedy": True, "tables": "before"}, tables=tables)
