@@ -82,7 +82,7 @@ setup(
         ],
         "lint": ["ruff", "mypy", "types-PyYAML", "types-tqdm", "pandas-stubs"],
         # The documentation as pages (make docs), and how much of the code the tests run.
-        "docs": ["sphinx", "myst-parser", "furo"],
+        "docs": ["sphinx", "myst-parser", "furo", "sphinx-argparse>=0.5"],
         "coverage": ["pytest-cov"],
     },
     entry_points={

@@ -2,14 +2,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sphinx: the pages of this folder, and the reference of the Python API from its docstrings."""
 
+import importlib
+
 import sparse_coord_ros
+from sparse_coord_ros.cli.main import make_parser
+from sparse_coord_ros.cli.options import VERBS
 
 project = "sparse_coord_ros"
 author = "The sparse_coord_ros authors"
 copyright = f"2026 {author}"  # noqa: A001 - Sphinx's name
 release = sparse_coord_ros.__version__
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode"]
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "sphinx.ext.viewcode",
+    "sphinxarg.ext",
+]
 exclude_patterns = ["_build", "tables"]
 html_theme = "furo"
 html_title = f"sparse_coord_ros {release}"
@@ -21,3 +31,14 @@ autodoc_mock_imports = ["rclpy"]
 napoleon_use_ivar = True
 default_role = "code"  # docstrings have `names` in single backquotes
 suppress_warnings = ["myst.xref_missing"]  # links to files of the repository
+
+
+def every_verb():
+    """Return the parser of all verbs with all their options, for the page of verbs."""
+    parser = make_parser()
+    verbs = parser._subparsers._group_actions[0]
+    verbs.choices.clear()
+    verbs._choices_actions.clear()
+    for verb in VERBS:
+        importlib.import_module(f"sparse_coord_ros.cli.{verb.replace('-', '_')}").add_parser(verbs)
+    return parser

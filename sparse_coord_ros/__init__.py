@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from sparse_coord_ros.api import class_bound as class_bound
     from sparse_coord_ros.api import evaluate as evaluate
     from sparse_coord_ros.api import evaluate_exact as evaluate_exact
+    from sparse_coord_ros.api import joint_mdp as joint_mdp
     from sparse_coord_ros.api import load_run as load_run
     from sparse_coord_ros.api import optimum as optimum
     from sparse_coord_ros.api import read_log as read_log
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
     from sparse_coord_ros.core.world import RewardWeights as RewardWeights
     from sparse_coord_ros.engine.exact import ExactEvaluation as ExactEvaluation
     from sparse_coord_ros.engine.experiments import experiment_names as experiment_names
+    from sparse_coord_ros.engine.joint_mdp import JointMDP as JointMDP
     from sparse_coord_ros.engine.runner import ExperimentResults as ExperimentResults
     from sparse_coord_ros.engine.training import Training as Training
     from sparse_coord_ros.errors import SparseCoordError as SparseCoordError
@@ -73,6 +75,8 @@ _PLACES = {
     "evaluate_exact": "api",
     "optimum": "api",
     "shortest_paths": "api",
+    "joint_mdp": "api",
+    "JointMDP": "engine.joint_mdp",
     "class_bound": "api",
     "shipped_class_bound": "core.class_bound",
     "Evaluation": "core.evaluation",

@@ -28,10 +28,12 @@ from sparse_coord_ros.core.run_config import RUN_SETTINGS, RunConfig
 from sparse_coord_ros.core.scenario import Scenario, loaded
 from sparse_coord_ros.core.tables import load_team
 from sparse_coord_ros.engine import exact, training
+from sparse_coord_ros.engine import joint_mdp as joint_mdp_module
 from sparse_coord_ros.engine.batch import run_batch, uses_numba
 from sparse_coord_ros.engine.cluster import check_place, cluster_at
 from sparse_coord_ros.engine.conditions import Condition
 from sparse_coord_ros.engine.exact import ExactEvaluation
+from sparse_coord_ros.engine.joint_mdp import JointMDP
 from sparse_coord_ros.engine.results import JOBS, RUNS, SUMS, TRIALS, Plan
 from sparse_coord_ros.engine.runner import (
     ExperimentResults,
@@ -356,6 +358,18 @@ def optimum(scenario: ScenarioLike) -> Optimum:
     joint state space is too large (`exact` is False), it is an upper bound.
     """
     return joint_optimum(loaded(scenario))
+
+
+def joint_mdp(scenario: ScenarioLike) -> JointMDP:
+    """Return the finite MDP whose value `optimum` computes, as arrays for planners.
+
+    One controller sees every robot's cell, chooses every robot's move, and pays nothing for
+    asking: `P[a]` holds the probabilities of the next joint state, `R` the expected rewards.
+
+    Raises:
+        SettingError: it has more than 100,000 joint states.
+    """
+    return joint_mdp_module.joint_mdp(loaded(scenario))
 
 
 def class_bound(

@@ -32,7 +32,7 @@ def add_parser(verbs) -> None:
         "--topics",
         action="append",
         metavar="TOPIC",
-        help="only this topic, and /clock; a name, or a pattern like '/robot_1/*'; repeatable "
+        help="only this topic, and /clock; a name, or a pattern like '/robot_1*'; repeatable "
         "(default: all but /rosout, /parameter_events and claims)",
     )
     parser.add_argument(

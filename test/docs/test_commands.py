@@ -189,7 +189,6 @@ def test_all_commands_of_a_page(page, shell):
 def check_pictures(page, shell):
     """The commands of a tutorial have made every picture on it, and of the size shown there."""
     names = re.findall(r"!\[[^\]]*\]\((\S+)\)", (ROOT / page).read_text(encoding="utf-8"))
-    assert names
     for name in names:
         with Image.open(ROOT / page.rpartition("/")[0] / name) as shown:
             with Image.open(shell.work / name) as made:

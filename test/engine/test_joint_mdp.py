@@ -5,9 +5,10 @@
 import numpy as np
 import pytest
 
+import sparse_coord_ros as sc
 from sparse_coord_ros.core.optimum import joint_optimum
 from sparse_coord_ros.core.scenario import load_scenario
-from sparse_coord_ros.engine.joint_mdp import joint_mdp
+from sparse_coord_ros.engine.joint_mdp import JointMDP, joint_mdp
 from sparse_coord_ros.errors import SettingError
 
 
@@ -31,3 +32,9 @@ def test_value_iteration_finds_the_optimum(settings):
 def test_what_is_too_large_is_refused():
     with pytest.raises(SettingError, match="joint states, allowed for a joint MDP: up to 100,000"):
         joint_mdp(load_scenario("env2-4r"))
+
+
+def test_in_the_api():
+    mdp = sc.joint_mdp("env1")
+    assert isinstance(mdp, JointMDP)
+    assert (sc.JointMDP, mdp.shape) == (JointMDP, (21, 21))
