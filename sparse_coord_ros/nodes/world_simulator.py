@@ -123,7 +123,7 @@ class WorldSimulator(ParameterNode):
         self.replaced = 0
         self._members: dict[int, str] = {}
         self._seconds = 0.0
-        self._reported_transitions = 0
+        self._begun_with = self._reported_transitions = 0
         self._repeated = 0.0
         self._slow = [0.0] * len(self._names)
         self.intake = Intake(self)
@@ -373,6 +373,7 @@ class WorldSimulator(ParameterNode):
         self._reminder.over()
         self._seconds = -now
         self._since = self._stands_since = self._reported = now
+        self._begun_with = self._reported_transitions = self.lockstep.world.transitions
         self._say_state(self._running_state())
         self.get_logger().info(
             f"{self.run.scenario.name}: {len(self._names)} robots, {self.run.scenario.steps} "
@@ -504,6 +505,7 @@ class WorldSimulator(ParameterNode):
         """Return what happened, as plain data."""
         world = self.lockstep.world
         seconds = self._seconds if self._seconds > 0 else 0.0
+        made = max(0, world.transitions - self._begun_with)  # by this process, not before it
         return {
             "transitions": world.transitions,
             "episodes": world.episode + 1,
@@ -518,7 +520,7 @@ class WorldSimulator(ParameterNode):
             "executor": self.values["executor"],
             "rate": self.values["rate"],
             "seconds": round(seconds, 3),
-            "steps_per_second": round(world.transitions / seconds, 1) if seconds else 0.0,
+            "steps_per_second": round(made / seconds, 1) if seconds else 0.0,
         }
 
     # Reports.
@@ -543,7 +545,7 @@ class WorldSimulator(ParameterNode):
         self._owners.look()
         world = self.lockstep.world
         before = self._reported_transitions
-        rate = (world.transitions - before) / (now - self._reported + 1e-9)
+        rate = max(0, world.transitions - before) / (now - self._reported + 1e-9)
         self._reported, self._reported_transitions = now, world.transitions
         slowest = max(range(len(self._names)), key=self._slow.__getitem__)
         values = {
@@ -570,7 +572,7 @@ class WorldSimulator(ParameterNode):
             share = world.transitions / self.run.scenario.steps
             self.get_logger().info(
                 f"{share:4.0%}  {world.transitions} of {self.run.scenario.steps} steps, "
-                f"{rate:.0f} steps/s, {world.episode} episodes, "
+                f"{rate:.0f} steps/s, episode {world.episode + 1}, "
                 f"{world.miscoordinations} miscoordinations"
             )
         self._publish_markers()

@@ -40,7 +40,8 @@ def test_a_team_that_was_stopped_goes_on_from_its_last_step(tmp_path, said, asse
     out = tmp_path / "out"
     with ros_context() as context:
         stop = lambda: len(saved(out)) >= 3  # noqa: E731
-        assert run_team(values(out), context=context, stop=stop)["interrupted"]
+        first = run_team(values(out), context=context, stop=stop)
+    assert first["interrupted"]
     steps = [
         {int(name[:-4].rpartition("_")[2]) for name in saved(out) if n in name} for n in "12w"
     ]
@@ -51,6 +52,8 @@ def test_a_team_that_was_stopped_goes_on_from_its_last_step(tmp_path, said, asse
     assert_same_tables(out, said)
     assert (summary["transitions"], summary["timeouts"]) == (600, 0)
     assert summary["taken_back"] == 1
+    made = summary["steps_per_second"] * summary["seconds"]
+    assert made == pytest.approx(600 - first["transitions"], abs=2), "not those before it"
     assert sorted(path.name for path in (out / "bag").iterdir()) == [
         "bag_0.mcap",
         "bag_1.mcap",
