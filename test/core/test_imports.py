@@ -52,6 +52,7 @@ def python(code):
         ("watch", 6, {"core", "engine", "recording", "runlog", "view", "watch"}),
         ("engine", 17, {"core", "engine"}),
         ("floorplan", 4, {"core", "floorplan"}),
+        ("doctor", 5, {"core", "doctor"}),
         ("view", 3, {"core", "engine", "recording", "runlog", "view"}),
     ],
 )
@@ -90,6 +91,16 @@ def test_help_and_small_verbs_start_fast(arguments):
         "print([n for n in heavy if n in sys.modules])"
     )
     assert out.splitlines()[-1] == "[]"
+
+
+def test_the_doctor_without_ros():
+    out = python(
+        "from sparse_coord_ros.cli.main import main\n"
+        "from sparse_coord_ros.doctor import middleware\n"
+        "middleware.round_trip = lambda changes=None: {'missing': 'no rclpy'}\n"
+        "assert main(['doctor']) == 0"
+    )
+    assert "is not there (no rclpy)" in out
 
 
 @pytest.mark.parametrize("verb", ["bench", "reproduce"])
