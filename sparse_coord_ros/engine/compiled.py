@@ -7,7 +7,7 @@ import functools
 import os
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, wait
 from types import ModuleType
 from typing import Any, NamedTuple
@@ -180,19 +180,36 @@ def is_compiled(key: str) -> bool:
 
 @functools.cache
 def compiled() -> Loops:
-    """Return the loops compiled by numba (they compile when first called).
+    """Return the loops compiled by numba (they compile when first called)."""
+    return Loops(*jitted(PLAIN))
+
+
+def jitted(
+    loops: Sequence[Callable[..., Any]], called: Sequence[Callable[..., Any]] = ()
+) -> list[Callable[..., Any]]:
+    """Return loops compiled by numba when they are first called.
 
     No fast-math: the same bits as plain Python. What was compiled is kept on disk (`kept`).
+
+    Args:
+        loops: the loops.
+        called: functions that they call beside those of `CALLED`.
     """
-    numba = _numba()
     options = _accepted("_nrt", False)
-    inline = _accepted("forceinline", True)
-    for function in CALLED:
-        inlined = inline if function in INLINED else {}
-        numba.extending.register_jitable(**options, **inlined)(function)
-    return Loops(*kept.jit(PLAIN, **options))
+    for function in (*CALLED, *called):
+        _let_call(function)
+    return kept.jit(loops, **options)
 
 
+@functools.cache
+def _let_call(function: Callable[..., Any]) -> None:
+    """Let compiled loops call a function."""
+    options = _accepted("_nrt", False)
+    inlined = _accepted("forceinline", True) if function in INLINED else {}
+    _numba().extending.register_jitable(**options, **inlined)(function)
+
+
+@functools.cache
 def _accepted(name: str, value: bool) -> dict[str, bool]:
     """Return an option of numba's that makes the loops faster, where this numba has it.
 

@@ -1,9 +1,9 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Algorithm 1 once more for one robot, fed with what its log says, as one loop.
+"""A robot's learning once more, fed with what its log says: one loop for each kind of tables.
 
-The loop takes nested lists in plain Python and arrays where numba compiled it: the same bits. The
-choices and the update are the functions of `core.algorithm`.
+The loops take nested lists in plain Python and arrays where numba compiled them: the same bits.
+Choices and updates are the functions of `core.algorithm` and `core.factors`.
 """
 
 import functools
@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.core import algorithm
 from sparse_coord_ros.core.algorithm import (
     COORDINATE,
     PRIMITIVES,
@@ -23,10 +22,21 @@ from sparse_coord_ros.core.algorithm import (
     updated,
     weighed,
 )
-from sparse_coord_ros.engine.compiled import has_numba
+from sparse_coord_ros.core.factors import (
+    Own,
+    Terms,
+    learn_asking,
+    learn_correction,
+    learn_move,
+    refresh,
+    replay,
+)
+from sparse_coord_ros.core.streams import BLIND_ACTION, BLIND_EXPLORE
+from sparse_coord_ros.engine.compiled import compile_once, has_numba, jitted
+from sparse_coord_ros.engine.kept import is_kept
 
-COMPILING_PAYS = 1_000_000
-"""Actions from which on compiling the loop, a few seconds, takes less time than it saves."""
+COMPILING_PAYS = 300_000
+"""Actions from which on compiling a loop, a few seconds, takes less time than it saves."""
 
 
 class Rule(NamedTuple):
@@ -92,6 +102,69 @@ class Said(NamedTuple):
     alpha: Any
 
 
+class FactorRules(NamedTuple):
+    """What holds at every step of a robot that learns in factors.
+
+    Attributes:
+        actions, learning, weights: as of `Rule`.
+        terms: the numbers of the rule.
+        replays, percept_update: as of `core.factors.FactorRule`.
+    """
+
+    actions: int
+    learning: bool
+    weights: tuple[float, float, float]
+    terms: Terms
+    replays: int
+    percept_update: bool
+
+
+class LearnedFactors(NamedTuple):
+    """What one robot that learns in factors has learned so far.
+
+    Attributes:
+        own: its factors but rho, and its model.
+        rho: the rows of rho that the log speaks of [row][move]; counts: their updates.
+        peers: the other robots' numbers, ascending.
+        correction: space for Q^C(x, z, .) - U(x, .) [move]; values: for Q^C(x, z, .).
+    """
+
+    own: Own
+    rho: Any
+    counts: Any
+    peers: Any
+    correction: Any
+    values: Any
+
+
+class SaidFactors(NamedTuple):
+    """What the log says of the actions of a robot that learns in factors.
+
+    Attributes:
+        cell, next_cell, action, move, learned, reward, draws, epsilon, alpha: as of `Said`.
+        known: the rows of rho of its peers, or -1 where it does not know where one is [i][peer].
+        unseen: the row of failed percepts, or -1 where it perceived its peers [i].
+        partners: as of `core.world.Reward`.
+        blind: the draws for a move after a failed percept [i][2].
+        replay: the draw that picks what is replayed [i].
+    """
+
+    cell: Any
+    next_cell: Any
+    action: Any
+    move: Any
+    known: Any
+    unseen: Any
+    learned: Any
+    reward: Any
+    partners: Any
+    draws: Any
+    blind: Any
+    replay: Any
+    epsilon: Any
+    alpha: Any
+
+
 def coordinates(values: Any, actions: int) -> int:
     """Return 1 where COORDINATE is the first greatest of a row's values, else 0."""
     if actions > COORDINATE and values[COORDINATE] > greatest(values, PRIMITIVES):
@@ -150,27 +223,109 @@ def follow(
     return end, 0, 0
 
 
-def loop(count: int, *, compiled: bool | None = None) -> tuple[Callable[..., Any], bool]:
-    """Return the loop for so many actions, and whether it is compiled and takes arrays.
+def correct(learned: LearnedFactors, known: Any, unseen: int) -> None:
+    """Set `learned.correction` to Q^C(x, z, .) - U(x, .) of what an action perceived."""
+    correction, rho = learned.correction, learned.rho
+    for b in range(PRIMITIVES):
+        correction[b] = 0.0
+    if unseen >= 0:
+        for b in range(PRIMITIVES):
+            correction[b] += rho[unseen][b]
+        return
+    for j in range(len(learned.peers)):
+        for b in range(PRIMITIVES):
+            correction[b] += rho[known[j]][b]
+
+
+def follow_factors(
+    rule: FactorRules,
+    learned: LearnedFactors,
+    said: SaidFactors,
+    by_count: Any,
+    begin: int,
+    end: int,
+) -> tuple[int, int, int]:
+    """Do what `follow` does, for a robot that learns as `core.factored.FactoredAgent` does."""
+    own, rho, counts, values = learned.own, learned.rho, learned.counts, learned.values
+    for i in range(begin, end):
+        x = said.cell[i]
+        draws, known, unseen = said.draws[i], said.known[i], said.unseen[i]
+        action = epsilon_greedy(
+            own.star[x], rule.actions, said.epsilon[i], draws[0], draws[1], draws[2]
+        )
+        move = action
+        if action == COORDINATE:
+            correct(learned, known, unseen)
+            for b in range(PRIMITIVES):
+                values[b] = own.u[x][b] + learned.correction[b]
+            if unseen >= 0 and said.blind[i][BLIND_EXPLORE] < said.epsilon[i]:
+                move = int(said.blind[i][BLIND_ACTION] * PRIMITIVES)
+            else:
+                move = greedy(values, PRIMITIVES, draws[3])
+        if action != said.action[i] or move != said.move[i]:
+            return i, action, move
+        if not said.learned[i] or not rule.learning:
+            continue
+        partners, floor = said.partners[i], said.alpha[i]
+        individual = rule.weights[0] * said.reward[i][0]
+        common = rule.weights[1] * (said.reward[i][1] if partners != 0 else 0.0)
+        asked = action == COORDINATE
+        y = said.next_cell[i]
+        learn_move(own, x, move, y, individual, common, asked, rule.terms, by_count, floor)
+        for j in range(len(learned.peers)):
+            row = known[j]
+            if row >= 0:
+                share = common if (partners >> learned.peers[j]) & 1 else 0.0
+                learn_correction(rho[row], counts[row], move, share, by_count, floor)
+        if asked:
+            if unseen >= 0:
+                learn_correction(rho[unseen], counts[unseen], move, common, by_count, floor)
+            correct(learned, known, unseen)
+            learn_asking(own, x, learned.correction, rule.percept_update, by_count, floor)
+        refresh(own, x, rule.terms)
+        replay(own, rule.replays, said.replay[i], rule.terms)
+    return end, 0, 0
+
+
+LOOPS: dict[str, Callable[..., Any]] = {"follow_tables": follow, "follow_factors": follow_factors}
+"""The loops by what they are called where compiled ones are kept."""
+
+
+def loop(
+    name: str, count: int, *, compiled: bool | None = None
+) -> tuple[Callable[..., Any], bool]:
+    """Return a loop for so many actions, and whether it is compiled and takes arrays.
 
     Args:
+        name: of `LOOPS`.
         count: how many actions there are to follow.
-        compiled: whether to compile it; None: where numba is installed and it pays.
+        compiled: whether to compile it; None: where numba is installed and it pays, or was
+            compiled before and kept.
     """
-    wanted = count >= COMPILING_PAYS and has_numba() if compiled is None else compiled
-    return (_compiled(), True) if wanted else (follow, False)
+    if compiled is None:
+        compiled = (count >= COMPILING_PAYS or is_kept(name)) and has_numba()
+    if compiled:
+        return functools.partial(_compiled_call, name), True
+    return LOOPS[name], False
+
+
+def _compiled_call(
+    name: str, rule: Any, learned: Any, said: Any, by_count: Any, begin: int, end: int
+) -> Any:
+    call = _compiled(name)
+    compile_once(name, lambda: call(rule, learned, said, by_count, 0, 0))  # for these types
+    return call(rule, learned, said, by_count, begin, end)
 
 
 @functools.cache
-def _compiled() -> Callable[..., Any]:
-    import numba
-
-    choosing = (algorithm.greedy, algorithm.epsilon_greedy, algorithm.greatest, coordinates)
-    for function in (*choosing, algorithm.step_size, algorithm.updated, algorithm.weighed):
-        numba.extending.register_jitable(function)
-    return numba.njit(nogil=True)(follow)
+def _compiled(name: str) -> Callable[..., Any]:
+    return jitted([LOOPS[name]], (coordinates, correct))[0]
 
 
 def as_lists(values: Any) -> Any:
-    """Return a tuple of arrays as one of nested lists, for plain Python."""
-    return type(values)(*(one.tolist() if isinstance(one, np.ndarray) else one for one in values))
+    """Return a tuple of arrays, or of such tuples, as one of nested lists, for plain Python."""
+    if isinstance(values, np.ndarray):
+        return values.tolist()
+    if hasattr(values, "_fields"):
+        return type(values)(*map(as_lists, values))
+    return values

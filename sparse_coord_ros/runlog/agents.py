@@ -24,8 +24,9 @@ from sparse_coord_ros.core.wire import (
 )
 from sparse_coord_ros.runlog.attached import RecordedTables
 from sparse_coord_ros.runlog.difference import MISSING, Difference, first_entry
-from sparse_coord_ros.runlog.follower import Follower, due_numbers, said_otherwise, tell
+from sparse_coord_ros.runlog.follower import Follower, said_otherwise
 from sparse_coord_ros.runlog.log import RunLog
+from sparse_coord_ros.runlog.story import due_numbers, tell
 
 
 def first_tables(log: RunLog, k: int) -> tuple[Tables | None, Difference | None]:

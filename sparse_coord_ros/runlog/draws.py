@@ -4,7 +4,9 @@
 
 import numpy as np
 
-from sparse_coord_ros.core.streams import DRAWS, LEARNING, bit_generator
+from sparse_coord_ros.core.links import LOST, link_of
+from sparse_coord_ros.core.run_config import RunConfig
+from sparse_coord_ros.core.streams import DRAWS, LEARNING, PERCEPT, bit_generator
 
 BLOCK = 8192
 """Time steps whose draws are made at once."""
@@ -35,4 +37,17 @@ def draws_at(seed: int, agent: int, role: int, steps: np.ndarray) -> np.ndarray:
         reached = int(steps[end - 1]) + 1
         found[begin:end] = block[steps[begin:end] - first]
         begin = end
+    return found
+
+
+def percept_draws(run: RunConfig, agent: int, steps: np.ndarray) -> np.ndarray:
+    """Return the draws of a robot's percepts at some time steps, as `core.links` has them.
+
+    Args:
+        run: the run.
+        agent: the robot's number.
+        steps: as of `draws_at`.
+    """
+    found: np.ndarray = draws_at(run.seed, agent, PERCEPT, steps)[:, 0]
+    found[link_of(run.scenario.link, run.seed, agent).down(steps)] = LOST
     return found

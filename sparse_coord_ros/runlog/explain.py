@@ -13,9 +13,10 @@ from sparse_coord_ros.core.wire import ANSWERED, LATE, PERCEPT_ENDS, REFUSED
 from sparse_coord_ros.core.world import Action
 from sparse_coord_ros.runlog.agents import first_tables
 from sparse_coord_ros.runlog.dialogue import Request
-from sparse_coord_ros.runlog.follower import Follower, Story, tell
+from sparse_coord_ros.runlog.follower import Follower
 from sparse_coord_ros.runlog.log import NONE, RunLog
 from sparse_coord_ros.runlog.percepts import ENDED
+from sparse_coord_ros.runlog.story import Story, tell
 
 
 class Update(NamedTuple):
@@ -118,7 +119,6 @@ def _coordination(
     perceived = seen if seen and NONE not in seen else None
     entries = _entries(story, place, perceived)
     before = [follower.entry(*state, action=a) for state, a in entries]
-    follower.hear(place)
     rho = follower.corrections(place)
     agrees = agrees and follower.advance(place + 1)
     update = None

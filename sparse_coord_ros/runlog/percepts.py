@@ -7,9 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from sparse_coord_ros.core.frame import Frame
-from sparse_coord_ros.core.links import LOST, link_of
 from sparse_coord_ros.core.perception import percept_probabilities
-from sparse_coord_ros.core.streams import PERCEPT as PERCEPT_ROLE
 from sparse_coord_ros.core.wire import (
     ACCOUNT_LABELS,
     ACTION,
@@ -24,9 +22,9 @@ from sparse_coord_ros.core.wire import (
 )
 from sparse_coord_ros.runlog.dialogue import EVENT_NAMES, RETURNED, Request
 from sparse_coord_ros.runlog.difference import DIALOGUE, MISSING, Difference
-from sparse_coord_ros.runlog.draws import draws_at
-from sparse_coord_ros.runlog.follower import tell
+from sparse_coord_ros.runlog.draws import percept_draws
 from sparse_coord_ros.runlog.log import NONE, RunLog
+from sparse_coord_ros.runlog.story import tell
 
 ENDED = len(ACTION_LABELS) + ACCOUNT_LABELS.index(PERCEPT.name)
 
@@ -54,8 +52,7 @@ class _Judge:
         for k in self.robots:
             asked = set(log.step[log.asked[:, k]].tolist()) | set(steps[k])
             wanted = np.array(sorted(step for step in asked if step >= 0), dtype=np.int64)
-            values = draws_at(log.run.seed, k, PERCEPT_ROLE, wanted)[:, 0]
-            values[link_of(scenario.link, log.run.seed, k).down(wanted)] = LOST
+            values = percept_draws(log.run, k, wanted)
             self.draws.append(dict(zip(wanted.tolist(), values.tolist(), strict=True)))
 
     @property

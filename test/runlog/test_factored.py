@@ -11,7 +11,7 @@ from sparse_coord_ros.core.simulation import learn, tables_equal
 from sparse_coord_ros.core.world import UNKNOWN_PARTNERS
 from sparse_coord_ros.runlog import read_run, verify
 from sparse_coord_ros.runlog.explain import coordinations, explain
-from sparse_coord_ros.runlog.follower import askers
+from sparse_coord_ros.runlog.story import askers
 
 EXPLORING = {
     "steps": 900,

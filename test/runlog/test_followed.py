@@ -14,7 +14,8 @@ from sparse_coord_ros.engine.compiled import has_numba
 from sparse_coord_ros.runlog import read_run, verify
 from sparse_coord_ros.runlog.agents import first_tables
 from sparse_coord_ros.runlog.draws import draws_at
-from sparse_coord_ros.runlog.follower import Follower, tell
+from sparse_coord_ros.runlog.follower import Follower
+from sparse_coord_ros.runlog.story import tell
 
 HALF = {"perception": "probability:0.5"}
 
@@ -33,9 +34,27 @@ class Weighed(Coop):
         return RewardWeights(1.0, len(scenario.robots), 0.5)
 
 
-@pytest.fixture(scope="module", params=["env1", "all peers", "goes on", "noncoop", "weighed"])
+LOGS = ("env1", "all peers", "goes on", "noncoop", "weighed")
+FACTORED = {
+    "factored": ("env2-2r", {"perception": "range:3", "link": "lost:0.3"}),
+    "factored, four robots": ("env2-4r", {"perception": "probability:0.8"}),
+    "factored, its own tables": ("env2-2r", HALF),
+}
+
+
+@pytest.fixture(scope="module", params=[*LOGS, *FACTORED])
 def log(request, record, good):
-    """Return the log of a run of 400 steps."""
+    """Return the log of a run of 400 steps or more."""
+    if request.param in FACTORED:
+        name, settings = FACTORED[request.param]
+        busy = {"epsilon": "constant:0.8", "q_coord_init": 20, "conflict": "any_doorway"}
+        settings = {"steps": 700, "max_steps": 20, "penalty": -60, **busy, **settings}
+        values, tables = {"learner": "factored"}, None
+        if "tables" in request.param:
+            begun = record(name, settings, values=values)
+            values, tables = {**values, "tables": "before", "seed": 8}, begun.recording.robots
+            tables = [robot.agent.tables for robot in tables]
+        return read_run(record(name, settings, values=values, tables=tables).bag)
     if request.param == "goes on":
         tables = [robot.agent.tables for robot in good.recording.robots]
         values = {"tables": "before", "seed": 8}
@@ -83,8 +102,10 @@ def test_a_learner_without_a_compiled_form_verifies(record, compiled):
 
 
 @pytest.mark.skipif(not has_numba(), reason="numba is not installed")
-def test_verify_by_compiled_loops_says_the_same(good):
-    plain, compiled = (verify(good.bag, compiled=how) for how in (False, True))
+@pytest.mark.parametrize("learner", ["coop", "factored"])
+def test_verify_by_compiled_loops_says_the_same(record, learner):
+    bag = record(settings=HALF, values={"learner": learner}).bag
+    plain, compiled = (verify(bag, compiled=how) for how in (False, True))
     assert plain.same and compiled.same
     assert (plain.choices, plain.updates) == (compiled.choices, compiled.updates)
 

@@ -1,0 +1,135 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""One robot's actions as its log tells them."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from sparse_coord_ros.core.algorithm import COORDINATE
+from sparse_coord_ros.core.frame import EAST_NORTH, Frame
+from sparse_coord_ros.core.streams import PEER, POLICY
+from sparse_coord_ros.core.wire import ACCOUNT_LABELS, ACTION_LABELS
+from sparse_coord_ros.runlog.draws import draws_at
+from sparse_coord_ros.runlog.log import NONE, RunLog
+
+
+class Story(NamedTuple):
+    """One robot's actions in the log, and what came of them; n actions, K robots.
+
+    Attributes:
+        row: which time step of the log, shape (n,).
+        step: the time step.
+        cell: where it was, next_cell: where it was a step later; NONE where the log does not say.
+        action, move: A_k(t), and the primitive action that it became.
+        peers: whom it asks if it chooses COORDINATE, shape (n, number of them).
+        seen: in which cells it perceived them, shape (n, number of them); NONE in all where not.
+        told: whether the log holds the reward and both states.
+        learned: whether it has learned from the action.
+        reward: shape (n, 4); partners: shape (n,), as of `RunLog`.
+    """
+
+    row: np.ndarray
+    step: np.ndarray
+    cell: np.ndarray
+    next_cell: np.ndarray
+    action: np.ndarray
+    move: np.ndarray
+    peers: np.ndarray
+    seen: np.ndarray
+    told: np.ndarray
+    learned: np.ndarray
+    reward: np.ndarray
+    partners: np.ndarray
+
+    @property
+    def perceived(self) -> np.ndarray:
+        """Whether it chose COORDINATE and perceived its peers, shape (n,)."""
+        asked: np.ndarray = (self.action == COORDINATE) & (self.seen.shape[1] > 0)
+        asked &= (self.seen != NONE).all(axis=1)
+        return asked
+
+    def seen_at(self, i: int) -> tuple[int, ...] | None:
+        """Return the cells in which it perceived its peers at an action; None where not."""
+        seen = tuple(self.seen[i].tolist())
+        return seen if seen and NONE not in seen else None
+
+
+def tell(log: RunLog, k: int) -> Story:
+    """Return robot k's story: what the log says, up to an action or a state that makes no sense.
+
+    Whether it has learned from an action its next one says; from the last one the numbers beside
+    the tables. Where nothing says so (format 1), it has where reward and both states are there.
+    """
+    rows = np.searchsorted(log.step, log.tracks.actions[k].step)
+    odd = (log.cells[rows, k] == NONE) | (log.move[rows, k] == NONE)
+    if odd.any():
+        rows = rows[: int(np.argmax(odd))]
+    step, count = log.step[rows], len(rows)
+    after = np.minimum(rows + 1, len(log.step) - 1)
+    followed = (rows + 1 < len(log.step)) & (log.step[after] == step + 1)
+    next_cell = np.where(followed, log.cells[after, k], NONE)
+    told = (next_cell != NONE) & ~np.isnan(log.reward[rows, k, 0])
+    said = log.numbers[rows, k, len(ACTION_LABELS) + ACCOUNT_LABELS.index("learned")]
+    learned = told & (not log.run.greedy)
+    if log.tracks.format > 1:
+        learned[:-1], learned[-1:] = said[1:] == 1.0, False
+        for entry in log.all_tables:
+            if entry.robot == k and count and entry.step > step[-1]:
+                learned[-1] = entry.counts.get("learned", 0) > int(learned[:-1].sum())
+    peers = _peers(log, k, step)
+    seen = np.full(peers.shape, NONE, dtype=np.int64)
+    percepts = log.tracks.percepts[k]
+    right = percepts.step[percepts.rows["count"] == 1 + peers.shape[1]]
+    if peers.size:
+        seen = np.where(
+            np.isin(step, right)[:, None], log.percept[rows[:, None], k, peers], NONE
+        ).astype(np.int64)
+        seen[(seen == NONE).any(axis=1)] = NONE
+    return Story(
+        row=rows,
+        step=step,
+        cell=log.cells[rows, k].astype(np.int64),
+        next_cell=next_cell.astype(np.int64),
+        action=log.action[rows, k].astype(np.int64),
+        move=log.move[rows, k].astype(np.int64),
+        peers=peers,
+        seen=seen,
+        told=told,
+        learned=learned,
+        reward=log.reward[rows, k],
+        partners=log.partners[rows, k],
+    )
+
+
+def _peers(log: RunLog, k: int, step: np.ndarray) -> np.ndarray:
+    """Return whom robot k asks at some time steps if it chooses COORDINATE."""
+    others = np.array([other for other in range(len(log.names)) if other != k], dtype=np.int64)
+    if log.run.scenario.peers == "all" or not len(others):
+        return np.tile(others, (len(step), 1))
+    draws = draws_at(log.run.seed, k, POLICY, step)[:, PEER]
+    return others[(draws * len(others)).astype(np.int64)][:, None]
+
+
+def due_numbers(story: Story) -> np.ndarray:
+    """Return the numbers of the logged actions as they must be, by `ACTION_LABELS`."""
+    asked = story.action == COORDINATE
+    numbers = np.zeros((len(story.step), len(ACTION_LABELS)))
+    numbers[:, :2] = np.array(EAST_NORTH)[story.move]
+    numbers[:, 2] = asked
+    if story.peers.shape[1] == 1:
+        numbers[:, 3] = np.where(asked, story.peers[:, 0] + 1, 0)
+    numbers[:, 4] = asked & (story.seen != NONE).all(axis=1) & (story.seen.shape[1] > 0)
+    return numbers
+
+
+def askers(log: RunLog, k: int) -> dict[int, list[tuple[int, int]]]:
+    """Return who asked robot k at which time step, and from which cell: those that it heard."""
+    frame = Frame(log.run)
+    heard: dict[int, list[tuple[int, int]]] = {}
+    for request in log.requests:
+        answer = request.said or request.answer
+        cell = frame.cell(*request.position)
+        if request.peer == k and cell is not None and answer and answer[0] == request.step:
+            heard.setdefault(request.step, []).append((request.asker, cell))
+    return heard
