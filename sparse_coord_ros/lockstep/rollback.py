@@ -223,8 +223,13 @@ class RobotRollback:
             self._side.go_on_from(self._fresh(), self._store.load_robot(step), None)
         return step
 
-    def obey(self, order: Order) -> bool:
-        """Go back as the world orders; return whether to say `progress` now.
+    def obey(self, order: Order, *, listens: bool = True) -> bool:
+        """Go back as the world orders; return whether to say `progress`, once it listens.
+
+        Args:
+            order: the order.
+            listens: whether it hears local states yet. If not, none can be under way to it from
+                the time that is taken back, and it takes whichever comes first.
 
         Raises:
             RunError: the checkpoint is of another run.
@@ -239,7 +244,7 @@ class RobotRollback:
         assert self._store is not None
         self._obeyed = order.name
         state = self._store.load_robot(order.step)
-        self._side.go_on_from(self._fresh(), state, order.first)
+        self._side.go_on_from(self._fresh(), state, order.first if listens else None)
         return True
 
     def progress(self) -> Progress:

@@ -36,6 +36,41 @@ class Reminder:
         self._since = None
 
 
+class Deadline:
+    """How long a robot waits for what its lock step waits for.
+
+    A peer that answers "not there yet" is no silent one: its deadline runs from its last word, but
+    never longer than the world would wait for it.
+
+    Args:
+        percept_timeout: seconds of silence.
+        step_timeout: seconds in all for a peer that says that it is behind.
+    """
+
+    def __init__(self, percept_timeout: float, step_timeout: float) -> None:
+        self._silence = percept_timeout
+        self._longest = max(percept_timeout, step_timeout)
+        self._waiting: tuple[str, int] | None = None
+        self._since = 0.0
+
+    def passed(self, waiting: tuple[str, int] | None, heard: float, now: float) -> bool:
+        """Return whether what is waited for is to be given up now; it is said once.
+
+        Args:
+            waiting: as `RobotSide.waiting`.
+            heard: when the peer that is asked was last heard.
+            now: the time.
+        """
+        if waiting is None or waiting != self._waiting:
+            self._waiting, self._since = waiting, now
+            return False
+        silent = now - max(self._since, heard)
+        if silent < self._silence and now - self._since < self._longest:
+            return False
+        self._waiting = None
+        return True
+
+
 class WorldPresence:
     """Watches the world of one run.
 

@@ -261,8 +261,13 @@ class WorldSide:
         return missing
 
     def repeat(self) -> None:
-        """Publish again what the missing robots may have lost; a robot that has it ignores it."""
-        for k in [*self.missing(), *self.absent]:
+        """Publish again what robots may have lost; one that has it ignores it.
+
+        Also to those that have arrived: they answer, and a missing robot may be waiting for that.
+        """
+        for k in self._robots:
+            if self._actions[k] is not None:
+                continue
             reward = self._rewards[k]
             if reward is not None:
                 self._port.reward(k, *reward)

@@ -28,7 +28,7 @@ from sparse_coord_ros.lockstep.checkpoints import Checkpoints
 from sparse_coord_ros.lockstep.gate import StepGate
 from sparse_coord_ros.lockstep.robot import NO_STEP, Answer, RobotSide
 from sparse_coord_ros.lockstep.rollback import ROLL_CALL, Order, RobotRollback
-from sparse_coord_ros.lockstep.waiting import Reminder
+from sparse_coord_ros.lockstep.waiting import Deadline, Reminder
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.episode_messages import CoordinationMapLayout
 from sparse_coord_ros.nodes.messages import (
@@ -91,8 +91,7 @@ class Member:
         self._reminder = Reminder()
         self.joined = False
         self._ready_since = 0.0
-        self._waiting: tuple[str, int] | None = None
-        self._waiting_since = 0.0
+        self._deadline = Deadline(run.percept_timeout, run.step_timeout)
         service = f"{node.name}/{wire.ACTIVE_PERCEPTION}"
         introspect(
             node, node.create_service(interface.ACTIVE_PERCEPTION_TYPE, service, self._on_asked)
@@ -140,7 +139,7 @@ class Member:
 
     def obey(self, order: Order) -> None:
         """Go back to a checkpoint, where the world orders it."""
-        if not self._back.obey(order):
+        if not self._back.obey(order, listens=self.joined):
             return
         if order.step != ROLL_CALL:
             self._unsaid = False
@@ -149,7 +148,8 @@ class Member:
                 peer.start_anew()
             self._node.get_logger().info(f"went back to the checkpoint of step {order.step}")
             self._say_what_is_known()
-        self.say_progress()
+        if self.joined:  # the world goes on when all have obeyed: not before this robot hears it
+            self.say_progress()
 
     def _say_what_is_known(self) -> None:
         self.publish_map(self.lockstep.handled)
@@ -287,6 +287,7 @@ class Member:
         listen(interface.REWARD, self._on_reward, name, read=convert.unpack_reward)
         listen(interface.LOCAL_STATE, self._on_state, name, read=convert.unpack_state)
         self._node.claim.join()
+        self.say_progress()
         self._node.get_logger().info(f"joined run {self.run.scenario.name}, seed {self.run.seed}")
         if not self._unsaid:
             self._say_what_is_known()
@@ -309,13 +310,11 @@ class Member:
 
     def watch_the_deadline(self, now: float) -> None:
         """Give up what has been waited for too long; send requests that could not be sent."""
-        waiting = self.lockstep.waiting
-        if waiting is None or waiting != self._waiting:
-            self._waiting, self._waiting_since = waiting, now
-        elif now - self._waiting_since >= self.run.percept_timeout:
-            self._waiting = None
-            if waiting[0] == "percept":
-                self._peers[self.lockstep.asking].gave_up()
+        asked = self._peers.get(self.lockstep.asking)
+        heard = 0.0 if asked is None else asked.heard
+        if self._deadline.passed(self.lockstep.waiting, heard, now):
+            if asked is not None:
+                asked.gave_up()
             self.lockstep.expire()
         for peer in self._peers.values():
             if peer.waits:

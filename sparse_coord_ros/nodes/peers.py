@@ -59,11 +59,15 @@ class Peer:
         node: the asking robot; its name goes into the requests.
         client: the client of the peer's service.
         answered: called with the request's step and the answer's path.
+
+    Attributes:
+        heard: when the peer answered last.
     """
 
     def __init__(self, node: Node, client: Client, answered: Callable[[int, Path], None]) -> None:
         self._answered = answered
         self._client = client
+        self.heard = 0.0
         self._request = GetPlan.Request()
         self._request.goal.header.frame_id = node.get_name()
         self._seen = False
@@ -129,6 +133,7 @@ class Peer:
         if future is self._open:
             self._open = None
         self._silent = False
+        self.heard = time.monotonic()
         self._answered(step, future.result().plan)
 
     def _forget(self) -> None:

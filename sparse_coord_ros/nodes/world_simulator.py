@@ -232,7 +232,7 @@ class WorldSimulator(ParameterNode):
         """End the hold after an order; who does not obey in time joins later."""
         late = now - self._held_since >= self.run.step_timeout
         recorded = not self.run.recorded or self._recorder_obeyed == self._back.order.name
-        if not recorded and not late:
+        if not late and not (recorded and not self._missing_nodes()):
             return
         waiting = [self._names[k] for k in self._back.waiting]
         if not self._back.go_on(whoever=late):

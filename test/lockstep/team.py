@@ -4,7 +4,8 @@
 
 Every process runs the state machines that the nodes run. Topics are FIFO queues, one for each
 publisher; which is served next is drawn. A process hears what is published while it is there, and
-of a latched topic the last message too.
+of a latched topic the last message too. A robot that comes back hears local states and rewards only
+some time later.
 """
 
 import random
@@ -23,6 +24,8 @@ QUIET = 60
 """Deliveries without a time step after which the world repeats itself."""
 PATIENCE = 600
 """Deliveries without a time step after which deadlines pass."""
+LATEST_EAR = 300
+"""Of the team's clock: after so long a robot that comes back hears the world, at the latest."""
 TOO_LONG = 60_000
 """Deliveries after which a team that has not ended has a deadlock."""
 
@@ -94,7 +97,7 @@ class WorldProcess:
     # What the node does.
 
     def start_when_complete(self):
-        if self.started or self.back.silent:
+        if self.started or self.back.silent or not self.team.all_listen:
             return
         self.started = True
         if self.resume and self.team.rolls_back:
@@ -143,6 +146,8 @@ class RobotProcess:
         self.store = Store(team.disks, number)
         self.side = RobotSide(team.run, self.fresh(), self)
         self.back = RobotRollback(self.side, self.store, self.fresh, self.life, resumed=resume)
+        self.joined = False
+        self.joins = team.clock + (team.random.randint(0, LATEST_EAR) if resume else 0)
         if resume:
             self.back.begin()
         self.say()
@@ -177,14 +182,20 @@ class RobotProcess:
         said = self.back.progress()
         self.team.publish("progress", self, WORLD, (self.number, said), latched=True)
 
+    def join(self):
+        self.joined = True
+        self.say()
+
     def on_state(self, step, cell):
-        self.side.state(step, cell)
+        if self.joined:
+            self.side.state(step, cell)
 
     def on_reward(self, step, reward):
-        self.side.reward(step, reward)
+        if self.joined:
+            self.side.reward(step, reward)
 
     def on_status(self, order):
-        if self.back.obey(order):
+        if self.back.obey(order, listens=self.joined) and self.joined:
             self.say()
 
     def on_ask(self, asker, life, step, cell):
@@ -211,6 +222,9 @@ class Team:
         checkpoint: steps between two checkpoints.
         rolls_back: the world's policy for robots that come back.
         doubled, lost: shares of the messages that come twice, or not at all.
+
+    Attributes:
+        clock: deliveries, and `QUIET` for each time that there was none to make.
     """
 
     def __init__(
@@ -233,7 +247,7 @@ class Team:
         self.disks, self.lives, self.disturbed = {}, 0, False
         self.queues, self.kept = defaultdict(deque), {}
         self.up, self.asleep = {}, set()
-        self.deliveries = self.stalled = 0
+        self.deliveries = self.clock = self.stalled = self.repeated = 0
         self.mark = None
         self.faults = []
         for who in (*range(self.robots), WORLD):
@@ -309,6 +323,11 @@ class Team:
         return self.up.get(WORLD)
 
     @property
+    def all_listen(self):
+        """Whether all robots that are up hear the world."""
+        return all(one.joined for who, one in self.up.items() if who != WORLD)
+
+    @property
     def over(self):
         return self.world is not None and self.world.started and self.world.side.finished
 
@@ -320,21 +339,27 @@ class Team:
             assert self.deliveries < TOO_LONG, "deadlock"
             while self.faults and self.faults[0][0] <= self.deliveries:
                 self.faults.pop(0)[1](self)
+            for robot in [one for who, one in self.up.items() if who != WORLD]:
+                if not robot.joined and self.clock >= robot.joins:
+                    robot.join()
             moved = self.deliver()
             world = self.world
             mark = None if world is None else (world.life, world.side.world.step)
             if mark != self.mark:
-                self.mark, self.stalled = mark, 0
-            self.stalled += 1 if moved else QUIET
+                self.mark, self.stalled, self.repeated = mark, 0, 0
+            passed = 1 if moved else QUIET
+            self.clock += passed
+            self.stalled += passed
             if self.stalled >= PATIENCE:
-                self.stalled = 0
+                self.stalled = self.repeated = 0
                 for who in list(self.up):
                     if who not in self.asleep:
                         try:
                             self.up[who].expire()
                         except KilledError:
                             self.kill(who)
-            elif world is not None and self.stalled % QUIET == 0 and not moved:
+            elif world is not None and self.stalled - self.repeated >= QUIET:
+                self.repeated = self.stalled
                 if world.started and not world.side.held and WORLD not in self.asleep:
                     world.side.repeat()
         return self

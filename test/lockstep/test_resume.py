@@ -10,6 +10,7 @@ from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.simulation import Learning, learn, tables_equal
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.lockstep.checkpoints import Checkpoints, steps_of
+from sparse_coord_ros.lockstep.rollback import Order
 
 from .team import WORLD, Team
 
@@ -67,6 +68,28 @@ def test_a_robot_that_comes_back_takes_everybody_back():
     team.play([(600, lambda t: t.kill(1)), (620, lambda t: t.start(1, resume=True))])
     assert team.world.back.taken_back == 1
     assert tables_equal(team.tables, learn(scenario, "coop", 5))
+
+
+@pytest.mark.parametrize("every", range(24, 60, 4))
+def test_a_robot_comes_back_at_any_step(every):
+    """Also where it had arrived and only answers, and hears the world long after it has come."""
+    scenario = problem("env1", perception="probability:0.7", epsilon="constant:1")
+    team = Team(scenario, 4, checkpoint=every)
+    team.play([(600, lambda t: t.kill(1)), (620, lambda t: t.start(1, resume=True))])
+    assert (team.world.back.taken_back, team.disturbed) == (1, False)
+    assert tables_equal(team.tables, learn(scenario, "coop", 5))
+
+
+def test_who_obeys_before_it_listens_takes_any_state():
+    """None can be under way to it from the time that is taken back."""
+    team = Team(problem("env1"), 4).play()
+    robot = team.up[1]
+    assert robot.back.obey(Order("order", 0, 1), listens=False)
+    robot.side.state(3, 5)
+    assert robot.side.newest == (3, 5)
+    assert robot.back.obey(Order("another", 0, 1))
+    robot.side.state(3, 5)
+    assert robot.side.taken_back == 1
 
 
 def test_a_robot_that_begins_anew_is_counted():

@@ -4,7 +4,7 @@
 
 import pytest
 
-from sparse_coord_ros.lockstep.waiting import Reminder, WorldPresence
+from sparse_coord_ros.lockstep.waiting import Deadline, Reminder, WorldPresence
 
 
 @pytest.fixture
@@ -82,3 +82,26 @@ def test_a_reminder_comes_every_five_seconds_of_one_wait():
     assert due == [0, 0, 5, 0, 10]
     reminder.over()
     assert [reminder.due(now) for now in (11, 15.9, 16)] == [0, 0, 5]
+
+
+@pytest.mark.parametrize(
+    ("heard", "at"),
+    [((), 2.0), ((0.5, 1.5), 3.5), (tuple(range(1, 60)), 5.0)],
+    ids=["a silent peer", "one that falls silent", "one that always says: not there yet"],
+)
+def test_a_peer_that_is_behind_is_waited_for_longer(heard, at):
+    deadline, question = Deadline(2.0, 5.0), ("percept", 9)
+    last, now = 0.0, 0.0
+    while not deadline.passed(question, last, now):
+        now += 0.5
+        last = max([last, *(one for one in heard if one <= now)])
+    assert now == at
+    assert not deadline.passed(question, last, now), "it is said once"
+
+
+def test_a_new_question_has_its_own_deadline():
+    deadline = Deadline(2.0, 5.0)
+    assert not deadline.passed(("percept", 9), 0.0, 0.0)
+    assert not deadline.passed(("percept", 10), 0.0, 2.5)
+    assert not deadline.passed(("percept", 10), 0.0, 4.0)
+    assert deadline.passed(("percept", 10), 0.0, 4.5)

@@ -248,6 +248,14 @@ def test_repeat_reaches_the_absent(world, port):
     assert port.take() == [("state", 1, 2, 3)]  # it did not act: no reward to repeat
 
 
+def test_repeat_reaches_who_has_arrived_and_answers(world, port):
+    arrive(world)
+    port.take()
+    world.repeat()
+    step, (one, other) = world.world.step, world.world.cells
+    assert {("state", 0, step, one), ("state", 1, step, other)} <= set(port.take())
+
+
 def test_repeat_in_a_new_episode_says_no_old_reward(world, port):
     play(world, DOWN, DOWN)
     world.action(0, 2, DOWN)

@@ -79,7 +79,8 @@ def test_another_run_is_refused(tmp_path):
 
 
 def by_hand(start_node, out, **more):
-    world = {**values(out, **more), "rate": 400.0, "recorded": False}
+    patient = {"percept_timeout": 8.0, "step_timeout": 15.0}  # a loaded machine is no silence
+    world = {**values(out, **patient, **more), "rate": 400.0, "recorded": False}
     del world["claim_window"]
     nodes = {"world_simulator": start_node("world_simulator", "world_simulator", **world)}
     for name in ("robot_1", "robot_2"):

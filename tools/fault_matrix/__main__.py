@@ -40,7 +40,10 @@ MOMENTS: dict[str, list[str]] = {
 saves each 25 steps is often caught at it."""
 
 BEGIN, END = "<!-- fault matrix: begin -->", "<!-- fault matrix: end -->"
-HEAD = "| process | signal | moment | ends | exit code | lost | tables | verify |"
+HEAD = (
+    "| process | signal | moment | ends | exit code | lost | tables | verify |",
+    "|---|---|---|--:|--:|---|---|---|",
+)
 LIMIT = 120.0
 
 
@@ -150,8 +153,8 @@ def trial(cell: Cell, folder: Path, chance: random.Random) -> list[str]:
     return [
         cell.who,
         cell.number,
-        cell.moment + first,
-        f"{took:.1f} s",
+        cell.moment,
+        f"{took:.1f} s{first}",
         str(code),
         lost,
         tables,
@@ -179,15 +182,20 @@ def main() -> int:
     parser.add_argument("--moment", choices=MOMENTS, action="append")
     parser.add_argument("--seconds", type=float, default=1e9, help="begin no cell after so long")
     parser.add_argument(
-        "--document", type=Path, help="put the table into this page, between marks"
+        "--document",
+        type=Path,
+        help="put the rows into the table of this page; what it has already is not run again",
     )
+    parser.add_argument("--again", action="store_true", help="run also what the page has")
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     chance, began = random.Random(options.seed), time.monotonic()
-    lines = [HEAD, "|---|---|---|--:|--:|---|---|---|"]
+    rows = {} if options.document is None else rows_of(options.document)
     for cell in cells():
         chosen = zip((options.who, options.signal, options.moment), cell, strict=True)
         if not all(wanted is None or said in wanted for wanted, said in chosen):
+            continue
+        if cell in rows and not options.again:
             continue
         if time.monotonic() - began > options.seconds:
             break
@@ -196,16 +204,26 @@ def main() -> int:
                 row = trial(cell, Path(folder), chance)
             except subprocess.TimeoutExpired:
                 row = [*cell, f"> {LIMIT:.0f} s", "-", "-", "-", "-"]
-        lines.append(f"| {' | '.join(row)} |")
-        print(lines[-1], flush=True)
-    if options.document is not None:
-        text = options.document.read_text(encoding="utf-8")
-        head, rest = text.split(BEGIN)
-        tail = rest.split(END)[1]
-        table = "\n".join(lines)
-        text = f"{head}{BEGIN}\n{table}\n{END}{tail}"
-        options.document.write_text(text, encoding="utf-8")
+        rows[cell] = f"| {' | '.join(row)} |"
+        print(rows[cell], flush=True)
+        if options.document is not None:
+            write_rows(options.document, rows)
     return 0
+
+
+def rows_of(page: Path) -> dict[Cell, str]:
+    """Return the rows of a page's table."""
+    table = page.read_text(encoding="utf-8").partition(BEGIN)[2].partition(END)[0]
+    lines = table.strip().splitlines()[len(HEAD) :]
+    return {Cell(*(word.strip() for word in line.split("|")[1:4])): line for line in lines}
+
+
+def write_rows(page: Path, rows: dict[Cell, str]) -> None:
+    """Put rows into a page's table, in the order of `cells`."""
+    head, _, rest = page.read_text(encoding="utf-8").partition(BEGIN)
+    table = [*HEAD, *(rows[cell] for cell in cells() if cell in rows)]
+    text = "\n".join((BEGIN, *table, END))
+    page.write_text(f"{head}{text}{rest.partition(END)[2]}", encoding="utf-8")
 
 
 if __name__ == "__main__":
