@@ -4,7 +4,7 @@
 
 Every process runs the state machines that the nodes run. Topics are FIFO queues, one for each
 publisher; which is served next is drawn. A process hears what is published while it is there, and
-of a latched topic the last message too. A robot that comes back hears local states and rewards only
+of a latched topic the last message too. A robot that comes back hears states and rewards only
 some time later.
 """
 

@@ -8,7 +8,7 @@ import pytest
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.srv import GetPlan
 
-from sparse_coord_ros.lockstep.waiting import WorldPresence
+from sparse_coord_ros.lockstep.waiting import Deadline, WorldPresence
 from sparse_coord_ros.nodes.member import Member
 from sparse_coord_ros.nodes.peers import Clients, Peer
 from sparse_coord_ros.nodes.robot import LAST_WORDS_SECONDS, RobotNode
@@ -129,20 +129,14 @@ def test_the_deadline_of_what_is_waited_for():
     lockstep = SimpleNamespace(
         waiting=("percept", 4), asking=1, expire=lambda: done.append("expired")
     )
-    peer = SimpleNamespace(gave_up=lambda: done.append("gave up"), waits=False)
-    member = SimpleNamespace(
-        lockstep=lockstep,
-        run=SimpleNamespace(percept_timeout=1.0),
-        _waiting=None,
-        _waiting_since=0.0,
-        _peers={1: peer},
-    )
+    peer = SimpleNamespace(gave_up=lambda: done.append("gave up"), waits=False, heard=0.0)
+    member = SimpleNamespace(lockstep=lockstep, _deadline=Deadline(1.0, 5.0), _peers={1: peer})
     Member.watch_the_deadline(member, 10.0)
     Member.watch_the_deadline(member, 10.9)
     assert done == []
     Member.watch_the_deadline(member, 11.0)
     assert done == ["gave up", "expired"]
-    lockstep.waiting = ("reward", 4)
+    lockstep.waiting, lockstep.asking = ("reward", 4), -1
     Member.watch_the_deadline(member, 11.1)
     Member.watch_the_deadline(member, 12.0)
     assert done == ["gave up", "expired"]
