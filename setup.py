@@ -92,6 +92,8 @@ setup(
             "recorder = sparse_coord_ros.executables:recorder",
             "team = sparse_coord_ros.executables:team",
             "watch = sparse_coord_ros.executables:watch",
+            "driver = sparse_coord_ros.executables:driver",
+            "body = sparse_coord_ros.executables:body",
             "player = sparse_coord_ros.executables:player",
             "sparse_coord = sparse_coord_ros.executables:sparse_coord",
         ]

@@ -39,8 +39,12 @@ def is_true(text):
     return text.lower() in ("true", "yes", "on", "1")
 
 
-def team(context):
-    """Return the nodes; the launch ends with the world, and fails where a node failed."""
+def members(context, more=None, remappings=()):
+    """Return the team's nodes, the world's first, and what they share.
+
+    `more` are further parameters of the world. What is shared is a list of parameters, and the
+    arguments of `Node`.
+    """
     given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
     record, simulated = is_true(given["record"]), is_true(given["use_sim_time"])
     scenario = load_scenario(given["scenario"])
@@ -49,8 +53,8 @@ def team(context):
         raise RuntimeError(f"out: {out} exists already, nothing is overwritten; choose another")
     namespace = given["namespace"].strip("/")
     place = {"package": PACKAGE, "namespace": namespace, "output": "screen"}
-    if namespace:
-        place["remappings"] = [("/clock", f"/{namespace}/clock")]
+    if namespace or remappings:
+        place["remappings"] = [*remappings] or [("/clock", f"/{namespace}/clock")]
     common = [given["params_file"]] if given["params_file"] else []
     common.append({"use_sim_time": simulated})
     world = {
@@ -70,6 +74,7 @@ def team(context):
             for name, value in world.items()
             if name in ("scenario", "out", "recorded") or given[name] != ARGUMENTS[name][0]
         }
+    world |= more or {}
     nodes = [Node(executable="world_simulator", parameters=[*common, world], **place)]
     nodes += [
         Node(executable="robot", name=robot.name, parameters=[*common, {"out": out}], **place)
@@ -78,8 +83,14 @@ def team(context):
     if record:
         bag = {"out": str(Path(out) / "bag")}
         nodes.append(Node(executable="recorder", parameters=[*common, bag], **place))
+    return nodes, common, place
+
+
+def team(context):
+    """Return the nodes; the launch ends with the world, and fails where a node failed."""
+    nodes, _, _ = members(context)
     view = []
-    if is_true(given["rviz"]):
+    if is_true(LaunchConfiguration("rviz").perform(context)):
         try:
             get_package_prefix("rviz2")
         except PackageNotFoundError:

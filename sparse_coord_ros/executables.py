@@ -35,6 +35,16 @@ def player() -> int:
     return _start("sparse_coord_ros.nodes.player", STOPPED)
 
 
+def driver() -> int:
+    """Run the node `driver`."""
+    return _start("sparse_coord_ros.nodes.driver", STOPPED)
+
+
+def body() -> int:
+    """Run the node `body`."""
+    return _start("sparse_coord_ros.nodes.body", STOPPED)
+
+
 def watch() -> int:
     """Run the node `watch`."""
     return _start("sparse_coord_ros.nodes.watch", STOPPED)

@@ -20,6 +20,7 @@ VERBS: Mapping[str, str] = {
     "run": "let a team learn live over ROS 2 nodes, topics and services, recorded to MCAP",
     "train": "learn without ROS: the same computation, the same bits",
     "evaluate": "evaluate learned tables by Monte-Carlo trials, as in the paper, or exactly",
+    "drive": "drive a learned team through a simulator of bodies, in metres and seconds",
     "optimum": "compute the exact joint optimum: full joint state and action, no cost of asking; "
     "the exact worth of fixed shortest paths; and the best team of Algorithm 1's form",
     "doctor": "look whether all is here that a run needs, and say what to do where it is not",

@@ -92,6 +92,17 @@ SERVICE_EVENTS = Topic(
 )
 """What rclpy publishes of the requests to a robot and of its answers."""
 
+ERRAND = Topic("errand", "sensor_msgs/msg/JointState", TEAM, LATCHED, stamped=True)
+"""Where bodies are to go, of a world with bodies; see `lockstep.bodies`."""
+
+REACHED = Topic("reached", "sensor_msgs/msg/JointState", ROBOT, EVENT, stamped=True)
+"""Of a robot's driver: where the body is when its errand is over."""
+
+POSE = Topic("pose", "geometry_msgs/msg/PoseStamped", ROBOT, STEP, stamped=True)
+ODOMETRY = Topic("odom", "nav_msgs/msg/Odometry", ROBOT, STEP, stamped=True)
+CMD_VEL = Topic("cmd_vel", "geometry_msgs/msg/Twist", ROBOT, EVENT)
+"""Of bodies: where they are, by their localisation and by their wheels; what they are to do."""
+
 ROSOUT = Topic("/rosout", "rcl_interfaces/msg/Log", TEAM, EVENT)
 PARAMETER_EVENTS = Topic("/parameter_events", "rcl_interfaces/msg/ParameterEvent", TEAM, EVENT)
 
@@ -126,6 +137,14 @@ with which the robot was in the miscoordination."""
 
 ACTION_LABELS = ("east", "north", "coordinate", "peer", "perceived")
 """What the numbers of an action are called in its message."""
+
+ERRAND_LABELS = ("number", "place")
+COURSE_LABELS = ("from", "to")
+"""What the numbers of an errand are called in its message: first its own, then for each robot that
+it tells something the cells, below the robot's name: `robot_1/from`, `robot_1/to`."""
+
+REACHED_LABELS = ("number", "cell", "there", "seconds")
+"""What the numbers of a driver's report are called in its message; cell -1: in none."""
 
 ACCOUNT_LABELS = ("percept", "learned")
 """What the robot says of itself in the same message, after the action: how the percept ended, one

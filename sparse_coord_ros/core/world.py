@@ -205,8 +205,7 @@ class World:
             action = actions[k]
             if action is None or self.arrived[k]:
                 continue
-            if self._motion[k].at(self.step)[0] < scenario.move_success:
-                cells[k] = self._next_cell[cells[k]][action.move]
+            cells[k] = self.led(k, action.move)
             if cells[k] == goals[k]:
                 arrivals.append(k)
         miscoordination = self.in_conflict()
@@ -226,6 +225,13 @@ class World:
         self.miscoordinations += miscoordination
         over = all(self.arrived) or self.step - self._episode_start >= self.max_steps
         return StepOutcome(tuple(rewards), miscoordination, tuple(arrivals), over)
+
+    def led(self, k: int, move: int) -> int:
+        """Return the cell in which a move of agent k ends in this time step."""
+        cell = self.cells[k]
+        if self._motion[k].at(self.step)[0] < self.scenario.move_success:
+            cell = self._next_cell[cell][move]
+        return cell
 
     def in_conflict(self) -> bool:
         """Whether the joint state is a miscoordination: r^C falls on every agent."""

@@ -135,6 +135,11 @@ class WorldSide:
         """Whether the barrier is open: all robots that are waited for have acted."""
         return not self.missing() and any(action is not None for action in self._actions)
 
+    @property
+    def actions(self) -> tuple[Action | None, ...]:
+        """The joint action as far as it is in; None where a robot has not acted."""
+        return tuple(self._actions)
+
     def missing(self) -> list[int]:
         """Return the robots whose actions the world waits for."""
         return [

@@ -34,10 +34,13 @@ from sparse_coord_ros.core.wire import (
     ACCOUNT_LABELS,
     ACTION_LABELS,
     CLAIM_RANKS,
+    COURSE_LABELS,
     DOORWAYS,
+    ERRAND_LABELS,
     GOALS,
     MAP_FRAME,
     PARTNERS_LABEL,
+    REACHED_LABELS,
     REWARD_LABELS,
     ROBOTS,
     ROLLBACK,
@@ -46,6 +49,7 @@ from sparse_coord_ros.core.wire import (
     STATUS_VALUES,
 )
 from sparse_coord_ros.core.world import Action, Reward
+from sparse_coord_ros.lockstep.bodies import LOST, Course, Errand, Reached
 from sparse_coord_ros.lockstep.rollback import NO_ORDER, Order, Progress
 from sparse_coord_ros.nodes.cdr import FixedLayout
 from sparse_coord_ros.nodes.interface import RosTopic
@@ -338,6 +342,71 @@ def read_progress(message: DiagnosticStatus) -> Progress:
         values["obeyed"],
         values["resumed"] == "1",
     )
+
+
+def errand_message(convert: Converter, errand: Errand, names: Sequence[str]) -> JointState:
+    """Return what bodies are told as a message; names of the robots."""
+    labels = list(ERRAND_LABELS)
+    numbers = [float(errand.number), float(errand.place)]
+    for robot, *cells in errand.courses:
+        labels += [f"{names[robot]}/{label}" for label in COURSE_LABELS]
+        numbers += map(float, cells)
+    return JointState(header=convert.header(errand.step), name=labels, position=numbers)
+
+
+def read_errand(convert: Converter, names: Sequence[str], message: JointState) -> Errand:
+    """Return what bodies are told.
+
+    Raises:
+        ValueError: it is malformed, or of other robots or cells.
+    """
+    _check_frame(message.header)
+    said = _by_label(message)
+    number, place = _whole(said, "number", 1, 2**53), _whole(said, "place", 0, 1)
+    cells = len(convert.grid.cells)
+    courses = []
+    for k, name in enumerate(names):
+        if f"{name}/{COURSE_LABELS[0]}" in said:
+            ends = [_whole(said, f"{name}/{label}", 0, cells - 1) for label in COURSE_LABELS]
+            courses.append(Course(k, *ends))
+    stamp = message.header.stamp
+    step = convert.checked_step(stamp.sec, stamp.nanosec)
+    return Errand(number, step, bool(place), tuple(courses))
+
+
+def reached_message(convert: Converter, step: int, reached: Reached) -> JointState:
+    """Return a driver's report as a message."""
+    numbers = list(map(float, reached[1:]))
+    return JointState(header=convert.header(step), name=list(REACHED_LABELS), position=numbers)
+
+
+def read_reached(convert: Converter, robot: int, message: JointState) -> Reached:
+    """Return the report of a robot's driver.
+
+    Raises:
+        ValueError: it is malformed, or of another map.
+    """
+    _check_frame(message.header)
+    said = _by_label(message)
+    number = _whole(said, "number", 1, 2**53)
+    cell = _whole(said, "cell", LOST, len(convert.grid.cells) - 1)
+    seconds = said.get("seconds", 0.0)
+    if not 0.0 <= seconds < math.inf:
+        raise ValueError(f"seconds is {seconds:g}")
+    return Reached(robot, number, cell, said.get("there") == 1.0, seconds)
+
+
+def _by_label(message: JointState) -> dict[str, float]:
+    if len(message.name) != len(message.position) or len(set(message.name)) < len(message.name):
+        raise ValueError("its labels and numbers do not belong together")
+    return dict(zip(message.name, message.position, strict=True))
+
+
+def _whole(said: Mapping[str, float], label: str, low: int, high: int) -> int:
+    value = said.get(label, math.nan)
+    if not low <= value <= high or value != int(value):
+        raise ValueError(f"{label} is {value:g}, no whole number from {low} to {high}")
+    return int(value)
 
 
 def read_claim(header: Header) -> tuple[str, int]:

@@ -24,6 +24,7 @@ from sparse_coord_ros.core.run_config import RUN_SETTINGS, RunConfig, make_run
 from sparse_coord_ros.core.scenario import SETTINGS, Scenario, load_scenario, scenario_names
 from sparse_coord_ros.core.settings import Setting, SettingTable, parse_assignments
 from sparse_coord_ros.core.wire import RECORDER, WORLD
+from sparse_coord_ros.driving.trials import BODY_SETTINGS, DRIVER_SETTINGS, SLIPS
 from sparse_coord_ros.errors import RunError, SettingError, SparseCoordError, failure_of
 from sparse_coord_ros.lockstep.waiting import Reminder
 from sparse_coord_ros.nodes.interface import RECORDING as RECORDING_TOPIC
@@ -141,6 +142,18 @@ WORLD_PARAMETERS = SettingTable(
             "seconds that the world stands still for lost robots before it ends; 0: for ever",
             low=0,
         ),
+        Setting(
+            "bodies", bool, False, "the robots have bodies: each step waits for their drivers"
+        ),
+        SLIPS,
+        Setting(
+            "body_timeout",
+            float,
+            60.0,
+            "seconds without a driver's report until its robot's move counts as not made; 0: for "
+            "ever",
+            low=0,
+        ),
         STARTUP_TIMEOUT,
         CLAIM_WINDOW,
         EXECUTOR,
@@ -180,7 +193,57 @@ TEAM_PARAMETERS = SettingTable(
     }.values()
 )
 
-ALL_NAMES = (*TEAM_PARAMETERS, *RECORDER_PARAMETERS, *SETTINGS)
+TF = "tf"
+POSE_TYPES = ("pose", "pose_with_covariance", "odometry", TF)
+DRIVER_PARAMETERS = SettingTable(
+    [
+        Setting("robot", str, "", "whose body to drive: the robot's name"),
+        *DRIVER_SETTINGS.values(),
+        Setting(
+            "pose_type",
+            str,
+            "pose",
+            "what says where the body is: the topic <robot>/pose as PoseStamped, "
+            "PoseWithCovarianceStamped or Odometry, or the transform to base_frame",
+            choices=POSE_TYPES,
+        ),
+        Setting("map_frame", str, "map", "the frame of the poses; it must be that of the map"),
+        Setting("base_frame", str, "", "of the body, for tf; empty: <robot>/base_link"),
+        Setting(
+            "pose_timeout",
+            float,
+            1.0,
+            "seconds without a pose until a body that drives is stopped; 0: for ever",
+            low=0,
+        ),
+        WORLD_TIMEOUT,
+        STARTUP_TIMEOUT,
+        EXECUTOR,
+    ]
+)
+BODY_PARAMETERS = SettingTable(
+    [
+        *BODY_SETTINGS.values(),
+        Setting(
+            "body_rate",
+            float,
+            0.0,
+            "simulated seconds a second; 0: in step with the drivers, as fast as they are",
+            low=0,
+            high=1000,
+        ),
+        Setting("clock", bool, False, "publish the simulated time of the bodies on /clock"),
+        Setting("paths", str, "", "file for where the bodies drove (.npz); empty: none"),
+        WORLD_TIMEOUT,
+        STARTUP_TIMEOUT,
+        EXECUTOR,
+    ]
+)
+
+ALL_NAMES = (
+    *(*TEAM_PARAMETERS, *RECORDER_PARAMETERS, *DRIVER_PARAMETERS, *BODY_PARAMETERS),
+    *SETTINGS,
+)
 """Of the parameters of all nodes of a team: one file, or a launch file's group, may give them to
 each of them, which takes its own."""
 

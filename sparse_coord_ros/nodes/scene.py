@@ -162,18 +162,21 @@ class ScenePublisher:
         node: the world's node.
         publisher: of the topic `scene`.
         scene: the scene.
+        frames: whether to publish transforms.
 
     Attributes:
         actions: the newest action of each robot, as bytes.
     """
 
-    def __init__(self, node: Node, publisher: Any, scene: Scene) -> None:
+    def __init__(self, node: Node, publisher: Any, scene: Scene, *, frames: bool = True) -> None:
         self._publisher, self._scene = publisher, scene
         self._last = float("-inf")
         self.actions: dict[int, bytes] = {}
         namespace = node.get_namespace().strip("/")
         self._prefix = f"{namespace}/" if namespace else ""
         self._tf: Any = None
+        if not frames:
+            return
         try:
             from tf2_msgs.msg import TFMessage
         except ImportError:

@@ -25,6 +25,7 @@ from sparse_coord_ros.core.tables import TEAM_FILE, robot_file
 from sparse_coord_ros.core.wire import RECORDER, WORLD
 from sparse_coord_ros.core.world import Action, Reward
 from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.lockstep.bodies import BodiesSide, BodyWorld, Errand, Reached
 from sparse_coord_ros.lockstep.checkpoints import Checkpoints
 from sparse_coord_ros.lockstep.rollback import NO_ORDER, Progress, WorldRollback
 from sparse_coord_ros.lockstep.waiting import Reminder
@@ -36,9 +37,11 @@ from sparse_coord_ros.nodes.intake import Intake
 from sparse_coord_ros.nodes.messages import (
     CLOCK_LAYOUT,
     Converter,
+    errand_message,
     order_text,
     read_claim,
     read_progress,
+    read_reached,
     status,
     typed,
 )
@@ -62,6 +65,9 @@ from sparse_coord_ros.nodes.parameters import (
 from sparse_coord_ros.nodes.scene import Scene, ScenePublisher
 from sparse_coord_ros.nodes.spin import run_node, tidy_shared_memory, wait_for_readers
 from sparse_coord_ros.nodes.tap import Tap
+
+DRIVER = "driver"
+"""The executable that drives a body."""
 
 TICK_SECONDS = 0.02
 REPORT_SECONDS = 1.0
@@ -110,7 +116,15 @@ class WorldSimulator(ParameterNode):
         self._map = MapLayout(self._convert)
         self._markers = MarkersLayout(self._convert, self.run.scenario)
         self._names = [robot.name for robot in self.run.scenario.robots]
-        self.lockstep = WorldSide(self.run, self)
+        game = None
+        self._bodies: BodiesSide | None = None
+        if self.values["bodies"]:
+            game = BodyWorld(self.run.scenario, self.run.seed, slips=self.values["slips"])
+            self._bodies = BodiesSide(game, self)
+        self._body_reminder = Reminder()
+        self._bodies_heard = 0.0
+        self._single = False
+        self.lockstep = WorldSide(self.run, self, game)
         self._back = WorldRollback(self.lockstep, None, len(self._names))
         self._recorder_obeyed = NO_ORDER
         self._held_since = 0.0
@@ -163,7 +177,25 @@ class WorldSimulator(ParameterNode):
             with saving(self):
                 self._checkpoints.save_world(state)
 
+    def send(self, errand: Errand) -> None:
+        """Tell the bodies where to go."""
+        self._bodies_heard = time.monotonic()
+        self._errand_publisher.publish(errand_message(self._convert, errand, self._names))
+
     # Incoming.
+
+    def _on_reached(self, reached: Reached) -> None:
+        """Take in where a body is; with the last one the step is made."""
+        if self._bodies is None or not self._started or self._over:
+            return
+        self._bodies_heard = time.monotonic()
+        there = self._bodies.reached(reached)
+        if there and self.lockstep.complete and self._goes_on():
+            self._advance()
+
+    def _goes_on(self) -> bool:
+        """Whether a step that can be made is made at once."""
+        return self._single or (not self._paused and self.values["rate"] == 0)
 
     def _read_action(self, robot: int, data: bytes) -> tuple[int, Action]:
         said = self._convert.unpack_action(data)
@@ -269,6 +301,7 @@ class WorldSimulator(ParameterNode):
         response.message = "the run is not under way, or a robot has not acted yet"
         if response.success:
             response.message = f"step {self.lockstep.world.step}"
+            self._single = True
             self._advance()
         if not self.done:
             self._say_state(self._running_state())
@@ -361,6 +394,8 @@ class WorldSimulator(ParameterNode):
             limit = self.values["startup_timeout"]
             if 0 < limit < now - self.born:
                 command = f"robot --ros-args -r __node:={missing[0]}"
+                if missing[0].startswith(DRIVER):
+                    command = missing[0]
                 if RECORDER in missing:
                     command = f"{RECORDER} (the robots wait for it too)"
                 raise RunError(
@@ -393,6 +428,9 @@ class WorldSimulator(ParameterNode):
             speaks = self._action_subscriptions[k].get_publisher_count() > 0
             if not speaks or not all(self.heard_by(publisher, [name]) for publisher in own):
                 missing.append(name)
+        for name, subscription in zip(self._names, self._reached_subscriptions, strict=False):
+            if subscription.get_publisher_count() == 0:
+                missing.append(f"{DRIVER} --ros-args -p robot:={name}")
         if self.run.recorded and not all(self.heard_by(p, [RECORDER]) for p in publishers):
             missing.append(RECORDER)
         return missing
@@ -400,6 +438,8 @@ class WorldSimulator(ParameterNode):
     def _watch_the_barrier(self, now: float) -> None:
         if self.values["rate"] > 0 and not self._paused:
             self._keep_the_rate()
+        if self._bodies is not None:
+            self._wait_for_bodies(self._bodies, now)
         silent = now - self._since
         if self.lockstep.complete and self.values["rate"] == 0 and not self._paused:
             self._advance()  # the rate was set to 0 while the team waited for its next step
@@ -464,8 +504,38 @@ class WorldSimulator(ParameterNode):
             self._publish_markers()
 
     def _advance(self) -> None:
+        """Make the step; of a world with bodies when they are there, else they are sent."""
+        if self._bodies is not None and not self._bodies.made(self.lockstep.actions):
+            return
+        self._single = False
         self.lockstep.advance()
         self._end_when_finished()
+
+    def _wait_for_bodies(self, bodies: BodiesSide, now: float) -> None:
+        """Say for whose bodies the step waits; what takes too long counts as not moved."""
+        if not bodies.waiting:
+            self._body_reminder.over()
+            return
+        names = ", ".join(self._names[k] for k in bodies.waiting)
+        cells = ", ".join(self._place_of(k) for k in bodies.waiting)
+        where = f" to be at {cells}" if bodies.placing else ""
+        self.remind(self._body_reminder, f"the bodies of {names}{where}")
+        limit = self.values["body_timeout"]
+        if bodies.placing or not 0 < limit <= now - self._bodies_heard:
+            return
+        self._bodies_heard = now
+        bodies.give_up()
+        self.get_logger().warning(
+            f"step {self.lockstep.world.step}: no report from the driver of {names} for "
+            f"{limit:g} s (body_timeout): taken for not moved",
+            throttle_duration_sec=5.0,
+        )
+        if self.lockstep.complete and self._goes_on():
+            self._advance()
+
+    def _place_of(self, robot: int) -> str:
+        x, y = self._convert.centres[self.lockstep.world.cells[robot]]
+        return f"({x:g}, {y:g})"
 
     def _end_when_finished(self) -> None:
         if self.lockstep.finished and not self.done:
@@ -506,6 +576,16 @@ class WorldSimulator(ParameterNode):
         world = self.lockstep.world
         seconds = self._seconds if self._seconds > 0 else 0.0
         made = max(0, world.transitions - self._begun_with)  # by this process, not before it
+        bodies = self._bodies
+        moved = (
+            {}
+            if bodies is None
+            else {
+                "moves_failed": bodies.failed,
+                "bodies_lost": bodies.lost,
+                "body_seconds": round(bodies.seconds, 3),
+            }
+        )
         return {
             "transitions": world.transitions,
             "episodes": world.episode + 1,
@@ -519,6 +599,7 @@ class WorldSimulator(ParameterNode):
             "messages_dropped": self.intake.total,
             "executor": self.values["executor"],
             "rate": self.values["rate"],
+            **moved,
             "seconds": round(seconds, 3),
             "steps_per_second": round(made / seconds, 1) if seconds else 0.0,
         }
@@ -589,7 +670,8 @@ class WorldSimulator(ParameterNode):
         self._map_publisher = self.announce(interface.MAP)
         self._marker_publisher = self.announce(interface.MARKERS)
         scene = Scene(self._convert, self._names)
-        self._scene = ScenePublisher(self, self.announce(interface.SCENE), scene)
+        frames = self._bodies is None  # else the bodies say where they are
+        self._scene = ScenePublisher(self, self.announce(interface.SCENE), scene, frames=frames)
         self._diagnostics_publisher = self.announce(interface.DIAGNOSTICS)
         self._state_publishers = [self.announce(interface.LOCAL_STATE, n) for n in self._names]
         self._reward_publishers = [self.announce(interface.REWARD, n) for n in self._names]
@@ -602,6 +684,20 @@ class WorldSimulator(ParameterNode):
             )
             for robot, name in enumerate(self._names)
         ]
+        self._reached_subscriptions = []
+        if self._bodies is not None:
+            self._errand_publisher = self.announce(interface.ERRAND)
+            self._reached_subscriptions = [
+                self.intake.listen(
+                    interface.REACHED,
+                    self._on_reached,
+                    name,
+                    read=typed(
+                        interface.REACHED, functools.partial(read_reached, self._convert, robot)
+                    ),
+                )
+                for robot, name in enumerate(self._names)
+            ]
         read = typed(interface.CLAIM, read_claim)
         for robot, name in enumerate(self._names):
             then = functools.partial(self._on_claim, robot)

@@ -51,9 +51,13 @@ def python(code):
         ("runlog", 10, {"core", "engine", "recording", "runlog"}),
         ("watch", 6, {"core", "engine", "recording", "runlog", "view", "watch"}),
         ("engine", 17, {"core", "engine"}),
+        ("driving", 6, {"core", "driving", "lockstep"}),
         ("floorplan", 4, {"core", "floorplan"}),
         ("doctor", 5, {"core", "doctor"}),
-        ("view", 3, {"core", "engine", "recording", "runlog", "view"}),
+        (
+            *("view", 3),
+            {"core", "driving", "engine", "lockstep", "recording", "runlog", "view"},
+        ),
     ],
 )
 def test_imports_without_ros_and_nothing_from_above(package, modules, may_use):

@@ -1,0 +1,168 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`sparse_coord drive`: a learned team driven through the simulator of bodies, without ROS."""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.cli import pictures
+from sparse_coord_ros.core.evaluation import Trials, play
+from sparse_coord_ros.core.run_config import RUN_SETTINGS, RunConfig, load_run
+from sparse_coord_ros.core.settings import Setting, parse_assignments
+from sparse_coord_ros.core.tables import load_team
+from sparse_coord_ros.driving.trials import DRIVE_SETTINGS, Drive, drive
+from sparse_coord_ros.files import write_whole
+
+EPISODES = Setting("episodes", int, 100, "episodes", low=2, high=1_000_000)
+FOLLOWED = Setting("followed", int, 10, "episodes in the picture", low=1, high=1000)
+DPI = 110
+KINDS = (".png", ".svg", ".pdf")
+
+
+def add_parser(verbs) -> None:
+    """Add the verb."""
+    parser = shared.add_verb(
+        verbs,
+        "drive",
+        example="sparse_coord train env1 --out runs/a && sparse_coord drive runs/a --out a.png",
+    )
+    parser.add_argument("directory", metavar="DIR", type=Path, help="output of run or train")
+    parser.add_argument(
+        "--episodes", default="100", help="greedy episodes from the starts (default: 100)"
+    )
+    parser.add_argument("--seed", default="0", help="seed of every random draw (default: 0)")
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        dest="assignments",
+        help="change a setting of the bodies; may be repeated: "
+        + "; ".join(f"{s.name}: {s.help} (default: {s.default})" for s in DRIVE_SETTINGS.values()),
+    )
+    parser.add_argument("--out", type=Path, metavar="FILE", help="draw the paths over the map")
+    parser.add_argument(
+        "--followed", default="10", help="episodes in the picture, the first ones (default: 10)"
+    )
+    parser.add_argument(
+        "--plan",
+        type=Path,
+        metavar="MAP.yaml",
+        help="the building's map, as map_server reads it, to draw the paths on",
+    )
+    shared.add_json(parser)
+    parser.set_defaults(execute=execute)
+
+
+def execute(options: argparse.Namespace) -> int:
+    """Run the verb."""
+    episodes = EPISODES.parse(options.episodes)
+    seed = RUN_SETTINGS["seed"].parse(options.seed)
+    followed = FOLLOWED.parse(options.followed) if options.out is not None else 0
+    kind = "" if options.out is None else pictures.check_out(options.out, KINDS)
+    given = DRIVE_SETTINGS.parse(parse_assignments(options.assignments))
+    values = {**DRIVE_SETTINGS.defaults(), **given}
+    run = load_run(options.directory)
+    tables = load_team(options.directory, run.scenario)
+    say, tenth = pictures.Progress(), max(1, episodes // 10)
+    driven = drive(
+        run,
+        tables,
+        episodes=episodes,
+        seed=seed,
+        values=values,
+        followed=followed,
+        progress=lambda done: say(f"{done} of {episodes} driven") if done % tenth == 0 else None,
+    )
+    grid = play(run.scenario, tables, trials=episodes, seed=seed, learner=run.rule)
+    facts = facts_of(run, driven, grid, values["speed"])
+    if options.out is not None:
+        _draw(options, kind, run, driven)
+    if options.json:
+        shared.print_json({"scenario": run.scenario.name, "seed": seed, **facts})
+        return 0
+    print(table_of(run, facts))
+    if options.out is not None:
+        print(f"written: {options.out}")
+    return 0
+
+
+def facts_of(run: RunConfig, driven: Drive, grid: Trials, speed: float) -> dict:
+    """Return what `drive` prints, as plain data.
+
+    The grid's prediction of an episode's seconds is its steps, each a cell's way at full speed.
+    """
+    episodes, robots = driven.arrived.shape
+    straight = run.resolution / speed
+    last = grid.time_to_goal.max(axis=1)
+    return {
+        "episodes": episodes,
+        "arrived": int(driven.arrived.all(axis=1).sum()),
+        "arrived_in_grid": int(grid.arrived.all(axis=1).sum()),
+        "time_to_goal": float(driven.times.mean()),
+        "time_to_goal_in_grid": float(grid.time_to_goal.mean()),
+        "seconds": float(driven.seconds.mean()),
+        "seconds_in_grid": float(straight * last.mean()),
+        "seconds_a_step": float(driven.seconds.sum() / driven.steps.sum()),
+        "seconds_a_cell": straight,
+        "miscoordinations": int(driven.miscoordinations.sum()),
+        "miscoordinations_in_grid": int(grid.miscoordinations.sum()),
+        "touches_in_doorways": int(driven.in_doorways.sum()),
+        "touches_elsewhere": int(driven.elsewhere.sum()),
+        "bumps": driven.bumps,
+        "asks": float(driven.asks.mean()),
+        "asks_in_grid": float(grid.asks.mean()),
+        "moves": driven.moves,
+        "moves_failed": driven.failed,
+        "bodies_lost": driven.lost,
+        "drift": float(np.mean(driven.drift)),
+        "robots": robots,
+    }
+
+
+def table_of(run: RunConfig, facts: dict) -> str:
+    """Return the table that `drive` prints."""
+    episodes = facts["episodes"]
+
+    def both(name: str, form: str) -> list[str]:
+        return [format(facts[name], form), format(facts[f"{name}_in_grid"], form)]
+
+    rows = [
+        ["all arrived", *(f"{n} of {episodes}" for n in both("arrived", "d"))],
+        ["steps to the goal", *both("time_to_goal", ".2f")],
+        ["seconds of an episode", *both("seconds", ".1f")],
+        ["seconds of a step", f"{facts['seconds_a_step']:.2f}", f"{facts['seconds_a_cell']:.2f}"],
+        ["asks of a robot in an episode", *both("asks", ".2f")],
+        ["steps that end with two in a doorway", *both("miscoordinations", "d")],
+        ["bodies that touched in a doorway", str(facts["touches_in_doorways"]), "-"],
+        ["bodies that touched elsewhere", str(facts["touches_elsewhere"]), "-"],
+        ["bodies that touched a wall", str(facts["bumps"]), "-"],
+        ["moves that did not get there", f"{facts['moves_failed']} of {facts['moves']}", "-"],
+        ["metres of drift of the odometry", f"{facts['drift']:.2f}", "-"],
+    ]
+    head = [f"{run.scenario.name}, {episodes} episodes", "driven", "by the grid"]
+    return shared.format_table(head, rows)
+
+
+def _draw(options: argparse.Namespace, kind: str, run: RunConfig, driven: Drive) -> None:
+    with pictures.drawing():
+        from sparse_coord_ros.engine.report.figures import rendered
+        from sparse_coord_ros.floorplan.image import read_floor_plan
+        from sparse_coord_ros.floorplan.preview import SHADES
+        from sparse_coord_ros.view.paths import paths_figure
+
+        under = None
+        if options.plan is not None:
+            plan = read_floor_plan(options.plan)
+            shade = np.full(plan.free.shape, SHADES["unknown"], dtype=np.uint8)
+            shade[plan.free], shade[plan.occupied] = SHADES["free"], SHADES["occupied"]
+            x, y = plan.origin
+            high, wide = (count * plan.resolution for count in plan.free.shape)
+            under = (shade, (x, x + wide, y, y + high))
+        episodes = 1 + max((moment.episode for moment in driven.path), default=0)
+        title = f"{run.scenario.name}: {episodes} episodes driven"
+        figure = paths_figure(run, driven, title, plan=under)
+        write_whole(options.out, rendered(figure, kind, DPI))

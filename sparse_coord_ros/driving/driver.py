@@ -1,0 +1,139 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""One body's driver as a state machine: errands and poses in, commands and reports out."""
+
+import math
+
+from sparse_coord_ros.driving.ground import Ground, Pose
+from sparse_coord_ros.driving.steering import STOP, Command, Limits, distance, steer
+from sparse_coord_ros.lockstep.bodies import LOST, Course, Errand, Reached
+
+SLACK = 1e-6
+"""Seconds: stamps are whole nanoseconds."""
+
+BACK = 1.0
+"""Seconds that poses may be older than the newest one; what is older yet is of a new clock."""
+
+ASTRAY = 0.25
+"""Share of a cell that a body may be off the line to its next place before it goes back to it."""
+
+
+class Driver:
+    """Drives one robot's body from cell to cell.
+
+    A body is in the free cell whose square its pose lies in; off the grid, in the nearest one
+    within a cell's side. It is where it was to go when it is near its place there. When time is
+    over the body stops, and the cell that it is in counts: it has stayed, or drifted.
+
+    Args:
+        ground: the floor.
+        limits: what the body may do.
+        robot: whose body, from 0.
+
+    Attributes:
+        pose: the newest pose; None: none has come.
+        ignored: poses that were no places, or older than one before.
+    """
+
+    def __init__(self, ground: Ground, limits: Limits, robot: int) -> None:
+        self._ground, self._limits, self._robot = ground, limits, robot
+        self._errand: Errand | None = None
+        self._course: Course | None = None
+        self._way: list[tuple[float, float]] | None = None
+        self._began: float | None = None
+        self._seconds: float | None = None
+        self._answered: float | None = None
+        self.pose: Pose | None = None
+        self.ignored = 0
+
+    @property
+    def busy(self) -> bool:
+        """Whether an errand is under way."""
+        return self._course is not None
+
+    def take(self, errand: Errand) -> None:
+        """Take an errand; one that is under way is given up. Then ask what is `next`."""
+        if self._errand is not None and errand.number == self._errand.number:
+            return
+        self._errand = errand
+        mine = [course for course in errand.courses if course.robot == self._robot]
+        self._course = mine[0] if mine else None
+        self._way = self._began = self._answered = None
+
+    def sees(self, seconds: float, pose: Pose) -> None:
+        """Take in a pose and its time, in seconds of any clock; then ask what is `next`."""
+        before = seconds if self._seconds is None else self._seconds
+        late = 0.0 < before - seconds <= BACK
+        if late or not all(map(math.isfinite, (seconds, *pose))):
+            self.ignored += 1
+            return
+        if seconds < before:
+            self._began = None
+        self._seconds, self.pose = seconds, pose
+
+    def next(self) -> tuple[Command | None, Reached | None]:
+        """Return what the body is to do now, and how the errand ended if it has.
+
+        None for both where there is nothing to do, or nothing new was seen since.
+        """
+        course, errand, pose, now = self._course, self._errand, self.pose, self._seconds
+        if course is None or errand is None or pose is None or now is None:
+            return None, None
+        if errand.place:
+            place = self._ground.place(self._robot, course.end)
+            close = distance(pose, place) <= self._ground.side / 2
+            if not (close or self._ground.inside(course.end, pose.x, pose.y)):
+                return None, None  # whoever puts it there is not done
+            return None, self._end(errand, course, pose, now, there=True)
+        if now == self._answered:
+            return None, None
+        self._answered = now
+        if self._began is None:
+            self._began = now
+        if self._way is None:
+            self._way = self._find_way(course, pose)
+        way, near = self._way, self._limits.near
+        while len(way) > 1 and distance(pose, way[0]) <= near:
+            way.pop(0)
+        if distance(pose, way[0]) <= near:
+            return STOP, self._end(errand, course, pose, now, there=True)
+        if now - self._began >= self._limits.seconds - SLACK:
+            return STOP, self._end(errand, course, pose, now, there=False)
+        return steer(pose, way[0], self._limits), None
+
+    def _end(
+        self, errand: Errand, course: Course, pose: Pose, now: float, *, there: bool
+    ) -> Reached:
+        cell = self._ground.cell(pose.x, pose.y)
+        took = 0.0 if self._began is None else now - self._began
+        self._course = None
+        return Reached(
+            self._robot, errand.number, LOST if cell is None else cell, there, round(took, 9)
+        )
+
+    def _find_way(self, course: Course, pose: Pose) -> list[tuple[float, float]]:
+        """Return the places to pass, the goal last: through free cells, wherever the body is."""
+        ground, robot = self._ground, self._robot
+        goal = ground.place(robot, course.end)
+        here = ground.cell(pose.x, pose.y)
+        if here is None or here == course.end:
+            return [goal]
+        grid = ground.grid
+        if course.end in grid.next_cell[here].tolist():
+            place = ground.place(robot, here)
+            astray = _off_line(pose, place, goal) > ASTRAY * ground.side
+            return [place, goal] if astray else [goal]
+        ways = grid.distances_to(course.end)
+        if ways[here] < 0:
+            return [goal]
+        cells = [here]
+        while cells[-1] != course.end:
+            cells.append(min(grid.next_cell[cells[-1]].tolist(), key=lambda x: int(ways[x])))
+        return [ground.place(robot, cell) for cell in cells]
+
+
+def _off_line(pose: Pose, start: tuple[float, float], end: tuple[float, float]) -> float:
+    """Return the metres from a pose to the line through two places."""
+    dx, dy = end[0] - start[0], end[1] - start[1]
+    length = math.hypot(dx, dy)
+    return abs(dx * (pose.y - start[1]) - dy * (pose.x - start[0])) / length

@@ -1,0 +1,316 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Learned teams driven through the simulator of bodies, without ROS: episodes to count in.
+
+World, drivers and bodies are the same state machines that the nodes are made of, in step.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from sparse_coord_ros.core.agent import Tables
+from sparse_coord_ros.core.evaluation import acting_on, check_tables
+from sparse_coord_ros.core.learners import learner_of
+from sparse_coord_ros.core.run_config import RunConfig
+from sparse_coord_ros.core.settings import Setting, SettingTable
+from sparse_coord_ros.core.simulation import Team
+from sparse_coord_ros.core.streams import EVALUATION
+from sparse_coord_ros.driving.arena import ELSEWHERE, IN_DOORWAY, Arena, Noise, Touch
+from sparse_coord_ros.driving.driver import Driver
+from sparse_coord_ros.driving.ground import Ground
+from sparse_coord_ros.driving.steering import Limits, move_seconds
+from sparse_coord_ros.lockstep.bodies import BodiesSide, BodyWorld, Errand, Reached
+
+DRIVER_SETTINGS = SettingTable(
+    [
+        Setting(
+            "radius",
+            float,
+            0.0,
+            "of the robot's body, in metres, less than half a cell; 0: 0.15 of a cell",
+            low=0,
+        ),
+        Setting("speed", float, 0.5, "metres a second, at most", low=1e-3, high=100),
+        Setting("turn", float, 1.5, "radians a second, at most", low=1e-3, high=100),
+        Setting(
+            "near",
+            float,
+            0.05,
+            "cells from the middle of its lane within which the body is there",
+            low=1e-3,
+            high=0.4,
+        ),
+        Setting(
+            "step_seconds",
+            float,
+            0.0,
+            "how long a move may take, by the stamps of the poses; 0: twice as long as a cell's "
+            "way and half a turn, and 3 s",
+            low=0,
+        ),
+    ]
+)
+"""What a driver is told of its robot's body."""
+
+BODY_SETTINGS = SettingTable(
+    [
+        DRIVER_SETTINGS["radius"],
+        Setting("period", float, 0.1, "simulated seconds a tick", low=1e-3, high=1.0),
+        Setting(
+            "wheel_noise",
+            float,
+            0.1,
+            "standard deviation of a wheel's speed, as a share of it",
+            low=0,
+            high=1.0,
+        ),
+        Setting(
+            "pose_noise",
+            float,
+            0.01,
+            "standard deviation of a localised position, in metres, and of the yaw, in radians",
+            low=0,
+            high=10.0,
+        ),
+    ]
+)
+"""What the simulator of bodies is told."""
+
+SLIPS = Setting(
+    "slips",
+    bool,
+    True,
+    "moves also fail at random, as in the grid (move_success); false: only where bodies fail",
+)
+
+DRIVE_SETTINGS = SettingTable({**DRIVER_SETTINGS, **BODY_SETTINGS, "slips": SLIPS}.values())
+"""All that `drive` is told of bodies."""
+
+
+def limits_of(values: dict, side: float) -> Limits:
+    """Return what a body may do.
+
+    Args:
+        values: `DRIVER_SETTINGS`.
+        side: metres a cell.
+    """
+    seconds = values["step_seconds"] or move_seconds(side, values["speed"], values["turn"])
+    return Limits(values["speed"], values["turn"], values["near"] * side, seconds)
+
+
+class Moment(NamedTuple):
+    """Where all bodies are at a time.
+
+    Attributes:
+        episode: number of the episode, from 0.
+        seconds: the simulated time.
+        places: (x, y) of each body, in metres.
+    """
+
+    episode: int
+    seconds: float
+    places: tuple[tuple[float, float], ...]
+
+
+@dataclass
+class Drive:
+    """What came of driven episodes; E episodes of K robots.
+
+    Attributes:
+        steps: time steps of each episode, shape (E,).
+        seconds: simulated seconds of each episode, shape (E,).
+        arrived: whether each robot arrived within the horizon, shape (E, K).
+        times: steps until it arrived; the horizon where it did not; shape (E, K).
+        miscoordinations: steps that ended with two robots in one doorway, shape (E,).
+        in_doorways, elsewhere: how often bodies began to touch each other there, shape (E,).
+        asks: how often robots chose COORDINATE, shape (E, K).
+        moves: moves that bodies were sent on, in all.
+        failed: of these, moves that ended in another cell than they were to.
+        lost: of these, moves after which a body was in no cell.
+        bumps: how often bodies drove against walls, in all.
+        drift: metres between odometry and body at each episode's end, shape (E, K).
+        path: where bodies were at each tick of the episodes that were followed.
+        touches: where bodies began to touch each other, in all episodes.
+    """
+
+    steps: np.ndarray
+    seconds: np.ndarray
+    arrived: np.ndarray
+    times: np.ndarray
+    miscoordinations: np.ndarray
+    in_doorways: np.ndarray
+    elsewhere: np.ndarray
+    asks: np.ndarray
+    drift: np.ndarray
+    moves: int = 0
+    failed: int = 0
+    lost: int = 0
+    bumps: int = 0
+    path: list[Moment] = field(default_factory=list)
+    touches: list[Touch] = field(default_factory=list)
+
+
+class Floor:
+    """World, drivers and bodies in one process.
+
+    Args:
+        run: the run.
+        values: `DRIVER_SETTINGS` and `BODY_SETTINGS`, typed.
+        seed: of the bodies' noise.
+        world: the game.
+
+    Attributes:
+        bodies: who sends the bodies.
+        arena: where they are.
+        drivers: one a robot.
+        moves: how many moves bodies were sent on.
+        on_tick: None, or called after each tick.
+    """
+
+    def __init__(self, run: RunConfig, values: dict, seed: int, world: BodyWorld) -> None:
+        robots = len(run.scenario.robots)
+        ground = Ground(run, values["radius"])
+        limits = limits_of(values, ground.side)
+        noise = Noise(values["wheel_noise"], values["pose_noise"])
+        self.bodies = BodiesSide(world, self)
+        self.arena = Arena(ground, robots, seed, noise, values["period"])
+        self.drivers = [Driver(ground, limits, k) for k in range(robots)]
+        self.moves = 0
+        self.on_tick: Callable[[], None] | None = None
+        self._errands: list[Errand] = []
+
+    def send(self, errand: Errand) -> None:
+        """Take in what bodies are told."""
+        self._errands.append(errand)
+        self.moves += 0 if errand.place else len(errand.courses)
+
+    def drive(self) -> None:
+        """Let the bodies drive until all are there."""
+        while self._errands:
+            errand = self._errands.pop(0)
+            if self.arena.send(errand):
+                self._look()
+            for driver in self.drivers:
+                driver.take(errand)
+            going = True
+            while going:
+                going = self._answer()
+
+    def _answer(self) -> bool:
+        """Ask each driver once; return whether one of them did anything."""
+        did = False
+        for k, driver in enumerate(self.drivers):
+            command, reached = driver.next()
+            ticked = False
+            if reached is not None:
+                ticked = self.arena.reached(k, reached.number)
+                self._report(reached)
+            elif command is not None:
+                ticked = self.arena.told(k, command)
+            if ticked:
+                self._look()
+                if self.on_tick is not None:
+                    self.on_tick()
+            did |= command is not None or reached is not None
+        return did
+
+    def _report(self, reached: Reached) -> None:
+        self.bodies.reached(reached)
+
+    def _look(self) -> None:
+        for body, driver in zip(self.arena.bodies, self.drivers, strict=True):
+            driver.sees(self.arena.seconds, body.seen())
+
+
+def drive(
+    run: RunConfig,
+    tables: Sequence[Tables],
+    *,
+    episodes: int,
+    seed: int,
+    values: dict,
+    followed: int = 0,
+    progress: Callable[[int], None] = lambda done: None,
+) -> Drive:
+    """Drive a learned team through greedy episodes from the scenario's starts.
+
+    Args:
+        run: the run that learned them.
+        tables: the tables of every robot.
+        episodes: how many.
+        seed: of every draw: the team's and the grid's as in an evaluation, and the bodies'.
+        values: `DRIVE_SETTINGS`, typed.
+        followed: of so many episodes, the first ones, the path is kept.
+        progress: called with the number of episodes that are done.
+
+    Raises:
+        SparseCoordError: tables that do not fit, bodies that do not fit.
+    """
+    scenario = run.scenario
+    check_tables(scenario, tables, run.learner)
+    agents = [
+        learner_of(run.learner or acting_on(table)).agent(
+            scenario, k, seed, tables=table, learning=False, phase=EVALUATION
+        )
+        for k, table in enumerate(tables)
+    ]
+    world = BodyWorld(
+        scenario, seed, slips=values["slips"], phase=EVALUATION, max_steps=scenario.horizon
+    )
+    floor = Floor(run, values, seed, world)
+    team = Team(scenario, seed, agents, phase=EVALUATION)
+    shape = (episodes, len(tables))
+    count = np.zeros(episodes, dtype=np.int64)
+    out = Drive(
+        steps=count.copy(),
+        seconds=np.zeros(episodes),
+        arrived=np.zeros(shape, dtype=bool),
+        times=np.full(shape, scenario.horizon),
+        miscoordinations=count.copy(),
+        in_doorways=count.copy(),
+        elsewhere=count.copy(),
+        asks=np.zeros(shape, dtype=np.int64),
+        drift=np.zeros(shape),
+    )
+    for episode in range(episodes):
+        world.begin_episode()
+        floor.on_tick = None
+        if episode < followed:
+
+            def keep(episode: int = episode) -> None:
+                places = tuple(body.pose[:2] for body in floor.arena.bodies)
+                out.path.append(Moment(episode, floor.arena.seconds, places))
+
+            floor.on_tick = keep
+        touched = len(floor.arena.touches)
+        before = floor.bodies.seconds
+        over = False
+        while not over:
+            _, actions = team.act(world)
+            while not floor.bodies.made(actions):
+                floor.drive()
+            outcome = world.advance(actions)
+            over = outcome.episode_over
+            out.steps[episode] += 1
+            out.miscoordinations[episode] += outcome.miscoordination
+            for k, action in enumerate(actions):
+                out.asks[episode, k] += action is not None and action.asked
+            for k in outcome.arrived:
+                out.times[episode, k] = out.steps[episode]
+        out.seconds[episode] = floor.bodies.seconds - before
+        out.arrived[episode] = world.arrived
+        places = [touch.where for touch in floor.arena.touches[touched:]]
+        out.in_doorways[episode] = places.count(IN_DOORWAY)
+        out.elsewhere[episode] = places.count(ELSEWHERE)
+        out.drift[episode] = [
+            np.hypot(body.pose.x - body.odometry.x, body.pose.y - body.odometry.y)
+            for body in floor.arena.bodies
+        ]
+        progress(episode + 1)
+    out.moves, out.failed, out.lost = floor.moves, floor.bodies.failed, floor.bodies.lost
+    out.touches = floor.arena.touches
+    out.bumps = sum(body.bumps for body in floor.arena.bodies)
+    return out

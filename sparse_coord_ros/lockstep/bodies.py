@@ -1,0 +1,238 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Bodies between the barrier and the step: sent first, and the step is made when they are there.
+
+`BodyWorld` is the game that bodies play: where a move leads is where the body says it is.
+`BodiesSide` sends them: when every robot has acted, each body that moves is told its cell; when
+all have said where they are, the world makes the step. A body that does not get there has stayed.
+
+At an episode's begin bodies are to be at the episode's first cells. A simulator puts them there;
+real ones are brought there by whoever can, and the world waits.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
+
+from sparse_coord_ros.core.scenario import Scenario
+from sparse_coord_ros.core.streams import LEARNING
+from sparse_coord_ros.core.world import Action, World
+
+LOST = -1
+"""In place of a cell: the body is in none."""
+
+
+class Course(NamedTuple):
+    """Where one body is to go.
+
+    Attributes:
+        robot: whose body, from 0.
+        start: the cell in which the game has it.
+        end: the cell that it is to be in.
+    """
+
+    robot: int
+    start: int
+    end: int
+
+
+class Errand(NamedTuple):
+    """What bodies are told at once.
+
+    Attributes:
+        number: counts from 1; what is reported of an older one is of no use any more.
+        step: the time step.
+        place: bodies are to be there to begin with, however they come there, and take their time.
+        courses: of the bodies that are told something, in the robots' order.
+    """
+
+    number: int
+    step: int
+    place: bool
+    courses: tuple[Course, ...]
+
+
+class Reached(NamedTuple):
+    """How one body's errand ended.
+
+    Attributes:
+        robot: whose body, from 0.
+        number: the errand's.
+        cell: the free cell that the body is in; `LOST` where it is in none.
+        there: whether it came where it was to go.
+        seconds: how long it took, by the clock of its poses.
+    """
+
+    robot: int
+    number: int
+    cell: int
+    there: bool
+    seconds: float
+
+
+class BodiesPort(Protocol):
+    """What the world can do to bodies."""
+
+    def send(self, errand: Errand) -> None:
+        """Tell the bodies."""
+
+
+class BodyWorld(World):
+    """The Markov game of a scenario, played by bodies.
+
+    Args:
+        scenario: the problem.
+        seed: the run's seed.
+        slips: moves also fail at random, as in the grid and with its draws: the body is told to
+            stay. So a learned team meets the world that it knows, and bodies that always get
+            there play the grid's game, bit for bit.
+        phase, max_steps: as of `World`.
+
+    Attributes:
+        there: the cell of each robot after the step that is about to be made.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        seed: int,
+        *,
+        slips: bool = True,
+        phase: int = LEARNING,
+        max_steps: int | None = None,
+    ) -> None:
+        super().__init__(scenario, seed, phase=phase, max_steps=max_steps)
+        self.slips = slips
+        self.there = list(self.cells)
+
+    def wanted(self, k: int, move: int) -> int:
+        """Return the cell that robot k's body is to go to; its own one where the move slips."""
+        if self.slips:
+            return super().led(k, move)
+        return int(self.scenario.map.next_cell[self.cells[k], move])
+
+    def led(self, k: int, move: int) -> int:
+        """Return the cell in which the body of robot k is."""
+        return self.there[k]
+
+
+class BodiesSide:
+    """Sends bodies for a `BodyWorld`.
+
+    Bodies that are in each other's way are sent one after the other: see `waves`.
+
+    Args:
+        world: the game.
+        port: how bodies are told.
+
+    Attributes:
+        failed: moves that did not get there.
+        lost: of these, moves after which the body was in no cell, or nobody knew where.
+        seconds: how long the steps took, in all, by the clock of the poses.
+    """
+
+    def __init__(self, world: BodyWorld, port: BodiesPort) -> None:
+        self._world, self._port = world, port
+        self._step: int | None = None
+        self._expected: list[int] | None = None
+        self._placing = False
+        self._ahead: list[tuple[Course, ...]] = []
+        self._under_way: dict[int, Course] = {}
+        self._number = 0
+        self._longest = 0.0
+        self.failed = 0
+        self.lost = 0
+        self.seconds = 0.0
+
+    @property
+    def waiting(self) -> list[int]:
+        """The robots whose bodies are waited for."""
+        return sorted(self._under_way)
+
+    @property
+    def placing(self) -> bool:
+        """Whether bodies are waited for at the cells in which the episode begins or goes on."""
+        return self._placing
+
+    def made(self, actions: Sequence[Action | None]) -> bool:
+        """Whether the world can make its step; where it has just come to it, bodies are sent.
+
+        Args:
+            actions: the joint action, complete.
+        """
+        world = self._world
+        if self._step != world.step:
+            self._step, self._ahead = world.step, []
+            self._under_way, self._longest = {}, 0.0
+            left = self._expected
+            self._expected = world.there = list(world.cells)
+            if left != world.there:  # an episode begins, or goes on after a break
+                here = tuple(Course(k, cell, cell) for k, cell in enumerate(world.cells))
+                self._send(here, place=True)
+            courses = [
+                Course(k, world.cells[k], world.wanted(k, action.move))
+                for k, action in enumerate(actions)
+                if action is not None and not world.arrived[k]
+            ]
+            self._ahead += waves(courses, world.scenario.map.doorways)
+        self._go_on()
+        return not self._under_way
+
+    def reached(self, said: Reached) -> bool:
+        """Take in where a body is; return whether the world may go on."""
+        course = self._under_way.get(said.robot)
+        if course is None or said.number != self._number:
+            return False
+        del self._under_way[said.robot]
+        if not self._placing:
+            self._longest = max(self._longest, said.seconds)
+            self._settle(course, said.cell)
+        self._go_on()
+        return not self._under_way
+
+    def give_up(self) -> list[int]:
+        """Count the bodies that are waited for as not moved, and return whose they are."""
+        late = self.waiting
+        for k in late:
+            self._settle(self._under_way.pop(k), LOST)
+        self._go_on()
+        return late
+
+    def _settle(self, course: Course, cell: int) -> None:
+        self.failed += cell != course.end
+        self.lost += cell == LOST
+        self._world.there[course.robot] = course.start if cell == LOST else cell
+
+    def _go_on(self) -> None:
+        """Send those that come next when all others are there."""
+        while not self._under_way:
+            self.seconds, self._longest, self._placing = self.seconds + self._longest, 0.0, False
+            if not self._ahead:
+                return
+            self._send(self._ahead.pop(0))
+
+    def _send(self, courses: tuple[Course, ...], *, place: bool = False) -> None:
+        self._number += 1
+        self._placing = place
+        self._under_way = {course.robot: course for course in courses}
+        self._port.send(Errand(self._number, self._world.step, place, courses))
+
+
+def waves(courses: Sequence[Course], doorways: frozenset[int]) -> list[tuple[Course, ...]]:
+    """Return the courses in the order in which bodies can drive them; who stays gets none.
+
+    A cell is entered when who leaves it is out, and by one at a time: first by who comes out of a
+    doorway. Where bodies change places, who comes out of a doorway goes first, and else all do.
+    """
+    ahead = sorted(
+        (course for course in courses if course.end != course.start),
+        key=lambda course: (course.start not in doorways, course.robot),
+    )
+    found = []
+    while ahead:
+        leaving = {course.start for course in ahead}
+        out = [c for c in ahead if c.start in doorways and c.end not in doorways]
+        ready = [c for c in ahead if c.end not in leaving] or out or ahead
+        first = {course.end: course for course in reversed(ready)}.values()
+        found.append(tuple(sorted(first)))
+        ahead = [course for course in ahead if course not in first]
+    return found

@@ -1,0 +1,213 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The body node: a kinematic simulator of all the robots' bodies of a run."""
+
+import functools
+import math
+import sys
+import time
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped, Twist
+from nav_msgs.msg import Odometry
+from rclpy.context import Context
+from rclpy.publisher import Publisher
+from rosgraph_msgs.msg import Clock
+
+from sparse_coord_ros.core.frame import SECOND
+from sparse_coord_ros.core.run_config import RunConfig
+from sparse_coord_ros.core.wire import MAP_FRAME
+from sparse_coord_ros.driving.arena import ELSEWHERE, IN_DOORWAY, Arena, Noise
+from sparse_coord_ros.driving.ground import Ground, Pose
+from sparse_coord_ros.driving.steering import Command
+from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.lockstep.bodies import Errand, Reached
+from sparse_coord_ros.nodes import interface
+from sparse_coord_ros.nodes.follower import Follower
+from sparse_coord_ros.nodes.messages import Converter, read_errand, read_reached, status, typed
+from sparse_coord_ros.nodes.parameters import BODY_PARAMETERS
+from sparse_coord_ros.nodes.spin import run_node
+
+AGAIN_SECONDS = 0.5
+"""After this silence poses are published again: a driver that has just come has none."""
+
+BEGIN = SECOND
+"""Nanoseconds of the simulated time at the begin; a stamp of 0 would say nothing."""
+
+MOST_MOMENTS = 1_000_000
+"""Ticks of which the paths are kept."""
+
+
+class BodyNode(Follower):
+    """Hears what bodies are to do (Twist), and says where they are (PoseStamped, Odometry).
+
+    Args:
+        context: the ROS context.
+        namespace: the team's namespace.
+        values: parameters given by the program; None: by the command line.
+
+    Raises:
+        SparseCoordError: a bad parameter, a body that does not fit its cells.
+    """
+
+    def __init__(
+        self,
+        *,
+        context: Context,
+        namespace: str = "",
+        values: Mapping[str, Any] | None = None,
+    ) -> None:
+        super().__init__(
+            "body", BODY_PARAMETERS, context=context, namespace=namespace, values=values
+        )
+        self.arena: Arena | None = None
+        self._said = time.monotonic()
+        self._paths: list[list[float]] = []
+        self._time_publisher: Publisher | None = None
+        if self.values["clock"]:
+            self._time_publisher = self.announce(interface.CLOCK)
+        if self.values["paths"] and Path(self.values["paths"]).suffix != ".npz":
+            self.destroy_node()
+            raise RunError(
+                f"parameter paths: value is {self.values['paths']!r}, allowed: a file .npz"
+            )
+
+    def begin(self, run: RunConfig) -> None:
+        """Put the bodies at the scenario's starts."""
+        names = [robot.name for robot in run.scenario.robots]
+        self._names = names
+        ground = Ground(run, self.values["radius"])
+        noise = Noise(self.values["wheel_noise"], self.values["pose_noise"])
+        arena = Arena(ground, len(names), run.seed, noise, self.values["period"])
+        arena.put({k: robot.start for k, robot in enumerate(run.scenario.robots)})
+        self.arena = arena
+        self._diagnostics = self.announce(interface.DIAGNOSTICS)
+        self._pose_publishers = [self.announce(interface.POSE, name) for name in names]
+        self._odometry_publishers = [self.announce(interface.ODOMETRY, name) for name in names]
+        convert = Converter(run)
+        read = typed(interface.ERRAND, functools.partial(read_errand, convert, names))
+        self.intake.listen(interface.ERRAND, self._on_errand, read=read)
+        for k, name in enumerate(names):
+            take = functools.partial(self._on_command, k)
+            self.intake.listen(interface.CMD_VEL, take, name, read=typed(interface.CMD_VEL, _told))
+            read = typed(interface.REACHED, functools.partial(read_reached, convert, k))
+            self.intake.listen(interface.REACHED, self._on_reached, name, read=read)
+        if self.values["body_rate"] > 0:
+            self.create_timer(self.values["period"] / self.values["body_rate"], self._on_time)
+        self._say(arena, look=True)
+
+    def _on_errand(self, errand: Errand) -> None:
+        if self.arena is None:
+            return
+        if self.values["body_rate"] == 0:
+            if self.arena.send(errand):
+                self._say(self.arena, look=True)
+        elif errand.place:
+            self.arena.put({course.robot: course.end for course in errand.courses})
+
+    def _on_command(self, robot: int, command: Command) -> None:
+        if self.arena is None:
+            return
+        if self.values["body_rate"] > 0:
+            self.arena.bodies[robot].command = command
+        elif self.arena.told(robot, command):
+            self._say(self.arena, look=True)
+
+    def _on_reached(self, reached: Reached) -> None:
+        if self.arena is None or self.values["body_rate"] > 0:
+            return
+        if self.arena.reached(reached.robot, reached.number):
+            self._say(self.arena, look=True)
+
+    def _on_time(self) -> None:
+        if self.arena is not None:
+            self.arena.tick()
+            self._say(self.arena, look=True)
+
+    def _say(self, arena: Arena, *, look: bool) -> None:
+        """Publish where the bodies are; `look`: they are looked at anew, else as last time."""
+        self._said = time.monotonic()
+        if look:
+            self._looks = [body.seen() for body in arena.bodies]
+            if self.values["paths"] and len(self._paths) < MOST_MOMENTS:
+                places = [number for body in arena.bodies for number in body.pose]
+                self._paths.append([arena.seconds, *places])
+        sec, nanosec = divmod(BEGIN + round(arena.seconds * SECOND), SECOND)
+        if self._time_publisher is not None:
+            clock = Clock()
+            clock.clock.sec, clock.clock.nanosec = sec, nanosec
+            self._time_publisher.publish(clock)
+        for k, body in enumerate(arena.bodies):
+            seen = PoseStamped()
+            seen.header.frame_id = MAP_FRAME
+            seen.header.stamp.sec, seen.header.stamp.nanosec = sec, nanosec
+            _write(seen.pose, self._looks[k])
+            odometry = Odometry(header=seen.header, child_frame_id=f"{self._names[k]}/base_link")
+            odometry.header.frame_id = f"{self._names[k]}/odom"
+            _write(odometry.pose.pose, body.odometry)
+            odometry.twist.twist.linear.x, odometry.twist.twist.angular.z = body.command
+            self._odometry_publishers[k].publish(odometry)
+            seen.header.frame_id = MAP_FRAME
+            self._pose_publishers[k].publish(seen)
+
+    def go_on(self, now: float) -> None:
+        """Say again where the bodies are, where nobody drives."""
+        stands = now - self._said >= AGAIN_SECONDS
+        if self.arena is not None and stands and self.values["body_rate"] == 0:
+            self._say(self.arena, look=False)
+
+    def report(self) -> None:
+        """Publish how often bodies touched each other and the walls."""
+        message = DiagnosticArray()
+        message.status = [status(f"{self.get_name()}: bodies", "driving", self.summary())]
+        self._diagnostics.publish(message)
+
+    def summary(self) -> dict[str, Any]:
+        """Return what happened, as plain data."""
+        arena = self.arena
+        if arena is None:
+            return {}
+        where = Counter(touch.where for touch in arena.touches)
+        return {
+            "seconds": round(arena.seconds, 3),
+            "touches_in_doorways": where[IN_DOORWAY],
+            "touches_elsewhere": where[ELSEWHERE],
+            "bumps": sum(body.bumps for body in arena.bodies),
+        }
+
+    def finish(self, *, interrupted: bool) -> None:
+        """Say what happened, and write the paths."""
+        if self.arena is None:
+            return
+        said = ", ".join(f"{name} {value}" for name, value in self.summary().items())
+        self.get_logger().info(f"bodies: {said}")
+        if self.values["paths"]:
+            rows = np.array(self._paths)
+            places = rows[:, 1:].reshape(len(rows), len(self._names), 3)
+            np.savez_compressed(self.values["paths"], seconds=rows[:, 0], poses=places)
+
+
+def _told(message: Twist) -> Command:
+    command = Command(message.linear.x, message.angular.z)
+    if not all(map(math.isfinite, command)):
+        raise ValueError(f"a speed is no finite number: {command}")
+    return command
+
+
+def _write(pose: Any, where: Pose) -> None:
+    pose.position.x, pose.position.y = where.x, where.y
+    pose.orientation.z, pose.orientation.w = math.sin(where.yaw / 2), math.cos(where.yaw / 2)
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node `body`."""
+    return run_node(lambda context: BodyNode(context=context), args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

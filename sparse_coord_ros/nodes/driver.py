@@ -1,0 +1,225 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The driver node: takes a robot's moves to its body, and says which cell the body is in."""
+
+import functools
+import sys
+import time
+from collections.abc import Mapping
+from typing import Any
+
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist
+from nav_msgs.msg import Odometry
+from rclpy.context import Context
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+from sparse_coord_ros.core.run_config import RunConfig
+from sparse_coord_ros.driving.driver import Driver
+from sparse_coord_ros.driving.ground import Ground, Pose
+from sparse_coord_ros.driving.steering import STOP, Command
+from sparse_coord_ros.driving.transforms import Tree, yaw_of
+from sparse_coord_ros.driving.trials import limits_of
+from sparse_coord_ros.errors import RunError, SettingError, did_you_mean
+from sparse_coord_ros.lockstep.bodies import Errand
+from sparse_coord_ros.lockstep.waiting import Reminder
+from sparse_coord_ros.nodes import interface
+from sparse_coord_ros.nodes.follower import Follower
+from sparse_coord_ros.nodes.messages import Converter, reached_message, read_errand, typed
+from sparse_coord_ros.nodes.parameters import DRIVER_PARAMETERS, TF
+from sparse_coord_ros.nodes.spin import run_node, wait_for_readers
+
+POSES_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""Of poses and odometry of real robots: hears publishers of any reliability."""
+
+TF_QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+STATIC_QOS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+TYPES: dict[str, tuple[Any, Any]] = {
+    "pose": (PoseStamped, lambda message: message.pose),
+    "pose_with_covariance": (PoseWithCovarianceStamped, lambda message: message.pose.pose),
+    "odometry": (Odometry, lambda message: message.pose.pose),
+}
+"""Message classes that hold a pose, and where."""
+
+
+class DriverNode(Follower):
+    """Drives the body of one robot.
+
+    Args:
+        context: the ROS context.
+        namespace: the team's namespace.
+        values: parameters given by the program; None: by the command line.
+        name: the node's name unless the command line remaps it.
+
+    Raises:
+        SparseCoordError: a bad parameter, a robot that the run does not have, a body that does
+            not fit its cells, no tf2_msgs where tf is asked for.
+    """
+
+    def __init__(
+        self,
+        *,
+        context: Context,
+        namespace: str = "",
+        values: Mapping[str, Any] | None = None,
+        name: str = "driver",
+    ) -> None:
+        super().__init__(
+            name, DRIVER_PARAMETERS, context=context, namespace=namespace, values=values
+        )
+        self._robot = self.values["robot"]
+        if not self._robot:
+            self.destroy_node()
+            raise SettingError(
+                "parameter robot: none is given; start the node with --ros-args -p robot:=NAME, "
+                "a robot of the scenario"
+            )
+        self.driver: Driver | None = None
+        self._step = 0
+        self._seen = 0.0
+        self._stopped = False
+        self._reminder = Reminder()
+        self._reached_publisher: Any = None
+        self._tree = Tree()
+        topic = interface.CMD_VEL
+        self._cmd_vel = self.create_publisher(topic.type, topic.of(self._robot), topic.qos)
+
+    def begin(self, run: RunConfig) -> None:
+        """Begin with a run: hear errands and poses."""
+        names = [robot.name for robot in run.scenario.robots]
+        if self._robot not in names:
+            raise RunError(
+                f"parameter robot: the run has no {self._robot!r}"
+                f"{did_you_mean(self._robot, names)}; its robots: {', '.join(names)}"
+            )
+        ground = Ground(run, self.values["radius"])
+        number = names.index(self._robot)
+        self.driver = Driver(ground, limits_of(self.values, ground.side), number)
+        self._convert = Converter(run)
+        read = functools.partial(read_errand, self._convert, names)
+        self.intake.listen(interface.ERRAND, self._on_errand, read=typed(interface.ERRAND, read))
+        if self.values["pose_type"] == TF:
+            self._hear_transforms()
+        else:
+            kind, inside = TYPES[self.values["pose_type"]]
+            self._subscribe(
+                kind,
+                interface.POSE.of(self._robot),
+                functools.partial(self._on_pose, inside),
+                POSES_QOS if self.values["pose_type"] != "pose" else interface.POSE.qos,
+            )
+
+    def _subscribe(self, kind: Any, name: str, then: Any, qos: QoSProfile) -> None:
+        """Subscribe; what is malformed is dropped."""
+
+        def take(message: Any) -> None:
+            try:
+                then(message)
+            except ValueError as error:
+                self.intake.drop(name, error)
+
+        self.create_subscription(kind, name, take, qos)
+
+    def _hear_transforms(self) -> None:
+        try:
+            from tf2_msgs.msg import TFMessage
+        except ImportError as error:
+            raise RunError(
+                f"parameter pose_type: tf needs the package tf2_msgs ({error}); install it, or "
+                "take a topic of poses"
+            ) from None
+        for name, qos in (("/tf", TF_QOS), ("/tf_static", STATIC_QOS)):
+            then = functools.partial(self._on_transforms, qos is STATIC_QOS)
+            self._subscribe(TFMessage, name, then, qos)
+
+    def _on_transforms(self, static: bool, message: Any) -> None:
+        for one in message.transforms:
+            place, turn = one.transform.translation, one.transform.rotation
+            pose = Pose(place.x, place.y, yaw_of(turn.x, turn.y, turn.z, turn.w))
+            seconds = None if static else _seconds(one.header)
+            self._tree.hear(one.header.frame_id, one.child_frame_id, pose, seconds)
+        base = self.values["base_frame"] or f"{self._robot}/base_link"
+        found = self._tree.find(self.values["map_frame"], base)
+        if found is not None:
+            self._see(*found)
+
+    def _on_pose(self, inside: Any, message: Any) -> None:
+        wanted = self.values["map_frame"]
+        if message.header.frame_id.lstrip("/") != wanted:
+            raise ValueError(
+                f"frame_id is {message.header.frame_id!r}, not {wanted!r} (parameter map_frame)"
+            )
+        pose = inside(message)
+        turn = pose.orientation
+        yaw = yaw_of(turn.x, turn.y, turn.z, turn.w)
+        self._see(_seconds(message.header), Pose(pose.position.x, pose.position.y, yaw))
+
+    def _see(self, seconds: float, pose: Pose) -> None:
+        if self.driver is not None:
+            self._seen, self._stopped = time.monotonic(), False
+            self.driver.sees(seconds, pose)
+            self._drive(self.driver)
+
+    def _on_errand(self, errand: Errand) -> None:
+        if self.driver is not None:
+            self._step = errand.step
+            self.driver.take(errand)
+            self._drive(self.driver)
+
+    def _drive(self, driver: Driver) -> None:
+        """Command what is to be done now, and report where the errand is over."""
+        command, reached = driver.next()
+        if command is not None:
+            self._command(command)
+        if reached is not None and self._reached_publisher is not None:
+            message = reached_message(self._convert, self._step, reached)
+            self._reached_publisher.publish(message)
+
+    def _command(self, command: Command) -> None:
+        message = Twist()
+        message.linear.x, message.angular.z = command
+        self._cmd_vel.publish(message)
+
+    def go_on(self, now: float) -> None:
+        """Report for duty when body and poses are there; stop a body whose poses do not come."""
+        driver = self.driver
+        if driver is None:
+            return
+        if self._reached_publisher is None:
+            if driver.pose is None:
+                self.remind(self._reminder, f"poses of {self._robot}")
+            elif self._cmd_vel.get_subscription_count() == 0:
+                self.remind(self._reminder, f"a body that hears {self._cmd_vel.topic_name}")
+            else:  # the world waits for this publisher
+                self._reached_publisher = self.announce(interface.REACHED, self._robot)
+            return
+        limit = self.values["pose_timeout"]
+        if driver.busy and 0 < limit < now - self._seen and not self._stopped:
+            self._stopped = True
+            self._command(STOP)
+            self.get_logger().warning(
+                f"no pose of {self._robot} for {limit:g} s (pose_timeout): its body is stopped",
+                throttle_duration_sec=5.0,
+            )
+
+    def finish(self, *, interrupted: bool) -> None:
+        """Stop the body."""
+        self._command(STOP)
+        wait_for_readers([self._cmd_vel])
+
+
+def _seconds(header: Any) -> float:
+    """Return a header's time; the steady clock's where it has none."""
+    stamp = header.stamp
+    if stamp.sec == 0 and stamp.nanosec == 0:
+        return time.monotonic()
+    return float(stamp.sec) + stamp.nanosec * 1e-9
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node `driver`."""
+    return run_node(lambda context: DriverNode(context=context), args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,265 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Bodies: floor, steering, driver, simulator, and learned teams driven through it."""
+
+import math
+
+import numpy as np
+import pytest
+
+from sparse_coord_ros.core.evaluation import play
+from sparse_coord_ros.core.run_config import make_run
+from sparse_coord_ros.core.scenario import load_scenario
+from sparse_coord_ros.core.simulation import learn
+from sparse_coord_ros.driving.arena import ELSEWHERE, IN_DOORWAY, Arena, Noise
+from sparse_coord_ros.driving.driver import Driver
+from sparse_coord_ros.driving.ground import Ground, Pose
+from sparse_coord_ros.driving.steering import Command, Limits, move_seconds, steer
+from sparse_coord_ros.driving.transforms import Tree, yaw_of
+from sparse_coord_ros.driving.trials import DRIVE_SETTINGS, drive, limits_of
+from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.lockstep.bodies import LOST, Course, Errand
+
+RUN = make_run(load_scenario("env1"), {})
+CELLS = RUN.scenario.map.number
+DOOR = next(iter(RUN.scenario.map.doorways))
+VALUES = DRIVE_SETTINGS.defaults()
+LIMITS = limits_of(VALUES, 1.0)
+SURE = Noise(0.0, 0.0)
+
+
+@pytest.fixture
+def ground():
+    return Ground(RUN)
+
+
+def test_places_keep_bodies_apart_and_within_their_cells(ground):
+    for cell in range(len(RUN.scenario.map.cells)):
+        places = [ground.place(k, cell) for k in range(4)]
+        for x, y in places:
+            assert ground.cell(x, y) == cell and not ground.blocked(x, y)
+        if cell == DOOR:
+            assert len(set(places)) == 1
+        else:
+            apart = [math.dist(a, b) for i, a in enumerate(places) for b in places[:i]]
+            assert min(apart) > 2 * ground.radius
+
+
+def test_a_body_as_wide_as_a_cell_is_refused():
+    with pytest.raises(SettingError, match=r"radius: value is 0.5, allowed: less than half a cel"):
+        Ground(RUN, 0.5)
+
+
+def test_cells_of_places_on_and_off_the_grid(ground):
+    x, y = ground.place(0, CELLS[0, 0])
+    assert ground.cell(x, y) == CELLS[0, 0]
+    assert ground.cell(-0.3, 4.6) == CELLS[0, 0]  # off the map
+    assert ground.cell(2.4, 4.4) == CELLS[0, 1]  # in a wall: the nearest free one
+    assert ground.cell(-9.0, 4.5) is None and ground.cell(math.nan, 0.0) is None
+    assert ground.blocked(0.1, 4.5) and ground.blocked(-5.0, 0.0)
+
+
+@pytest.mark.parametrize("yaw", np.linspace(-3.1, 3.1, 9))
+def test_steering_comes_to_any_place_in_time(yaw):
+    arena = Arena(Ground(RUN), 1, 1, SURE, 0.1)
+    body = arena.bodies[0]
+    body.put(0.5, 4.5)
+    body.pose = Pose(0.5, 4.5, yaw)
+    while math.dist(body.pose[:2], (0.5, 3.5)) > LIMITS.near:
+        body.command = steer(body.pose, (0.5, 3.5), LIMITS)
+        assert 0.0 <= body.command.ahead <= LIMITS.speed
+        assert abs(body.command.turn) <= LIMITS.turn
+        arena.tick()
+        assert arena.seconds < move_seconds(1.0, LIMITS.speed, LIMITS.turn)
+        assert abs(body.pose.x - 0.5) < 0.1
+    assert body.bumps == 0
+
+
+def test_walls_stop_a_body_and_time_stands_for_one_that_stands():
+    arena = Arena(Ground(RUN), 1, 1, SURE, 0.1)
+    body = arena.bodies[0]
+    body.put(0.5, 4.5)
+    body.command = Command(1.0, 0.0)
+    body.pose = Pose(0.5, 4.5, math.pi)
+    for _ in range(20):
+        arena.tick()
+    assert body.pose.x == pytest.approx(0.2, abs=0.06) and body.bumps == 1
+    assert body.odometry.x > 2.0  # its wheels turned all the same
+
+
+def test_an_arc_is_a_circle():
+    arena = Arena(Ground(RUN, 0.01), 1, 1, SURE, 0.05)
+    body = arena.bodies[0]
+    body.put(1.0, 4.0)
+    body.command = Command(0.5, 1.0)
+    for _ in range(round(math.tau / 0.05)):
+        arena.tick()
+    assert math.dist(body.pose[:2], (1.0, 4.0)) < 0.03
+
+
+def test_noise_makes_odometry_drift_and_comes_from_the_seed():
+    found = []
+    for seed in (1, 1, 2):
+        arena = Arena(Ground(RUN, 0.01), 2, seed, Noise(0.2, 0.01), 0.1)
+        body = arena.bodies[1]
+        body.put(1.0, 4.0)
+        body.command = Command(0.3, 0.4)
+        for _ in range(10):
+            arena.tick()
+        found.append((body.pose, body.seen()))
+        assert math.dist(body.pose[:2], body.odometry[:2]) > 1e-3
+    assert found[0] == found[1] != found[2]
+
+
+def test_touches_are_counted_once_where_they_begin(ground):
+    arena = Arena(ground, 2, 1, SURE, 0.1)
+    x, y = ground.place(0, DOOR)
+    arena.bodies[0].put(x, y)
+    arena.bodies[1].put(x + 0.5, y)
+    for body, speed in zip(arena.bodies, (0.0, -1.0), strict=True):
+        body.command = Command(speed, 0.0)
+    for _ in range(4):
+        arena.tick()
+    arena.put({1: CELLS[0, 0]})
+    arena.bodies[0].put(*ground.place(0, CELLS[0, 0]))
+    arena.tick()
+    arena.bodies[0].put(*ground.place(1, CELLS[0, 0]))
+    arena.tick()
+    assert [touch.where for touch in arena.touches] == [IN_DOORWAY, ELSEWHERE]
+
+
+def seen(driver, seconds, x, y, yaw=0.0):
+    driver.sees(seconds, Pose(x, y, yaw))
+    return driver.next()
+
+
+def errand(start, end, number=1, *, place=False):
+    return Errand(number, 5, place, (Course(0, start, end),))
+
+
+def test_a_driver_drives_stops_and_reports(ground):
+    driver = Driver(ground, LIMITS, 0)
+    driver.take(errand(CELLS[0, 0], CELLS[1, 0]))
+    assert driver.next() == (None, None)  # no pose yet
+    command, reached = seen(driver, 10.0, 0.7, 4.7)
+    assert command.turn < 0 and reached is None and driver.busy
+    assert driver.next() == (None, None)  # nothing new
+    command, reached = seen(driver, 11.5, *ground.place(0, CELLS[1, 0]))
+    assert command == (0.0, 0.0)
+    assert reached == (0, 1, CELLS[1, 0], True, 1.5)
+    assert not driver.busy and seen(driver, 12.0, 0.0, 0.0) == (None, None)
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "cell"),
+    [(0.7, 4.6, (0, 0)), (0.7, 3.9, (1, 0)), (1.5, 4.5, (0, 1)), (50.0, 50.0, None)],
+    ids=["stayed", "over the border", "drifted", "lost"],
+)
+def test_when_time_is_over_the_cell_of_the_pose_counts(ground, x, y, cell):
+    driver = Driver(ground, LIMITS, 0)
+    driver.take(errand(CELLS[0, 0], CELLS[1, 0]))
+    seen(driver, 0.0, 0.7, 4.7)
+    assert seen(driver, LIMITS.seconds - 0.1, x, y)[1] is None
+    _, reached = seen(driver, LIMITS.seconds, x, y)
+    assert reached.cell == (LOST if cell is None else CELLS[cell]) and not reached.there
+
+
+def test_a_driver_in_a_foreign_cell_goes_round_the_walls(ground):
+    """The body is on the other side of the wall that the grid has it on."""
+    arena = Arena(ground, 1, 1, SURE, 0.1)
+    body, goal = arena.bodies[0], CELLS[0, 3]
+    body.put(*ground.place(0, CELLS[0, 1]))
+    driver = Driver(ground, Limits(0.5, 1.5, 0.05, 100.0), 0)
+    driver.take(errand(CELLS[1, 3], goal))
+    visited, reached = set(), None
+    while reached is None:
+        command, reached = seen(driver, arena.seconds, *body.pose)
+        body.command = command
+        arena.tick()
+        visited.add(ground.cell(*body.pose[:2]))
+    assert reached.there and DOOR in visited and body.bumps == 0
+
+
+def test_a_driver_off_its_line_goes_back_to_it_first(ground):
+    driver = Driver(ground, LIMITS, 0)
+    driver.take(errand(CELLS[0, 0], CELLS[1, 0]))
+    command, _ = seen(driver, 0.0, 0.2, 4.7, yaw=0.0)
+    assert command.turn > 0 and command.ahead > 0  # east and north first, not south
+
+
+def test_what_is_no_pose_or_an_older_one_is_ignored(ground):
+    driver = Driver(ground, LIMITS, 0)
+    driver.sees(5.0, Pose(1.0, 1.0, 0.0))
+    driver.sees(4.5, Pose(2.0, 2.0, 0.0))
+    driver.sees(6.0, Pose(math.nan, 0.0, 0.0))
+    assert driver.pose == (1.0, 1.0, 0.0) and driver.ignored == 2
+    driver.sees(1.0, Pose(3.0, 3.0, 0.0))  # a new clock
+    assert driver.pose == (3.0, 3.0, 0.0)
+
+
+def test_placing_waits_for_whoever_does_it(ground):
+    driver = Driver(ground, LIMITS, 0)
+    driver.take(errand(CELLS[0, 0], CELLS[0, 0], place=True))
+    for k in range(5):
+        assert seen(driver, 100.0 * k, 4.5, 4.5) == (None, None)
+    command, reached = seen(driver, 900.0, 0.6, 4.4)
+    assert command is None and reached.there and reached.cell == CELLS[0, 0]
+
+
+def test_in_step_time_passes_when_all_that_drive_are_told(ground):
+    arena = Arena(ground, 2, 1, SURE, 0.1)
+    move = Command(0.1, 0.0)
+    assert not arena.told(0, move)  # too early: no errand
+    assert arena.send(errand(CELLS[0, 0], CELLS[1, 0])) and arena.ticks == 1
+    assert not arena.send(errand(CELLS[0, 0], CELLS[1, 0]))  # the same again
+    both = Errand(2, 5, False, (Course(0, 0, 1), Course(1, 4, 5)))
+    assert not arena.send(both) and not arena.told(0, move) and arena.told(1, move)
+    assert not arena.told(0, Command(0.0, 0.0)) and not arena.told(1, move)
+    assert arena.reached(0, 2) and arena.ticks == 3  # the other one need not wait
+    assert not arena.reached(0, 1)
+
+
+def test_transforms_make_a_pose():
+    tree = Tree()
+    tree.hear("/map", "odom", Pose(1.0, 2.0, math.pi / 2), 3.0)
+    tree.hear("odom", "base_footprint", Pose(1.0, 0.0, 0.0), 4.0)
+    assert tree.find("map", "base_link") is None
+    tree.hear("base_footprint", "base_link", Pose(0.0, 0.5, 0.0), None)
+    seconds, pose = tree.find("map", "/base_link")
+    assert seconds == 4.0 and pose == pytest.approx((0.5, 3.0, math.pi / 2))
+    tree.hear("base_link", "map", Pose(0.0, 0.0, 0.0), 1.0)
+    assert tree.find("nowhere", "base_link") is None  # round in a circle
+    assert yaw_of(0.0, 0.0, math.sin(0.4), math.cos(0.4)) == pytest.approx(0.8)
+
+
+@pytest.fixture(scope="module")
+def team():
+    run = make_run(load_scenario("env1", penalty=-100, steps=3000), {})
+    return run, learn(run.scenario, "coop", 1)
+
+
+def test_a_driven_team_does_what_the_evaluation_says(team):
+    run, tables = team
+    driven = drive(run, tables, episodes=12, seed=4, values=VALUES)
+    grid = play(run.scenario, tables, trials=12, seed=4, learner="coop")
+    assert np.array_equal(driven.times, grid.time_to_goal)
+    assert np.array_equal(driven.arrived, grid.arrived)
+    assert np.array_equal(driven.asks, grid.asks)
+    assert np.array_equal(driven.miscoordinations, grid.miscoordinations)
+    assert driven.failed == driven.lost == driven.bumps == 0
+    assert (driven.in_doorways >= (driven.miscoordinations > 0)).all()
+    assert (driven.seconds > driven.steps).all()
+
+
+def test_driving_is_repeatable_and_seeded(team):
+    run, tables = team
+    runs = [drive(run, tables, episodes=3, seed=s, values=VALUES, followed=1) for s in (4, 4, 5)]
+    assert runs[0].path == runs[1].path != runs[2].path
+    assert {moment.episode for moment in runs[0].path} == {0}
+
+
+def test_bodies_without_time_stay_where_they_are(team):
+    run, tables = team
+    values = VALUES | {"step_seconds": 0.3, "slips": False}
+    driven = drive(run, tables, episodes=1, seed=4, values=values)
+    assert driven.failed > 0.5 * driven.moves and driven.lost == 0

@@ -1,0 +1,193 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Bodies between the barrier and the step."""
+
+import pytest
+
+from sparse_coord_ros.core.scenario import load_scenario
+from sparse_coord_ros.core.simulation import Team
+from sparse_coord_ros.core.world import Action, World
+from sparse_coord_ros.lockstep.bodies import (
+    LOST,
+    BodiesSide,
+    BodyWorld,
+    Course,
+    Errand,
+    Reached,
+    waves,
+)
+from sparse_coord_ros.lockstep.world import WorldSide
+
+NORTH, SOUTH, EAST, WEST = range(4)
+
+
+class Port:
+    """Keeps the errands."""
+
+    def __init__(self):
+        self.errands = []
+
+    def send(self, errand):
+        self.errands.append(errand)
+
+
+def go(move):
+    return Action(move, False, -1, False)
+
+
+@pytest.fixture
+def made():
+    """Return a world with sure moves and fixed starts, its side of the bodies, and the port."""
+    scenario = load_scenario("env1").with_settings({"move_success": 1.0, "starts": "fixed"})
+    world, port = BodyWorld(scenario, 1), Port()
+    return world, BodiesSide(world, port), port
+
+
+def arrive(side, errand, **cells):
+    """Let the bodies of an errand report; `robot_K` says where one ends instead."""
+    for course in errand.courses:
+        cell = cells.get(f"robot_{course.robot + 1}", course.end)
+        side.reached(Reached(course.robot, errand.number, cell, cell == course.end, 1.5))
+
+
+def test_bodies_are_placed_first_and_then_sent_and_then_the_step_is_made(made):
+    world, side, port = made
+    actions = (go(SOUTH), go(SOUTH))
+    starts = list(world.cells)
+    assert not side.made(actions) and not side.made(actions)
+    (placed,) = port.errands
+    assert placed == Errand(1, 1, True, tuple(Course(k, c, c) for k, c in enumerate(starts)))
+    assert side.placing and side.waiting == [0, 1]
+    assert not side.reached(Reached(0, 1, starts[0], True, 0.0))
+    assert not side.reached(Reached(1, 1, starts[1], True, 0.0))  # now they are sent
+    sent = port.errands[1]
+    south = [int(world.scenario.map.next_cell[c, SOUTH]) for c in starts]
+    assert sent.courses == tuple(Course(k, starts[k], south[k]) for k in (0, 1))
+    assert not sent.place and not side.made(actions)
+    arrive(side, sent)
+    assert side.made(actions) and side.seconds == 1.5
+    world.advance(actions)
+    assert world.cells == south
+    assert not side.made(actions)
+    assert len(port.errands) == 3 and not port.errands[2].place  # the same episode
+
+
+def test_where_the_poses_say_it_is_counts(made):
+    world, side, port = made
+    actions = (go(SOUTH), go(SOUTH))
+    side.made(actions)
+    arrive(side, port.errands[0])
+    arrive(side, port.errands[1], robot_1=world.cells[0], robot_2=LOST)
+    before = list(world.cells)
+    assert side.made(actions)
+    world.advance(actions)
+    assert world.cells == before
+    assert (side.failed, side.lost) == (2, 1)
+
+
+def test_who_does_not_report_has_not_moved(made):
+    world, side, port = made
+    actions = (go(SOUTH), go(SOUTH))
+    side.made(actions)
+    arrive(side, port.errands[0])
+    before = list(world.cells)
+    side.reached(Reached(0, 2, LOST, False, 9.0))
+    assert side.give_up() == [1]
+    assert side.made(actions)
+    world.advance(actions)
+    assert world.cells == before and side.lost == 2
+
+
+def test_reports_of_older_errands_count_for_nothing(made):
+    _, side, port = made
+    actions = (go(SOUTH), go(SOUTH))
+    side.made(actions)
+    arrive(side, port.errands[0])
+    assert not side.reached(Reached(0, 1, 3, True, 1.0))
+    assert not side.reached(Reached(5, 2, 3, True, 1.0))
+    assert side.waiting == [0, 1]
+
+
+def test_a_new_episode_places_them_again_even_in_the_middle_of_a_move(made):
+    world, side, port = made
+    side.made((go(SOUTH), go(SOUTH)))
+    arrive(side, port.errands[0])
+    arrive(side, port.errands[1])
+    side.made((go(SOUTH), go(SOUTH)))
+    world.advance((go(SOUTH), go(SOUTH)))
+    side.made((go(SOUTH), go(SOUTH)))
+    world.begin_episode()
+    assert not side.made((go(SOUTH), go(SOUTH)))
+    assert port.errands[-1].place
+    assert [course.end for course in port.errands[-1].courses] == world.cells
+
+
+def test_who_slips_is_sent_nowhere():
+    scenario = load_scenario("env1").with_settings({"move_success": 0.01, "starts": "fixed"})
+    world, port = BodyWorld(scenario, 1), Port()
+    side = BodiesSide(world, port)
+    actions = (go(SOUTH), go(SOUTH))
+    side.made(actions)
+    arrive(side, port.errands[0])
+    assert len(port.errands) == 1 and side.made(actions)
+    assert BodyWorld(scenario, 1, slips=False).wanted(0, SOUTH) != world.cells[0]
+
+
+A, B, C, DOOR = 1, 2, 3, 9
+
+
+@pytest.mark.parametrize(
+    ("courses", "order"),
+    [
+        ([(A, A), (B, B)], []),
+        ([(A, B), (B, C)], [[1], [0]]),  # one behind the other
+        ([(A, DOOR), (DOOR, B)], [[1], [0]]),
+        ([(A, DOOR), (DOOR, A)], [[1], [0]]),  # past each other: out of the doorway first
+        ([(A, B), (B, A)], [[0, 1]]),
+        ([(A, DOOR), (B, DOOR)], [[0], [1]]),  # they meet: nothing keeps them from it
+        ([(A, C), (DOOR, C)], [[1], [0]]),
+        ([(A, DOOR), (DOOR, DOOR)], [[0]]),  # who stays is no reason to wait
+        ([(A, B), (B, C), (C, A)], [[0, 1, 2]]),
+    ],
+)
+def test_the_order_in_which_bodies_set_out(courses, order):
+    found = waves([Course(k, *ends) for k, ends in enumerate(courses)], frozenset({DOOR}))
+    assert [[course.robot for course in wave] for wave in found] == order
+
+
+class Silent:
+    """A port of the world that says nothing."""
+
+    def state(self, *said):
+        pass
+
+    reward = episode = checkpoint = state
+
+
+def test_bodies_that_get_there_play_the_grid_s_game():
+    """Through the lock step: the same cells, rewards and episodes for hundreds of steps."""
+    from sparse_coord_ros.core.learners import learner_of
+    from sparse_coord_ros.core.run_config import make_run
+
+    run = make_run(load_scenario("env1", steps=400), {"seed": 3})
+    agents = [learner_of("coop").agent(run.scenario, k, 3) for k in range(2)]
+    team, grid = Team(run.scenario, 3, agents), World(run.scenario, 3)
+    port = Port()
+    world = BodyWorld(run.scenario, 3)
+    side, barrier = BodiesSide(world, port), WorldSide(run, Silent(), world)
+    barrier.start()
+    while not barrier.finished:
+        assert world.cells == grid.cells and world.step == grid.step
+        choices, actions = team.act(grid)
+        for k, action in enumerate(actions):
+            if action is not None:
+                barrier.action(k, world.step, action)
+        assert barrier.actions == tuple(actions)
+        while not side.made(barrier.actions):
+            arrive(side, port.errands[-1])
+        outcome = grid.advance(actions)
+        team.learn(choices, grid, outcome)
+        barrier.advance()
+        if outcome.episode_over and grid.transitions < 400:
+            grid.begin_episode()
+    assert barrier.world.miscoordinations == grid.miscoordinations

@@ -1,0 +1,203 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A team whose robots have bodies: the same lock step, the same bits, and poses in between."""
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import PoseStamped, Twist
+from sensor_msgs.msg import JointState
+from std_srvs.srv import SetBool, Trigger
+
+from sparse_coord_ros.core.run_config import make_run
+from sparse_coord_ros.core.scenario import load_scenario
+from sparse_coord_ros.errors import RunError, SettingError
+from sparse_coord_ros.lockstep.bodies import Course, Errand, Reached
+from sparse_coord_ros.nodes.body import BodyNode
+from sparse_coord_ros.nodes.driver import DriverNode
+from sparse_coord_ros.nodes.messages import (
+    Converter,
+    errand_message,
+    reached_message,
+    read_errand,
+    read_reached,
+)
+from sparse_coord_ros.nodes.outputs import gather
+
+QUICK = {"speed": 2.0, "turn": 6.0}
+"""Bodies that are fast for their ticks, so that a step takes few of them."""
+
+ROBOTS = ("robot_1", "robot_2")
+
+
+def with_bodies(bench, out, *, steps=16, body=None, driver=None, **more):
+    """Start a team with bodies on a bench, and return its world, robots, drivers and body."""
+    world = bench.world(bodies=True, set=[f"steps={steps}"], out=str(out), seed=7, **more)
+    robots = bench.robots(out=str(out))
+    context = bench.place()[0]
+    drivers = [
+        bench.add(
+            DriverNode(
+                context=context,
+                name=f"{robot}_driver",
+                values={"robot": robot, **QUICK, **(driver or {})},
+            )
+        )
+        for robot in ROBOTS
+    ]
+    return world, robots, drivers, bench.add(BodyNode(context=context, values=body or {}))
+
+
+def test_bodies_that_get_there_learn_what_the_grid_teaches(
+    bench, tmp_path, simulate, assert_same_tables
+):
+    out, paths = tmp_path / "out", tmp_path / "paths.npz"
+    world, *_, body = with_bodies(bench, out, body={"paths": str(paths)})
+    poses = bench.observer().listen(PoseStamped, "robot_1/pose")
+    bench.spin_until_done()
+    gather(out, world.run.scenario, interrupted=False)
+    assert_same_tables(out, simulate("env1", {"steps": 16}, seed=7))
+    summary = world.summary()
+    assert (summary["moves_failed"], summary["bodies_lost"]) == (0, 0)
+    assert summary["body_seconds"] > 0
+    assert len(poses) > 16 and poses[0].header.frame_id == "map"
+    with np.load(paths) as kept:
+        assert kept["poses"].shape[1:] == (2, 3)
+        assert (np.diff(kept["seconds"]) >= 0).all()
+        last = kept["poses"][-1]
+    for cell, (x, y, _) in zip(world.lockstep.world.cells, last, strict=True):
+        assert np.hypot(*np.subtract(world._convert.centres[cell], (x, y))) < 0.5
+    assert body.summary()["seconds"] >= summary["body_seconds"] - 1e-6
+
+
+def test_two_runs_of_one_seed_drive_alike(benches, tmp_path):
+    found = []
+    for name in ("one", "two"):
+        paths = tmp_path / f"{name}.npz"
+        bench = benches()
+        with_bodies(bench, tmp_path / name, steps=8, body={"paths": str(paths)})
+        bench.spin_until_done()
+        with np.load(paths) as kept:
+            seconds, first = np.unique(kept["seconds"], return_index=True)
+            found.append((seconds, kept["poses"][first]))
+    assert np.array_equal(found[0][0], found[1][0])
+    assert found[0][1].tobytes() == found[1][1].tobytes()
+
+
+def test_bodies_too_slow_for_the_step_stay(bench, tmp_path):
+    driver = {"speed": 0.5, "turn": 1.5, "step_seconds": 0.2}
+    world, *_ = with_bodies(bench, tmp_path / "out", steps=6, driver=driver, slips=False)
+    bench.spin_until_done()
+    assert world.summary()["moves_failed"] > 0
+    starts = [robot.start for robot in world.run.scenario.robots]
+    assert world.summary()["bodies_lost"] == 0
+    assert len(set(world.lockstep.world.cells) | set(starts)) <= 4
+
+
+def test_without_its_driver_a_body_has_not_moved_and_the_world_goes_on(bench, tmp_path):
+    world, _, drivers, _ = with_bodies(
+        bench, tmp_path / "out", steps=400, body_timeout=0.3, slips=False
+    )
+    bench.spin_until(lambda: world.lockstep.world.transitions > 2, "under way")
+    bench.destroy(drivers[1])
+    before = world.lockstep.world.transitions
+    bench.spin_until(
+        lambda: (
+            world.summary()["bodies_lost"] > 0 and world.lockstep.world.transitions > before + 2
+        ),
+        "the world goes on",
+    )
+
+
+def test_pause_step_and_reset(bench, tmp_path):
+    world, *_ = with_bodies(bench, tmp_path / "out", steps=400)
+    bench.spin_until(lambda: world.lockstep.world.transitions > 1, "under way")
+    observer = bench.observer()
+    observer.call(SetBool, "world_simulator/pause", SetBool.Request(data=True))
+    bench.spin_until(lambda: world.lockstep.complete and not world._bodies.waiting, "all stand")
+    before = world.lockstep.world.transitions
+    assert observer.call(Trigger, "world_simulator/step").success
+    bench.spin_until(lambda: world.lockstep.world.transitions == before + 1, "one step")
+    observer.call(Trigger, "world_simulator/reset")
+    observer.call(SetBool, "world_simulator/pause", SetBool.Request(data=False))
+    bench.spin_until(lambda: world.lockstep.world.transitions > before + 4, "it goes on")
+
+
+def test_at_their_own_speed(bench, tmp_path):
+    world, *_ = with_bodies(bench, tmp_path / "out", steps=5, body={"body_rate": 50.0})
+    bench.spin_until_done()
+    assert world.summary()["transitions"] == 5
+
+
+def test_errands_and_reports_travel(own_domain):
+    run = make_run(load_scenario("env1"), {})
+    convert, names = Converter(run), [robot.name for robot in run.scenario.robots]
+    errand = Errand(3, 17, False, (Course(1, 4, 5),))
+    assert read_errand(convert, names, errand_message(convert, errand, names)) == errand
+    for reached in (Reached(0, 3, 5, True, 1.25), Reached(0, 3, -1, False, 9.0)):
+        assert read_reached(convert, 0, reached_message(convert, 17, reached)) == reached
+
+
+@pytest.mark.parametrize(
+    ("label", "value"),
+    [("number", 0.0), ("number", 1.5), ("cell", 1e6), ("cell", float("nan")), ("seconds", -1.0)],
+)
+def test_bad_reports_are_refused(label, value):
+    convert = Converter(make_run(load_scenario("env1"), {}))
+    message = reached_message(convert, 1, Reached(0, 3, 5, True, 1.25))
+    message.position[list(message.name).index(label)] = value
+    with pytest.raises(ValueError, match=label):
+        read_reached(convert, 0, message)
+
+
+def test_bad_errands_are_refused():
+    run = make_run(load_scenario("env1"), {})
+    convert, names = Converter(run), ["robot_1", "robot_2"]
+    message = errand_message(convert, Errand(1, 2, True, (Course(0, 1, 1),)), names)
+    message.position[-1] = 999.0
+    with pytest.raises(ValueError, match="robot_1/to"):
+        read_errand(convert, names, message)
+    with pytest.raises(ValueError, match="labels"):
+        read_errand(convert, names, JointState(header=message.header, name=["a"], position=[]))
+
+
+@pytest.mark.parametrize(
+    ("values", "kind", "text"),
+    [
+        ({}, SettingError, "parameter robot: none is given"),
+        ({"robot": "robot_9"}, RunError, "the run has no 'robot_9'"),
+        ({"robot": "robot_1", "radius": 3.0}, SettingError, "radius: value is 3, allowed: less"),
+        ({"robot": "robot_1", "pose_type": "gps"}, SettingError, "pose_type"),
+    ],
+)
+def test_a_bad_driver_ends_with_one_line(bench, values, kind, text):
+    bench.world(bodies=True)
+    with pytest.raises(kind, match=text):
+        bench.add(DriverNode(context=bench.place()[0], values=values))
+        bench.spin_until(lambda: False, seconds=5.0)
+
+
+def test_a_body_whose_poses_stop_is_stopped(bench):
+    """And what is no pose of the map is dropped."""
+    context = bench.place()[0]
+    world = bench.world(bodies=True, set=["steps=5"])
+    driver = bench.add(
+        DriverNode(context=context, values={"robot": "robot_1", "pose_timeout": 0.2})
+    )
+    observer = bench.observer()
+    commands = observer.listen(Twist, "robot_1/cmd_vel")
+    poses = observer.create_publisher(PoseStamped, "robot_1/pose", 10)
+    bench.spin_until(lambda: driver.driver is not None, "the run is known")
+    bench.spin_until(lambda: poses.get_subscription_count() > 0, "poses are heard")
+    pose = PoseStamped()
+    pose.header.frame_id, pose.header.stamp.sec = "odom", 1
+    poses.publish(pose)
+    bench.spin_until(lambda: driver.intake.total == 1, "another frame is dropped")
+    x, y = world._convert.centres[0]
+    pose.header.frame_id, pose.pose.orientation.w = "map", 1.0
+    pose.pose.position.x, pose.pose.position.y = x, y
+    poses.publish(pose)
+    bench.spin_until(lambda: driver.driver.pose is not None, "the pose is there")
+    world.send(Errand(1, 1, False, (Course(0, 0, int(world.run.scenario.map.next_cell[0, 1])),)))
+    bench.spin_until(lambda: len(commands) >= 2, "it drives and is stopped")
+    assert commands[0].angular.z or commands[0].linear.x
+    assert (commands[-1].linear.x, commands[-1].angular.z) == (0.0, 0.0)
