@@ -14,8 +14,8 @@ SHARED_MEMORY = Path("/dev/shm")
 LITTLE = 200 << 20
 """Free bytes on a disk below which recording may soon end."""
 
-PARTICIPANT = 1 << 20
-"""Bytes of shared memory that a process with ROS takes, about."""
+PARTICIPANT = 600_000
+"""Bytes of shared memory that a process with ROS takes: its segment, and a port."""
 
 
 def places() -> Iterator[Finding]:
@@ -78,7 +78,7 @@ def shared_memory(folder: Path = SHARED_MEMORY) -> Iterator[Finding]:
         yield Finding(
             WRONG if free < PARTICIPANT else HINT,
             "shared memory",
-            f"{folder} has {free / 1e6:.0f} MB free; a process with ROS takes about 1 MB",
+            f"{folder} has {free / 1e6:.0f} MB free; a process with ROS takes 0.6 MB",
             "remove leftovers, give a container more (docker run --ipc=host), or export "
             "FASTDDS_BUILTIN_TRANSPORTS=UDPv4",
         )

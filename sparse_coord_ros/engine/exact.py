@@ -16,12 +16,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.core.agent import Agent, Tables
+from sparse_coord_ros.core.agent import Tables
 from sparse_coord_ros.core.algorithm import COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.evaluation import Measure, acting_on, check_tables
 from sparse_coord_ros.core.learners import Learner, learner_of
 from sparse_coord_ros.core.links import check_up
 from sparse_coord_ros.core.perception import percept_probabilities
+from sparse_coord_ros.core.plugins import is_shipped
 from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.sparse import SparseTable
 from sparse_coord_ros.core.streams import EVALUATION
@@ -33,6 +34,10 @@ if TYPE_CHECKING:
 
 MOST_ROBOTS = 2
 """The joint chain of more robots is too large; they are evaluated by trials."""
+
+CHOOSING = ("decide", "act", "coordinate", "values_asking")
+"""How an agent chooses, beside its `values`: an agent of the user's own that changes one of these
+acts by a rule that its tables do not say."""
 
 STAY = PRIMITIVES
 """The outcome of a step in which a robot does not leave its cell; 0 to 3 are the moves."""
@@ -209,13 +214,14 @@ def _policies(
     for k, table in enumerate(tables):
         rule = learner_of(learner or acting_on(table))
         agent = rule.agent(scenario, k, 0, tables=table, learning=False, phase=EVALUATION)
-        if type(agent).decide is not Agent.decide or type(agent).act is not Agent.act:
+        if not all(is_shipped(getattr(type(agent), name)) for name in CHOOSING):
             raise SettingError(
                 f"exact evaluation: learner {rule.label} acts by a rule of its own, allowed: "
                 "learners whose agents act as Algorithm 1 does; leave out 'exact' for trials"
             )
-        q_star, q_coord, _ = agent.tables
-        chosen = _greedy(q_star[:, : agent.actions])
+        q_coord = agent.tables.q_coord
+        values = [agent.values(x)[: agent.actions] for x in range(cells)]
+        chosen = _greedy(np.array(values))
         asks = chosen[:, COORDINATE] if agent.actions > COORDINATE else np.zeros(cells)
         unseen = [agent.values_asking(x, None)[:PRIMITIVES] for x in range(cells)]
         blind = _greedy(np.array(unseen))[:, None, :]

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from sparse_coord_ros.core.agent import Agent, Tables
-from sparse_coord_ros.core.evaluation import play
+from sparse_coord_ros.core.algorithm import COORDINATE
+from sparse_coord_ros.core.evaluation import evaluate, play
 from sparse_coord_ros.core.learners import Learner, learner_of
 from sparse_coord_ros.core.scenario import load_scenario, scenario_from_dict
 from sparse_coord_ros.core.simulation import learn
@@ -289,15 +290,45 @@ class Timid(Agent):
         return super().act(step, cell, decision, None)
 
 
-class Shy(Learner):
-    def agent(self, scenario, number, seed, **options):
-        return Timid(scenario, number, seed, **options)
+class Stubborn(Agent):
+    def coordinate(self, step, cell, perceived):
+        return 0
 
 
-def test_a_learner_that_acts_by_a_rule_of_its_own_is_refused():
+class Silent(Agent):
+    def values(self, cell):
+        values = super().values(cell)
+        values[COORDINATE] = float("-inf")
+        return values
+
+
+def own(kind):
+    class Shy(Learner):
+        def agent(self, scenario, number, seed, **options):
+            return kind(scenario, number, seed, **options)
+
+    return Shy()
+
+
+@pytest.mark.parametrize("kind", [Timid, Stubborn])
+def test_a_learner_that_acts_by_a_rule_of_its_own_is_refused(kind):
     scenario = made()
-    with pytest.raises(SettingError, match="learner .*Shy acts by a rule of its own"):
-        evaluate_exact(scenario, undecided(scenario), learner=Shy())
+    learner = own(kind)
+    learner.name = "shy"
+    with pytest.raises(SettingError, match="learner shy acts by a rule of its own"):
+        evaluate_exact(scenario, undecided(scenario), learner=learner)
+
+
+def test_a_learner_whose_values_are_its_own_is_evaluated_by_them():
+    scenario = made()
+    learner = own(Silent)
+    learner.name = "silent"
+    tables = undecided(scenario)
+    assert evaluate_exact(scenario, tables).asks.mean > 0
+    found = evaluate_exact(scenario, tables, learner=learner)
+    assert found.asks.mean == 0
+    played = evaluate(scenario, tables, trials=400, seed=1, learner=learner)
+    assert abs(found.reward.mean - played.reward.mean) < 4 * played.reward.standard_error
 
 
 @pytest.mark.parametrize(
