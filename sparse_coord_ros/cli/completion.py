@@ -17,7 +17,8 @@ from sparse_coord_ros.core.grid import map_names
 from sparse_coord_ros.core.learners import LEARNERS
 from sparse_coord_ros.core.run_config import RUN_SETTINGS
 from sparse_coord_ros.core.scenario import SETTINGS, scenario_names
-from sparse_coord_ros.core.settings import Setting
+from sparse_coord_ros.core.settings import Setting, SettingTable
+from sparse_coord_ros.driving.trials import DRIVE_SETTINGS
 from sparse_coord_ros.errors import RunError
 
 ASKED = "_ARGCOMPLETE"
@@ -98,12 +99,13 @@ def _names(names: Callable[[], Iterable[str]]) -> Callable[..., Iterable[str]]:
     return lambda **about: names()
 
 
-def _assignments(prefix: str, **about: Any) -> Iterable[str]:
+def _assignments(prefix: str, parser: argparse.ArgumentParser, **about: Any) -> Iterable[str]:
     """Return `setting=`; after it, the forms of its values."""
+    table: SettingTable = DRIVE_SETTINGS if parser.prog.endswith(" drive") else SETTINGS
     name, given, _ = prefix.partition("=")
-    if not given or name not in SETTINGS:
-        return [f"{one}=" for one in SETTINGS]
-    return [f"{name}={value}" for value in values_of(SETTINGS[name])]
+    if not given or name not in table:
+        return [f"{one}=" for one in table]
+    return [f"{name}={value}" for value in values_of(table[name])]
 
 
 def values_of(setting: Setting) -> Iterable[str]:
@@ -126,7 +128,7 @@ COMPLETERS: Mapping[str, Callable[..., Iterable[str]]] = {
     "name": _with_files(map_names),
     "learner": _names(lambda: LEARNERS.names),
     "assignments": _assignments,
-    "names": _names(lambda: [*SETTINGS, *RUN_SETTINGS, *LEARNERS.names]),
+    "names": _names(lambda: [*SETTINGS, *RUN_SETTINGS, *DRIVE_SETTINGS, *LEARNERS.names]),
     "targets": _names(_experiments),
     **{number: _names(lambda: ()) for number in ("steps", "seed", "penalty", "trials", *SIZES)},
 }

@@ -13,6 +13,7 @@ from sparse_coord_ros.core.learners import LEARNERS, Learner
 from sparse_coord_ros.core.run_config import RUN_SETTINGS
 from sparse_coord_ros.core.scenario import DIALOGUE, PROTOCOL, SETTINGS
 from sparse_coord_ros.core.settings import Setting, SettingTable
+from sparse_coord_ros.driving.trials import DRIVE_SETTINGS
 from sparse_coord_ros.errors import SettingError, did_you_mean
 
 WIDEST = 100
@@ -85,6 +86,7 @@ def groups() -> dict[str, Group]:
         "run": Group(
             "A run", "options of run and train; ROS parameters of the world", RUN_SETTINGS
         ),
+        "drive": Group("Simulated bodies", "drive --set NAME=VALUE", DRIVE_SETTINGS),
     }
     for node, table in _nodes().items():
         rest = {k: one for k, one in table.items() if one is not RUN_SETTINGS.get(k)}
@@ -94,7 +96,7 @@ def groups() -> dict[str, Group]:
 
 def group_names() -> list[str]:
     """Return the names of the groups that there always are."""
-    return ["scenario", "dialogue", "protocol", "run", LEARNER_GROUP]
+    return ["scenario", "dialogue", "protocol", "run", "drive", LEARNER_GROUP]
 
 
 def _some(names) -> dict[str, Setting]:
@@ -111,6 +113,8 @@ def _nodes() -> Mapping[str, SettingTable]:
         "world_simulator": parameters.WORLD_PARAMETERS,
         "robot": parameters.ROBOT_PARAMETERS,
         "recorder": parameters.RECORDER_PARAMETERS,
+        "driver": parameters.DRIVER_PARAMETERS,
+        "body": parameters.BODY_PARAMETERS,
         "player": player.PLAYER_PARAMETERS,
         "watch": watch.WATCH_PARAMETERS,
     }

@@ -27,6 +27,7 @@ EXPECTED = {
     "sparse_coord train env1 --learner f": "factored",
     "sparse_coord train env1 --set pena": "penalty=",
     "sparse_coord train env1 --set link=b": "bursts:",
+    "sparse_coord drive runs/a --set wheel_n": "wheel_noise=",
     "sparse_coord run env1 --executor ": "events single",
     "sparse_coord info mine": "mine.mcap",
 }

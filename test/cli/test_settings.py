@@ -20,7 +20,16 @@ def test_every_setting_is_there_once(sparse_coord):
     assert {*DIALOGUE, *PROTOCOL} <= {*SETTINGS}
     assert list(groups["run"]) == list(RUN_SETTINGS)
     assert list(groups["learners"])[: len(LEARNERS.registered)] == list(LEARNERS.registered)
-    assert {"world_simulator", "robot", "recorder", "player", "watch"} <= set(groups)
+    assert {
+        "drive",
+        "world_simulator",
+        "robot",
+        "recorder",
+        "driver",
+        "body",
+        "player",
+        "watch",
+    } <= set(groups)
 
 
 def test_it_says_what_validates(sparse_coord):
