@@ -51,6 +51,8 @@ def processes(pid: int) -> dict[str, int]:
     children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
     for child in map(int, children):
         words = Path(f"/proc/{child}/cmdline").read_text().split("\0")
+        if len(words) < 3:
+            continue  # it has just ended
         nodes = [word.partition(":=")[2] for word in words if word.startswith("__node:=")]
         found[nodes[0] if nodes else words[2].rpartition(".")[0].rpartition(".")[2]] = child
     return found
