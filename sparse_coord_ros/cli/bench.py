@@ -13,12 +13,15 @@ from typing import Any
 
 from sparse_coord_ros.bench import batch
 from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.core.buildings import Building, building_text
 from sparse_coord_ros.core.learners import learner_of
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.settings import Setting
 from sparse_coord_ros.core.simulation import learn
 
 SCENARIO = "env1"
+TEAMS = (2, 4, 8, 16, 32)
+"""Robots of the teams whose speed is measured, each on the same generated building."""
 PARTS = ("live", "batch", "all")
 ONE, MANY, RECORDING = "one process, learning", "processes, learning", " and recording"
 STEPS = Setting("steps", int, 10_000, "time steps of a run", low=100, high=10_000_000)
@@ -67,6 +70,9 @@ def execute(options: argparse.Namespace) -> int:
         found, bag_bytes = _measure_live(steps, repeats)
         data |= {"steps_per_second": found, "bag_bytes": bag_bytes}
         tables.append(_live_table(found, bag_bytes / steps))
+        teams = _measure_teams(steps, repeats)
+        data["teams"] = teams
+        tables.append(_teams_table(teams))
     if options.part != "live":
         figures = batch.measure(SCENARIO, steps=steps, runs=runs, repeats=repeats)
         data["batch"] = asdict(figures)
@@ -123,6 +129,29 @@ def _live_table(found: dict[str, list[float]], bytes_per_step: float) -> str:
     return f"{shared.format_table(head, rows)}\n{note}"
 
 
+def _measure_teams(steps: int, repeats: int) -> dict[int, list[float]]:
+    """Return steps a second of teams in one process, without recording, by their robots."""
+    found: dict[int, list[float]] = {robots: [] for robots in TEAMS}
+    with tempfile.TemporaryDirectory(prefix="sparse_coord_bench_") as folder:
+        for _ in range(repeats):
+            for robots in TEAMS:
+                file = Path(folder) / f"building_{robots}.yaml"
+                file.write_text(building_text(Building(rooms=4, robots=robots)))
+                few = max(100, steps * TEAMS[0] // robots // 2)
+                found[robots].append(_live(few, record=False, scenario=str(file)))
+    return found
+
+
+def _teams_table(found: dict[int, list[float]]) -> str:
+    rows = []
+    for robots, rates in found.items():
+        median = statistics.median(rates)
+        spread = f"{min(rates):.0f} to {max(rates):.0f}"
+        rows.append([str(robots), f"{median:.0f}", spread, f"{median * robots:.0f}"])
+    head = ["robots in one process, learning", "steps/s", "range", "agent-steps/s"]
+    return shared.format_table(head, rows)
+
+
 def batch_table(figures: batch.BatchFigures, rival: str = "") -> str:
     """Return the table of a batch's speed; with a column beside a rival where one is named."""
     against = {f.threads: f.median for f in figures.figures if f.name == rival}
@@ -164,14 +193,19 @@ def _simulated(steps: int) -> float:
 
 
 def _live(
-    steps: int, *, record: bool, processes: bool = False, sizes: list[int] | None = None
+    steps: int,
+    *,
+    record: bool,
+    processes: bool = False,
+    sizes: list[int] | None = None,
+    scenario: str = SCENARIO,
 ) -> float:
     """Return the steps a second of a run; add the size of its bag in bytes to `sizes`."""
     from sparse_coord_ros.cli import live
 
     with tempfile.TemporaryDirectory(prefix="sparse_coord_bench_") as folder:
         values = {
-            "scenario": SCENARIO,
+            "scenario": scenario,
             "set": [f"steps={steps}"],
             "out": str(Path(folder) / "run"),
             "record": record,

@@ -58,10 +58,10 @@ def check_security(prefix: Path | None = None) -> None:
 
 
 def repair_promptly() -> None:
-    """Let Fast DDS offer a lost message again after 50 ms; its own period is 3 s.
+    """Let Fast DDS offer a lost message again after 10 ms; its own period is 3 s.
 
-    On a busy machine its shared memory drops messages. In a run of a few seconds they would come
-    after the end, or after they were overwritten. Profiles that the user has chosen stay, and
-    other middlewares take no notice.
+    On a busy machine its shared memory drops messages, and networks lose frames. In a run of a
+    few seconds they would come after the end, or after they were overwritten. Profiles that the
+    user has chosen stay, and other middlewares take no notice.
     """
     os.environ.setdefault(PROFILES, str(share_folder("config") / "fastdds.xml"))

@@ -36,6 +36,7 @@ def live(monkeypatch):
     ]
     found = {name: [100.0 * (i + 1), 300.0] for i, name in enumerate(names)}
     monkeypatch.setattr(bench, "_measure_live", lambda steps, repeats: (found, 240 * steps))
+    monkeypatch.setattr(bench, "_measure_teams", lambda steps, repeats: {2: [70.0], 32: [9.0]})
     return found
 
 
@@ -70,16 +71,17 @@ def test_batch_without_numba(sparse_coord, in_this_process):
     assert data["ready_seconds"] is data["peak_memory"] is None
 
 
-def test_all_prints_both_tables(sparse_coord, live, in_this_process):
+def test_all_prints_all_tables(sparse_coord, live, in_this_process):
     code, out, err = sparse_coord("bench", *SHORT)
     assert (code, err) == (0, "")
-    first, second = out.split("\n\n")
+    first, teams, second = out.split("\n\n")
     assert "of bare nodes" in first
     assert "processes, learning" in first
+    assert teams.splitlines()[-1].split() == ["32", "9", "9", "to", "9", "288"]
     assert "M agent-steps/s" in second
     data = json.loads(sparse_coord("bench", *SHORT, "--json")[1])
     assert data["steps_per_second"] == live
-    assert set(data) == {"scenario", "steps", "steps_per_second", "bag_bytes", "batch"}
+    assert set(data) == {"scenario", "steps", "steps_per_second", "bag_bytes", "teams", "batch"}
 
 
 def test_live_only(sparse_coord, live, monkeypatch):
@@ -87,9 +89,17 @@ def test_live_only(sparse_coord, live, monkeypatch):
     code, out, err = sparse_coord("bench", "live")
     assert (code, err) == (0, "")
     assert "M agent-steps/s" not in out
-    last = out.splitlines()[-1]  # medians are (100 i + 300) / 2 with i from 1
+    last = out.split("\n\n")[0].splitlines()[-1]  # medians are (100 i + 300) / 2 with i from 1
     assert last.startswith("with recording 120% of the speed without in one process, 112% in many")
     assert last.endswith("240 bytes a time step")
+
+
+@pytest.mark.long
+def test_teams_of_a_generated_building(monkeypatch):
+    monkeypatch.setattr(bench, "TEAMS", (2, 4))
+    found = bench._measure_teams(100, 1)
+    assert [len(found[robots]) for robots in (2, 4)] == [1, 1]
+    assert all(rates[0] > 0 for rates in found.values())
 
 
 def test_live_without_ros(refused, monkeypatch):
