@@ -19,6 +19,7 @@ from sparse_coord_ros.core.factors import (
     Own,
     Terms,
     coordination_table,
+    counted,
     key_of,
     keys_of,
     learn_asking,
@@ -131,6 +132,7 @@ class FactoredAgent(Agent):
             raise ValueError("tables without factors")
         self._cells, self._robots = len(scenario.map.cells), len(scenario.robots)
         self._rule, self._terms = rule, terms_of(scenario, self.goal, weights)
+        self._right_of_way = rule.right_of_way and self._robots > 2
         nothing = np.zeros((self._cells, PRIMITIVES), dtype=np.int64)
         factors = begun.factors
         self._take(
@@ -202,7 +204,11 @@ class FactoredAgent(Agent):
         if perceived is None:
             keys = [unseen_key(cell, self._cells, self._robots)]
         else:
-            keys = [self._key(cell, j, z) for j, z in zip(self._peers, perceived, strict=True)]
+            keys = [
+                self._key(cell, j, z)
+                for j, z in zip(self._peers, perceived, strict=True)
+                if counted(self.number, j, cell, z, self._right_of_way)
+            ]
         correction = [0.0] * PRIMITIVES
         for row in (self._rho[key] for key in keys if key in self._rho):
             for b in range(PRIMITIVES):

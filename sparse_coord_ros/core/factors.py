@@ -38,11 +38,15 @@ class FactorRule(NamedTuple):
         share: whether a robot that is asked learns rho from it, as the request says where the
             asker is and the percept model lets it perceive the asker.
         percept_update: whether a percept also corrects r_bar, for every move.
+        right_of_way: whether, of several robots in one cell, only those with higher numbers give
+            way: a robot leaves out the correction of a peer in its own cell that has a higher
+            number. Of more than two robots only; a pair learns who waits by itself.
     """
 
     replays: int = 1
     share: bool = True
     percept_update: bool = True
+    right_of_way: bool = True
 
 
 class Factors(NamedTuple):
@@ -82,6 +86,19 @@ class FactorMemory(NamedTuple):
     moved: np.ndarray
     successor: np.ndarray
     tried: np.ndarray
+
+
+def counted(number: int, peer: int, x: int, z: int, right_of_way: bool) -> bool:
+    """Return whether a robot in x counts the correction of a peer that it perceives in z.
+
+    Args:
+        number: the robot.
+        peer: the peer.
+        x: the own cell.
+        z: the peer's cell.
+        right_of_way: whether the lower number goes first where both are in one cell.
+    """
+    return not (right_of_way and x == z and number < peer)
 
 
 def key_of(x: int, peer: int, z: int, cells: int, robots: int) -> int:
@@ -139,7 +156,8 @@ class AdditiveTable:
     """Q^C over the joint states of more than two robots, read from factors.
 
     `table[cell, *peer_cells]` is the row of a joint state, `table[cell, *peer_cells, action]` an
-    entry of it; the peers are in ascending order. It cannot be written to.
+    entry of it; the peers are in ascending order. It cannot be written to. Who has the right of
+    way in a cell counts, as of `counted`.
 
     Args:
         factors: the robot's factors.
@@ -150,7 +168,7 @@ class AdditiveTable:
     def __init__(self, factors: Factors, number: int, robots: int) -> None:
         cells = len(factors.individual)
         self.shape = (cells,) * robots + (PRIMITIVES,)
-        self._individual = factors.individual
+        self._individual, self._number = factors.individual, number
         self._peers = [peer for peer in range(robots) if peer != number]
         states = map(tuple, factors.states.tolist())
         self._rows = dict(zip(states, factors.corrections, strict=True))
@@ -161,7 +179,7 @@ class AdditiveTable:
         correction = np.zeros(PRIMITIVES)
         for peer, z in zip(self._peers, others, strict=False):
             row = self._rows.get((x, peer, z))
-            if row is not None:
+            if row is not None and counted(self._number, peer, x, z, True):
                 correction = correction + row
         values = self._individual[x] + correction
         return values[others[-1]] if len(index) == len(self.shape) else values

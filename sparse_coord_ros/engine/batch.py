@@ -822,4 +822,5 @@ def make_problem(
         replays=rule.replays if learner.factors else 0,
         share=rule.share,
         percept_update=rule.percept_update,
+        right_of_way=rule.right_of_way and len(scenario.robots) > 2,
     )

@@ -25,6 +25,7 @@ CALLED = (
     algorithm.step_size,
     algorithm.updated,
     algorithm.weighed,
+    factors.counted,
     factors.key_of,
     factors.unseen_key,
     factors.toward,

@@ -25,6 +25,7 @@ from sparse_coord_ros.core.algorithm import (
 from sparse_coord_ros.core.factors import (
     Own,
     Terms,
+    counted,
     key_of,
     learn_asking,
     learn_correction,
@@ -96,6 +97,7 @@ class CompiledScenario(NamedTuple):
         rows_a_step: rows that a sparse table can grow by in a time step.
         most_rows: rows that a sparse table can have.
         replays, share, percept_update: as of `core.factors.FactorRule`.
+        right_of_way: likewise, and False for two robots.
     """
 
     members: np.ndarray
@@ -129,6 +131,7 @@ class CompiledScenario(NamedTuple):
     replays: int
     share: bool
     percept_update: bool
+    right_of_way: bool
 
 
 class Factored(NamedTuple):
@@ -394,7 +397,7 @@ def coordinate(
                 break
     choice.rows[k] = seen
     values = factored.correction
-    correct(learners, factored, k, x, game.cells, seen)
+    correct(learners, factored, k, x, game.cells, seen, problem.right_of_way)
     for b in range(PRIMITIVES):
         values[b] = factored.u[k, x, b] + values[b]
     if seen == FAILED and draws.blind[k, now, BLIND_EXPLORE] < epsilon:
@@ -403,7 +406,13 @@ def coordinate(
 
 
 def correct(
-    learners: Learners, factored: Factored, k: int, x: int, cells: np.ndarray, seen: int
+    learners: Learners,
+    factored: Factored,
+    k: int,
+    x: int,
+    cells: np.ndarray,
+    seen: int,
+    right_of_way: bool,
 ) -> None:
     """Set `factored.correction` to Q^C(x, z, .) - U(x, .) of what robot k perceived."""
     correction = factored.correction
@@ -414,7 +423,7 @@ def correct(
         add_row(learners, k, unseen_key(x, size, team), correction)
         return
     for peer in range(team):
-        if peer != k:
+        if peer != k and counted(k, peer, x, cells[peer], right_of_way):
             add_row(learners, k, key_of(x, peer, cells[peer], size, team), correction)
 
 
@@ -584,7 +593,7 @@ def learn_factors(
     if asked:
         if seen == FAILED:
             learn_row(learners, k, unseen_key(x, size, team), m, common, by_count, least_alpha)
-        correct(learners, factored, k, x, choice.cells, seen)
+        correct(learners, factored, k, x, choice.cells, seen, problem.right_of_way)
         update = problem.percept_update
         learn_asking(own, x, factored.correction, update, by_count, least_alpha)
     refresh(own, x, terms)

@@ -29,10 +29,10 @@ def scenario(name="env1", **settings):
     return learner_of("factored").with_defaults(load_scenario(name).with_settings(chosen))
 
 
-def agent(rule=None, weights=None, **settings):
+def agent(rule=None, weights=None, number=0, **settings):
     rule = rule or FactorRule(replays=0)
     weights = weights or RewardWeights(1.0, 1.0, 1.0)
-    return FactoredAgent(scenario(**settings), 0, 3, rule=rule, weights=weights)
+    return FactoredAgent(scenario(**settings), number, 3, rule=rule, weights=weights)
 
 
 def paid(common=0.0, individual=0.0, cost=0.0, **more):
@@ -228,6 +228,33 @@ def test_a_robot_learns_only_from_its_own_miscoordination_by_the_peer_in_the_doo
     other = agent(name="env2-4r")
     moved(other, 1, 2, EAST, 3, paid(common=-20.0, partners=0))
     assert (other.tables.factors.common == 0).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "number", "right_of_way", "counted"),
+    [
+        ("env2-4r", 0, True, []),
+        ("env2-4r", 2, True, [0, 1]),
+        ("env2-4r", 2, False, [0, 1, 3]),
+        ("env1", 0, True, [1]),
+    ],
+)
+def test_of_several_robots_in_one_cell_the_higher_numbers_give_way(
+    name, number, right_of_way, counted
+):
+    """They see the same: were it not so, each would wait for the others for ever."""
+    rule = FactorRule(right_of_way=right_of_way)
+    one = agent(rule, name=name, number=number)
+    peers = [j for j in range(one._robots) if j != number]
+    for j in peers:
+        one._rho[one._key(2, j, 2)] = [0.0, -(10.0**j), 0.0, 0.0]
+        one._rho[one._key(2, j, 7)] = [0.0, -7.0, 0.0, 0.0]
+    expected = [0.0, -sum(10.0**j for j in counted), 0.0, 0.0]
+    assert one.correction(2, (2,) * len(peers)) == expected
+    assert one.correction(2, (7,) * len(peers)) == [0.0, -7.0 * len(peers), 0.0, 0.0]
+    if right_of_way:
+        row = one.tables.q_coord[(2, *(2 for _ in peers))]
+        assert (row - one.tables.factors.individual[2]).tolist() == expected
 
 
 def test_numbers_of_rows():

@@ -40,6 +40,10 @@ class Many(Factored):
     factors = FactorRule(percept_update=False, replays=3)
 
 
+class Polite(Factored):
+    factors = FactorRule(right_of_way=False)
+
+
 def problem(name, **settings):
     chosen = load_scenario(name).with_settings({"epsilon": "constant:0.5", **SETTINGS, **settings})
     return learner_of("factored").with_defaults(chosen)
@@ -91,9 +95,12 @@ def test_exact_evaluation_knows_failed_percepts():
     assert evaluate_exact(scenario, coop).reward.mean != exact.reward.mean
 
 
-@pytest.mark.parametrize("learner", [NoReplays, Deaf, Many])
-def test_rules_with_a_part_turned_off(learner):
-    scenario = problem("env2-2r", perception="probability:0.8")
+@pytest.mark.parametrize(
+    ("learner", "name"),
+    [(NoReplays, "env2-2r"), (Deaf, "env2-2r"), (Many, "env2-2r"), (Polite, "env2-4r")],
+)
+def test_rules_with_a_part_turned_off(learner, name):
+    scenario = problem(name, perception="probability:0.8")
     [run] = run_batch(scenario, learner, [4], trials=0, engine="numba", jobs=1)
     assert tables_equal(run.tables, whole(scenario, learner, 4).tables)
     assert not tables_equal(run.tables, whole(scenario, "factored", 4).tables)

@@ -57,6 +57,7 @@ def test_c_loop_learns_the_same_bits(name, settings):
     [
         ("env1", {"steps": 2000}, "factored"),
         ("env2-4r", {"steps": 1200}, "tools.coordination.rules:FiveReplays"),
+        ("env2-4r", {"steps": 1200}, "tools.coordination.rules:NoRightOfWay"),
         (
             "env2-4r",
             {"steps": 1200, "perception": "probability:0.7", "credit": "team", "referee": "off"},

@@ -10,7 +10,7 @@ enum { NOT_ASKED = -1, FAILED = 0, PERCEIVED = 1 };
 
 struct rule {
     double common_weight;
-    int32_t replays, share, percept_update, referee;
+    int32_t replays, share, percept_update, right_of_way, referee;
 };
 
 // What one robot has learned; b is a move.
@@ -48,14 +48,15 @@ static inline void refresh(const struct problem *problem, struct robot *robot, s
 
 // Q^C(x, z, .) - U(x, .) of what was perceived.
 static inline void correct(const struct problem *problem, const struct robot *robots,
-                           const struct mind *mind, int k, int x, int seen, double *correction)
+                           const struct mind *mind, int k, int x, int seen, bool right_of_way,
+                           double *correction)
 {
     for (int b = 0; b < PRIMITIVES; b++)
         correction[b] = seen == FAILED ? mind->unseen[x * PRIMITIVES + b] : 0.0;
     if (seen == FAILED)
         return;
     for (int peer = 0; peer < problem->team; peer++) {
-        if (peer == k)
+        if (peer == k || (right_of_way && robots[peer].from == x && k < peer))
             continue;
         int64_t row = ((int64_t)x * problem->team + peer) * problem->cells + robots[peer].from;
         for (int b = 0; b < PRIMITIVES; b++)
@@ -63,8 +64,8 @@ static inline void correct(const struct problem *problem, const struct robot *ro
     }
 }
 
-static inline void choose_factored(const struct problem *problem, struct robot *robots,
-                                   struct mind *minds, int k, double epsilon)
+static inline void choose_factored(const struct problem *problem, const struct rule *rule,
+                                   struct robot *robots, struct mind *minds, int k, double epsilon)
 {
     struct robot *robot = &robots[k];
     struct mind *mind = &minds[k];
@@ -88,7 +89,7 @@ static inline void choose_factored(const struct problem *problem, struct robot *
         }
     }
     double values[PRIMITIVES];
-    correct(problem, robots, mind, k, x, mind->seen, values);
+    correct(problem, robots, mind, k, x, mind->seen, rule->right_of_way, values);
     for (int b = 0; b < PRIMITIVES; b++)
         values[b] = mind->u[x * PRIMITIVES + b] + values[b];
     if (mind->seen == FAILED && mind->blind[0] < epsilon)
@@ -171,7 +172,7 @@ static inline bool learn_factored(const struct problem *problem, const struct ru
         if (mind->seen == FAILED)
             learn_row(problem, mind->unseen + x * PRIMITIVES, mind->unseen_updates + x * PRIMITIVES,
                       m, common, floor);
-        correct(problem, robots, mind, k, x, mind->seen, correction);
+        correct(problem, robots, mind, k, x, mind->seen, rule->right_of_way, correction);
         double best = u[0] + correction[0];
         for (int b = 1; b < PRIMITIVES; b++)
             if (u[b] + correction[b] > best)
@@ -289,7 +290,7 @@ int learn_run_factored(const struct problem *problem, const struct rule *rule,
         }
         for (int k = 0; k < team; k++)
             if (!robots[k].arrived)
-                choose_factored(problem, robots, minds, k, problem->epsilon[scheduled]);
+                choose_factored(problem, rule, robots, minds, k, problem->epsilon[scheduled]);
         bool conflict = move(problem, robots);
         if (rule->referee)
             find_partners(problem, robots, minds);

@@ -17,7 +17,7 @@ import numpy as np
 from sparse_coord_ros.bench.batch import LEARNER, agent_steps_rate
 from sparse_coord_ros.core.agent import Tables
 from sparse_coord_ros.core.algorithm import ACTIONS, PRIMITIVES
-from sparse_coord_ros.core.factors import coordination_table, sorted_factors
+from sparse_coord_ros.core.factors import FactorRule, coordination_table, sorted_factors
 from sparse_coord_ros.core.learners import Learner, learner_of
 from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.streams import (
@@ -159,7 +159,7 @@ class _Rule(ctypes.Structure):
 
     _fields_ = [
         ("common_weight", ctypes.c_double),
-        *((name, ctypes.c_int32) for name in ("replays", "share", "percept_update", "referee")),
+        *((name, ctypes.c_int32) for name in (*FactorRule._fields, "referee")),
     ]
 
 
@@ -185,9 +185,7 @@ class FactoredCLoop(CLoop):
         self._arrays, self._problem = _problem(scenario, learner)
         self._rule = _Rule(
             learner.weights(scenario).common,
-            rule.replays,
-            rule.share,
-            rule.percept_update,
+            *rule._replace(right_of_way=rule.right_of_way and len(scenario.robots) > 2),
             scenario.referee,
         )
 

@@ -28,3 +28,9 @@ class FiveReplays(Factored):
     """Learns five times a step from its own model."""
 
     factors = FactorRule(replays=5)
+
+
+class NoRightOfWay(Factored):
+    """Several robots in one cell wait for one another."""
+
+    factors = FactorRule(right_of_way=False)

@@ -190,6 +190,7 @@ ABLATED: Mapping[str, str] = {
     "all of it": "factored",
     "no learning from being asked": RULES + "NotToldByRequests",
     "no percept update of r_bar": RULES + "NoPerceptUpdate",
+    "no right of way (more than two robots)": RULES + "NoRightOfWay",
     "no replay": RULES + "NoReplay",
     "five replays": RULES + "FiveReplays",
 }
