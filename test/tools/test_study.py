@@ -9,11 +9,13 @@ from types import SimpleNamespace
 import pytest
 
 from sparse_coord_ros.core.evaluation import Measure
+from sparse_coord_ros.core.learners import learner_of
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.engine.experiments import LARGE, SMALL
 from sparse_coord_ros.engine.results import Plan
 from tools.study.__main__ import main
 from tools.study.document import protocol_document
+from tools.study.factored import COOPS, FACTORED, JUDGED, SHIPPED, best_known
 from tools.study.search import (
     FINALISTS,
     SETTINGS,
@@ -222,3 +224,37 @@ def test_the_command(tmp_path, capsys, monkeypatch):
         }
     assert main([*arguments, "--out", out, "--seed", "1"]) == 2
     assert "seed" in capsys.readouterr().err
+
+
+def test_the_factored_learner_s_own_search(monkeypatch):
+    """Its defaults come first; what is missing to the class bound adds up."""
+    assert settings_of(SHIPPED) | dict(learner_of("factored").defaults) == {
+        **settings_of(SHIPPED),
+        "peers": "all",
+    }
+    for name, values in FACTORED.space.items():
+        assert SHIPPED[name] in values
+        for value in values:
+            load_scenario("env1").with_settings(settings_of({**SHIPPED, name: value}))
+
+    def short(cell, by=0.5, failed=0):
+        assert cell.learner == "factored"
+        return SimpleNamespace(
+            best=lambda name: Measure(best_known(cell, SimpleNamespace(optimum=9.0)) - by, 1, 0.1),
+            optimum=9.0,
+            failed_teams=failed,
+            runs=10,
+        )
+
+    outcome = FACTORED.judge(SHIPPED, short, NO_LIMIT)
+    assert (outcome.whole, outcome.loss) == (True, pytest.approx(0.5 * len(JUDGED)))
+    stopped = FACTORED.judge(SHIPPED, lambda cell: short(cell, failed=1), 20.0)
+    assert (stopped.whole, len(stopped.difference)) == (False, 2)
+    outcomes = list(search(short, 7, task=FACTORED))
+    assert [one.choices for one in outcomes[:2]] == [SHIPPED, COOPS]
+    text = protocol_document(
+        Plan(7, 40, 100), Plan(9, 120, 100), outcomes, outcomes, outcomes[0], [], FACTORED
+    )
+    assert "It is the default of the learner factored" in text
+    assert "| 0 | the learner's defaults | 5.00 | 0.50 |" in text
+    assert "--learner factored --candidates 7" in text

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """`make study`: search for one learning protocol that serves all nine scenarios.
 
-`python -m tools.study --out study`, in a checkout; `--help` lists the options.
+`python -m tools.study --out study`, in a checkout; `--learner factored` searches for that
+learner's; `--help` lists the options.
 """
 
 import argparse
@@ -31,13 +32,14 @@ from sparse_coord_ros.engine.results import (
 from sparse_coord_ros.engine.runner import compute
 from sparse_coord_ros.errors import EXIT_BAD_INPUT, SparseCoordError
 from tools.study.document import protocol_document
+from tools.study.factored import FACTORED
 from tools.study.search import (
+    COOP,
     FINAL_RUNS,
     FINALISTS,
-    SPACE,
     Judgement,
+    Task,
     final,
-    judge,
     search,
     settings_of,
     vary,
@@ -47,6 +49,8 @@ RUNS = Setting("runs", int, 100, "learning runs of a protocol in a scenario", lo
 TRIALS = Setting("trials", int, 100, "Monte-Carlo trials of a run", low=2, high=1_000_000)
 FINAL_SEEDS = 10**6
 """How far the seeds of the final lie from those of the search."""
+
+TASKS = {task.learner: task for task in (COOP, FACTORED)}
 
 T = TypeVar("T")
 
@@ -62,6 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         default=Path("study"),
         help="results directory; where it is there, the search is continued (default: study)",
     )
+    parser.add_argument("--learner", choices=TASKS, default="coop", help="whose protocol")
     parser.add_argument("--candidates", default="40", help=f"{CANDIDATES.help} (default: 40)")
     parser.add_argument("--runs", default="100", help=f"{RUNS.help} (default: 100)")
     parser.add_argument("--trials", default="100", help=f"{TRIALS.help} (default: 100)")
@@ -86,6 +91,7 @@ def execute(options: argparse.Namespace) -> int:
     )
     candidates = CANDIDATES.parse(options.candidates)
     jobs = jobs_of(options)
+    task = TASKS[options.learner]
     final_plan = Plan(plan.seed + FINAL_SEEDS, FINAL_RUNS * plan.runs, plan.trials)
     with (
         open_results(options.out / "search", plan) as searched,
@@ -94,16 +100,18 @@ def execute(options: argparse.Namespace) -> int:
     ):
         where = {"engine": options.engine, "jobs": jobs, "cluster": cluster}
         result = partial(_result, searched, where)
-        outcomes = _listed(search(result, candidates), "search", candidates)
-        again = final(outcomes, partial(_result, finals, where))
+        outcomes = _listed(search(result, candidates, task=task), "search", candidates)
+        again = final(outcomes, partial(_result, finals, where), task)
         finalists = _listed(again, "final", FINALISTS)
         best = min(finalists, key=lambda one: one.loss)
-        reference = judge(best.choices, result, float("inf"))
-        changes = sum(map(len, SPACE.values())) - len(SPACE)
-        variations = _listed(vary(reference, result), "one choice at a time", changes)
-    document = protocol_document(plan, final_plan, outcomes, finalists, reference, variations)
+        reference = task.judge(best.choices, result, float("inf"))
+        changes = sum(map(len, task.space.values())) - len(task.space)
+        variations = _listed(vary(reference, result, task), "one choice at a time", changes)
+    document = protocol_document(
+        plan, final_plan, outcomes, finalists, reference, variations, task
+    )
     write_result(options.out / "protocol.md", document)
-    write_result(options.out / "protocols.csv", _csv(outcomes))
+    write_result(options.out / "protocols.csv", _csv(outcomes, task))
     if options.json:
         data = {"protocol": settings_of(best.choices), "loss": best.loss, "closed": best.closed}
         shared.print_json({**data, "difference": best.difference, "asks": best.asks})
@@ -123,10 +131,10 @@ def _result(results: Results, where: Mapping[str, Any], condition: Condition) ->
     return compute([condition], results.plan, results=results, **where)[condition.id]
 
 
-def _csv(outcomes: Sequence[Judgement]) -> str:
+def _csv(outcomes: Sequence[Judgement], task: Task) -> str:
     scenarios = sorted({name for one in outcomes for name in one.difference})
     rows = [
-        {name: one.choices[name] for name in SPACE}
+        {name: one.choices[name] for name in task.space}
         | {"loss": one.loss, "whole": one.whole}
         | {f"closed_{name}": one.closed.get(name) for name in outcomes[0].closed}
         | {f"difference_{name}": one.difference.get(name) for name in scenarios}

@@ -5,27 +5,31 @@
 from collections.abc import Sequence
 
 from sparse_coord_ros import __version__
+from sparse_coord_ros.core.learners import learner_of
 from sparse_coord_ros.core.scenario import SETTINGS as SCENARIO_SETTINGS
 from sparse_coord_ros.engine.experiments import CLOSE, CLOSED, SPARSE
 from sparse_coord_ros.engine.report.text import to_markdown
 from sparse_coord_ros.engine.results import Plan
+from tools.study.factored import JUDGED
 from tools.study.search import (
+    COOP,
     MARGIN,
-    SETTINGS,
-    SPACE,
-    STARTS,
     Choices,
     Judgement,
+    Task,
     settings_of,
 )
 
-HEAD = [
-    "loss",
-    *(f"{name} closed" for name in CLOSE),
-    "worst difference",
-    "most asks",
-    "failed teams",
-]
+HEADS = {
+    "coop": [
+        "loss",
+        *(f"{name} closed" for name in CLOSE),
+        "worst difference",
+        "most asks",
+        "failed teams",
+    ],
+    "factored": ["loss", *JUDGED, "failed teams"],
+}
 
 
 def protocol_document(
@@ -35,6 +39,7 @@ def protocol_document(
     finalists: Sequence[Judgement],
     reference: Judgement,
     variations: Sequence[tuple[str, float, Judgement]],
+    task: Task = COOP,
 ) -> str:
     """Return the Markdown document of a study.
 
@@ -45,36 +50,37 @@ def protocol_document(
         finalists: outcomes of the best of them, judged again.
         reference: outcome of the best finalist from the search's conditions.
         variations: name, value and outcome of each change of it, from the search's conditions.
+        task: what the search was about.
     """
+    head, first = HEADS[task.learner], next(iter(task.starts))
     best = min(finalists, key=lambda one: one.loss)
     rows = [["(the protocol found)", *_row(reference)]]
     rows += [[f"{name} = {value:g}", *_row(one)] for name, value, one in variations]
     parts = [
-        "# The learning protocol\n",
-        _introduction(plan, final_plan, outcomes, best),
+        "# The learning protocol\n" if task is COOP else f"# The protocol of {task.learner}\n",
+        _introduction(plan, final_plan, outcomes, best, task),
         "## What was tried\n\n"
         + _table(
-            ["choice", "values", *STARTS, "found"],
+            ["choice", "values", *task.starts, "found"],
             [
                 [
                     name,
                     ", ".join(f"{value:g}" for value in values),
-                    *(f"{start[name]:g}" for start in STARTS.values()),
+                    *(f"{start[name]:g}" for start in task.starts.values()),
                     f"**{best.choices[name]:g}**",
                 ]
-                for name, values in SPACE.items()
+                for name, values in task.space.items()
             ],
         ),
-        _measures(),
-        "## The search\n\nIt tries the textbook protocol and the best of earlier searches, which "
-        "had fewer runs and other seeds, then changes of the best so far, and protocols drawn at "
-        "random. Each protocol that was better than all before it, by its number in the "
-        "search, and what it changes in the one above.\n\n" + _progress(outcomes),
+        _measures() if task is COOP else MEASURES_OF_FACTORED,
+        f"## The search\n\n{FIRST[task.learner]}, then changes of the best so far, and protocols "
+        "drawn at random. Each protocol that was better than all before it, by its number in the "
+        "search, and what it changes in the one above.\n\n" + _progress(outcomes, head, first),
         f"## The final\n\nThe best {len(finalists)} of the search, judged again with "
         f"{final_plan.runs} learning runs and other seeds, as the best of many noisy estimates is "
         "often a lucky one.\n\n"
         + _table(
-            ["what differs from the protocol found", *HEAD],
+            ["what differs from the protocol found", *head],
             [
                 [_changes(best.choices, one.choices), *_row(one)]
                 for one in sorted(finalists, key=lambda one: one.loss)
@@ -82,36 +88,62 @@ def protocol_document(
         ),
         "## One choice at a time\n\nThe protocol found with one choice changed, with the runs and "
         "seeds of the search: what each of them is there for. A change that loses much more was "
-        "not judged to the end.\n\n" + _table(["changed", *HEAD], rows),
+        "not judged to the end.\n\n" + _table(["changed", *head], rows),
     ]
     return "\n".join(parts)
 
 
+FIRST = {
+    "coop": "It tries the textbook protocol and the best of earlier searches, which had fewer "
+    "runs and other seeds",
+    "factored": "It tries the learner's defaults and Coop.'s protocol",
+}
+OPEN = {
+    "coop": "Algorithm 1 leaves step sizes, exploration, initial tables, start states, the length "
+    "of episodes and the treatment of the goal open. One protocol is to serve all nine scenarios; "
+    "only the step budget differs, as in the paper.",
+    "factored": "The factored learner leaves step sizes, exploration, the initial U, start states "
+    "and the length of episodes open. One protocol is to serve all scenarios.",
+}
+MEASURES_OF_FACTORED = (
+    "\nA column says how much reward is missing to the class bound, the best team of this form, "
+    "exact for each team, at penalty -100 after 10^5 steps or at -20 with the paper's budgets; in "
+    "env2-4r to robots that never meet, which no team reaches. A *failed team* is one that does "
+    "not arrive in 99.9 % of its trials; one in a hundred counts as 1. The *loss* adds it all "
+    "up.\n"
+)
+
+
 def _introduction(
-    plan: Plan, final_plan: Plan, outcomes: Sequence[Judgement], best: Judgement
+    plan: Plan, final_plan: Plan, outcomes: Sequence[Judgement], best: Judgement, task: Task
 ) -> str:
     found = settings_of(best.choices)
     lines = "\n".join(f"{name}: {value}" for name, value in found.items())
-    defaults = {name: str(SCENARIO_SETTINGS[name].default) for name in SETTINGS}
-    same = all(_same(found[name], defaults[name]) for name in SETTINGS)
+    defaults = {name: str(SCENARIO_SETTINGS[name].default) for name in found}
+    defaults |= {
+        name: str(value)
+        for name, value in learner_of(task.learner).defaults.items()
+        if name in found
+    }
+    same = all(_same(found[name], defaults[name]) for name in found)
+    whose = "of every scenario" if task is COOP else f"of the learner {task.learner}"
     default = (
-        "It is the default of every scenario."
+        f"It is the default {whose}."
         if same
-        else "It is not the default of the scenarios, which is "
+        else f"It is not the default {whose}, which is "
         + ", ".join(f"`{name}: {value}`" for name, value in defaults.items())
         + "."
     )
     whole = sum(one.whole for one in outcomes)
+    options = "" if task is COOP else f"--learner {task.learner} "
     return (
-        "Algorithm 1 leaves step sizes, exploration, initial tables, start states, the length of "
-        "episodes and the treatment of the goal open. One protocol is to serve all nine "
-        "scenarios; only the step budget differs, as in the paper. A search tried "
-        f"{len(outcomes)} protocols, {whole} of them to the end, with {plan.runs} learning runs "
-        f"of {plan.trials} trials in each scenario and seeds from {plan.seed} on; the final had "
+        f"{OPEN[task.learner]} A search tried {len(outcomes)} protocols, {whole} of them to the "
+        f"end, with {plan.runs} learning runs of {plan.trials} trials in each scenario and seeds "
+        f"from {plan.seed} on; the final had "
         f"{final_plan.runs} runs and seeds from {final_plan.seed} on (version {__version__}). "
-        f"What it found:\n\n```yaml\n{lines}\n```\n\n{default} `make study` searches "
-        "again:\n\n```\n"
-        f"python -m tools.study --candidates {len(outcomes)} --runs {plan.runs} "
+        f"What it found:\n\n```yaml\n{lines}\n```\n\n{default} "
+        f"{'`make study` searches' if task is COOP else 'This searches'} again:\n\n```\n"
+        f"python -m tools.study {options}--candidates {len(outcomes)} --runs {plan.runs} "
         f"--trials {plan.trials} --seed {plan.seed} --out study\n```\n"
     )
 
@@ -130,25 +162,30 @@ def _measures() -> str:
     )
 
 
-def _progress(outcomes: Sequence[Judgement]) -> str:
+def _progress(outcomes: Sequence[Judgement], head: list[str], first: str) -> str:
     rows = []
     best: Judgement | None = None
     for number, one in enumerate(outcomes):
         if one.whole and (best is None or one.loss < best.loss):
-            change = (
-                "the textbook protocol" if best is None else _changes(best.choices, one.choices)
-            )
+            protocol = "the textbook protocol" if first == "textbook" else first
+            change = protocol if best is None else _changes(best.choices, one.choices)
             rows.append([str(number), change, *_row(one)])
             best = one
-    return _table(["number", "change", *HEAD], rows)
+    return _table(["number", "change", *head], rows)
 
 
 def _changes(old: Choices, new: Choices) -> str:
-    changed = [f"{name} {new[name]:g}" for name in SPACE if new[name] != old[name]]
+    changed = [f"{name} {new[name]:g}" for name in new if new[name] != old[name]]
     return ", ".join(changed) or "-"
 
 
 def _row(one: Judgement) -> list[str]:
+    if not one.closed:
+        loss = f"{one.loss:.2f}" if one.whole else f"> {one.loss:.0f}"
+        missing = [
+            f"{-one.difference[text]:.2f}" if text in one.difference else "-" for text in JUDGED
+        ]
+        return [loss, *missing, f"{one.failed_teams} of {one.teams}"]
     if not one.whole:
         closed = [f"{one.closed[name]:.0%}" if name in one.closed else "-" for name in CLOSE]
         return [f"> {one.loss:.0f}", *closed, "-", "-", f"{one.failed_teams} of {one.teams}"]

@@ -108,15 +108,12 @@ CHANGED = 0.25
 def settings_of(choices: Choices) -> dict[str, str]:
     """Return the scenario settings of a protocol."""
     c = {name: f"{value:g}" for name, value in choices.items()}
-    return {
+    schedules = {
         "step_size": f"floored:{c['exponent']}:{c['floor_first']}:{c['floor_last']}",
         "epsilon": f"linear:{c['epsilon_first']}:{c['epsilon_last']}:{c['epsilon_fraction']}",
         "starts": f"exploring:1:{c['starts_last']}:{c['starts_fraction']}",
-        "q_star_init": c["q_star_init"],
-        "q_coord_init": c["q_coord_init"],
-        "goal_value": c["goal_value"],
-        "max_steps": c["max_steps"],
     }
+    return schedules | {name: c[name] for name in SETTINGS if name in c}
 
 
 @dataclass(frozen=True)
@@ -145,9 +142,28 @@ class Judgement:
     teams: int
 
 
-def judge(
-    choices: Choices, compute: Callable[[Condition], ConditionResult], limit: float
-) -> Judgement:
+Compute = Callable[[Condition], ConditionResult]
+"""Returns the result of a condition."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """What a search is about.
+
+    Attributes:
+        learner: whose protocol it is.
+        space: the values of each choice.
+        starts: protocols that are tried first.
+        judge: returns what a protocol brings, and stops early beyond a limit of the loss.
+    """
+
+    learner: str
+    space: Mapping[str, tuple[float, ...]]
+    starts: Mapping[str, Choices]
+    judge: Callable[[Choices, Compute, float], Judgement]
+
+
+def judge(choices: Choices, compute: Compute, limit: float) -> Judgement:
     """Return what a protocol brings; stop early once its loss exceeds a limit.
 
     Args:
@@ -192,10 +208,13 @@ def judge(
     return Judgement(choices, loss, True, closed, difference, asks, failed, teams)
 
 
+COOP = Task("coop", SPACE, STARTS, judge)
+
+
 def search(
-    compute: Callable[[Condition], ConditionResult], candidates: int, seed: int = 0
+    compute: Compute, candidates: int, seed: int = 0, task: Task = COOP
 ) -> Iterator[Judgement]:
-    """Yield the outcome of each protocol tried, those of `STARTS` first.
+    """Yield the outcome of each protocol tried, the task's `starts` first.
 
     Then protocols are drawn at random until `KEPT` of them were judged whole; from then on most
     are changes of the best ones.
@@ -204,30 +223,31 @@ def search(
         compute: returns the result of a condition.
         candidates: how many protocols to try.
         seed: of the choice of candidates.
+        task: what the search is about.
     """
     draw = random.Random(seed)
     best: list[Judgement] = []
-    first = list(STARTS.values())
+    first = list(task.starts.values())
     seen: set[tuple[float, ...]] = set()
-    for number in range(min(candidates, math.prod(map(len, SPACE.values())))):
+    for number in range(min(candidates, math.prod(map(len, task.space.values())))):
         choices = dict(first[min(number, len(first) - 1)])
         while tuple(choices.values()) in seen:
             fresh = len(best) < KEPT or draw.random() < FRESH
             kept = {} if fresh else draw.choice(best).choices
             choices = {
                 name: draw.choice(values) if fresh or draw.random() < CHANGED else kept[name]
-                for name, values in SPACE.items()
+                for name, values in task.space.items()
             }
         seen.add(tuple(choices.values()))
         limit = 1.3 * best[KEPT - 1].loss + 1.0 if len(best) >= KEPT else float("inf")
-        outcome = judge(choices, compute, limit)
+        outcome = task.judge(choices, compute, limit)
         yield outcome
         if outcome.whole:
             best = sorted([*best, outcome], key=lambda one: one.loss)[:KEPT]
 
 
 def final(
-    outcomes: Iterable[Judgement], compute: Callable[[Condition], ConditionResult]
+    outcomes: Iterable[Judgement], compute: Compute, task: Task = COOP
 ) -> Iterator[Judgement]:
     """Judge the best protocols of a search again and yield their new outcomes.
 
@@ -235,18 +255,19 @@ def final(
         outcomes: of the search.
         compute: returns the result of a condition, from more runs and other seeds than the
             search's: the best of many noisy estimates is often a lucky one.
+        task: what the search is about.
     """
     whole = sorted((one for one in outcomes if one.whole), key=lambda one: one.loss)
     for outcome in whole[:FINALISTS]:
-        yield judge(outcome.choices, compute, float("inf"))
+        yield task.judge(outcome.choices, compute, float("inf"))
 
 
 def vary(
-    best: Judgement, compute: Callable[[Condition], ConditionResult]
+    best: Judgement, compute: Compute, task: Task = COOP
 ) -> Iterator[tuple[str, float, Judgement]]:
     """Yield name, new value and outcome of every change of one choice of a protocol."""
-    for name, values in SPACE.items():
+    for name, values in task.space.items():
         for value in values:
             if value != best.choices[name]:
                 changed = {**best.choices, name: value}
-                yield name, value, judge(changed, compute, best.loss + HOPELESS)
+                yield name, value, task.judge(changed, compute, best.loss + HOPELESS)
