@@ -111,6 +111,11 @@ def unseen_key(x: int, cells: int, robots: int) -> int:
     return cells * robots * cells + x
 
 
+def keys_below(cells: int, robots: int) -> int:
+    """Return the number that all row numbers are below."""
+    return unseen_key(cells, cells, robots)
+
+
 def rows_at_most(cells: int, robots: int) -> int:
     """Return how many rows of corrections a robot can have."""
     return cells * (cells * (robots - 1) + 1)

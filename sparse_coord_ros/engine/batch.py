@@ -22,6 +22,7 @@ from sparse_coord_ros.core.factors import (
     FactorMemory,
     FactorRule,
     coordination_table,
+    keys_below,
     keys_of,
     rows_at_most,
     sorted_factors,
@@ -69,6 +70,9 @@ BLOCK = 2048
 
 FIRST_ROWS = 2 * BLOCK
 """Rows of a sparse table at first, a power of two."""
+
+DENSE_ROWS = 2**19
+"""Rows of a robot's rho, 16 MiB, above which only those that it learned are kept."""
 
 MOST_ROWS = 2**62
 """Rows of a sparse table over the joint state: as many as memory holds."""
@@ -350,24 +354,35 @@ class CompiledTeam:
         own = learners.factored
         assert own is not None
         robots = len(learners.used)
-        rows = learners.keys[k] != kernels.FREE_PLACE
-        keys, rho = learners.keys[k, rows], learners.q_coord[k, rows]
+        rows, keys = self._learned_rows(learners, k)
+        rho = learners.q_coord[k, rows]
         factors = sorted_factors(own.u[k], own.r_bar[k], own.w[k], keys, rho, robots)
         return Tables(learners.q_star[k], coordination_table(factors, k, robots), factors)
 
     @property
     def _hashed(self) -> bool:
         """Whether the second tables are sparse."""
-        return self.scenario.sparse or self.learner.factors is not None
+        if self.learner.factors is not None:
+            return self._rows_of_rho > DENSE_ROWS
+        return self.scenario.sparse
+
+    @property
+    def _rows_of_rho(self) -> int:
+        return keys_below(len(self.scenario.map.cells), len(self.scenario.robots))
+
+    def _learned_rows(self, learners: kernels.Learners, k: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return the rows of robot k's second table that it has updated, and their keys."""
+        rows = np.flatnonzero((learners.coord_updates[k] > 0).any(axis=1))
+        return rows, learners.keys[k, rows] if self._hashed else rows
 
     def _sparse_table(self, learners: kernels.Learners, k: int) -> SparseTable:
         """Return robot k's Q^C; rows that trials only looked at are left out."""
         cells, agents = len(self.scenario.map.cells), self.scenario.perceived
-        learned = (learners.coord_updates[k] > 0).any(axis=1)
-        states = np.unravel_index(learners.keys[k, learned], (cells,) * agents)
+        rows, numbers = self._learned_rows(learners, k)
+        states = np.unravel_index(numbers, (cells,) * agents)
         keys = np.stack(states, axis=1).astype(np.int32)
-        rows = learners.q_coord[k, learned]
-        return SparseTable(cells, agents, self.scenario.q_coord_init, keys, rows)
+        values = learners.q_coord[k, rows]
+        return SparseTable(cells, agents, self.scenario.q_coord_init, keys, values)
 
     def initial(self) -> kernels.Learners:
         """Return the tables before learning."""
@@ -379,6 +394,8 @@ class CompiledTeam:
             rows = 0
         elif self._hashed:
             rows = FIRST_ROWS if self.learner.factors is None else self._rows_for(0)
+        elif self.learner.factors is not None:
+            rows = self._rows_of_rho
         else:
             rows = cells * cells
         learners = kernels.Learners(
@@ -416,8 +433,7 @@ class CompiledTeam:
 
     def _memory(self, learners: kernels.Learners, k: int) -> Memory:
         cells, agents = len(self.scenario.map.cells), self.scenario.perceived
-        rows = np.flatnonzero((learners.coord_updates[k] > 0).any(axis=1))
-        keys = learners.keys[k, rows] if self._hashed else rows
+        rows, keys = self._learned_rows(learners, k)
         order = np.argsort(keys)
         own, factors = learners.factored, None
         if own is None:
@@ -478,9 +494,11 @@ class CompiledTeam:
         """Return learners whose Q^C has so many rows, all of them new."""
         team = len(learners.used)
         sparse_rows = rows if self._hashed else 0
-        unseen = self.scenario.q_coord_init if learners.factored is None else 0.0
+        q_coord = np.zeros((team, rows, PRIMITIVES))  # no memory until it is written to
+        if learners.factored is None:
+            q_coord[:] = self.scenario.q_coord_init
         return learners._replace(
-            q_coord=np.full((team, rows, PRIMITIVES), unseen),
+            q_coord=q_coord,
             coord_updates=np.zeros((team, rows, PRIMITIVES), dtype=np.int32),
             keys=np.full((team, sparse_rows), kernels.FREE_PLACE, dtype=np.int64),
             used=np.zeros(team, dtype=np.int64),

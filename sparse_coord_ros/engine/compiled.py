@@ -35,6 +35,7 @@ CALLED = (
     factors.learn_asking,
     factors.replay,
     kernels.find_row,
+    kernels.row_to_learn,
     kernels.perceived_row,
     kernels.draw,
     kernels.has_room,
@@ -55,6 +56,7 @@ CALLED = (
 """Functions that the loops call; they stay plain Python for everyone else."""
 
 INLINED = (
+    kernels.row_to_learn,
     factors.refresh,
     factors.learn_move,
     factors.learn_asking,

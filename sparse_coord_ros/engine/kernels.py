@@ -172,8 +172,8 @@ class Learners(NamedTuple):
             cell, then the peers'. Dense tables have none: shape (k, 0).
         used: rows in use of a sparse table [k].
         factored: None, or the rest of a learner that learns in factors. Its q_coord is then rho,
-            a sparse table whose keys are those of `core.factors`, and its star_updates count how
-            often each move was tried, and COORDINATE.
+            whose rows or keys are those of `core.factors`, and its star_updates count how often
+            each move was tried, and COORDINATE.
     """
 
     q_star: np.ndarray
@@ -353,8 +353,13 @@ def perceived_row(
         if draw >= problem.percept[x, cells[peer]]:
             return NO_ROW
         key = x * size + cells[peer]
+    return row_to_learn(learners, k, key)
+
+
+def row_to_learn(learners: Learners, k: int, key: int) -> int:
+    """Return the row of a key in robot k's second table, a new one if there is none."""
     if learners.keys.shape[1] == 0:
-        return int(key)
+        return key
     row = find_row(learners.keys[k], key)
     if learners.keys[k, row] == FREE_PLACE:
         learners.keys[k, row] = key
@@ -429,8 +434,10 @@ def correct(
 
 def add_row(learners: Learners, k: int, key: int, correction: np.ndarray) -> None:
     """Add a row of rho, if there is one."""
-    row = find_row(learners.keys[k], key)
-    if learners.keys[k, row] != FREE_PLACE:
+    row, dense = key, learners.keys.shape[1] == 0
+    if not dense:
+        row = find_row(learners.keys[k], key)
+    if dense or learners.keys[k, row] != FREE_PLACE:
         for b in range(PRIMITIVES):
             correction[b] += learners.q_coord[k, row, b]
 
@@ -610,10 +617,7 @@ def learn_row(
     least_alpha: float,
 ) -> None:
     """Learn one entry of rho, in a new row if there is none."""
-    row = find_row(learners.keys[k], key)
-    if learners.keys[k, row] == FREE_PLACE:
-        learners.keys[k, row] = key
-        learners.used[k] += 1
+    row = row_to_learn(learners, k, key)
     rho, counts = learners.q_coord[k, row], learners.coord_updates[k, row]
     learn_correction(rho, counts, m, common, by_count, least_alpha)
 

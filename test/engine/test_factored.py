@@ -55,8 +55,14 @@ def whole(scenario, learner, seed):
     return learning
 
 
+@pytest.fixture(params=[batch.DENSE_ROWS, 0], ids=["dense", "sparse"])
+def rho(request, monkeypatch):
+    """How rho is kept: whole, or only the rows that were learned."""
+    monkeypatch.setattr(batch, "DENSE_ROWS", request.param)
+
+
 @pytest.mark.parametrize(("name", "settings"), CASES)
-def test_compiled_loops_equal_the_agents(name, settings):
+def test_compiled_loops_equal_the_agents(rho, name, settings):
     scenario = problem(name, **settings)
     expected = whole(scenario, "factored", 7)
     assert any((tables.factors.corrections < 0).any() for tables in expected.tables)
@@ -107,7 +113,9 @@ def test_rules_with_a_part_turned_off(learner, name):
 
 
 @pytest.mark.parametrize(("name", "settings"), [CASES[1], CASES[3]])
-def test_a_run_in_parts_through_files_is_the_unbroken_run(monkeypatch, tmp_path, name, settings):
+def test_a_run_in_parts_through_files_is_the_unbroken_run(
+    rho, monkeypatch, tmp_path, name, settings
+):
     monkeypatch.setattr(batch, "BLOCK", 64)
     scenario, rule = problem(name, **settings), learner_of("factored")
     expected = whole(scenario, rule, 5)
