@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -37,7 +38,7 @@ TRANSPORTS, RANGE = "FASTDDS_BUILTIN_TRANSPORTS", "ROS_AUTOMATIC_DISCOVERY_RANGE
 
 OTHER_WAYS: tuple[tuple[str, str, str], ...] = (
     (TRANSPORTS, "UDPv4", "shared memory does not work between processes here"),
-    (RANGE, "LOCALHOST", "multicast does not work here"),
+    (RANGE, "LOCALHOST", "multicast does not work here, or discovery is turned off"),
 )
 """What to try where nobody answers, and what it means where that helps."""
 
@@ -72,7 +73,16 @@ def middleware() -> Iterator[Finding]:
             f"{1000 * said['round_trip']:.2f} ms (median of {QUESTIONS})",
         )
         return
-    problem = said.get("problem", f"no answer within {SECONDS:g} s")
+    if "problem" in said:
+        yield Finding(
+            WRONG,
+            "round trip",
+            f"ROS does not start: {_plain(said['problem'])}",
+            "mend what it names; else unset RMW_IMPLEMENTATION, ROS_SECURITY_ENABLE and "
+            "FASTRTPS_DEFAULT_PROFILES_FILE",
+        )
+        return
+    problem = f"no answer within {SECONDS:g} s"
     for name, value, meaning in OTHER_WAYS:
         if os.environ.get(name) != value and "round_trip" in round_trip({name: value}):
             yield Finding(
@@ -83,9 +93,16 @@ def middleware() -> Iterator[Finding]:
         WRONG,
         "round trip",
         f"{problem}: two processes on this machine do not hear each other",
-        "look at the findings above; unset RMW_IMPLEMENTATION, FASTRTPS_DEFAULT_PROFILES_FILE and "
-        "ROS_SECURITY_ENABLE; stop the firewall to try",
+        "look at the findings above; unset ROS_DISCOVERY_SERVER, ROS_SECURITY_ENABLE and "
+        "FASTRTPS_DEFAULT_PROFILES_FILE; stop the firewall to try",
     )
+
+
+def _plain(problem: str) -> str:
+    """Return what went wrong, without rcl's prefixes and without where in its sources."""
+    text = re.sub(r"^(\[[^]]*\] ?)+: ", "", problem)
+    text = re.sub(r"^[\w.]+(Error|Exception): (ROS: )?", "", text)
+    return re.sub(r", at /\S+?:\d+.*$", "", text)
 
 
 def round_trip(changes: Mapping[str, str] | None = None) -> dict[str, Any]:

@@ -204,7 +204,8 @@ def test_surroundings(tmp_path, file, text, part):
         ([{"missing": "No module named 'rclpy'"}], [HINT]),
         ([{"rmw": "rmw_fastrtps_cpp", "found": 0.1, "round_trip": 0.001}], [FINE, FINE]),
         ([{"rmw": "rmw_other", "found": 0.1, "round_trip": 0.001}], [HINT, FINE]),
-        ([{"problem": "the middleware hangs"}, {}, {}], [WRONG]),
+        ([{"problem": "the middleware hangs"}], [WRONG]),
+        ([{"rmw": "rmw_fastrtps_cpp"}, {}, {}], [FINE, WRONG]),
         ([{"rmw": "rmw_fastrtps_cpp"}, {"found": 1.0, "round_trip": 0.1}], [FINE, WRONG]),
     ],
 )
@@ -228,3 +229,18 @@ def test_a_round_trip_between_two_processes():
 def test_a_middleware_that_is_not_there():
     said = middleware.round_trip({"RMW_IMPLEMENTATION": "rmw_none"})
     assert "rmw_none" in said["problem"]
+
+
+@pytest.mark.parametrize(
+    ("problem", "plain"),
+    [
+        (
+            "[ERROR] [179.4] [rcl]: Expected 'x', exiting with 102., at /a/b.c:154",
+            "Expected 'x', exiting with 102.",
+        ),
+        ("sparse_coord_ros.errors.RunError: ROS: no domain, at /a/domain_id.c:49", "no domain"),
+        ("the middleware hangs", "the middleware hangs"),
+    ],
+)
+def test_problems_in_plain_words(problem, plain):
+    assert middleware._plain(problem) == plain
