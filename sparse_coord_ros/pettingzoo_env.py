@@ -11,6 +11,7 @@ percepts and rewards.
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
@@ -22,7 +23,7 @@ from sparse_coord_ros.core.grid import WALL
 from sparse_coord_ros.core.links import PerceptStream
 from sparse_coord_ros.core.palette import DOORWAY_COLOUR, WALL_COLOUR, rgb, robot_colour
 from sparse_coord_ros.core.perception import probability_rows
-from sparse_coord_ros.core.scenario import Scenario, load_scenario
+from sparse_coord_ros.core.scenario import Scenario, loaded
 from sparse_coord_ros.core.streams import EVALUATION, LEARNING, PEER, POLICY, Stream
 from sparse_coord_ros.core.world import Action, World
 from sparse_coord_ros.errors import RunError, SettingError
@@ -63,8 +64,7 @@ def parallel_env(
         ScenarioError: there is no such scenario.
         SettingError: a bad value of `starts` or `render_mode`.
     """
-    found = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
-    return SparseCoordEnv(found, starts=starts, worth=worth, render_mode=render_mode)
+    return SparseCoordEnv(loaded(scenario), starts=starts, worth=worth, render_mode=render_mode)
 
 
 class SparseCoordEnv(ParallelEnv):
@@ -165,7 +165,7 @@ class SparseCoordEnv(ParallelEnv):
             SettingError: an action is none, or not allowed by its mask.
         """
         world = self._running()
-        chosen = {self._number[name]: self._checked(name, a) for name, a in actions.items()}
+        chosen = dict(self._checked(name, action) for name, action in actions.items())
         if not self._half and COORDINATE in chosen.values():
             self._half, self._chosen = True, chosen
             for k, action in chosen.items():
@@ -238,16 +238,21 @@ class SparseCoordEnv(ParallelEnv):
             raise RunError("the environment has no episode yet; call reset first")
         return self._world
 
-    def _checked(self, name: str, action: int) -> int:
+    def _checked(self, name: str, action: object) -> tuple[int, int]:
+        """Return an agent's number and its action's."""
         if name not in self.agents:
             raise SettingError(f"agent {name!r} does not act; allowed: {', '.join(self.agents)}")
-        number = int(action)
-        mask = self._mask(self._number[name])
+        k = self._number[name]
+        mask = self._mask(k)
+        try:
+            number = operator.index(action)  # type: ignore[arg-type]  # what is none raises
+        except TypeError:
+            number = -1
         if not 0 <= number < len(ACTIONS) or not mask[number]:
             raise SettingError(
-                f"agent {name}: action is {number}, allowed: {np.flatnonzero(mask).tolist()}"
+                f"agent {name}: action is {action!r}, allowed: {np.flatnonzero(mask).tolist()}"
             )
-        return number
+        return k, number
 
     def _mask(self, k: int) -> np.ndarray:
         mask = np.ones(len(ACTIONS), dtype=np.int8)

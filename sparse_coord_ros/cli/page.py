@@ -16,6 +16,7 @@ from sparse_coord_ros.core.tables import load_team
 from sparse_coord_ros.errors import RunError, SparseCoordError
 
 if TYPE_CHECKING:
+    from sparse_coord_ros.watch.board import Board
     from sparse_coord_ros.watch.server import Server
     from sparse_coord_ros.watch.source import Command
 
@@ -24,8 +25,12 @@ PORT = Setting("port", int, 8765, "of the page; 0: one that is free", low=0, hig
 
 
 @contextmanager
-def served(options: argparse.Namespace) -> Iterator["Server"]:
+def served(options: argparse.Namespace, board: "Board | None" = None) -> Iterator["Server"]:
     """Serve the page where the options say, and print its address.
+
+    Args:
+        options: of the verb.
+        board: what the page shows; an empty one where None.
 
     Raises:
         RunError: aiohttp is missing, the port is taken, or the address cannot be served.
@@ -40,7 +45,7 @@ def served(options: argparse.Namespace) -> Iterator["Server"]:
             f"the page needs the Python package aiohttp ({error}); install it: pip install "
             "aiohttp, or sudo apt install python3-aiohttp"
         ) from None
-    server = Server(Board(), host=options.host, port=port)
+    server = Server(Board() if board is None else board, host=options.host, port=port)
     try:
         if not is_loopback(options.host):
             print(

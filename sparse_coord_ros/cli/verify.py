@@ -82,10 +82,13 @@ def _print(found, shown: int | None) -> None:
         if count:
             print(f"{count} {what}")
     for back in found.log.tracks.rollbacks:
-        print(
-            f"at step {back.until} the run went back to the checkpoint of step {back.step}: what "
-            f"the log says before that of the steps {back.first} to {back.until} is not compared"
-        )
+        said = f"at step {back.until} the run went back to the checkpoint of step {back.step}"
+        if back.first <= back.until:
+            said += (
+                ": what the log says before that of the steps "
+                f"{back.first} to {back.until} is not compared"
+            )
+        print(said)
     if found.lost:
         copies = ", ".join(f"{count} of {topic}" for topic, count in found.lost.items())
         print(f"lost copies at episode starts (of these topics only the last is kept): {copies}")

@@ -47,14 +47,15 @@ def _live(options: argparse.Namespace) -> int:
 def _bag(options: argparse.Namespace) -> int:
     from sparse_coord_ros.core.settings import Setting
     from sparse_coord_ros.watch.bag import BagSource
+    from sparse_coord_ros.watch.board import Board
     from sparse_coord_ros.watch.source import RATE, SEEK, Command
 
     rate = Setting("rate", float, 10.0, "time steps a second", low=0.001, high=1e6)
     step = Setting("step", int, 0, "time step to begin at", low=0, high=2**53)
     commands = [Command(RATE, rate.parse(options.rate))]
     commands += [Command(SEEK, step.parse(options.step))] if options.step != "0" else []
-    with served(options) as server, suppress(KeyboardInterrupt):
-        source = BagSource(options.bag, server.board)
+    source = BagSource(options.bag, Board())
+    with served(options, source.board) as server, suppress(KeyboardInterrupt):
         for command in commands:
             source.command(command)
         server.show(source)

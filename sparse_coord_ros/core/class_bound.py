@@ -104,8 +104,8 @@ def check_class(scenario: Scenario) -> None:
     team = len(scenario.robots)
     if team != 2:
         raise SettingError(
-            f"class bound: scenario {scenario.name} has {team} robots, allowed: 2; for others "
-            "there are the bound of robots alone and the joint optimum, leave out --class"
+            f"class bound: scenario {scenario.name} has {team} robot{'s' * (team != 1)}, allowed: "
+            "2; for others there are the bound of robots alone and the joint optimum, leave out --class"
         )
 
 

@@ -9,6 +9,7 @@ under a name; one of the user's own may also be named as `module:function`.
 """
 
 import inspect
+import math
 from collections.abc import Callable, Sequence
 from typing import Any, cast
 
@@ -21,6 +22,9 @@ from sparse_coord_ros.errors import SettingError
 
 LARGEST_LISTS = 2**19
 """Probabilities up to which they are kept as lists: those of 724 cells."""
+
+MOST_PERCEPTS = 2**29
+"""Pairs of cells for which there can be probabilities: those of 23,170 cells, 4 GiB."""
 
 PerceptionModel = Callable[..., np.ndarray]
 """Takes the map and the numbers of its spec; returns what `percept_probabilities` does. Its
@@ -123,6 +127,17 @@ PERCEPTION = PerceptionFamily()
 """The perception models that a scenario can name."""
 
 
+def check_percepts(grid: GridMap) -> None:
+    """Raise `SettingError` where a map has more pairs of cells than probabilities fit."""
+    cells = len(grid.cells)
+    if cells**2 > MOST_PERCEPTS:
+        raise SettingError(
+            f"map {grid.name} has {cells} cells, allowed in learning: at most "
+            f"{math.isqrt(MOST_PERCEPTS)} (perception has a probability for each pair of them); "
+            "take larger cells (import-map --cell) or a part of the map"
+        )
+
+
 def percept_probabilities(model: Spec, grid: GridMap) -> np.ndarray:
     """Return the success probability of a percept.
 
@@ -135,9 +150,10 @@ def percept_probabilities(model: Spec, grid: GridMap) -> np.ndarray:
         robot's cell.
 
     Raises:
-        SettingError: a model of the user's own returns something else.
+        SettingError: the map is too large, or a model of the user's own returns something else.
         PluginError: it fails.
     """
+    check_percepts(grid)
     name = f"perception model {model.kind!r}"
     with failing_as(name, f"it looked at map {grid.name}"):
         found = MODELS.find(model.kind)(grid, *model.numbers)

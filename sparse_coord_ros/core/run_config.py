@@ -21,6 +21,7 @@ import yaml
 from sparse_coord_ros import __version__
 from sparse_coord_ros.core.grid import RESOLUTIONS
 from sparse_coord_ros.core.learners import LEARNERS, Learner, learner_of
+from sparse_coord_ros.core.perception import check_percepts
 from sparse_coord_ros.core.scenario import Scenario, parse_yaml, scenario_from_dict
 from sparse_coord_ros.core.settings import Setting, SettingTable
 from sparse_coord_ros.core.specs import Form
@@ -179,6 +180,7 @@ def make_run(scenario: Scenario, values: Mapping[str, object]) -> RunConfig:
     learner = learner_of(settings["learner"])
     scenario = learner.with_defaults(scenario)
     learner.check(scenario)
+    check_percepts(scenario.map)
     return RunConfig(scenario=scenario, versions=versions(), **settings)
 
 

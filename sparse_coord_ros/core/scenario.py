@@ -358,10 +358,6 @@ def loaded(scenario: "str | Path | Scenario") -> "Scenario":
     """
     if isinstance(scenario, Scenario):
         return scenario
-    if not isinstance(scenario, str | Path):
-        raise ScenarioError(
-            f"scenario: value is {scenario!r}, allowed: a Scenario, a name or a path"
-        )
     return load_scenario(scenario)
 
 
@@ -377,6 +373,8 @@ def load_scenario(name: str | Path, **settings: object) -> Scenario:
         MapError: its map is missing or malformed.
         SettingError: a bad setting.
     """
+    if not isinstance(name, str | Path):
+        raise ScenarioError(f"scenario: value is {name!r}, allowed: a Scenario, a name or a path")
     path, name = Path(name), str(name)
     if not path.is_file():
         shipped = share_file("config", f"{name}.yaml")

@@ -30,6 +30,15 @@ class Number:
     high: float = math.inf
     repeated: bool = False
 
+    @property
+    def allowed(self) -> str:
+        """What may be given, in words."""
+        if math.isfinite(self.low) and math.isfinite(self.high):
+            return f"a number from {self.low:g} to {self.high:g}"
+        if math.isfinite(self.low):
+            return f"a number of at least {self.low:g}"
+        return f"a number of at most {self.high:g}" if math.isfinite(self.high) else "a number"
+
 
 @dataclass(frozen=True)
 class Spec:
@@ -126,8 +135,9 @@ class SpecFamily:
         if repeated:
             wanted += wanted[-1:] * (len(texts) - len(wanted))
         if len(texts) != len(wanted):
+            plural = "s" * (len(texts) != 1)
             raise SettingError(
-                f"setting {self.setting}: {text!r} has {len(texts)} numbers, {kind!r} takes "
+                f"setting {self.setting}: {text!r} has {len(texts)} number{plural}, {kind!r} takes "
                 f"{len(wanted)}{' or more' if repeated else ''}; allowed: {self.usage}"
             )
         return Spec(kind, tuple(self._number(n, t) for n, t in zip(wanted, texts, strict=True)))
@@ -139,8 +149,7 @@ class SpecFamily:
             value = math.nan
         if not number.low <= value <= number.high:
             raise SettingError(
-                f"setting {self.setting}: {number.name} is {text!r}, allowed: a number from "
-                f"{number.low:g} to {number.high:g}"
+                f"setting {self.setting}: {number.name} is {text!r}, allowed: {number.allowed}"
             )
         return value
 

@@ -164,6 +164,7 @@ def test_scenarios(tmp_path):
         (lambda: sc.evaluate("nowhere"), "no readable run.yaml"),
         (lambda: sc.train(None), "scenario: value is None"),
         (lambda: sc.load_run(None), "run: value is None"),
+        (lambda: sc.load_scenario(b"env1"), "scenario: value is b'env1'"),
         (lambda: sc.load_scenario("env1", goal_reward=1e308), "from 0 to 1e+09"),
     ],
 )

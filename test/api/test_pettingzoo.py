@@ -128,6 +128,11 @@ def test_masks_worth_and_bad_input():
     assert seen["robot_2"]["action_mask"].tolist() == [0, 0, 1, 0, 0]
     with pytest.raises(SettingError, match=r"agent robot_2: action is 1, allowed: \[2\]"):
         env.step({"robot_1": 0, "robot_2": 1})
+    for action in ("n", None, 1.5, -1):
+        with pytest.raises(SettingError, match=r"agent robot_1: action is .*, allowed: \[0, 1, 2"):
+            env.step({"robot_1": action, "robot_2": 2})
+    with pytest.raises(SettingError, match="agent 'x' does not act; allowed: robot_1, robot_2"):
+        env.step({"x": 0})
     _, rewards, *_ = env.step({"robot_1": 0, "robot_2": 2})
     assert rewards["robot_1"] == -1.0
     picture = env.render()

@@ -7,6 +7,9 @@ import pytest
 
 from sparse_coord_ros.core.grid import load_map, parse_map
 from sparse_coord_ros.core.perception import MODELS, PERCEPTION, percept_probabilities
+from sparse_coord_ros.core.run_config import make_run
+from sparse_coord_ros.core.scenario import scenario_from_dict
+from sparse_coord_ros.errors import SettingError
 
 
 def matrix(spec, grid):
@@ -94,3 +97,27 @@ def test_line_of_sight_for_all_pairs(name):
     ]
     assert seen.astype(bool).tolist() == expected
     assert 0 < seen.mean() < 1
+
+
+def test_a_map_too_large_to_learn_is_refused_before_a_run():
+    side = 160
+    text = "title: hall\n---\n" + "\n".join(
+        ["1" + "." * (side - 2) + "2", *["." * side] * (side - 1)]
+    )
+    data = {"map": {"name": "hall", "text": text}, "robots": {"x": {"start": 1, "goal": 2}}}
+    scenario = scenario_from_dict(data, where="hall.yaml", name="hall")
+    with pytest.raises(SettingError, match="map hall has 25600 cells, allowed .* at most 23170"):
+        make_run(scenario, {})
+
+
+@pytest.mark.parametrize(
+    ("text", "allowed"),
+    [
+        ("range:-1", "of at least 0"),
+        ("probability:2", "from 0 to 1"),
+        ("range:x", "of at least 0"),
+    ],
+)
+def test_numbers_out_of_range_say_what_is_allowed(text, allowed):
+    with pytest.raises(SettingError, match=f"allowed: a number {allowed}$"):
+        PERCEPTION.parse(text)
