@@ -4,7 +4,7 @@
 
 The nodes bind these to message classes and QoS profiles (`nodes/interface.py`); recording and
 run log read bags by them. Topic names are relative: a team's to its namespace, a robot's to its
-own name.
+own name; /clock and what ROS shares among all nodes are absolute.
 """
 
 from dataclasses import dataclass
@@ -51,8 +51,9 @@ MARKERS = Topic("markers", "visualization_msgs/msg/MarkerArray", TEAM, LATCHED, 
 SCENE = Topic("scene", "visualization_msgs/msg/MarkerArray", TEAM, LATCHED)
 """For people only: names of robots, who asks whom, how full doorways are."""
 
-DIAGNOSTICS = Topic("diagnostics", "diagnostic_msgs/msg/DiagnosticArray", TEAM, EVENT)
-"""Drivers and aggregators publish here too, with stamps of other clocks."""
+DIAGNOSTICS = Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", TEAM, EVENT)
+"""Absolute, as REP 107 has it, so that an aggregator hears every team; drivers and other teams
+publish here too, with stamps of other clocks."""
 
 LOCAL_STATE = Topic(
     "local_state", "geometry_msgs/msg/PoseStamped", ROBOT, STEP, stamped=True, tapped=True

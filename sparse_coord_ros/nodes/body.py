@@ -164,7 +164,7 @@ class BodyNode(Follower):
     def report(self) -> None:
         """Publish how often bodies touched each other and the walls."""
         message = DiagnosticArray()
-        message.status = [status(f"{self.get_name()}: bodies", "driving", self.summary())]
+        message.status = [status(f"{self.full_name}: bodies", "driving", self.summary())]
         self._diagnostics.publish(message)
 
     def summary(self) -> dict[str, Any]:

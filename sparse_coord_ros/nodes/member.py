@@ -372,7 +372,7 @@ class Member:
         message = DiagnosticArray(header=self._convert.header(step))
         message.status = [
             status(
-                f"{self._node.name}: agent",
+                f"{self._node.full_name}: agent",
                 wire.LEARNING if self.lockstep.agent.learning else wire.GREEDY,
                 values,
             )

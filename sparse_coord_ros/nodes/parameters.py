@@ -272,6 +272,7 @@ class ParameterNode(Node):
 
     Attributes:
         values: every parameter, typed.
+        full_name: its name with its namespace, as diagnostics say it: `team_a/robot_1`.
         born: when the node began, by the monotonic clock.
         failure: why the node must stop, or None.
         done: whether the node has nothing more to do.
@@ -305,6 +306,7 @@ class ParameterNode(Node):
             raise RunError(
                 f"node {name}: ROS cannot make it: {' '.join(str(error).split())}"
             ) from None
+        self.full_name = self.get_fully_qualified_name().lstrip("/")
         self.born = time.monotonic()
         self._start_reminder = Reminder()
         self.failure: SparseCoordError | None = None

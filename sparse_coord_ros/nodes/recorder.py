@@ -426,7 +426,7 @@ class Recorder(ParameterNode):
         }
         convert = Converter(recording.run)
         message = DiagnosticArray(header=convert.header(self._now_ns // convert.period))
-        message.status = [status(f"{self.get_name()}: bag", "recording", values)]
+        message.status = [status(f"{self.full_name}: bag", "recording", values)]
         self._diagnostics_publisher.publish(message)
 
     def finish(self, *, interrupted: bool) -> None:

@@ -645,7 +645,7 @@ class WorldSimulator(ParameterNode):
         self._slow = [0.0] * len(self._names)
         message = DiagnosticArray(header=self._convert.header(world.step))
         message.status = [
-            status(f"{self.get_name()}: run", self._state, values, warn=bool(self.lockstep.absent))
+            status(f"{self.full_name}: run", self._state, values, warn=bool(self.lockstep.absent))
         ]
         self._diagnostics_publisher.publish(message)
         self._say_state(self._state)

@@ -203,7 +203,7 @@ def tracks_of(
         for k in range(len(tracks.names)):
             wanted |= {tracks.topic(topic, k) for topic in only if topic in of_robots}
     readers_of = {name: reader for name, reader in by_name.items() if name in wanted}
-    spoken = {topic: _absolute(tracks, topic) for topic in also}
+    spoken = {topic: spoken_on(tracks, topic) for topic in also}
     readers_of |= dict.fromkeys(spoken.values(), KEEPER)
     backs = rollbacks(bag)
     begins: list[int | None] = [None] * len(bag.files)
@@ -259,8 +259,10 @@ def tracks_of(
     return tracks, list(by_name)
 
 
-def _absolute(tracks: Tracks, topic: wire.Topic) -> str:
-    return topic.name if topic.name.startswith("/") else tracks.topic(topic)
+def spoken_on(tracks: Tracks, topic: wire.Topic) -> str:
+    """Return a topic's full name; before it was absolute it lay in the team's namespace."""
+    earlier = tracks.prefix + topic.name.removeprefix("/")
+    return earlier if earlier in tracks.bag.topics else topic.name
 
 
 def _read_dialogue(tracks: Tracks, columns: Columns, frame: Frame) -> None:

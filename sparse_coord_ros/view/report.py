@@ -213,10 +213,16 @@ def _spoken(log: RunLog) -> tuple[list[float], Counter[str]]:
     )
     speeds: list[float] = []
     for said in spoken.get(DIAGNOSTICS, ()):
-        values = {v.key: v.value for status in said.status for v in status.values}
+        own = [status for status in said.status if _is_of(status.name, log.tracks.prefix)]
+        values = {v.key: v.value for status in own for v in status.values}
         with contextlib.suppress(ValueError):  # of another writer
             speeds.append(float(values.get("steps_per_second", 0)))
     return [speed for speed in speeds if speed > 0], warnings
+
+
+def _is_of(name: str, prefix: str) -> bool:
+    """Whether a status is of the bag's team: older ones do not name their namespace."""
+    return name.rpartition("/")[0] in ("", prefix.strip("/"))
 
 
 def _scenario(page: Page, scenario: Scenario) -> None:

@@ -19,7 +19,7 @@ from sparse_coord_ros.recording import open_bag
 from sparse_coord_ros.runlog import verify
 
 NAMES = ("robot_1", "robot_2")
-TEAM = {"run", "status", "map", "markers", "scene", "diagnostics", "world_simulator/claim"}
+TEAM = {"run", "status", "map", "markers", "scene", "world_simulator/claim"}
 ROBOT = {
     "local_state",
     "reward",
@@ -82,12 +82,13 @@ def test_the_environment_decides_what_a_robot_perceives(bench, perception, poses
 
 def test_a_namespace_moves_everything(bench):
     observer = bench.observer("team_a")
+    said = observer.listen(DiagnosticArray, "/diagnostics")
     world = bench.world(namespace="team_a", rate=0.001)
     for name in NAMES:
         bench.robot(name, namespace="team_a")
     bench.spin_until(lambda: world.lockstep.complete, "first barrier")
     own = TEAM | {f"{name}/{topic}" for name in NAMES for topic in ROBOT}
-    wanted = {"/clock"} | {f"/team_a/{topic}" for topic in own}
+    wanted = {"/clock", "/diagnostics"} | {f"/team_a/{topic}" for topic in own}
 
     def there():
         return {name for name, _ in observer.get_topic_names_and_types()}
@@ -95,6 +96,8 @@ def test_a_namespace_moves_everything(bench):
     bench.spin_until(lambda: wanted <= there(), "topics")
     events = {f"/team_a/{name}/active_perception/_service_event" for name in NAMES}
     assert there() - events - {"/rosout", "/parameter_events"} == wanted
+    names = {"team_a/world_simulator: run", *(f"team_a/{name}: agent" for name in NAMES)}
+    bench.spin_until(lambda: {m.status[0].name for m in said} == names, "diagnostics of everybody")
     plan = observer.call(GetPlan, "robot_1/active_perception").plan
     assert len(plan.poses) == 1
     assert observer.call(SetBool, "world_simulator/pause", SetBool.Request(data=True)).success

@@ -3,13 +3,16 @@
 """Bags of version 0.1.0, and of versions to come."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from sparse_coord_ros.cli.main import main
+from sparse_coord_ros.core import wire
 from sparse_coord_ros.errors import BagError
 from sparse_coord_ros.runlog import read_run, verify
 from sparse_coord_ros.runlog.explain import coordinations, explain
+from sparse_coord_ros.runlog.tracks import spoken_on
 
 OLDER = Path(__file__).parents[1] / "fixtures" / "0.1.0"
 
@@ -80,3 +83,9 @@ def test_a_newer_format_is_refused_in_one_line(good, rewritten, tmp_path, number
 
 def test_what_a_later_version_adds_to_the_record_is_no_difference(good, rewritten, tmp_path):
     assert verify(rewritten(good.bag, tmp_path / "bag", record={"version_moon": "1"})).same
+
+
+@pytest.mark.parametrize("topic", ["/team_a/diagnostics", "/diagnostics"])
+def test_diagnostics_lay_in_the_namespace_of_the_team(topic):
+    tracks = SimpleNamespace(prefix="/team_a/", bag=SimpleNamespace(topics={topic}))
+    assert spoken_on(tracks, wire.DIAGNOSTICS) == topic

@@ -8,6 +8,7 @@ import shutil
 from html import unescape
 from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import pytest
@@ -15,6 +16,7 @@ import yaml
 from matplotlib.figure import Figure
 
 from sparse_coord_ros.cli.main import main
+from sparse_coord_ros.core import wire
 from sparse_coord_ros.core.run_config import load_run
 from sparse_coord_ros.core.simulation import tables_equal
 from sparse_coord_ros.engine.exact import evaluate_exact
@@ -23,7 +25,7 @@ from sparse_coord_ros.runlog.log import read_run
 from sparse_coord_ros.runlog.words import in_words
 from sparse_coord_ros.view.experiments import ResultsShown
 from sparse_coord_ros.view.html import Page
-from sparse_coord_ros.view.report import results_report, run_report
+from sparse_coord_ros.view.report import _spoken, results_report, run_report
 from sparse_coord_ros.view.source import open_shown
 
 OLD = Path(__file__).parents[1] / "fixtures/0.1.0"
@@ -174,3 +176,21 @@ def test_report_writes_the_file_and_says_what_is_wrong(bag, trained, tmp_path, c
         assert main(["report", str(source), "--out", str(out)]) == 2
         error = capsys.readouterr().err.splitlines()[-1]
         assert error.startswith("error: ") and words in error
+
+
+@pytest.mark.parametrize(
+    ("names", "speeds"),
+    [
+        (["team_a/world_simulator: run", "team_b/world_simulator: run", "lidar: hz"], [1.0, 3.0]),
+        (["world_simulator: run", "team_a/robot_1: agent"], [1.0, 2.0]),
+    ],
+)
+def test_speeds_are_those_of_the_own_team(names, speeds):
+    """All teams say theirs on /diagnostics; older ones without their namespace."""
+    said = [
+        SimpleNamespace(key="steps_per_second", value=str(k)) for k in range(1, 1 + len(names))
+    ]
+    one = [SimpleNamespace(name=n, values=[v]) for n, v in zip(names, said, strict=True)]
+    spoken = {wire.DIAGNOSTICS: [SimpleNamespace(status=[status]) for status in one]}
+    tracks = SimpleNamespace(spoken=spoken, prefix="/team_a/")
+    assert _spoken(SimpleNamespace(tracks=tracks))[0] == speeds
