@@ -2,9 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Can nodes find each other: ROS's environment variables, interfaces, ports, firewalls."""
 
+import fcntl
 import os
 import re
+import socket
+import struct
+import sys
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 
 from sparse_coord_ros.doctor.findings import FINE, HINT, WRONG, Finding
@@ -22,6 +27,9 @@ MOST_LOCAL = 32
 
 UP, LOOPBACK, MULTICAST = 0x1, 0x8, 0x1000
 """Flags of an interface (Linux)."""
+
+GET_FLAGS, NAME_BYTES = 0x8913, 16
+"""Linux's SIOCGIFFLAGS; its answer is the interface's name, then the flags."""
 
 PORTS = "7400 + 250 * ROS_DOMAIN_ID"
 
@@ -74,22 +82,16 @@ def domain(variables: Mapping[str, str] = os.environ) -> int:
     return int(text) if text.isdecimal() and int(text) <= HIGHEST_DOMAIN else 0
 
 
-def interfaces(folder: Path = Path("/sys/class/net")) -> Iterator[Finding]:
+def interfaces(found: Mapping[str, int] | None = None) -> Iterator[Finding]:
     """Look at the network interfaces; on Linux only.
 
     Args:
-        folder: where Linux describes them.
+        found: the flags of each; None: those of this machine.
     """
-    if not folder.is_dir():
+    found = interface_flags() if found is None else found
+    if found is None:
         return
-    up = {}
-    for one in sorted(folder.iterdir()):
-        try:
-            flags = int((one / "flags").read_text(), 16)
-        except (OSError, ValueError):
-            continue
-        if flags & UP:
-            up[one.name] = flags
+    up = {name: flags for name, flags in sorted(found.items()) if flags & UP}
     others = [name for name, flags in up.items() if not flags & LOOPBACK]
     if not any(flags & LOOPBACK for flags in up.values()):
         yield Finding(WRONG, "interfaces", "the loopback is down", "sudo ip link set lo up")
@@ -104,6 +106,20 @@ def interfaces(folder: Path = Path("/sys/class/net")) -> Iterator[Finding]:
         )
     else:
         yield Finding(FINE, "interfaces", f"up: {', '.join(up)}")
+
+
+def interface_flags() -> dict[str, int] | None:
+    """Return the flags of each interface of this process's network; None where Linux is not."""
+    if sys.platform != "linux":
+        return None
+    found = {}
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as any_socket:
+        for _, name in socket.if_nameindex():
+            with suppress(OSError):  # it has just gone
+                asked = struct.pack("40s", name.encode())
+                answer = fcntl.ioctl(any_socket, GET_FLAGS, asked)
+                found[name] = struct.unpack_from("H", answer, NAME_BYTES)[0]
+    return found
 
 
 def ports(number: int, tables: tuple[Path, ...] = ()) -> Iterator[Finding]:
