@@ -105,7 +105,8 @@ def check_class(scenario: Scenario) -> None:
     if team != 2:
         raise SettingError(
             f"class bound: scenario {scenario.name} has {team} robot{'s' * (team != 1)}, allowed: "
-            "2; for others there are the bound of robots alone and the joint optimum, leave out --class"
+            "2; for others there are the bound of robots alone and the joint optimum, leave out "
+            "--class"
         )
 
 

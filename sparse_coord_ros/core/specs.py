@@ -137,8 +137,8 @@ class SpecFamily:
         if len(texts) != len(wanted):
             plural = "s" * (len(texts) != 1)
             raise SettingError(
-                f"setting {self.setting}: {text!r} has {len(texts)} number{plural}, {kind!r} takes "
-                f"{len(wanted)}{' or more' if repeated else ''}; allowed: {self.usage}"
+                f"setting {self.setting}: {text!r} has {len(texts)} number{plural}, {kind!r} "
+                f"takes {len(wanted)}{' or more' if repeated else ''}; allowed: {self.usage}"
             )
         return Spec(kind, tuple(self._number(n, t) for n, t in zip(wanted, texts, strict=True)))
 
