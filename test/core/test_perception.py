@@ -115,7 +115,6 @@ def test_a_map_too_large_to_learn_is_refused_before_a_run():
     [
         ("range:-1", "of at least 0"),
         ("probability:2", "from 0 to 1"),
-        ("range:x", "of at least 0"),
     ],
 )
 def test_numbers_out_of_range_say_what_is_allowed(text, allowed):
