@@ -22,6 +22,9 @@ FOLDER = Path("/dev/shm")
 SEGMENT = re.compile(r"(?P<name>fast(?:rtps|dds)_(?:[0-9a-f]{16}|port\d{1,5}))(?P<lock>_[es]l)?")
 """A segment's file, or its lock file."""
 
+PORT = "port"
+"""Part of a port's name, and never of a segment's, which is a hexadecimal number."""
+
 YOUNG_SECONDS = 2.0
 """Files that are younger may be about to be locked."""
 
@@ -40,18 +43,21 @@ def leftovers(folder: Path = FOLDER) -> list[Path]:
     return sorted(path for name, files in _free(folder) for path in _take(folder, name, files))
 
 
-def remove_orphans(folder: Path = FOLDER) -> list[Path]:
+def remove_orphans(folder: Path = FOLDER, *, ports: bool = True) -> list[Path]:
     """Remove the files of Fast DDS that no living process holds, and return them.
+
+    A port's file is opened again by the next process with that port, and locked a moment later:
+    where other nodes may be starting, only segments may go, whose names are never used again.
 
     Files of other users, which this process may not remove, stay; so do those that are so young
     that their owner may be about to lock them.
 
     Args:
         folder: where shared memory is.
+        ports: whether ports may go too.
     """
-    return [
-        path for name, files in _free(folder) for path in _take(folder, name, files, remove=True)
-    ]
+    found = [(name, files) for name, files in _free(folder) if ports or PORT not in name]
+    return [path for name, files in found for path in _take(folder, name, files, remove=True)]
 
 
 def _free(folder: Path) -> Iterator[tuple[str, list[str]]]:

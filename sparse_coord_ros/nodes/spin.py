@@ -97,8 +97,8 @@ def signals() -> Iterator[Stop]:
 
 
 def tidy_shared_memory() -> None:
-    """Remove what killed processes have left, before ROS starts; say so in one line."""
-    removed = remove_orphans()
+    """Remove the segments of killed processes, before ROS starts; say so in one line."""
+    removed = remove_orphans(ports=False)
     if removed:
         said = f"removed {len(removed)} files of killed processes from {SHARED_MEMORY}"
         get_logger("sparse_coord").info(said)

@@ -55,6 +55,14 @@ def test_what_nobody_holds_goes(put, tmp_path, names):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_ports_stay_where_other_nodes_may_be_starting(put, tmp_path):
+    """One of them may have opened its port, and not locked it yet."""
+    port, lock = put(PORT, f"{PORT}_el")
+    segment = put(SEGMENT, f"{SEGMENT}_el")
+    assert sorted(remove_orphans(tmp_path, ports=False)) == segment
+    assert port.exists() and lock.exists()
+
+
 @pytest.mark.parametrize("lock", ["_el", "_sl"])
 def test_what_somebody_has_locked_stays(put, tmp_path, lock):
     files = put(PORT, f"{PORT}{lock}", f"sem.{PORT}_mutex")
