@@ -8,6 +8,7 @@ process it looks at world and robots themselves: taking every message would slow
 
 import contextlib
 import functools
+import itertools
 import queue
 import sys
 import time
@@ -53,6 +54,9 @@ if TYPE_CHECKING:
 TICK_SECONDS = 1 / 30
 GONE_SECONDS = 4.0
 """After so long without a word the world is called gone; it says its status every second."""
+
+LATE_SECONDS = 0.5
+"""So long an action, a reward or a state may come after the next time step's."""
 
 CONTROLS = (PAUSE, STEP, RATE, RESET)
 
@@ -205,6 +209,7 @@ class WatchNode(ParameterNode):
         elif self._team is not None:
             self._look_for_the_world(view)
             team = self._team
+            team.catch_up()
             made = max(self._transitions, team.seen) if team.whole else self._transitions
             view.show(transitions=made, episode=team.episode, rate=self._rate)
             if view.slow_due():
@@ -321,6 +326,7 @@ class _Heard:
         self._states: dict[int, dict[int, int]] = {}
         self._actions: dict[int, dict[int, tuple[Action, Account | None]]] = {}
         self._rewards: dict[int, dict[int, Reward]] = {}
+        self._since: dict[int, float] = {}
         self._newest: int | None = None
         convert = self._convert
         self._subscriptions = []
@@ -347,44 +353,64 @@ class _Heard:
     def _on_action(self, k: int, said: tuple[int, Action, Account]) -> None:
         step, action, account = said
         self._actions.setdefault(step, {})[k] = (action, account)
+        self.catch_up()
 
     def _on_reward(self, k: int, said: tuple[int, Reward]) -> None:
         step, reward = said
         self._rewards.setdefault(step, {})[k] = reward
+        self.catch_up()
 
     def _on_state(self, k: int, said: tuple[int, int]) -> None:
         step, cell = said
-        cells = self._states.setdefault(step, {})
-        if k in cells:  # said again
-            return
-        cells[k] = cell
-        if len(cells) == self._robots:
-            self._settle(step)
+        if step not in self._states:
+            if self._newest is None:
+                self.whole = step == FIRST_STEP
+                if not self.whole:
+                    self._view.notice(
+                        f"heard from time step {step} on: the curves lack what was before",
+                        level="info",
+                    )
+            elif step <= self._newest:  # the run went back to a checkpoint
+                self._forget(self._newest)
+            self._newest, self._since[step] = step, time.monotonic()
+        self._states.setdefault(step, {}).setdefault(k, cell)
+        self.catch_up()
 
-    def _settle(self, step: int) -> None:
-        """The joint state of a time step is known: so is what the step before it brought."""
-        before = step - 1
-        if self._newest is None:
-            self.whole = step == FIRST_STEP
-            if not self.whole:
-                self._view.notice(
-                    f"heard from time step {step} on: the curves lack what was before",
-                    level="info",
-                )
-        self._newest = step
-        if before in self._states and len(self._states[before]) == self._robots:
-            self._settle_transition(before)
-        for kept in (self._states, self._actions, self._rewards):
-            for old in [
-                one for one in kept if one < before or (kept is self._states and one < step)
-            ]:
+    def catch_up(self) -> None:
+        """Take in every transition of which all is there; what is late is waited for a moment.
+
+        A robot's states come in their order, but its action or reward may come after the next one:
+        they are other topics.
+        """
+        while len(self._states) > 1:
+            step, after = itertools.islice(self._states, 2)
+            late = time.monotonic() - self._since[after] > LATE_SECONDS
+            said, rewards = self._actions.get(step, {}), self._rewards.get(step, {})
+            cells = self._states[step]
+            if after == step + 1:
+                known = len(cells) == len(self._states[after]) == self._robots
+                acting = [k for k, cell in cells.items() if cell != self._goals[k]]
+                if not late and not (known and all(k in said and k in rewards for k in acting)):
+                    return
+                if known:
+                    self._settle_transition(step)
+                else:
+                    self.whole = False
+            elif said and not late:  # else an episode ended here
+                return
+            self._forget(step)
+
+    def _forget(self, until: int) -> None:
+        """Forget all that was heard of time steps up to one."""
+        for kept in (self._states, self._since, self._actions, self._rewards):
+            for old in [step for step in kept if step <= until]:
                 del kept[old]
 
     def _settle_transition(self, step: int) -> None:
         said, rewards = self._actions.get(step, {}), self._rewards.get(step, {})
         acted = [k for k in said if k in rewards]
-        if not acted:  # an episode ended here, or it was heard of too late
-            self.whole = self.whole and not said
+        if not acted:  # heard of too late
+            self.whole = False
             return
         cells = [self._states[step][k] for k in range(self._robots)]
         after = [self._states[step + 1][k] for k in range(self._robots)]

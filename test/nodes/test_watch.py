@@ -12,7 +12,7 @@ import pytest
 from sparse_coord_ros.core.run_config import make_run
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.errors import RunError
-from sparse_coord_ros.nodes import team
+from sparse_coord_ros.nodes import team, watch
 from sparse_coord_ros.nodes.watch import WatchNode, _Heard
 from sparse_coord_ros.recording.reader import open_bag
 from sparse_coord_ros.runlog import read_run
@@ -26,19 +26,25 @@ recordings = importlib.util.module_from_spec(_spec)
 _spec.loader.exec_module(recordings)
 
 
+def heard_of(run, view):
+    """Return what `_Heard` makes of messages, and what takes them, by topic."""
+    takes = {}
+
+    class Listening:
+        def listen(self, topic, then, owner, *, read):
+            takes[f"/{owner}/{topic.name}"] = lambda data: then(read(data))
+
+    return _Heard(SimpleNamespace(), Listening(), run, view), takes
+
+
 @pytest.mark.parametrize("name", ["env1", "env2-4r"])
 def test_what_is_heard_is_what_the_log_says(tmp_path, name):
     settings = {"steps": 400, "perception": "probability:0.6", **recordings.OFTEN}
     run = make_run(load_scenario(name).with_settings(settings), {"seed": 5})
     recordings.Recording(tmp_path / "bag", run)
-    log, board, heard = read_run(tmp_path / "bag"), Board(), {}
-
-    class Listening:
-        def listen(self, topic, then, owner, *, read):
-            heard[f"/{owner}/{topic.name}"] = lambda data: then(read(data))
-
+    log, board = read_run(tmp_path / "bag"), Board()
     view = LiveView(run, board, source="live", title="", controls=())
-    team_heard = _Heard(SimpleNamespace(), Listening(), run, view)
+    team_heard, heard = heard_of(run, view)
     seen = {}
     for message in open_bag(tmp_path / "bag").messages(set(heard)):
         before = view.last
@@ -61,6 +67,46 @@ def test_what_is_heard_is_what_the_log_says(tmp_path, name):
     assert min(ends.values()) > 3
     asked = np.array(view.asked)
     assert np.array_equal(asked.sum(axis=1), log.asked.sum(axis=0))
+
+
+@pytest.mark.parametrize("late", ["action", "reward", "local_state"])
+def test_topics_may_overtake_one_another(tmp_path, late):
+    """One topic of one robot comes three time steps later than all others: nothing is lost."""
+    run = make_run(load_scenario("env1").with_settings({"steps": 300}), {"seed": 5})
+    recordings.Recording(tmp_path / "bag", run)
+    view = LiveView(run, Board(), source="live", title="", controls=())
+    team, takes = heard_of(run, view)
+    held, states = [], 0
+    for message in open_bag(tmp_path / "bag").messages(set(takes)):
+        states += message.topic == "/robot_1/local_state"
+        if message.topic == f"/robot_2/{late}":
+            held.append((states + 3, message))
+            continue
+        while held and held[0][0] <= states:
+            takes[held[0][1].topic](held.pop(0)[1].data)
+        takes[message.topic](message.data)
+    for _, message in held:
+        takes[message.topic](message.data)
+    assert team.history.history().same_bits(read_run(tmp_path / "bag").history())
+    assert team.whole and team.seen == 300
+
+
+def test_a_robot_that_is_left_out_holds_nobody_up(tmp_path, monkeypatch):
+    """What does not come at all is waited for half a second, and then done without."""
+    run = make_run(load_scenario("env1").with_settings({"steps": 300}), {"seed": 5})
+    recordings.Recording(tmp_path / "bag", run)
+    clock = SimpleNamespace(monotonic=lambda: clock.now, now=0.0)
+    monkeypatch.setattr(watch, "time", clock)
+    view = LiveView(run, Board(), source="live", title="", controls=())
+    team, takes = heard_of(run, view)
+    messages = list(open_bag(tmp_path / "bag").messages(set(takes)))
+    for message in messages[: len(messages) // 2]:
+        if message.topic not in ("/robot_2/action", "/robot_2/reward"):
+            takes[message.topic](message.data)
+    assert team.seen < 5
+    clock.now += 1.0
+    team.catch_up()
+    assert team.seen > 50 and len(team._states) < 3
 
 
 def test_a_page_beside_a_live_team(bench):
