@@ -439,11 +439,16 @@ def own_domain(monkeypatch):
 
 @pytest.fixture(autouse=True)
 def no_process_left():
-    """Check that a test leaves no process behind; one that it started itself is `start`'s."""
+    """Check that a test leaves no process behind; one that it started itself is `start`'s.
+
+    What ends as its parent has ended (a recorder's writer, a browser's helpers) needs a moment.
+    """
     before = _descendants()  # other tests' process pools leave multiprocessing's own tracker
     yield
-    left = [one for one in _descendants() if one not in before]
-    assert not left, f"processes left behind: {left}"
+    deadline = time.monotonic() + PATIENCE_SECONDS / 4
+    while left := [one for one in _descendants() if one not in before]:
+        assert time.monotonic() < deadline, f"processes left behind: {left}"
+        time.sleep(0.02)
 
 
 @pytest.fixture(autouse=True, scope="session")
