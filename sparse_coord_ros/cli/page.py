@@ -26,7 +26,7 @@ PORT = Setting("port", int, 8765, "of the page; 0: one that is free", low=0, hig
 
 @contextmanager
 def served(options: argparse.Namespace, board: "Board | None" = None) -> Iterator["Server"]:
-    """Serve the page where the options say, and print its address.
+    """Serve the page where the options say; `announce` tells where that is.
 
     Args:
         options: of the verb.
@@ -53,12 +53,16 @@ def served(options: argparse.Namespace, board: "Board | None" = None) -> Iterato
                 "watch, and who has the whole address can control the run",
                 file=sys.stderr,
             )
-        print(f"watch it at {server.address}", file=sys.stderr, flush=True)
-        if options.browser and not _opened(server.address):
-            print("no browser is here: open that address in one", file=sys.stderr)
         yield server
     finally:
         server.close()
+
+
+def announce(server: "Server", options: argparse.Namespace) -> None:
+    """Print the address of a page that has something to show; open it where that is wanted."""
+    print(f"watch it at {server.address}", file=sys.stderr, flush=True)
+    if options.browser and not _opened(server.address):
+        print("no browser is here: open that address in one", file=sys.stderr)
 
 
 class Wishes:

@@ -99,6 +99,7 @@ def _watched(options: argparse.Namespace, values: dict[str, Any]) -> int:
             "watch' beside it"
         )
     with page.served(options) as server:
+        page.announce(server, options)
         while True:
             code = _run(options, values, server)
             if code:

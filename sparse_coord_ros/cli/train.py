@@ -99,16 +99,15 @@ def execute(options: argparse.Namespace) -> int:
     """Run the verb."""
     trials = TRIALS.parse(options.trials)
     every = None if options.evaluate_every is None else EVERY.parse(options.evaluate_every)
-    if options.resume is None:
-        out, run = _begin(options)
-    else:
-        out, run = _go_on(options)
+    begin = _begin if options.resume is None else _go_on
     if not options.watch:
-        _run(options, out, run, trials, every)
+        _run(options, *begin(options), trials, every)
         return 0
     from sparse_coord_ros.cli import page
 
     with page.served(options) as server:
+        out, run = begin(options)  # after the port is ours: a taken one leaves no directory
+        page.announce(server, options)
         while True:
             _run(options, out, run, trials, every, server)
             page.show_end(server, run, out)

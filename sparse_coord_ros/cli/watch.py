@@ -7,7 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.cli.page import served
+from sparse_coord_ros.cli.page import announce, served
 
 
 def add_parser(verbs) -> None:
@@ -41,6 +41,7 @@ def _live(options: argparse.Namespace) -> int:
     except ImportError as error:
         raise shared.ros_missing(error, "sparse_coord watch BAG") from None
     with served(options) as server:
+        announce(server, options)
         return run_node(lambda context: WatchNode(context=context, values={}, server=server), [])
 
 
@@ -56,6 +57,7 @@ def _bag(options: argparse.Namespace) -> int:
     commands += [Command(SEEK, step.parse(options.step))] if options.step != "0" else []
     source = BagSource(options.bag, Board())
     with served(options, source.board) as server, suppress(KeyboardInterrupt):
+        announce(server, options)
         for command in commands:
             source.command(command)
         server.show(source)

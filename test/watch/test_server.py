@@ -11,6 +11,7 @@ import aiohttp
 import pytest
 from aiohttp.test_utils import TestClient, TestServer
 
+from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.core.run_config import make_run
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.errors import RunError, SettingError
@@ -229,3 +230,19 @@ def test_a_page_s_wish_is_checked_before_the_source_hears_it():
         parse_command({"do": SEEK, "value": 3}, (PAUSE,))
     found = parse_command({"do": NEXT, "value": {"scenario": "isr", "penalty": -5}}, (NEXT,))
     assert found.value == {"scenario": "isr", "penalty": -5.0}
+
+
+def test_an_address_is_told_only_where_there_is_something_to_see(tmp_path, capsys):
+    """A taken port leaves no directory behind, and a bag that is none no address."""
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = str(taken.getsockname()[1])
+        for verb in ("train", "run"):
+            out = tmp_path / verb
+            command = [verb, "env1", "--steps", "10", "--watch", "--port", port, "--out", str(out)]
+            assert main(command) == 2 and not out.exists()
+            assert "--port 0 takes a free one" in capsys.readouterr().err
+    assert main(["watch", str(tmp_path), "--port", "0"]) == 2
+    [line] = capsys.readouterr().err.splitlines()
+    assert line.startswith("error: ") and "is not a bag" in line
