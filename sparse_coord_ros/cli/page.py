@@ -36,15 +36,10 @@ def served(options: argparse.Namespace, board: "Board | None" = None) -> Iterato
         RunError: aiohttp is missing, the port is taken, or the address cannot be served.
         SettingError: the port is none.
     """
+    from sparse_coord_ros.watch.board import Board
+    from sparse_coord_ros.watch.server import Server, is_loopback
+
     port = PORT.parse(options.port)
-    try:
-        from sparse_coord_ros.watch.board import Board
-        from sparse_coord_ros.watch.server import Server, is_loopback
-    except ImportError as error:
-        raise RunError(
-            f"the page needs the Python package aiohttp ({error}); install it: pip install "
-            "aiohttp, or sudo apt install python3-aiohttp"
-        ) from None
     server = Server(Board() if board is None else board, host=options.host, port=port)
     try:
         if not is_loopback(options.host):

@@ -44,12 +44,12 @@ from sparse_coord_ros.nodes.messages import (
 from sparse_coord_ros.nodes.parameters import EXECUTOR, ParameterNode
 from sparse_coord_ros.nodes.spin import run_node
 from sparse_coord_ros.watch.live import LiveView, Transition
-from sparse_coord_ros.watch.server import HOST, PORT, Server
-from sparse_coord_ros.watch.source import NEXT, PAUSE, RATE, RESET, STEP, Command
+from sparse_coord_ros.watch.source import HOST, NEXT, PAUSE, PORT, RATE, RESET, STEP, Command
 
 if TYPE_CHECKING:
     from sparse_coord_ros.nodes.robot import RobotNode
     from sparse_coord_ros.nodes.world_simulator import WorldSimulator
+    from sparse_coord_ros.watch.server import Server
 
 TICK_SECONDS = 1 / 30
 GONE_SECONDS = 4.0
@@ -90,7 +90,7 @@ class WatchNode(ParameterNode):
         context: Context,
         namespace: str = "",
         values: Mapping[str, Any] | None = None,
-        server: Server | None = None,
+        server: "Server | None" = None,
         title: str = "",
         world: "WorldSimulator | None" = None,
         robots: "Sequence[RobotNode]" = (),
@@ -472,9 +472,9 @@ def _end_of(robot: "RobotNode", step: int) -> int | None:
     return None if robot.member is None else _percept(robot.member.lockstep.account_of(step))
 
 
-def _serve(node: WatchNode) -> Server:
+def _serve(node: WatchNode) -> "Server":
     from sparse_coord_ros.watch.board import Board
-    from sparse_coord_ros.watch.server import is_loopback
+    from sparse_coord_ros.watch.server import Server, is_loopback
 
     server = Server(Board(), host=node.values["host"], port=node.values["port"])
     if not is_loopback(node.values["host"]):

@@ -87,7 +87,10 @@ class Shown:
         topics = [*MOVES, PERCEPT, STATUS]
         if recording.format == 1 or recording.run.rule.factors is not None:
             topics.append(SERVICE_EVENTS)
-        return recording.whole(topics, SPOKEN, self.heard)
+        log = recording.whole(topics, SPOKEN, self.heard)
+        if log.damage is not None:
+            self.say(f"the bag is damaged ({log.damage}): going on with what is before that")
+        return log
 
     def with_requests(self, steps: Collection[int]) -> RunLog:
         """Return the log with the dialogue of at least some time steps."""

@@ -21,14 +21,18 @@ from importlib import resources
 from typing import Any
 from urllib.parse import urlsplit
 
-from aiohttp import WSMsgType, web
-
 from sparse_coord_ros.core.scenario import scenario_names
 from sparse_coord_ros.errors import RunError, SparseCoordError
 from sparse_coord_ros.watch.board import Board
-from sparse_coord_ros.watch.source import Source, parse_command
+from sparse_coord_ros.watch.source import HOST, PORT, Source, parse_command
 
-HOST, PORT = "127.0.0.1", 8765
+try:
+    from aiohttp import WSMsgType, web
+except ImportError as error:
+    raise RunError(
+        f"the page needs the Python package aiohttp ({error}); install it: pip install aiohttp, "
+        "or sudo apt install python3-aiohttp"
+    ) from None
 
 LARGEST_MESSAGE = 4096
 """Bytes of a page's message."""

@@ -9,6 +9,9 @@ from typing import Any, NamedTuple, Protocol
 from sparse_coord_ros.core.scenario import load_scenario, scenario_names
 from sparse_coord_ros.errors import SettingError, SparseCoordError
 
+HOST, PORT = "127.0.0.1", 8765
+"""Where the page is, unless it is wanted elsewhere."""
+
 PAUSE, STEP, RATE, SEEK, RESET, NEXT = "pause", "step", "rate", "seek", "reset", "next"
 """What a page may ask for: hold or go on; so many time steps on or back; time steps a second (0:
 as fast as it goes); a time step to go to; a new episode; another run."""
