@@ -3,7 +3,7 @@
 """A learner that others wrote beside ours: python pettingzoo_learners.py [STEPS [RUNS [TRIALS]]].
 
 OpenSpiel's tabular Q-learner, one a robot, plays env1 through PettingZoo; once with COORDINATE
-and once without. It needs: pip install 'sparse_coord_ros[examples]'
+and once without. It needs: pip install '.[examples]'
 """
 
 import sys

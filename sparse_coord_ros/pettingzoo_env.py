@@ -34,7 +34,7 @@ try:
 except ImportError as missing:
     raise RunError(
         f"the PettingZoo environment needs the packages pettingzoo and gymnasium ({missing}): pip "
-        "install 'sparse_coord_ros[pettingzoo]'"
+        "install '.[pettingzoo]'"
     ) from None
 
 STARTS = ("fixed", "protocol")

@@ -31,7 +31,9 @@ def installation() -> Iterator[Finding]:
     try:
         share_folder("config")
     except FileNotFoundError as error:
-        yield Finding(WRONG, "package", str(error), f"pip install --force-reinstall {PACKAGE}")
+        yield Finding(
+            WRONG, "package", str(error), "install it again, in a checkout: pip install ."
+        )
     command = shutil.which("sparse_coord")
     if command and Path(command).resolve().parent != Path(sys.executable).resolve().parent:
         here = Path(sys.executable).parent
@@ -99,7 +101,7 @@ def requirements(required: list[str]) -> Iterator[Finding]:
             FINE,
             "packages",
             f"without the extra {extra} ({', '.join(names)}); needed only by what uses it",
-            f"pip install '{PACKAGE}[{extra}]'",
+            f"in a checkout: pip install '.[{extra}]'",
         )
 
 

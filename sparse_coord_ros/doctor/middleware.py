@@ -52,7 +52,7 @@ def middleware() -> Iterator[Finding]:
             "ROS 2",
             f"is not there ({said['missing']}): train, evaluate, plot and the Python API work, "
             "run does not",
-            "source /opt/ros/jazzy/setup.bash, or pip install 'sparse_coord_ros[ros]'",
+            "source /opt/ros/jazzy/setup.bash, or pip install '.[ros]'",
         )
         return
     if "rmw" in said:

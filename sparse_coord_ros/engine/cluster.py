@@ -185,7 +185,7 @@ def _connected(scheduler: str) -> "Client":
     except ImportError as error:
         raise RunError(
             f"a cluster needs the Python package distributed ({error}): pip install "
-            "'sparse_coord_ros[cluster]', or leave --scheduler out"
+            "'.[cluster]', or leave --scheduler out"
         ) from None
     try:
         client = Client(scheduler, timeout=WAIT_SECONDS, set_as_default=False)
