@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.core.agent import Tables
 from sparse_coord_ros.core.best_team import shipped_best_team
 from sparse_coord_ros.core.class_bound import game_digest, shipped_class_bound
 from sparse_coord_ros.core.evaluation import TRIALS, Evaluation, Measure, check_tables, evaluate
@@ -98,17 +99,22 @@ def evaluated(directory: Path, trials: int, seed: int, *, exact: bool | None) ->
     run = load_run(directory)
     tables = load_team(directory, run.scenario)
     check_tables(run.scenario, tables, run.learner)
+    return Evaluated(directory, run, worth(run, tables, trials, seed, exact=exact))
+
+
+def worth(
+    run: RunConfig, tables: Sequence[Tables], trials: int, seed: int, *, exact: bool | None
+) -> Evaluation | ExactEvaluation:
+    """Evaluate tables that fit their run; arguments as of `evaluated`."""
     if exact is not False:
         from sparse_coord_ros.engine.exact import evaluate_exact
 
         try:
-            result = evaluate_exact(run.scenario, tables, learner=run.rule)
-            return Evaluated(directory, run, result)
+            return evaluate_exact(run.scenario, tables, learner=run.rule)
         except SettingError:  # too many robots, or no chain of joint states
             if exact:
                 raise
-    played = evaluate(run.scenario, tables, trials=trials, seed=seed, learner=run.rule)
-    return Evaluated(directory, run, played)
+    return evaluate(run.scenario, tables, trials=trials, seed=seed, learner=run.rule)
 
 
 def by_game(found: list[Evaluated]) -> list[list[Evaluated]]:

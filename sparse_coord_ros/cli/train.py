@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 from tqdm import tqdm
 
 from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.cli.evaluate import Evaluated, result_table
-from sparse_coord_ros.core.evaluation import Evaluation, evaluate
+from sparse_coord_ros.cli.evaluate import Evaluated, result_table, worth
+from sparse_coord_ros.core.evaluation import Evaluation
 from sparse_coord_ros.core.history import HISTORY_FILE
 from sparse_coord_ros.core.optimum import joint_optimum
 from sparse_coord_ros.core.run_config import (
@@ -42,12 +42,16 @@ from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.files import write_whole
 
 if TYPE_CHECKING:
+    from sparse_coord_ros.engine.exact import ExactEvaluation
     from sparse_coord_ros.watch.server import Server
     from sparse_coord_ros.watch.training import TrainingView
 
 EVALUATIONS_FILE = "evaluations.csv"
 FILES = (RUN_FILE, CHECKPOINT_FILE, HISTORY_FILE, EVALUATIONS_FILE, TEAM_FILE)
 """What this verb writes."""
+
+HARDLY_EVER = 1e-3
+"""Share of the trials in which some robot may fail to arrive without a word of it."""
 
 TRIALS = Setting("trials", int, 1000, "trials of the evaluation", low=0, high=10_000_000)
 
@@ -87,8 +91,8 @@ def add_parser(verbs) -> None:
     )
     parser.add_argument(
         "--trials",
-        default="1000",
-        help="Monte-Carlo trials of what was learned (default: 1000; 0: do not evaluate it)",
+        help="Monte-Carlo trials of what was learned (default: none where it can be computed, as "
+        "for two robots, else 1000; 0: do not evaluate it)",
     )
     shared.add_watch(parser)
     shared.add_json(parser)
@@ -97,7 +101,7 @@ def add_parser(verbs) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Run the verb."""
-    trials = TRIALS.parse(options.trials)
+    trials = None if options.trials is None else TRIALS.parse(options.trials)
     every = None if options.evaluate_every is None else EVERY.parse(options.evaluate_every)
     begin = _begin if options.resume is None else _go_on
     if not options.watch:
@@ -126,7 +130,7 @@ def _run(
     options: argparse.Namespace,
     out: Path,
     run: RunConfig,
-    trials: int,
+    trials: int | None,
     every: int | None,
     server: "Server | None" = None,
 ) -> None:
@@ -301,12 +305,13 @@ def _save(out: Path, done: Training) -> None:
     (out / CHECKPOINT_FILE).unlink(missing_ok=True)
 
 
-def _say(out: Path, run: RunConfig, done: Training, trials: int, *, as_json: bool) -> None:
+def _say(out: Path, run: RunConfig, done: Training, trials: int | None, *, as_json: bool) -> None:
     """Print what was learned and where it is."""
     scenario = run.scenario
     result = None
-    if trials:
-        result = evaluate(scenario, done.tables, trials=trials, seed=0, learner=run.rule)
+    if trials != 0:
+        exact = None if trials is None else False
+        result = worth(run, done.tables, trials or TRIALS.default, 0, exact=exact)
     if as_json:
         said: dict[str, Any] = {"directory": str(out), "learner": run.learner, "seed": run.seed}
         said |= {"engine": done.engine, "episodes": done.history.episodes}
@@ -323,11 +328,21 @@ def _say(out: Path, run: RunConfig, done: Training, trials: int, *, as_json: boo
         print(shared.format_table(head, [_row(n, e) for n, e in done.evaluations]), end="\n\n")
     if result is not None:
         print(result_table([Evaluated(out, run, result)]))
-        if result.not_arrived:
-            print(f"In {result.not_arrived} of {trials} trials some robot did not arrive.")
+        missed = _missed(result)
+        if missed:
+            print(f"{missed} some robot did not arrive.")
             for line in advice(scenario, done):
                 print(line)
     print(f"tables   {out / TEAM_FILE}\nhistory  {out / HISTORY_FILE}\nrun      {out / RUN_FILE}")
+
+
+def _missed(result: "Evaluation | ExactEvaluation") -> str:
+    """Return in how many trials some robot did not arrive; nothing where hardly ever."""
+    if isinstance(result, Evaluation):
+        count = result.not_arrived
+        return f"In {count} of {result.trials} trials" if count else ""
+    share = 1.0 - result.all_arrived
+    return f"In {share:.1%} of all trials" if share > HARDLY_EVER else ""
 
 
 def _row(steps: int, found: Evaluation) -> list[str]:

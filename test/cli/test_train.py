@@ -360,3 +360,11 @@ def test_an_interrupt_while_numba_compiles(folder, number):
         assert (process.returncode, printed) == (130, ""), said
         assert said.endswith("interrupted\n") and "Traceback" not in said
         assert "go on with" in said or not out.exists()
+
+
+@pytest.mark.parametrize(("scenario", "how"), [("env1", ("--exact",)), ("env2-4r", ())])
+def test_what_was_learned_is_computed_where_that_can_be(sparse_coord, scenario, how):
+    code, out, _ = sparse_coord("train", scenario, "--steps", 300, "--out", "a")
+    assert (code, "Coop., exact" in out) == (0, scenario == "env1")
+    assert out.splitlines()[:3] == sparse_coord("evaluate", "a", *how)[1].splitlines()[:3]
+    assert "trials some robot did not arrive." in out
