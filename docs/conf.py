@@ -6,7 +6,7 @@ import importlib
 
 import sparse_coord_ros
 from sparse_coord_ros.cli.main import make_parser
-from sparse_coord_ros.cli.options import VERBS
+from sparse_coord_ros.cli.verbs import VERBS
 
 project = "sparse_coord_ros"
 author = "The sparse_coord_ros authors"

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 
 from sparse_coord_ros import __version__
-from sparse_coord_ros.cli.options import MOVED, VERBS, Parser
+from sparse_coord_ros.cli.verbs import MOVED, VERBS, Parser
 from sparse_coord_ros.errors import EXIT_BAD_INPUT, SettingError, SparseCoordError
 
 INTERRUPTED = 130

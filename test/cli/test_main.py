@@ -108,3 +108,10 @@ def test_as_a_process_bad_input_is_one_line(tmp_path):
     )
     assert done.stderr.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+def test_help_does_not_wait_for_numpy():
+    code = "import sys; from sparse_coord_ros.cli.main import make_parser; make_parser()"
+    subprocess.run(
+        [sys.executable, "-c", f"{code}; assert 'numpy' not in sys.modules"], check=True
+    )

@@ -28,7 +28,7 @@ import pytest
 from PIL import Image
 
 from sparse_coord_ros.cli.main import make_parser
-from sparse_coord_ros.cli.options import VERBS
+from sparse_coord_ros.cli.verbs import VERBS
 
 ROOT = Path(__file__).parents[2]
 _BLOCK = re.compile(

@@ -13,6 +13,7 @@ from functools import partial
 from sparse_coord_ros.bench import batch
 from sparse_coord_ros.cli import bench
 from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.cli.verbs import Parser
 from sparse_coord_ros.errors import EXIT_BAD_INPUT, SparseCoordError
 from tools.c_loop.loop import CLoop, c_loop_of
 
@@ -27,7 +28,7 @@ MEASURED = (
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line, measure, and return the exit code."""
-    parser = shared.Parser(prog="python -m tools.c_loop", description=__doc__)
+    parser = Parser(prog="python -m tools.c_loop", description=__doc__)
     bench.add_sizes(parser)
     try:
         steps, repeats, runs, as_json = bench.sizes_of(parser.parse_args(arguments))

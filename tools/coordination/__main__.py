@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.computing import add_computing, jobs_of
+from sparse_coord_ros.cli.verbs import Parser
 from sparse_coord_ros.engine.cluster import cluster_at
 from sparse_coord_ros.engine.conditions import Condition
 from sparse_coord_ros.engine.results import ConditionResult, Plan, open_results
@@ -28,7 +28,7 @@ NAMES = [*(study.name for study in STUDIES), "scale"]
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line, compute, write, and return the exit code."""
-    parser = shared.Parser(prog="python -m tools.coordination", description=__doc__)
+    parser = Parser(prog="python -m tools.coordination", description=__doc__)
     parser.add_argument("studies", nargs="*", metavar="STUDY", help=f"of {', '.join(NAMES)}")
     parser.add_argument("--out", type=Path, default=Path("coordination"), help="results directory")
     parser.add_argument("--page", type=Path, default=PAGE, help="the document with the tables")

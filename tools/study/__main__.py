@@ -18,6 +18,7 @@ from tqdm import tqdm
 
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.computing import add_computing, jobs_of
+from sparse_coord_ros.cli.verbs import Parser
 from sparse_coord_ros.core.run_config import RUN_SETTINGS
 from sparse_coord_ros.core.settings import Setting
 from sparse_coord_ros.engine.cluster import cluster_at
@@ -59,7 +60,7 @@ CANDIDATES = Setting("candidates", int, 40, "protocols to try", low=1, high=100_
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line, search, and return the exit code."""
-    parser = shared.Parser(prog="python -m tools.study", description=__doc__)
+    parser = Parser(prog="python -m tools.study", description=__doc__)
     parser.add_argument(
         "--out",
         type=Path,

@@ -1,0 +1,51 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The verbs, and a parser whose errors are one line; nothing that takes time to import."""
+
+import argparse
+from collections.abc import Mapping
+from typing import NoReturn
+
+from sparse_coord_ros.errors import EXIT_BAD_INPUT
+
+VERBS: Mapping[str, str] = {
+    "run": "let a team learn live over ROS 2 nodes, topics and services, recorded to MCAP",
+    "train": "learn without ROS: the same computation, the same bits",
+    "evaluate": "evaluate learned tables by Monte-Carlo trials, as in the paper, or exactly",
+    "drive": "drive a learned team through a simulator of bodies, in metres and seconds",
+    "optimum": "compute the exact joint optimum: full joint state and action, no cost of asking; "
+    "the exact worth of fixed shortest paths; and the best team of Algorithm 1's form",
+    "doctor": "look whether all is here that a run needs, and say what to do where it is not",
+    "settings": "list all settings: defaults, what is allowed, what they mean",
+    "maps": "list the maps, or show one",
+    "import-map": "make a map and a scenario of a building's map, as map_server reads it",
+    "export-map": "write a map as map_server reads it",
+    "info": "say what is in a bag: the run, its topics and files, whether it is whole",
+    "verify": "compute a recorded run again, from its seed and its log alone, and compare",
+    "explain": "trace each COORDINATE of a time step: question, answer, what was learned from it",
+    "watch": "show a team that learns on a page in the browser: a live one, or a recorded run",
+    "replay": "play a recorded run back over ROS 2: same messages, types, QoS and clock",
+    "recover": "finish a bag that a crash cut off or that is damaged, as far as it can be read",
+    "tables": "take the tables of a checkpoint out of a bag",
+    "plot": "draw policies, ask maps, learning curves, sparsity and percepts of runs, or results",
+    "animate": "make a film (GIF) of an episode: robots move, ask and are answered",
+    "report": "tell all of a run, or of results, in one HTML file: pictures, worth, faults",
+    "completion": "print what your shell needs to complete sparse_coord with the Tab key",
+    "reproduce": "reproduce the paper's tables and figures, and go beyond them",
+    "bench": "measure the speed of env1: live, beside bare rclpy nodes passing the same messages, "
+    "and the batch engine",
+}
+"""Every verb and what it does; `sparse_coord_ros.cli.<verb>` is imported where it is chosen."""
+
+MOVED: Mapping[str, str] = {
+    "study": "'study' is not a verb any more: run 'make study' in a checkout of the repository"
+}
+"""What to say of verbs that there were once."""
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser whose errors are one line."""
+
+    def error(self, message: str) -> NoReturn:
+        """Say what is wrong in one line and exit."""
+        self.exit(EXIT_BAD_INPUT, f"error: {message}; see {self.prog} --help\n")
