@@ -7,6 +7,7 @@ doorways found, missed and false, and writes the previews.
 """
 
 import argparse
+import itertools
 import math
 import time
 from collections.abc import Callable
@@ -176,11 +177,130 @@ def scanned(plan: Drawing, degrees: float, seed: int) -> Drawing:
     return made
 
 
+def clinic() -> Drawing:
+    """Two wings of rooms on two corridors, and a cross corridor; no tuning has seen it."""
+    plan = Drawing(36.0, 27.0, thick=0.15)
+    plan.outline()
+    edges = (0.0, 5.3, 9.1, 14.9, 21.2, 27.3, 31.4, 36.0)
+    middle, cross = 13.4, (18.0, 20.2)  # rooms back to back; the cross corridor's walls
+    rows = ((6.2, 0.0, 6.2), (8.4, 8.4, middle), (18.4, middle, 18.4), (20.6, 20.6, 27.0))
+    for number, (y, low, high) in enumerate(rows):
+        inner = number in (1, 2)
+        plan.wall(0, y, 36, y)
+        for x in edges[1:-1]:
+            at = dict(zip(edges[3:5], cross, strict=True)).get(x, x) if inner else x
+            plan.wall(at, low, at, high)
+        for k, (left, right) in enumerate(itertools.pairwise(edges)):
+            share = (0.32, 0.55, 0.71, 0.44)[(k + number % 2) % 4]
+            wide = (0.9, 1.0, 0.95)[k % 3]
+            if inner and k == 3:
+                plan.fill(cross[0], y - 0.2, cross[1], y + 0.2, FREE)
+                plan.door(16.4, y, wide=wide)
+            else:
+                plan.door(left + share * (right - left), y, wide=wide)
+    plan.wall(0, middle, cross[0], middle)
+    plan.wall(cross[1], middle, 36, middle)
+    for x, y, w, h in (
+        *((0.3, 0.4, 2.0, 0.9), (10.0, 0.3, 0.9, 2.1), (22.5, 3.6, 1.8, 0.8)),
+        *((33.0, 0.3, 2.2, 0.8), (2.0, 10.9, 0.9, 2.2), (23.4, 11.2, 2.0, 0.9)),
+        *((28.0, 9.2, 0.5, 0.5), (6.4, 15.0, 1.6, 0.8), (28.4, 24.9, 2.2, 0.9)),
+        *((11.3, 23.5, 1.5, 1.5), (0.4, 25.7, 3.0, 0.8), (16.0, 22.3, 0.6, 2.0)),
+    ):
+        plan.fill(x, y, x + w, y + h)  # beds, desks, cupboards
+    return plan
+
+
+def school() -> Drawing:
+    """A hall with classrooms around it; no tuning has seen it."""
+    plan = Drawing(24.0, 19.0, thick=0.25)
+    plan.outline()
+    plan.wall(0, 5.6, 24, 5.6)
+    plan.wall(0, 12.9, 24, 12.9)
+    plan.wall(5.9, 5.6, 5.9, 12.9)
+    plan.wall(18.3, 5.6, 18.3, 12.9)
+    for x in (7.7, 15.8):
+        plan.wall(x, 0, x, 5.6)
+    for x in (9.6, 16.9):
+        plan.wall(x, 12.9, x, 19)
+    for x in (6.7, 11.4, 17.2):
+        plan.door(x, 5.6, wide=1.0)
+    for x in (7.2, 13.7, 17.6):
+        plan.door(x, 12.9, wide=0.9)
+    plan.door(5.9, 9.1, wide=0.95, north=False)
+    plan.door(18.3, 10.4, wide=0.95, north=False)
+    for x in range(3):
+        for y in range(2):  # tables
+            plan.fill(1.2 + 2.1 * x, 1.1 + 1.9 * y, 2.3 + 2.1 * x, 1.7 + 1.9 * y)
+            plan.fill(11.4 + 1.8 * x, 14.6 + 1.9 * y, 12.3 + 1.8 * x, 15.2 + 1.9 * y)
+    for x, y in ((10.0, 8.0), (14.0, 8.0), (10.0, 10.6), (14.0, 10.6)):
+        plan.fill(x, y, x + 0.4, y + 0.4)  # pillars
+    return plan
+
+
+RAYS, REACH = 720, 9.0
+"""Of a scanner: rays a turn, metres."""
+
+
+def explored(plan: Drawing, degrees: float, seed: int) -> Drawing:
+    """Return a plan as a scanner sees it that drives through it: hits and misses of single rays.
+
+    Scans are taken from places in free space, each from a pose that is a little wrong, with
+    noisy ranges; some rays are lost, some come back from people who have gone since. A pixel is
+    what most rays say of it; what none has crossed is unknown.
+    """
+    random = np.random.default_rng(seed)
+    turned = scanned(plan, degrees, seed)  # for its doorways and its size
+    margin = round(1.5 / PIXEL)
+    true = ndimage.rotate(
+        np.pad(plan.pixels, margin, constant_values=UNKNOWN), degrees, order=0, cval=UNKNOWN
+    )
+    free = true == FREE
+    clear = ndimage.distance_transform_edt(free) * PIXEL
+    lattice = np.zeros_like(free)
+    lattice[:: round(1.1 / PIXEL), :: round(1.1 / PIXEL)] = True
+    places = np.argwhere(lattice & (clear > 0.35))
+    places = places[random.random(len(places)) < 0.75]
+    hits, misses = np.zeros(true.shape, dtype=np.int32), np.zeros(true.shape, dtype=np.int32)
+    walks = np.arange(1, int(REACH / PIXEL) + 1)
+
+    def line(place: np.ndarray, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the pixels along rays: rows and columns, shape (rays, steps)."""
+        ways = np.sin(angles), np.cos(angles)
+        rows, columns = (
+            np.clip(np.round(p + np.outer(way, walks)), 0, size - 1).astype(int)
+            for p, way, size in zip(place, ways, true.shape, strict=True)
+        )
+        return rows, columns
+
+    for place in places:
+        angles = np.linspace(0, 2 * math.pi, RAYS, endpoint=False) + random.uniform(0, 0.01)
+        blocked = ~free[line(place, angles)]
+        length = np.where(blocked.any(axis=1), blocked.argmax(axis=1), len(walks))
+        hit = blocked.any(axis=1) & (random.random(RAYS) > 0.02)
+        people = random.random(RAYS) < 0.004
+        length = np.where(people, (length * random.uniform(0.2, 1.0, RAYS)).astype(int), length)
+        length = length + np.round(random.normal(0, 0.015 / PIXEL, RAYS)).astype(int)
+        rows, columns = line(
+            place + random.normal(0, 0.012 / PIXEL, 2), angles + random.normal(0, 0.003)
+        )
+        crossed = walks[None, :] - 1 < length[:, None]
+        np.add.at(misses, (rows[crossed], columns[crossed]), 1)
+        ends = hit & (length >= 0) & (length < len(walks))
+        at = np.flatnonzero(ends), length[ends]
+        np.add.at(hits, (rows[at], columns[at]), 1)
+    share = hits / np.maximum(hits + misses, 1)
+    values = np.where(hits + misses == 0, UNKNOWN, np.where(share > 0.35, WALL, FREE))
+    turned.pixels = values.astype(np.uint8)
+    return turned
+
+
 PLANS: dict[str, tuple[Callable[[], Drawing], str, tuple[float, float]]] = {
     "office": (office, "pgm", (-10.0, -7.0)),
     "warehouse": (warehouse, "png", (0.0, 0.0)),
     "slam_office": (lambda: scanned(office(), 1.5, 1), "pgm", (-11.3, -8.1)),
     "slam_flat": (lambda: scanned(flat(), -2.0, 2), "png", (2.5, 100.0)),
+    "slam_clinic": (lambda: explored(clinic(), 0.8, 3), "pgm", (-4.0, -21.5)),
+    "slam_school": (lambda: explored(school(), -1.2, 4), "png", (0.0, 0.0)),
     "tower": (tower, "png", (-100.0, -100.0)),
 }
 """Drawing, format of the image and origin."""

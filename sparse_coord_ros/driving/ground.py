@@ -19,6 +19,9 @@ RADIUS_SHARE = 0.15
 LANE = 0.27
 """Distance of a lane from the middle of its cell, in cells, where the body is small enough."""
 
+ROOM = 0.8
+"""Share of the room beside a body in the middle of a cell that its lane takes at most."""
+
 QUADRANTS = ((1.0, 1.0), (-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0))
 """Where robots 1 to 4 stand in a cell that several share: x, y as signs."""
 
@@ -64,7 +67,7 @@ class Ground:
                 f"({self.side / 2:g} m), as doorways are one cell wide; choose a smaller radius, "
                 "or larger cells"
             )
-        self.lane = min(LANE * self.side, self.side / 2 - self.radius)
+        self.lane = min(LANE * self.side, ROOM * (self.side / 2 - self.radius))
 
     def place(self, robot: int, cell: int) -> tuple[float, float]:
         """Return (x, y) of a robot's place in a free cell, in metres."""

@@ -272,6 +272,30 @@ def across(free: np.ndarray, longest: int = 2) -> np.ndarray:
     return doors
 
 
+def two_wide(free: np.ndarray, longest: int = 2) -> list[tuple[int, int]]:
+    """Return a cell of each passage that would be a doorway if it were not two cells wide.
+
+    Arguments as of `across`.
+    """
+    padded = np.pad(free, 2)
+    inner, before = padded[2:-2, 2:-2], across(free, longest)
+    found = []
+    for north_south in (True, False):
+        grid = padded if north_south else padded.T
+        middle = slice(2, -2)
+        pair = grid[middle, middle] & grid[1:-3, middle] & ~grid[:-4, middle] & ~grid[3:-1, middle]
+        narrow = inner & ~(pair if north_south else pair.T)
+        doors = across(narrow, longest)
+        for number in range(1, int(doors.max(initial=0)) + 1):
+            cells = np.argwhere(doors == number)
+            beside = cells + ((1, 0) if north_south else (0, 1))
+            row, column = cells[0].tolist()
+            inside = (beside < free.shape).all()
+            if not before[row, column] and inside and free[tuple(beside.T)].all():
+                found.append((row, column))
+    return sorted(found)
+
+
 def _leads_on(free: np.ndarray, end: tuple[int, int], run: set[tuple[int, int]]) -> bool:
     """Whether `CRUMB` cells can be reached from the end of a run without going through it."""
     if not free[end]:

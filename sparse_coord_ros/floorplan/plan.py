@@ -20,6 +20,7 @@ from sparse_coord_ros.floorplan.gridding import (
     best_layout,
     smaller_cell,
     space_of,
+    two_wide,
 )
 from sparse_coord_ros.floorplan.image import FloorPlan
 
@@ -28,6 +29,9 @@ Place = tuple[float, float]
 
 WALL_THICKNESS = 0.3
 """Metres of wall that a doorway leads through, unless one says so."""
+
+SHOWN = 6
+"""Most places that a note names."""
 
 FURTHEST_WORTH = 0.3
 """What arriving is worth at the furthest start, as a share of its worth at the goal."""
@@ -123,7 +127,8 @@ def import_map(
         free &= np.isin(labels, sorted(used))
     elif count:
         free &= np.isin(labels, 1 + np.flatnonzero((sizes >= CRUMB) | (sizes == sizes.max())))
-    doors = across(free, max(1, math.floor(longest / cell + 1e-9)))
+    run = max(1, math.floor(longest / cell + 1e-9))
+    doors, wide = across(free, run), two_wide(free, run)
     for place in remove:
         found = doors[frame.cell(place, "--no-doorway")]
         if not found:
@@ -153,9 +158,22 @@ def import_map(
     )
     number = len(np.unique(doors[doors > 0]))
     parts = tuple(sorted((int(size) for size in sizes if size >= CRUMB), reverse=True))
-    return Imported(
-        grid, number, parts, tuple(_notes(layout.score[0], number, parts, bool(robots)))
-    )
+    notes = _notes(layout.score[0], number, parts, bool(robots))
+    notes += _wide_notes([frame.centre(place) for place in wide if not doors[place]])
+    return Imported(grid, number, parts, tuple(notes))
+
+
+def _wide_notes(places: list[Place]) -> list[str]:
+    if not places:
+        return []
+    said = " ".join(f"{x:.2f},{y:.2f}" for x, y in places[:SHOWN])
+    more = f" and {len(places) - SHOWN} more" if len(places) > SHOWN else ""
+    many = len(places) > 1
+    return [
+        f"{len(places)} passage{'s are' if many else ' is'} two cells wide, and no doorway"
+        f"{'s' if many else ''}, as two robots pass there side by side: at {said}{more}; where "
+        "they would not, choose a larger --cell, or add both cells with --doorway"
+    ]
 
 
 def _notes(cut: int, doors: int, parts: tuple[int, ...], robots: bool) -> list[str]:
@@ -180,10 +198,17 @@ def _notes(cut: int, doors: int, parts: tuple[int, ...], robots: bool) -> list[s
 
 
 class _Frame:
-    """Cells of a grid by their places in metres."""
+    """Cells of a grid by their places in metres, and back."""
 
     def __init__(self, free: np.ndarray, corner: Place, side: float, name: str) -> None:
         self._free, self._corner, self._side, self._name = free.copy(), corner, side, name
+
+    def centre(self, cell: tuple[int, int]) -> Place:
+        """Return (x, y) of the middle of a cell (row, column)."""
+        row, column = cell
+        level = self._free.shape[0] - 1 - row
+        x, y = self._corner
+        return x + (column + 0.5) * self._side, y + (level + 0.5) * self._side
 
     def cell(self, place: Place, what: str) -> tuple[int, int]:
         """Return (row, column) of the free cell at a place.

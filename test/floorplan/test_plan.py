@@ -50,6 +50,34 @@ def test_every_doorway_is_found(tmp_path, name, cells, odd):
     assert done.notes == ()
 
 
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("name", "found", "odd"), [("slam_clinic", 26, 12), ("slam_school", 7, 24)]
+)
+def test_maps_that_no_tuning_has_seen(tmp_path, name, found, odd):
+    """All that is missed is two cells wide, and named; all that is odd lies beside furniture."""
+    true = write(name, tmp_path)
+    done = import_map(read_floor_plan(tmp_path / f"{name}.yaml"), cell=0.5, radius=0.2)
+    assert matched(true, doorway_places(done.grid, 0.5)) == (found, odd)
+    assert "passages are two cells wide" in done.notes[0]
+
+
+@pytest.mark.parametrize("north", [False, True])
+def test_a_passage_of_two_cells_is_no_doorway_but_named(north):
+    drawing = rooms(wide=1.5)
+    plan = plan_of(drawing)
+    if north:
+        plan = FloorPlan("drawn", plan.free.T.copy(), plan.occupied.T.copy(), 0.05, (0.0, 0.0))
+    done = import_map(plan, cell=0.5, radius=0.2)
+    (note,) = [note for note in done.notes if "two cells wide" in note]
+    x, y = map(float, note.partition(" at ")[2].partition(";")[0].split(","))
+    assert done.doorways == 0
+    assert math.dist((x, y), (2.3, 3.0) if north else (3.0, 1.7)) < 1.0
+    both = [(x, y), (x + 0.5, y) if north else (x, y - 0.5)]
+    again = import_map(plan, cell=0.5, radius=0.2, add=both)
+    assert len(again.grid.doorways) == 2
+
+
 def test_cells_lie_where_the_pixels_are_free(tmp_path):
     """Every cell's centre, and the way to each neighbour, keeps the radius from every wall."""
     write("slam_flat", tmp_path)

@@ -59,6 +59,49 @@ def launched(monkeypatch):
     return SimpleNamespace(nodes=launch)
 
 
+@pytest.fixture
+def bodies(launched, monkeypatch):
+    """Return a function that gives the nodes of bodies.launch.py."""
+    path = FILE.with_name("bodies.launch.py")
+    spec = importlib.util.spec_from_file_location("bodies_launch", path)
+    file = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(file)
+    team = file._team()
+    defaults = {**team.ARGUMENTS, **file.OWN}
+
+    class Given(Kept):
+        def perform(self, context):
+            return context.get(self.parts[0], defaults[self.parts[0]][0])
+
+    team.LaunchConfiguration = file.LaunchConfiguration = Given
+    return lambda **given: [
+        one.options for one in file.nodes(given, team) if type(one).__name__ == "Node"
+    ]
+
+
+def test_bodies_have_drivers_and_a_simulator(bodies, tmp_path):
+    nodes = bodies(scenario="env1", out=str(tmp_path / "run"), radius="0.1", slips="false")
+    assert executables(nodes)[-3:] == ["driver", "driver", "body"]
+    assert nodes[0]["parameters"][-1]["bodies"] and not nodes[0]["parameters"][-1]["slips"]
+    assert [node["parameters"][-1]["robot"] for node in nodes[-3:-1]] == ["robot_1", "robot_2"]
+    assert all(node["parameters"][-1]["radius"] == 0.1 for node in nodes[-3:])
+    assert "remappings" not in nodes[0]
+
+
+@pytest.mark.parametrize(("clock", "says"), [("bodies", True), ("other", False)])
+def test_others_may_own_the_clock(bodies, tmp_path, clock, says):
+    nodes = bodies(scenario="env1", out=str(tmp_path / "run"), clock=clock)
+    assert nodes[0]["remappings"] == [("/clock", "game_clock")]
+    assert nodes[-1]["parameters"][-1]["clock"] is says and nodes[-1]["remappings"] == []
+
+
+def test_bodies_of_your_own_and_a_bad_clock(bodies, tmp_path):
+    nodes = bodies(scenario="env1", out=str(tmp_path / "run"), simulate="false")
+    assert "body" not in executables(nodes)
+    with pytest.raises(RuntimeError, match="clock: value is 'sun', allowed: world"):
+        bodies(scenario="env1", out=str(tmp_path / "run"), clock="sun")
+
+
 def executables(nodes):
     return [options["executable"] for options in nodes]
 
