@@ -52,7 +52,7 @@ TALK, HOLD = 1.6, 4.0
 CLOSE = 0.9
 """Cells between two robots that leave no room for a sign."""
 
-SHARED = 0.22
+SHARED = 0.27
 """How far robots that share a cell stand from its centre, in cells."""
 
 
@@ -195,14 +195,12 @@ class _Stage:
         return found
 
     def _robots(self, places: np.ndarray, askers: set[int]) -> list[Artist]:
-        found: list[Artist] = []
-        for k, (x, y) in enumerate(places.tolist()):
-            if not np.isfinite(x):
-                continue
-            if k in askers:
-                found.append(
-                    Circle((x, y), 0.4, facecolor="white", edgecolor="black", linewidth=2)
-                )
+        there = {k: place for k, place in enumerate(places.tolist()) if np.isfinite(place[0])}
+        found: list[Artist] = [
+            Circle(there[k], 0.4, facecolor="white", edgecolor="black", linewidth=2)
+            for k in sorted(askers & set(there))
+        ]
+        for k, (x, y) in there.items():
             colour = robot_colour(k)
             disc = Circle((x, y), 0.3, facecolor=colour, edgecolor="black", linewidth=0.8)
             number = Text(x, y, str(k + 1), color=ink_on(colour), fontweight="bold")
@@ -212,29 +210,33 @@ class _Stage:
 
     @staticmethod
     def _question(ask: Ask, places: np.ndarray) -> list[Artist]:
-        """Return the lines from the asker to whom it asks."""
+        """Return the lines from the asker to whom it asks; thin ones to several."""
         found: list[Artist] = []
+        width = 3.2 if len(ask.peers) == 1 else 1.8
         for peer in ask.peers:
-            line = Line2D(*np.transpose([places[ask.asker], places[peer]]), linewidth=3.2)
+            line = Line2D(*np.transpose([places[ask.asker], places[peer]]), linewidth=width)
             line.set(color=OUTCOME_COLOURS[ask.outcome], linestyle=OUTCOME_LINES[ask.outcome])
             found.append(line)
         return found
 
     def _sign(self, ask: Ask, places: np.ndarray) -> list[Artist]:
-        """Return the signs of how a question ended, nearer to the asked robot."""
+        """Return the sign of how a question ended: nearer to the asked robot.
+
+        Of a question to several it is beside the asker, once: one on each line would hide robots.
+        """
         colour = OUTCOME_COLOURS[ask.outcome]
-        found: list[Artist] = []
-        for peer in ask.peers or (ask.asker,):
-            x, y = 0.45 * places[ask.asker] + 0.55 * places[peer]
-            if np.hypot(*(places[ask.asker] - places[peer])) < CLOSE:
-                y -= 0.45  # it would hide their numbers
-            if not np.isfinite(x):
-                continue
-            badge = Circle((x, y), 0.22, facecolor="white", edgecolor=colour, linewidth=1.8)
-            sign = Text(x, y, OUTCOME_SIGNS[ask.outcome], color="black", fontweight="bold")
-            sign.set(ha="center", va="center_baseline", fontsize=max(7.0, 17 * self._cell))
-            found += [badge, sign]
-        return found
+        peer = ask.peers[0] if len(ask.peers) == 1 else ask.asker
+        x, y = 0.45 * places[ask.asker] + 0.55 * places[peer]
+        if len(ask.peers) > 1:
+            x, y = x + 0.38, y - 0.38
+        elif np.hypot(*(places[ask.asker] - places[peer])) < CLOSE:
+            y -= 0.45  # it would hide their numbers
+        if not np.isfinite(x):
+            return []
+        badge = Circle((x, y), 0.22, facecolor="white", edgecolor=colour, linewidth=1.8)
+        sign = Text(x, y, OUTCOME_SIGNS[ask.outcome], color="black", fontweight="bold")
+        sign.set(ha="center", va="center_baseline", fontsize=max(7.0, 17 * self._cell))
+        return [badge, sign]
 
     def _say(self, step: int, asks: Sequence[Ask], together: bool) -> None:
         said = [ask.in_words(self._names) for ask in asks]

@@ -110,6 +110,16 @@ def test_words_below_the_map():
     assert Ask(0, (), FAILED, 2).in_words(["a"]) == "a asks nobody: no answer, goes east"
 
 
+def test_many_questions_to_all_hide_no_robot():
+    crowd = load_scenario("crowd-8r")
+    places = [35, 36, 37, 38, 39, 40, 57, 20]  # a throng round the doorways
+    asks = [tuple(Ask(k, tuple(j for j in range(8) if j != k), ANSWERED, 0) for k in range(6))]
+    [(quiet, _), *_] = frames(film(crowd, episode([places] * 2), title="t"))
+    [(picture, _), *_] = frames(film(crowd, episode([places] * 2, asks), title="t"))
+    for colour in ROBOT_COLOURS:
+        assert near(picture, colour).sum() > 0.6 * near(quiet, colour).sum()
+
+
 def test_a_state_that_the_log_lacks_and_long_episodes(monkeypatch):
     monkeypatch.setattr(films, "MOST_STEPS", 8)
     monkeypatch.setattr(films, "SMOOTH_STEPS", 5)
