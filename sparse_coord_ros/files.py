@@ -1,11 +1,13 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Files that are written whole or not at all."""
+"""Files that are written whole or not at all, and locks on them."""
 
 import errno
+import fcntl
 import os
 from contextlib import suppress
 from pathlib import Path
+from typing import IO, Any
 
 PARTIAL = ".partial"
 """What the name of a file ends with while it is written."""
@@ -38,6 +40,21 @@ def write_whole(path: Path, data: bytes | str, *, sync: bool = False) -> None:
         raise
     if sync:
         sync_directory(path.parent)
+
+
+def take_lock(file: IO[Any] | int, *, exclusive: bool = True) -> bool:
+    """Lock an open file or folder until it is closed; False where somebody else has the lock.
+
+    True also where there are no locks, as in some network file systems.
+    """
+    how = fcntl.LOCK_EX if exclusive else fcntl.LOCK_SH
+    try:
+        fcntl.flock(file, how | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        pass
+    return True
 
 
 def sync_directory(directory: Path) -> None:

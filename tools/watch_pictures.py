@@ -8,8 +8,8 @@ from pathlib import Path
 
 from sparse_coord_ros.watch.bag import BagSource
 from sparse_coord_ros.watch.board import Board
+from sparse_coord_ros.watch.commands import PAUSE, SEEK, Command
 from sparse_coord_ros.watch.server import Server
-from sparse_coord_ros.watch.source import PAUSE, SEEK, Command
 from tools.browser import Browser
 
 

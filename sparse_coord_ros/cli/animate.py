@@ -51,7 +51,7 @@ def execute(options: argparse.Namespace) -> int:
     with pictures.drawing():
         from sparse_coord_ros.view import film
         from sparse_coord_ros.view.episodes import episode_number, logged_episode, played_episode
-        from sparse_coord_ros.view.source import is_results, open_shown
+        from sparse_coord_ros.view.shown import is_results, open_shown
 
         wanted = episode_number(options.episode)
         if is_results(options.source):

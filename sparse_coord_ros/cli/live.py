@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Starts the nodes of a live run: in this process, or each in its own."""
 
-import fcntl
 import os
 import signal
 import subprocess
@@ -10,9 +9,9 @@ import sys
 import tempfile
 import time
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TextIO, TypeAlias
 
 import yaml
 from rclpy.logging import LoggingSeverity, set_logger_level
@@ -20,6 +19,7 @@ from rclpy.logging import LoggingSeverity, set_logger_level
 from sparse_coord_ros.core.run_config import create_output
 from sparse_coord_ros.core.wire import RECORDER, WORLD
 from sparse_coord_ros.errors import EXIT_BAD_INPUT, BagError, RunError
+from sparse_coord_ros.files import take_lock
 from sparse_coord_ros.nodes.middleware import check_participants
 from sparse_coord_ros.nodes.outputs import gather
 from sparse_coord_ros.nodes.parameters import (
@@ -85,18 +85,21 @@ def sole_team() -> Iterator[None]:
     domain = os.environ.get("ROS_DOMAIN_ID", "0")
     path = Path(tempfile.gettempdir()) / f"sparse_coord_{os.getuid()}_domain_{domain}.lock"
     try:
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
+        file = _opened(path)
+        locked = take_lock(file)
+        while locked and not _is_there(file, path):  # its holder has just left, and removed it
+            file.close()
+            file = _opened(path)
+            locked = take_lock(file)
     except OSError:  # a folder that cannot be written: the claims of the nodes decide
         yield
         return
-    with os.fdopen(descriptor, "r+") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
+    with file:
+        if not locked:
             raise RunError(
                 f"ROS domain {domain}: process {file.read().strip() or 'of another run'} runs a "
                 "team in it; wait for its end, or choose another ROS_DOMAIN_ID"
-            ) from None
+            )
         file.truncate(0)
         file.write(str(os.getpid()))
         file.flush()
@@ -104,6 +107,18 @@ def sole_team() -> Iterator[None]:
             yield
         finally:
             path.unlink(missing_ok=True)
+
+
+def _opened(path: Path) -> TextIO:
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
+    return os.fdopen(descriptor, "r+")
+
+
+def _is_there(file: TextIO, path: Path) -> bool:
+    """Whether a path is that of an open file."""
+    with suppress(FileNotFoundError):
+        return os.path.samestat(os.fstat(file.fileno()), path.stat())
+    return False
 
 
 def _run_processes(values: dict[str, Any], stop: Stop, quiet: bool) -> dict[str, Any]:

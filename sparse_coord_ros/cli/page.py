@@ -17,8 +17,8 @@ from sparse_coord_ros.errors import RunError, SparseCoordError
 
 if TYPE_CHECKING:
     from sparse_coord_ros.watch.board import Board
+    from sparse_coord_ros.watch.commands import Command
     from sparse_coord_ros.watch.server import Server
-    from sparse_coord_ros.watch.source import Command
 
 NEXT = "next"
 PORT = Setting("port", int, 8765, "of the page; 0: one that is free", low=0, high=65535)

@@ -47,7 +47,7 @@ def execute(options: argparse.Namespace) -> int:
     with pictures.drawing():
         from sparse_coord_ros.engine.report.figures import rendered
         from sparse_coord_ros.view import figures
-        from sparse_coord_ros.view.source import is_results, open_shown
+        from sparse_coord_ros.view.shown import is_results, open_shown
 
         say = pictures.Progress()
         results = [path for path in options.sources if is_results(path)]

@@ -38,7 +38,7 @@ def execute(options: argparse.Namespace) -> int:
     with pictures.drawing():
         from sparse_coord_ros.view import report
         from sparse_coord_ros.view.experiments import ResultsShown
-        from sparse_coord_ros.view.source import is_results, open_shown
+        from sparse_coord_ros.view.shown import is_results, open_shown
 
         say = pictures.Progress()
         if is_results(options.source):

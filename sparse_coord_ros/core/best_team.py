@@ -7,14 +7,13 @@ them is no bound of anything: it is what the best of many learned teams is worth
 `train` with the same learner, settings and seed.
 """
 
-import json
 from dataclasses import asdict, dataclass
 from functools import cache
 from typing import Any
 
 from sparse_coord_ros.core.class_bound import game_digest
 from sparse_coord_ros.core.scenario import Scenario
-from sparse_coord_ros.core.share import share_file
+from sparse_coord_ros.core.share import shipped_json
 
 
 @dataclass(frozen=True)
@@ -64,8 +63,5 @@ def shipped_best_team(scenario: Scenario) -> BestTeam | None:
 
 @cache
 def _shipped() -> dict[str, BestTeam]:
-    path = share_file("config", "best_teams.json")
-    if path is None:
-        return {}
-    teams = json.loads(path.read_text(encoding="utf-8"))["teams"]
+    teams = shipped_json("best_teams.json").get("teams", {})
     return {data["game"]: BestTeam(**data) for data in teams.values()}

@@ -23,7 +23,7 @@ from sparse_coord_ros.core.agent import Tables
 from sparse_coord_ros.core.algorithm import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.scenario import Scenario, loaded
 from sparse_coord_ros.core.settings import Setting
-from sparse_coord_ros.core.share import share_file
+from sparse_coord_ros.core.share import shipped_json
 from sparse_coord_ros.errors import SettingError
 
 WARNING = "a lower bound of what the best team of this form is worth: the search may miss it"
@@ -128,10 +128,7 @@ def shipped_class_bound(scenario: str | Path | Scenario) -> ClassBound | None:
 
 @cache
 def _shipped() -> dict[str, ClassBound]:
-    path = share_file("config", "class_bounds.json")
-    if path is None:
-        return {}
-    bounds = json.loads(path.read_text(encoding="utf-8"))["bounds"]
+    bounds = shipped_json("class_bounds.json").get("bounds", {})
     return {data["game"]: class_bound_from_dict(data) for data in bounds.values()}
 
 

@@ -95,7 +95,15 @@ class Learner:
         return RewardWeights(1.0, scenario.common_weight, 1.0)
 
     def tables(self, scenario: Scenario) -> Tables:
-        """Return the tables of one robot before learning (Algorithm 1, line 1)."""
+        """Return the tables of one robot before learning (Algorithm 1, line 1).
+
+        Of a learner in factors those of the first robot; others have the same factors.
+
+        Raises:
+            SettingError: a learner in factors, and COORDINATE does not perceive every peer.
+        """
+        if self.factors is not None:
+            return initial_factored(scenario, 0, self.weights(scenario))
         return initial_tables(scenario, asks=self.asks)
 
     def agent(
@@ -118,16 +126,13 @@ class Learner:
             learning: False: act greedily and never update.
             phase: LEARNING or EVALUATION: which random draws the agent uses.
         """
-        return Agent(
-            scenario,
-            number,
-            seed,
-            asks=self.asks,
-            weights=self.weights(scenario),
-            tables=self.tables(scenario) if tables is None else tables,
-            learning=learning,
-            phase=phase,
-        )
+        how: dict[str, Any] = {"learning": learning, "phase": phase}
+        how["weights"] = self.weights(scenario)
+        if self.factors is not None:
+            return FactoredAgent(scenario, number, seed, rule=self.factors, tables=tables, **how)
+        if tables is None:
+            tables = self.tables(scenario)
+        return Agent(scenario, number, seed, asks=self.asks, tables=tables, **how)
 
     @property
     def compiled(self) -> bool:
@@ -264,42 +269,6 @@ class Factored(Learner):
     def check(self, scenario: Scenario) -> None:
         """Raise `SettingError` unless COORDINATE perceives every peer."""
         check_peers(scenario)
-
-    def tables(self, scenario: Scenario) -> Tables:
-        """Return the tables of the first robot before learning; others have the same factors.
-
-        Raises:
-            SettingError: COORDINATE does not perceive every peer.
-        """
-        return initial_factored(scenario, 0, self.weights(scenario))
-
-    def agent(
-        self,
-        scenario: Scenario,
-        number: int,
-        seed: int,
-        *,
-        tables: Tables | None = None,
-        learning: bool = True,
-        phase: int = LEARNING,
-    ) -> Agent:
-        """Return the agent of one robot; arguments as of `Learner.agent`."""
-        return FactoredAgent(
-            scenario,
-            number,
-            seed,
-            rule=self.factors,
-            weights=self.weights(scenario),
-            tables=tables,
-            learning=learning,
-            phase=phase,
-        )
-
-    @property
-    def compiled(self) -> bool:
-        """Whether the compiled loops of the batch engine compute just this learner."""
-        own = type(self)
-        return own.agent is Factored.agent and own.tables is Factored.tables
 
 
 def _learner(name: str, thing: object) -> Learner:

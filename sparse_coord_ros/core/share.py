@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where the package's data files (`config/`, `maps/`) lie, installed or in a checkout."""
 
+import json
 from pathlib import Path
+from typing import Any
 
 PACKAGE = "sparse_coord_ros"
 
@@ -16,6 +18,12 @@ def share_file(folder: str, name: str) -> Path | None:
         return None
     path = share_folder(folder) / name
     return path if path.is_file() else None
+
+
+def shipped_json(name: str) -> dict[str, Any]:
+    """Return what the shipped file `config/name` holds; nothing where there is none."""
+    path = share_file("config", name)
+    return {} if path is None else dict(json.loads(path.read_text(encoding="utf-8")))
 
 
 def share_names(folder: str, suffix: str) -> list[str]:

@@ -8,7 +8,6 @@ version 0.1.0.)
 """
 
 import errno
-import fcntl
 import hashlib
 import json
 import math
@@ -34,7 +33,7 @@ from sparse_coord_ros.core.sparse import SparseTable, dense_nbytes
 from sparse_coord_ros.engine.batch import Run
 from sparse_coord_ros.engine.conditions import Condition, parse_id
 from sparse_coord_ros.errors import ResultsError, SettingError, newer_format
-from sparse_coord_ros.files import PARTIAL, write_whole
+from sparse_coord_ros.files import PARTIAL, take_lock, write_whole
 
 FORMAT = 2
 """Number of the format of a results directory and its files. Format 1 is that of 0.1.0."""
@@ -444,13 +443,11 @@ def open_results(directory: Path, plan: Plan) -> Iterator[Results]:
     except OSError as error:
         raise _unusable(directory, error) from None
     try:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
+        if not take_lock(lock):
             raise ResultsError(
                 f"results directory {directory}: another process is writing it; wait for it, or "
                 "choose another --out"
-            ) from None
+            )
         _check_manifest(directory, plan)
         yield Results(directory, plan)
     finally:

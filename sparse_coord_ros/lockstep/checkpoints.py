@@ -7,7 +7,6 @@ directory `checkpoint` of the output directory. A team goes on from the newest s
 everybody has a file: the last common checkpoint. Step 0 is the run's beginning, and needs none.
 """
 
-import fcntl
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -28,7 +27,7 @@ from sparse_coord_ros.core.history import history_from
 from sparse_coord_ros.core.run_config import RunConfig
 from sparse_coord_ros.core.wire import WORLD
 from sparse_coord_ros.errors import RunError, os_error_text
-from sparse_coord_ros.files import PARTIAL, write_whole
+from sparse_coord_ros.files import PARTIAL, take_lock, write_whole
 from sparse_coord_ros.lockstep.robot import RobotState
 from sparse_coord_ros.lockstep.world import WorldState
 
@@ -73,16 +72,12 @@ class Checkpoints:
                 f"checkpoints of {node}: cannot be written ({os_error_text(error)}); choose "
                 "another output directory, or one that you may write to"
             ) from None
-        try:
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
+        if not take_lock(self._lock):
             self._lock.close()
             raise RunError(
                 f"output directory {out}: another process runs {node} there; stop that one, or "
                 "choose another directory"
-            ) from None
-        except OSError:  # a file system without locks
-            pass
+            )
 
     def close(self) -> None:
         """Let others have the directory; the end of the process does so too."""

@@ -43,8 +43,8 @@ from sparse_coord_ros.nodes.messages import (
 )
 from sparse_coord_ros.nodes.parameters import EXECUTOR, ParameterNode
 from sparse_coord_ros.nodes.spin import run_node
+from sparse_coord_ros.watch.commands import HOST, NEXT, PAUSE, PORT, RATE, RESET, STEP, Command
 from sparse_coord_ros.watch.live import LiveView, Transition
-from sparse_coord_ros.watch.source import HOST, NEXT, PAUSE, PORT, RATE, RESET, STEP, Command
 
 if TYPE_CHECKING:
     from sparse_coord_ros.nodes.robot import RobotNode

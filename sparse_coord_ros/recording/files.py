@@ -4,7 +4,6 @@
 
 import contextlib
 import errno
-import fcntl
 import os
 import stat
 from pathlib import Path
@@ -13,7 +12,7 @@ from typing import BinaryIO
 from mcap.writer import CompressionType
 
 from sparse_coord_ros.errors import BagError
-from sparse_coord_ros.files import PARTIAL, sync_directory, write_whole
+from sparse_coord_ros.files import PARTIAL, sync_directory, take_lock, write_whole
 
 _COMPRESSIONS = {
     "zstd": CompressionType.ZSTD,
@@ -152,21 +151,6 @@ def being_recorded(path: Path) -> bool:
     """Whether a recorder holds the file's lock; raises BagError."""
     with open_to_read(path) as file:
         return not take_lock(file, exclusive=False)
-
-
-def take_lock(file: BinaryIO, *, exclusive: bool) -> bool:
-    """Lock an open file until it is closed; False where somebody else has the lock.
-
-    True also where there are no locks, as in some network file systems.
-    """
-    how = fcntl.LOCK_EX if exclusive else fcntl.LOCK_SH
-    try:
-        fcntl.flock(file, how | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    except OSError:
-        pass
-    return True
 
 
 def write_text(path: Path, text: str) -> None:

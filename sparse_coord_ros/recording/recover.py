@@ -14,11 +14,11 @@ import yaml
 
 from sparse_coord_ros.core.run_config import RUN_FILE
 from sparse_coord_ros.errors import BagError
+from sparse_coord_ros.files import take_lock
 from sparse_coord_ros.recording.files import (
     PARTIAL,
     open_to_read,
     sync_directory,
-    take_lock,
     write_text,
 )
 from sparse_coord_ros.recording.metadata import (

@@ -18,13 +18,13 @@ from sparse_coord_ros.recording.reader import Bag, open_bag
 from sparse_coord_ros.recording.topics import find_clock
 from sparse_coord_ros.runlog import layouts
 from sparse_coord_ros.runlog.attached import RecordedTables, read_tables
+from sparse_coord_ros.runlog.bag_run import BagRun, check_bag_run, find_run
 from sparse_coord_ros.runlog.columns import Columns, Reader
 from sparse_coord_ros.runlog.decode import Decoder
 from sparse_coord_ros.runlog.dialogue import EVENT, Request, event_row, put_together
 from sparse_coord_ros.runlog.difference import MISSING, Difference
 from sparse_coord_ros.runlog.layouts import Layout, nanoseconds
 from sparse_coord_ros.runlog.shown import MarkersContent, occupancy
-from sparse_coord_ros.runlog.source import Source, check_source, find_run
 from sparse_coord_ros.runlog.timeline import (
     Gap,
     Rollback,
@@ -151,7 +151,7 @@ def read_tracks(path: Path, also: Collection[wire.Topic] = ()) -> Tracks:
     bag = open_bag(path)
     found = find_run(bag, Decoder(bag.topics))
     tracks, topics = tracks_of(bag, found, also=also)
-    _check_source(tracks, found, topics)
+    _check_bag_run(tracks, found, topics)
     add_tables(tracks)
     return tracks
 
@@ -165,7 +165,7 @@ def add_tables(tracks: Tracks) -> None:
 
 def tracks_of(
     bag: Bag,
-    found: Source,
+    found: BagRun,
     only: Collection[wire.Topic] | None = None,
     also: Collection[wire.Topic] = (),
 ) -> tuple[Tracks, list[str]]:
@@ -289,12 +289,12 @@ def _read_dialogue(tracks: Tracks, columns: Columns, frame: Frame) -> None:
     tracks.requests.sort(key=lambda one: (one.step, one.asker))
 
 
-def _check_source(tracks: Tracks, source: Source, topics: Iterable[str]) -> None:
+def _check_bag_run(tracks: Tracks, source: BagRun, topics: Iterable[str]) -> None:
     """Note what is odd about the bag as a whole.
 
     Of one that broke off before the run began, not what is missing.
     """
-    found = list(check_source(tracks.bag, source, tracks.format))
+    found = list(check_bag_run(tracks.bag, source, tracks.format))
     for topic in topics:
         if topic not in tracks.bag.topics:
             due = "a topic of this run"

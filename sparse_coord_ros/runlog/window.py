@@ -17,9 +17,9 @@ from sparse_coord_ros.recording.reader import bag_files
 from sparse_coord_ros.recording.scan import AttachmentPlace
 from sparse_coord_ros.recording.walk import Heard, NoChunks, Walk
 from sparse_coord_ros.runlog.attached import NAME, RecordedTables
+from sparse_coord_ros.runlog.bag_run import find_run
 from sparse_coord_ros.runlog.decode import Decoder
 from sparse_coord_ros.runlog.log import RunLog, log_of
-from sparse_coord_ros.runlog.source import find_run
 from sparse_coord_ros.runlog.tracks import SPOKEN, add_tables, read_tracks, tracks_of
 
 MOVES = (wire.LOCAL_STATE, wire.REWARD, wire.ACTION)

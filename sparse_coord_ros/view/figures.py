@@ -21,7 +21,7 @@ from sparse_coord_ros.engine.report.maps import COLOUR_MAP, draw_map
 from sparse_coord_ros.errors import SettingError, did_you_mean
 from sparse_coord_ros.view.episodes import outcomes
 from sparse_coord_ros.view.policy import policy_of, sparsity_of
-from sparse_coord_ros.view.source import TRIALS, Shown
+from sparse_coord_ros.view.shown import TRIALS, Shown
 
 LINE_WIDTH = 11.0
 """Inches that a line of panels may take."""

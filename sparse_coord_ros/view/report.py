@@ -31,8 +31,8 @@ from sparse_coord_ros.view import figures
 from sparse_coord_ros.view.episodes import outcomes
 from sparse_coord_ros.view.experiments import ResultsShown
 from sparse_coord_ros.view.html import Page
-from sparse_coord_ros.view.source import TRIALS as PLAYED_EPISODES
-from sparse_coord_ros.view.source import Shown
+from sparse_coord_ros.view.shown import TRIALS as PLAYED_EPISODES
+from sparse_coord_ros.view.shown import Shown
 
 TRIALS = 1000
 BASELINES = ("indiv", "noncoop")

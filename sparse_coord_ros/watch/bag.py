@@ -23,7 +23,7 @@ from sparse_coord_ros.runlog.window import open_log
 from sparse_coord_ros.view.episodes import logged_asks
 from sparse_coord_ros.watch import frames
 from sparse_coord_ros.watch.board import Board
-from sparse_coord_ros.watch.source import PAUSE, RATE, SEEK, STEP, Command
+from sparse_coord_ros.watch.commands import PAUSE, RATE, SEEK, STEP, Command
 from sparse_coord_ros.watch.worth import evaluation_message
 
 CONTROLS = (PAUSE, STEP, RATE, SEEK)

@@ -24,7 +24,7 @@ from urllib.parse import urlsplit
 from sparse_coord_ros.core.scenario import scenario_names
 from sparse_coord_ros.errors import RunError, SparseCoordError
 from sparse_coord_ros.watch.board import Board
-from sparse_coord_ros.watch.source import HOST, PORT, Source, parse_command
+from sparse_coord_ros.watch.commands import HOST, PORT, Source, parse_command
 
 try:
     from aiohttp import WSMsgType, web

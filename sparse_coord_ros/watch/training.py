@@ -15,8 +15,8 @@ from sparse_coord_ros.core.simulation import Glimpse
 from sparse_coord_ros.core.wire import FINISHED, LEARNING, PAUSED
 from sparse_coord_ros.engine.training import LearningRun, Training
 from sparse_coord_ros.watch.board import Board
+from sparse_coord_ros.watch.commands import NEXT, PAUSE, RATE, STEP, Command
 from sparse_coord_ros.watch.live import LiveView, Transition
-from sparse_coord_ros.watch.source import NEXT, PAUSE, RATE, STEP, Command
 
 LOOKS_A_SECOND = 30
 CONTROLS = (PAUSE, STEP, RATE, NEXT)

@@ -17,8 +17,8 @@ from sparse_coord_ros.nodes.watch import WatchNode, _Heard
 from sparse_coord_ros.recording.reader import open_bag
 from sparse_coord_ros.runlog import read_run
 from sparse_coord_ros.watch.board import Board
+from sparse_coord_ros.watch.commands import PAUSE, RATE, RESET, STEP, Command
 from sparse_coord_ros.watch.live import LiveView
-from sparse_coord_ros.watch.source import PAUSE, RATE, RESET, STEP, Command
 
 _path = Path(__file__).parents[1] / "runlog/conftest.py"
 _spec = importlib.util.spec_from_file_location("recordings", _path)

@@ -21,7 +21,7 @@ from sparse_coord_ros.view.episodes import (
     outcomes,
     played_episode,
 )
-from sparse_coord_ros.view.source import open_shown
+from sparse_coord_ros.view.shown import open_shown
 
 OLD = Path(__file__).parents[1] / "fixtures/0.1.0"
 

@@ -19,7 +19,7 @@ from sparse_coord_ros.view import figures
 from sparse_coord_ros.view.episodes import outcomes
 from sparse_coord_ros.view.experiments import ResultsShown
 from sparse_coord_ros.view.policy import policy_of
-from sparse_coord_ros.view.source import open_shown
+from sparse_coord_ros.view.shown import open_shown
 
 OLD = Path(__file__).parents[1] / "fixtures/0.1.0"
 

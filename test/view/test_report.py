@@ -26,7 +26,7 @@ from sparse_coord_ros.runlog.words import in_words
 from sparse_coord_ros.view.experiments import ResultsShown
 from sparse_coord_ros.view.html import Page
 from sparse_coord_ros.view.report import _spoken, results_report, run_report
-from sparse_coord_ros.view.source import open_shown
+from sparse_coord_ros.view.shown import open_shown
 
 OLD = Path(__file__).parents[1] / "fixtures/0.1.0"
 VOID = {"meta", "br", "img", "link"}

@@ -17,7 +17,7 @@ from sparse_coord_ros.runlog.explain import explain
 from sparse_coord_ros.runlog.words import in_words
 from sparse_coord_ros.watch.bag import BagSource, moment_of
 from sparse_coord_ros.watch.board import Board
-from sparse_coord_ros.watch.source import PAUSE, RATE, SEEK, STEP, Command
+from sparse_coord_ros.watch.commands import PAUSE, RATE, SEEK, STEP, Command
 
 
 class Player:

@@ -18,8 +18,8 @@ from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.errors import RunError, SettingError
 from sparse_coord_ros.watch import frames, server
 from sparse_coord_ros.watch.board import Board
+from sparse_coord_ros.watch.commands import NEXT, PAUSE, RATE, SEEK, STEP, Command, parse_command
 from sparse_coord_ros.watch.server import FILES, LARGEST_MESSAGE, Page, Server
-from sparse_coord_ros.watch.source import NEXT, PAUSE, RATE, SEEK, STEP, Command, parse_command
 
 ALL = (PAUSE, STEP, RATE, SEEK, NEXT)
 

@@ -16,7 +16,7 @@ from sparse_coord_ros.engine.batch import CompiledLearning, CompiledTeam
 from sparse_coord_ros.engine.compiled import PLAIN
 from sparse_coord_ros.engine.training import train
 from sparse_coord_ros.watch.board import Board
-from sparse_coord_ros.watch.source import PAUSE, RATE, STEP, Command
+from sparse_coord_ros.watch.commands import PAUSE, RATE, STEP, Command
 from sparse_coord_ros.watch.training import TrainingView
 
 OFTEN = {"q_star_init": 100, "ask_cost": 0, "epsilon": "constant:0.3", "steps": 300}

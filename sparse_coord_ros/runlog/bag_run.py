@@ -26,7 +26,7 @@ from sparse_coord_ros.runlog.difference import MISSING, Difference
 REMEDY = "give the bag that 'sparse_coord run' or the recorder wrote"
 
 
-class Source(NamedTuple):
+class BagRun(NamedTuple):
     """Which run a bag is of.
 
     Attributes:
@@ -44,7 +44,7 @@ class Source(NamedTuple):
     said: str | None
 
 
-def find_run(bag: Bag, decode: Decoder) -> Source:
+def find_run(bag: Bag, decode: Decoder) -> BagRun:
     """Return the run of a bag.
 
     Raises:
@@ -84,7 +84,7 @@ def find_run(bag: Bag, decode: Decoder) -> Source:
         if not bag.metadata.get(RUN_RECORD):
             raise BagError(f"{bag.path}: is not a bag of this package: {error}") from None
         raise
-    return Source(run, number, of_text, prefix, said)
+    return BagRun(run, number, of_text, prefix, said)
 
 
 def _format(bag: Bag) -> int:
@@ -97,7 +97,7 @@ def _format(bag: Bag) -> int:
     return int(text)
 
 
-def check_source(bag: Bag, source: Source, number: int) -> Iterator[Difference]:
+def check_bag_run(bag: Bag, source: BagRun, number: int) -> Iterator[Difference]:
     """Yield what is wrong with the file, and in what its places say another run.
 
     Args:
