@@ -91,7 +91,7 @@ def _print(found, shown: int | None) -> None:
         print(said)
     if found.lost:
         copies = ", ".join(f"{count} of {topic}" for topic, count in found.lost.items())
-        print(f"lost copies at episode starts (of these topics only the last is kept): {copies}")
+        print(f"lost copies (of these topics only the last messages are kept): {copies}")
     if found.same:
         print("identical: every state, reward, percept, action and table is what it has to be")
         print(f"not compared: {NOT_COMPARED}")

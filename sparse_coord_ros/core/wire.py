@@ -14,7 +14,10 @@ TEAM, ROBOT, NODE = "team", "robot", "node"
 
 STEP, EVENT, LATCHED, TABLES_KEPT = "step", "event", "latched", "tables"
 """How a topic is published: at every time step; now and then; its last message is kept for late
-subscribers; its last ten are kept."""
+subscribers; its last `TABLES_DEPTH` are kept."""
+
+TABLES_DEPTH = 10
+"""A recorder that lags further behind misses tables of checkpoints."""
 
 
 @dataclass(frozen=True)

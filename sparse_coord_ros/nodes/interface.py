@@ -37,7 +37,7 @@ EVENT_QOS = _qos(10)
 LATCHED_QOS = _qos(1, DurabilityPolicy.TRANSIENT_LOCAL)
 """Reliable, transient local: a late subscriber gets the last message."""
 
-TABLES_QOS = _qos(10, DurabilityPolicy.TRANSIENT_LOCAL)
+TABLES_QOS = _qos(wire.TABLES_DEPTH, DurabilityPolicy.TRANSIENT_LOCAL)
 """As `LATCHED_QOS`, with those before, for a recorder that is to get all of them."""
 
 RECORDER_QOS = _qos(RECORDER_DEPTH)

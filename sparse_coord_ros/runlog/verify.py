@@ -21,6 +21,7 @@ from sparse_coord_ros.core.wire import (
     STATUS,
     STOPPED,
     TABLES,
+    TABLES_DEPTH,
     tables_attachment,
 )
 from sparse_coord_ros.runlog.agents import AgentCheck
@@ -47,8 +48,8 @@ class Verification:
         open: what differs where the log does not say enough: as a robot or the world was
             killed; in a log of format 1, as a robot was late or left out.
         broke_off: who was killed, as sentences; the same differences are in `open`.
-        lost: of how many episode starts a topic's message is not in the log, by topic: of map,
-            markers and coordination maps a busy middleware keeps only the last.
+        lost: how many messages are not in the log, by topic: of map, markers and coordination
+            maps a busy middleware keeps only the last, of tables the last `TABLES_DEPTH`.
         steps: transitions of the world that were computed again and agree.
         choices: actions that were computed again; updates: of tables.
         tables: recorded tables that were compared.
@@ -144,14 +145,24 @@ def verify(path: Path, *, compiled: bool | None = None) -> Verification:
 EPISODES = {topic.name: topic for topic in (MAP, MARKERS, COORDINATION_MAP)}
 """What comes as each episode begins."""
 
+KEPT = {**EPISODES, TABLES.name: TABLES}
+"""Of what the middleware keeps only the last messages for a recorder that lags."""
+
 
 def _topic(log: RunLog, difference: Difference) -> str:
     robot = None if difference.robot is None else log.names.index(difference.robot)
-    return log.tracks.topic(EPISODES[difference.quantity], robot)
+    return log.tracks.topic(KEPT[difference.quantity], robot)
 
 
 def _lost(log: RunLog, difference: Difference) -> bool:
-    """Whether a message of an episode's start is missing on a topic that has others."""
+    """Whether a message is missing on a topic that has others, and keeps only its last ones.
+
+    Of tables: whether as many as it keeps came later, made by all that was learned before.
+    """
+    if difference.quantity == TABLES.name and difference.logged == MISSING and difference.step:
+        k = log.names.index(difference.robot or "")
+        later = sum(one.robot == k and one.step > difference.step for one in log.all_tables)
+        return later >= TABLES_DEPTH
     if difference.quantity not in EPISODES or difference.logged != MISSING:
         return False
     return log.bag.counts.get(_topic(log, difference), 0) > 0

@@ -17,6 +17,7 @@ from sparse_coord_ros.api import read_log
 from sparse_coord_ros.api import verify as verify_path
 from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.core.tables import pack_tables, unpack_robot
+from sparse_coord_ros.core.wire import TABLES_DEPTH
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.runlog import verify
 
@@ -150,6 +151,20 @@ def test_lost_copies_are_a_note(good, rewritten, tmp_path, capsys, topic):
 def test_a_topic_without_any_message_differs(alter, topic):
     found = alter(lambda messages: [one for one in messages if one.topic != topic])
     assert logged(found, "missing, computed one as the episode begins") and not found.lost
+
+
+@pytest.mark.parametrize("later", [TABLES_DEPTH, TABLES_DEPTH - 1])
+def test_tables_that_a_recorder_in_arrears_missed(record, rewritten, tmp_path, later):
+    """Of a robot's tables ROS keeps the last ten until they are taken: others may be lost."""
+    run = record(settings={"steps": 200}, values={"checkpoint": 10})
+
+    def some(found):
+        mine = [one for one in found if one.name.startswith("tables/robot_1")]
+        return [one for one in found if one not in mine[-later - 3 : -later]]
+
+    found = verify(rewritten(run.bag, tmp_path / "bag", attach=some))
+    assert dict(found.lost) == ({"/robot_1/tables": 3} if later == TABLES_DEPTH else {})
+    assert found.same == (later == TABLES_DEPTH)
 
 
 def without_last_tables(robot):
