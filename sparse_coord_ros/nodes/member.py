@@ -378,7 +378,8 @@ class Member:
             )
         ]
         self._node.diagnostics_publisher.publish(message)
-        self.publish_map(self.lockstep.handled)
+        if not self._unsaid:
+            self.publish_map(self.lockstep.handled)
 
     def publish_map(self, step: int) -> None:
         """Publish the coordination map at a time step."""

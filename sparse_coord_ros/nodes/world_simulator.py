@@ -606,6 +606,11 @@ class WorldSimulator(ParameterNode):
 
     # Reports.
 
+    @property
+    def _is_here(self) -> bool:
+        """Whether the game is where the team is; not so while a resumed one is yet to go back."""
+        return not self.lockstep.held and (self._started or not self.values["resume"])
+
     def _running_state(self) -> str:
         if self._paused:
             return wire.PAUSED
@@ -656,7 +661,8 @@ class WorldSimulator(ParameterNode):
                 f"{rate:.0f} steps/s, episode {world.episode + 1}, "
                 f"{world.miscoordinations} miscoordinations"
             )
-        self._publish_markers()
+        if self._is_here:
+            self._publish_markers()
 
     def _publish_markers(self, *, scene: bool = True) -> None:
         world = self.lockstep.world

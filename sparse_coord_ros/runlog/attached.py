@@ -13,6 +13,7 @@ from sparse_coord_ros.core.tables import unpack_robot
 from sparse_coord_ros.core.wire import TABLES as TABLES_TOPIC
 from sparse_coord_ros.core.wire import TABLES_FOLDER, tables_attachment
 from sparse_coord_ros.errors import TablesError
+from sparse_coord_ros.recording.metadata import RESTARTED
 from sparse_coord_ros.recording.reader import Bag
 from sparse_coord_ros.runlog.difference import Difference
 from sparse_coord_ros.runlog.timeline import Rollback, of_last
@@ -44,13 +45,14 @@ def read_tables(
 ) -> Iterator[tuple[Difference | None, RecordedTables | None]]:
     """Read the attachments tables/<robot>_<step>.npz; yield what is odd, and the tables.
 
-    Those that a roll-back superseded are left out; those of its checkpoint come again.
+    Those that a roll-back superseded are left out; those of its checkpoint come again, and to a
+    recorder that was started again the last ones of each robot.
     """
     scenario = run.scenario
     names = [robot.name for robot in scenario.robots]
     cells = len(scenario.map.cells)
     due = (cells, 5), (cells,) * scenario.perceived + (4,)
-    seen: set[tuple[str, bytes]] = set()
+    seen: dict[tuple[str, bytes], int] = {}
     files = {file.path: place for place, file in enumerate(bag.files)}
     for place, name in enumerate(bag.attachments.names):
         in_file = files[bag.attachments.paths[place]]
@@ -71,9 +73,11 @@ def read_tables(
         key = (name, hashlib.sha256(data).digest())
         again = any(back.file == in_file and back.step == step for back in backs)
         if key in seen and not again:
-            yield Difference(step, robot, TABLES, "twice", "once"), None
+            why = (bag.files[in_file].continued or {}).get("why")
+            if why != RESTARTED or seen[key] == in_file:
+                yield Difference(step, robot, TABLES, "twice", "once"), None
             continue
-        seen.add(key)
+        seen[key] = in_file
         k = names.index(robot)
         try:
             tables, counts = unpack_robot(data, k + 1, where=name)

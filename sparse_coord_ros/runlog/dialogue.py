@@ -67,6 +67,29 @@ class Request:
         return (self.wall_ns[RETURNED] - self.wall_ns[SENT]) / SECOND
 
 
+def heard(requests: Sequence[Request]) -> list[Request]:
+    """Return the requests but those that the asker had given up when their answer came.
+
+    A robot that gets no answer for a while asks again, and then listens only to the newer request:
+    of a peer that stood still all answers come, but one of them counts.
+
+    Args:
+        requests: some of one asker's.
+    """
+    latest: dict[tuple[int, int], int] = {}
+    found = []
+    for request in sorted(requests, key=lambda one: one.wall_ns.get(SENT, 0), reverse=True):
+        place, sent = (request.peer, request.step), request.wall_ns.get(SENT)
+        if request.wall_ns.get(RETURNED, 0) < latest.get(place, _NEVER):
+            found.append(request)
+        if sent is not None:
+            latest[place] = sent
+    return found
+
+
+_NEVER = 2**63
+
+
 def event_row(message: Any, names: list[str]) -> tuple[Any, ...]:
     """Return the row of a decoded event of GetPlan.
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sparse_coord_ros.core.world import EPISODE_GAP
-from sparse_coord_ros.recording.metadata import ROLLED_BACK, SPLIT
+from sparse_coord_ros.recording.metadata import RESTARTED, ROLLED_BACK, SPLIT
 from sparse_coord_ros.recording.reader import Bag
 
 
@@ -100,7 +100,7 @@ def of_last(places: Sequence[int], steps: Sequence[int], backs: Sequence[Rollbac
 
 
 def gaps(
-    bag: Bag, clocks: Sequence[np.ndarray], backs: Sequence[Rollback]
+    bag: Bag, clocks: Sequence[np.ndarray], backs: Sequence[Rollback], said: int
 ) -> tuple[list[Gap], list[Rollback]]:
     """Return what was not recorded between files, and the roll-backs with their `until`.
 
@@ -108,6 +108,8 @@ def gaps(
         bag: the bag.
         clocks: time steps of the clock, of each file.
         backs: the roll-backs.
+        said: the time step of the world's last status: a recorder that comes back after the run's
+            end hears nothing else.
     """
     of_file: Mapping[int, Rollback] = {back.file: back for back in backs}
     found, known = [], []
@@ -117,11 +119,13 @@ def gaps(
         if back is not None:
             known.append(back._replace(until=end))
             end = min(end, back.first - 1)
-        said = bag.files[place].continued or {}
-        if place and len(steps) and (said.get("why") != SPLIT or back is not None):
+        why = (bag.files[place].continued or {}).get("why")
+        if place and len(steps) and (why != SPLIT or back is not None):
             first = int(steps.min()) if back is None else back.first
             if first - end > EPISODE_GAP:
                 found.append(Gap(end + 1, first - 1))
+        elif why == RESTARTED and place == len(clocks) - 1 and said - end > EPISODE_GAP:
+            found.append(Gap(end + 1, said))
         end = max(end, int(steps.max(initial=0)))
     return found, known
 

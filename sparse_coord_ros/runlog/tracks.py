@@ -214,7 +214,8 @@ def tracks_of(
         found_rows |= {n: np.empty(0, r.kind) for n, r in by_name.items() if n not in readers_of}
     tracks.problems += columns.problems
     clocks = [steps_of(rows[clock], frame.period) for rows in columns.rows]
-    tracks.gaps, tracks.rollbacks = gaps(bag, clocks, backs)
+    said = readers.statuses[-1].step if readers.statuses else 0
+    tracks.gaps, tracks.rollbacks = gaps(bag, clocks, backs, said)
     for gap in tracks.gaps:
         logged = f"nothing of the time steps {gap.first} to {gap.last}: no recorder was there"
         tracks.problems.append(Difference(None, None, "recording", logged, "every time step"))

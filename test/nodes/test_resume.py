@@ -9,6 +9,9 @@ from pathlib import Path
 
 import pytest
 import yaml
+from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import OccupancyGrid
+from visualization_msgs.msg import MarkerArray
 
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.nodes.spin import ros_context
@@ -64,6 +67,28 @@ def test_a_team_that_was_stopped_goes_on_from_its_last_step(tmp_path, said, asse
     assert not saved(out)
     with ros_context() as context, pytest.raises(RunError, match="the run is finished"):
         run_team(again, context=context)
+
+
+def test_who_comes_back_shows_nothing_before_it_knows_where_the_team_is(tmp_path, bench):
+    """What it shows would go into the bag of a recorder that was there all the time."""
+    out = tmp_path / "out"
+    with ros_context() as context:
+        run_team(values(out, record=False), context=context, stop=lambda: len(saved(out)) >= 3)
+    observer = bench.observer()
+    markers = observer.listen(MarkerArray, "markers", latched=True)
+    maps = observer.listen(OccupancyGrid, "robot_1/coordination_map", latched=True)
+    said = observer.listen(DiagnosticArray, "/diagnostics")
+    world = bench.world(resume=True, scenario="", out=str(out))
+    robot = bench.robot("robot_1", resume=True, out=str(out))
+    bench.spin_until(lambda: robot.member is not None, "the robot knows the run")
+
+    def reported():
+        world._report(1.0)
+        robot.member.report()
+        return len({one.status[0].name for one in said}) == 2
+
+    bench.spin_until(reported, "both report")
+    assert markers == maps == []
 
 
 def test_another_run_is_refused(tmp_path):

@@ -1,0 +1,74 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Bags whose recorder was killed and started again."""
+
+import pytest
+
+from sparse_coord_ros.recording import BagWriter
+from sparse_coord_ros.recording.reader import open_bag
+from sparse_coord_ros.recording.recover import continued
+from sparse_coord_ros.runlog import verify
+from sparse_coord_ros.runlog.dialogue import RETURNED, SENT, Request, heard
+
+AT = 200
+"""The time step at which the recorder is killed."""
+
+
+@pytest.fixture
+def restarted(good, rewritten, tmp_path):
+    """Return a function that writes a bag of two files; `after` picks what the second one holds.
+
+    As ROS keeps tables for late readers, the second recorder gets some a second time.
+    """
+    bag, directory = open_bag(good.bag), tmp_path / "bag"
+    cut = round(AT * good.run.step_period * 1e9)
+
+    def written(after):
+        def before(found):
+            return [one for one in found if one.log_time_ns < cut]
+
+        rewritten(good.bag, directory, before, before)
+        writer = BagWriter(directory, earlier=continued(directory))
+        channels = {
+            topic.name: writer.add_topic(topic.name, topic.type_name, topic.qos[0])
+            for topic in bag.topics.values()
+        }
+        for one in after([one for one in bag.messages() if one.log_time_ns >= cut]):
+            writer.write(channels[one.topic], one.data, one.log_time_ns, one.publish_time_ns)
+        for one in bag.attachments:
+            if one.name.startswith("tables/") and not one.name.endswith("_0.npz"):
+                writer.attach(one.name, one.data, one.media_type, one.log_time_ns)
+        writer.close()
+        return verify(directory)
+
+    return written
+
+
+def test_tables_that_come_again_are_known(restarted):
+    found = restarted(list)
+    assert found.differences == ()
+    assert found.same
+
+
+def test_a_recorder_that_comes_back_after_the_run_names_the_gap(restarted):
+    found = restarted(lambda messages: [one for one in messages if one.topic == "/status"][-1:])
+    assert [one.quantity for one in found.differences] == ["recording"]
+    (gap,) = found.log.tracks.gaps
+    assert AT - 5 <= gap.first <= AT + 1
+    assert gap.last == found.log.tracks.statuses[-1].step
+
+
+def test_of_requests_sent_again_the_newest_counts():
+    """A peer that stood still answers all of them, when its asker has given the others up."""
+
+    def request(sent, returned, peer=1, step=9):
+        return Request(
+            0, peer, step, (0.0, 0.0), {SENT: sent, RETURNED: returned}, answer=(9, None)
+        )
+
+    superseded, newest = request(1, 30), request(20, 31)
+    behind, asked_again = request(1, 2, step=8), request(3, 4, step=8)
+    other = request(1, 30, peer=2)
+    found = heard([superseded, newest, behind, asked_again, other])
+    assert superseded not in found
+    assert all(one in found for one in (newest, behind, asked_again, other))

@@ -1,0 +1,284 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Teams over ROS 2 in which anything happens to any process; what is to be true afterwards.
+
+python -m tools.chaos [--runs N] [--seed S] [--keep FOLDER]
+
+Run S + i is drawn from that number: a team of processes (world, two robots, recorder), and what
+happens to them at which time steps: SIGKILL and a start with `resume:=true`, to one of them or to
+all, or SIGSTOP for a while. Deadlines are long, so nobody is left out: the tables are to be those
+of a run without ROS, bit for bit. No process may wait for ever or print a traceback. `verify` is
+to say "identical"; where a recorder was killed, that its recording lacks something.
+"""
+
+import argparse
+import os
+import random
+import shutil
+import signal
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NamedTuple, TypeAlias
+
+from sparse_coord_ros.core.run_config import load_run
+from sparse_coord_ros.core.simulation import learn, tables_equal
+from sparse_coord_ros.core.tables import load_tables, robot_file
+from sparse_coord_ros.core.wire import RECORDER, WORLD
+from sparse_coord_ros.recording.reader import BAG_DIRECTORY
+from sparse_coord_ros.runlog import verify
+
+ROBOTS = ("robot_1", "robot_2")
+NODES = (WORLD, *ROBOTS, RECORDER)
+RATE = 150.0
+"""Time steps a second: so that what is to happen at a step does so near it."""
+START_SECONDS = 60.0
+LIMIT_SECONDS = 90.0
+"""A team that has not ended so long after its last fault never will."""
+PATIENCE = {"step_timeout": "40", "percept_timeout": "20", "claim_window": "0.2"}
+
+Files: TypeAlias = dict[str, Path]
+
+
+class Fault(NamedTuple):
+    """What happens.
+
+    Attributes:
+        step: about when, in time steps after the start or the fault before.
+        who: to whom; all of `NODES`: to everybody at once.
+        stops: seconds of SIGSTOP; 0: SIGKILL.
+        pause: seconds until a killed one is started again.
+    """
+
+    step: int
+    who: tuple[str, ...]
+    stops: float
+    pause: float
+
+    def __str__(self) -> str:
+        """In words."""
+        names = "everybody" if len(self.who) == len(NODES) else self.who[0]
+        what = f"stopped for {self.stops:.1f} s" if self.stops else "killed"
+        return f"{self.step} steps on, {names} {what}"
+
+
+class Plan(NamedTuple):
+    """One run.
+
+    Attributes:
+        steps: its budget.
+        checkpoint: time steps between two checkpoints.
+        faults: what happens, in order.
+    """
+
+    steps: int
+    checkpoint: int
+    faults: tuple[Fault, ...]
+
+
+def plan_of(seed: int) -> Plan:
+    """Draw a run."""
+    chance = random.Random(seed)
+    steps, faults = chance.randrange(300, 601), []
+    for _ in range(chance.choice((1, 1, 2, 3))):
+        who = chance.choice((*((node,) for node in NODES), *((node,) for node in NODES), NODES))
+        stops = chance.uniform(0.1, 3.0) if len(who) == 1 and chance.random() < 0.3 else 0.0
+        pause = chance.choice((0.0, chance.uniform(0.0, 2.0)))
+        faults.append(Fault(chance.randrange(1, steps // 4), who, stops, pause))
+    return Plan(steps, chance.choice((0, 7, 25, 40, 100)), tuple(faults))
+
+
+class Team:
+    """The processes of one run, forked: their modules are loaded but once.
+
+    Args:
+        plan: the run.
+        seed: of the run.
+        folder: where it writes.
+    """
+
+    def __init__(self, plan: Plan, seed: int, folder: Path) -> None:
+        self._plan, self._seed, self._folder = plan, seed, folder
+        self.out = folder / "run"
+        (folder / "log").touch()
+        self.running: dict[str, int] = {}
+        self.codes: list[tuple[str, int]] = []
+        for name in NODES:
+            self.start(name, resume=False)
+
+    def start(self, name: str, *, resume: bool) -> None:
+        """Start a node."""
+        given: dict[str, object] = {
+            "out": self.out / BAG_DIRECTORY if name == RECORDER else self.out
+        }
+        if resume:
+            given["resume"] = "true"
+        elif name == WORLD:
+            checkpoint = self._plan.checkpoint or 100_000
+            given |= {"scenario": "env1", "seed": self._seed, "checkpoint": checkpoint}
+            given |= {"set": f"['steps={self._plan.steps}', 'perception=probability:0.7']"}
+            given |= {key: PATIENCE[key] for key in ("step_timeout", "percept_timeout")}
+            given["recorded"] = "true"
+        if name == WORLD:
+            given["rate"] = RATE
+        if name != RECORDER:
+            given["claim_window"] = PATIENCE["claim_window"]
+        words = ["node", "--ros-args", "-r", f"__node:={name}"]
+        for key, value in given.items():
+            words += ["-p", f"{key}:={value}"]
+        self.running[name] = forked(main_of(name), words, self._folder / "log")
+
+    def kill(self, names: Sequence[str]) -> None:
+        """Kill nodes."""
+        for name in names:
+            if name in self.running:
+                os.kill(self.running[name], signal.SIGKILL)
+        for name in names:
+            if name in self.running:
+                os.waitpid(self.running.pop(name), 0)
+
+    def reap(self) -> None:
+        """Note who has ended."""
+        for name, pid in list(self.running.items()):
+            done, status = os.waitpid(pid, os.WNOHANG)
+            if done:
+                del self.running[name]
+                self.codes.append((name, os.waitstatus_to_exitcode(status)))
+
+    @property
+    def log(self) -> str:
+        """What all of them have printed."""
+        return (self._folder / "log").read_text(errors="replace")
+
+    def wait(self, until: Callable[[], bool], seconds: float, what: str) -> None:
+        """Wait until something is so, or all have ended.
+
+        Raises:
+            TimeoutError: it has taken too long.
+        """
+        deadline = time.monotonic() + seconds
+        while not until():
+            self.reap()
+            if not self.running:
+                return
+            if time.monotonic() > deadline:
+                raise TimeoutError(f"{what}: {', '.join(self.running)} still wait")
+            time.sleep(0.005)
+
+    def suffer(self, fault: Fault) -> None:
+        """Let a fault happen, once the team has begun and so many steps later."""
+        began = self.log.count(BEGUN)
+        self.wait(lambda: self.log.count(BEGUN) >= began, START_SECONDS, "the start")
+        time.sleep(fault.step / RATE)
+        self.reap()
+        alive = [name for name in fault.who if name in self.running]
+        if WORLD not in self.running:  # the run is over
+            return
+        if fault.stops:
+            for number, pause in ((signal.SIGSTOP, fault.stops), (signal.SIGCONT, 0.0)):
+                for name in alive:
+                    os.kill(self.running[name], number)
+                time.sleep(pause)
+            return
+        self.kill(alive)
+        time.sleep(fault.pause)
+        for name in alive:
+            self.start(name, resume=True)
+
+
+BEGUN = " robots, "
+"""In the world's line at a run's start."""
+
+
+def main_of(name: str) -> Callable[[list[str]], int]:
+    """Return the `main` of a node's module."""
+    from sparse_coord_ros.nodes import recorder, robot, world_simulator
+
+    return {WORLD: world_simulator.main, RECORDER: recorder.main}.get(name, robot.main)
+
+
+def forked(main: Callable[[list[str]], int], words: list[str], log: Path) -> int:
+    """Run a node's `main` in a child process and return its number."""
+    pid = os.fork()
+    if pid:
+        return pid
+    code = 1
+    try:
+        os.setsid()
+        file = os.open(log, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
+        os.dup2(file, 1)
+        os.dup2(file, 2)
+        sys.argv = words
+        code = main(words)
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+
+
+def one_run(seed: int, folder: Path) -> tuple[Plan, list[str]]:
+    """Make one run and return what is wrong with it."""
+    plan, wrong = plan_of(seed), []
+    team = Team(plan, seed, folder)
+    try:
+        team.wait(lambda: BEGUN in team.log, START_SECONDS, "the start")
+        for fault in plan.faults:
+            team.suffer(fault)
+        team.wait(lambda: False, LIMIT_SECONDS, "the end")
+    except TimeoutError as error:
+        wrong.append(str(error))
+    finally:
+        team.kill(list(team.running))
+    wrong += [f"{name} ended with exit code {code}" for name, code in team.codes if code]
+    if "Traceback" in team.log:
+        wrong.append("a traceback")
+    return plan, [*wrong, *judge(plan, team.out)]
+
+
+def judge(plan: Plan, out: Path) -> list[str]:
+    """Return what is wrong with the outcome."""
+    run = load_run(out)
+    try:
+        pairs = [(robot_file(out, name), k) for k, name in enumerate(ROBOTS, start=1)]
+        tables = [load_tables(path, [k])[0] for path, k in pairs]
+    except Exception as error:
+        return [str(error)]
+    wrong = [] if tables_equal(tables, learn(run.scenario, run.learner, run.seed)) else ["tables"]
+    found = verify(out, compiled=False)
+    allowed = (
+        {"recording", "file"} if any(RECORDER in fault.who for fault in plan.faults) else set()
+    )
+    odd = [one for one in found.differences if one.quantity not in allowed]
+    wrong += [f"verify: {one}" for one in odd[:2]]
+    wrong += [f"verify is open about {one}" for one in found.open[:1]]
+    return wrong
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Make the runs; return 1 where something is wrong."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--runs", type=int, default=50)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--keep", type=Path, help="where to leave what went wrong")
+    options = parser.parse_args(arguments)
+    failed = 0
+    for seed in range(options.seed, options.seed + options.runs):
+        began = time.monotonic()
+        folder = Path(tempfile.mkdtemp(prefix=f"chaos_{seed}_", dir=options.keep))
+        plan, wrong = one_run(seed, folder)
+        failed += bool(wrong)
+        told = "; ".join(map(str, plan.faults))
+        said = (
+            f"{plan.steps} steps, saved each {plan.checkpoint}: {told}: {'; '.join(wrong) or 'ok'}"
+        )
+        print(f"run {seed} ({time.monotonic() - began:.1f} s): {said}", flush=True)
+        if not wrong or options.keep is None:
+            shutil.rmtree(folder)
+    print(f"{options.runs - failed} of {options.runs} runs as they are to be")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
