@@ -142,12 +142,12 @@ with which the robot was in the miscoordination."""
 ACTION_LABELS = ("east", "north", "coordinate", "peer", "perceived")
 """What the numbers of an action are called in its message."""
 
-ERRAND_LABELS = ("number", "place")
+ERRAND_LABELS = ("number", "place", "since")
 COURSE_LABELS = ("from", "to")
 """What the numbers of an errand are called in its message: first its own, then for each robot that
 it tells something the cells, below the robot's name: `robot_1/from`, `robot_1/to`."""
 
-REACHED_LABELS = ("number", "cell", "there", "seconds")
+REACHED_LABELS = ("number", "cell", "there", "seconds", "stamp")
 """What the numbers of a driver's report are called in its message; cell -1: in none."""
 
 ACCOUNT_LABELS = ("percept", "learned")

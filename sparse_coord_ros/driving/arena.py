@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from sparse_coord_ros.driving.ground import Ground, Pose
-from sparse_coord_ros.driving.steering import Command
-from sparse_coord_ros.lockstep.bodies import Errand
+from sparse_coord_ros.driving.steering import STOP, Command
+from sparse_coord_ros.lockstep.bodies import BEGIN, Errand
 
 BODIES = 2
 """The phase of the bodies' random draws, beside those of `core.streams`: nothing shares them."""
@@ -90,13 +90,13 @@ class Body:
         self._track = TRACK * ground.radius
         self._against = False
         self.pose = self.odometry = Pose(0.0, 0.0, 0.0)
-        self.command = Command(0.0, 0.0)
+        self.command = STOP
         self.bumps = 0
 
     def put(self, x: float, y: float) -> None:
         """Put the body somewhere, its nose as it was; its odometry begins there."""
         self.pose = self.odometry = Pose(x, y, self.pose.yaw)
-        self.command = Command(0.0, 0.0)
+        self.command = STOP
 
     def tick(self, seconds: float) -> None:
         """Let time pass."""
@@ -134,9 +134,10 @@ def _arc(pose: Pose, ahead: float, turn: float, seconds: float) -> Pose:
 class Arena:
     """The bodies of a team.
 
-    In step with the drivers, time stands still until each body that is under way has been told
-    what to do next, and then passes by one tick. So what happens depends on the seed alone, not on
-    how long anybody takes. Else time passes whenever `tick` is called, as on a real floor.
+    In step with the drivers, time passes by a tick with each errand, and then whenever each body
+    that is under way has been told what to do next; it stands still otherwise. So what happens
+    depends on the seed alone, not on how long anybody takes. Else time passes whenever `tick` is
+    called, as on a real floor.
 
     Args:
         ground: the floor.
@@ -166,7 +167,7 @@ class Arena:
     @property
     def seconds(self) -> float:
         """The simulated time."""
-        return self.ticks * self.period
+        return BEGIN + self.ticks * self.period
 
     def put(self, cells: Mapping[int, int]) -> None:
         """Put bodies into cells."""
@@ -175,17 +176,20 @@ class Arena:
         self._touching = set(self._touching_now())
 
     def send(self, errand: Errand) -> bool:
-        """Take in what bodies are told; return whether time has passed or bodies were put."""
+        """Take in what bodies are told; return whether that is new, and time has passed."""
         if errand.number == self._number:
             return False
         self._number = errand.number
+        self._told.clear()
         self._under_way = set()
+        for body in self.bodies:
+            body.command = STOP
         if errand.place:
-            self._told.clear()
             self.put({course.robot: course.end for course in errand.courses})
-            return True
-        self._under_way = {course.robot for course in errand.courses}
-        return self._tick_when_told()
+        else:
+            self._under_way = {course.robot for course in errand.courses}
+        self.tick()
+        return True
 
     def reached(self, robot: int, number: int) -> bool:
         """Take in that a body's errand is over; return whether time has passed."""
@@ -193,7 +197,7 @@ class Arena:
             return False
         self._under_way.discard(robot)
         self._told.pop(robot, None)
-        self.bodies[robot].command = Command(0.0, 0.0)
+        self.bodies[robot].command = STOP
         return self._tick_when_told()
 
     def told(self, robot: int, command: Command) -> bool:
@@ -210,7 +214,7 @@ class Arena:
         if not self._under_way or not self._under_way <= self._told.keys():
             return False
         for robot, body in enumerate(self.bodies):
-            body.command = self._told[robot] if robot in self._under_way else Command(0.0, 0.0)
+            body.command = self._told[robot] if robot in self._under_way else STOP
         self._told.clear()
         self.tick()
         return True

@@ -14,6 +14,10 @@ SLACK = 1e-6
 BACK = 1.0
 """Seconds that poses may be older than the newest one; what is older yet is of a new clock."""
 
+REPEATS = 4
+"""So often the same time is said of poses until it is believed to be the newest there is: that of
+a simulator that was started again."""
+
 ASTRAY = 0.25
 """Share of a cell that a body may be off the line to its next place before it goes back to it."""
 
@@ -43,6 +47,8 @@ class Driver:
         self._began: float | None = None
         self._seconds: float | None = None
         self._answered: float | None = None
+        self._heard = math.nan
+        self._repeats = 0
         self.pose: Pose | None = None
         self.ignored = 0
 
@@ -63,7 +69,9 @@ class Driver:
     def sees(self, seconds: float, pose: Pose) -> None:
         """Take in a pose and its time, in seconds of any clock; then ask what is `next`."""
         before = seconds if self._seconds is None else self._seconds
-        late = 0.0 < before - seconds <= BACK
+        self._repeats = self._repeats + 1 if seconds == self._heard else 0
+        self._heard = seconds
+        late = 0.0 < before - seconds <= BACK and self._repeats < REPEATS
         if late or not all(map(math.isfinite, (seconds, *pose))):
             self.ignored += 1
             return
@@ -79,6 +87,8 @@ class Driver:
         course, errand, pose, now = self._course, self._errand, self.pose, self._seconds
         if course is None or errand is None or pose is None or now is None:
             return None, None
+        if 0.0 <= errand.since - now + SLACK <= BACK and self._repeats < REPEATS:
+            return None, None  # a newer pose is to come
         if errand.place:
             place = self._ground.place(self._robot, course.end)
             close = distance(pose, place) <= self._ground.side / 2
@@ -108,7 +118,12 @@ class Driver:
         took = 0.0 if self._began is None else now - self._began
         self._course = None
         return Reached(
-            self._robot, errand.number, LOST if cell is None else cell, there, round(took, 9)
+            self._robot,
+            errand.number,
+            LOST if cell is None else cell,
+            there,
+            round(took, 9),
+            now,
         )
 
     def _find_way(self, course: Course, pose: Pose) -> list[tuple[float, float]]:

@@ -20,6 +20,9 @@ from sparse_coord_ros.core.world import Action, World
 LOST = -1
 """In place of a cell: the body is in none."""
 
+BEGIN = 1.0
+"""Seconds at which simulated time begins; of a pose of that time nobody knows what it follows."""
+
 
 class Course(NamedTuple):
     """Where one body is to go.
@@ -42,12 +45,15 @@ class Errand(NamedTuple):
         number: counts from 1; what is reported of an older one is of no use any more.
         step: the time step.
         place: bodies are to be there to begin with, however they come there, and take their time.
+        since: the time of the newest pose that was reported on before, by the clock of the poses;
+            drivers act on newer ones: who simulates the bodies has heard of the errand then.
         courses: of the bodies that are told something, in the robots' order.
     """
 
     number: int
     step: int
     place: bool
+    since: float
     courses: tuple[Course, ...]
 
 
@@ -60,6 +66,7 @@ class Reached(NamedTuple):
         cell: the free cell that the body is in; `LOST` where it is in none.
         there: whether it came where it was to go.
         seconds: how long it took, by the clock of its poses.
+        stamp: the time of the pose that says so.
     """
 
     robot: int
@@ -67,6 +74,7 @@ class Reached(NamedTuple):
     cell: int
     there: bool
     seconds: float
+    stamp: float
 
 
 class BodiesPort(Protocol):
@@ -139,6 +147,7 @@ class BodiesSide:
         self._under_way: dict[int, Course] = {}
         self._number = 0
         self._longest = 0.0
+        self._since = BEGIN
         self.failed = 0
         self.lost = 0
         self.seconds = 0.0
@@ -183,6 +192,7 @@ class BodiesSide:
         if course is None or said.number != self._number:
             return False
         del self._under_way[said.robot]
+        self._since = max(self._since, said.stamp)
         if not self._placing:
             self._longest = max(self._longest, said.seconds)
             self._settle(course, said.cell)
@@ -214,7 +224,7 @@ class BodiesSide:
         self._number += 1
         self._placing = place
         self._under_way = {course.robot: course for course in courses}
-        self._port.send(Errand(self._number, self._world.step, place, courses))
+        self._port.send(Errand(self._number, self._world.step, place, self._since, courses))
 
 
 def waves(courses: Sequence[Course], doorways: frozenset[int]) -> list[tuple[Course, ...]]:

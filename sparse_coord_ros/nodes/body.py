@@ -26,7 +26,7 @@ from sparse_coord_ros.driving.arena import ELSEWHERE, IN_DOORWAY, Arena, Noise
 from sparse_coord_ros.driving.ground import Ground, Pose
 from sparse_coord_ros.driving.steering import Command
 from sparse_coord_ros.errors import RunError
-from sparse_coord_ros.lockstep.bodies import Errand, Reached
+from sparse_coord_ros.lockstep.bodies import BEGIN, Errand, Reached
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.follower import Follower
 from sparse_coord_ros.nodes.messages import Converter, read_errand, read_reached, status, typed
@@ -35,9 +35,6 @@ from sparse_coord_ros.nodes.spin import run_node
 
 AGAIN_SECONDS = 0.5
 """After this silence poses are published again: a driver that has just come has none."""
-
-BEGIN = SECOND
-"""Nanoseconds of the simulated time at the begin; a stamp of 0 would say nothing."""
 
 MOST_MOMENTS = 1_000_000
 """Ticks of which the paths are kept."""
@@ -137,7 +134,7 @@ class BodyNode(Follower):
             if self.values["paths"] and len(self._paths) < MOST_MOMENTS:
                 places = [number for body in arena.bodies for number in body.pose]
                 self._paths.append([arena.seconds, *places])
-        sec, nanosec = divmod(BEGIN + round(arena.seconds * SECOND), SECOND)
+        sec, nanosec = divmod(round(arena.seconds * SECOND), SECOND)
         if self._time_publisher is not None:
             clock = Clock()
             clock.clock.sec, clock.clock.nanosec = sec, nanosec
@@ -174,7 +171,7 @@ class BodyNode(Follower):
             return {}
         where = Counter(touch.where for touch in arena.touches)
         return {
-            "seconds": round(arena.seconds, 3),
+            "seconds": round(arena.seconds - BEGIN, 3),
             "touches_in_doorways": where[IN_DOORWAY],
             "touches_elsewhere": where[ELSEWHERE],
             "bumps": sum(body.bumps for body in arena.bodies),

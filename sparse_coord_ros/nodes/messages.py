@@ -347,7 +347,7 @@ def read_progress(message: DiagnosticStatus) -> Progress:
 def errand_message(convert: Converter, errand: Errand, names: Sequence[str]) -> JointState:
     """Return what bodies are told as a message; names of the robots."""
     labels = list(ERRAND_LABELS)
-    numbers = [float(errand.number), float(errand.place)]
+    numbers = [float(errand.number), float(errand.place), errand.since]
     for robot, *cells in errand.courses:
         labels += [f"{names[robot]}/{label}" for label in COURSE_LABELS]
         numbers += map(float, cells)
@@ -371,7 +371,7 @@ def read_errand(convert: Converter, names: Sequence[str], message: JointState) -
             courses.append(Course(k, *ends))
     stamp = message.header.stamp
     step = convert.checked_step(stamp.sec, stamp.nanosec)
-    return Errand(number, step, bool(place), tuple(courses))
+    return Errand(number, step, bool(place), _time(said, "since"), tuple(courses))
 
 
 def reached_message(convert: Converter, step: int, reached: Reached) -> JointState:
@@ -390,16 +390,21 @@ def read_reached(convert: Converter, robot: int, message: JointState) -> Reached
     said = _by_label(message)
     number = _whole(said, "number", 1, 2**53)
     cell = _whole(said, "cell", LOST, len(convert.grid.cells) - 1)
-    seconds = said.get("seconds", 0.0)
-    if not 0.0 <= seconds < math.inf:
-        raise ValueError(f"seconds is {seconds:g}")
-    return Reached(robot, number, cell, said.get("there") == 1.0, seconds)
+    times = (_time(said, label) for label in REACHED_LABELS[-2:])
+    return Reached(robot, number, cell, said.get("there") == 1.0, *times)
 
 
 def _by_label(message: JointState) -> dict[str, float]:
     if len(message.name) != len(message.position) or len(set(message.name)) < len(message.name):
         raise ValueError("its labels and numbers do not belong together")
     return dict(zip(message.name, message.position, strict=True))
+
+
+def _time(said: Mapping[str, float], label: str) -> float:
+    value = said.get(label, math.nan)
+    if not 0.0 <= value < math.inf:
+        raise ValueError(f"{label} is {value:g}, no time in seconds")
+    return value
 
 
 def _whole(said: Mapping[str, float], label: str, low: int, high: int) -> int:

@@ -146,7 +146,10 @@ class WorldSimulator(ParameterNode):
         self._create_publishers()
         said = (self._run_publisher, self._status_publisher, self._clock_publisher)
         own = [*said, self._map_publisher, *self._state_publishers, *self._reward_publishers]
-        heard = [subscription.topic_name for subscription in self._action_subscriptions]
+        heard = [
+            subscription.topic_name
+            for subscription in (*self._action_subscriptions, *self._reached_subscriptions)
+        ]
         self._owners = Owners(self, [*(publisher.topic_name for publisher in own), *heard])
         self.create_timer(TICK_SECONDS, self._tick)
         self._rate_timer: Timer | None = None

@@ -133,8 +133,8 @@ def seen(driver, seconds, x, y, yaw=0.0):
     return driver.next()
 
 
-def errand(start, end, number=1, *, place=False):
-    return Errand(number, 5, place, (Course(0, start, end),))
+def errand(start, end, number=1, *, place=False, since=-9.0):
+    return Errand(number, 5, place, since, (Course(0, start, end),))
 
 
 def test_a_driver_drives_stops_and_reports(ground):
@@ -146,7 +146,7 @@ def test_a_driver_drives_stops_and_reports(ground):
     assert driver.next() == (None, None)  # nothing new
     command, reached = seen(driver, 11.5, *ground.place(0, CELLS[1, 0]))
     assert command == (0.0, 0.0)
-    assert reached == (0, 1, CELLS[1, 0], True, 1.5)
+    assert reached == (0, 1, CELLS[1, 0], True, 1.5, 11.5)
     assert not driver.busy and seen(driver, 12.0, 0.0, 0.0) == (None, None)
 
 
@@ -209,14 +209,29 @@ def test_placing_waits_for_whoever_does_it(ground):
 def test_in_step_time_passes_when_all_that_drive_are_told(ground):
     arena = Arena(ground, 2, 1, SURE, 0.1)
     move = Command(0.1, 0.0)
-    assert not arena.told(0, move)  # too early: no errand
+    assert not arena.told(0, move)  # too early: no errand, and forgotten
     assert arena.send(errand(CELLS[0, 0], CELLS[1, 0])) and arena.ticks == 1
     assert not arena.send(errand(CELLS[0, 0], CELLS[1, 0]))  # the same again
-    both = Errand(2, 5, False, (Course(0, 0, 1), Course(1, 4, 5)))
-    assert not arena.send(both) and not arena.told(0, move) and arena.told(1, move)
+    assert arena.told(0, move) and arena.ticks == 2
+    assert arena.send(Errand(2, 5, False, 0.0, (Course(0, 0, 1), Course(1, 4, 5))))
+    assert not arena.told(0, move) and arena.told(1, move) and arena.ticks == 4
     assert not arena.told(0, Command(0.0, 0.0)) and not arena.told(1, move)
-    assert arena.reached(0, 2) and arena.ticks == 3  # the other one need not wait
+    assert arena.reached(0, 2) and arena.ticks == 5  # the other one need not wait
     assert not arena.reached(0, 1)
+
+
+def test_a_driver_waits_for_a_pose_that_follows_its_errand(ground):
+    """A pose that was under way when the errand was sent is of the time before."""
+    driver = Driver(ground, LIMITS, 0)
+    driver.sees(7.0, Pose(0.7, 4.7, 0.0))
+    driver.take(errand(CELLS[0, 0], CELLS[1, 0], since=7.1))
+    assert driver.next() == (None, None)
+    assert seen(driver, 7.1, 0.7, 4.7) == (None, None)
+    assert seen(driver, 7.2, 0.7, 4.7)[0] is not None
+    driver.take(errand(CELLS[0, 0], CELLS[1, 0], number=3, since=7.2))
+    assert [seen(driver, 7.2, 0.7, 4.7)[0] is not None for _ in range(6)].count(True) == 1
+    driver.take(errand(CELLS[0, 0], CELLS[1, 0], number=2, since=99.0))  # of another clock
+    assert driver.next()[0] is not None
 
 
 def test_transforms_make_a_pose():

@@ -8,6 +8,7 @@ from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.simulation import Team
 from sparse_coord_ros.core.world import Action, World
 from sparse_coord_ros.lockstep.bodies import (
+    BEGIN,
     LOST,
     BodiesSide,
     BodyWorld,
@@ -47,7 +48,7 @@ def arrive(side, errand, **cells):
     """Let the bodies of an errand report; `robot_K` says where one ends instead."""
     for course in errand.courses:
         cell = cells.get(f"robot_{course.robot + 1}", course.end)
-        side.reached(Reached(course.robot, errand.number, cell, cell == course.end, 1.5))
+        side.reached(Reached(course.robot, errand.number, cell, cell == course.end, 1.5, 2.5))
 
 
 def test_bodies_are_placed_first_and_then_sent_and_then_the_step_is_made(made):
@@ -56,20 +57,23 @@ def test_bodies_are_placed_first_and_then_sent_and_then_the_step_is_made(made):
     starts = list(world.cells)
     assert not side.made(actions) and not side.made(actions)
     (placed,) = port.errands
-    assert placed == Errand(1, 1, True, tuple(Course(k, c, c) for k, c in enumerate(starts)))
+    assert placed == Errand(
+        1, 1, True, BEGIN, tuple(Course(k, c, c) for k, c in enumerate(starts))
+    )
     assert side.placing and side.waiting == [0, 1]
-    assert not side.reached(Reached(0, 1, starts[0], True, 0.0))
-    assert not side.reached(Reached(1, 1, starts[1], True, 0.0))  # now they are sent
+    assert not side.reached(Reached(0, 1, starts[0], True, 0.0, 0.0))
+    assert not side.reached(Reached(1, 1, starts[1], True, 0.0, 0.0))  # now they are sent
     sent = port.errands[1]
     south = [int(world.scenario.map.next_cell[c, SOUTH]) for c in starts]
     assert sent.courses == tuple(Course(k, starts[k], south[k]) for k in (0, 1))
-    assert not sent.place and not side.made(actions)
+    assert not sent.place and not side.made(actions) and sent.since == BEGIN
     arrive(side, sent)
     assert side.made(actions) and side.seconds == 1.5
     world.advance(actions)
     assert world.cells == south
     assert not side.made(actions)
     assert len(port.errands) == 3 and not port.errands[2].place  # the same episode
+    assert port.errands[2].since == 2.5
 
 
 def test_where_the_poses_say_it_is_counts(made):
@@ -91,7 +95,7 @@ def test_who_does_not_report_has_not_moved(made):
     side.made(actions)
     arrive(side, port.errands[0])
     before = list(world.cells)
-    side.reached(Reached(0, 2, LOST, False, 9.0))
+    side.reached(Reached(0, 2, LOST, False, 9.0, 0.0))
     assert side.give_up() == [1]
     assert side.made(actions)
     world.advance(actions)
@@ -103,8 +107,8 @@ def test_reports_of_older_errands_count_for_nothing(made):
     actions = (go(SOUTH), go(SOUTH))
     side.made(actions)
     arrive(side, port.errands[0])
-    assert not side.reached(Reached(0, 1, 3, True, 1.0))
-    assert not side.reached(Reached(5, 2, 3, True, 1.0))
+    assert not side.reached(Reached(0, 1, 3, True, 1.0, 0.0))
+    assert not side.reached(Reached(5, 2, 3, True, 1.0, 0.0))
     assert side.waiting == [0, 1]
 
 

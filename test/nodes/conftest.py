@@ -286,7 +286,10 @@ def assert_same_tables():
 EXECUTABLES_MODULE = "sparse_coord_ros.executables"
 EXECUTABLES = {"cli.main": "sparse_coord"} | {
     f"nodes.{name}": name
-    for name in ("world_simulator", "robot", "recorder", "team", "player", "watch")
+    for name in (
+        *("world_simulator", "robot", "recorder", "team", "player", "watch"),
+        *("driver", "body"),
+    )
 }
 
 

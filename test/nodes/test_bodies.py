@@ -29,22 +29,23 @@ QUICK = {"speed": 2.0, "turn": 6.0}
 ROBOTS = ("robot_1", "robot_2")
 
 
-def with_bodies(bench, out, *, steps=16, body=None, driver=None, **more):
+def with_bodies(bench, out, *, steps=16, body=None, driver=None, namespace="", **more):
     """Start a team with bodies on a bench, and return its world, robots, drivers and body."""
-    world = bench.world(bodies=True, set=[f"steps={steps}"], out=str(out), seed=7, **more)
-    robots = bench.robots(out=str(out))
-    context = bench.place()[0]
+    more |= {"set": [f"steps={steps}"], "out": str(out), "seed": 7, "namespace": namespace}
+    world = bench.world(bodies=True, **more)
+    robots = bench.robots(out=str(out), namespace=namespace)
+    place = {"context": bench.place()[0], "namespace": namespace}
     drivers = [
         bench.add(
             DriverNode(
-                context=context,
                 name=f"{robot}_driver",
                 values={"robot": robot, **QUICK, **(driver or {})},
+                **place,
             )
         )
         for robot in ROBOTS
     ]
-    return world, robots, drivers, bench.add(BodyNode(context=context, values=body or {}))
+    return world, robots, drivers, bench.add(BodyNode(values=body or {}, **place))
 
 
 def test_bodies_that_get_there_learn_what_the_grid_teaches(
@@ -69,12 +70,83 @@ def test_bodies_that_get_there_learn_what_the_grid_teaches(
     assert body.summary()["seconds"] >= summary["body_seconds"] - 1e-6
 
 
-def test_two_runs_of_one_seed_drive_alike(benches, tmp_path):
+@pytest.mark.parametrize("order", ["bdew12", "21wedb", "d1bw2e"])
+def test_any_order(bench, tmp_path, order):
+    context = bench.place()[0]
+
+    def driver(robot):
+        values = {"robot": robot, **QUICK}
+        return DriverNode(context=context, name=f"{robot}_driver", values=values)
+
+    made = {
+        "w": lambda: bench.world(bodies=True, set=["steps=3"]),
+        "1": lambda: bench.robot("robot_1"),
+        "2": lambda: bench.robot("robot_2"),
+        "d": lambda: bench.add(driver("robot_1")),
+        "e": lambda: bench.add(driver("robot_2")),
+        "b": lambda: bench.add(BodyNode(context=context, values={})),
+    }
+    for letter in order:
+        made[letter]()
+    bench.spin_until_done()
+
+
+def test_a_driver_and_a_body_that_come_back_go_on(bench, tmp_path):
+    world, _, drivers, body = with_bodies(bench, tmp_path / "out", steps=400)
+    under_way = world.lockstep.world
+    bench.spin_until(lambda: under_way.transitions > 1, "under way")
+    bench.destroy(drivers[1])
+    before = under_way.transitions
+    context = bench.place()[0]
+    values = {"robot": "robot_2", **QUICK}
+    bench.add(DriverNode(context=context, name="another", values=values))
+    bench.spin_until(lambda: under_way.transitions > before + 2, "with another driver")
+    assert world.summary()["bodies_lost"] == 0
+    bench.destroy(body)
+    before = under_way.transitions
+    bench.add(BodyNode(context=context, values={}))
+    bench.spin_until(lambda: under_way.transitions > before + 2, "with another body")
+
+
+def test_drivers_that_are_missing_are_named(bench, tmp_path):
+    bench.world(bodies=True, set=["steps=3"], startup_timeout=0.4)
+    bench.robots()
+    with pytest.raises(RunError, match="driver --ros-args -p robot:=robot_1, driver --ros"):
+        bench.spin_until(lambda: False, seconds=5.0)
+
+
+@pytest.mark.long
+def test_in_many_processes_the_same_bits_and_paths(
+    start_node, tmp_path, simulate, assert_same_tables
+):
+    found = []
+    for run in ("one", "two"):
+        out, paths = tmp_path / run, tmp_path / f"{run}.npz"
+        nodes = [start_node("body", "body", paths=paths)]
+        for name in ROBOTS:
+            nodes.append(start_node("driver", f"{name}_driver", robot=name, **QUICK))
+            nodes.append(start_node("robot", name, out=out))
+        world = start_node(
+            *("world_simulator", "world_simulator"),
+            **{"scenario": "env1", "set": ["steps=60"], "seed": 7, "bodies": True, "out": out},
+        )
+        assert [node.exit_code() for node in (world, *nodes)] == [0] * 6, world.output
+        scenario = load_scenario("env1", steps=60)
+        gather(out, scenario, interrupted=False)
+        assert_same_tables(out, simulate("env1", {"steps": 60}, seed=7))
+        with np.load(paths) as kept:
+            _, first = np.unique(kept["seconds"], return_index=True)
+            found.append(kept["poses"][first].tobytes())
+    assert found[0] == found[1]
+
+
+def test_two_runs_of_one_seed_drive_alike(bench, tmp_path):
     found = []
     for name in ("one", "two"):
         paths = tmp_path / f"{name}.npz"
-        bench = benches()
-        with_bodies(bench, tmp_path / name, steps=8, body={"paths": str(paths)})
+        with_bodies(
+            bench, tmp_path / name, steps=8, body={"paths": str(paths)}, namespace=f"/{name}"
+        )
         bench.spin_until_done()
         with np.load(paths) as kept:
             seconds, first = np.unique(kept["seconds"], return_index=True)
@@ -131,19 +203,26 @@ def test_at_their_own_speed(bench, tmp_path):
 def test_errands_and_reports_travel(own_domain):
     run = make_run(load_scenario("env1"), {})
     convert, names = Converter(run), [robot.name for robot in run.scenario.robots]
-    errand = Errand(3, 17, False, (Course(1, 4, 5),))
+    errand = Errand(3, 17, False, 4.5, (Course(1, 4, 5),))
     assert read_errand(convert, names, errand_message(convert, errand, names)) == errand
-    for reached in (Reached(0, 3, 5, True, 1.25), Reached(0, 3, -1, False, 9.0)):
+    for reached in (Reached(0, 3, 5, True, 1.25, 0.0), Reached(0, 3, -1, False, 9.0, 0.0)):
         assert read_reached(convert, 0, reached_message(convert, 17, reached)) == reached
 
 
 @pytest.mark.parametrize(
     ("label", "value"),
-    [("number", 0.0), ("number", 1.5), ("cell", 1e6), ("cell", float("nan")), ("seconds", -1.0)],
+    [
+        ("number", 0.0),
+        ("number", 1.5),
+        ("cell", 1e6),
+        ("cell", float("nan")),
+        ("seconds", -1.0),
+        ("stamp", float("inf")),
+    ],
 )
 def test_bad_reports_are_refused(label, value):
     convert = Converter(make_run(load_scenario("env1"), {}))
-    message = reached_message(convert, 1, Reached(0, 3, 5, True, 1.25))
+    message = reached_message(convert, 1, Reached(0, 3, 5, True, 1.25, 0.0))
     message.position[list(message.name).index(label)] = value
     with pytest.raises(ValueError, match=label):
         read_reached(convert, 0, message)
@@ -152,7 +231,7 @@ def test_bad_reports_are_refused(label, value):
 def test_bad_errands_are_refused():
     run = make_run(load_scenario("env1"), {})
     convert, names = Converter(run), ["robot_1", "robot_2"]
-    message = errand_message(convert, Errand(1, 2, True, (Course(0, 1, 1),)), names)
+    message = errand_message(convert, Errand(1, 2, True, 0.0, (Course(0, 1, 1),)), names)
     message.position[-1] = 999.0
     with pytest.raises(ValueError, match="robot_1/to"):
         read_errand(convert, names, message)
@@ -197,7 +276,9 @@ def test_a_body_whose_poses_stop_is_stopped(bench):
     pose.pose.position.x, pose.pose.position.y = x, y
     poses.publish(pose)
     bench.spin_until(lambda: driver.driver.pose is not None, "the pose is there")
-    world.send(Errand(1, 1, False, (Course(0, 0, int(world.run.scenario.map.next_cell[0, 1])),)))
+    world.send(
+        Errand(1, 1, False, 0.0, (Course(0, 0, int(world.run.scenario.map.next_cell[0, 1])),))
+    )
     bench.spin_until(lambda: len(commands) >= 2, "it drives and is stopped")
     assert commands[0].angular.z or commands[0].linear.x
     assert (commands[-1].linear.x, commands[-1].angular.z) == (0.0, 0.0)
