@@ -34,14 +34,9 @@ def add_parser(verbs) -> None:
         "--episodes", default="100", help="greedy episodes from the starts (default: 100)"
     )
     parser.add_argument("--seed", default="0", help="seed of every random draw (default: 0)")
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        dest="assignments",
-        help="change a setting of the bodies; may be repeated: "
-        + "; ".join(f"{s.name}: {s.help} (default: {s.default})" for s in DRIVE_SETTINGS.values()),
+    settings = [f"{s.name}: {s.help} (default: {s.default})" for s in DRIVE_SETTINGS.values()]
+    shared.add_set(
+        parser, f"change a setting of the bodies; may be repeated: {'; '.join(settings)}"
     )
     parser.add_argument("--out", type=Path, metavar="FILE", help="draw the paths over the map")
     parser.add_argument(

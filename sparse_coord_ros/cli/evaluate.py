@@ -17,7 +17,7 @@ from sparse_coord_ros.core.evaluation import TRIALS, Evaluation, Measure, check_
 from sparse_coord_ros.core.optimum import joint_optimum
 from sparse_coord_ros.core.run_config import RUN_SETTINGS, RunConfig, load_run
 from sparse_coord_ros.core.tables import load_team
-from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.core.yardsticks import yardsticks
 
 if TYPE_CHECKING:
     from sparse_coord_ros.engine.exact import ExactEvaluation
@@ -106,15 +106,14 @@ def worth(
     run: RunConfig, tables: Sequence[Tables], trials: int, seed: int, *, exact: bool | None
 ) -> Evaluation | ExactEvaluation:
     """Evaluate tables that fit their run; arguments as of `evaluated`."""
-    if exact is not False:
-        from sparse_coord_ros.engine.exact import evaluate_exact
+    how: dict[str, Any] = {"trials": trials, "seed": seed, "learner": run.rule}
+    if exact is False:
+        return evaluate(run.scenario, tables, **how)
+    from sparse_coord_ros.engine.exact import evaluate_best, evaluate_exact
 
-        try:
-            return evaluate_exact(run.scenario, tables, learner=run.rule)
-        except SettingError:  # too many robots, or no chain of joint states
-            if exact:
-                raise
-    return evaluate(run.scenario, tables, trials=trials, seed=seed, learner=run.rule)
+    if exact:
+        return evaluate_exact(run.scenario, tables, learner=run.rule)
+    return evaluate_best(run.scenario, tables, **how)
 
 
 def by_game(found: list[Evaluated]) -> list[list[Evaluated]]:
@@ -176,15 +175,8 @@ def result_table(found: Sequence[Evaluated], *, several: bool = False) -> str:
                 for measure in ("reward", "time_to_goal", "miscoordinations")
             ]
             rows.append([f"{title}, paper", *cells, "-", "-"])
-    bound = shipped_class_bound(scenario)
-    if bound is not None:
-        rows.append(["class bound", f"{bound.value:.2f}", "-", "-", "-", "-"])
-    team = shipped_best_team(scenario)
-    if team is not None:
-        rows.append(["best known team", f"{team.value:.2f}", "-", "-", "-", "-"])
-    optimum = joint_optimum(scenario)
-    name = "exact joint optimum" if optimum.exact else "bound (robots alone)"
-    rows.append([name, f"{optimum.value:.2f}", "-", "-", "-", "-"])
+    for name, value in yardsticks(scenario):
+        rows.append([name, f"{value:.2f}", "-", "-", "-", "-"])
     head = ["reward", "time to goal", "miscoordinations", "asks", "all arrived"]
     return shared.format_table([f"{scenario.name}, penalty {scenario.penalty:g}", *head], rows)
 
@@ -196,13 +188,11 @@ def title_of(run: RunConfig) -> str:
 
 def result_row(name: str, result: Evaluation | ExactEvaluation) -> list[str]:
     """Return the row of one run."""
+    arrived = f"{100 * result.all_arrived:.2f} %"
     if isinstance(result, Evaluation):
-        how = f"{result.trials} trials"
         arrived = f"{result.trials - result.not_arrived} of {result.trials}"
-    else:
-        how, arrived = "exact", f"{100 * result.all_arrived:.2f} %"
     return [
-        f"{name}, {how}",
+        f"{name}, {result.how}",
         _pair(result.reward),
         _pair(result.time_to_goal),
         _pair(result.miscoordinations),

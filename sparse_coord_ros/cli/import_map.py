@@ -57,13 +57,8 @@ def add_parser(verbs) -> None:
         default=str(SPECK),
         help=f"metres up to which a spot is noise; 0: none (default: {SPECK:g})",
     )
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        dest="assignments",
-        help="a setting of the scenario; what is not set is suggested by the map's distances",
+    shared.add_set(
+        parser, "a setting of the scenario; what is not set is suggested by the map's distances"
     )
     parser.add_argument("--name", help="name of map and scenario (default: that of the file)")
     parser.add_argument("--out", type=Path, help="directory (default: <name>_map)")

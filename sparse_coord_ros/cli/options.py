@@ -62,13 +62,18 @@ def add_scenario(parser: argparse.ArgumentParser, *, optional: bool = False) -> 
         help=f"path of a scenario file, or one of: {', '.join(scenario_names())}",
     )
     parser.add_argument("--penalty", help="r^C of a miscoordination, e.g. -20")
+    add_set(parser, "change a scenario setting, e.g. perception=probability:0.7; may be repeated")
+
+
+def add_set(parser: argparse.ArgumentParser, help: str) -> None:
+    """Add --set."""
     parser.add_argument(
         "--set",
         action="append",
         default=[],
         metavar="KEY=VALUE",
         dest="assignments",
-        help="change a scenario setting, e.g. perception=probability:0.7; may be repeated",
+        help=help,
     )
 
 

@@ -341,8 +341,8 @@ def _missed(result: "Evaluation | ExactEvaluation") -> str:
     if isinstance(result, Evaluation):
         count = result.not_arrived
         return f"In {count} of {result.trials} trials" if count else ""
-    share = 1.0 - result.all_arrived
-    return f"In {share:.1%} of all trials" if share > HARDLY_EVER else ""
+    missed = 1.0 - result.all_arrived
+    return f"In {missed:.1%} of all trials" if missed > HARDLY_EVER else ""
 
 
 def _row(steps: int, found: Evaluation) -> list[str]:

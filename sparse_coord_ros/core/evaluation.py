@@ -85,6 +85,16 @@ class Evaluation:
     asks: Measure
     not_arrived: int
 
+    @property
+    def all_arrived(self) -> float:
+        """Share of the trials in which all robots arrived."""
+        return 1.0 - self.not_arrived / self.trials
+
+    @property
+    def how(self) -> str:
+        """How it was found, in words."""
+        return f"{self.trials} trials"
+
     def to_dict(self) -> dict[str, Any]:
         """Return plain data."""
         return asdict(self)

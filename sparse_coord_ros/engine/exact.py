@@ -18,7 +18,7 @@ import numpy as np
 
 from sparse_coord_ros.core.agent import Tables
 from sparse_coord_ros.core.algorithm import COORDINATE, PRIMITIVES
-from sparse_coord_ros.core.evaluation import Measure, acting_on, check_tables
+from sparse_coord_ros.core.evaluation import Evaluation, Measure, acting_on, check_tables, evaluate
 from sparse_coord_ros.core.learners import Learner, learner_of
 from sparse_coord_ros.core.links import check_up
 from sparse_coord_ros.core.perception import percept_probabilities
@@ -72,6 +72,11 @@ class ExactEvaluation:
     stays: np.ndarray
     joint_states: int
 
+    @property
+    def how(self) -> str:
+        """How it was found, in words."""
+        return "exact"
+
     def to_dict(self) -> dict[str, Any]:
         """Return plain data, without what there is for each cell."""
         said = asdict(self)
@@ -98,6 +103,32 @@ def evaluate_exact(
     asking, outcomes = _policies(scenario, tables, learner)
     chain = _chain(scenario, asking, outcomes)
     return _measured(scenario, chain)
+
+
+def evaluate_best(
+    scenario: Scenario,
+    tables: Sequence[Tables],
+    *,
+    trials: int,
+    seed: int = 0,
+    learner: str | Learner | None = None,
+) -> ExactEvaluation | Evaluation:
+    """Compute what a team is worth where that can be, else play trials.
+
+    Args:
+        scenario: the problem.
+        tables: the tables of every robot.
+        trials: how many, if trials are played.
+        seed: of the trials.
+        learner: as of `evaluate_exact`.
+
+    Raises:
+        TablesError: the tables do not fit the scenario.
+    """
+    try:
+        return evaluate_exact(scenario, tables, learner=learner)
+    except SettingError:  # more robots, a link that fails by time, agents with a rule of their own
+        return evaluate(scenario, tables, trials=trials, seed=seed, learner=learner)
 
 
 def check_exact(scenario: Scenario) -> None:

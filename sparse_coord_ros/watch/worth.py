@@ -7,11 +7,9 @@ from typing import Any
 
 from sparse_coord_ros.core.agent import Tables
 from sparse_coord_ros.core.class_bound import shipped_class_bound
-from sparse_coord_ros.core.evaluation import Evaluation, evaluate
 from sparse_coord_ros.core.optimum import joint_optimum
 from sparse_coord_ros.core.run_config import RunConfig
-from sparse_coord_ros.engine.exact import MOST_ROBOTS, ExactEvaluation, evaluate_exact
-from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.engine.exact import evaluate_best
 from sparse_coord_ros.watch.frames import Message
 
 TRIALS = 300
@@ -29,17 +27,8 @@ def evaluation_message(run: RunConfig, tables: Sequence[Tables], step: int | Non
     Raises:
         TablesError: the tables do not fit the run.
     """
-    result: Evaluation | ExactEvaluation
     scenario = run.scenario
-    how = "exact"
-    try:
-        if len(scenario.robots) > MOST_ROBOTS:
-            raise SettingError("too many robots")
-        result = evaluate_exact(scenario, tables, learner=run.rule)
-        arrived = result.all_arrived
-    except SettingError:  # more robots, or a learner that acts by a rule of its own
-        result = evaluate(scenario, tables, trials=TRIALS, seed=0, learner=run.rule)
-        how, arrived = f"{TRIALS} trials", 1.0 - result.not_arrived / TRIALS
+    result = evaluate_best(scenario, tables, trials=TRIALS, learner=run.rule)
     bound = shipped_class_bound(scenario)
     optimum = joint_optimum(scenario)
     said: dict[str, Any] = {
@@ -53,11 +42,11 @@ def evaluation_message(run: RunConfig, tables: Sequence[Tables], step: int | Non
     }
     return {
         "type": "evaluation",
-        "how": how,
+        "how": result.how,
         "step": step,
         "learner": run.rule.title or run.learner,
         **said,
-        "all_arrived": round(arrived, 6),
+        "all_arrived": round(result.all_arrived, 6),
         "class_bound": None if bound is None else round(bound.value, 4),
         "optimum": round(optimum.value, 4),
         "optimum_exact": optimum.exact,
