@@ -27,7 +27,8 @@ def add_parser(verbs) -> None:
     parser = shared.add_verb(
         verbs,
         "drive",
-        example="sparse_coord train env1 --out runs/a && sparse_coord drive runs/a --out a.png",
+        example="sparse_coord train env1 --out runs/a && "
+        "sparse_coord drive runs/a --episodes 20 --out a.png",
     )
     parser.add_argument("directory", metavar="DIR", type=Path, help="output of run or train")
     parser.add_argument(

@@ -20,8 +20,8 @@ class Seen(NamedTuple):
 
 
 def yaw_of(x: float, y: float, z: float, w: float) -> float:
-    """Return the yaw of a quaternion, in radians."""
-    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    """Return the yaw of a quaternion of any length, in radians."""
+    return math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
 
 
 class Tree:

@@ -2,9 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """A team whose robots have bodies: the same lock step, the same bits, and poses in between."""
 
+import sys
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
-from geometry_msgs.msg import PoseStamped, Twist
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist
+from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
@@ -251,6 +255,60 @@ def test_bad_errands_are_refused():
 def test_a_bad_driver_ends_with_one_line(bench, values, kind, text):
     bench.world(bodies=True)
     with pytest.raises(kind, match=text):
+        bench.add(DriverNode(context=bench.place()[0], values=values))
+        bench.spin_until(lambda: False, seconds=5.0)
+
+
+@pytest.mark.parametrize(
+    ("pose_type", "kind"),
+    [("pose_with_covariance", PoseWithCovarianceStamped), ("odometry", Odometry)],
+)
+def test_poses_of_other_types(bench, pose_type, kind):
+    world = bench.world(bodies=True)
+    values = {"robot": "robot_2", "pose_type": pose_type, "map_frame": "here"}
+    driver = bench.add(DriverNode(context=bench.place()[0], values=values))
+    publisher = bench.observer().create_publisher(kind, "robot_2/pose", 10)
+    bench.spin_until(lambda: publisher.get_subscription_count() > 0, "poses are heard")
+    message = kind()
+    message.header.frame_id, message.header.stamp.sec = "here", 3
+    message.pose.pose.position.x = 1.5
+    message.pose.pose.orientation.z, message.pose.pose.orientation.w = 1.0, 0.0
+    publisher.publish(message)
+    bench.spin_until(lambda: driver.driver.pose is not None, "the pose is there")
+    assert driver.driver.pose == pytest.approx((1.5, 0.0, np.pi))
+    assert world.run.scenario.name == "env1"
+
+
+def test_poses_from_transforms(bench):
+    """The classes of tf2_msgs are not in the wheels: what they hold is given as it is."""
+    bench.world(bodies=True)
+    driver = bench.add(DriverNode(context=bench.place()[0], values={"robot": "robot_1"}))
+    bench.spin_until(lambda: driver.driver is not None, "the run is known")
+
+    def transform(parent, child, x, seconds):
+        stamp = SimpleNamespace(sec=seconds, nanosec=0)
+        return SimpleNamespace(
+            header=SimpleNamespace(frame_id=parent, stamp=stamp),
+            child_frame_id=child,
+            transform=SimpleNamespace(
+                translation=SimpleNamespace(x=x, y=0.0),
+                rotation=SimpleNamespace(x=0.0, y=0.0, z=0.0, w=1.0),
+            ),
+        )
+
+    base = transform("odom", "robot_1/base_link", 2.0, 7)
+    driver._on_transforms(False, SimpleNamespace(transforms=[base]))
+    assert driver.driver.pose is None
+    driver._on_transforms(True, SimpleNamespace(transforms=[transform("map", "odom", 1.0, 0)]))
+    assert driver.driver.pose == (3.0, 0.0, 0.0)
+
+
+def test_transforms_need_their_package(bench, monkeypatch):
+    monkeypatch.setitem(sys.modules, "tf2_msgs", None)
+    monkeypatch.setitem(sys.modules, "tf2_msgs.msg", None)
+    bench.world(bodies=True)
+    with pytest.raises(RunError, match="tf needs the package tf2_msgs"):
+        values = {"robot": "robot_1", "pose_type": "tf"}
         bench.add(DriverNode(context=bench.place()[0], values=values))
         bench.spin_until(lambda: False, seconds=5.0)
 
