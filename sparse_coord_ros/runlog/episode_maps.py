@@ -31,7 +31,8 @@ def check_world_maps(
             yield Difference(step, None, kind, MISSING, "one as the episode begins")
     for step in maps[1:][np.diff(maps) == 0].tolist():
         yield Difference(step, None, MAP.name, "twice", "once")
-    for step in maps[~np.isin(maps, [0, *starts.tolist()]) & (maps <= end)].tolist():
+    until = end if last is None else min(end, last)
+    for step in maps[~np.isin(maps, [0, *starts.tolist()]) & (maps <= until)].tolist():
         yield Difference(step, None, MAP.name, "there", "none: no episode begins")
     row = np.minimum(np.searchsorted(log.step, shown), len(log.step) - 1)
     if not len(log.step):

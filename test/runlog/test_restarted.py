@@ -21,9 +21,10 @@ def restarted(good, rewritten, tmp_path):
     As ROS keeps tables for late readers, the second recorder gets some a second time.
     """
     bag, directory = open_bag(good.bag), tmp_path / "bag"
-    cut = round(AT * good.run.step_period * 1e9)
 
-    def written(after):
+    def written(after, at=AT):
+        cut = round(at * good.run.step_period * 1e9)
+
         def before(found):
             return [one for one in found if one.log_time_ns < cut]
 
@@ -50,11 +51,15 @@ def test_tables_that_come_again_are_known(restarted):
     assert found.same
 
 
-def test_a_recorder_that_comes_back_after_the_run_names_the_gap(restarted):
-    found = restarted(lambda messages: [one for one in messages if one.topic == "/status"][-1:])
+@pytest.mark.parametrize("at", [2, AT])
+def test_a_recorder_that_comes_back_after_the_run_names_the_gap(restarted, at):
+    def end(messages):
+        return [one for one in messages if one.topic == "/status"][-1:]
+
+    found = restarted(end, at)
     assert [one.quantity for one in found.differences] == ["recording"]
     (gap,) = found.log.tracks.gaps
-    assert AT - 5 <= gap.first <= AT + 1
+    assert at - 5 <= gap.first <= at + 1
     assert gap.last == found.log.tracks.statuses[-1].step
 
 
