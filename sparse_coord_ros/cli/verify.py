@@ -99,7 +99,7 @@ def _print(found, shown: int | None) -> None:
     for sentence in found.broke_off:
         print(f"broke off: {sentence}")
     if found.cannot_tell and found.log.tracks.format > 1:
-        print("cannot tell how the run ended; all that the log does say is as it has to be")
+        print("cannot tell all of the run; what the log does say of the rest is as it has to be")
         print(f"open: {found.first}")
         return
     if found.cannot_tell:

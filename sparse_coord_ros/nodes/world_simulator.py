@@ -383,9 +383,9 @@ class WorldSimulator(ParameterNode):
                 "resume: a robot keeps no checkpoints; give every robot parameter 'out' and "
                 "resume:=true, or this world returning:=continue"
             )
-        step = self.lockstep.world.step
+        step, order = self.lockstep.world.step, self._back.order
         self.get_logger().info(
-            f"going on from the checkpoint of step {max(0, self._back.order.step)} "
+            f"going on from the checkpoint of step {step if order.step < 0 else order.step} "
             f"(transition {self.lockstep.world.transitions}, next step {step})"
         )
         return []

@@ -30,6 +30,7 @@ from sparse_coord_ros.runlog.episode_maps import check_world_maps
 from sparse_coord_ros.runlog.log import RunLog, read_run
 from sparse_coord_ros.runlog.percepts import check_percepts
 from sparse_coord_ros.runlog.repeats import check_repeats, repeat_count
+from sparse_coord_ros.runlog.returned import left_open
 from sparse_coord_ros.runlog.tracks import THE_CLOCK
 from sparse_coord_ros.runlog.world import WorldCheck, check_world
 
@@ -47,7 +48,8 @@ class Verification:
             the first, as all that follows from it differs too.
         open: what differs where the log does not say enough: as a robot or the world was
             killed; in a log of format 1, as a robot was late or left out.
-        broke_off: who was killed, as sentences; the same differences are in `open`.
+        broke_off: who was killed, or came back and went on alone, as sentences; the same
+            differences are in `open`.
         lost: how many messages are not in the log, by topic: of map, markers and coordination
             maps a busy middleware keeps only the last, of tables the last `TABLES_DEPTH`.
         steps: transitions of the world that were computed again and agree.
@@ -123,12 +125,13 @@ def verify(path: Path, *, compiled: bool | None = None) -> Verification:
     ordered = [one for one in ordered if one not in lost]
     open_ = [one for one in ordered if _open(one)] if _disturbed(log, world) else []
     killed, broke_off = _killed(log, agents, ordered)
-    open_ = [one for one in ordered if one in open_ or one in killed]
+    alone, went_on = left_open(log, ordered)
+    open_ = [one for one in ordered if one in open_ or one in killed or one in alone]
     return Verification(
         log=log,
         differences=tuple(one for one in ordered if one not in open_),
         open=tuple(open_),
-        broke_off=tuple(broke_off),
+        broke_off=(*broke_off, *went_on),
         lost=Counter(_topic(log, one) for one in lost),
         steps=world.transitions,
         choices=sum(agent.choices for agent in agents),

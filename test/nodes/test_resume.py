@@ -105,9 +105,11 @@ def test_another_run_is_refused(tmp_path):
 
 def by_hand(start_node, out, **more):
     patient = {"percept_timeout": 8.0, "step_timeout": 15.0}  # a loaded machine is no silence
-    world = {**values(out, **patient, **more), "rate": 400.0, "recorded": False}
+    world = {**values(out, **patient, **more), "rate": 400.0}
     del world["claim_window"]
     nodes = {"world_simulator": start_node("world_simulator", "world_simulator", **world)}
+    if more.get("recorded"):
+        nodes["recorder"] = start_node("recorder", "recorder", out=str(out / "bag"))
     for name in ("robot_1", "robot_2"):
         nodes[name] = start_node("robot", name, out=str(out))
     return nodes
@@ -139,12 +141,19 @@ def test_who_comes_back_takes_everybody_back(start_node, tmp_path, said, assert_
 @pytest.mark.long
 @pytest.mark.parametrize("who", ["robot_2", "world_simulator"])
 def test_or_goes_on_with_what_is_lost(start_node, tmp_path, who):
+    """And the log leaves that open, in words."""
     out = tmp_path / "out"
-    nodes = by_hand(start_node, out, returning="continue")
+    nodes = by_hand(start_node, out, returning="continue", recorded=True)
     summary = killed_and_resumed(start_node, nodes, who, out, returning="continue")
     assert summary["transitions"] == 600
     assert (summary["taken_back"], summary["transitions_lost"] > 0) == (0, True)
     assert "lost" in nodes["world_simulator"].output
+    found = verify(out)
+    if found.same:  # it was killed where it had just saved
+        return
+    assert found.cannot_tell, found.differences[:3]
+    name = "the world" if who == "world_simulator" else who
+    assert found.broke_off[0].startswith(f"{name} came back at step")
 
 
 @pytest.mark.long

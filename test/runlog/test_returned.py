@@ -1,0 +1,81 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Who came back and went on without the team: what the log cannot say is left open, in words."""
+
+import numpy as np
+import pytest
+from rclpy.serialization import serialize_message
+
+from sparse_coord_ros.cli.main import main
+from sparse_coord_ros.core.tables import pack_tables, unpack_robot
+from sparse_coord_ros.lockstep.rollback import Progress
+from sparse_coord_ros.nodes.messages import progress_message
+from sparse_coord_ros.recording import BagWriter, QoS
+from sparse_coord_ros.recording.reader import open_bag
+from sparse_coord_ros.runlog import verify
+
+AT = 200
+"""The time step at which robot_2 comes back."""
+FIRST = Progress("one", 0, 0)
+ALONE = Progress("another", 40, 39, (40, 0), resumed=True)
+OBEYED = ALONE._replace(obeyed="an order")
+
+
+@pytest.fixture
+def returned(good, tmp_path):
+    """Return a function that writes a bag: robot_2 says something, tables are changed."""
+    bag, directory = open_bag(good.bag), tmp_path / "bag"
+    period = round(good.run.step_period * 1e9)
+
+    def written(*said, other):
+        with BagWriter(directory) as new:
+            for name, texts in bag.metadata.items():
+                if name != "rosbag2":
+                    new.add_metadata(name, texts)
+            places = {
+                one.name: new.add_topic(one.name, one.type_name, one.qos[0])
+                for one in bag.topics.values()
+            }
+            latched = QoS("reliable", "transient_local", "keep_last", 1)
+            own = new.add_topic(
+                "/robot_2/progress", "diagnostic_msgs/msg/DiagnosticStatus", latched
+            )
+            due = [(0, FIRST), *((AT, one) for one in said)]
+            for one in bag.messages():
+                while due and one.log_time_ns > due[0][0] * period:
+                    step, progress = due.pop(0)
+                    data = serialize_message(progress_message("robot_2", progress))
+                    new.write(own, data, step * period, step * period)
+                new.write(places[one.topic], one.data, one.log_time_ns, one.publish_time_ns)
+            last = [one.name for one in bag.attachments if one.name.startswith(f"tables/{other}")]
+            for one in bag.attachments:
+                data = one.data
+                if one.name == last[-1]:
+                    number = int(other[-1])
+                    tables, counts = unpack_robot(data, number, where="")
+                    tables.q_star[0, 0] = np.nextafter(tables.q_star[0, 0], 1)
+                    data = pack_tables({number: tables}, counts=counts)
+                new.attach(one.name, data, one.media_type, one.log_time_ns)
+        return verify(directory)
+
+    return written
+
+
+def test_a_robot_that_went_on_alone_is_an_open_question(returned, tmp_path, capsys):
+    found = returned(ALONE, other="robot_2")
+    assert found.cannot_tell
+    assert [one.robot for one in found.open] == ["robot_2"]
+    assert main(["verify", str(tmp_path / "bag")]) == 3
+    told = f"robot_2 came back at step {AT} with what it had learned until step 40, and went on"
+    assert told in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("said", "other"),
+    [((ALONE,), "robot_1"), ((ALONE, OBEYED), "robot_2"), ((FIRST,), "robot_2"), ((), "robot_2")],
+    ids=["another robot", "it went back with the team", "the same process", "nobody came back"],
+)
+def test_other_differences_are_none_of_its(returned, said, other):
+    found = returned(*said, other=other)
+    assert [one.robot for one in found.differences] == [other]
+    assert not found.broke_off
