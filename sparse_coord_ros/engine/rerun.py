@@ -143,6 +143,7 @@ class SaidFactors(NamedTuple):
     Attributes:
         cell, next_cell, action, move, learned, reward, draws, epsilon, alpha: as of `Said`.
         known: the rows of rho of its peers, or -1 where it does not know where one is [i][peer].
+        counted: those of them that count where it acts on a percept, others -1 [i][peer].
         unseen: the row of failed percepts, or -1 where it perceived its peers [i].
         partners: as of `core.world.Reward`.
         blind: the draws for a move after a failed percept [i][2].
@@ -154,6 +155,7 @@ class SaidFactors(NamedTuple):
     action: Any
     move: Any
     known: Any
+    counted: Any
     unseen: Any
     learned: Any
     reward: Any
@@ -223,7 +225,7 @@ def follow(
     return end, 0, 0
 
 
-def correct(learned: LearnedFactors, known: Any, unseen: int) -> None:
+def correct(learned: LearnedFactors, counted: Any, unseen: int) -> None:
     """Set `learned.correction` to Q^C(x, z, .) - U(x, .) of what an action perceived."""
     correction, rho = learned.correction, learned.rho
     for b in range(PRIMITIVES):
@@ -233,8 +235,9 @@ def correct(learned: LearnedFactors, known: Any, unseen: int) -> None:
             correction[b] += rho[unseen][b]
         return
     for j in range(len(learned.peers)):
-        for b in range(PRIMITIVES):
-            correction[b] += rho[known[j]][b]
+        if counted[j] >= 0:
+            for b in range(PRIMITIVES):
+                correction[b] += rho[counted[j]][b]
 
 
 def follow_factors(
@@ -249,13 +252,13 @@ def follow_factors(
     own, rho, counts, values = learned.own, learned.rho, learned.counts, learned.values
     for i in range(begin, end):
         x = said.cell[i]
-        draws, known, unseen = said.draws[i], said.known[i], said.unseen[i]
+        draws, counted, unseen = said.draws[i], said.counted[i], said.unseen[i]
         action = epsilon_greedy(
             own.star[x], rule.actions, said.epsilon[i], draws[0], draws[1], draws[2]
         )
         move = action
         if action == COORDINATE:
-            correct(learned, known, unseen)
+            correct(learned, counted, unseen)
             for b in range(PRIMITIVES):
                 values[b] = own.u[x][b] + learned.correction[b]
             if unseen >= 0 and said.blind[i][BLIND_EXPLORE] < said.epsilon[i]:
@@ -273,14 +276,14 @@ def follow_factors(
         y = said.next_cell[i]
         learn_move(own, x, move, y, individual, common, asked, rule.terms, by_count, floor)
         for j in range(len(learned.peers)):
-            row = known[j]
+            row = said.known[i][j]
             if row >= 0:
                 share = common if (partners >> learned.peers[j]) & 1 else 0.0
                 learn_correction(rho[row], counts[row], move, share, by_count, floor)
         if asked:
             if unseen >= 0:
                 learn_correction(rho[unseen], counts[unseen], move, common, by_count, floor)
-            correct(learned, known, unseen)
+            correct(learned, counted, unseen)
             learn_asking(own, x, learned.correction, rule.percept_update, by_count, floor)
         refresh(own, x, rule.terms)
         replay(own, rule.replays, said.replay[i], rule.terms)

@@ -247,6 +247,10 @@ class RelearnedFactors(Relearned):
         )
         self._places = self._known_places(rule.share)
         self._keys, self._known, self._unseen = self._rows()
+        self._counted = self._known.copy()
+        if rule.right_of_way and self._robots > 2:  # as `core.factors.counted` says
+            first = self._places[:, k:] == story.cell[:, None]
+            self._counted[:, k:][first] = -1
         keys = keys_of(begun.states, self._cells, self._robots).tolist()
         self._started = dict(zip(keys, begun.corrections.tolist(), strict=True))
         rho = np.zeros((len(self._keys), PRIMITIVES))
@@ -315,6 +319,7 @@ class RelearnedFactors(Relearned):
         named = np.isfinite(partners)
         return SaidFactors(
             known=self._known[part],
+            counted=self._counted[part],
             unseen=self._unseen[part],
             partners=np.where(named, np.where(named, partners, 0), UNKNOWN_PARTNERS).astype(
                 np.int64
@@ -333,7 +338,7 @@ class RelearnedFactors(Relearned):
 
     def values(self, i: int) -> list[float]:
         """As of `Relearned`."""
-        correct(self._learned, self._known[i].tolist(), int(self._unseen[i]))
+        correct(self._learned, self._counted[i].tolist(), int(self._unseen[i]))
         u = self._learned.own.u[int(self._story.cell[i])]
         return [float(u[b] + self._learned.correction[b]) for b in range(PRIMITIVES)]
 
