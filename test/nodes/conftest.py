@@ -77,7 +77,7 @@ SHARED_MEMORY_USED: set[str] = set()
 class Bench:
     """Nodes of a team in one context and observers in another, spun in the test's own thread."""
 
-    def __init__(self, stack: ExitStack, executor: str = "events") -> None:
+    def __init__(self, stack: ExitStack, executor: str) -> None:
         self._stack, self._kind = stack, executor
         self._places: dict[str, tuple] = {}
         self._nodes: dict[Node, object] = {}
@@ -195,25 +195,31 @@ class Observer(Node):
         return len(self.get_publishers_info_by_topic(self.resolve_topic_name(topic)))
 
 
-@pytest.fixture
-def bench(own_domain):
-    """Return a bench with the events executor."""
-    with ExitStack() as stack:
-        yield Bench(stack)
+@pytest.fixture(scope="session")
+def executor_kind(request):
+    """Return the executor that the tests are to use: that of the option --executor."""
+    return request.config.getoption("--executor")
 
 
 @pytest.fixture
-def benches(own_domain):
-    """Return a maker of benches, for tests that want several or the single-threaded executor."""
+def bench(own_domain, executor_kind):
+    """Return a bench."""
     with ExitStack() as stack:
-        yield lambda executor="events": Bench(stack, executor)
+        yield Bench(stack, executor_kind)
+
+
+@pytest.fixture
+def benches(own_domain, executor_kind):
+    """Return a maker of benches, for tests that want several or a certain executor."""
+    with ExitStack() as stack:
+        yield lambda executor=executor_kind: Bench(stack, executor)
 
 
 @pytest.fixture(scope="module")
-def module_bench():
+def module_bench(executor_kind):
     """Return a bench that the tests of a module share."""
     with ExitStack() as stack:
-        yield Bench(stack)
+        yield Bench(stack, executor_kind)
 
 
 @pytest.fixture(scope="session")
@@ -367,10 +373,11 @@ def start(own_domain, tmp_path):
 
 
 @pytest.fixture
-def start_node(start):
+def start_node(start, executor_kind):
     """Return a function that starts a node as a process; parameters as keywords."""
 
     def starter(module: str, name: str, **parameters) -> Process:
+        parameters = {"executor": executor_kind, **parameters}
         arguments = ["--ros-args", "-r", f"__node:={name}"]
         for key, value in parameters.items():
             text = json.dumps(value) if isinstance(value, bool | list) else str(value)
