@@ -78,7 +78,7 @@ class Bench:
     """Nodes of a team in one context and observers in another, spun in the test's own thread."""
 
     def __init__(self, stack: ExitStack, executor: str) -> None:
-        self._stack, self._kind = stack, executor
+        self._stack, self._kind = stack.enter_context(ExitStack()), executor
         self._places: dict[str, tuple] = {}
         self._nodes: dict[Node, object] = {}
         self._finished: set[Node] = set()
@@ -108,6 +108,10 @@ class Bench:
             if isinstance(node, Recorder):
                 node.close()
             node.destroy_node()
+
+    def close(self) -> None:
+        """Take all nodes and their contexts away: another team may have their names."""
+        self._stack.close()
 
     def world(self, *, namespace: str = "", **values) -> WorldSimulator:
         """Start a world simulator; env1 without claim window unless `values` say otherwise."""

@@ -155,6 +155,7 @@ def test_two_runs_of_one_seed_drive_alike(bench, tmp_path):
         with np.load(paths) as kept:
             seconds, first = np.unique(kept["seconds"], return_index=True)
             found.append((seconds, kept["poses"][first]))
+        bench.close()
     assert np.array_equal(found[0][0], found[1][0])
     assert found[0][1].tobytes() == found[1][1].tobytes()
 

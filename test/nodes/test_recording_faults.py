@@ -208,7 +208,7 @@ def test_without_either_nothing_is_flushed(bench, tmp_path):
     """So that the two tests before this one could fail."""
     step, recorder = a_recorded_bench(bench, tmp_path / "bag", 30)
     bench.spin_until(lambda: recorder.recording.bag.message_count > 7 * step, "all is there")
-    assert last_step(tmp_path / "bag") == 0
+    assert last_step(tmp_path / "bag") <= 1, "with the robots' first tables"
 
 
 def test_a_recording_leaves_room_for_the_tables(bench, tmp_path, monkeypatch):
