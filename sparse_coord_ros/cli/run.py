@@ -9,6 +9,7 @@ from typing import Any
 
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.core.run_config import RUN_SETTINGS, load_run
+from sparse_coord_ros.core.tables import TEAM_FILE
 from sparse_coord_ros.errors import BagError, RunError
 from sparse_coord_ros.lockstep.checkpoints import CHECKPOINTS
 
@@ -125,6 +126,12 @@ def _run(options: argparse.Namespace, values: dict[str, Any], page: Any = None) 
         shared.print_json({"directory": str(out), **summary})
     else:
         _print(out, summary)
+    if not summary["interrupted"] and not (out / TEAM_FILE).exists():
+        sys.stdout.flush()
+        raise RunError(
+            f"{out}: not all tables could be saved there (see above); make room, then: "
+            f"sparse_coord run --resume {out}"
+        )
     if "recording_error" in summary:
         sys.stdout.flush()  # the error comes last, wherever both go
         raise BagError(summary["recording_error"])
@@ -163,8 +170,11 @@ def _print(out, summary) -> None:
         print(f"{summary['transitions_dropped']} transitions were not learned from")
     for robot, asks in summary.get("asks", {}).items():
         print(f"{robot} asked: " + ", ".join(f"{count} {how}" for how, count in asks.items()))
-    print(f"tables  {out / 'tables.npz'}\nrun     {out / 'run.yaml'}")
-    if (out / CHECKPOINTS).is_dir():
+    if (out / TEAM_FILE).exists():
+        print(f"tables  {out / TEAM_FILE}")
+    print(f"run     {out / 'run.yaml'}")
+    saved = summary["interrupted"] or (out / TEAM_FILE).exists()
+    if saved and (out / CHECKPOINTS).is_dir():
         print(f"not finished; go on with: sparse_coord run --resume {out}")
     if (out / "bag").exists():
         print(f"bag     {out / 'bag'}")

@@ -38,3 +38,20 @@ def test_without_ros_it_says_what_to_do(refused, monkeypatch):
     message = refused("run", "env1", "--out", "out")
     for words in ("ROS 2 is not there", "source a ROS 2 Jazzy", "'.[ros]'", "sparse_coord train"):
         assert words in message
+
+
+def test_a_run_whose_tables_could_not_be_saved_is_not_said_to_be_unfinished(
+    sparse_coord, folder, monkeypatch
+):
+    def run(values, **more):
+        (folder / "out" / "checkpoint").mkdir(parents=True)
+        return {"interrupted": False, "transitions": 5}
+
+    monkeypatch.setattr("sparse_coord_ros.cli.live.run", run)
+    code, printed, error = sparse_coord("run", "env1", "--steps", 5, "--out", "out")
+    assert code == 2
+    assert "not finished" not in printed and "tables.npz" not in printed
+    assert error == (
+        "error: out: not all tables could be saved there (see above); make room, then: "
+        "sparse_coord run --resume out\n"
+    )

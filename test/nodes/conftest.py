@@ -354,9 +354,9 @@ class Process:
             assert self.running() and time.monotonic() < deadline, f"no {text!r}: {self.output}"
             time.sleep(0.01)
 
-    def exit_code(self) -> int:
+    def exit_code(self, seconds: float = PATIENCE_SECONDS) -> int:
         """Wait for its end."""
-        return self._popen.wait(PATIENCE_SECONDS)
+        return self._popen.wait(seconds)
 
 
 @pytest.fixture

@@ -5,6 +5,7 @@
 import json
 import os
 import signal
+import time
 from pathlib import Path
 
 import pytest
@@ -20,7 +21,8 @@ from sparse_coord_ros.runlog import verify
 
 SEED = 7
 SETTINGS = {"steps": 600, "perception": "probability:0.7"}
-NODES = ("world_simulator", "robot_1", "robot_2")
+STEPS, MANY_SECONDS = 3000, 120.0
+"""Of a team that is killed twice, and how long its processes may take on a loaded machine."""
 SETS = [f"{name}={value}" for name, value in SETTINGS.items()]
 
 
@@ -118,6 +120,7 @@ def by_hand(start_node, out, **more):
 def killed_and_resumed(start_node, nodes, who, out, **more):
     while len(saved(out)) < 6:  # two checkpoints of each
         assert nodes[who].running(), nodes[who].output
+        time.sleep(0.002)
     nodes[who].send_signal(signal.SIGKILL)
     nodes[who].exit_code()
     module = "robot" if who != "world_simulator" else who
@@ -161,14 +164,15 @@ def test_or_goes_on_with_what_is_lost(start_node, tmp_path, who):
 def test_kill_9_of_everything(start, tmp_path, processes, assert_same_tables, simulate):
     """Twice, then it ends with the bits of an unbroken run; a second resume at once is refused."""
     out = tmp_path / "out"
-    settings = {"steps": 6000, "perception": "probability:0.7"}
+    settings = {"steps": STEPS, "perception": "probability:0.7"}
     sets = [text for name, value in settings.items() for text in ("--set", f"{name}={value}")]
-    run = ["run", "env1", "--seed", "7", "--checkpoint", "500", "--out", str(out), *sets]
+    run = ["run", "env1", "--seed", "7", "--checkpoint", "300", "--out", str(out), *sets]
     process = start("cli.main", *run, *processes)
     for k in range(2):
         known = saved(out)
         while len(saved(out) - known) < 3:
             assert process.running(), process.output
+            time.sleep(0.01)
         os.killpg(process.pid, signal.SIGKILL)
         for pid in _of(out):
             os.kill(pid, signal.SIGKILL)
@@ -176,10 +180,10 @@ def test_kill_9_of_everything(start, tmp_path, processes, assert_same_tables, si
         process = start("cli.main", "run", "--resume", str(out), "--json", *processes)
         if k:
             process.wait_for("", 1)
-    assert process.exit_code() == 0, process.output
+    assert process.exit_code(MANY_SECONDS) == 0, process.output
     said = simulate("env1", settings, seed=7)
     assert_same_tables(out, said)
-    assert json.loads(process.output[process.output.index("{") :])["transitions"] == 6000
+    assert json.loads(process.output[process.output.index("{") :])["transitions"] == STEPS
     found = verify(out)
     assert found.same or {one.quantity for one in found.differences} == {"recording"}
 

@@ -46,6 +46,9 @@ HEAD = (
 )
 LIMIT = 120.0
 
+UNFINISHED, NO_END = "file: logged unfinished", "the file has no end"
+"""What `verify` says of the bag of a recorder that was killed, and the table."""
+
 
 class Cell(NamedTuple):
     """One trial."""
@@ -149,7 +152,8 @@ def trial(cell: Cell, folder: Path, chance: random.Random) -> list[str]:
         verdict = names.get(found.returncode, str(found.returncode))
         if found.returncode == 1:
             lines = [one for one in found.stdout.decode().splitlines() if "differs:" in one]
-            verdict += f" ({lines[0].partition('differs: ')[2][:60]})" if lines else ""
+            first_line = lines[0].partition("differs: ")[2][:60] if lines else ""
+            verdict += f" ({NO_END if first_line.startswith(UNFINISHED) else first_line})"
     return [
         cell.who,
         cell.number,
