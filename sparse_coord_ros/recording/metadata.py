@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from sparse_coord_ros.recording.qos import QoS, yaml_text
+from sparse_coord_ros.recording.topics import BagTopic
 
 METADATA_FILE = "metadata.yaml"
 METADATA_RECORD = "rosbag2"
@@ -60,6 +61,11 @@ class TopicSummary:
             },
             "message_count": self.message_count,
         }
+
+
+def topic_summary(topic: BagTopic, count: int) -> TopicSummary:
+    """Return what `metadata.yaml` says about a topic of so many messages."""
+    return TopicSummary(topic.name, topic.type_name, count, topic.qos, topic.type_hash)
 
 
 @dataclass(frozen=True)

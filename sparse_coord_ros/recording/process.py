@@ -186,8 +186,7 @@ class BagProcess:
 class _Child:
     """What the child process does, one method a request."""
 
-    def __init__(self) -> None:
-        self.bag: BagWriter
+    bag: Any = None
 
     def open(self, directory: str, options: dict[str, Any]) -> None:
         self.bag = BagWriter(Path(directory), **options)

@@ -26,9 +26,9 @@ from sparse_coord_ros.recording.metadata import (
     METADATA_RECORD,
     RECOVERED_RECORD,
     FileSummary,
-    TopicSummary,
     bag_information,
     metadata_yaml,
+    topic_summary,
 )
 from sparse_coord_ros.recording.reader import Bag, bag_files, number_of, open_bag
 from sparse_coord_ros.recording.writer import BagWriter, Earlier
@@ -149,11 +149,8 @@ def _holds_anything(file: Path) -> bool:
 
 def _free(path: Path) -> Path:
     """Return a name that nothing has, with a number at its end where it must have one."""
-    for number in itertools.count(1):
-        free = path.with_name(f"{path.name}{number if number > 1 else ''}")
-        if not free.exists():
-            return free
-    raise AssertionError
+    names = (path.with_name(f"{path.name}{number}") for number in itertools.count(2))
+    return next(free for free in itertools.chain([path], names) if not free.exists())
 
 
 def _in_place(bag: Bag, directory: Path) -> Recovery:
@@ -280,16 +277,12 @@ def _because(bag: Bag) -> str:
 
 def _keep(file: Path) -> Path:
     """Give a file a second name that ends with `.damaged`, or `.damaged2` and so on."""
-    for number in itertools.count(1):
-        kept = file.with_name(f"{file.name}.damaged{number if number > 1 else ''}")
-        if kept.exists():
-            continue
-        try:
-            os.link(file, kept)
-        except OSError:  # no second names in this file system
-            file.rename(kept)
-        return kept
-    raise AssertionError
+    kept = _free(file.with_name(f"{file.name}.damaged"))
+    try:
+        os.link(file, kept)
+    except OSError:  # no second names in this file system
+        file.rename(kept)
+    return kept
 
 
 def _describes(metadata: Path, bag: Bag) -> bool:
@@ -308,10 +301,7 @@ def _describes(metadata: Path, bag: Bag) -> bool:
 def _write_metadata(metadata: Path, bag: Bag) -> None:
     if metadata.exists():
         _keep(metadata)
-    topics = [
-        TopicSummary(t.name, t.type_name, bag.counts[t.name], t.qos, t.type_hash)
-        for t in bag.topics.values()
-    ]
+    topics = [topic_summary(topic, bag.counts[topic.name]) for topic in bag.topics.values()]
     files = [_file_summary(file) for file in bag.files]
     write_text(metadata, metadata_yaml(bag_information(files, topics)))
 

@@ -18,9 +18,9 @@ from sparse_coord_ros.recording.metadata import (
     RESTARTED,
     SPLIT,
     FileSummary,
-    TopicSummary,
     bag_information,
     metadata_yaml,
+    topic_summary,
 )
 from sparse_coord_ros.recording.qos import QoS, offered_qos_profiles, yaml_text
 from sparse_coord_ros.recording.records import LARGEST_RECORD, LATEST_NS
@@ -323,14 +323,9 @@ class BagWriter:
         if self._file.closed:
             return
         self._finish_file()
-        topics = {name: (topic, 0) for name, topic in self._topics_before.items()}
-        topics |= {n: (t, self._counts[self._channels[n]]) for n, t in self._topics.items()}
-        summaries = [
-            TopicSummary(
-                t.name, t.type_name, count or self._counts_before.get(name, 0), t.qos, t.type_hash
-            )
-            for name, (t, count) in topics.items()
-        ]
+        topics = self._topics_before | self._topics
+        counts = self._counts_before | {n: self._counts[c] for n, c in self._channels.items()}
+        summaries = [topic_summary(topic, counts[name]) for name, topic in topics.items()]
         information = bag_information(self._files, summaries)
         write_text(self._directory / METADATA_FILE, metadata_yaml(information))
 
@@ -339,8 +334,8 @@ class BagWriter:
         counts = {c: count - self._before[c] for c, count in self._counts.items()}
         file = FileSummary(self._file_name, sum(counts.values()), self._start_ns, self._end_ns)
         summaries = [
-            TopicSummary(t.name, t.type_name, counts[channel], t.qos, t.type_hash)
-            for t, channel in zip(self._topics.values(), self._channels.values(), strict=True)
+            topic_summary(topic, counts[self._channels[name]])
+            for name, topic in self._topics.items()
         ]
         try:
             self._file.check_usable()

@@ -26,6 +26,8 @@ from sparse_coord_ros.runlog.draws import percept_draws
 from sparse_coord_ros.runlog.log import NONE, RunLog
 from sparse_coord_ros.runlog.story import tell
 
+Place = tuple[float, float]
+
 ENDED = len(ACTION_LABELS) + ACCOUNT_LABELS.index(PERCEPT.name)
 
 
@@ -111,19 +113,23 @@ class _Judge:
         if len(cells) < len(known):
             return  # the world's check names the missing state
         draw = self.draws[k][step]
-        visible = [draw < self.probabilities[here][cell] for cell in cells]
-        seen = places[1 : int(row["count"])]
-        expected = _words(cells) if peers and all(visible) else PERCEPT_ENDS[REFUSED]
-        exact = peers and all(visible) and seen == [centres[cell] for cell in cells]
-        exact = exact and row["count"] == 1 + len(peers)
-        if row["count"] > 1 and not exact:
-            found = [self.frame.cell(*place) for place in seen]
+        sees = [draw < self.probabilities[here][cell] for cell in cells]
+        due = [
+            (peer, centres[cell] if seen else None)
+            for peer, cell, seen in zip(peers, cells, sees, strict=True)
+        ]
+        answered = bool(peers) and all(sees)
+        shown = places[1 : int(row["count"])]
+        expected = _words(cells) if answered else PERCEPT_ENDS[REFUSED]
+        exact = answered and shown == [where for _, where in due]
+        if row["count"] > 1 and not (exact and row["count"] == 1 + len(peers)):
+            found = [self.frame.cell(*place) for place in shown]
             yield Difference(step, name, PERCEPT.name, _words(found), expected)
             return
         if self.log.tracks.format == 1:
             if row["count"] > 1:
-                yield from self._answers(k, step, peers, cells, visible, len(peers))
-            elif peers and all(visible) and self._all_answered(k, step, peers, cells):
+                yield from self._answers(k, step, due)
+            elif answered and not list(self._answers(k, step, due)):
                 yield Difference(step, name, PERCEPT.name, "failed", expected)
             return
         if row["count"] > 1:
@@ -133,54 +139,39 @@ class _Judge:
         if code not in allowed:
             yield self._code(step, k, code, " or ".join(PERCEPT_ENDS[one] for one in allowed))
         elif code == ANSWERED:
-            yield from self._answers(k, step, peers, cells, visible, len(peers))
+            yield from self._answers(k, step, due)
         elif code == REFUSED:
-            yield from self._refused(k, step, peers, cells, visible)
+            yield from self._refused(k, step, due, expected=_words(cells))
 
     def _refused(
-        self, k: int, step: int, peers: list[int], cells: list[int], visible: list[bool]
+        self, k: int, step: int, due: Sequence[tuple[int, Place | None]], *, expected: str
     ) -> Iterator[Difference]:
         """One peer after the other has answered, up to one that refused or was further."""
-        for place, peer in enumerate(peers):
+        for peer, where in due:
             request = self.latest.get((k, peer, step))
             answer = None if request is None else request.answer
             if answer is not None and answer[0] > step:
                 return
-            if answer is None or not visible[place]:
-                yield from self._answers(k, step, peers, cells, visible, place + 1)
+            yield from self._answers(k, step, [(peer, where)])
+            if answer is None or where is None:
                 return
-            yield from self._answers(k, step, [peer], [cells[place]], [visible[place]], 1)
-        name = self.log.names[k]
-        yield Difference(step, name, PERCEPT.name, PERCEPT_ENDS[REFUSED], _words(cells))
+        yield Difference(step, self.log.names[k], PERCEPT.name, PERCEPT_ENDS[REFUSED], expected)
 
     def _answers(
-        self,
-        k: int,
-        step: int,
-        peers: list[int],
-        cells: list[int],
-        visible: list[bool],
-        count: int,
+        self, k: int, step: int, due: Sequence[tuple[int, Place | None]]
     ) -> Iterator[Difference]:
-        """Compare the dialogue with the answers that there must have been."""
+        """Compare the dialogue with what peers must have answered: where they are; None: no."""
         name = self.log.names[k]
-        for peer, cell, sees in list(zip(peers, cells, visible, strict=True))[:count]:
+        for peer, where in due:
             quantity = f"{DIALOGUE} with {self.log.names[peer]}"
-            where = self.frame.centres[cell] if sees else None
-            due = "a refusal" if where is None else f"the answer {where}"
+            said = "a refusal" if where is None else f"the answer {where}"
             request = self.latest.get((k, peer, step))
             if request is None:
-                yield Difference(step, name, quantity, MISSING, due)
+                yield Difference(step, name, quantity, MISSING, said)
             elif request.answer is None:
-                yield Difference(step, name, quantity, f"{EVENT_NAMES[RETURNED]} {MISSING}", due)
+                yield Difference(step, name, quantity, f"{EVENT_NAMES[RETURNED]} {MISSING}", said)
             elif request.answer != (step, where):
-                yield Difference(step, name, quantity, f"{request.answer}", due)
-
-    def _all_answered(self, k: int, step: int, peers: list[int], cells: list[int]) -> bool:
-        """Whether by the dialogue every peer said where it was."""
-        requests = [self.latest.get((k, peer, step)) for peer in peers]
-        due = [(step, self.frame.centres[cell]) for cell in cells]
-        return all(r is not None and r.answer == d for r, d in zip(requests, due, strict=True))
+                yield Difference(step, name, quantity, f"{request.answer}", said)
 
     def _request(self, request: Request) -> Iterator[Difference]:
         """Judge whether the four sides of an answered request are there, agree and are true."""

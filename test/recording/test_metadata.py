@@ -102,6 +102,13 @@ def test_bag_without_messages_starts_at_the_largest_time():
     assert yaml.safe_load(metadata_yaml(none))["rosbag2_bagfile_information"] == none
 
 
+def test_an_empty_file_has_no_say_in_when_a_bag_begins():
+    files = [FileSummary("a_0.mcap", 0, 0, 0), FileSummary("a_1.mcap", 2, 500, 900)]
+    information = bag_information(files, [])
+    assert information["starting_time"] == {"nanoseconds_since_epoch": 500}
+    assert information["duration"] == {"nanoseconds": 400}
+
+
 def test_custom_data_and_distribution_are_kept():
     """Texts that look like numbers stay texts."""
     information = bag_information(

@@ -67,6 +67,12 @@ def test_a_writer_that_does_not_start_is_not_said_to_leave_a_bag(
     assert not (tmp_path / "run").exists()
 
 
+def test_a_bag_that_cannot_be_made_is_one_error_and_no_traceback(tmp_path, capfd):
+    with pytest.raises(BagError, match="exists: choose another name"):
+        BagProcess(tmp_path)
+    assert capfd.readouterr().err == ""
+
+
 def test_a_writer_that_is_killed_leaves_a_bag_to_recover(tmp_path, samples):
     writer = BagProcess(tmp_path / "run")
     channel = writer.add_topic("/a", STRING, QoS())

@@ -60,6 +60,41 @@ def test_files_by_size_and_time(tmp_path, samples, limit):
     assert bag.files[1].continued == {"why": "split"}
 
 
+def test_a_file_of_so_long_ends_before_the_message_that_is_so_much_later(tmp_path, samples):
+    begin(tmp_path / "bag", samples, range(25), max_ns=10)[0].close()
+    files = open_bag(tmp_path / "bag").files
+    assert [(file.start_ns, file.end_ns) for file in files] == [(0, 9), (10, 19), (20, 24)]
+
+
+def test_what_is_counted_over_several_files(tmp_path, samples):
+    """Bytes go on with every file; times may be in any order; numbers may be those of another."""
+    writer, [a, b] = begin(tmp_path / "bag", samples)
+    before = writer.bytes_written
+    writer.begin_file({"why": "split"})
+    assert writer.bytes_written > before
+    for sequence, time in enumerate((50, 40, 60)):
+        writer.write(b, samples.cdr(STRING), time, time, sequence=100 + sequence)
+    writer.close()
+    bag = open_bag(tmp_path / "bag")
+    assert [m.sequence for m in bag.messages({"/b"})] == [*range(15), 100, 101, 102]
+    information = yaml.safe_load((tmp_path / "bag" / "metadata.yaml").read_text())
+    last = information["rosbag2_bagfile_information"]["files"][1]
+    assert last["starting_time"]["nanoseconds_since_epoch"] == 40
+    assert last["duration"]["nanoseconds"] == 20
+
+
+def test_a_topic_that_says_nothing_any_more_is_still_counted(tmp_path, samples):
+    directory = tmp_path / "bag"
+    begin(directory, samples)[0].close()
+    with BagWriter(directory, earlier=continued(directory)) as writer:
+        channel = writer.add_topic("/a", STRING, QoS())
+        writer.write(channel, samples.cdr(STRING), 30, 30)
+    text = (directory / "metadata.yaml").read_text()
+    topics = yaml.safe_load(text)["rosbag2_bagfile_information"]["topics_with_message_count"]
+    counts = {one["topic_metadata"]["name"]: one["message_count"] for one in topics}
+    assert counts == {"/a": 16, "/b": 15}
+
+
 def test_a_killed_recorder_goes_on_in_the_next_file(tmp_path, samples):
     directory = tmp_path / "bag"
     begin(directory, samples)[0].abandon()
