@@ -83,6 +83,35 @@ def test_what_is_counted_over_several_files(tmp_path, samples):
     assert last["duration"]["nanoseconds"] == 20
 
 
+def test_files_come_by_their_numbers_and_finished_ones_first(tmp_path, samples):
+    directory = tmp_path / "bag"
+    writer, channels = begin(directory, samples, range(1))
+    for number in range(1, 12):
+        writer.begin_file({"why": "split"})
+        write(writer, channels, samples, [number])
+    writer.close()
+    assert [time for _, time in said(open_bag(directory))] == list(range(12))
+    data = (directory / "bag_3.mcap").read_bytes()
+    (directory / "bag_3.mcap.partial").write_bytes(data[: len(data) // 2])
+    bag = open_bag(directory)
+    assert bag.files[3].path.name == "bag_3.mcap" and bag.message_count == 12
+
+
+@pytest.mark.parametrize("last", [False, True])
+def test_only_a_last_file_that_was_recovered_makes_a_bag_recovered(tmp_path, samples, last):
+    """What was lost at the end of one before is a gap between files, and is called so."""
+    note = {"complete": "false", "damage": "", "lost_bytes": "9"}
+    writer, channels = begin(tmp_path / "bag", samples, range(3))
+    if not last:
+        writer.add_metadata("recovered", note)
+    writer.begin_file({"why": "restarted"})
+    if last:
+        writer.add_metadata("recovered", note)
+    write(writer, channels, samples, range(3, 6))
+    writer.close()
+    assert open_bag(tmp_path / "bag").recovered == (note if last else None)
+
+
 def test_a_topic_that_says_nothing_any_more_is_still_counted(tmp_path, samples):
     directory = tmp_path / "bag"
     begin(directory, samples)[0].close()
