@@ -138,6 +138,10 @@ def test_what_was_recovered_says_so_for_good(tmp_path, samples, capsys):
     damage = f"{cut.damage}; {index.damage}"
     assert twice.recovered == {**lost, "damage": damage}
     assert [name for name, _ in twice.metadata_records] == ["recovered", "run", "rosbag2"]
+    os.truncate(file, open_bag(bag).readable_bytes - 100)
+    more = open_bag(bag).lost_bytes
+    recover(bag)
+    assert more and open_bag(bag).recovered["lost_bytes"] == str(cut.lost_bytes + more)
 
 
 def test_all_metadata_records_of_one_name_are_carried_over(tmp_path):

@@ -83,6 +83,21 @@ def test_what_is_counted_over_several_files(tmp_path, samples):
     assert last["duration"]["nanoseconds"] == 20
 
 
+def test_a_damaged_original_is_kept_beside_the_bag_that_goes_on(tmp_path, samples):
+    """What is lost cannot be had from the mended file: nobody removes the original."""
+    for name, cut in (("whole", 0), ("damaged", 150)):
+        directory = tmp_path / name
+        begin(directory, samples)[0].abandon()
+        [file] = directory.iterdir()
+        data = bytearray(file.read_bytes())
+        if cut:
+            data[-cut:] = bytes(cut)
+            file.write_bytes(data)
+        assert continued(directory) is not None
+        originals = [path for path in directory.iterdir() if ".damaged" in path.name]
+        assert [path.read_bytes() for path in originals] == ([bytes(data)] if cut else [])
+
+
 def test_files_come_by_their_numbers_and_finished_ones_first(tmp_path, samples):
     directory = tmp_path / "bag"
     writer, channels = begin(directory, samples, range(1))

@@ -15,6 +15,7 @@ from sparse_coord_ros.core.simulation import tables_equal
 from sparse_coord_ros.errors import BagError
 from sparse_coord_ros.recording import walk
 from sparse_coord_ros.recording.reader import bag_file
+from sparse_coord_ros.recording.records import HEAD
 from sparse_coord_ros.recording.walk import Walk
 from sparse_coord_ros.runlog import read_run, window
 from sparse_coord_ros.runlog.tracks import SPOKEN
@@ -133,9 +134,13 @@ def test_a_walk_reads_a_removed_file_and_says_where_one_is_damaged(bag, tmp_path
     history = concatenated([part.history for part in parts])
     assert history.same_bits(whole.history()) and len(log.around(10**6).step)
     log.close()
+    assert len(log.walk.chunks) == 2, "what cannot be read is no chunk any more"
     path.write_bytes(data[:middle])
     cut = Walk(path)
     assert not cut.finished and len(cut.chunks) == 2
+    second = cut.chunks[1]
+    path.write_bytes(data[: second.offset + HEAD.size + second.length])  # it ends with the file
+    assert len(Walk(path).chunks) == 2
     path.write_bytes(b"no bag")
     with pytest.raises(BagError, match="is not an MCAP file"):
         Walk(path)
