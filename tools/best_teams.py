@@ -11,6 +11,7 @@ best few are learned again and judged by fresh trials.
 import argparse
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -46,7 +47,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--file", type=Path, default=FILE)
     options = parser.parse_args(arguments)
     [study] = [one for one in STUDIES if one.name == "many"]
-    found = results_of(study, options.out, 1)
+    own = [one for one in study.conditions if one.learner == "factored"]
+    found = results_of(replace(study, conditions=own), options.out, jobs=1)
     teams = {}
     for name in MANY:
         condition = make_condition(name, "factored", LONG)

@@ -4,7 +4,11 @@
 
 import pytest
 
+from sparse_coord_ros.core.agent import Decision
+from sparse_coord_ros.core.algorithm import COORDINATE, EAST, NORTH
 from sparse_coord_ros.core.learners import learner_of
+from sparse_coord_ros.core.scenario import load_scenario
+from sparse_coord_ros.core.world import Action, Reward
 from sparse_coord_ros.engine.conditions import make_condition
 from tools.coordination import __main__ as tool
 from tools.coordination import studies
@@ -51,3 +55,24 @@ def test_the_ablation_turns_off_one_part_each():
     for rule in studies.ABLATED.values():
         part = learner_of(rule).factors
         assert sum(a != b for a, b in zip(part, whole, strict=True)) == (rule != "factored")
+
+
+def test_learners_of_the_joint_state_learn_when_they_see_the_next_one():
+    rule = learner_of(studies.JOINT)
+    settings = {"step_size": "constant:0.5", "q_coord_init": 10, "epsilon": "constant:0"}
+    scenario = load_scenario("env1", **settings)
+    one = rule.agent(scenario, 0, 1)
+    assert one.decide(3, 2) == Decision(COORDINATE, (1,))
+    row = one.tables.q_coord
+    action = Action(EAST, True, 1, True)
+    one.learn(3, 2, one.decide(3, 2), action, (5,), Reward(0.0, -20.0, 0.0, -20.0), 3)
+    assert (row == 10).all()  # it does not know yet where the peer went
+    row[3, 6, NORTH] = 100
+    assert one.coordinate(4, 3, (6,)) == NORTH
+    assert row[2, 5, EAST] == 5 + 0.5 * (-20 + 0.95 * 100)
+    one.learn(4, 3, one.decide(4, 3), action, (6,), Reward(10.0, 0.0, 0.0, 10.0), one.goal)
+    assert row[3, 6, EAST] == 5 + 0.5 * (10 + 0.95 * 200)
+    one.learn(7, 2, one.decide(7, 2), action, (5,), Reward(0.0, 0.0, 0.0, 0.0), 3)
+    before = row.copy()
+    one.coordinate(10, 3, (6,))  # another episode: nothing to learn
+    assert (row == before).all()

@@ -14,6 +14,7 @@ from typing import Any
 
 from sparse_coord_ros.cli.computing import add_computing, jobs_of
 from sparse_coord_ros.cli.verbs import Parser
+from sparse_coord_ros.core.learners import learner_of
 from sparse_coord_ros.engine.cluster import cluster_at
 from sparse_coord_ros.engine.conditions import Condition
 from sparse_coord_ros.engine.results import ConditionResult, Plan, open_results
@@ -69,15 +70,21 @@ def results_of(study: Study, out: Path, **where: Any) -> "dict[Condition, Condit
         where: by what it is computed: engine, jobs and cluster of `engine.runner.compute`.
     """
     found: dict[Condition, ConditionResult] = {}
-    for two, runs in zip((True, False), study.runs, strict=True):
-        own = [one for one in study.conditions if (len(one.scenario.robots) == 2) == two]
-        plan = Plan(SEED, runs, 2 if two else study.trials)
+    for exact, runs in zip((True, False), study.runs, strict=True):
+        own = [one for one in study.conditions if _is_exact(one) == exact]
+        plan = Plan(SEED, runs, 2 if exact else study.trials)
         if not own:
             continue
         with open_results(out / f"{runs}-runs-{plan.trials}-trials", plan) as results:
             by_id = compute(own, plan, results=results, progress=_say, **where)
         found |= {one: by_id[one.id] for one in own}
     return found
+
+
+def _is_exact(condition: Condition) -> bool:
+    """Whether teams are evaluated exactly: their trials are of no interest."""
+    two = len(condition.scenario.robots) == 2
+    return two and learner_of(condition.learner).compiled
 
 
 def _say(name: str, done: int, total: int) -> None:

@@ -1,9 +1,22 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The factored learner with one part of its rule turned off, for the ablation."""
+"""The factored learner with one part of its rule turned off, and learners of the joint state."""
 
+from typing import Any
+
+from sparse_coord_ros.core.agent import Agent, Decision, Tables
+from sparse_coord_ros.core.algorithm import (
+    COORDINATE,
+    PRIMITIVES,
+    epsilon_greedy,
+    greatest,
+    updated,
+)
 from sparse_coord_ros.core.factors import FactorRule
-from sparse_coord_ros.core.learners import Factored
+from sparse_coord_ros.core.learners import Factored, Learner
+from sparse_coord_ros.core.scenario import Scenario
+from sparse_coord_ros.core.streams import EXPLORE, EXPLORED_ACTION, LEARNING, PRIMITIVE_TIE
+from sparse_coord_ros.core.world import Action, Reward
 
 
 class NotToldByRequests(Factored):
@@ -34,3 +47,83 @@ class NoRightOfWay(Factored):
     """Several robots in one cell wait for one another."""
 
     factors = FactorRule(right_of_way=False)
+
+
+class JointAgent(Agent):
+    """Q-learning over the joint state, which it sees in every step.
+
+    Its table is `q_coord`; it learns of a step when it sees where the next one begins.
+    """
+
+    def __init__(self, *arguments: Any, **more: Any) -> None:
+        super().__init__(*arguments, **more)
+        self._last: tuple[int, tuple[int, ...], float] | None = None  # step, entry, reward
+
+    def decide(self, step: int, cell: int) -> Decision:
+        """Look at everybody, always."""
+        return Decision(COORDINATE, self._peers)
+
+    def coordinate(self, step: int, cell: int, perceived: tuple[int, ...] | None) -> int:
+        """Learn from the step before, and choose by pi_epsilon over the joint state."""
+        assert perceived is not None  # percepts that fail are another problem
+        row = self._tables.q_coord[cell, *perceived].tolist()
+        if self._last is not None and self._last[0] == step - 1:
+            self._update(greatest(row, PRIMITIVES))
+        draws = self._draws.at(step)
+        return epsilon_greedy(
+            row,
+            PRIMITIVES,
+            self.epsilon(step),
+            draws[EXPLORE],
+            draws[EXPLORED_ACTION],
+            draws[PRIMITIVE_TIE],
+        )
+
+    def learn(
+        self,
+        step: int,
+        cell: int,
+        decision: Decision,
+        action: Action,
+        perceived: tuple[int, ...] | None,
+        reward: Reward,
+        next_cell: int,
+    ) -> None:
+        """Keep what the step brought; arguments as of `Agent.learn`."""
+        if not self.learning or perceived is None:
+            return
+        self._last = (step, (cell, *perceived, action.move), reward.total)
+        if next_cell == self.goal:
+            self._update(self._goal_value)
+
+    def _update(self, bootstrap: float) -> None:
+        assert self._last is not None
+        step, entry, reward = self._last
+        table: Any = self._tables.q_coord
+        alpha = self._alpha(self._coord_updates, entry, step)
+        table[entry] = updated(float(table[entry]), alpha, reward, self._discount, bootstrap)
+        self._last = None
+
+
+class JointState(Learner):
+    """Independent learners, each with a table over the full joint state. Plain Python."""
+
+    def agent(
+        self,
+        scenario: Scenario,
+        number: int,
+        seed: int,
+        *,
+        tables: Tables | None = None,
+        learning: bool = True,
+        phase: int = LEARNING,
+    ) -> Agent:
+        """Return the agent of one robot; arguments as of `Learner.agent`."""
+        return JointAgent(
+            scenario,
+            number,
+            seed,
+            tables=self.tables(scenario) if tables is None else tables,
+            learning=learning,
+            phase=phase,
+        )

@@ -27,6 +27,9 @@ SEED = 950_000
 """Seed of the first run: no search has seen these."""
 
 RULES = "tools.coordination.rules:"
+MOST_COMMON = 6
+"""Values of a team that the table of routes names."""
+
 NEVER = 1e-3
 """Asks a trial below which a team counts as one that never asks."""
 
@@ -186,6 +189,41 @@ def _many(found: Found) -> str:
     return to_markdown(rows)
 
 
+def _routes(found: Found) -> str:
+    condition = _factored("env2-2r", LONG)
+    worth = np.round(found(condition).run_means("reward"), 2)
+    values, counts = np.unique(worth, return_counts=True)
+    rows = [
+        {"worth": f"{values[i]:.2f}", "teams": percent(counts[i] / len(worth), 1)}
+        for i in sorted(np.argsort(-counts, kind="stable")[:MOST_COMMON], key=lambda i: -values[i])
+    ]
+    rest = 1.0 - sum(np.sort(counts)[-MOST_COMMON:]) / len(worth)
+    return to_markdown([*rows, {"worth": "others", "teams": percent(float(rest), 1)}])
+
+
+def _fewer(found: Found) -> str:
+    """Return how many of the peers that are asked could change anything; learned on the spot."""
+    rows: list[Row] = []
+    for name in MANY:
+        scenario = _factored(name, LONG).scenario
+        asks = useful = 0.0
+        for run in run_batch(scenario, "factored", range(SEED, SEED + 10), trials=300, jobs=1):
+            assert run.trials is not None
+            for tables, asked in zip(run.tables, run.trials.asked, strict=True):
+                assert tables.factors is not None
+                pairs = {(x, peer) for x, peer, _ in tables.factors.states.tolist() if peer >= 0}
+                asks += asked.sum()
+                useful += sum(asked[x] for x, _ in pairs)
+        rows.append(
+            {
+                "scenario": name,
+                "peers asked": str(len(scenario.robots) - 1),
+                "of these with a correction in that cell": f"{useful / asks:.2f}",
+            }
+        )
+    return to_markdown(rows)
+
+
 ABLATED: Mapping[str, str] = {
     "all of it": "factored",
     "no learning from being asked": RULES + "NotToldByRequests",
@@ -234,7 +272,6 @@ CREDITS: Mapping[str, tuple[str, ...]] = {
     "env2-2r": ("own", "1.5", "team"),
     "pentagon": ("own", "1.5", "team"),
     "env2-4r": ("own", "2", "team"),
-    "crowd-6r": ("own", "2", "team"),
     "crowd-8r": ("own", "2", "team"),
 }
 
@@ -277,20 +314,25 @@ PERCEPTS: Mapping[str, Mapping[str, object]] = {
 }
 
 
+PAPERS = "env1"
+"""Where the paper's learner is computed beside it."""
+
+
 def _percepts(found: Found) -> str:
     rows: list[Row] = []
     for text, settings in PERCEPTS.items():
         row: dict[str, str | None] = {"what": text}
         for name in CLOSE:
-            result, coop = (
-                found(make_condition(name, learner, settings)) for learner in ("factored", "coop")
-            )
+            result = found(_factored(name, settings))
             failed = failed_share(result)
             row[name] = _reward(result) + (f", {failed:.0%} fail" if failed else "")
-            row[f"{name}, coop"] = f"{coop.best('reward').mean:.2f}"
+        row[f"{PAPERS}, coop"] = _reward(found(make_condition(PAPERS, "coop", settings)))
         rows.append(row)
     return to_markdown(rows)
 
+
+JOINT = RULES + "JointState"
+"""Learns the full joint state, which it sees for nothing; it fits for two robots."""
 
 ROBOTS = (2, 4, 8, 16)
 BUILDINGS = ({"seed": 0}, {"seed": 1}, {"seed": 2}, {"rooms": 4, "size": 5, "seed": 0})
@@ -314,6 +356,7 @@ def scale(folder: Path) -> Study:
     """Return the study of scale, its buildings written into a folder."""
     made = buildings(folder)
     given = {"penalty": -100}
+    joint = [make_condition(path, JOINT, {**given, "ask_cost": 0}) for path in made[2]]
     learners = ("factored", "coop", "noncoop")
     by_robots = {
         robots: [[make_condition(path, who, given) for who in learners] for path in paths]
@@ -337,11 +380,17 @@ def scale(folder: Path) -> Study:
                     "robots alone (bound)": f"{bound:.2f}",
                     "coop": _pooled(coop),
                     "Non-coop.": _pooled(base),
+                    "full joint state": _pooled([found(c) for c in joint])
+                    if robots == 2
+                    else None,
                     "asks": f"{np.mean([r.best('asks').mean for r in factored]):.2f}",
                     "miscoordinations": _mean(factored, "miscoordinations"),
                     "trials in which all arrive": percent(_arrived(factored), 2),
                     "of coop's": percent(_arrived(coop), 2),
                     "of Non-coop.'s": percent(_arrived(base), 2),
+                    "of the full joint state's": (
+                        percent(_arrived([found(c) for c in joint]), 2) if robots == 2 else None
+                    ),
                     "bytes a robot": size(
                         np.mean([r.visited_bytes for r in factored]) + np.mean(fixed)
                     ),
@@ -350,7 +399,7 @@ def scale(folder: Path) -> Study:
             )
         return to_markdown(rows)
 
-    everything = [one for own in by_robots.values() for some in own for one in some]
+    everything = [one for own in by_robots.values() for some in own for one in some] + joint
     return Study("scale", (10, 10), 300, everything, table)
 
 
@@ -423,6 +472,8 @@ STUDIES: tuple[Study, ...] = (
         [one for name in ABLATION for one in _varied(name).values()],
         _ablation,
     ),
+    Study("routes", (200, 100), 2, [_factored("env2-2r", LONG)], _routes),
+    Study("fewer", (10, 10), 300, [], _fewer),
     Study("credit", (40, 16), 200, _credit_conditions(), _credit),
     Study(
         "percepts",
@@ -431,8 +482,7 @@ STUDIES: tuple[Study, ...] = (
         [
             make_condition(name, who, settings)
             for settings in PERCEPTS.values()
-            for name in CLOSE
-            for who in ("factored", "coop")
+            for name, who in (*((name, "factored") for name in CLOSE), (PAPERS, "coop"))
         ],
         _percepts,
     ),
