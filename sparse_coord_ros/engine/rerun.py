@@ -38,6 +38,9 @@ from sparse_coord_ros.engine.kept import is_kept
 COMPILING_PAYS = 300_000
 """Actions from which on compiling a loop, a few seconds, takes less time than it saves."""
 
+LOADING_PAYS = 50_000
+"""The same for a loop that was compiled before and kept: half a second."""
+
 
 class Rule(NamedTuple):
     """What holds at every step.
@@ -306,7 +309,8 @@ def loop(
             compiled before and kept.
     """
     if compiled is None:
-        compiled = (count >= COMPILING_PAYS or is_kept(name)) and has_numba()
+        pays = count >= COMPILING_PAYS or (count >= LOADING_PAYS and is_kept(name))
+        compiled = pays and has_numba()
     if compiled:
         return functools.partial(_compiled_call, name), True
     return LOOPS[name], False
