@@ -80,6 +80,7 @@ def watch(run: subprocess.Popen, log: Path, every: float, limit: float) -> list[
         except OSError:  # one of them has just ended
             continue
         samples.append(Sample(now, int(said[-1]) if said else 0, memory))
+        print(*samples[-1], file=sys.stderr, flush=True)  # whoever kills this loses nothing
         if now > limit:
             run.send_signal(signal.SIGINT)
             limit = float("inf")
