@@ -6,7 +6,7 @@ import builtins
 import subprocess
 import sys
 from collections import Counter
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -158,6 +158,25 @@ def test_its_history_is_that_of_the_simulation(record, name, settings):
     for field in fields(expected):
         mine, theirs = getattr(found, field.name), getattr(expected, field.name)
         assert mine.dtype == theirs.dtype and np.array_equal(mine, theirs), field.name
+
+
+def test_a_history_counts_whole_transitions_only(run):
+    """Those whose reward and next state are in the log, and questions that brought a reward."""
+    log = read_run(run.bag)
+    whole = log.history()
+    first, length = int(whole.first_step[0]), int(whole.length[0])
+    assert length > 8
+    half = log.between(first, first + length // 2).history()
+    assert half.length.tolist() == [length // 2]
+    kept = np.ones(len(log.step), dtype=bool)
+    kept[3:6] = False  # nobody recorded these: the transition before them has no end either
+    arrays = {f.name: getattr(log, f.name) for f in fields(log)}
+    rows = {name: a[kept] for name, a in arrays.items() if isinstance(a, np.ndarray)}
+    assert replace(log, **rows).history().length[0] == length - 4
+    row, k = np.argwhere(log.asked & ~np.isnan(log.reward[..., -1]))[0]
+    reward = log.reward.copy()
+    reward[row, k] = np.nan  # the world went on without the robot
+    assert replace(log, reward=reward).history().asks.sum() == whole.asks.sum() - 1
 
 
 def test_a_history_without_penalty_has_its_miscoordinations(record):
