@@ -8,6 +8,7 @@ import numpy as np
 
 from sparse_coord_ros.core.frame import Frame
 from sparse_coord_ros.core.wire import MAP, MARKERS
+from sparse_coord_ros.recording.metadata import SPLIT
 from sparse_coord_ros.runlog.difference import MISSING, Difference
 from sparse_coord_ros.runlog.log import RunLog, cell_numbers
 
@@ -29,7 +30,10 @@ def check_world_maps(
         due = starts if last is None else starts[starts <= min(last, steps.max(initial=0))]
         for step in due[~np.isin(due, steps)].tolist():
             yield Difference(step, None, kind, MISSING, "one as the episode begins")
-    for step in maps[1:][np.diff(maps) == 0].tolist():
+    # A recorder that was started again gets the last one a second time.
+    whys = [(file.continued or {}).get("why", SPLIT) for file in log.bag.files]
+    again = sum(why != SPLIT for why in whys)
+    for step in maps[1:][np.diff(maps) == 0].tolist()[again:]:
         yield Difference(step, None, MAP.name, "twice", "once")
     until = end if last is None else min(end, last)
     for step in maps[~np.isin(maps, [0, *starts.tolist()]) & (maps <= until)].tolist():

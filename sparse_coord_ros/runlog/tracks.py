@@ -253,7 +253,11 @@ def tracks_of(
     places = np.repeat(np.arange(len(columns.rows)), [len(rows[status]) for rows in columns.rows])
     steps = [one.step for one in readers.statuses]
     valid = of_last(places.tolist(), steps, backs)
-    sort.statuses([one for one, ok in zip(readers.statuses, valid, strict=True) if ok])
+    # A world that is yet to go back does not know where the team is.
+    counts = [
+        ok and one.state != wire.RESUMING for one, ok in zip(readers.statuses, valid, strict=True)
+    ]
+    sort.statuses([one for one, ok in zip(readers.statuses, counts, strict=True) if ok])
     _read_dialogue(tracks, columns, frame)
     for topic, name in spoken.items():
         tracks.spoken[topic] = [one for rows in columns.rows for (one,) in rows[name].tolist()]
@@ -264,6 +268,11 @@ def spoken_on(tracks: Tracks, topic: wire.Topic) -> str:
     """Return a topic's full name; before it was absolute it lay in the team's namespace."""
     earlier = tracks.prefix + topic.name.removeprefix("/")
     return earlier if earlier in tracks.bag.topics else topic.name
+
+
+def _under_way(step: int, back: Rollback | None) -> bool:
+    """Whether an answer of a time step may be to a question of before a roll-back."""
+    return back is not None and (step >= back.until - 1 or step <= back.first)
 
 
 def _read_dialogue(tracks: Tracks, columns: Columns, frame: Frame) -> None:
@@ -278,14 +287,15 @@ def _read_dialogue(tracks: Tracks, columns: Columns, frame: Frame) -> None:
         events = [np.concatenate([rows[name] for rows in files]) for name in names]
         requests, problems = put_together(events, list(tracks.names), frame)
         limit = min(firsts[place:], default=np.inf)
-        late = tracks.rollbacks[place - 1].until - 1 if place else np.inf
+        back = tracks.rollbacks[place - 1] if place else None
         tracks.requests += [request for request in requests if request.step < limit]
-        # Answers that were under way when the run went back come without their requests.
+        # Questions that were under way when the run went back are answered from then, or from the
+        # checkpoint by who has gone back already, without a request here.
         tracks.problems += [
             one
             for one in problems
             if one.step is None
-            or (one.step < limit and not (one.step >= late and "without" in one.logged))
+            or (one.step < limit and not ("without" in one.logged and _under_way(one.step, back)))
         ]
     tracks.requests.sort(key=lambda one: (one.step, one.asker))
 

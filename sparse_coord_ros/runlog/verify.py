@@ -192,6 +192,7 @@ def _killed(
             for one in found
             if (one.quantity in of_world and one.logged == MISSING and (one.step or 0) >= last)
             or (one.quantity == STATUS.name and one.logged == repr(statuses[-1].state))
+            or (one.quantity == TABLES.name and one.computed.startswith("the log ends at step"))
         ]
         killed += cut
         said += ["the world did not say how the run ended (killed?)"] if cut else []

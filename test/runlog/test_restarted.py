@@ -3,12 +3,17 @@
 """Bags whose recorder was killed and started again."""
 
 import pytest
+from rclpy.serialization import serialize_message
 
+from sparse_coord_ros.core.wire import RESUMING, STATUS_VALUES
+from sparse_coord_ros.nodes.messages import status
 from sparse_coord_ros.recording import BagWriter
 from sparse_coord_ros.recording.reader import open_bag
 from sparse_coord_ros.recording.recover import continued
 from sparse_coord_ros.runlog import verify
 from sparse_coord_ros.runlog.dialogue import RETURNED, SENT, Request, heard
+from sparse_coord_ros.runlog.timeline import Rollback
+from sparse_coord_ros.runlog.tracks import _under_way
 
 AT = 200
 """The time step at which the recorder is killed."""
@@ -61,6 +66,36 @@ def test_a_recorder_that_comes_back_after_the_run_names_the_gap(restarted, at):
     (gap,) = found.log.tracks.gaps
     assert at - 5 <= gap.first <= at + 1
     assert gap.last == found.log.tracks.statuses[-1].step
+
+
+def test_a_map_that_comes_again_is_known(restarted, good):
+    """ROS keeps the last one for late readers."""
+    maps = open_bag(good.bag).messages({"/map"})
+    cut = AT * good.run.step_period * 1e9
+    again = [one for one in maps if one.log_time_ns < cut][-1]
+    assert restarted(lambda messages: [again, *messages]).same
+    twice = [one.quantity for one in restarted(lambda rest: [again, again, *rest]).differences]
+    assert twice == ["map"]
+
+
+def test_a_world_that_is_yet_to_go_back_does_not_know_the_step(restarted, good):
+    said = status("env1", RESUMING, dict(zip(STATUS_VALUES, (1, 0, 0, "start"), strict=True)))
+    messages = list(open_bag(good.bag).messages())
+    cut = AT * good.run.step_period * 1e9
+    ns = max(one.log_time_ns for one in messages if one.log_time_ns < cut)
+    one = next(one for one in messages if one.topic == "/status")
+    early = one._replace(data=serialize_message(said), log_time_ns=ns, publish_time_ns=ns)
+    assert restarted(lambda messages: [early, *messages]).same
+
+
+def test_an_answer_to_a_question_of_before_a_roll_back():
+    """Of the last steps before it, or of the checkpoint, by who has gone back already."""
+    back = Rollback(1, step=56, first=56, until=76)
+    assert [step for step in range(50, 80) if _under_way(step, back)] == [
+        *range(50, 57),
+        *range(75, 80),
+    ]
+    assert not _under_way(56, None)
 
 
 def test_of_requests_sent_again_the_newest_counts():
