@@ -8,7 +8,7 @@ Run S + i is drawn from that number: a team of processes (world, two robots, rec
 happens to them at which time steps: SIGKILL and a start with `resume:=true`, to one of them or to
 all, or SIGSTOP for a while. Deadlines are long, so nobody is left out: the tables are to be those
 of a run without ROS, bit for bit. No process may wait for ever or print a traceback. `verify` is
-to say "identical"; where a recorder was killed, that its recording lacks something.
+to say "identical"; where a recorder was killed or stopped, that its recording lacks something.
 """
 
 import argparse
@@ -254,7 +254,9 @@ def judge(plan: Plan, out: Path) -> list[str]:
     )
     odd = [one for one in found.differences if one.quantity not in allowed]
     wrong += [f"verify: {one}" for one in odd[:2]]
-    wrong += [f"verify is open about {one}" for one in found.open[:1]]
+    # Fast DDS may leave a process deaf that stood still for more than a second.
+    if not any(fault.stops and RECORDER in fault.who for fault in plan.faults):
+        wrong += [f"verify is open about {one}" for one in found.open[:1]]
     return wrong
 
 

@@ -45,8 +45,8 @@ def read_tables(
 ) -> Iterator[tuple[Difference | None, RecordedTables | None]]:
     """Read the attachments tables/<robot>_<step>.npz; yield what is odd, and the tables.
 
-    Those that a roll-back superseded are left out; those of its checkpoint come again, and to a
-    recorder that was started again the last ones of each robot.
+    Those that a roll-back superseded are left out; those from its checkpoint on come again,
+    and to a recorder that was started again the last ones of each robot.
     """
     scenario = run.scenario
     names = [robot.name for robot in scenario.robots]
@@ -71,7 +71,7 @@ def read_tables(
             continue
         data = bag.attachments[place].data
         key = (name, hashlib.sha256(data).digest())
-        again = any(back.file == in_file and back.step == step for back in backs)
+        again = any(back.file == in_file and back.step <= step <= back.until for back in backs)
         if key in seen and not again:
             why = (bag.files[in_file].continued or {}).get("why")
             if why != RESTARTED or seen[key] == in_file:

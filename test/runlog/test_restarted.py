@@ -8,6 +8,7 @@ from rclpy.serialization import serialize_message
 from sparse_coord_ros.core.wire import RESUMING, STATUS_VALUES
 from sparse_coord_ros.nodes.messages import status
 from sparse_coord_ros.recording import BagWriter
+from sparse_coord_ros.recording.metadata import ROLLED_BACK
 from sparse_coord_ros.recording.reader import open_bag
 from sparse_coord_ros.recording.recover import continued
 from sparse_coord_ros.runlog import verify
@@ -66,6 +67,34 @@ def test_a_recorder_that_comes_back_after_the_run_names_the_gap(restarted, at):
     (gap,) = found.log.tracks.gaps
     assert at - 5 <= gap.first <= at + 1
     assert gap.last == found.log.tracks.statuses[-1].step
+
+
+def test_tables_that_are_learned_again_come_a_third_time(record, rewritten, tmp_path):
+    """To a recorder that comes back as the team goes back: those before it, from the robots."""
+    run = record(settings={"steps": 200}, values={"checkpoint": 10})
+    bag, directory = open_bag(run.bag), tmp_path / "bag"
+    period = run.run.step_period * 1e9
+    tables = [one for one in bag.attachments if one.name.startswith("tables/")]
+    step = min(round(one.log_time_ns / period) for one in tables if one.log_time_ns > 50 * period)
+
+    def before(found):
+        return [one for one in found if one.log_time_ns < (step + 25) * period]
+
+    rewritten(run.bag, directory, before, before)
+    why = {"why": ROLLED_BACK, "step": str(step), "first": str(step)}
+    writer = BagWriter(directory, earlier=continued(directory), why=why)
+    channels = {
+        topic.name: writer.add_topic(topic.name, topic.type_name, topic.qos[0])
+        for topic in bag.topics.values()
+    }
+    for one in bag.messages():
+        if one.log_time_ns >= step * period:
+            writer.write(channels[one.topic], one.data, one.log_time_ns, one.publish_time_ns)
+    for one in [*before(tables), *tables]:
+        if one.log_time_ns >= step * period:
+            writer.attach(one.name, one.data, one.media_type, one.log_time_ns)
+    writer.close()
+    assert verify(directory).differences == ()
 
 
 def test_a_map_that_comes_again_is_known(restarted, good):
