@@ -260,6 +260,7 @@ class WorldSimulator(ParameterNode):
         if self._back.take_back(uuid.uuid4().hex) is None:
             return False
         self._held_since = time.monotonic()
+        self._clock_step = -1  # also where the run stands at the checkpoint's step already
         self._say_state(self._running_state())
         return True
 

@@ -124,6 +124,8 @@ def gaps(
             first = int(steps.min()) if back is None else back.first
             if first - end > EPISODE_GAP:
                 found.append(Gap(end + 1, first - 1))
+            if first < int(steps.min()):  # of a recorder that came back as the run went back
+                found.append(Gap(first, int(steps.min()) - 1))
         elif why == RESTARTED and place == len(clocks) - 1 and said - end > EPISODE_GAP:
             found.append(Gap(end + 1, said))
         end = max(end, int(steps.max(initial=0)))

@@ -69,8 +69,9 @@ def test_a_recorder_that_comes_back_after_the_run_names_the_gap(restarted, at):
     assert gap.last == found.log.tracks.statuses[-1].step
 
 
-def test_tables_that_are_learned_again_come_a_third_time(record, rewritten, tmp_path):
-    """To a recorder that comes back as the team goes back: those before it, from the robots."""
+@pytest.mark.parametrize("missed", [0, 3])
+def test_a_recorder_that_comes_back_as_the_team_goes_back(record, rewritten, tmp_path, missed):
+    """It gets tables of before from the robots, and may miss the first steps: a named gap."""
     run = record(settings={"steps": 200}, values={"checkpoint": 10})
     bag, directory = open_bag(run.bag), tmp_path / "bag"
     period = run.run.step_period * 1e9
@@ -88,13 +89,16 @@ def test_tables_that_are_learned_again_come_a_third_time(record, rewritten, tmp_
         for topic in bag.topics.values()
     }
     for one in bag.messages():
-        if one.log_time_ns >= step * period:
+        if one.log_time_ns >= (step + missed) * period:
             writer.write(channels[one.topic], one.data, one.log_time_ns, one.publish_time_ns)
     for one in [*before(tables), *tables]:
         if one.log_time_ns >= step * period:
             writer.attach(one.name, one.data, one.media_type, one.log_time_ns)
     writer.close()
-    assert verify(directory).differences == ()
+    found = verify(directory)
+    gaps = [(step, step + missed - 1)] if missed else []
+    assert found.log.tracks.gaps == gaps
+    assert [one.quantity for one in found.differences] == ["recording"] * len(gaps)
 
 
 def test_a_map_that_comes_again_is_known(restarted, good):
