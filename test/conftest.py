@@ -3,6 +3,7 @@
 """What all tests share: a ROS domain of their own, and nothing left behind."""
 
 import os
+import signal
 import tempfile
 
 import pytest
@@ -45,7 +46,13 @@ def pytest_addoption(parser):
 
 
 def pytest_configure(config):
-    """Keep compiled loops for all processes of this test run, and no longer."""
+    """Keep compiled loops for all processes of this test run, and no longer.
+
+    Tests that are started in the background, or under nohup, begin with signals ignored, and so do
+    their subprocesses: here they are as in a terminal.
+    """
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
     if not hasattr(config, "workerinput"):
         folder = tempfile.TemporaryDirectory(prefix="sparse_coord_kept_")
         config.add_cleanup(folder.cleanup)

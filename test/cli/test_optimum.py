@@ -53,6 +53,7 @@ def corridor(folder):
     return "corridor.yaml"
 
 
+@pytest.mark.long
 def test_search_for_the_class_bound(sparse_coord, folder, corridor):
     search = ("optimum", corridor, "--class", "--seed", 4, "--out", "search.json")
     code, out, err = sparse_coord(*search, "--restarts", 2, "--picture", "team.png")

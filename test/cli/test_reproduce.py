@@ -27,6 +27,7 @@ from sparse_coord_ros.errors import ResultsError
 FEW = ("--runs", "2", "--trials", "5")
 
 
+@pytest.mark.long
 def test_an_experiment(sparse_coord, folder):
     code, out, _ = sparse_coord("reproduce", "table1", *FEW, "--out", "r")
     assert code == 0
@@ -214,6 +215,7 @@ def test_a_single_run_that_is_not_saved_leaves_nothing(sparse_coord, folder, mon
     assert [path.name for path in (folder / "r/runs").rglob("*.partial")] == []
 
 
+@pytest.mark.long
 def test_the_report_keeps_what_is_complete(sparse_coord, folder):
     sparse_coord("reproduce", "table1", *FEW, "--out", "r")
     code, out, _ = sparse_coord("reproduce", "table2", "table2", *FEW, "--out", "r")
@@ -309,7 +311,14 @@ def within(seconds, condition):
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="looks at /proc of Linux")
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize(
+    "number",
+    [
+        pytest.param(signal.SIGINT, marks=pytest.mark.long),
+        pytest.param(signal.SIGTERM, marks=pytest.mark.long),
+        signal.SIGKILL,
+    ],
+)
 def test_no_process_goes_on_computing(folder, number):
     command = ["reproduce", "crowd-8r/coop/penalty=-20,steps=1000000", "--engine", "python"]
     process = subprocess.Popen(

@@ -281,7 +281,7 @@ def test_settings_change_a_copy_only():
             ["'each' has 0 numbers", "takes 1 or more", "each:FACTOR:..."],
         ),
         ({"common_reward": "each:1:-1"}, ["setting common_reward: factor is '-1'", "from 0"]),
-        ({"common_reward": "same:1"}, ["'same:1' has 1 numbers", "takes 0"]),
+        ({"common_reward": "same:1"}, ["'same:1' has 1 number", "takes 0"]),
         ({"common_reward": "0.5"}, ["unknown value '0.5'", "same, each:FACTOR:..."]),
     ],
 )

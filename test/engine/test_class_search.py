@@ -55,7 +55,7 @@ def every_team(scenario):
         yield LOOPS.solve(game, policy, np.ones(2, dtype=bool), space, -np.inf)
 
 
-@pytest.mark.parametrize("ask_cost", [0.01, 3])
+@pytest.mark.parametrize("ask_cost", [pytest.param(0.01, marks=pytest.mark.long), 3])
 def test_the_search_finds_the_best_of_every_team(ask_cost):
     scenario = made(TINY, ask_cost=ask_cost)
     found = class_bound(scenario, restarts=5, loops=LOOPS)

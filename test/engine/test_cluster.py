@@ -168,7 +168,7 @@ def test_a_cluster_without_workers_is_one_line(monkeypatch):
 
 def test_dask_missing(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(RunError, match=r"pip install 'sparse_coord_ros\[cluster\]'"):
+    with pytest.raises(RunError, match=r"pip install '\.\[cluster\]'"):
         sc.train_many("env1", scheduler="tcp://127.0.0.1:1", runs=1)
 
 

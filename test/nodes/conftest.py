@@ -112,6 +112,7 @@ class Bench:
     def close(self) -> None:
         """Take all nodes and their contexts away: another team may have their names."""
         self._stack.close()
+        self._places.clear()
 
     def world(self, *, namespace: str = "", **values) -> WorldSimulator:
         """Start a world simulator; env1 without claim window unless `values` say otherwise."""

@@ -88,6 +88,7 @@ def assert_tables(path, number):
     assert (tables.q_star != 0).any()
 
 
+@pytest.mark.long
 def test_a_killed_robot_is_left_out_and_may_come_back(bench, start_node, tmp_path):
     values = {"set": ["steps=100000", "epsilon=constant:1"], "rate": 80.0}
     times = {"step_timeout": 0.6, "percept_timeout": 0.2}
@@ -120,6 +121,7 @@ def test_a_killed_robot_is_left_out_and_may_come_back(bench, start_node, tmp_pat
     assert_tables(robot_file(tmp_path, "robot_2"), 2)
 
 
+@pytest.mark.long
 def test_a_run_finishes_without_a_killed_robot(bench, start_node, tmp_path):
     values = {"set": ["steps=300", "epsilon=constant:1"], "rate": 60.0}
     times = {"step_timeout": 0.6, "percept_timeout": 0.2}
@@ -247,6 +249,7 @@ def test_run_ends_well_on_a_signal(start, tmp_path, number, processes):
     }
 
 
+@pytest.mark.long
 def test_run_stops_the_others_when_a_node_is_killed(start, tmp_path):
     out = tmp_path / "out"
     arguments = ["--steps", "1000000", "--rate", "200", "--out", str(out), "--processes"]
