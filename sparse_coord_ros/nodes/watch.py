@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from sparse_coord_ros.nodes.world_simulator import WorldSimulator
     from sparse_coord_ros.watch.server import Server
 
-TICK_SECONDS = 1 / 30
+TICK_SECONDS = 1 / 20
 GONE_SECONDS = 4.0
 """After so long without a word the world is called gone; it says its status every second."""
 

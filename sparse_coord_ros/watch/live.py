@@ -102,7 +102,7 @@ class LiveView:
     def show(
         self, *, transitions: int, episode: int, rate: float = 0.0, still: Sequence[int] = ()
     ) -> None:
-        """Show the newest transition; called some thirty times a second.
+        """Show the newest transition; called some twenty times a second.
 
         Args:
             transitions: made so far.

@@ -38,7 +38,7 @@ LARGEST_MESSAGE = 4096
 """Bytes of a page's message."""
 
 MOST_PAGES = 32
-FRAMES_A_SECOND = 30
+FRAMES_A_SECOND = 20
 """Messages of one type that a page gets at most in a second."""
 
 HEARTBEAT_SECONDS = 20.0
