@@ -47,6 +47,7 @@ class Driver:
         self._began: float | None = None
         self._seconds: float | None = None
         self._answered: float | None = None
+        self._ended: Reached | None = None
         self._heard = math.nan
         self._repeats = 0
         self.pose: Pose | None = None
@@ -57,6 +58,11 @@ class Driver:
         """Whether an errand is under way."""
         return self._course is not None
 
+    @property
+    def _unheard(self) -> bool:
+        """Whether who simulates the body stands still, as if it had not heard what was said."""
+        return self._repeats > 0 and self._repeats % REPEATS == 0
+
     def take(self, errand: Errand) -> None:
         """Take an errand; one that is under way is given up. Then ask what is `next`."""
         if self._errand is not None and errand.number == self._errand.number:
@@ -64,7 +70,7 @@ class Driver:
         self._errand = errand
         mine = [course for course in errand.courses if course.robot == self._robot]
         self._course = mine[0] if mine else None
-        self._way = self._began = self._answered = None
+        self._way = self._began = self._answered = self._ended = None
 
     def sees(self, seconds: float, pose: Pose) -> None:
         """Take in a pose and its time, in seconds of any clock; then ask what is `next`."""
@@ -82,10 +88,13 @@ class Driver:
     def next(self) -> tuple[Command | None, Reached | None]:
         """Return what the body is to do now, and how the errand ended if it has.
 
-        None for both where there is nothing to do, or nothing new was seen since.
+        None for both where there is nothing to do, or nothing new was seen since. Where the same
+        pose comes again and again, the last answer was lost, and is given again.
         """
         course, errand, pose, now = self._course, self._errand, self.pose, self._seconds
-        if course is None or errand is None or pose is None or now is None:
+        if course is None:
+            return None, self._ended if self._unheard else None
+        if errand is None or pose is None or now is None:
             return None, None
         if 0.0 <= errand.since - now + SLACK <= BACK and self._repeats < REPEATS:
             return None, None  # a newer pose is to come
@@ -95,7 +104,7 @@ class Driver:
             if not (close or self._ground.inside(course.end, pose.x, pose.y)):
                 return None, None  # whoever puts it there is not done
             return None, self._end(errand, course, pose, now, there=True)
-        if now == self._answered:
+        if now == self._answered and not self._unheard:
             return None, None
         self._answered = now
         if self._began is None:
@@ -117,7 +126,7 @@ class Driver:
         cell = self._ground.cell(pose.x, pose.y)
         took = 0.0 if self._began is None else now - self._began
         self._course = None
-        return Reached(
+        self._ended = Reached(
             self._robot,
             errand.number,
             LOST if cell is None else cell,
@@ -125,6 +134,7 @@ class Driver:
             round(took, 9),
             now,
         )
+        return self._ended
 
     def _find_way(self, course: Course, pose: Pose) -> list[tuple[float, float]]:
         """Return the places to pass, the goal last: through free cells, wherever the body is."""

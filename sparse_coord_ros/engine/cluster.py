@@ -6,10 +6,11 @@ A task is a few runs of one condition. Dask gives the tasks of a worker that is 
 Only what comes back is kept here, so that a call can be repeated and goes on where it stopped.
 """
 
+import asyncio
 import functools
 import math
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import CancelledError
+from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
@@ -188,6 +189,8 @@ def _connected(scheduler: str) -> "Client":
             "'.[cluster]', or leave --scheduler out"
         ) from None
     try:
+        with ThreadPoolExecutor(1) as apart:  # there may be an event loop in this thread
+            apart.submit(asyncio.run, _knock(scheduler)).result()
         client = Client(scheduler, timeout=WAIT_SECONDS, set_as_default=False)
     except ValueError as error:
         raise SettingError(
@@ -211,3 +214,17 @@ def _connected(scheduler: str) -> "Client":
         client.close()
         raise
     return client
+
+
+async def _knock(scheduler: str) -> None:
+    """Raise what is raised where no scheduler answers.
+
+    A client that cannot connect is half made; where Python then collects it at the wrong moment,
+    the next client does not start.
+    """
+    from distributed.comm import connect
+    from distributed.security import Security
+
+    arguments = Security().get_connection_args("client")
+    comm = await connect(scheduler, timeout=WAIT_SECONDS, **arguments)
+    await comm.close()

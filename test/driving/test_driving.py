@@ -234,6 +234,27 @@ def test_a_driver_waits_for_a_pose_that_follows_its_errand(ground):
     assert driver.next()[0] is not None
 
 
+def test_a_driver_says_again_what_a_body_that_stands_still_did_not_hear(ground):
+    driver = Driver(ground, LIMITS, 0)
+    driver.take(errand(CELLS[0, 0], CELLS[1, 0]))
+    first = seen(driver, 7.2, 0.7, 4.7)
+    said = [seen(driver, 7.2, 0.7, 4.7) for _ in range(8)]
+    assert first[0] is not None
+    assert [k for k, one in enumerate(said, 1) if one != (None, None)] == [4, 8]
+    assert said[3] == said[7] == first
+    ended = seen(driver, 7.3, *ground.place(0, CELLS[1, 0]))[1]
+    said = [seen(driver, 7.3, *ground.place(0, CELLS[1, 0]))[1] for _ in range(4)]
+    assert ended is not None and said == [None, None, None, ended]
+
+
+def test_a_simulator_that_comes_back_goes_on_with_the_teams_time(ground):
+    arena = Arena(ground, 2, 1, SURE, 0.1)
+    arena.send(errand(CELLS[0, 0], CELLS[1, 0], number=70, since=42.0))
+    assert arena.seconds == pytest.approx(42.1)
+    arena.send(errand(CELLS[0, 0], CELLS[1, 0], number=71, since=41.0))
+    assert arena.seconds == pytest.approx(42.2)
+
+
 def test_transforms_make_a_pose():
     tree = Tree()
     tree.hear("/map", "odom", Pose(1.0, 2.0, math.pi / 2), 3.0)
