@@ -3,11 +3,13 @@
 """`sparse_coord evaluate`: the measures beside paper and optimum, and bad input."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from sparse_coord_ros.core.evaluation import evaluate
+from sparse_coord_ros.cli import evaluate as module
+from sparse_coord_ros.core.evaluation import TRIALS, evaluate
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.tables import load_team
 from sparse_coord_ros.engine.exact import evaluate_exact
@@ -101,7 +103,8 @@ def test_exact_is_no_number_of_trials(refused, trained):
     assert "not allowed with" in refused("evaluate", "a", "--exact", "--trials", 5)
 
 
-def test_several_runs_side_by_side(sparse_coord, folder):
+def test_several_runs_side_by_side(sparse_coord, folder, monkeypatch):
+    monkeypatch.setattr(module, "TRIALS", replace(TRIALS, default=30))
     short = ("--steps", 300, "--trials", 0)
     for out, *arguments in (
         ("a", "env1", "--penalty", -100),
@@ -130,7 +133,7 @@ def test_several_runs_side_by_side(sparse_coord, folder):
         "exact joint optimum",
     ]
     assert [line.split("  ")[0] for line in env2.splitlines()[2:4]] == [
-        "c: Coop., 1000 trials",
+        "c: Coop., 30 trials",
         "Coop., paper",
     ]
     assert env2.count("bound (robots alone)") == 1

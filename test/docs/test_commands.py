@@ -68,6 +68,9 @@ def pages():
     return [str(path.relative_to(ROOT)) for path in shown if path.exists()]
 
 
+DOMAIN = str(101 + os.getpid() % 100)
+"""The ROS domain of this process's commands."""
+
 LIVE_SECONDS = 12.0
 """How long processes that are started together run before they are stopped."""
 
@@ -93,7 +96,7 @@ def shell(tmp_path):
         "PYTHONPATH": str(ROOT),
         "MPLBACKEND": "Agg",
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        "ROS_DOMAIN_ID": str(101 + os.getpid() % 100),
+        "ROS_DOMAIN_ID": DOMAIN,
     }
 
     def run(command, *, wait=True):
@@ -199,25 +202,39 @@ def check_pictures(page, shell):
 
 SERVES = ("watch",)
 """Verbs that go on until somebody stops them."""
-LONG_VERBS = ("doctor", "reproduce", "bench", "run", "train", "watch", "report")
+LONG_VERBS = ("doctor", "reproduce", "bench", "run", "train", "watch", "report", "replay")
 NEEDS_A_BAG = (
     *("watch", "info", "verify", "explain", "replay", "recover"),
     *("plot", "animate", "report", "tables"),
 )
 
 
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory):
+    """A recorded run, made once for the verbs that read one."""
+    out = tmp_path_factory.mktemp("demo") / "run"
+    verb = ("run", "env1", "--steps", "200", "--seed", "1", "--out", str(out))
+    subprocess.run(
+        [sys.executable, "-m", "sparse_coord_ros.executables", "sparse_coord", *verb],
+        env={**os.environ, "ROS_DOMAIN_ID": DOMAIN},
+        check=True,
+        capture_output=True,
+    )
+    return out
+
+
 @pytest.mark.parametrize(
     "verb",
     [pytest.param(v, marks=pytest.mark.long) if v in LONG_VERBS else v for v in VERBS],
 )
-def test_examples_of_help(verb, shell):
+def test_examples_of_help(verb, shell, request):
     parser = make_parser(verb)
     epilog = parser._subparsers._group_actions[0].choices[verb].epilog
     example = epilog.removeprefix("example:").strip().split("\n\n")[0]
     commands = [line.strip() for line in example.splitlines()]
     assert commands and all(line.startswith("sparse_coord ") for line in commands)
     if verb in NEEDS_A_BAG:
-        shell("sparse_coord run env1 --steps 200 --seed 1 --out runs/demo")
+        shutil.copytree(request.getfixturevalue("demo"), shell.work / "runs/demo")
     for command in commands:
         if verb in SERVES:
             together([command], shell)
