@@ -71,7 +71,7 @@ def pages():
 DOMAIN = str(101 + os.getpid() % 100)
 """The ROS domain of this process's commands."""
 
-LIVE_SECONDS = 12.0
+LIVE_SECONDS = 7.0
 """How long processes that are started together run before they are stopped."""
 
 

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bags whose recorder was killed and started again."""
 
+from types import SimpleNamespace
+
 import pytest
 from rclpy.serialization import serialize_message
 
@@ -12,6 +14,7 @@ from sparse_coord_ros.recording.metadata import ROLLED_BACK
 from sparse_coord_ros.recording.reader import open_bag
 from sparse_coord_ros.recording.recover import continued
 from sparse_coord_ros.runlog import verify
+from sparse_coord_ros.runlog.attached import read_tables
 from sparse_coord_ros.runlog.dialogue import RETURNED, SENT, Request, heard
 from sparse_coord_ros.runlog.timeline import Rollback
 from sparse_coord_ros.runlog.tracks import _under_way
@@ -145,3 +148,20 @@ def test_of_requests_sent_again_the_newest_counts():
     found = heard([superseded, newest, behind, asked_again, other])
     assert superseded not in found
     assert all(one in found for one in (newest, behind, asked_again, other))
+
+
+@pytest.mark.parametrize(("until", "twice"), [(AT, []), (AT - 1, ["twice"])])
+def test_tables_of_the_checkpoint_come_again_where_a_file_takes_the_run_back(good, until, twice):
+    """They are what everybody went on with, and not steps that were recorded twice."""
+    attached = open_bag(good.bag).attachments
+    attachment = next(one for one in attached if one.name.startswith("tables/robot_1_"))
+
+    class Attachments(list):
+        names = [f"tables/robot_1_{AT}.npz"] * 2
+        paths = ["0.mcap", "1.mcap"]
+
+    files = [SimpleNamespace(path="0.mcap", continued=None)]
+    files.append(SimpleNamespace(path="1.mcap", continued={"why": ROLLED_BACK}))
+    bag = SimpleNamespace(attachments=Attachments([attachment] * 2), files=files)
+    found = list(read_tables(bag, good.run, [Rollback(1, AT, AT + 1, until)]))
+    assert [odd.logged for odd, tables in found if tables is None] == twice
