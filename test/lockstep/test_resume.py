@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A team that goes on from its last common checkpoint: the tables of an unbroken run."""
 
+import os
+
 import numpy as np
 import pytest
 
@@ -218,7 +220,8 @@ def test_another_run_or_version_is_refused(tmp_path, run, played, change, said, 
 def test_one_process_a_node(tmp_path, run):
     first = Checkpoints(tmp_path, "robot_1", run)
     Checkpoints(tmp_path, "robot_2", run)
-    with pytest.raises(RunError, match="another process runs robot_1 there"):
+    said = rf"another process runs robot_1 there \(process {os.getpid()}\)"
+    with pytest.raises(RunError, match=said):
         Checkpoints(tmp_path, "robot_1", run)
     first.close()
     Checkpoints(tmp_path, "robot_1", run)
