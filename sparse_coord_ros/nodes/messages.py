@@ -283,6 +283,7 @@ class Said(NamedTuple):
         step: the time step.
         transitions: how many were made.
         order: to go back to a checkpoint, where one stands.
+        left_out: (robot, step) pairs of them without the robot's action.
     """
 
     run: str
@@ -290,6 +291,7 @@ class Said(NamedTuple):
     step: int
     transitions: int
     order: Order = Order()
+    left_out: int = 0
 
 
 def read_status(message: DiagnosticStatus) -> Said:
@@ -309,7 +311,8 @@ def read_status(message: DiagnosticStatus) -> Said:
     if len(steps) != (2 if name else 0):
         raise ValueError(f"{ROLLBACK} is {values[ROLLBACK]!r}")
     order = Order(name, *map(int, steps)) if name else Order()
-    return Said(values.get(RUN_ID, ""), message.message, step, transitions, order)
+    left_out = int(values.get(STATUS_VALUES[2], 0))
+    return Said(values.get(RUN_ID, ""), message.message, step, transitions, order, left_out)
 
 
 def order_text(order: Order) -> str:

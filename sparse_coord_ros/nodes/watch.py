@@ -55,8 +55,9 @@ TICK_SECONDS = 1 / 20
 GONE_SECONDS = 4.0
 """After so long without a word the world is called gone; it says its status every second."""
 
-LATE_SECONDS = 0.5
-"""So long an action, a reward or a state may come after the next time step's."""
+LATE_TICKS = 10
+"""So long an action, a reward or a state may come after the next time step's. Counted in ticks of
+the node: a process that stood still has what it waits for in its queue."""
 
 CONTROLS = (PAUSE, STEP, RATE, RESET)
 
@@ -182,6 +183,8 @@ class WatchNode(ParameterNode):
         if self.view.state == "gone":
             self.view.notice("")
         self.view.state = said.state
+        if self._team is not None:
+            self._team.compare(said)
 
     # The course of things.
 
@@ -209,7 +212,7 @@ class WatchNode(ParameterNode):
         elif self._team is not None:
             self._look_for_the_world(view)
             team = self._team
-            team.catch_up()
+            team.tick()
             made = max(self._transitions, team.seen) if team.whole else self._transitions
             view.show(transitions=made, episode=team.episode, rate=self._rate)
             if view.slow_due():
@@ -305,7 +308,8 @@ class _Heard:
     Attributes:
         history: the episodes that were heard.
         seen: transitions heard; episode: number of the newest one.
-        whole: whether all was heard from the run's first time step on.
+        without: (robot, step) pairs of them without the robot's action, though it had not arrived.
+        whole: whether all was heard from the run's first time step on, as far as is known.
         tables: of each robot the newest that were announced, with their time step.
         rings: of each robot where it asks, by its newest coordination map.
     """
@@ -318,7 +322,7 @@ class _Heard:
         self._any_doorway = run.scenario.conflict == "any_doorway"
         robots = len(self._goals)
         self.history = HistoryRecorder(robots)
-        self.seen = self.episode = 0
+        self.seen = self.episode = self.without = 0
         self.whole = True
         self.tables: dict[int, tuple[int, Tables]] = {}
         self.rings: dict[int, np.ndarray] = {}
@@ -326,8 +330,11 @@ class _Heard:
         self._states: dict[int, dict[int, int]] = {}
         self._actions: dict[int, dict[int, tuple[Action, Account | None]]] = {}
         self._rewards: dict[int, dict[int, Reward]] = {}
-        self._since: dict[int, float] = {}
+        self._since: dict[int, int] = {}
+        self._ticks = 0
         self._newest: int | None = None
+        self._last_made: int | None = None
+        self._said: Said | None = None
         convert = self._convert
         self._subscriptions = []
         for k, robot in enumerate(run.scenario.robots):
@@ -363,17 +370,23 @@ class _Heard:
     def _on_state(self, k: int, said: tuple[int, int]) -> None:
         step, cell = said
         if step not in self._states:
-            if self._newest is None:
-                self.whole = step == FIRST_STEP
-                if not self.whole:
-                    self._view.notice(
-                        f"heard from time step {step} on: the curves lack what was before",
-                        level="info",
-                    )
-            elif step <= self._newest:  # the run went back to a checkpoint
+            if self._newest is None and step != FIRST_STEP:
+                self._lack(f"heard from time step {step} on: the curves lack what was before")
+            elif self._newest is not None and step <= self._newest:
                 self._forget(self._newest)
-            self._newest, self._since[step] = step, time.monotonic()
+                self._lack("the run went back to a checkpoint: the curves hold what it took back")
+            self._newest, self._since[step] = step, self._ticks
         self._states.setdefault(step, {}).setdefault(k, cell)
+        self.catch_up()
+
+    def compare(self, said: Said) -> None:
+        """Compare what was heard with what the world says to have done, as soon as that can be."""
+        self._said = said
+        self.catch_up()
+
+    def tick(self) -> None:
+        """Take in what need not be waited for any longer; called at each tick of the node."""
+        self._ticks += 1
         self.catch_up()
 
     def catch_up(self) -> None:
@@ -382,9 +395,13 @@ class _Heard:
         A robot's states come in their order, but its action or reward may come after the next one:
         they are other topics.
         """
-        while len(self._states) > 1:
-            step, after = itertools.islice(self._states, 2)
-            late = time.monotonic() - self._since[after] > LATE_SECONDS
+        while self._states:
+            step, *later = itertools.islice(self._states, 2)
+            self._check(step)
+            if not later:
+                return
+            after = later[0]
+            late = self._ticks - self._since[after] > LATE_TICKS
             said, rewards = self._actions.get(step, {}), self._rewards.get(step, {})
             cells = self._states[step]
             if after == step + 1:
@@ -392,13 +409,34 @@ class _Heard:
                 acting = [k for k, cell in cells.items() if cell != self._goals[k]]
                 if not late and not (known and all(k in said and k in rewards for k in acting)):
                     return
-                if known:
-                    self._settle_transition(step)
+                acted = [k for k in said if k in rewards]
+                if known and acted:
+                    self._settle_transition(step, acted)
+                    self.without += len(set(acting).difference(acted))
                 else:
-                    self.whole = False
+                    self._lack_of(step)
+                    self._begin_where_due(step)
             elif said and not late:  # else an episode ended here
                 return
             self._forget(step)
+
+    def _check(self, step: int) -> None:
+        """Compare with the world, where it was at the first time step that is not settled."""
+        said = self._said
+        if said is None or said.step != step:
+            return
+        self._said = None
+        if (self.seen, self.without) != (said.transitions, said.left_out):
+            self._lack_of(step)
+
+    def _lack_of(self, step: int) -> None:
+        self._lack(f"not all was heard up to time step {step}: the curves lack what was missed")
+
+    def _lack(self, text: str) -> None:
+        """Say, for as long as the run is shown, that the curves are not those of the run."""
+        if self.whole:
+            self.whole = False
+            self._view.lack(text)
 
     def _forget(self, until: int) -> None:
         """Forget all that was heard of time steps up to one."""
@@ -406,12 +444,14 @@ class _Heard:
             for old in [step for step in kept if step <= until]:
                 del kept[old]
 
-    def _settle_transition(self, step: int) -> None:
-        said, rewards = self._actions.get(step, {}), self._rewards.get(step, {})
-        acted = [k for k in said if k in rewards]
-        if not acted:  # heard of too late
-            self.whole = False
-            return
+    def _begin_where_due(self, step: int) -> None:
+        """Begin an episode where a time step does not go on with the one before."""
+        if self._last_made is not None and step != self._last_made + 1:
+            self.episode += 1
+        self._last_made = step
+
+    def _settle_transition(self, step: int, acted: Sequence[int]) -> None:
+        said, rewards = self._actions[step], self._rewards[step]
         cells = [self._states[step][k] for k in range(self._robots)]
         after = [self._states[step + 1][k] for k in range(self._robots)]
         actions = [said[k][0] if k in acted else None for k in range(self._robots)]
@@ -420,9 +460,7 @@ class _Heard:
         met = len(inside) > 1 if self._any_doorway else len(set(inside)) < len(inside)
         told = [rewards.get(k, Reward(0.0, 0.0, 0.0, 0.0)) for k in range(self._robots)]
         arrived = tuple(k for k in range(self._robots) if after[k] == self._goals[k])
-        if self._last_made is not None and step != self._last_made + 1:
-            self.episode += 1
-        self._last_made = step
+        self._begin_where_due(step)
         self.history.add(
             self.episode, step, actions, StepOutcome(tuple(told), met, arrived, False)
         )
@@ -438,8 +476,6 @@ class _Heard:
                 ends,
             )
         )
-
-    _last_made: int | None = None
 
     def _on_tables(self, k: int, said: tuple[bytes, int, str]) -> None:
         data, step, _ = said

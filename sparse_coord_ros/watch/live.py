@@ -83,14 +83,21 @@ class LiveView:
         self._slow = self._counted = -1e9
         self._count_then = 0
         self._speed: float | None = None
+        self._lacking = ""
         board.clear()
         board.put(frames.run_message(run, source=source, title=title, controls=controls))
         board.put(frames.dialogue_message([]))
         self.notice("")
 
-    def notice(self, text: str, *, level: str = "warning") -> None:
-        """Show a line; an empty one takes it away."""
-        self.board.put(frames.notice_message(text, level=level if text else "info"))
+    def notice(self, text: str) -> None:
+        """Show a line; an empty one takes it away. What the curves lack stays beside it."""
+        said = "; ".join(one for one in (text, self._lacking) if one)
+        self.board.put(frames.notice_message(said, level="warning" if text else "info"))
+
+    def lack(self, text: str) -> None:
+        """Say, for as long as the run is shown, what the curves lack."""
+        self._lacking = text
+        self.notice("")
 
     def take(self, transition: Transition) -> None:
         """Take in a transition; called for each, so it does next to nothing."""

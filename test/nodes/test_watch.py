@@ -3,6 +3,7 @@
 """The node `watch` shows what the team's messages say, and asks the world's services."""
 
 import importlib.util
+import itertools
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -12,7 +13,8 @@ import pytest
 from sparse_coord_ros.core.run_config import make_run
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.errors import RunError
-from sparse_coord_ros.nodes import team, watch
+from sparse_coord_ros.nodes import interface, team, watch
+from sparse_coord_ros.nodes.messages import Said, read_status, typed
 from sparse_coord_ros.nodes.watch import WatchNode, _Heard
 from sparse_coord_ros.recording.reader import open_bag
 from sparse_coord_ros.runlog import read_run
@@ -69,15 +71,27 @@ def test_what_is_heard_is_what_the_log_says(tmp_path, name):
     assert np.array_equal(asked.sum(axis=1), log.asked.sum(axis=0))
 
 
-@pytest.mark.parametrize("late", ["action", "reward", "local_state"])
-def test_topics_may_overtake_one_another(tmp_path, late):
-    """One topic of one robot comes three time steps later than all others: nothing is lost."""
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
     run = make_run(load_scenario("env1").with_settings({"steps": 300}), {"seed": 5})
-    recordings.Recording(tmp_path / "bag", run)
+    bag = tmp_path_factory.mktemp("recorded") / "bag"
+    recordings.Recording(bag, run)
+    return run, bag
+
+
+@pytest.mark.parametrize("late", ["action", "reward", "local_state"])
+def test_topics_may_overtake_one_another(recorded, late, monkeypatch):
+    """One topic of one robot comes three time steps later than all others: nothing is lost.
+
+    Neither by who stood still for seconds, with all that in the queue.
+    """
+    seconds = itertools.count()
+    monkeypatch.setattr(watch, "time", SimpleNamespace(monotonic=lambda: next(seconds)))
+    run, bag = recorded
     view = LiveView(run, Board(), source="live", title="", controls=())
     team, takes = heard_of(run, view)
     held, states = [], 0
-    for message in open_bag(tmp_path / "bag").messages(set(takes)):
+    for message in open_bag(bag).messages(set(takes)):
         states += message.topic == "/robot_1/local_state"
         if message.topic == f"/robot_2/{late}":
             held.append((states + 3, message))
@@ -87,26 +101,67 @@ def test_topics_may_overtake_one_another(tmp_path, late):
         takes[message.topic](message.data)
     for _, message in held:
         takes[message.topic](message.data)
-    assert team.history.history().same_bits(read_run(tmp_path / "bag").history())
+    assert team.history.history().same_bits(read_run(bag).history())
     assert team.whole and team.seen == 300
 
 
-def test_a_robot_that_is_left_out_holds_nobody_up(tmp_path, monkeypatch):
+def test_a_robot_that_is_left_out_holds_nobody_up(recorded):
     """What does not come at all is waited for half a second, and then done without."""
-    run = make_run(load_scenario("env1").with_settings({"steps": 300}), {"seed": 5})
-    recordings.Recording(tmp_path / "bag", run)
-    clock = SimpleNamespace(monotonic=lambda: clock.now, now=0.0)
-    monkeypatch.setattr(watch, "time", clock)
+    run, bag = recorded
     view = LiveView(run, Board(), source="live", title="", controls=())
     team, takes = heard_of(run, view)
-    messages = list(open_bag(tmp_path / "bag").messages(set(takes)))
-    for message in messages[: len(messages) // 2]:
+    messages = list(open_bag(bag).messages(set(takes)))
+    for message in messages[:140]:
         if message.topic not in ("/robot_2/action", "/robot_2/reward"):
             takes[message.topic](message.data)
     assert team.seen < 5
-    clock.now += 1.0
-    team.catch_up()
-    assert team.seen > 50 and len(team._states) < 3
+    for _ in range(watch.LATE_TICKS + 1):
+        team.tick()
+    assert team.seen > 15 and len(team._states) < 3 and team.whole
+    step = next(iter(team._states))
+    team.compare(Said("", "learning", step, team.seen, left_out=team.without))
+    assert team.whole  # the world says so, too
+    team.compare(Said("", "learning", step, team.seen, left_out=0))
+    assert not team.whole
+
+
+MISSED = {
+    "nothing": ((), 0, 0),
+    "the first actions of a robot": (("/robot_2/action",), 0, 3),
+    "the first states of a robot": (("/robot_2/local_state",), 0, 2),
+    "what all did in the first steps": (("/robot_1/action", "/robot_2/action"), 0, 3),
+    "what all did in the middle": (("/robot_1/reward", "/robot_2/reward"), 40, 43),
+    "what a robot did in the middle": (("/robot_2/action", "/robot_2/reward"), 40, 43),
+    "a state in the middle": (("/robot_1/local_state",), 40, 41),
+    "the first steps": (("/robot_1/local_state", "/robot_2/local_state"), 0, 4),
+}
+
+
+@pytest.mark.parametrize("what", MISSED)
+def test_what_was_missed_is_said_and_begins_no_episode(recorded, what):
+    run, bag = recorded
+    board = Board()
+    view = LiveView(run, board, source="live", title="", controls=())
+    team, takes = heard_of(run, view)
+    status = typed(interface.STATUS, read_status)
+    takes["/status"] = lambda data: team.compare(status(data))
+    topics, begin, end = MISSED[what]
+    count = dict.fromkeys(takes, 0)
+    for number, message in enumerate(open_bag(bag).messages(set(takes))):
+        topic = message.topic
+        count[topic] += 1
+        if topic not in topics or not begin < count[topic] <= end:
+            takes[topic](message.data)
+        if number % 20 == 0:
+            team.tick()
+    for _ in range(watch.LATE_TICKS + 1):
+        team.tick()
+    said = board.get("notice")["text"]
+    assert team.whole == ("the curves lack" not in said) == (what == "nothing")
+    assert team.history.history().episodes == read_run(bag).history().episodes
+    view.notice("another thing")
+    view.notice("")
+    assert board.get("notice")["text"] == said  # it stays
 
 
 def test_a_page_beside_a_live_team(bench):

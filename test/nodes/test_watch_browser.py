@@ -170,7 +170,7 @@ def test_a_page_beside_a_team_in_other_processes(browser, start, tmp_path):
         browser.wait_for(f"['finished', 'gone'].includes({STATE})", 60)
         assert team.exit_code() == 0
     history = load_history(tmp_path / "run1")
-    late = "document.getElementById('notice').textContent.includes('lack what was before')"
+    late = "document.getElementById('notice').textContent.includes('the curves lack what was')"
     same = f"document.getElementById('episodes').textContent === '{history.episodes}'"
     browser.wait_for(f"{late} || {same}")
 
