@@ -9,7 +9,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO, TypeAlias
 
@@ -50,6 +50,7 @@ def run(
     processes: bool,
     quiet: bool = False,
     page: "Server | None" = None,
+    stop: Stop | None = None,
 ) -> dict[str, Any]:
     """Run a team and return its summary.
 
@@ -58,12 +59,13 @@ def run(
         processes: every node in its own process instead of all in this one.
         quiet: no progress lines.
         page: the server of a page that shows the team in this process; None: none.
+        stop: catches the signals that end the run; None: one of its own.
 
     Raises:
         SparseCoordError: bad input.
     """
     values = {**TEAM_PARAMETERS.defaults(), **TEAM_PARAMETERS.parse(values)}
-    with signals() as stop, sole_team():
+    with signals() if stop is None else nullcontext(stop) as stop, sole_team():
         if processes:  # the world's tidies
             return _run_processes(values, stop, quiet)
         tidy_shared_memory()

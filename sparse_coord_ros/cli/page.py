@@ -5,7 +5,7 @@
 import argparse
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -84,11 +84,18 @@ def show_end(server: "Server", run: RunConfig, out: Path) -> None:
         server.board.put(notice_message(str(error), level="warning"))
 
 
-def next_wish(server: "Server") -> Mapping[str, Any]:
+def next_wish(server: "Server", stop: Callable[[], bool] = lambda: False) -> Mapping[str, Any]:
     """Wait for what the page wants next; Ctrl-C ends the waiting.
+
+    Args:
+        server: of the page.
+        stop: whether to wait no longer, asked several times a second.
 
     Returns:
         The scenario's name and the penalty, as settings.
+
+    Raises:
+        KeyboardInterrupt: on Ctrl-C, or where `stop` says so.
     """
     wishes = Wishes()
     server.show(wishes)
@@ -99,6 +106,8 @@ def next_wish(server: "Server") -> Mapping[str, Any]:
         flush=True,
     )
     while wishes.next is None:
+        if stop():
+            raise KeyboardInterrupt
         time.sleep(0.05)
     server.show(None)
     return wishes.next

@@ -5,13 +5,17 @@
 import argparse
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.core.run_config import RUN_SETTINGS, load_run
 from sparse_coord_ros.core.tables import TEAM_FILE
 from sparse_coord_ros.errors import BagError, RunError
 from sparse_coord_ros.lockstep.checkpoints import CHECKPOINTS
+
+if TYPE_CHECKING:
+    from sparse_coord_ros.nodes.spin import Stop
+    from sparse_coord_ros.watch.server import Server
 
 
 def add_parser(verbs) -> None:
@@ -93,22 +97,25 @@ def execute(options: argparse.Namespace) -> int:
 def _watched(options: argparse.Namespace, values: dict[str, Any]) -> int:
     """Run teams one after the other, as the page wants them."""
     from sparse_coord_ros.cli import page
+    from sparse_coord_ros.nodes.spin import signals
 
     if options.processes:
         raise RunError(
             "--watch shows a team in one process: leave out --processes, or run 'sparse_coord "
             "watch' beside it"
         )
-    with page.served(options) as server:
+    # One handler for all runs and what is between them: no signal falls into a gap.
+    with page.served(options) as server, signals() as stop:
         page.announce(server, options)
         while True:
-            code = _run(options, values, server)
+            code = _run(options, values, server, stop)
             if code:
                 return code
             out = Path(values["out"])
-            page.show_end(server, load_run(out), out)
             try:
-                wish = page.next_wish(server)
+                with stop.at_once():
+                    page.show_end(server, load_run(out), out)
+                    wish = page.next_wish(server, lambda: bool(stop))
             except KeyboardInterrupt:
                 return 0
             kept = [text for text in values["set"] if text and not text.startswith("penalty=")]
@@ -117,11 +124,18 @@ def _watched(options: argparse.Namespace, values: dict[str, Any]) -> int:
             values["out"] = str(shared.new_directory(wish["scenario"]))
 
 
-def _run(options: argparse.Namespace, values: dict[str, Any], page: Any = None) -> int:
+def _run(
+    options: argparse.Namespace,
+    values: dict[str, Any],
+    page: "Server | None" = None,
+    stop: "Stop | None" = None,
+) -> int:
     from sparse_coord_ros.cli import live
 
     out = Path(values["out"])
-    summary = live.run(values, processes=options.processes, quiet=options.json, page=page)
+    summary = live.run(
+        values, processes=options.processes, quiet=options.json, page=page, stop=stop
+    )
     if options.json:
         shared.print_json({"directory": str(out), **summary})
     else:

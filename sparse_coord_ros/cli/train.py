@@ -114,8 +114,8 @@ def execute(options: argparse.Namespace) -> int:
         page.announce(server, options)
         while True:
             _run(options, out, run, trials, every, server)
-            page.show_end(server, run, out)
             try:
+                page.show_end(server, run, out)
                 wish = page.next_wish(server)
             except KeyboardInterrupt:
                 return 0

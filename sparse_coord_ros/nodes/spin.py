@@ -70,6 +70,7 @@ class Stop:
     def __init__(self) -> None:
         self.signal: int | None = None
         self._since = 0.0
+        self._at_once = False
 
     def __bool__(self) -> bool:
         """Whether to stop."""
@@ -79,8 +80,21 @@ class Stop:
         """Note a signal."""
         if self.signal is None:
             self.signal, self._since = number, time.monotonic()
+            if self._at_once:
+                raise KeyboardInterrupt
         elif time.monotonic() - self._since > PATIENCE_SECONDS:
             raise KeyboardInterrupt
+
+    @contextmanager
+    def at_once(self) -> Iterator[None]:
+        """Let the first signal interrupt at once, also one that has come before."""
+        self._at_once = True
+        try:
+            if self:
+                raise KeyboardInterrupt
+            yield
+        finally:
+            self._at_once = False
 
 
 @contextmanager

@@ -2,7 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """`sparse_coord run`: bad input, refused before any node starts."""
 
+import itertools
+import signal
 import sys
+from contextlib import suppress
+from types import SimpleNamespace
 
 import pytest
 
@@ -55,3 +59,37 @@ def test_a_run_whose_tables_could_not_be_saved_is_not_said_to_be_unfinished(
         "error: out: not all tables could be saved there (see above); make room, then: "
         "sparse_coord run --resume out\n"
     )
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("moment", ["the run's last", "show_end", "next_wish"])
+def test_a_signal_ends_a_watched_run_in_whichever_moment(
+    sparse_coord, folder, monkeypatch, number, moment
+):
+    """Also in the last moment of a run that is done: the page does not stay as if it were lost."""
+    from sparse_coord_ros.cli import page
+
+    def run_team(values, **more):
+        (folder / "out").mkdir()
+        (folder / "out" / "tables.npz").touch()
+        if moment == "the run's last":
+            signal.raise_signal(number)
+        return {"interrupted": False, "transitions": 5}
+
+    def show_end(server, run, out):
+        if moment == "show_end":
+            with suppress(KeyboardInterrupt):  # as in a destructor, where nobody hears it
+                signal.raise_signal(number)
+
+    def sleep(seconds, times=itertools.count()):  # noqa: B008
+        if moment == "next_wish":
+            signal.raise_signal(number)
+        assert next(times) < 3, "it goes on waiting"
+
+    monkeypatch.setattr("sparse_coord_ros.cli.live.run_team", run_team)
+    monkeypatch.setattr("sparse_coord_ros.cli.run.load_run", lambda out: None)
+    monkeypatch.setattr(page, "show_end", show_end)
+    monkeypatch.setattr(page, "time", SimpleNamespace(sleep=sleep))
+    before = signal.getsignal(number)
+    code, _, _ = sparse_coord("run", "env1", "--steps", 5, "--out", "out", "--watch", "--port", 0)
+    assert code == 0 and signal.getsignal(number) == before
