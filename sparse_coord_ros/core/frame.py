@@ -66,11 +66,12 @@ class Frame:
     def cell(self, x: float, y: float) -> int | None:
         """Return the free cell at a position in metres, or None where there is none."""
         cell = self._cells.get((x, y))
-        if cell is None and isfinite(x) and isfinite(y):
-            rows = self.grid.shape[0]
-            east, north = (x - self.origin[0], y - self.origin[1])
-            position = (rows - 1 - int(north // self.resolution), int(east // self.resolution))
-            cell = self.grid.number.get(position)
+        if cell is None:
+            column = (x - self.origin[0]) // self.resolution
+            south = (y - self.origin[1]) // self.resolution
+            if isfinite(column) and isfinite(south):  # of a place far off they may overflow
+                position = (self.grid.shape[0] - 1 - int(south), int(column))
+                cell = self.grid.number.get(position)
         return cell
 
 

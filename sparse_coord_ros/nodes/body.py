@@ -12,12 +12,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, Twist
 from nav_msgs.msg import Odometry
 from rclpy.context import Context
 from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Header
 
 from sparse_coord_ros.core.frame import SECOND
 from sparse_coord_ros.core.run_config import RunConfig
@@ -135,21 +137,18 @@ class BodyNode(Follower):
                 places = [number for body in arena.bodies for number in body.pose]
                 self._paths.append([arena.seconds, *places])
         sec, nanosec = divmod(round(arena.seconds * SECOND), SECOND)
+        stamp = Time(sec=sec, nanosec=nanosec)
         if self._time_publisher is not None:
-            clock = Clock()
-            clock.clock.sec, clock.clock.nanosec = sec, nanosec
-            self._time_publisher.publish(clock)
+            self._time_publisher.publish(Clock(clock=stamp))
         for k, body in enumerate(arena.bodies):
-            seen = PoseStamped()
-            seen.header.frame_id = MAP_FRAME
-            seen.header.stamp.sec, seen.header.stamp.nanosec = sec, nanosec
+            name = self._names[k]
+            seen = PoseStamped(header=Header(stamp=stamp, frame_id=MAP_FRAME))
             _write(seen.pose, self._looks[k])
-            odometry = Odometry(header=seen.header, child_frame_id=f"{self._names[k]}/base_link")
-            odometry.header.frame_id = f"{self._names[k]}/odom"
+            header = Header(stamp=stamp, frame_id=f"{name}/odom")
+            odometry = Odometry(header=header, child_frame_id=f"{name}/base_link")
             _write(odometry.pose.pose, body.odometry)
             odometry.twist.twist.linear.x, odometry.twist.twist.angular.z = body.command
             self._odometry_publishers[k].publish(odometry)
-            seen.header.frame_id = MAP_FRAME
             self._pose_publishers[k].publish(seen)
 
     def go_on(self, now: float) -> None:

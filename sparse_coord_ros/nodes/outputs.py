@@ -3,6 +3,7 @@
 """From what the nodes of a run wrote to the files of its output directory."""
 
 import tempfile
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -29,6 +30,9 @@ from sparse_coord_ros.lockstep.checkpoints import CHECKPOINTS, remove_checkpoint
 from sparse_coord_ros.nodes.parameters import run_from_parameters
 
 SUMMARY_FILE = "summary.yaml"
+
+WRITING_SECONDS = 1.0
+"""How long another node may take to write `run.yaml`."""
 
 
 def gather(
@@ -126,13 +130,23 @@ def open_output(text: str, run_text: str, own: Sequence[str]) -> Path | None:
             with (path / RUN_FILE).open("x", encoding="utf-8") as file:
                 file.write(run_text)
         except FileExistsError:
-            if (path / RUN_FILE).read_text(encoding="utf-8") != run_text:
+            if not _holds(path / RUN_FILE, run_text):
                 raise _taken(path, f"another run's {RUN_FILE}") from None
     except OSError as error:
         raise RunError(
             f"output directory {path}: cannot be written ({error.strerror}); choose another one"
         ) from None
     return path
+
+
+def _holds(path: Path, text: str) -> bool:
+    """Whether a file holds a text; another node that is just writing it gets a moment."""
+    deadline = time.monotonic() + WRITING_SECONDS
+    while True:
+        found = path.read_text(encoding="utf-8")
+        if found == text or not text.startswith(found) or time.monotonic() > deadline:
+            return found == text
+        time.sleep(0.01)
 
 
 def _taken(path: Path, what: str) -> RunError:
@@ -163,7 +177,7 @@ def save_somewhere(node: Node, out: Path, run_text: str, write: Callable[[Path],
     Args:
         node: says it.
         out: the output directory.
-        run_text: the run's `run.yaml`, written where it lacks.
+        run_text: the run's `run.yaml`, written where it is missing.
         write: writes the files into a directory.
 
     Returns:

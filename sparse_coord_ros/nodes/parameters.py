@@ -254,8 +254,8 @@ SLOWEST = 0.001
 CHANGEABLE = ("rate",)
 """Parameters of a team's nodes that can be set while they run; all others are read once."""
 
-ROS_OWN = ("use_sim_time", "start_type_description_service")
-ROS_OWN_PREFIX = "qos_overrides."
+ROS_PARAMETERS = ("use_sim_time", "start_type_description_service")
+ROS_PARAMETERS_PREFIX = "qos_overrides."
 
 
 class ParameterNode(Node):
@@ -431,7 +431,7 @@ class ParameterNode(Node):
         overrides = {
             key: cast(Parameter, parameter).value
             for key, parameter in self.get_parameters_by_prefix("").items()
-            if key not in ROS_OWN and not key.startswith(ROS_OWN_PREFIX)
+            if key not in ROS_PARAMETERS and not key.startswith(ROS_PARAMETERS_PREFIX)
         }
         takes = dict(self._table)
         if "set" in self._table:

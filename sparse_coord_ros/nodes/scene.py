@@ -136,7 +136,7 @@ class Scene:
     def _read(self, step: int, action: bytes) -> tuple[int, str] | None:
         """Return whom an action asked (from 0, -1: all) and how it ended; None: it did not ask."""
         sec, nanosec, *numbers = ACTION_LAYOUT.unpack(action)
-        percept = int(numbers[len(ACTION_LABELS)])
+        percept = numbers[len(ACTION_LABELS)]
         _, _, asked, peer, perceived = numbers[: len(ACTION_LABELS)]
         if not asked or self._convert.step(sec, nanosec) < step - 1:
             return None

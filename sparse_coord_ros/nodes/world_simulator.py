@@ -398,7 +398,7 @@ class WorldSimulator(ParameterNode):
             limit = self.values["startup_timeout"]
             if 0 < limit < now - self.born:
                 command = f"robot --ros-args -r __node:={missing[0]}"
-                if missing[0].startswith(DRIVER):
+                if missing[0].startswith(f"{DRIVER} "):
                     command = missing[0]
                 if RECORDER in missing:
                     command = f"{RECORDER} (the robots wait for it too)"
@@ -498,12 +498,9 @@ class WorldSimulator(ParameterNode):
             self._rate_timer = self.create_timer(_period(self.values) / 1e9, self._on_rate)
 
     def _on_rate(self) -> None:
-        if (
-            not self._over
-            and self.values["rate"] > 0
-            and self.lockstep.complete
-            and not self._paused
-        ):
+        if self._over or self._paused or self.values["rate"] == 0:
+            return
+        if self.lockstep.complete:
             self._advance()
             self._publish_markers()
 
@@ -560,7 +557,7 @@ class WorldSimulator(ParameterNode):
         self._over = True
         if not self._opened:
             return
-        if interrupted:
+        if interrupted and not self.done:
             if self._started:
                 self._seconds += time.monotonic()
             self._say_state(wire.STOPPED)
@@ -578,18 +575,15 @@ class WorldSimulator(ParameterNode):
     def summary(self) -> dict[str, Any]:
         """Return what happened, as plain data."""
         world = self.lockstep.world
-        seconds = self._seconds if self._seconds > 0 else 0.0
+        seconds = max(0.0, self._seconds)
         made = max(0, world.transitions - self._begun_with)  # by this process, not before it
-        bodies = self._bodies
-        moved = (
-            {}
-            if bodies is None
-            else {
+        bodies, moved = self._bodies, {}
+        if bodies is not None:
+            moved = {
                 "moves_failed": bodies.failed,
                 "bodies_lost": bodies.lost,
                 "body_seconds": round(bodies.seconds, 3),
             }
-        )
         return {
             "transitions": world.transitions,
             "episodes": world.episode + 1,

@@ -129,8 +129,8 @@ def _copies(bag: Bag, run: RunConfig, said: str | None) -> Iterator[Difference]:
         yield Difference(None, None, f"topic {RUN.name}", MISSING, "the run's settings")
     if any(count > 1 and name.endswith(f"/{RUN.name}") for name, count in bag.counts.items()):
         yield Difference(None, None, f"topic {RUN.name}", "twice", "once")
-    due = {RUN_FILE: said, SCENARIO_FILE: run.scenario.to_dict(), MAP_FILE: None}
-    due[MAP_FILE] = run.scenario.map.to_text()
+    scenario = run.scenario
+    due = {RUN_FILE: said, SCENARIO_FILE: scenario.to_dict(), MAP_FILE: scenario.map.to_text()}
     found = Counter(bag.attachments.names)
     for name, expected in due.items():
         where = f"attachment {name}"

@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from sparse_coord_ros.core.frame import SECOND, Frame, flat_position
-from sparse_coord_ros.core.wire import MAP_FRAME
+from sparse_coord_ros.core.frame import SECOND, Frame
+from sparse_coord_ros.runlog.decode import check_frame, nanoseconds_of, place_of
 from sparse_coord_ros.runlog.difference import DIALOGUE, Difference
+from sparse_coord_ros.runlog.timeline import steps_of
 
 SENT, RECEIVED, ANSWERED, RETURNED = range(4)
 """Event types of service_msgs/ServiceEventInfo: request sent, request received, response sent,
@@ -100,37 +101,26 @@ def event_row(message: Any, names: list[str]) -> tuple[Any, ...]:
     info = message.info
     kind = int(info.event_type)
     client = bytes(byte & 0xFF for byte in info.client_gid)
-    wall_ns = info.stamp.sec * SECOND + info.stamp.nanosec
+    wall_ns = nanoseconds_of(info.stamp)
     head = kind, wall_ns, client, int(info.sequence_number)
     if kind in (SENT, RECEIVED) and message.request:
         start = message.request[0].start
-        stamp, position = start.header.stamp, start.pose.position
+        ns, position = nanoseconds_of(start.header.stamp), start.pose.position
         asker = message.request[0].goal.header.frame_id
         number = names.index(asker) if asker in names else -1
-        ns = stamp.sec * SECOND + stamp.nanosec
         if number >= 0 and ns:
-            _flat(start)
+            place_of(start)
         return ns, *head, True, number, (position.x, position.y), False
     if kind in (ANSWERED, RETURNED) and message.response:
         plan = message.response[0].plan
-        ns = plan.header.stamp.sec * SECOND + plan.header.stamp.nanosec
-        _check_frame(plan.header)
+        ns = nanoseconds_of(plan.header.stamp)
+        check_frame(plan.header)
         if len(plan.poses) > 1:
             raise ValueError(f"answers with {len(plan.poses)} places")
-        where = [_flat(pose) for pose in plan.poses]
+        where = [place_of(pose) for pose in plan.poses]
         place = where[0] if where else (np.nan, np.nan)
         return ns, *head, False, -1, place, bool(where)
     raise ValueError(f"event of type {kind} holds neither a request nor a response")
-
-
-def _flat(pose: Any) -> tuple[float, float]:
-    _check_frame(pose.header)
-    return flat_position(pose.pose)
-
-
-def _check_frame(header: Any) -> None:
-    if header.frame_id != MAP_FRAME:
-        raise ValueError(f"is in the frame {header.frame_id!r}")
 
 
 def put_together(
@@ -164,7 +154,7 @@ def _put(
     frame: Frame,
 ) -> None:
     """Add what one asked robot's topic says."""
-    steps = (rows["ns"] + frame.period // 2) // frame.period
+    steps = steps_of(rows, frame.period)
     codes = {client: code for code, client in enumerate(dict.fromkeys(rows["client"].tolist()))}
     client = np.array([codes[one] for one in rows["client"].tolist()], dtype=np.int64)
     server = (rows["kind"] == RECEIVED) | (rows["kind"] == ANSWERED)

@@ -9,6 +9,7 @@ with, so what follows from that is left open, and said.
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
+from sparse_coord_ros.core.frame import Frame
 from sparse_coord_ros.core.wire import (
     COORDINATION_MAP,
     LOCAL_STATE,
@@ -88,10 +89,10 @@ def _worlds(log: RunLog) -> Iterator[Return]:
 
 def _values(log: RunLog, topic: str) -> Iterator[tuple[int, dict[str, str]]]:
     """Yield the log's time step and the values of each message of a topic."""
-    decode, period = Decoder(log.bag.topics), log.run.step_period * 1e9
+    decode, period = Decoder(log.bag.topics), Frame(log.run).period
     for message in log.bag.messages({topic}) if topic in log.bag.topics else ():
         try:
-            said = decode(topic, message.data)
-        except ValueError:
+            said = {one.key: one.value for one in decode(topic, message.data).values}
+        except (AttributeError, ValueError):  # no DiagnosticStatus; its reader says so
             continue
-        yield round(message.log_time_ns / period), {one.key: one.value for one in said.values}
+        yield round(message.log_time_ns / period), said

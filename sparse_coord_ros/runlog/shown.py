@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from sparse_coord_ros.core.frame import SECOND, Frame, flat_position
+from sparse_coord_ros.core.frame import Frame, flat_position
 from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.wire import DOORWAYS, GOALS, MAP_FRAME, ROBOTS
+from sparse_coord_ros.runlog.decode import nanoseconds_of
 
 
 def occupancy(frame: Frame) -> Callable[[Any], bytes]:
@@ -71,8 +72,8 @@ class MarkersContent:
         self.looks = self.looks or looks
         if looks != self.looks:
             raise ValueError("looks otherwise than those before it")
-        sec, nanosec = min(stamps)
-        return int(sec) * SECOND + int(nanosec), [said[place][2] for place in self.robots]
+        places = [said[place][2] for place in self.robots]
+        return nanoseconds_of(message.markers[0].header.stamp), places
 
 
 def _look(marker: Any) -> tuple[Any, ...]:

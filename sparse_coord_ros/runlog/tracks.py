@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sparse_coord_ros.core import wire
-from sparse_coord_ros.core.frame import SECOND, Frame, flat_position
+from sparse_coord_ros.core.frame import SECOND, Frame
 from sparse_coord_ros.core.occupancy import OccupancyData
 from sparse_coord_ros.core.run_config import RunConfig
 from sparse_coord_ros.core.wire import ACCOUNT_LABELS, ACTION_LABELS, PARTNERS_LABEL, REWARD_LABELS
@@ -20,7 +20,7 @@ from sparse_coord_ros.runlog import layouts
 from sparse_coord_ros.runlog.attached import RecordedTables, read_tables
 from sparse_coord_ros.runlog.bag_run import BagRun, check_bag_run, find_run
 from sparse_coord_ros.runlog.columns import Columns, Reader
-from sparse_coord_ros.runlog.decode import Decoder
+from sparse_coord_ros.runlog.decode import Decoder, check_frame, nanoseconds_of, place_of
 from sparse_coord_ros.runlog.dialogue import EVENT, Request, event_row, put_together
 from sparse_coord_ros.runlog.difference import MISSING, Difference
 from sparse_coord_ros.runlog.layouts import Layout, nanoseconds
@@ -80,6 +80,7 @@ class Tracks:
         bag: the bag.
         run: the run.
         format: number of the bag's format.
+        prefix: what the names of its topics begin with.
         names: the robots.
         states, rewards, actions, percepts: of each robot. Rows of states: `xy`; of rewards and
             actions: `numbers`, in the order of their labels (NaN for what actions of format 1
@@ -328,7 +329,7 @@ class _Sorter:
         for ns in rows["ns"][before].tolist():
             self._tracks.problem(None, k, f"{kind} stamp", f"{ns} ns", "0 or later")
         rows = rows[~before]
-        steps = (rows["ns"] + period // 2) // period
+        steps = steps_of(rows, period)
         for place in np.flatnonzero(rows["ns"] != steps * period).tolist():
             step = int(steps[place])
             said, due = (
@@ -403,12 +404,12 @@ class _Readers:
         self.statuses: list[Status] = []
         self.clock = Reader(
             np.dtype([STAMP]),
-            lambda message: (_ns(message.clock),),
+            lambda message: (nanoseconds_of(message.clock),),
             [(Layout(layouts.stamp()), _stamps)],
         )
         self.state = Reader(
             np.dtype([STAMP, ("xy", "2f8")]),
-            lambda message: (_stamp(message), _position(message)),
+            lambda message: (_stamp(message), place_of(message)),
             [(Layout(layouts.pose_stamped()), _fields("xy"))],
         )
         self.percept = self._percept()
@@ -462,7 +463,7 @@ class _Readers:
         robots = self._robots
 
         def slow(message: Any) -> tuple[Any, ...]:
-            places = [_position(pose) for pose in message.poses]
+            places = [place_of(pose) for pose in message.poses]
             padded = [*places, *[(np.nan, np.nan)] * robots][:robots]
             return _stamp(message), len(places), padded
 
@@ -507,9 +508,6 @@ class _Readers:
         robots = content.robots
         fast: list[tuple[Layout, Fill]] = []
 
-        def slow(message: Any) -> tuple[Any, ...]:
-            return content(message)
-
         def fill(rows: np.ndarray, fields: np.ndarray) -> np.ndarray:
             rows["ns"] = nanoseconds(fields, "0_")
             for number, place in enumerate(robots):
@@ -522,7 +520,7 @@ class _Readers:
                 fast.append((layouts.markers(content.looks, content.due), fill))
 
         kind = np.dtype([STAMP, ("places", "f8", (len(robots), 2))])
-        return Reader(kind, slow, fast, learn)
+        return Reader(kind, content, fast, learn)
 
     def _take_status(self, message: Any) -> tuple[Any, ...]:
         said = {pair.key: pair.value for pair in message.values}
@@ -565,20 +563,6 @@ def _event(asker: int | None) -> Fill:
     return fill
 
 
-def _ns(time: Any) -> int:
-    return int(time.sec) * SECOND + int(time.nanosec)
-
-
 def _stamp(message: Any) -> int:
-    _check_frame(message.header)
-    return _ns(message.header.stamp)
-
-
-def _position(message: Any) -> tuple[float, float]:
-    _check_frame(message.header)
-    return flat_position(message.pose)
-
-
-def _check_frame(header: Any) -> None:
-    if header.frame_id != wire.MAP_FRAME:
-        raise ValueError(f"is in the frame {header.frame_id!r}")
+    check_frame(message.header)
+    return nanoseconds_of(message.header.stamp)

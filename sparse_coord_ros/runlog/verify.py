@@ -120,17 +120,19 @@ def verify(path: Path, *, compiled: bool | None = None) -> Verification:
     ]
     for agent in agents:
         differences += agent.differences()
-    ordered = sorted(dict.fromkeys(differences), key=lambda one: one.rank)
-    lost = [one for one in ordered if _lost(log, one)]
-    ordered = [one for one in ordered if one not in lost]
-    open_ = [one for one in ordered if _open(one)] if _disturbed(log, world) else []
+    found = sorted(dict.fromkeys(differences), key=lambda one: one.rank)
+    lost = [one for one in found if _lost(log, one)]
+    missed = set(lost)
+    ordered = [one for one in found if one not in missed]
     killed, broke_off = _killed(log, agents, ordered)
     alone, went_on = left_open(log, ordered)
-    open_ = [one for one in ordered if one in open_ or one in killed or one in alone]
+    open_ = {*killed, *alone}
+    if _disturbed(log, world):
+        open_ |= {one for one in ordered if one.quantity.split()[0] in LEFT_OPEN}
     return Verification(
         log=log,
         differences=tuple(one for one in ordered if one not in open_),
-        open=tuple(open_),
+        open=tuple(one for one in ordered if one in open_),
         broke_off=(*broke_off, *went_on),
         lost=Counter(_topic(log, one) for one in lost),
         steps=world.transitions,
@@ -206,7 +208,3 @@ def _disturbed(log: RunLog, world: WorldCheck) -> bool:
     late = any(request.answer is None for request in log.requests)
     waited = any(status.timeouts for status in log.tracks.statuses)
     return late or waited or bool(world.left_out) or bool(repeat_count(log))
-
-
-def _open(difference: Difference) -> bool:
-    return difference.quantity.split()[0] in LEFT_OPEN

@@ -100,10 +100,7 @@ class _Walk:
                 [self.reward, at(log.partners, np.nan)[..., None]], axis=2
             )
         self.numbers = at(log.numbers, np.nan)
-        columns = [track.has(steps) for track in tracks.rewards]
-        self.rewarded = (
-            np.stack(columns, axis=1) if len(steps) else np.zeros((0, len(columns)), bool)
-        )
+        self.rewarded = np.stack([track.has(steps) for track in tracks.rewards], axis=1)
         self.stated = np.stack([track.has(steps) for track in tracks.states], axis=1)
         self.acted = np.stack([track.has(steps) for track in tracks.actions], axis=1)
         self.made = np.asarray(self.rewarded.any(axis=1))
@@ -111,7 +108,7 @@ class _Walk:
         self.arrived: np.ndarray = np.equal(self.cells, goals)
         self.goals = goals
         # Transitions before each row.
-        self.before = np.concatenate([[0], np.cumsum(self.made)])[:-1] if len(steps) else steps
+        self.before = np.concatenate([[0], np.cumsum(self.made)])[:-1]
         self.finished: np.ndarray = np.greater_equal(self.before, self.scenario.steps)
         begins = np.concatenate([[True], ~self.made[:-1]])[: len(steps)]
         begun = np.maximum.accumulate(np.where(begins, np.arange(len(steps)), 0))
@@ -120,7 +117,7 @@ class _Walk:
         self.over: np.ndarray = np.asarray(self.arrived.all(axis=1) | self.used_up)
         self.left_out = self.made[:, None] & ~self.rewarded & ~self.arrived
         counted = np.cumsum(self.left_out.sum(axis=1))
-        self.left_before = np.concatenate([[0], counted])[:-1] if len(steps) else steps
+        self.left_before = np.concatenate([[0], counted])[:-1]
 
     def check(self) -> WorldCheck:
         """Return the first difference, and what was there before it."""
@@ -248,13 +245,13 @@ class _Walk:
                 return
             counted = int(self.left_before[row])
             said = 0 if status.left_out is None and status.timeouts == 0 else status.left_out
-            if said is not None and counted > said:
-                pairs = np.argwhere(self.left_out[named:row]) + [named, 0]
+            pairs = np.argwhere(self.left_out[named:row]) + [named, 0]
+            if said is not None and counted > said and len(pairs):
                 acted = [pair for pair in pairs.tolist() if self.acted[*pair]]
                 odd, k = acted[0] if acted else pairs[0].tolist()
                 yield odd, partial(self._not_left_out, odd, k)
                 return
-            if said is not None and counted < said:
+            if said is not None and counted != said:
                 logged = f"{said} robots' steps left out"
                 yield row, partial(self._status, status.step, logged, f"{counted}")
                 return

@@ -20,9 +20,14 @@ def test_cells_come_back(resolution):
         assert frame.cell(x + 0.49 * resolution, y - 0.49 * resolution) == cell
 
 
-@pytest.mark.parametrize("place", [(math.nan, 0.5), (math.inf, 0.5), (-0.5, 0.5), (0.5, 1e9)])
-def test_elsewhere_is_no_cell(place):
-    assert Frame(make_run(load_scenario("env1"), {})).cell(*place) is None
+@pytest.mark.parametrize("resolution", [0.1, 1.0])
+@pytest.mark.parametrize(
+    "place",
+    [(math.nan, 0.5), (math.inf, 0.5), (-0.5, 0.5), (0.5, 1e9), (1e308, 0.5), (0.5, -1e308)],
+)
+def test_elsewhere_is_no_cell(place, resolution):
+    frame = Frame(make_run(load_scenario("env1"), {"resolution": resolution}))
+    assert frame.cell(*place) is None
 
 
 @pytest.mark.parametrize("period", [0.001, 0.033, 0.1, 60.0])

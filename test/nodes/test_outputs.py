@@ -1,12 +1,15 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where a run is saved when its own place cannot be written."""
+"""Where a run is saved: joined by several nodes, or in another place where it must be."""
 
+import threading
 from types import SimpleNamespace
 
 import pytest
 
-from sparse_coord_ros.nodes.outputs import save_somewhere
+from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.nodes import outputs
+from sparse_coord_ros.nodes.outputs import open_output, save_somewhere
 
 
 @pytest.fixture
@@ -54,3 +57,16 @@ def test_where_nothing_can_be_written_the_first_refusal_is_told(node, tmp_path, 
     with pytest.raises(OSError) as error:
         save_somewhere(node, tmp_path / "out", "", refuse)
     assert error.value.filename == str(tmp_path / "out")
+
+
+def test_a_run_file_that_another_node_is_just_writing_is_waited_for(tmp_path, monkeypatch):
+    file = tmp_path / "run.yaml"
+    file.write_text("run: ")
+    timer = threading.Timer(0.03, file.write_text, ["run: text"])
+    timer.start()
+    assert open_output(str(tmp_path), "run: text", []) == tmp_path
+    timer.join()
+    monkeypatch.setattr(outputs, "WRITING_SECONDS", 0.0)
+    file.write_text("run: ")
+    with pytest.raises(RunError, match="holds another run's run.yaml"):
+        open_output(str(tmp_path), "run: text", [])

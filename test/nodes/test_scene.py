@@ -72,6 +72,13 @@ def test_a_question_is_a_line_to_the_peer_and_words(scene, percept, perceived, o
     assert found["questions", 1].action == found["words", 1].action == Marker.DELETE
 
 
+@pytest.mark.parametrize("percept", [math.nan, math.inf, 99.0])
+def test_a_percept_that_ended_as_nothing_known(scene, percept):
+    """The world takes actions whatever they say of themselves; showing them must not end it."""
+    found = markers(scene, [9, 11], {0: asking(scene, percept)})
+    assert found["words", 0].text == "asks robot_2: failed"
+
+
 def test_old_questions_go_and_one_to_all_has_a_line_to_each(scene):
     old = markers(scene, [9, 11], {0: asking(scene, wire.ANSWERED, step=3)})
     assert old["questions", 0].action == Marker.DELETE

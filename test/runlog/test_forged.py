@@ -238,6 +238,44 @@ def test_what_the_world_says_of_itself(alter, key, value, said):
     assert (first.quantity, first.logged) == ("status", said)
 
 
+def test_a_world_that_takes_back_how_often_it_went_on_without_a_robot(record, rewritten, tmp_path):
+    """Between the two statuses nobody was left out, so that no robot can be named."""
+
+    def change(messages):
+        place = places(messages, "/status")[-1]
+        status = deserialize_message(messages[place].data, DiagnosticStatus)
+        (pair,) = [pair for pair in status.values if pair.key == "left_out"]
+        assert int(pair.value) > 1
+        pair.value = "1"
+        messages[place] = messages[place]._replace(data=serialize_message(status))
+        return messages
+
+    run = record(late=[(0, step) for step in range(30, 160)])
+    first = verify(rewritten(run.bag, tmp_path / "bag", change)).first
+    assert (first.quantity, first.logged) == ("status", "1 robots' steps left out")
+
+
+def test_a_status_of_another_type(good, tmp_path):
+    with BagWriter(tmp_path / "bag") as bag:
+        source = open_bag(good.bag)
+        channels = {
+            topic.name: bag.add_topic(
+                topic.name,
+                "std_msgs/msg/String" if topic.name == "/status" else topic.type_name,
+                QoS(),
+            )
+            for topic in source.topics.values()
+        }
+        for name, texts in source.metadata.items():
+            if name != "rosbag2":
+                bag.add_metadata(name, texts)
+        for one in source.messages():
+            data = serialize_message(String(data="a")) if one.topic == "/status" else one.data
+            bag.write(channels[one.topic], data, one.log_time_ns, one.publish_time_ns)
+    found = verify(tmp_path / "bag")
+    assert ("topic /status", "readable") in {(d.quantity, d.computed) for d in found.differences}
+
+
 def test_a_robot_that_learns_before_it_has_acted(alter):
     def change(messages):
         place = places(messages, "/robot_1/action")[0]
