@@ -147,12 +147,12 @@ class Member:
             for peer in self._peers.values():
                 peer.start_anew()
             self._node.get_logger().info(f"went back to the checkpoint of step {order.step}")
-            self._say_what_is_known()
+            self._say_what_is_known(self.lockstep.handled)
         if self.joined:  # the world goes on when all have obeyed: not before this robot hears it
             self.say_progress()
 
-    def _say_what_is_known(self) -> None:
-        self.publish_map(self.lockstep.handled)
+    def _say_what_is_known(self, step: int) -> None:
+        self.publish_map(step)
         self.publish_tables(wire.INITIAL)
 
     def _initial_tables(self, number: int) -> Tables | None:
@@ -213,7 +213,7 @@ class Member:
             self._node.intake.drop(interface.STATUS.name, "the run was said to be over")
         if self._unsaid:  # no order to go back has come: it goes on from its own checkpoint
             self._unsaid = False
-            self._say_what_is_known()
+            self._say_what_is_known(step)
         self.lockstep.state(step, cell)
 
     def world_said(self, step: int) -> None:
@@ -290,7 +290,7 @@ class Member:
         self.say_progress()
         self._node.get_logger().info(f"joined run {self.run.scenario.name}, seed {self.run.seed}")
         if not self._unsaid:
-            self._say_what_is_known()
+            self._say_what_is_known(self.lockstep.handled)
 
     def _not_heard_by(self) -> str:
         """Return who is to hear this robot and does not yet, or an empty text."""

@@ -27,7 +27,7 @@ from sparse_coord_ros.core.world import Action, Reward
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.lockstep.bodies import BodiesSide, BodyWorld, Errand, Reached
 from sparse_coord_ros.lockstep.checkpoints import Checkpoints
-from sparse_coord_ros.lockstep.rollback import NO_ORDER, Progress, WorldRollback
+from sparse_coord_ros.lockstep.rollback import NO_ORDER, ROLL_CALL, Progress, WorldRollback
 from sparse_coord_ros.lockstep.waiting import Reminder
 from sparse_coord_ros.lockstep.world import WorldSide
 from sparse_coord_ros.nodes import interface
@@ -610,6 +610,8 @@ class WorldSimulator(ParameterNode):
         return not self.lockstep.held and (self._started or not self.values["resume"])
 
     def _running_state(self) -> str:
+        if self.lockstep.held and self._back.order.step == ROLL_CALL:
+            return wire.RESUMING  # where the team is will be known when all have answered
         if self._paused:
             return wire.PAUSED
         if self._started:

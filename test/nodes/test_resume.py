@@ -121,6 +121,7 @@ def killed_and_resumed(start_node, nodes, who, out, **more):
     while len(saved(out)) < 6:  # two checkpoints of each
         assert nodes[who].running(), nodes[who].output
         time.sleep(0.002)
+    time.sleep(0.2)  # some 80 of the 150 steps to the next one: they are lost
     nodes[who].send_signal(signal.SIGKILL)
     nodes[who].exit_code()
     module = "robot" if who != "world_simulator" else who
@@ -139,6 +140,29 @@ def test_who_comes_back_takes_everybody_back(start_node, tmp_path, said, assert_
     summary = killed_and_resumed(start_node, nodes, who, out)
     assert (summary["taken_back"], summary["transitions_lost"]) == (1, 0)
     assert_same_tables(out, said)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("who", ["robot_2", "world_simulator"])
+def test_who_goes_on_shows_nothing_of_the_time_before(bench, tmp_path, who):
+    """It knows its checkpoint; the recorder was there all the time, and wrote later things."""
+    out = tmp_path / "out"
+    alone = {"returning": "continue", "out": str(out)}
+    world = bench.world(set=["steps=90"], checkpoint=20, recorded=True, rate=100.0, **alone)
+    bench.recorder(out / "bag")
+    robots = bench.robots(out=str(out))
+    observer = bench.observer()
+    bench.spin_until(lambda: world.lockstep.world.step > 50, "between two checkpoints")
+    bench.destroy(world if who == "world_simulator" else robots[1])
+    bench.spin_until(lambda: not observer.count(f"{who}/claim"), "its name is free")
+    if who == "world_simulator":
+        bench.world(scenario="", resume=True, **alone)
+    else:
+        bench.robot(who, resume=True, out=str(out))
+    bench.spin_until_done()
+    found = verify(out)
+    assert found.cannot_tell, found.differences
+    assert found.broke_off[0].startswith(("robot_2", "the world"))
 
 
 @pytest.mark.long
