@@ -8,7 +8,7 @@ what it has had: whoever is slow misses messages, and nobody waits for it.
 
 import json
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from sparse_coord_ros.watch.frames import Message
@@ -30,7 +30,6 @@ class Board:
         self._texts: dict[str, tuple[int, str]] = {}
         self._version = 0
         self._pages = 0
-        self._wake: Callable[[], None] = lambda: None
 
     @property
     def watched(self) -> bool:
@@ -47,16 +46,11 @@ class Board:
         with self._lock:
             self._pages -= 1
 
-    def on_change(self, wake: Callable[[], None]) -> None:
-        """Call this, from whatever thread, when there is something new."""
-        self._wake = wake
-
     def put(self, message: Message) -> None:
         """Put a message in place of the one before of its type."""
         with self._lock:
             self._version += 1
             self._messages[message["type"]] = (self._version, message)
-        self._wake()
 
     def clear(self) -> None:
         """Take all messages away, as another run begins."""

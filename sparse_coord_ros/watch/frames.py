@@ -169,7 +169,7 @@ def tables_message(
         robots.append(
             {
                 "step": step,
-                "q_star": [[_number(value, 4) for value in row] for row in own.q_star.tolist()],
+                "q_star": _plain(own.q_star),
                 "moves": policy.moves.astype(int).tolist(),
                 "asks": np.flatnonzero(asks).tolist(),
             }
@@ -205,8 +205,7 @@ def curves_message(history: History, *, until: float | None = None) -> Message:
             counts = np.add.reduceat(weights[order].astype(np.float64), begins, axis=0)
         with np.errstate(invalid="ignore", divide="ignore"):
             found = sums / counts
-        plain: list[Any] = _plain((found.T if sums.ndim == 2 else found).tolist())
-        return plain
+        return _plain(found.T)
 
     own = history.present
     return {
@@ -272,14 +271,17 @@ def _cell(run: RunConfig, cell: int | None) -> str:
     return f"cell {cell} [{row}, {column}]"
 
 
-def _number(value: float, digits: int | None = None) -> float | None:
+def _number(value: float) -> float | None:
     """Return a number that JSON has, or None."""
-    if not isfinite(value):
-        return None
-    return value if digits is None else round(value, digits)
+    return value if isfinite(value) else None
 
 
-def _plain(data: Any) -> Any:
-    if isinstance(data, list):
-        return [_plain(one) for one in data]
-    return _number(data, 4) if isinstance(data, float) else data
+def _plain(values: np.ndarray) -> list[Any]:
+    """Return numbers with four digits as lists; None where JSON has no such number."""
+    found = values.round(4)
+    unknown = ~np.isfinite(found)
+    if unknown.any():
+        found = found.astype(object)
+        found[unknown] = None
+    plain: list[Any] = found.tolist()
+    return plain

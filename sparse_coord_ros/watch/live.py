@@ -22,7 +22,13 @@ from sparse_coord_ros.watch.bag import DIALOGUE
 from sparse_coord_ros.watch.board import Board
 
 SLOW_SECONDS = 1.0
-"""Between two messages of curves, tables and asks."""
+"""Between two messages of curves, tables and asks, or longer:"""
+
+SLOW_SHARE = 0.01
+"""Share of the time that making them may take. A long run has long curves."""
+
+WORDS_SECONDS = 0.2
+"""Between two messages of questions in words: quicker nobody reads."""
 
 
 class Transition(NamedTuple):
@@ -80,7 +86,9 @@ class LiveView:
         self.last: Transition | None = None
         self._shown: tuple[Transition | None, str, float] | None = None
         self._entries: deque[frames.Message] = deque(maxlen=DIALOGUE)
-        self._slow = self._counted = -1e9
+        self._slow = self._counted = self._worded = -1e9
+        self._words_due = False
+        self._began: float | None = None
         self._count_then = 0
         self._speed: float | None = None
         self._lacking = ""
@@ -118,6 +126,7 @@ class LiveView:
             still: where the robots are, while there was no transition.
         """
         now = self._now()
+        self._show_words()
         if now - self._counted >= SLOW_SECONDS:
             passed = now - self._counted
             self._speed = None if passed > 60 else (transitions - self._count_then) / passed
@@ -144,14 +153,24 @@ class LiveView:
         )
         if new and moment.asks:
             self._entries.extend(frames.in_words(self.run, moment))
+            self._words_due = True
+            self._show_words()
+
+    def _show_words(self, *, at_once: bool = False) -> None:
+        """Show the questions in words, where there are new ones and it is time for them."""
+        if not self._words_due:
+            return
+        now = self._now()
+        if at_once or now - self._worded >= WORDS_SECONDS:
+            self._words_due, self._worded = False, now
             self.board.put(frames.dialogue_message(list(self._entries)))
 
     def slow_due(self) -> bool:
         """Return whether it is time for `show_learned`: once a second where a page is there."""
         now = self._now()
-        if not self.board.watched or now - self._slow < SLOW_SECONDS:
+        if not self.board.watched or now < self._slow:
             return False
-        self._slow = now
+        self._began = now
         return True
 
     def show_learned(
@@ -170,12 +189,17 @@ class LiveView:
             rings: likewise.
             asked: as `asked`, where somebody else has counted.
         """
+        self._show_words(at_once=True)
         self.board.put(frames.curves_message(history))
         if tables is not None:
             self.board.put(frames.tables_message(self.run, tables, rings))
         step = 0 if self.last is None else self.last.step
         counted = np.array(self.asked) if asked is None else asked
         self.board.put(frames.asked_message(counted, step))
+        if self._began is not None:
+            now = self._now()
+            self._slow = now + max(SLOW_SECONDS, (now - self._began) / SLOW_SHARE)
+            self._began = None
 
 
 def moment_of(transition: Transition) -> frames.Moment:

@@ -81,7 +81,6 @@ class Page:
         self._names = {"localhost", host.lower()}
         if not self._local:
             self._names |= {socket.gethostname().lower(), socket.getfqdn().lower()}
-        self._changed = asyncio.Event()
         self._sockets: set[web.WebSocketResponse] = set()
         folder = resources.files("sparse_coord_ros.watch") / "page"
         self._files = {
@@ -92,11 +91,6 @@ class Page:
             self.app.router.add_get(route, self._file)
         self.app.router.add_get("/ws", self._stream)
         self.app.on_shutdown.append(self._close_all)
-
-    def wake(self) -> None:
-        """Let every page look for what is new; in the loop's thread."""
-        self._changed.set()
-        self._changed = asyncio.Event()
 
     def allowed(self, host: str) -> bool:
         """Return whether a `Host` (or the one of an `Origin`) names this server.
@@ -151,7 +145,10 @@ class Page:
     async def _stream(self, request: web.Request) -> web.StreamResponse:
         if len(self._sockets) >= MOST_PAGES:
             return web.Response(status=503, text=f"{MOST_PAGES} pages are open: close one\n")
-        stream = web.WebSocketResponse(max_msg_size=LARGEST_MESSAGE, heartbeat=HEARTBEAT_SECONDS)
+        # Not compressed: the page is near, and a team in this process would pay for it.
+        stream = web.WebSocketResponse(
+            max_msg_size=LARGEST_MESSAGE, heartbeat=HEARTBEAT_SECONDS, compress=False
+        )
         await stream.prepare(request)
         self._sockets.add(stream)
         self.board.page_came()
@@ -168,22 +165,22 @@ class Page:
         return stream
 
     async def _send(self, stream: web.WebSocketResponse, said: asyncio.Queue[str]) -> None:
-        """Send what is newer than what the page has had; a page that is slow misses some."""
+        """Send what is newer than what the page has had; a page that is slow misses some.
+
+        It looks for that so many times a second. A source that woke it up would pay for that: in
+        a team's own process each of a thread's turns stops the others.
+        """
         seen: dict[str, int] = {}
         pause = 1.0 / FRAMES_A_SECOND
         names = {"type": "hello", "scenarios": scenario_names(), "control": False}
         await stream.send_str(json.dumps(names))
         while True:
-            changed = self._changed
             while not said.empty():
                 await stream.send_str(said.get_nowait())
             for kind, version, text in self.board.newer(seen):
                 seen[kind] = version
                 await stream.send_str(text)
             await asyncio.sleep(pause)
-            if changed is self._changed and said.empty():
-                with suppress(TimeoutError):
-                    await asyncio.wait_for(changed.wait(), 0.5)
 
     async def _hear(self, stream: web.WebSocketResponse, said: asyncio.Queue[str]) -> None:
         odd = 0
@@ -201,7 +198,6 @@ class Page:
             if said.full():
                 said.get_nowait()
             said.put_nowait(json.dumps(answer))
-            self.wake()
 
     def _answer(self, text: str) -> dict[str, Any]:
         """Do what a page asks for, and return what to tell it."""
@@ -314,26 +310,10 @@ class Server:
         runner = web.AppRunner(page.app, access_log=None, shutdown_timeout=1.0)
         await runner.setup()
         await web.SockSite(runner, self._listening).start()
-        pending = False
-
-        def wake() -> None:
-            nonlocal pending
-            pending = False
-            page.wake()
-
-        def changed() -> None:
-            nonlocal pending
-            if not pending and self.board.watched:
-                pending = True
-                with suppress(RuntimeError):  # the loop has just been closed
-                    self._loop.call_soon_threadsafe(wake)
-
-        self.board.on_change(changed)
         self._ready.set()
         try:
             await self._stop.wait()
         finally:
-            self.board.on_change(lambda: None)
             await runner.cleanup()
 
 
