@@ -27,8 +27,8 @@ class OccupancyData:
 
     def coordination(self, tables: Tables) -> bytes:
         """Return where a robot with these tables chooses COORDINATE."""
-        values = np.nan_to_num(tables.q_star, nan=-np.inf)
-        self._grid[self.places] = np.where(values.argmax(axis=1) == COORDINATE, OCCUPIED, EMPTY)
+        moves, asking = tables.q_star[:, :COORDINATE], tables.q_star[:, COORDINATE]
+        self._grid[self.places] = np.where(asking > moves.max(axis=1), OCCUPIED, EMPTY)
         return self._grid.tobytes()
 
     def cells(self, data: bytes) -> str:

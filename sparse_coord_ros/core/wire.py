@@ -30,8 +30,8 @@ class Topic:
         owner: TEAM, ROBOT or NODE.
         delivery: STEP, EVENT, LATCHED or TABLES_KEPT.
         stamped: the message begins with its time (a header or a clock), that of the run.
-        tapped: nodes hand it to a recorder in their own process: what each time step and
-            episode says.
+        tapped: published as packed bytes, and handed to a recorder in the same process: what
+            each time step and episode says.
     """
 
     name: str

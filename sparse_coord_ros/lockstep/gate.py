@@ -33,8 +33,9 @@ class StepGate:
         Steps of the past pass. One that does not is kept, with those that follow it, until the
         world confirms them: see `confirmed`.
         """
-        if step <= max(self.newest, self.said) + NEAR:
-            self.newest = max(self.newest, step)
+        if step <= self.newest + NEAR or step <= self.said + NEAR:
+            if step > self.newest:
+                self.newest = step
             self._first = 0  # the world is here, whoever said otherwise
             return True
         follows = self._last < step <= self._last + NEAR

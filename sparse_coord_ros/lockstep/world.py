@@ -133,7 +133,13 @@ class WorldSide:
     @property
     def complete(self) -> bool:
         """Whether the barrier is open: all robots that are waited for have acted."""
-        return not self.missing() and any(action is not None for action in self._actions)
+        acted = False
+        for k, action in enumerate(self._actions):
+            if action is not None:
+                acted = True
+            elif not self.world.arrived[k] and k not in self.absent:
+                return False
+        return acted
 
     @property
     def actions(self) -> tuple[Action | None, ...]:
@@ -214,7 +220,7 @@ class WorldSide:
         """Make the time step and publish what came of it."""
         step = self.world.step
         acted = [k for k in self._robots if self._actions[k] is not None]
-        self.left_out += sum(not self.world.arrived[k] for k in self._robots) - len(acted)
+        self.left_out += self.world.arrived.count(False) - len(acted)
         watcher = self.watcher
         before = None if watcher is None else tuple(self.world.cells)
         outcome = self.world.advance(self._actions)
@@ -285,7 +291,6 @@ class WorldSide:
     def _save_where_due(self, *steps: int) -> None:
         """Save at the first of the published steps at which the robots do too."""
         every = self._checkpoint
-        for before, step in pairwise(steps):
-            if every and before // every < step // every:
-                self._port.checkpoint(step)
-                return
+        if every and steps[0] // every < steps[-1] // every:
+            due = (step for before, step in pairwise(steps) if before // every < step // every)
+            self._port.checkpoint(next(due))

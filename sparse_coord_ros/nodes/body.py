@@ -18,7 +18,6 @@ from geometry_msgs.msg import PoseStamped, Twist
 from nav_msgs.msg import Odometry
 from rclpy.context import Context
 from rclpy.publisher import Publisher
-from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header
 
 from sparse_coord_ros.core.frame import SECOND
@@ -31,7 +30,14 @@ from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.lockstep.bodies import BEGIN, Errand, Reached
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.follower import Follower
-from sparse_coord_ros.nodes.messages import Converter, read_errand, read_reached, status, typed
+from sparse_coord_ros.nodes.messages import (
+    CLOCK_LAYOUT,
+    Converter,
+    read_errand,
+    read_reached,
+    status,
+    typed,
+)
 from sparse_coord_ros.nodes.parameters import BODY_PARAMETERS
 from sparse_coord_ros.nodes.spin import run_node
 
@@ -139,7 +145,7 @@ class BodyNode(Follower):
         sec, nanosec = divmod(round(arena.seconds * SECOND), SECOND)
         stamp = Time(sec=sec, nanosec=nanosec)
         if self._time_publisher is not None:
-            self._time_publisher.publish(Clock(clock=stamp))
+            self._time_publisher.publish(CLOCK_LAYOUT.pack(sec, nanosec))
         for k, body in enumerate(arena.bodies):
             name = self._names[k]
             seen = PoseStamped(header=Header(stamp=stamp, frame_id=MAP_FRAME))

@@ -42,36 +42,28 @@ class FixedLayout:
     def __init__(self, message_type: type, build: Callable, read: Callable, numbers: int) -> None:
         self.message_type = message_type
         self._build, self._read = build, read
-        probes = [PROBE_NUMBER * (1 + index) for index in range(numbers)]
-        message = build(PROBE_SECONDS, PROBE_NANOSECONDS, *probes)
+        message = build(PROBE_SECONDS, PROBE_NANOSECONDS, *_probes(numbers))
         data = serialize_message(message)
+        self._whole: struct.Struct | None = None
         if data[:2] != LITTLE_ENDIAN_CDR:  # a big-endian machine: leave it all to rclpy
-            self._layout = None
             return
         data = _without_garbage(data, message)
-        marks = [struct.pack("<II", PROBE_SECONDS, PROBE_NANOSECONDS)]
-        marks += [struct.pack("<d", probe) for probe in probes]
-        self._fixed, parts, end = [], ["<"], 0
-        for mark, code in zip(marks, ["iI"] + ["d"] * numbers, strict=True):
-            if data.count(mark) != 1:
-                raise RuntimeError(f"{message_type.__name__}: probe not found in its CDR")
-            start = data.index(mark)
-            self._fixed.append(data[end:start])
-            parts += [f"{start - end}s", code]
-            end = start + len(mark)
-        self._fixed.append(data[end:])
-        parts.append(f"{len(data) - end}s")
-        self._layout = struct.Struct("".join(parts))
+        stamp = _STAMP.pack(PROBE_SECONDS, PROBE_NANOSECONDS)
+        block = struct.pack(f"<{numbers}d", *_probes(numbers))
+        if data.count(stamp) != 1 or (block and data.count(block) != 1):
+            raise RuntimeError(f"{message_type.__name__}: probe not found in its CDR")
+        self._before, rest = data.split(stamp)
+        self._between, self._after = rest.split(block) if block else (rest, b"")
+        before, between, after = map(len, (self._before, self._between, self._after))
+        self._whole = struct.Struct(f"<{before}siI{between}s{numbers}d{after}s")
+        self._said = struct.Struct(f"<{before}xiI{between}x{numbers}d")
+        self._second = before + len(stamp)
 
     def pack(self, sec: int, nanosec: int, *numbers: float) -> bytes:
         """Return the CDR bytes of a message."""
-        if self._layout is None:
+        if self._whole is None:
             return serialize_message(self._build(sec, nanosec, *numbers))
-        fixed = self._fixed
-        values = [fixed[0], sec, nanosec, fixed[1]]
-        for number, between in zip(numbers, fixed[2:], strict=True):
-            values += (number, between)
-        return self._layout.pack(*values)
+        return self._whole.pack(self._before, sec, nanosec, self._between, *numbers, self._after)
 
     def unpack(self, data: bytes) -> tuple:
         """Return (sec, nanosec, *numbers) of a message's CDR bytes.
@@ -79,11 +71,19 @@ class FixedLayout:
         Raises:
             ValueError: a message of the type that does not say these numbers.
         """
-        if self._layout is not None and len(data) == self._layout.size:
-            values = self._layout.unpack(data)
-            if [values[0], *values[3::2]] == self._fixed:
-                return (*values[1:3], *values[4::2])
+        if (
+            self._whole is not None
+            and len(data) == self._whole.size
+            and data.startswith(self._before)
+            and data.startswith(self._between, self._second)
+            and data.endswith(self._after)
+        ):
+            return self._said.unpack_from(data)
         return self._read(deserialize_message(data, self.message_type))
+
+
+def _probes(count: int) -> list[float]:
+    return [PROBE_NUMBER * (1 + index) for index in range(count)]
 
 
 class Template:

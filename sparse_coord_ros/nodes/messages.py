@@ -114,6 +114,10 @@ CLOCK_LAYOUT = FixedLayout(
 )
 
 
+FLAGS = (0.0, 1.0)
+"""No and yes as numbers."""
+
+
 class Converter(Frame):
     """Conversions of one run: its time step, its map and its metres, as messages.
 
@@ -123,6 +127,10 @@ class Converter(Frame):
     Args:
         run: the run.
     """
+
+    def __init__(self, run: RunConfig) -> None:
+        super().__init__(run)
+        self._reward_layout = REFEREED_LAYOUT if self.referee else REWARD_LAYOUT
 
     def checked_step(self, sec: int, nanosec: int) -> int:
         """Return the time step of a stamp.
@@ -170,10 +178,6 @@ class Converter(Frame):
             raise ValueError(f"a reward is {', '.join(map(str, numbers))}: not finite")
         return self.checked_step(sec, nanosec), reward_from(numbers)
 
-    @property
-    def _reward_layout(self) -> FixedLayout:
-        return REFEREED_LAYOUT if self.referee else REWARD_LAYOUT
-
     def pack_action(self, step: int, action: Action, account: Account) -> bytes:
         """Return an action as CDR of sensor_msgs/JointState; peers count from 1, 0 is none."""
         return ACTION_LAYOUT.pack(*self.stamp(step), *action_numbers(action), *account)
@@ -185,10 +189,9 @@ class Converter(Frame):
             ValueError: labels are missing or doubled, (east, north) is no primitive action, or
                 another number is none that a robot says.
         """
-        sec, nanosec, *numbers = ACTION_LAYOUT.unpack(data)
-        numbers = numbers[: len(ACTION_LABELS)]
+        sec, nanosec, *numbers, _, _ = ACTION_LAYOUT.unpack(data)
         _, _, asked, peer, perceived = numbers
-        if not ({asked, perceived} <= {0.0, 1.0} and 0 <= peer <= self.robots):
+        if not (asked in FLAGS and perceived in FLAGS and 0 <= peer <= self.robots):
             raise ValueError(f"coordinate {asked}, peer {peer}, perceived {perceived}: no action")
         return self.checked_step(sec, nanosec), action_from(numbers)
 

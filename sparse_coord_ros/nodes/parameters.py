@@ -29,7 +29,7 @@ from sparse_coord_ros.errors import RunError, SettingError, SparseCoordError, fa
 from sparse_coord_ros.lockstep.waiting import Reminder
 from sparse_coord_ros.nodes.interface import RECORDING as RECORDING_TOPIC
 from sparse_coord_ros.nodes.interface import RUN, RosTopic
-from sparse_coord_ros.nodes.tap import Tap, TappedPublisher
+from sparse_coord_ros.nodes.tap import Line, PackedPublisher, Tap
 
 RCLError = rclpy_implementation.RCLError
 
@@ -373,13 +373,14 @@ class ParameterNode(Node):
     def announce(self, topic: RosTopic, owner: str = "") -> Publisher:
         """Return a new publisher of a topic of the team, or of a robot's or node's own."""
         name = topic.of(owner) if owner else topic.name
-        if self._tap is None or not topic.tapped:
+        if not topic.tapped:
             return self.create_publisher(topic.type, name, topic.qos)
         publisher = cast(
-            TappedPublisher,
-            self.create_publisher(topic.type, name, topic.qos, publisher_class=TappedPublisher),
+            PackedPublisher,
+            self.create_publisher(topic.type, name, topic.qos, publisher_class=PackedPublisher),
         )
-        publisher.line = self._tap.line(publisher.topic_name)
+        publisher.send = publisher.handle.publish_raw
+        publisher.line = Line() if self._tap is None else self._tap.line(publisher.topic_name)
         return publisher
 
     def check_startup_time(self) -> None:
@@ -409,8 +410,8 @@ class ParameterNode(Node):
         Bystanders (`ros2 topic echo`, RViz) do not count.
         """
         if RECORDER in names and self._tap is not None:
-            tapped = isinstance(publisher, TappedPublisher)
-            if isinstance(publisher, TappedPublisher):
+            tapped = isinstance(publisher, PackedPublisher)
+            if isinstance(publisher, PackedPublisher):
                 if publisher.line.write is None and not self._tap.closed:
                     return False
             if tapped or self._tap.closed:

@@ -20,6 +20,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
 
 from sparse_coord_ros.errors import (
     FaultError,
@@ -38,11 +39,9 @@ READERS_SECONDS = 3.5
 """How long the last messages may take: with profiles of the user's own, Fast DDS offers lost ones
 again every three seconds."""
 
-SPIN_SECONDS = 0.1
-"""Longest wait of one spin: how soon a signal is noticed."""
-
 LOOK_SECONDS = 0.01
-"""Between two looks at the condition, which would otherwise cost as much as a callback."""
+"""Between two looks at the condition and at signals; meanwhile the executor goes from callback to
+callback by itself: a call of it for each would cost a tenth of a time step."""
 
 MATCH_SECONDS = 1.0
 """How long the readers of /rosout may take to find a node's last word."""
@@ -194,14 +193,8 @@ def spin_nodes(
     try:
         for node in nodes:
             executor.add_node(node)
-        look = 0.0
-        while True:
-            now = time.monotonic()
-            if now >= look:
-                if _failed(nodes) or until():
-                    break
-                look = now + LOOK_SECONDS
-            executor.spin_once(timeout_sec=SPIN_SECONDS)
+        while not (_failed(nodes) or until()):
+            executor.spin_until_future_complete(Future(), timeout_sec=LOOK_SECONDS)
     finally:
         for node in nodes:
             executor.remove_node(node)
