@@ -147,17 +147,15 @@ def _draw(options: argparse.Namespace, kind: str, run: RunConfig, driven: Drive)
     with pictures.drawing():
         from sparse_coord_ros.engine.report.figures import rendered
         from sparse_coord_ros.floorplan.image import read_floor_plan
-        from sparse_coord_ros.floorplan.preview import SHADES
+        from sparse_coord_ros.floorplan.preview import grey
         from sparse_coord_ros.view.paths import paths_figure
 
         under = None
         if options.plan is not None:
             plan = read_floor_plan(options.plan)
-            shade = np.full(plan.free.shape, SHADES["unknown"], dtype=np.uint8)
-            shade[plan.free], shade[plan.occupied] = SHADES["free"], SHADES["occupied"]
             x, y = plan.origin
             high, wide = (count * plan.resolution for count in plan.free.shape)
-            under = (shade, (x, x + wide, y, y + high))
+            under = (grey(plan), (x, x + wide, y, y + high))
         episodes = 1 + max((moment.episode for moment in driven.path), default=0)
         title = f"{run.scenario.name}: {episodes} episodes driven"
         figure = paths_figure(run, driven, title, plan=under)

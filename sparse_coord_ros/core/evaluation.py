@@ -145,15 +145,8 @@ def play(
     Raises:
         TablesError: the tables do not fit the scenario.
     """
-    check_tables(scenario, tables, learner)
-    agents = []
-    for k, table in enumerate(tables):
-        rule = learner_of(learner or acting_on(table))
-        agents.append(
-            rule.agent(scenario, k, seed, tables=table, learning=False, phase=EVALUATION)
-        )
+    team = greedy_team(scenario, tables, seed, learner)
     world = World(scenario, seed, phase=EVALUATION, max_steps=scenario.horizon)
-    team = Team(scenario, seed, agents, phase=EVALUATION)
     shape = (trials, len(tables))
     reward, asks, arrived = np.zeros(shape), np.zeros(shape), np.zeros(shape, dtype=bool)
     times = np.full(shape, float(scenario.horizon))
@@ -235,6 +228,20 @@ def check_tables(
                 f"q_star_{k} was learned by a learner that {others}, the learner is {rule.label}; "
                 "use the tables of a run with that learner, or choose the other one"
             )
+
+
+def greedy_team(
+    scenario: Scenario, tables: Sequence[Tables], seed: int, learner: str | Learner | None = None
+) -> Team:
+    """Return a team that acts greedily on learned tables; arguments and errors as of `play`."""
+    check_tables(scenario, tables, learner)
+    agents = [
+        learner_of(learner or acting_on(table)).agent(
+            scenario, k, seed, tables=table, learning=False, phase=EVALUATION
+        )
+        for k, table in enumerate(tables)
+    ]
+    return Team(scenario, seed, agents, phase=EVALUATION)
 
 
 def acting_on(table: Tables) -> str:

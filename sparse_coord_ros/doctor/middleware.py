@@ -118,17 +118,18 @@ def round_trip(changes: Mapping[str, str] | None = None) -> dict[str, Any]:
     name = f"sparse_coord_doctor_{os.getpid()}"
     environment = {**os.environ, **(changes or {})}
     command = [sys.executable, "-m", __name__]
-    answerer, asker = (
-        subprocess.Popen(
-            [*command, role, name],
-            env=environment,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        for role in ("echo", "ask")
-    )
+    processes: list[subprocess.Popen[str]] = []
     try:
+        for role in ("echo", "ask"):
+            process = subprocess.Popen(
+                [*command, role, name],
+                env=environment,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                text=True,
+            )
+            processes.append(process)
+        asker = processes[-1]
         out, err = asker.communicate(timeout=SECONDS + START_SECONDS)
         lines = err.strip().splitlines()
         with suppress(json.JSONDecodeError, IndexError):
@@ -137,7 +138,7 @@ def round_trip(changes: Mapping[str, str] | None = None) -> dict[str, Any]:
     except subprocess.TimeoutExpired:
         return {"problem": "the middleware hangs"}
     finally:
-        for process in (asker, answerer):
+        for process in reversed(processes):
             process.terminate()
             try:
                 process.communicate(timeout=GRACE_SECONDS)

@@ -40,8 +40,8 @@ def writable(what: str, folder: Path, remedy: str) -> Finding:
         folder: it need not be there yet.
         remedy: what else to do.
     """
-    there = next(one for one in (folder, *folder.parents) if one.exists())
     try:
+        there = next(one for one in (folder, *folder.parents) if one.exists())
         with tempfile.TemporaryFile(dir=there) as file:
             file.write(bytes(1 << 16))
     except OSError as error:

@@ -103,7 +103,7 @@ class Driver:
             close = distance(pose, place) <= self._ground.side / 2
             if not (close or self._ground.inside(course.end, pose.x, pose.y)):
                 return None, None  # whoever puts it there is not done
-            return None, self._end(errand, course, pose, now, there=True)
+            return None, self._end(errand, pose, now, there=True)
         if now == self._answered and not self._unheard:
             return None, None
         self._answered = now
@@ -115,14 +115,12 @@ class Driver:
         while len(way) > 1 and distance(pose, way[0]) <= near:
             way.pop(0)
         if distance(pose, way[0]) <= near:
-            return STOP, self._end(errand, course, pose, now, there=True)
+            return STOP, self._end(errand, pose, now, there=True)
         if now - self._began >= self._limits.seconds - SLACK:
-            return STOP, self._end(errand, course, pose, now, there=False)
+            return STOP, self._end(errand, pose, now, there=False)
         return steer(pose, way[0], self._limits), None
 
-    def _end(
-        self, errand: Errand, course: Course, pose: Pose, now: float, *, there: bool
-    ) -> Reached:
+    def _end(self, errand: Errand, pose: Pose, now: float, *, there: bool) -> Reached:
         cell = self._ground.cell(pose.x, pose.y)
         took = 0.0 if self._began is None else now - self._began
         self._course = None

@@ -12,17 +12,15 @@ from typing import NamedTuple
 import numpy as np
 
 from sparse_coord_ros.core.agent import Tables
-from sparse_coord_ros.core.evaluation import acting_on, check_tables
-from sparse_coord_ros.core.learners import learner_of
+from sparse_coord_ros.core.evaluation import greedy_team
 from sparse_coord_ros.core.run_config import RunConfig
 from sparse_coord_ros.core.settings import Setting, SettingTable
-from sparse_coord_ros.core.simulation import Team
 from sparse_coord_ros.core.streams import EVALUATION
 from sparse_coord_ros.driving.arena import ELSEWHERE, IN_DOORWAY, Arena, Noise, Touch
 from sparse_coord_ros.driving.driver import Driver
 from sparse_coord_ros.driving.ground import Ground
 from sparse_coord_ros.driving.steering import Limits, move_seconds
-from sparse_coord_ros.lockstep.bodies import BodiesSide, BodyWorld, Errand, Reached
+from sparse_coord_ros.lockstep.bodies import BodiesSide, BodyWorld, Errand
 
 DRIVER_SETTINGS = SettingTable(
     [
@@ -207,7 +205,7 @@ class Floor:
             ticked = False
             if reached is not None:
                 ticked = self.arena.reached(k, reached.number)
-                self._report(reached)
+                self.bodies.reached(reached)
             elif command is not None:
                 ticked = self.arena.told(k, command)
             if ticked:
@@ -216,9 +214,6 @@ class Floor:
                     self.on_tick()
             did |= command is not None or reached is not None
         return did
-
-    def _report(self, reached: Reached) -> None:
-        self.bodies.reached(reached)
 
     def _look(self) -> None:
         for body, driver in zip(self.arena.bodies, self.drivers, strict=True):
@@ -250,18 +245,11 @@ def drive(
         SparseCoordError: tables that do not fit, bodies that do not fit.
     """
     scenario = run.scenario
-    check_tables(scenario, tables, run.learner)
-    agents = [
-        learner_of(run.learner or acting_on(table)).agent(
-            scenario, k, seed, tables=table, learning=False, phase=EVALUATION
-        )
-        for k, table in enumerate(tables)
-    ]
+    team = greedy_team(scenario, tables, seed, run.learner)
     world = BodyWorld(
         scenario, seed, slips=values["slips"], phase=EVALUATION, max_steps=scenario.horizon
     )
     floor = Floor(run, values, seed, world)
-    team = Team(scenario, seed, agents, phase=EVALUATION)
     shape = (episodes, len(tables))
     count = np.zeros(episodes, dtype=np.int64)
     out = Drive(

@@ -22,7 +22,15 @@ CELL_SIDE = 8
 """Pixels along the side of a cell, where the picture stays small enough."""
 
 CELL, DOOR = (150, 190, 230, 200), ImageColor.getrgb(DOORWAY_COLOUR)
-SHADES = {"unknown": 200, "free": 255, "occupied": 0}
+UNKNOWN, FREE, OCCUPIED = 200, 255, 0
+"""Shades of grey."""
+
+
+def grey(plan: FloorPlan) -> np.ndarray:
+    """Return a floor plan as a grey picture, shape (rows, columns), uint8, top row first."""
+    shade = np.full(plan.free.shape, UNKNOWN, dtype=np.uint8)
+    shade[plan.free], shade[plan.occupied] = FREE, OCCUPIED
+    return shade
 
 
 def write_preview(
@@ -43,9 +51,7 @@ def write_preview(
     """
     side = grid.resolution or 1.0
     height, width = plan.free.shape
-    shade = np.full((height, width), SHADES["unknown"], dtype=np.uint8)
-    shade[plan.free] = SHADES["free"]
-    shade[plan.occupied] = SHADES["occupied"]
+    shade = grey(plan)
     wanted = CELL_SIDE * plan.resolution / side  # the scale at which a cell has that side
     scale = min(max(1.0, wanted), LARGEST / max(height, width))
     size = max(1, round(width * scale)), max(1, round(height * scale))

@@ -180,8 +180,8 @@ class Checkpoints:
             with suppress(OSError):
                 self._path(step).unlink()
         with suppress(OSError):  # of one that was killed while it saved
-            for left in self._folder.glob(f"{self._node}_*{PARTIAL}"):
-                left.unlink()
+            for step in steps_of(self._folder, self._node, f".npz{PARTIAL}"):
+                self._path(step).with_suffix(f".npz{PARTIAL}").unlink()
 
     def _of(self, node: str) -> list[int]:
         """Return the steps of a node's files, the newest first."""
@@ -206,10 +206,10 @@ def _broken(path: Path, problem: str) -> BrokenCheckpointError:
     )
 
 
-def steps_of(folder: Path, node: str) -> list[int]:
-    """Return under which time steps a directory has files of a node."""
-    names = (path.name for path in folder.glob(f"{node}_*.npz"))
-    texts = (name.removeprefix(f"{node}_").removesuffix(".npz") for name in names)
+def steps_of(folder: Path, node: str, ending: str = ".npz") -> list[int]:
+    """Return under which time steps a directory has files of a node with an ending."""
+    names = (path.name for path in folder.glob(f"{node}_*{ending}"))
+    texts = (name.removeprefix(f"{node}_").removesuffix(ending) for name in names)
     return [int(text) for text in texts if text.isdecimal()]
 
 

@@ -44,6 +44,9 @@ from sparse_coord_ros.nodes.spin import run_node
 AGAIN_SECONDS = 0.5
 """After this silence poses are published again: a driver that has just come has none."""
 
+FASTEST = 1000.0
+"""Metres or radians a second that no body makes: who tells it more is not listened to."""
+
 MOST_MOMENTS = 1_000_000
 """Ticks of which the paths are kept."""
 
@@ -99,7 +102,8 @@ class BodyNode(Follower):
         self.intake.listen(interface.ERRAND, self._on_errand, read=read)
         for k, name in enumerate(names):
             take = functools.partial(self._on_command, k)
-            self.intake.listen(interface.CMD_VEL, take, name, read=typed(interface.CMD_VEL, _told))
+            read = typed(interface.CMD_VEL, read_command)
+            self.intake.listen(interface.CMD_VEL, take, name, read=read)
             read = typed(interface.REACHED, functools.partial(read_reached, convert, k))
             self.intake.listen(interface.REACHED, self._on_reached, name, read=read)
         if self.values["body_rate"] > 0:
@@ -194,10 +198,18 @@ class BodyNode(Follower):
             np.savez_compressed(self.values["paths"], seconds=rows[:, 0], poses=places)
 
 
-def _told(message: Twist) -> Command:
+def read_command(message: Twist) -> Command:
+    """Return what a body is told to do.
+
+    Raises:
+        ValueError: a speed is no number, or beyond what any body does.
+    """
     command = Command(message.linear.x, message.angular.z)
-    if not all(map(math.isfinite, command)):
-        raise ValueError(f"a speed is no finite number: {command}")
+    if not all(abs(speed) <= FASTEST for speed in command):
+        raise ValueError(
+            f"linear.x is {command.ahead:g}, angular.z {command.turn:g}; allowed: numbers up to "
+            f"{FASTEST:g}"
+        )
     return command
 
 

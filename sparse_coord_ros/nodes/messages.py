@@ -408,7 +408,7 @@ def _by_label(message: JointState) -> dict[str, float]:
 
 def _time(said: Mapping[str, float], label: str) -> float:
     value = said.get(label, math.nan)
-    if not 0.0 <= value < math.inf:
+    if not 0.0 <= value < 2**31:  # the seconds of a stamp
         raise ValueError(f"{label} is {value:g}, no time in seconds")
     return value
 

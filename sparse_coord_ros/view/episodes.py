@@ -14,8 +14,8 @@ import numpy as np
 
 from sparse_coord_ros.core.agent import NOBODY, Tables
 from sparse_coord_ros.core.algorithm import ACTIONS
-from sparse_coord_ros.core.evaluation import acting_on, check_tables
-from sparse_coord_ros.core.learners import Learner, learner_of
+from sparse_coord_ros.core.evaluation import greedy_team
+from sparse_coord_ros.core.learners import Learner
 from sparse_coord_ros.core.palette import ANSWERED, FAILED, REFUSED
 from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.simulation import Team
@@ -236,16 +236,8 @@ def played_episode(
         TablesError: the tables do not fit the scenario.
         RunError: there is no such episode.
     """
-    check_tables(scenario, tables, learner)
-    rules = [learner if learner is not None else acting_on(table) for table in tables]
-    agents = [
-        learner_of(rule).agent(
-            scenario, k, seed, tables=tables[k], learning=False, phase=EVALUATION
-        )
-        for k, rule in enumerate(rules)
-    ]
+    team = greedy_team(scenario, tables, seed, learner)
     world = World(scenario, seed, phase=EVALUATION, max_steps=scenario.horizon)
-    team = Team(scenario, seed, agents, phase=EVALUATION)
     count = wanted + 1 if isinstance(wanted, int) and wanted < PLAYED else PLAYED
     played = [_play(world, team, number) for number in range(count)]
     whole = np.array([one.arrived.all() for one in played])

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sparse_coord_ros.core.agent import Tables
-from sparse_coord_ros.core.algorithm import ACTIONS, COORDINATE, PRIMITIVES
+from sparse_coord_ros.core.algorithm import COORDINATE, PRIMITIVES
 from sparse_coord_ros.core.factors import AdditiveTable
 from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.core.sparse import SparseTable
@@ -74,9 +74,3 @@ def sparsity_of(tables: Tables, scenario: Scenario) -> Sparsity:
     assert not isinstance(table, AdditiveTable)  # those have factors
     learned = (table != scenario.q_coord_init).any(axis=-1)
     return Sparsity(learned.reshape(cells, -1).sum(axis=1), possible)
-
-
-def choice_after(tables: Tables, cell: int, peer_cells: tuple[int, ...]) -> str:
-    """Return the move by Q^C in a joint state, in words; several where they are equal."""
-    row = np.asarray(tables.q_coord[cell, *peer_cells])
-    return " or ".join(ACTIONS[move] for move in np.flatnonzero(row == row.max()).tolist())

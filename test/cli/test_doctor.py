@@ -98,6 +98,7 @@ def test_where_nothing_can_be_written(tmp_path):
     found = places.writable("logs", tmp_path / "file" / "log", "do this")
     assert (found.level, found.remedy) == (WRONG, "do this")
     assert places.writable("logs", tmp_path / "not" / "yet", "do this").level == FINE
+    assert places.writable("logs", tmp_path / ("a" * 300), "do this").level == WRONG
 
 
 def test_where_ros_logs_go(monkeypatch):

@@ -16,7 +16,7 @@ from sparse_coord_ros.core.run_config import make_run
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.errors import RunError, SettingError
 from sparse_coord_ros.lockstep.bodies import Course, Errand, Reached
-from sparse_coord_ros.nodes.body import BodyNode
+from sparse_coord_ros.nodes.body import BodyNode, read_command
 from sparse_coord_ros.nodes.driver import DriverNode
 from sparse_coord_ros.nodes.messages import (
     Converter,
@@ -223,6 +223,7 @@ def test_errands_and_reports_travel(own_domain):
         ("cell", float("nan")),
         ("seconds", -1.0),
         ("stamp", float("inf")),
+        ("stamp", 1e300),
     ],
 )
 def test_bad_reports_are_refused(label, value):
@@ -233,12 +234,24 @@ def test_bad_reports_are_refused(label, value):
         read_reached(convert, 0, message)
 
 
+@pytest.mark.parametrize("speed", [float("nan"), float("inf"), 1.7e308, -1e4])
+def test_bad_speeds_are_refused(speed):
+    assert read_command(Twist()) == (0.0, 0.0)
+    message = Twist()
+    message.angular.z = speed
+    with pytest.raises(ValueError, match="angular.z"):
+        read_command(message)
+
+
 def test_bad_errands_are_refused():
     run = make_run(load_scenario("env1"), {})
     convert, names = Converter(run), ["robot_1", "robot_2"]
     message = errand_message(convert, Errand(1, 2, True, 0.0, (Course(0, 1, 1),)), names)
     message.position[-1] = 999.0
     with pytest.raises(ValueError, match="robot_1/to"):
+        read_errand(convert, names, message)
+    message = errand_message(convert, Errand(1, 2, True, 1e300, (Course(0, 1, 1),)), names)
+    with pytest.raises(ValueError, match="since is 1e\\+300"):
         read_errand(convert, names, message)
     with pytest.raises(ValueError, match="labels"):
         read_errand(convert, names, JointState(header=message.header, name=["a"], position=[]))

@@ -8,7 +8,7 @@ from sparse_coord_ros.core.learners import learner_of
 from sparse_coord_ros.core.palette import ROBOT_COLOURS, ink_on, rgb
 from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.simulation import learn
-from sparse_coord_ros.view.policy import choice_after, policy_of, sparsity_of
+from sparse_coord_ros.view.policy import policy_of, sparsity_of
 
 ENV1 = load_scenario("env1")
 
@@ -52,12 +52,6 @@ def test_learned_joint_states(name, learner, settings):
     after = sparsity_of(learn(scenario, learner, 1)[0], scenario)
     assert 0 < after.share < 0.6
     assert after.by_cell.shape == (len(scenario.map.cells),)
-
-
-def test_choice_after_a_percept():
-    tables = initial_tables(ENV1)
-    tables.q_coord[1, 2] = [0, 7, 7, 1]
-    assert choice_after(tables, 1, (2,)) == "south or east"
 
 
 def test_eight_colours_each_with_a_legible_number():
