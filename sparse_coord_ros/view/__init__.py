@@ -2,5 +2,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """Runs to look at: policies, episodes and curves as data, and as pictures, films and pages.
 
-Only `figures`, `film` and `page` need Matplotlib; nothing here needs ROS.
+Nothing here needs ROS; `policy`, `episodes` and `shown` need no Matplotlib.
 """

@@ -117,7 +117,12 @@ def trial(cell: Cell, folder: Path, chance: random.Random) -> list[str]:
             if cell.number == "STOP":
                 time.sleep(STOP_SECONDS)
                 os.kill(pid, signal.SIGCONT)
-        code = team.wait(LIMIT)
+        try:
+            code = team.wait(LIMIT)
+        except subprocess.TimeoutExpired:
+            team.send_signal(signal.SIGINT)  # it ends its nodes
+            team.wait(LIMIT)
+            raise
     took = time.monotonic() - began
     lost, tables = "nothing", "-"
     first = "" if alive else " (too late)"
