@@ -301,8 +301,12 @@ class HistoryRecorder:
 
     def history(self) -> History:
         """Return the episodes so far, the one under way included; a copy."""
+        return History(*(array.copy() for array in self.look().arrays().values()))
+
+    def look(self) -> History:
+        """Return what `history` returns, to be looked at before the next transition: no copy."""
         self._write()
-        found = History(*(array[: self._used].copy() for array in self._rows.arrays().values()))
+        found = History(*(array[: self._used] for array in self._rows.arrays().values()))
         self._used -= self._length > 0
         return found
 

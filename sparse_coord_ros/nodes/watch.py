@@ -216,7 +216,7 @@ class WatchNode(ParameterNode):
             made = max(self._transitions, team.seen) if team.whole else self._transitions
             view.show(transitions=made, episode=team.episode, rate=self._rate)
             if view.slow_due():
-                view.show_learned(team.history.history(), team.tables, team.rings)
+                view.show_learned(team.history.look(), team.tables, team.rings)
 
     def _wait(self) -> None:
         """Say that there is no team yet."""
@@ -247,7 +247,7 @@ class WatchNode(ParameterNode):
             if robot.member is not None:
                 side = robot.member.lockstep
                 tables[k] = (side.handled, side.agent.tables)
-        self.view.show_learned(self._world.lockstep.history.history(), tables)
+        self.view.show_learned(self._world.lockstep.history.look(), tables)
 
     def finish(self, *, interrupted: bool) -> None:
         """Show the end of a team in this process."""

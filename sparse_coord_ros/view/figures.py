@@ -7,12 +7,14 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import EllipseCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from sparse_coord_ros.core.grid import MOVES
@@ -174,7 +176,8 @@ def _map_panel(
 def draw_policy(axes: Axes, shown: Shown, robots: Sequence[int], title: str) -> None:
     """Draw robots' greedy moves as arrows and where they ask as rings.
 
-    What lies where a robot never gets to in greedy episodes is pale.
+    What lies where a robot never gets to in greedy episodes is pale. The arrows of every second
+    robot are hollow and its rings dashed: in greyscale its colour may be another one's, pale.
     """
     scenario, tables = shown.config.scenario, shown.tables
     stays = shown.trials.stays
@@ -195,7 +198,9 @@ def draw_policy(axes: Axes, shown: Shown, robots: Sequence[int], title: str) -> 
             axes.quiver(
                 *(centre[0][cells] - 0.2 * east[moves], centre[1][cells] - 0.2 * south[moves]),
                 *(0.4 * east[moves], 0.4 * south[moves]),
-                color=robot_colour(k),
+                facecolor="white" if place % 2 else robot_colour(k),
+                edgecolor=robot_colour(k),
+                linewidth=0.9,
                 alpha=alpha,
                 angles="xy",
                 units="xy",
@@ -218,6 +223,7 @@ def draw_policy(axes: Axes, shown: Shown, robots: Sequence[int], title: str) -> 
                     facecolors="none",
                     edgecolors=robot_colour(k),
                     linewidths=1.8,
+                    linestyles=LINES[place % 2],
                     alpha=alpha,
                     zorder=4,
                 )
@@ -254,10 +260,12 @@ def _policy(runs: Sequence[Shown], labels: Sequence[str]) -> list[Panel]:
 
 
 def _policy_key(axes: Axes, shown: Shown, robots: Mapping[int, str]) -> None:
-    handles = [
-        Line2D([], [], color=robot_colour(k), linewidth=2.2, label=name)
-        for k, name in robots.items()
+    handles: list[Artist] = [
+        Patch(facecolor="white" if place % 2 else robot_colour(k), edgecolor=robot_colour(k))
+        for place, k in enumerate(robots)
     ]
+    for handle, name in zip(handles, robots.values(), strict=True):
+        handle.set_label(name)
     if shown.config.rule.asks:
         ring = Line2D([], [], color="0.3", marker="o", linestyle="none", label="asks here first")
         ring.set(markersize=9, markerfacecolor="none")

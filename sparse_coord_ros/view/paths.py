@@ -14,6 +14,7 @@ from sparse_coord_ros.core.frame import Frame
 from sparse_coord_ros.core.palette import DOORWAY_COLOUR, WALL_COLOUR, robot_colour
 from sparse_coord_ros.core.run_config import RunConfig
 from sparse_coord_ros.driving.trials import Drive, Moment
+from sparse_coord_ros.view.figures import LINES
 
 LONGEST = 10.0
 """Inches of the picture's longer side, without its key."""
@@ -70,14 +71,15 @@ def paths_figure(
     for k, robot in enumerate(run.scenario.robots):
         colour = robot_colour(k)
         for path in _paths(driven.path, k):
-            axes.plot(*path.T, color=colour, lw=1.2, alpha=max(THINNEST, 1 / episodes))
+            style = LINES[k % len(LINES)]
+            axes.plot(*path.T, color=colour, ls=style, lw=1.2, alpha=max(THINNEST, 1 / episodes))
         start, goal = frame.centres[robot.start], frame.centres[robot.goal]
         axes.add_patch(Circle(start, 0.35 * side, color=colour, zorder=3))
         axes.add_patch(Circle(goal, 0.35 * side, fill=False, edgecolor=colour, lw=2.5, zorder=3))
     touches = np.array([touch.place for touch in driven.touches]).reshape(-1, 2)
     axes.plot(*touches.T, "x", color="black", ms=7, mew=2, zorder=4)
     key = [
-        Line2D([], [], color=robot_colour(k), label=robot.name)
+        Line2D([], [], color=robot_colour(k), ls=LINES[k % len(LINES)], label=robot.name)
         for k, robot in enumerate(run.scenario.robots)
     ]
     if len(touches):

@@ -190,19 +190,22 @@ def curves_message(history: History, *, until: float | None = None) -> Message:
             of their beginnings; the last one over what is left.
         until: which share of the log has been read, from 0 to 1; None: all there is.
     """
-    order = np.argsort(history.first_step, kind="stable")
-    window = max(1, -(-len(order) // POINTS))
-    begins = np.arange(0, len(order), window)
-    sizes = np.diff(np.append(begins, len(order)))
+    first, count = history.first_step, history.episodes
+    order: Any = slice(None)
+    if (first[1:] < first[:-1]).any():  # of robots that learned alone, one after the other
+        order = np.argsort(first, kind="stable")
+    window = max(1, -(-count // POINTS))
+    begins = np.arange(0, count, window)
+    sizes = np.diff(np.append(begins, count))
 
     def means(values: np.ndarray, weights: np.ndarray | None = None) -> list[Any]:
         """Return each point's mean; of robots only over the episodes in which they were there."""
-        if not len(order):
+        if not count:
             return []
-        sums = np.add.reduceat(values[order].astype(np.float64), begins, axis=0)
+        sums = np.add.reduceat(values[order].astype(float, copy=False), begins, axis=0)
         counts = sizes.reshape(-1, *[1] * (sums.ndim - 1)).astype(np.float64)
         if weights is not None:
-            counts = np.add.reduceat(weights[order].astype(np.float64), begins, axis=0)
+            counts = np.add.reduceat(weights[order].astype(float), begins, axis=0)
         with np.errstate(invalid="ignore", divide="ignore"):
             found = sums / counts
         return _plain(found.T)
@@ -213,7 +216,7 @@ def curves_message(history: History, *, until: float | None = None) -> Message:
         "episodes": history.episodes,
         "window": window,
         "read": 1.0 if until is None else round(until, 4),
-        "step": history.first_step[order][begins].tolist() if len(order) else [],
+        "step": first[order][begins].tolist(),
         "length": means(history.length),
         "miscoordinations": means(history.miscoordinations),
         "reward": means(history.reward, own),

@@ -5,10 +5,10 @@
 import numpy as np
 import pytest
 
-from sparse_coord_ros.core.history import no_history
+from sparse_coord_ros.core.history import History, HistoryRecorder, no_history
 from sparse_coord_ros.core.run_config import make_run
 from sparse_coord_ros.core.scenario import load_scenario
-from sparse_coord_ros.core.world import Action
+from sparse_coord_ros.core.world import Action, Reward, StepOutcome
 from sparse_coord_ros.watch import frames, live
 from sparse_coord_ros.watch.board import Board
 from sparse_coord_ros.watch.live import LiveView, Transition
@@ -71,3 +71,22 @@ def test_numbers_have_four_digits_and_json_knows_each():
     found = frames._plain(np.array([[1.00001, np.nan], [-np.inf, 2 / 3]]))
     assert found == [[1.0, None], [None, 0.6667]]
     assert frames._plain(np.array([1.5, 2.0])) == [1.5, 2.0]
+
+
+def test_curves_of_a_long_run_are_means_and_take_no_copy_of_it():
+    """Of robots that learned alone, whose episodes come one robot after the other, too."""
+    recorder = HistoryRecorder(2)
+    outcome = StepOutcome((Reward(-1.0, 0.0, 0.0, -1.0),) * 2, False, (0,), False)
+    for episode in range(1000):
+        actions = (Action(1, episode % 2 == 0, 1, False), Action(1, False, -1, False))
+        recorder.add(episode, 3 * episode, actions, outcome)
+    history = recorder.look()
+    assert history.same_bits(recorder.history())
+    assert not history.length.flags.owndata and recorder.history().length.flags.owndata
+    message = frames.curves_message(history)
+    assert message["window"] == 5 and len(message["length"]) == 200
+    assert message["step"] == list(range(0, 3000, 15)) and message["totals"]["asks"] == [500, 0]
+    assert message["asks"] == [[0.6, 0.4] * 100, [0.0] * 200]
+    parts = [{name: array[half::2] for name, array in history.arrays().items()} for half in (1, 0)]
+    mixed = History(**{name: np.concatenate([p[name] for p in parts]) for name in parts[0]})
+    assert frames.curves_message(mixed) == message

@@ -4,7 +4,7 @@
 import { svg, tinted } from "/map.js";
 
 const WIDTH = 400, HEIGHT = 190, LEFT = 46, RIGHT = 24, TOP = 8, BOTTOM = 22;
-const DASHES = ["", "6 3", "2 3", "8 3 2 3", "", "6 3", "2 3", "8 3 2 3"];
+const DASHES = ["", "6 3", "2 3", "8 3 2 3", "12 4", "4 7", "9 3 2 3 2 3", "1 5"];
 
 export const CHARTS = [
   { key: "length", title: "Steps of an episode", low: 0 },

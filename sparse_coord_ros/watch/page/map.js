@@ -252,7 +252,9 @@ export class TeamMap {
           const [tx, ty] = [cx + dx * reach, cy + dy * reach];
           const path = `M${cx - dx * 4},${cy - dy * 4}L${tx},${ty}` +
             `M${tx - dx * head + dy * head},${ty - dy * head + dx * head}L${tx},${ty}L${tx - dx * head - dy * head},${ty - dy * head - dx * head}`;
-          this.policyLayer.append(svg("path", { d: path, class: "arrow", stroke: colour, "data-robot": k + 1 }));
+          const arrow = svg("path", { d: path, class: "arrow", stroke: colour, "data-robot": k + 1 });
+          if (n) arrow.setAttribute("stroke-dasharray", n % 2 ? "3.5 4.5" : "0.1 4.5"); // round caps
+          this.policyLayer.append(arrow);
         });
       });
     });
