@@ -54,7 +54,7 @@ def add_parser(verbs) -> None:
 
 
 class Evaluated(NamedTuple):
-    """A run and what it is worth."""
+    """A run, the directory that it is in, and what it is worth."""
 
     directory: Path
     run: RunConfig

@@ -37,6 +37,7 @@ class Frame:
         resolution: metres a cell.
         origin: (x, y) of the map's lower left corner, in metres.
         period: nanoseconds a time step.
+        centres: (x, y) of the middle of each free cell, in metres.
         referee: whether rewards say with whom a robot was in a miscoordination.
         robots: how many robots there are.
     """

@@ -16,6 +16,10 @@ class OccupancyData:
 
     Args:
         frame: the run's frame.
+
+    Attributes:
+        map: walls occupied, all else empty.
+        places: where in the data each free cell is, shape (cells,).
     """
 
     def __init__(self, frame: Frame) -> None:
@@ -30,8 +34,3 @@ class OccupancyData:
         moves, asking = tables.q_star[:, :COORDINATE], tables.q_star[:, COORDINATE]
         self._grid[self.places] = np.where(asking > moves.max(axis=1), OCCUPIED, EMPTY)
         return self._grid.tobytes()
-
-    def cells(self, data: bytes) -> str:
-        """Return in which cells a coordination map says COORDINATE."""
-        values = np.frombuffer(data, dtype=np.int8)[self.places]
-        return f"COORDINATE in cells {np.flatnonzero(values == OCCUPIED).tolist()}"

@@ -51,6 +51,9 @@ class Cluster(AbstractContextManager["Cluster"]):
     Args:
         scheduler: the address of its scheduler, such as tcp://10.0.0.1:8786.
 
+    Attributes:
+        threads: how many its workers have together.
+
     Raises:
         SettingError: that is no address.
         RunError: Dask is not installed, or the scheduler does not answer or has no workers.

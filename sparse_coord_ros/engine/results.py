@@ -310,9 +310,11 @@ def _digest(said: object) -> str:
 
 
 class Results:
-    """A results directory.
+    """A results directory; use `open_results`, which locks it.
 
-    Use `open_results`, which locks it.
+    Args:
+        directory: where it is.
+        plan: seed, runs and trials of every condition in it.
     """
 
     def __init__(self, directory: Path, plan: Plan) -> None:

@@ -141,7 +141,11 @@ class Watcher(Protocol):
 
 
 class LearningRun(Protocol):
-    """What both engines offer."""
+    """What both engines offer.
+
+    Attributes:
+        done: transitions made so far.
+    """
 
     done: int
 

@@ -64,7 +64,16 @@ class Answer(NamedTuple):
 
 
 class Pending(NamedTuple):
-    """An action whose outcome is still to come."""
+    """An action whose outcome is still to come.
+
+    Attributes:
+        step: the time step.
+        cell: the own cell.
+        decision: what was decided before anybody was asked.
+        action: what was done.
+        perceived: the cells of the peers that were perceived; None: none.
+        account: what was said beside the action.
+    """
 
     step: int
     cell: int

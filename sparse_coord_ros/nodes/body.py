@@ -59,6 +59,9 @@ class BodyNode(Follower):
         namespace: the team's namespace.
         values: parameters given by the program; None: by the command line.
 
+    Attributes:
+        arena: the bodies; None: no run has begun.
+
     Raises:
         SparseCoordError: a bad parameter, a body that does not fit its cells.
     """

@@ -51,6 +51,9 @@ class DriverNode(Follower):
         values: parameters given by the program; None: by the command line.
         name: the node's name unless the command line remaps it.
 
+    Attributes:
+        driver: what drives the body; None: no run has begun.
+
     Raises:
         SparseCoordError: a bad parameter, a robot that the run does not have, a body that does
             not fit its cells, no tf2_msgs where tf is asked for.

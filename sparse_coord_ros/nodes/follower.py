@@ -30,6 +30,9 @@ class Follower(ParameterNode):
         namespace: the team's namespace.
         values: parameters given by the program; None: by the command line.
 
+    Attributes:
+        intake: its subscriptions.
+
     Raises:
         SparseCoordError: a bad parameter, no world simulator.
     """

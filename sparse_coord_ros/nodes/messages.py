@@ -114,6 +114,9 @@ CLOCK_LAYOUT = FixedLayout(
 )
 
 
+FURTHEST_STEP = 2**25
+"""No run comes further: it has 10^7 transitions at most, and two time steps between episodes."""
+
 FLAGS = (0.0, 1.0)
 """No and yes as numbers."""
 
@@ -340,11 +343,15 @@ def read_progress(message: DiagnosticStatus) -> Progress:
     missing = [name for name in Progress._fields if name not in values]
     if missing:
         raise ValueError(f"no value is called {missing[0]!r}")
+    step, transitions = int(values["step"]), int(values["transitions"])
+    checkpoints = tuple(int(text) for text in values["checkpoints"].split())
+    if not all(0 <= number <= FURTHEST_STEP for number in (step, transitions, *checkpoints)):
+        raise ValueError(f"step {step} with {transitions} transitions: no run comes there")
     return Progress(
         values["life"],
-        int(values["step"]),
-        int(values["transitions"]),
-        tuple(int(text) for text in values["checkpoints"].split()),
+        step,
+        transitions,
+        checkpoints,
         values["obeyed"],
         values["resumed"] == "1",
     )

@@ -39,6 +39,14 @@ class RobotNode(ParameterNode):
         tap: the way to a recorder in the same process.
         clients: those of the robots of the same process; None: it is alone.
 
+    Attributes:
+        name: the robot's name.
+        member: its part in the run, which says what it does by the publishers here; None: the run
+            is not known yet.
+        watch: whether the world of its run is there; None: likewise.
+        intake: its subscriptions.
+        claim: its claim to its name.
+
     Raises:
         SparseCoordError: a bad parameter, a name that is taken or that the scenario does not have,
             no world simulator.

@@ -84,6 +84,12 @@ class WorldSimulator(ParameterNode):
         values: parameters given by the program; None: by the command line.
         tap: the way to a recorder in the same process.
 
+    Attributes:
+        run: the run.
+        lockstep: the world's side of the lock step.
+        intake: its subscriptions.
+        replaced: how often a robot was replaced while the run was under way.
+
     Raises:
         SparseCoordError: a bad parameter, a taken name, robots that do not come.
     """

@@ -54,6 +54,13 @@ class AgentCheck:
         starts: the first time steps of the episodes.
         last: the last time step to check; None: all.
         compiled: as of `engine.rerun.loop`.
+
+    Attributes:
+        name: the robot's.
+        story: what the log says that it did.
+        recorded: its recorded tables.
+        state: the world's last state; None where the log breaks off, or says none.
+        choices, updates, compared: actions, updates and tables that agree, after `differences`.
     """
 
     def __init__(

@@ -63,7 +63,13 @@ class Track(NamedTuple):
 
 
 class Status(NamedTuple):
-    """What the world said of itself; None: it did not, as in bags of format 1."""
+    """What the world said of itself; None: it did not, as in bags of format 1.
+
+    Attributes:
+        state: one of `wire.STATES`.
+        step, transitions, left_out, began: as of `wire.STATUS_VALUES`.
+        timeouts: how often it went on without a robot, in bags of format 1.
+    """
 
     state: str
     step: int

@@ -23,10 +23,13 @@ from sparse_coord_ros.core.run_config import make_run
 from sparse_coord_ros.core.scenario import load_scenario, scenario_names
 from sparse_coord_ros.core.wire import ACCOUNT_LABELS, ACTION_LABELS, REWARD_LABELS
 from sparse_coord_ros.core.world import Action, Reward
+from sparse_coord_ros.lockstep.rollback import Progress
 from sparse_coord_ros.nodes.episode_messages import CoordinationMapLayout, MapLayout, MarkersLayout
 from sparse_coord_ros.nodes.messages import (
     Converter,
+    progress_message,
     read_claim,
+    read_progress,
     read_status,
     read_tables_message,
     status,
@@ -211,6 +214,14 @@ def test_status_says_of_which_run_it_is():
     for bad in ({"step": 7}, {"step": "x", "transitions": 1}, {"step": -1, "transitions": 0}):
         with pytest.raises(ValueError):
             read_status(status("env1", "learning", bad))
+
+
+def test_progress_comes_back_and_none_is_beyond_any_run():
+    said = Progress("life", 40, 39, (0, 20), "order", True)
+    assert read_progress(progress_message("robot_1", said)) == said
+    for bad in ({"step": -1}, {"step": 10**12}, {"transitions": 10**30}, {"checkpoints": (0, -5)}):
+        with pytest.raises(ValueError, match="no run comes there"):
+            read_progress(progress_message("robot_1", said._replace(**bad)))
 
 
 def test_a_claim_says_who_and_how_far():
