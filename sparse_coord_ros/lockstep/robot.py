@@ -141,7 +141,6 @@ class RobotSide:
             were "repeated" because the peer was a step behind.
         learned: transitions that it has learned from.
         dropped: transitions not learned from because the reward did not come.
-        taken_back: local states ignored after a roll-back: they came before it was ordered.
     """
 
     def __init__(self, run: RunConfig, agent: Agent, port: RobotPort) -> None:
@@ -150,8 +149,6 @@ class RobotSide:
         self.asks = {"answered": 0, "refused": 0, "late": 0, "repeated": 0}
         self.learned = 0
         self.dropped = 0
-        self.taken_back = 0
-        self._awaited: int | None = None
         self._asks_before: tuple[int, ...] = ()
         self._learned_last = False
         self._port = port
@@ -175,11 +172,8 @@ class RobotSide:
     def waiting(self) -> tuple[str, int] | None:
         """What the robot waits for from outside the world's rhythm, and of which time step.
 
-        "percept", "reward" or, after a roll-back, "state". A deadline runs on it; when it passes,
-        call `expire`.
+        "percept" or "reward". A deadline runs on it; when it passes, call `expire`.
         """
-        if self._awaited is not None:
-            return ("state", self._awaited)
         if self._asking is not None:
             return ("percept", self._asking.step)
         if self._states and self._pending is not None:
@@ -212,10 +206,6 @@ class RobotSide:
 
     def state(self, step: int, cell: int) -> None:
         """Take in the own local state X_k of a time step."""
-        if self._awaited is not None and step != self._awaited:
-            self.taken_back += 1
-            return
-        self._awaited = None
         if step <= self.newest[0]:
             self._repeat(step, cell)
             return
@@ -250,13 +240,8 @@ class RobotSide:
                 self._act(seen, ANSWERED)
 
     def expire(self) -> None:
-        """The deadline on `waiting` has passed: a failed percept, or a transition unlearned.
-
-        After a roll-back: the world went on without this robot, which takes any state now.
-        """
-        if self._awaited is not None:
-            self._awaited = None
-        elif self._asking is not None:
+        """The deadline on `waiting` has passed: a failed percept, or a transition unlearned."""
+        if self._asking is not None:
             self._act(None, LATE)
         elif self.waiting is not None:
             self.dropped += 1
@@ -305,19 +290,18 @@ class RobotSide:
         pending = self._pending
         return pending.account if pending is not None and pending.step == step else None
 
-    def go_on_from(self, agent: Agent, state: RobotState | None, first: int | None) -> None:
+    def go_on_from(self, agent: Agent, state: RobotState | None) -> None:
         """Go on where a robot of the same run was, and forget all that is newer.
+
+        Whatever is under way to it then is of the time that is taken back: listen anew.
 
         Args:
             agent: a fresh agent of the run.
             state: where to go on; None: at the run's beginning.
-            first: the time step of the next local state: others are ignored until it comes, as
-                they are of the time that is taken back. None: any.
         """
         self.agent = agent
         self._states.clear()
         self._reward = self._pending = self._asking = None
-        self._awaited = first
         if state is None:
             self.newest = (NO_STEP, -1)
             self.asks = dict.fromkeys(self.asks, 0)

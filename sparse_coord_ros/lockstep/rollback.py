@@ -220,16 +220,17 @@ class RobotRollback:
         """
         step = 0 if self._store is None else self._store.steps()[0]
         if step and self._store is not None:
-            self._side.go_on_from(self._fresh(), self._store.load_robot(step), None)
+            self._side.go_on_from(self._fresh(), self._store.load_robot(step))
         return step
 
-    def obey(self, order: Order, *, listens: bool = True) -> bool:
-        """Go back as the world orders; return whether to say `progress`, once it listens.
+    def obey(self, order: Order) -> bool:
+        """Go back as the world orders; return whether to listen anew, and then say `progress`.
+
+        What is under way from the time that is taken back must not be taken for new: of steps
+        with the same numbers no robot can tell.
 
         Args:
             order: the order.
-            listens: whether it hears local states yet. If not, none can be under way to it from
-                the time that is taken back, and it takes whichever comes first.
 
         Raises:
             RunError: the checkpoint is of another run.
@@ -243,8 +244,7 @@ class RobotRollback:
             return False
         assert self._store is not None
         self._obeyed = order.name
-        state = self._store.load_robot(order.step)
-        self._side.go_on_from(self._fresh(), state, order.first if listens else None)
+        self._side.go_on_from(self._fresh(), self._store.load_robot(order.step))
         return True
 
     def progress(self) -> Progress:

@@ -4,7 +4,7 @@
 
 import functools
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Path as PathMessage
@@ -90,6 +90,7 @@ class Member:
         self._kept = (0, 0)
         self._reminder = Reminder()
         self.joined = False
+        self._ears: list[Any] = []
         self._ready_since = 0.0
         self._deadline = Deadline(run.percept_timeout, run.step_timeout)
         service = f"{node.name}/{wire.ACTIVE_PERCEPTION}"
@@ -139,17 +140,18 @@ class Member:
 
     def obey(self, order: Order) -> None:
         """Go back to a checkpoint, where the world orders it."""
-        if not self._back.obey(order, listens=self.joined):
+        if not self._back.obey(order):
             return
-        if order.step != ROLL_CALL:
-            self._unsaid = False
-            self._gate = StepGate(order.first)
-            for peer in self._peers.values():
-                peer.start_anew()
-            self._node.get_logger().info(f"went back to the checkpoint of step {order.step}")
-            self._say_what_is_known(self.lockstep.handled)
-        if self.joined:  # the world goes on when all have obeyed: not before this robot hears it
-            self.say_progress()
+        if order.step == ROLL_CALL:
+            if self.joined:
+                self.say_progress()
+            return
+        self._unsaid = False
+        self._gate = StepGate(order.first)
+        for peer in self._peers.values():
+            peer.start_anew()
+        self._node.get_logger().info(f"went back to the checkpoint of step {order.step}")
+        self.joined = False  # the world goes on when all listen anew, and have said so
 
     def _say_what_is_known(self, step: int) -> None:
         self.publish_map(step)
@@ -199,6 +201,8 @@ class Member:
     # Incoming.
 
     def _on_state(self, said: tuple[int, int]) -> None:
+        if not self.joined:  # it went back, and is yet to listen anew
+            return
         step, cell = said
         watch = self._node.watch
         if not self._gate.passes(step):
@@ -281,16 +285,25 @@ class Member:
             peer.ready() for peer in self._peers.values()
         ):
             return
-        self.joined = True
-        name, listen = self._node.name, self._node.intake.listen
-        convert = self._convert
-        listen(interface.REWARD, self._on_reward, name, read=convert.unpack_reward)
-        listen(interface.LOCAL_STATE, self._on_state, name, read=convert.unpack_state)
+        self._listen()
         self._node.claim.join()
         self.say_progress()
-        self._node.get_logger().info(f"joined run {self.run.scenario.name}, seed {self.run.seed}")
         if not self._unsaid:
             self._say_what_is_known(self.lockstep.handled)
+
+    def _listen(self) -> None:
+        """Listen to the world from now on: nothing that it published before comes any more."""
+        for ear in self._ears:
+            self._node.destroy_subscription(ear)
+        if not self._ears:
+            run = self.run
+            self._node.get_logger().info(f"joined run {run.scenario.name}, seed {run.seed}")
+        name, listen, convert = self._node.name, self._node.intake.listen, self._convert
+        self._ears = [
+            listen(interface.REWARD, self._on_reward, name, read=convert.unpack_reward),
+            listen(interface.LOCAL_STATE, self._on_state, name, read=convert.unpack_state),
+        ]
+        self.joined = True
 
     def _not_heard_by(self) -> str:
         """Return who is to hear this robot and does not yet, or an empty text."""

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 
 import rclpy
+from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.executors import Executor, SingleThreadedExecutor
@@ -190,12 +191,18 @@ def spin_nodes(
         SparseCoordError: why a node failed.
     """
     executor = make_executor(kind, context)
+    turn = Future()
+    steady = Clock(clock_type=ClockType.STEADY_TIME)
+    # With a timeout alone the EventsExecutor comes back only when no message waits any more.
+    timer = nodes[0].create_timer(LOOK_SECONDS, lambda: turn.set_result(None), clock=steady)
     try:
         for node in nodes:
             executor.add_node(node)
         while not (_failed(nodes) or until()):
-            executor.spin_until_future_complete(Future(), timeout_sec=LOOK_SECONDS)
+            turn = Future()
+            executor.spin_until_future_complete(turn, timeout_sec=2 * LOOK_SECONDS)
     finally:
+        nodes[0].destroy_timer(timer)
         for node in nodes:
             executor.remove_node(node)
         executor.shutdown()

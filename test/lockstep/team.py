@@ -14,9 +14,10 @@ from collections import defaultdict, deque
 from sparse_coord_ros.core.agent import Agent
 from sparse_coord_ros.core.learners import learner_of
 from sparse_coord_ros.core.run_config import make_run
+from sparse_coord_ros.core.world import EPISODE_GAP
 from sparse_coord_ros.lockstep.checkpoints import KEPT_COMMON, KEPT_OWN
 from sparse_coord_ros.lockstep.robot import RobotSide
-from sparse_coord_ros.lockstep.rollback import RobotRollback, WorldRollback
+from sparse_coord_ros.lockstep.rollback import ROLL_CALL, RobotRollback, WorldRollback
 from sparse_coord_ros.lockstep.world import WorldSide
 
 WORLD = -1
@@ -89,7 +90,7 @@ class WorldProcess:
         self.team.happened[robot].add((step, reward.total, cells[robot]))
 
     def episode(self, step):
-        pass
+        self.team.ends(step - EPISODE_GAP)
 
     def checkpoint(self, step):
         self.store.save(self.side.snapshot(step))
@@ -183,6 +184,10 @@ class RobotProcess:
         self.team.publish("progress", self, WORLD, (self.number, said), latched=True)
 
     def join(self):
+        """Listen from now on; what is under way was published to nobody."""
+        for (topic, _, to), queue in self.team.queues.items():
+            if to == self.number and topic in ("state", "reward"):
+                queue.clear()
         self.joined = True
         self.say()
 
@@ -195,8 +200,14 @@ class RobotProcess:
             self.side.reward(step, reward)
 
     def on_status(self, order):
-        if self.back.obey(order, listens=self.joined) and self.joined:
-            self.say()
+        if not self.back.obey(order):
+            return
+        if order.step == ROLL_CALL:
+            if self.joined:
+                self.say()
+        else:
+            self.joined = False
+            self.joins = max(self.joins, self.team.clock + self.team.random.randint(0, 9))
 
     def on_ask(self, asker, life, step, cell):
         answer = self.side.asked(asker, step, cell)
@@ -245,7 +256,7 @@ class Team:
         self.robots = len(scenario.robots)
         self.happened = defaultdict(set)
         self.disks, self.lives, self.disturbed = {}, 0, False
-        self.queues, self.kept = defaultdict(deque), {}
+        self.queues, self.kept, self.missed = defaultdict(deque), {}, set()
         self.up, self.asleep = {}, set()
         self.deliveries = self.clock = self.stalled = self.repeated = 0
         self.mark = None
@@ -293,6 +304,9 @@ class Team:
             self.kept[key] = message
         elif self.random.random() < self.lost:
             self.disturbed |= topic in ("ask", "answer")
+            if topic in ("state", "reward"):  # nobody waits for a robot that has arrived
+                self.disturbed |= process.side.world.arrived[to]
+                self.missed.add((topic, message[0]))
             return
         self.queues[key].append(message)
 
@@ -362,7 +376,12 @@ class Team:
                 self.repeated = self.stalled
                 if world.started and not world.side.held and WORLD not in self.asleep:
                     world.side.repeat()
+        self.ends(self.world.side.world.step)
         return self
+
+    def ends(self, step):
+        """The last words of an episode come once: who missed one does not learn its last step."""
+        self.disturbed |= not self.missed.isdisjoint({("state", step), ("reward", step - 1)})
 
     def settled(self):
         """Whether nothing is to come any more."""

@@ -12,7 +12,6 @@ from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.simulation import Learning, learn, tables_equal
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.lockstep.checkpoints import Checkpoints, steps_of
-from sparse_coord_ros.lockstep.rollback import Order
 
 from .team import WORLD, Team
 
@@ -82,16 +81,18 @@ def test_a_robot_comes_back_at_any_step(every):
     assert tables_equal(team.tables, learn(scenario, "coop", 5))
 
 
-def test_who_obeys_before_it_listens_takes_any_state():
-    """None can be under way to it from the time that is taken back."""
-    team = Team(problem("env1"), 4).play()
-    robot = team.up[1]
-    assert robot.back.obey(Order("order", 0, 1), listens=False)
-    robot.side.state(3, 5)
-    assert robot.side.newest == (3, 5)
-    assert robot.back.obey(Order("another", 0, 1))
-    robot.side.state(3, 5)
-    assert robot.side.taken_back == 1
+@pytest.mark.parametrize("back", [330, 460])
+def test_who_sleeps_while_the_team_goes_back_twice_learns_nothing_of_the_time_between(back):
+    """The world went on without it in between, under the time steps that came again."""
+    scenario = problem("env1")
+    team = Team(scenario, 4, checkpoint=1000)
+    robot = {"resume": True}
+    faults = [(300, lambda t: t.asleep.add(0)), (310, lambda t: t.kill(1))]
+    faults += [(320, lambda t: t.start(1, **robot)), (back + 1800, lambda t: t.kill(1))]
+    faults += [(back + 1830, lambda t: t.start(1, **robot)), (4000, lambda t: t.asleep.clear())]
+    team.play(faults)
+    assert team.world.back.taken_back == 2
+    team.check_updates()
 
 
 def test_a_robot_that_begins_anew_is_counted():
