@@ -193,6 +193,11 @@ class Arena:
         self.tick()
         return True
 
+    @property
+    def waits_for(self) -> set[int]:
+        """The robots whose drivers are to say something next; all, where nobody is under way."""
+        return self._under_way - self._told.keys() or set(range(len(self.bodies)))
+
     def reached(self, robot: int, number: int) -> bool:
         """Take in that a body's errand is over; return whether time has passed."""
         if number != self._number or robot not in self._under_way:

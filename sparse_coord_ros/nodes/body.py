@@ -154,6 +154,8 @@ class BodyNode(Follower):
         if self._time_publisher is not None:
             self._time_publisher.publish(CLOCK_LAYOUT.pack(sec, nanosec))
         for k, body in enumerate(arena.bodies):
+            if not look and k not in arena.waits_for:
+                continue  # its driver would take it for unheard, and say too much
             name = self._names[k]
             seen = PoseStamped(header=Header(stamp=stamp, frame_id=MAP_FRAME))
             _write(seen.pose, self._looks[k])

@@ -41,6 +41,9 @@ TYPES: dict[str, tuple[Any, Any]] = {
 }
 """Message classes that hold a pose, and where."""
 
+HEAP_SECONDS = 0.2
+"""Poses of the same time that come closer together were published long ago."""
+
 
 class DriverNode(Follower):
     """Drives the body of one robot.
@@ -80,6 +83,7 @@ class DriverNode(Follower):
         self.driver: Driver | None = None
         self._step = 0
         self._seen = 0.0
+        self._pose_time: float | None = None
         self._stopped = False
         self._reminder = Reminder()
         self._reached_publisher: Any = None
@@ -158,8 +162,11 @@ class DriverNode(Follower):
         self._see(_seconds(message.header), Pose(pose.position.x, pose.position.y, yaw))
 
     def _see(self, seconds: float, pose: Pose) -> None:
+        now, before = time.monotonic(), self._pose_time
+        if seconds == before and now - self._seen < HEAP_SECONDS:
+            return  # they came while this node slept: the body does not wait for an answer
         if self.driver is not None:
-            self._seen, self._stopped = time.monotonic(), False
+            self._seen, self._stopped, self._pose_time = now, False, seconds
             self.driver.sees(seconds, pose)
             self._drive(self.driver)
 

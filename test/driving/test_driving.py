@@ -255,6 +255,15 @@ def test_a_simulator_that_comes_back_goes_on_with_the_teams_time(ground):
     assert arena.seconds == pytest.approx(42.2)
 
 
+def test_a_simulator_says_for_whom_it_stands_still(ground):
+    arena = Arena(ground, 2, 1, SURE, 0.1)
+    assert arena.waits_for == {0, 1}
+    courses = [Course(k, CELLS[0, 0], CELLS[1, 0]) for k in (0, 1)]
+    arena.send(Errand(1, 1, False, 7.0, tuple(courses)))
+    arena.told(1, Command(0.1, 0.0))
+    assert arena.waits_for == {0}
+
+
 def test_transforms_make_a_pose():
     tree = Tree()
     tree.hear("/map", "odom", Pose(1.0, 2.0, math.pi / 2), 3.0)

@@ -14,6 +14,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from sparse_coord_ros.core.run_config import make_run
 from sparse_coord_ros.core.scenario import load_scenario
+from sparse_coord_ros.driving.ground import Pose
 from sparse_coord_ros.errors import RunError, SettingError
 from sparse_coord_ros.lockstep.bodies import Course, Errand, Reached
 from sparse_coord_ros.nodes.body import BodyNode, read_command
@@ -110,6 +111,18 @@ def test_a_driver_and_a_body_that_come_back_go_on(bench, tmp_path):
     before = under_way.transitions
     bench.add(BodyNode(context=context, values={}))
     bench.spin_until(lambda: under_way.transitions > before + 2, "with another body")
+
+
+def test_poses_that_came_while_a_driver_slept_are_no_complaint(bench, tmp_path):
+    """Else it would say again what the body has heard, which then goes a tick too far."""
+    world, _, drivers, _ = with_bodies(bench, tmp_path / "out", steps=400)
+    bench.spin_until(lambda: world.lockstep.world.transitions > 1, "under way")
+    taken = []
+    drivers[0].driver = SimpleNamespace(sees=lambda *said: taken.append(said), next=lambda: (0, 0))
+    drivers[0]._drive = lambda driver: None
+    for seconds in (7.0, *[7.1] * 9, 7.2):
+        drivers[0]._see(seconds, Pose(0.0, 0.0, 0.0))
+    assert [seconds for seconds, _ in taken] == [7.0, 7.1, 7.2]
 
 
 def test_drivers_that_are_missing_are_named(bench, tmp_path):
