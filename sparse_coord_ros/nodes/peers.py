@@ -105,9 +105,12 @@ class Peer:
         """Send the request once the peer's service is there; the node's timer calls this too.
 
         One that is not answered is sent again: a peer that has just come back may have missed it.
+        An answer that has come is none that is missing, even if this process was too busy to look
+        at it yet: rclpy has it looked at in a callback of its own.
         """
         now = time.monotonic()
-        if self._open is not None and now - self._sent >= AGAIN_SECONDS and not self._silent:
+        missing = self._open is not None and not self._open.done()
+        if missing and now - self._sent >= AGAIN_SECONDS and not self._silent:
             self._unsent = self._step
         if self._unsent is None or not self.ready():
             return

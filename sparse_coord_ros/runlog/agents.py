@@ -23,7 +23,7 @@ from sparse_coord_ros.core.wire import (
     tables_attachment,
 )
 from sparse_coord_ros.runlog.attached import RecordedTables
-from sparse_coord_ros.runlog.dialogue import heard
+from sparse_coord_ros.runlog.dialogue import heard, times_asked_again
 from sparse_coord_ros.runlog.difference import MISSING, Difference, first_entry
 from sparse_coord_ros.runlog.follower import Follower, said_otherwise
 from sparse_coord_ros.runlog.log import RunLog
@@ -207,7 +207,7 @@ class AgentCheck:
         mine = [r for r in log.requests if r.asker == self.k and r.step < entry.step + end - to]
         # What was sent again as no answer came is the same request.
         mine = [r for r in heard(mine) if r.answer is not None]
-        again = len(mine) - len({(r.peer, r.step) for r in mine})
+        again = times_asked_again(mine)
         # A robot that stops while it asks has repeated without an action that follows.
         until = entry.step + (entry is self.recorded[-1])
         asked = [r for r in log.requests if r.asker == self.k and r.step < until]

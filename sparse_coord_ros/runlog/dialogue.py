@@ -76,10 +76,14 @@ def heard(requests: Sequence[Request]) -> list[Request]:
 
     Args:
         requests: some of one asker's.
+
+    Returns:
+        The newest first.
     """
     latest: dict[tuple[int, int], int] = {}
     found = []
-    for request in sorted(requests, key=lambda one: one.wall_ns.get(SENT, 0), reverse=True):
+    ordered = sorted(requests[::-1], key=lambda one: one.wall_ns.get(SENT, 0), reverse=True)
+    for request in ordered:
         place, sent = (request.peer, request.step), request.wall_ns.get(SENT)
         if request.wall_ns.get(RETURNED, 0) < latest.get(place, _NEVER):
             found.append(request)
@@ -89,6 +93,25 @@ def heard(requests: Sequence[Request]) -> list[Request]:
 
 
 _NEVER = 2**63
+
+
+def times_asked_again(requests: Sequence[Request]) -> int:
+    """Return how often a robot must have asked again as its peer was a step behind.
+
+    Where it asked again for another reason, as it was too busy to look at an answer that had come,
+    two answers of the very step are there, and it did not wait for its peer.
+
+    Args:
+        requests: the answered ones of `heard`.
+    """
+    places: set[tuple[int, int]] = set()
+    again = 0
+    for request in requests:
+        place = request.peer, request.step
+        behind = request.answer is not None and request.answer[0] < request.step
+        again += behind and place in places
+        places.add(place)
+    return again
 
 
 def event_row(message: Any, names: list[str]) -> tuple[Any, ...]:

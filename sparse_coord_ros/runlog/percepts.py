@@ -3,6 +3,7 @@
 """Whether percepts ended as the robots say: by the perception model's draws and the dialogue."""
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from sparse_coord_ros.core.wire import (
     PERCEPT_ENDS,
     REFUSED,
 )
-from sparse_coord_ros.runlog.dialogue import EVENT_NAMES, RETURNED, Request
+from sparse_coord_ros.runlog.dialogue import EVENT_NAMES, RETURNED, Request, heard
 from sparse_coord_ros.runlog.difference import DIALOGUE, MISSING, Difference
 from sparse_coord_ros.runlog.draws import percept_draws
 from sparse_coord_ros.runlog.log import NONE, RunLog
@@ -46,8 +47,10 @@ class _Judge:
         self.log, self.last, self.frame = log, last, Frame(log.run)
         scenario = log.run.scenario
         self.probabilities = percept_probabilities(scenario.perception, scenario.map).tolist()
-        # Of several requests to a peer at a step the last one counts.
-        self.latest = {(r.asker, r.peer, r.step): r for r in log.requests}
+        self.heard: dict[tuple[int, int, int], list[Request]] = {}
+        for k in self.robots:
+            for request in heard([r for r in log.requests if r.asker == k]):
+                self.heard.setdefault((k, request.peer, request.step), []).append(request)
         self.row = {step: row for row, step in enumerate(log.step.tolist())}
         steps = [sorted({r.step for r in log.requests if r.asker == k}) for k in self.robots]
         self.draws = []
@@ -148,12 +151,11 @@ class _Judge:
     ) -> Iterator[Difference]:
         """One peer after the other has answered, up to one that refused or was further."""
         for peer, where in due:
-            request = self.latest.get((k, peer, step))
-            answer = None if request is None else request.answer
-            if answer is not None and answer[0] > step:
+            answers = [request.answer for request in self.heard.get((k, peer, step), [])]
+            if any(answer is not None and answer[0] > step for answer in answers):
                 return
             yield from self._answers(k, step, [(peer, where)])
-            if answer is None or where is None:
+            if not any(answers) or where is None:
                 return
         yield Difference(step, self.log.names[k], PERCEPT.name, PERCEPT_ENDS[REFUSED], expected)
 
@@ -165,13 +167,22 @@ class _Judge:
         for peer, where in due:
             quantity = f"{DIALOGUE} with {self.log.names[peer]}"
             said = "a refusal" if where is None else f"the answer {where}"
-            request = self.latest.get((k, peer, step))
+            request = self._counting(k, peer, step, (step, where))
             if request is None:
                 yield Difference(step, name, quantity, MISSING, said)
             elif request.answer is None:
                 yield Difference(step, name, quantity, f"{EVENT_NAMES[RETURNED]} {MISSING}", said)
             elif request.answer != (step, where):
                 yield Difference(step, name, quantity, f"{request.answer}", said)
+
+    def _counting(self, k: int, peer: int, step: int, due: tuple[int, Any]) -> Request | None:
+        """Return the request of several to a peer at a step that counts: the last one.
+
+        Or one before it that brought what is due: a robot that is too busy to look at an answer
+        asks again, and then looks at the answer that had come.
+        """
+        requests = self.heard.get((k, peer, step), [])
+        return next((r for r in requests if r.answer == due), requests[0] if requests else None)
 
     def _request(self, request: Request) -> Iterator[Difference]:
         """Judge whether the four sides of an answered request are there, agree and are true."""

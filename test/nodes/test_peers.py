@@ -9,6 +9,7 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.srv import GetPlan
 
 from sparse_coord_ros.lockstep.waiting import Deadline, WorldPresence
+from sparse_coord_ros.nodes import peers
 from sparse_coord_ros.nodes.member import Member
 from sparse_coord_ros.nodes.peers import Clients, Peer
 from sparse_coord_ros.nodes.robot import LAST_WORDS_SECONDS, RobotNode
@@ -30,8 +31,14 @@ class Future:
     def result(self):
         return self.answer
 
+    def done(self):
+        return self.answer is not None
+
     def come(self):
         self.answer = GetPlan.Response()
+        self.look()
+
+    def look(self):
         for callback in self.callbacks:
             callback(self)
 
@@ -98,6 +105,21 @@ def test_what_was_not_sent_to_a_peer_that_gave_up_is_not_sent_later(node):
     node.service_is_ready = lambda: True
     peer.send_what_waits()
     assert node.sent == []
+
+
+def test_an_answer_that_nobody_looked_at_yet_is_not_asked_for_again(node, monkeypatch):
+    """It has come, but its callback waits behind the timer that would send the request again."""
+    monkeypatch.setattr(peers, "AGAIN_SECONDS", 0.0)
+    heard = []
+    peer = Peer(node, node, lambda step, plan: heard.append(step))
+    peer.request(PoseStamped(), 7)
+    peer.send_what_waits()
+    assert len(node.sent) == 2, "nothing has come"
+    node.sent[1].answer = GetPlan.Response()
+    peer.send_what_waits()
+    assert len(node.sent) == 2
+    node.sent[1].look()
+    assert heard == [7] and not peer.waits
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bags whose recorder was killed and started again."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -15,7 +16,14 @@ from sparse_coord_ros.recording.reader import open_bag
 from sparse_coord_ros.recording.recover import continued
 from sparse_coord_ros.runlog import verify
 from sparse_coord_ros.runlog.attached import read_tables
-from sparse_coord_ros.runlog.dialogue import RETURNED, SENT, Request, heard
+from sparse_coord_ros.runlog.dialogue import (
+    RETURNED,
+    SENT,
+    Request,
+    heard,
+    times_asked_again,
+)
+from sparse_coord_ros.runlog.percepts import check_percepts
 from sparse_coord_ros.runlog.timeline import Rollback
 from sparse_coord_ros.runlog.tracks import _under_way
 
@@ -165,3 +173,41 @@ def test_tables_of_the_checkpoint_come_again_where_a_file_takes_the_run_back(goo
     bag = SimpleNamespace(attachments=Attachments([attachment] * 2), files=files)
     found = list(read_tables(bag, good.run, [Rollback(1, AT, AT + 1, until)]))
     assert [odd.logged for odd, tables in found if tables is None] == twice
+
+
+@pytest.mark.parametrize(
+    ("answers", "times"),
+    [
+        ([9], 0),
+        ([8, 9], 1),
+        ([8, 8, 9], 2),
+        ([8, 8], 1),
+        ([9, 9], 0),
+        ([9, 10], 0),
+        ([8, 9, 9], 1),
+    ],
+)
+def test_a_busy_robot_that_asks_again_does_not_wait_for_its_peer(answers, times):
+    """It had an answer of the very step, and did not look at it in time."""
+    requests = [
+        Request(0, 1, 9, (0.0, 0.0), {SENT: 2 * i, RETURNED: 2 * i + 1}, answer=(answer, None))
+        for i, answer in enumerate(answers)
+    ]
+    other = Request(0, 2, 9, (0.0, 0.0), {SENT: 90, RETURNED: 91}, answer=(8, None))
+    assert times_asked_again(heard([*requests, other])) == times
+
+
+def test_a_busy_robot_acts_on_the_answer_that_had_come(good):
+    """And not on that to the request that it sent meanwhile, by when its peer was further."""
+    log = verify(good.bag).log
+    one = next(r for r in log.requests if r.answer is not None and r.answer[1] is not None)
+    later = max(request.wall_ns.get(RETURNED, 0) for request in log.requests)
+    wall = {kind: later + 1 + kind for kind in range(4)}
+
+    def odd(answer):
+        again = replace(one, wall_ns=wall, answer=answer, said=answer)
+        return check_percepts(replace(log, requests=(*log.requests, again)), None)
+
+    assert odd((one.step + 1, None)) == []
+    assert odd(one.answer) == []
+    assert odd((one.step, None)) != [], "a refusal that its peer cannot have given"
