@@ -48,7 +48,6 @@ from sparse_coord_ros.core.streams import (
     REPLAY,
     START,
     Stream,
-    bit_generator,
 )
 from sparse_coord_ros.core.world import (
     EPISODE_GAP,
@@ -61,12 +60,13 @@ from sparse_coord_ros.engine import kernels
 from sparse_coord_ros.engine.cluster import Cluster
 from sparse_coord_ros.engine.compiled import Loops, compile_once, compiled, has_numba, is_compiled
 from sparse_coord_ros.engine.exact import ExactMeans, exact_means
+from sparse_coord_ros.engine.generator import jump_table, source_of
 from sparse_coord_ros.engine.kept import is_kept
 from sparse_coord_ros.engine.processes import in_processes
 from sparse_coord_ros.errors import SettingError
 
 BLOCK = 2048
-"""Time steps whose draws are made at once."""
+"""Time steps between two looks at whether anybody waits for the run and its tables have room."""
 
 FIRST_ROWS = 2 * BLOCK
 """Rows of a sparse table at first, a power of two."""
@@ -77,8 +77,8 @@ DENSE_ROWS = 2**19
 MOST_ROWS = 2**62
 """Rows of a sparse table over the joint state: as many as memory holds."""
 
-NEXT_DOUBLE = np.random.PCG64().ctypes.next_double
-"""As of `kernels.Draws`; no constant of the loops, which numba could not keep on disk then."""
+JUMPS = jump_table()
+"""As of `kernels.Draws`."""
 
 ENGINES = ("auto", "numba", "python")
 
@@ -314,7 +314,7 @@ class CompiledTeam:
         asked, stays = np.zeros((2, team, len(scenario.map.cells)), dtype=np.int64)
         game = _game(team, FIRST_STEP + EPISODE_GAP)
         choice = _choice(team)
-        kept, draws = self.draws(seed, problem, EVALUATION)
+        draws = self.draws(seed, problem, EVALUATION)
         while game.clock[kernels.DONE] < trials:
             learners = self.with_room(learners)
             self.loops.play(problem, learners, game, choice, draws, results, asked, stays)
@@ -372,7 +372,7 @@ class CompiledTeam:
 
     def _learned_rows(self, learners: kernels.Learners, k: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the rows of robot k's second table that it has updated, and their keys."""
-        rows = np.flatnonzero((learners.coord_updates[k] > 0).any(axis=1))
+        rows = np.flatnonzero(_updated(learners.coord_updates[k]))
         return rows, learners.keys[k, rows] if self._hashed else rows
 
     def _sparse_table(self, learners: kernels.Learners, k: int) -> SparseTable:
@@ -528,13 +528,8 @@ class CompiledTeam:
 
     def draws(
         self, seed: int, problem: kernels.CompiledScenario, phase: int, first: int = 0
-    ) -> tuple[list[np.random.PCG64], kernels.Draws]:
-        """Return NumPy's own generators, one an agent and role, and the space of their draws.
-
-        The draws hold addresses of the generators' states: keep the generators while they are
-        used. Roles whose draws nothing looks at have none. The first block of draws begins with
-        the time step `first`.
-        """
+    ) -> kernels.Draws:
+        """Return where the draws come from; the first block begins with the time step `first`."""
         team = len(problem.starts)
         links = [link_of(self.scenario.link, seed, k, phase) for k in range(team)]
         fails = bool(team == 1 or (problem.percept < 1.0).any() or self.scenario.link != UP)
@@ -546,35 +541,19 @@ class CompiledTeam:
             REPLAY: phase == LEARNING and problem.replays > 0,
             BLIND: phase == LEARNING and self.learner.factors is not None and fails,
         }
-        values = np.zeros(team * BLOCK * sum(DRAWS.values()))
-        spaces, generators, parts = [], [], []
-        begin = 0
+        sources = np.zeros((len(DRAWS), team, 4), dtype=np.uint64)
         for role, width in DRAWS.items():
-            end = begin + team * BLOCK * width
-            spaces.append(values[begin:end].reshape(team, BLOCK, width))
-            for k in problem.members if looked_at[role] else ():
-                generator = bit_generator(seed, int(k), role, phase)
-                generator.advance(first * width)
-                generators.append(generator)
-                part = begin + k * BLOCK * width
-                parts.append((part, part + BLOCK * width))
-            begin = end
-        states = [generator.ctypes.state_address for generator in generators]
-        policy, motion, percept, start, replay, blind = spaces
-        return generators, kernels.Draws(
-            policy,
-            motion[:, :, 0],
-            percept[:, :, 0],
-            start,
-            replay[:, :, 0],
-            blind,
-            values,
-            np.array(states, dtype=np.uint64),
-            np.array(parts),
-            NEXT_DOUBLE,
-            self._stop,
-            np.array([link.pattern for link in links]),
-            links[0].dead_from,
+            for k in problem.members.tolist() if looked_at[role] else ():
+                sources[role, k] = source_of(seed, k, role, phase, first * width)
+        return kernels.Draws(
+            sources=sources,
+            since=np.full((len(DRAWS), team), first),
+            jumps=JUMPS,
+            fails=fails,
+            block=BLOCK,
+            stop=self._stop,
+            down=np.array([link.pattern for link in links]),
+            dead_from=links[0].dead_from,
         )
 
 
@@ -628,7 +607,7 @@ class CompiledLearning:
         team = self._team
         for number, (problem, game) in enumerate(zip(team.learning, self._games, strict=True)):
             part = problem._replace(budget=until)
-            _, draws = self._draws[number]
+            draws = self._draws[number]
             while game.clock[kernels.DONE] < until:
                 self.learners = team.with_room(self.learners)
                 record = self._record_with_rows(number) if self._gathering else None
@@ -699,8 +678,7 @@ class CompiledLearning:
     @property
     def visited(self) -> np.ndarray:
         """Joint states of Q^C that each robot has updated, shape (robots,), int64."""
-        updated = np.any(self.learners.coord_updates > 0, axis=2)
-        return np.asarray(np.sum(updated, axis=1))
+        return np.asarray(np.sum(_updated(self.learners.coord_updates), axis=1))
 
     @property
     def history(self) -> History:
@@ -725,6 +703,13 @@ class CompiledLearning:
             arrays = [np.concatenate(pair) for pair in zip(record[1:], more[1:], strict=True)]
             self._records[number] = kernels.Record(record.used, *arrays)
         return self._records[number]
+
+
+def _updated(counts: np.ndarray) -> np.ndarray:
+    """Return which rows have a count (four int32) that is not 0: two words of 64 bits each."""
+    words = counts.view(np.int64)
+    updated: np.ndarray = (words[..., 0] | words[..., 1]) != 0
+    return updated
 
 
 def _record(rows: int, robots: int) -> kernels.Record:
@@ -776,7 +761,7 @@ def _game_at(position: Position) -> kernels.Game:
 
 
 def _game(team: int, step: int) -> kernels.Game:
-    clock = np.zeros(6, dtype=np.int64)
+    clock = np.zeros(5, dtype=np.int64)
     clock[kernels.STEP] = step
     return kernels.Game(clock, np.zeros(team, dtype=np.int64), np.zeros(team, dtype=np.int8))
 

@@ -15,12 +15,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sparse_coord_ros.core import algorithm, factors
-from sparse_coord_ros.engine import kept, kernels
+from sparse_coord_ros.engine import generator, kept, kernels
 from sparse_coord_ros.errors import SparseCoordError
 
 CALLED = (
     algorithm.greedy,
-    algorithm.epsilon_greedy,
     algorithm.greatest,
     algorithm.step_size,
     algorithm.updated,
@@ -37,7 +36,11 @@ CALLED = (
     kernels.find_row,
     kernels.row_to_learn,
     kernels.perceived_row,
-    kernels.draw,
+    kernels.begin_block,
+    kernels.drawn,
+    kernels.go_on,
+    kernels.percept_draw,
+    kernels.greedy_action,
     kernels.has_room,
     kernels.has_rows,
     kernels.place,
@@ -56,6 +59,15 @@ CALLED = (
 """Functions that the loops call; they stay plain Python for everyone else."""
 
 INLINED = (
+    kernels.place,
+    kernels.find_partners,
+    kernels.drawn,
+    kernels.percept_draw,
+    kernels.greedy_action,
+    kernels.choose,
+    kernels.coordinate,
+    kernels.move,
+    kernels.learn_tables,
     kernels.row_to_learn,
     factors.refresh,
     factors.learn_move,
@@ -199,6 +211,7 @@ def jitted(
         called: functions that they call beside those of `CALLED`.
     """
     options = _accepted("_nrt", False)
+    generator.let_call(**options)
     for function in (*CALLED, *called):
         _let_call(function)
     return kept.jit(loops, **options)

@@ -7,15 +7,14 @@ and the update are the very functions of `core.algorithm`. Plain Python runs the
 the same bits.
 """
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
 from sparse_coord_ros.core.algorithm import (
+    ACTIONS,
     COORDINATE,
     PRIMITIVES,
-    epsilon_greedy,
     greatest,
     greedy,
     step_size,
@@ -36,15 +35,26 @@ from sparse_coord_ros.core.factors import (
 )
 from sparse_coord_ros.core.links import LOST
 from sparse_coord_ros.core.streams import (
+    BLIND,
     BLIND_ACTION,
     BLIND_EXPLORE,
+    DRAWS,
     EXPLORE,
     EXPLORED_ACTION,
+    MOTION,
     PEER,
+    PERCEPT,
+    POLICY,
     PRIMITIVE_TIE,
+    REPLAY,
+    START,
     TIE,
 )
 from sparse_coord_ros.core.world import EPISODE_GAP
+from sparse_coord_ros.engine.generator import MOST, jumped, uniform
+
+WIDTHS = tuple(DRAWS.values())
+"""Draws that a time step owns [role]."""
 
 NO_ROW = -1
 """In place of a row of Q^C: nothing was perceived."""
@@ -55,9 +65,9 @@ FAILED, PERCEIVED = 0, 1
 FREE_PLACE = -1
 """In place of a key: a free place of a sparse table."""
 
-STEP, EPISODE_START, DONE, PLACED, FIRST, END = range(6)
+STEP, EPISODE_START, DONE, PLACED, END = range(5)
 """Entries of `Game.clock`: time step, first step of the episode, transitions (or trials) done,
-whether the episode has begun, first step of the block of draws and the step after its last."""
+whether the episode has begun, the step after the last one of the block."""
 
 REWARD, TIME, ASKS, CONFLICTS = range(4)
 """Last axis of a trial's result."""
@@ -210,32 +220,26 @@ class Choices(NamedTuple):
 
 
 class Draws(NamedTuple):
-    """The draws of a block of time steps, [k, time step - first step of the block, draw].
+    """Where the draws come from; what nothing looks at is never drawn.
 
     Attributes:
-        policy, motion, percept, start, replay, blind: by role, views of `values`.
-        values: all draws, flat.
-        states: addresses of the generators' states, as NumPy gives them to C.
-        parts: which part of `values` each generator draws, [generator, (first, end)]; draws that
-            nothing looks at have no generator and stay 0.
-        next_double: NumPy's C function that makes a generator's next draw in [0, 1), from the
-            state's address.
+        sources: a generator at a time step's beginning, as of `generator.source_of`,
+            [role, k, word]; those that nothing looks at are 0.
+        since: that time step [role, k].
+        jumps: as of `generator.jump_table`.
+        fails: whether percepts can fail.
+        block: time steps between two looks at `stop` and at the room that is left.
         stop: its one entry is set where nobody waits for the result any more.
         down: when each robot's link is down, [k, time step modulo its length]; no columns where
             links have no pattern.
         dead_from: the time step from which all links are down.
     """
 
-    policy: np.ndarray
-    motion: np.ndarray
-    percept: np.ndarray
-    start: np.ndarray
-    replay: np.ndarray
-    blind: np.ndarray
-    values: np.ndarray
-    states: np.ndarray
-    parts: np.ndarray
-    next_double: Callable[[int], float]
+    sources: np.ndarray
+    since: np.ndarray
+    jumps: np.ndarray
+    fails: bool
+    block: int
     stop: np.ndarray
     down: np.ndarray
     dead_from: int
@@ -259,36 +263,53 @@ class Record(NamedTuple):
     arrived: np.ndarray
 
 
-def draw(game: Game, draws: Draws) -> None:
-    """Make the draws of the next block of time steps."""
-    for number in range(len(draws.states)):
-        state = int(draws.states[number])
-        for i in range(draws.parts[number, 0], draws.parts[number, 1]):
-            draws.values[i] = draws.next_double(state)
-    game.clock[FIRST] = game.clock[END]
-    game.clock[END] += draws.policy.shape[1]
+def drawn(draws: Draws, role: int, k: int, step: int, column: int) -> float:
+    """Return a draw of robot k in a role at a time step, which is not before the last one's."""
+    source, width = draws.sources[role, k], WIDTHS[role]
+    steps = step - draws.since[role, k]
+    if (steps + 1) * width > MOST:
+        go_on(draws, role, k, step)
+        steps = 0
+    high, low = jumped(source, draws.jumps[steps * width + column + 1])
+    return uniform(high, low)
+
+
+def go_on(draws: Draws, role: int, k: int, step: int) -> None:
+    """Let a generator go on to a time step's beginning."""
+    source, width = draws.sources[role, k], WIDTHS[role]
+    while draws.since[role, k] < step:
+        steps = min(step - draws.since[role, k], MOST // width)
+        high, low = jumped(source, draws.jumps[steps * width])
+        source[0] = high
+        source[1] = low
+        draws.since[role, k] += steps
+
+
+def percept_draw(draws: Draws, k: int, step: int) -> float:
+    """Return the draw of robot k's percept, `LOST` while its link is down."""
     period = draws.down.shape[1]
-    if period > 0 or draws.dead_from < game.clock[END]:
-        for now in range(draws.percept.shape[1]):
-            step = game.clock[FIRST] + now
-            for k in range(draws.percept.shape[0]):
-                if step >= draws.dead_from or (period > 0 and draws.down[k, step % period]):
-                    draws.percept[k, now] = LOST
+    if step >= draws.dead_from or (period > 0 and draws.down[k, step % period]):
+        return LOST
+    return drawn(draws, PERCEPT, k, step, 0) if draws.fails else 0.0
+
+
+def begin_block(game: Game, draws: Draws) -> None:
+    """Begin the next block of time steps."""
+    game.clock[END] += draws.block
 
 
 def place(problem: CompiledScenario, game: Game, draws: Draws) -> None:
     """Begin an episode: every robot at its start, or at an exploring start."""
     clock = game.clock
     step = clock[STEP]
-    now = step - clock[FIRST]
     exploring = problem.exploring[min(step, len(problem.exploring) - 1)]
     for k in range(len(problem.starts)):
         game.cells[k] = problem.starts[k]
         game.arrived[k] = 1
     for k in problem.members:
         game.arrived[k] = 0
-        if draws.start[k, now, 0] < exploring:
-            pick = int(draws.start[k, now, 1] * problem.start_counts[k])
+        if exploring > 0.0 and drawn(draws, START, k, step, 0) < exploring:
+            pick = int(drawn(draws, START, k, step, 1) * problem.start_counts[k])
             game.cells[k] = problem.start_cells[k, pick]
     clock[EPISODE_START] = step
     clock[PLACED] = 1
@@ -331,14 +352,14 @@ def rehash(old: Learners, new: Learners) -> None:
 
 
 def perceived_row(
-    problem: CompiledScenario, learners: Learners, game: Game, k: int, draws: Draws, now: int
+    problem: CompiledScenario, learners: Learners, game: Game, k: int, draws: Draws, step: int
 ) -> int:
     """Return the row of Q^C that robot k's COORDINATE perceives, or `NO_ROW`."""
     cells = game.cells
     x = cells[k]
     size = len(problem.doorway)
     team = len(cells)
-    draw = draws.percept[k, now]
+    draw = percept_draw(draws, k, step)
     if problem.all_peers:
         key = x
         for peer in range(team):
@@ -347,7 +368,9 @@ def perceived_row(
                     return NO_ROW
                 key = key * size + cells[peer]
     else:
-        peer = int(draws.policy[k, now, PEER] * (team - 1))
+        peer = 0
+        if team > 2:
+            peer = int(drawn(draws, POLICY, k, step, PEER) * (team - 1))
         if peer >= k:
             peer += 1
         if draw >= problem.percept[x, cells[peer]]:
@@ -374,7 +397,7 @@ def coordinate(
     game: Game,
     choice: Choices,
     draws: Draws,
-    now: int,
+    step: int,
     epsilon: float,
     k: int,
 ) -> int:
@@ -383,21 +406,21 @@ def coordinate(
     `choice.rows` says whether it perceived; where corrections are learned, `factored.askers` of
     each peer that it asked says so.
     """
-    tie = draws.policy[k, now, PRIMITIVE_TIE]
     x = game.cells[k]
     if factored is None:
         row = NO_ROW
         if len(game.cells) > 1:
-            row = perceived_row(problem, learners, game, k, draws, now)
+            row = perceived_row(problem, learners, game, k, draws, step)
         choice.rows[k] = row
         if row == NO_ROW:
-            return greedy(learners.q_star[k, x], PRIMITIVES, tie)
-        return greedy(learners.q_coord[k, row], PRIMITIVES, tie)
+            return greedy_action(learners.q_star[k, x], PRIMITIVES, draws, k, step, PRIMITIVE_TIE)
+        return greedy_action(learners.q_coord[k, row], PRIMITIVES, draws, k, step, PRIMITIVE_TIE)
     seen = PERCEIVED if len(game.cells) > 1 else FAILED
+    draw = percept_draw(draws, k, step)
     for peer in range(len(game.cells)):
         if peer != k:
             factored.askers[peer] |= 1 << k
-            if draws.percept[k, now] >= problem.percept[x, game.cells[peer]]:
+            if draw >= problem.percept[x, game.cells[peer]]:
                 seen = FAILED
                 break
     choice.rows[k] = seen
@@ -405,9 +428,28 @@ def coordinate(
     correct(learners, factored, k, x, game.cells, seen, problem.right_of_way)
     for b in range(PRIMITIVES):
         values[b] = factored.u[k, x, b] + values[b]
-    if seen == FAILED and draws.blind[k, now, BLIND_EXPLORE] < epsilon:
-        return int(draws.blind[k, now, BLIND_ACTION] * PRIMITIVES)
-    return greedy(values, PRIMITIVES, tie)
+    if seen == FAILED and epsilon > 0.0:
+        if drawn(draws, BLIND, k, step, BLIND_EXPLORE) < epsilon:
+            return int(drawn(draws, BLIND, k, step, BLIND_ACTION) * PRIMITIVES)
+    return greedy_action(values, PRIMITIVES, draws, k, step, PRIMITIVE_TIE)
+
+
+def greedy_action(
+    values: np.ndarray, count: int, draws: Draws, k: int, step: int, column: int
+) -> int:
+    """Return pi_g's choice, as of `greedy`, which draws only between ties.
+
+    Nearly always there are none; without a branch for each value the processor waits less.
+    """
+    best = greatest(values, count)
+    ties, last = 0, 0
+    for action in range(count):
+        if values[action] == best:
+            ties += 1
+            last = action
+    if ties == 1:
+        return last
+    return greedy(values, count, drawn(draws, POLICY, k, step, column))
 
 
 def correct(
@@ -449,7 +491,7 @@ def choose(
     game: Game,
     choice: Choices,
     draws: Draws,
-    now: int,
+    step: int,
     epsilon: float,
 ) -> None:
     """Let every robot that has not arrived choose (Algorithm 1, lines 4 to 10)."""
@@ -462,30 +504,26 @@ def choose(
             continue
         x = game.cells[k]
         values = learners.q_star[k, x]
-        action = epsilon_greedy(
-            values,
-            problem.actions,
-            epsilon,
-            draws.policy[k, now, EXPLORE],
-            draws.policy[k, now, EXPLORED_ACTION],
-            draws.policy[k, now, TIE],
-        )
+        if epsilon > 0.0 and drawn(draws, POLICY, k, step, EXPLORE) < epsilon:
+            action = int(drawn(draws, POLICY, k, step, EXPLORED_ACTION) * problem.actions)
+        else:
+            action = greedy_action(values, len(ACTIONS), draws, k, step, TIE)
         choice.cells[k] = x
         choice.actions[k] = action
         choice.moves[k] = action
         choice.rows[k] = NO_ROW
         if action == COORDINATE:
             choice.moves[k] = coordinate(
-                problem, learners, factored, game, choice, draws, now, epsilon, k
+                problem, learners, factored, game, choice, draws, step, epsilon, k
             )
 
 
-def move(problem: CompiledScenario, game: Game, choice: Choices, draws: Draws, now: int) -> bool:
+def move(problem: CompiledScenario, game: Game, choice: Choices, draws: Draws, step: int) -> bool:
     """Move every robot that acts; return whether the step ends in a miscoordination."""
     cells = game.cells
     members = problem.members
     for k in members:
-        if not game.arrived[k] and draws.motion[k, now] < problem.move_success:
+        if not game.arrived[k] and drawn(draws, MOTION, k, step, 0) < problem.move_success:
             cells[k] = problem.next_cell[cells[k], choice.moves[k]]
     for i in range(len(members)):
         here = cells[members[i]]
@@ -524,7 +562,7 @@ def learn_tables(
     if y == problem.goals[k]:
         bootstrap = problem.goal_value
     else:
-        bootstrap = greatest(q_star[k, y], problem.actions)
+        bootstrap = greatest(q_star[k, y], len(ACTIONS))
     if seen != NO_ROW:
         primitive = choice.moves[k]
         count = learners.coord_updates[k, seen, primitive] + 1
@@ -547,7 +585,7 @@ def learn_factors(
     factored: Factored,
     choice: Choices,
     draws: Draws,
-    now: int,
+    step: int,
     k: int,
     y: int,
     individual: float,
@@ -592,7 +630,7 @@ def learn_factors(
             z = choice.cells[peer]
             known = seen == PERCEIVED
             if not known and problem.share and (factored.askers[k] >> peer) & 1:
-                known = draws.percept[k, now] < problem.percept[x, z]
+                known = percept_draw(draws, k, step) < problem.percept[x, z]
             if known and peer != k:
                 share = common if (partners >> peer) & 1 else 0.0
                 key = key_of(x, peer, z, size, team)
@@ -604,7 +642,8 @@ def learn_factors(
         update = problem.percept_update
         learn_asking(own, x, factored.correction, update, by_count, least_alpha)
     refresh(own, x, terms)
-    replay(own, problem.replays, draws.replay[k, now], terms)
+    if problem.replays > 0:
+        replay(own, problem.replays, drawn(draws, REPLAY, k, step, 0), terms)
 
 
 def learn_row(
@@ -639,19 +678,18 @@ def learn(
 ) -> None:
     """Learn until the budget is used up, something needs more room, or it is to stop.
 
-    What needs room are sparse tables and the record. Draws that are left from an earlier call are
-    used up first, so that a run in parts is the unbroken run.
+    What needs room are sparse tables and the record. A run in parts is the unbroken run.
 
     Args:
         problem: the scenario and the budget.
         learners: the tables, changed.
         game: the game in progress, changed.
         choice: space for the robots' choices.
-        draws: the block of draws.
+        draws: where the draws come from.
         record: the history, added to; or None. Numba compiles the loop for each by itself, and
             without a record nothing of it is left.
     """
-    block = draws.policy.shape[1]
+    block = draws.block
     while (
         game.clock[DONE] < problem.budget
         and not draws.stop[0]
@@ -659,7 +697,7 @@ def learn(
         and has_rows(record, block)
     ):
         if game.clock[STEP] >= game.clock[END]:
-            draw(game, draws)
+            begin_block(game, draws)
         learn_block(problem, learners, learners.factored, game, choice, draws, record)
 
 
@@ -672,7 +710,7 @@ def learn_block(
     draws: Draws,
     record: Record | None,
 ) -> None:
-    """Learn until the block of draws, or the budget, is used up (Algorithm 1)."""
+    """Learn until the block of time steps, or the budget, is used up (Algorithm 1)."""
     clock, arrived = game.clock, game.arrived
     end = clock[END]
     last = len(problem.epsilon) - 1
@@ -683,10 +721,9 @@ def learn_block(
                 record.first_step[record.used[0]] = clock[STEP]
                 record.used[0] += 1
         step = clock[STEP]
-        now = step - clock[FIRST]
         scheduled = min(step, last)
-        choose(problem, learners, factored, game, choice, draws, now, problem.epsilon[scheduled])
-        conflict = move(problem, game, choice, draws, now)
+        choose(problem, learners, factored, game, choice, draws, step, problem.epsilon[scheduled])
+        conflict = move(problem, game, choice, draws, step)
         if factored is not None:
             if problem.referee:
                 find_partners(problem, game, factored.partners)
@@ -723,7 +760,7 @@ def learn_block(
                     factored,
                     choice,
                     draws,
-                    now,
+                    step,
                     k,
                     y,
                     individual,
@@ -748,13 +785,13 @@ def play(
     stays: np.ndarray,
 ) -> None:
     """Play greedy trials until all are played, or as `learn` does; arguments as `play_block`."""
-    block = draws.policy.shape[1]
+    block = draws.block
     while (
         game.clock[DONE] < problem.budget
         and not draws.stop[0]
         and has_room(problem, learners, block)
     ):
-        draw(game, draws)
+        begin_block(game, draws)
         play_block(
             problem, learners, learners.factored, game, choice, draws, results, asked, stays
         )
@@ -771,7 +808,7 @@ def play_block(
     asked: np.ndarray,
     stays: np.ndarray,
 ) -> None:
-    """Play greedy trials until the block of draws, or the trials, are used up.
+    """Play greedy trials until the block of time steps, or the trials, are used up.
 
     Args:
         problem: the scenario; `budget` trials of at most `max_steps` steps.
@@ -779,7 +816,7 @@ def play_block(
         factored: their `factored`.
         game: the game in progress.
         choice: space for the robots' choices.
-        draws: the block of draws.
+        draws: where the draws come from.
         results: filled, [trial, k, REWARD to CONFLICTS]; TIME is the horizon, and one more, for
             a robot that does not arrive.
         asked: counted up where COORDINATE is chosen, [k, x].
@@ -792,11 +829,10 @@ def play_block(
         if not clock[PLACED]:
             place(problem, game, draws)
         step = clock[STEP]
-        now = step - clock[FIRST]
         elapsed = step - clock[EPISODE_START]
         result = results[clock[DONE]]
-        choose(problem, learners, factored, game, choice, draws, now, 0.0)
-        conflict = move(problem, game, choice, draws, now)
+        choose(problem, learners, factored, game, choice, draws, step, 0.0)
+        conflict = move(problem, game, choice, draws, step)
         over = True
         discount = problem.discounts[elapsed]
         for k in problem.members:

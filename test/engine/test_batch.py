@@ -251,14 +251,14 @@ def test_baselines_keep_the_initial_q_coord():
 
 def test_a_run_that_nobody_waits_for_ends_with_its_block(monkeypatch):
     stop, blocks = np.zeros(1, dtype=np.bool_), []
-    draw = kernels.draw
+    begin_block = kernels.begin_block
 
-    def draw_three_times(*arguments):
-        blocks.append(draw(*arguments))
+    def begin_three_times(*arguments):
+        blocks.append(begin_block(*arguments))
         stop[0] = len(blocks) == 3
 
     monkeypatch.setattr(batch, "BLOCK", 32)
-    monkeypatch.setattr(kernels, "draw", draw_three_times)
+    monkeypatch.setattr(kernels, "begin_block", begin_three_times)
     team = CompiledTeam(problem("env1", steps=10**5), "coop", PLAIN, stop)
     with pytest.raises(batch.Stopped):
         team.learn(1)
