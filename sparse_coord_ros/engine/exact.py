@@ -254,15 +254,17 @@ def _policies(
         values = [agent.values(x)[: agent.actions] for x in range(cells)]
         chosen = _greedy(np.array(values))
         asks = chosen[:, COORDINATE] if agent.actions > COORDINATE else np.zeros(cells)
-        unseen = [agent.values_asking(x, None)[:PRIMITIVES] for x in range(cells)]
-        blind = _greedy(np.array(unseen))[:, None, :]
-        # One robot alone has nobody to ask: its percept fails.
-        seen = percepts[:, :, None] if len(tables) > 1 else np.zeros((cells, cells, 1))
-        coord = q_coord.dense() if isinstance(q_coord, SparseTable) else np.asarray(q_coord)
-        after_asking = seen * _greedy(coord) + (1.0 - seen) * blind
-        both = np.empty((2, cells, cells, PRIMITIVES))
+        both = np.zeros((2, cells, cells, PRIMITIVES))
         both[0] = chosen[:, None, :PRIMITIVES]
-        both[1] = asks[:, None, None] * after_asking
+        where = np.flatnonzero(asks)  # most robots ask in few cells
+        if len(where):
+            unseen = [agent.values_asking(x, None)[:PRIMITIVES] for x in where.tolist()]
+            blind = _greedy(np.array(unseen))[:, None, :]
+            # One robot alone has nobody to ask: its percept fails.
+            seen = percepts[where, :, None] if len(tables) > 1 else np.zeros((1, cells, 1))
+            coord = q_coord.dense() if isinstance(q_coord, SparseTable) else np.asarray(q_coord)
+            after_asking = seen * _greedy(coord[where]) + (1.0 - seen) * blind
+            both[1, where] = asks[where, None, None] * after_asking
         asking.append(asks)
         moves.append(both)
     return asking, moves

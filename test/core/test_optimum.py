@@ -4,6 +4,7 @@
 
 import pytest
 
+from sparse_coord_ros.core import optimum
 from sparse_coord_ros.core.optimum import independent_bound, joint_optimum
 from sparse_coord_ros.core.reference import shortest_path_reference
 from sparse_coord_ros.core.scenario import load_scenario
@@ -38,6 +39,20 @@ def test_exact_values(name):
 def test_env1_at_minus_100_whatever_learning_and_asking_are_like(settings):
     scenario = load_scenario("env1").with_settings({"penalty": -100, **settings})
     assert joint_optimum(scenario).value == pytest.approx(120.6, abs=0.1)
+
+
+def test_it_is_computed_once_for_what_differs_only_in_learning(monkeypatch):
+    scenario, solved = load_scenario("env1").with_settings({"penalty": -33}), []
+    solve = optimum._solve
+    monkeypatch.setattr(optimum, "_solved", {})
+    monkeypatch.setattr(optimum, "_solve", lambda *game: solved.append(1) or solve(*game))
+    same = [{}, {"steps": 7}, {"ask_cost": 9}, {"perception": "never"}]
+    other = [{"penalty": -34}, {"discount": 0.9}, {"move_success": 1}, {"goal_reward": 9}]
+    found = [joint_optimum(scenario.with_settings(one)).value for one in same + other]
+    assert len(solved) == 1 + len(other)
+    assert len(set(found[: len(same)])) == 1
+    assert len(set(found)) == 1 + len(other)
+    assert found[-1] == joint_optimum(scenario.with_settings({"goal_reward": 9})).value
 
 
 @pytest.mark.parametrize("name", ["env1", "env2-2r", "isr", "pentagon", "mit"])
