@@ -22,7 +22,7 @@ _COMPRESSIONS = {
 
 
 class BagFile:
-    """A new file, to which `McapFile` writes.
+    """A new file, as an output stream of `mcap.writer.Writer`.
 
     Unbuffered: what is written is with the operating system, and survives the process. The first
     failure is final; the file then ends with the last whole record. Until it is closed the file
@@ -74,6 +74,9 @@ class BagFile:
     def tell(self) -> int:
         """Return the number of bytes written."""
         return self._position
+
+    def flush(self) -> None:
+        """Do nothing: there is no buffer."""
 
     def finish(self) -> None:
         """Let the disk have everything, then drop `.partial` from the name; raises BagError."""

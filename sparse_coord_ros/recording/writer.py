@@ -6,10 +6,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
+from mcap.writer import Writer
+
 from sparse_coord_ros import __version__
 from sparse_coord_ros.errors import BagError
 from sparse_coord_ros.recording.files import chunk_compression, create_bag_file, write_text
-from sparse_coord_ros.recording.mcap_file import McapFile
 from sparse_coord_ros.recording.metadata import (
     CONTINUED_RECORD,
     METADATA_FILE,
@@ -124,18 +125,18 @@ class BagWriter:
         """Begin a file, with the channels that there are."""
         self._file_name = f"{self._stem}_{self._number}.mcap"
         self._file = create_bag_file(self._directory, self._file_name, new=new)
-        self._writer = McapFile(
-            self._file,
+        self._writer = Writer(
+            self._file,  # type: ignore[arg-type]  # of a stream, Writer uses write, tell and flush
             chunk_size=self._chunk_size,
             compression=self._compression,
-            profile="ros2",
-            library=f"sparse_coord_ros {__version__}",
+            enable_data_crcs=True,
         )
         self._add_message = self._writer.add_message
         self._schema_ids: dict[tuple[str, str, str], int] = {}
         self._before = dict(self._counts)
         self._start_ns = LATEST_NS
         self._end_ns = 0
+        self._writer.start(profile="ros2", library=f"sparse_coord_ros {__version__}")
         for topic in self._topics.values():
             self._register(topic)
 
@@ -212,8 +213,10 @@ class BagWriter:
         """Write a topic's type and channel into the file, and return the channel."""
         schema = topic.type_name, topic.schema_encoding, topic.schema
         if schema not in self._schema_ids:
-            self._schema_ids[schema] = self._writer.add_schema(*schema[:2], schema[2].encode())
-        return self._writer.add_channel(
+            self._schema_ids[schema] = self._writer.register_schema(
+                *schema[:2], schema[2].encode()
+            )
+        return self._writer.register_channel(
             topic.name,
             "cdr",
             self._schema_ids[schema],
@@ -298,7 +301,8 @@ class BagWriter:
             BagError: writing failed, or the bag is closed.
         """
         self._file.check_usable()
-        self._writer.add_attachment(log_time_ns, name, media_type, data)
+        # The creation time stays 0, "not available": the bytes must not depend on the clock.
+        self._writer.add_attachment(0, log_time_ns, name, media_type, data)
 
     def flush(self) -> None:
         """End the current chunk and hand it to the operating system, without fsync.
@@ -307,7 +311,7 @@ class BagWriter:
             BagError: writing failed, or the bag is closed.
         """
         self._file.check_usable()
-        self._writer.end_chunk()
+        self._writer.flush()
 
     def close(self) -> None:
         """Finish and rename the MCAP file, write `metadata.yaml`; a second call does nothing.
@@ -335,7 +339,7 @@ class BagWriter:
         ]
         try:
             self._file.check_usable()
-            self._writer.end_chunk()
+            self._writer.flush()
             # rosbag2 stores its information in the file too, and reads it from there if the
             # MCAP file is opened alone.
             information = bag_information([file], summaries)
@@ -360,7 +364,7 @@ class BagWriter:
             return
         try:
             if self._file.refusal is None:
-                self._writer.end_chunk()
+                self._writer.flush()
         finally:
             self._file.close()
 
