@@ -57,3 +57,4 @@ def pytest_configure(config):
         folder = tempfile.TemporaryDirectory(prefix="sparse_coord_kept_")
         config.add_cleanup(folder.cleanup)
         os.environ[FOLDER_VARIABLE] = folder.name
+        os.environ["HYPOTHESIS_STORAGE_DIRECTORY"] = f"{folder.name}/hypothesis"
