@@ -14,22 +14,20 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 
-from sparse_coord_ros.errors import failure_of
 from sparse_coord_ros.nodes.interface import RosTopic
-from sparse_coord_ros.nodes.parameters import ParameterNode
 
 
 class Intake:
     """A node's subscriptions.
 
     Args:
-        node: the node; what its callbacks raise stops it (as `ParameterNode.guarded` says).
+        node: the node; its callbacks are guarded (`parameters.ParameterNode`).
 
     Attributes:
         dropped: how many messages were dropped, by topic or service.
     """
 
-    def __init__(self, node: ParameterNode) -> None:
+    def __init__(self, node: Node) -> None:
         self._node = node
         self.dropped: Counter[str] = Counter()
 
@@ -63,14 +61,10 @@ class Intake:
             except Exception as error:  # rclpy, struct, Unicode: whatever the bytes bring about
                 self.drop(name, error)
                 return
-            try:
-                then(said)
-            except Exception as error:
-                self._node.fail(failure_of(error))
+            then(said)
 
-        # Guarded here: another function around each message would cost as much as reading it.
-        return Node.create_subscription(
-            self._node, topic.type, name, take, topic.qos if qos is None else qos, raw=True
+        return self._node.create_subscription(
+            topic.type, name, take, topic.qos if qos is None else qos, raw=True
         )
 
     def drop(self, name: str, why: object, done: str = "message dropped") -> None:
