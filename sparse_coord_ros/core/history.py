@@ -288,7 +288,10 @@ class HistoryRecorder:
         if self._length == 0:
             return
         if self._used == len(self._rows.length):
-            self._rows = concatenated([self._rows, _rows(self._used, len(self._present))])
+            grown = _rows(2 * self._used, len(self._present))  # takes memory as it is written to
+            for name, array in self._rows.arrays().items():
+                getattr(grown, name)[: self._used] = array
+            self._rows = grown
         rows, row = self._rows, self._used
         rows.first_step[row] = self._first_step
         rows.length[row] = self._length

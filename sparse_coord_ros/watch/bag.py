@@ -67,8 +67,12 @@ class BagSource:
         self._now = now
         self._commands: queue.SimpleQueue[Command] = queue.SimpleQueue()
         if self.log.empty:
-            damage = self.log.damage
+            damage, begun = self.log.damage, being_recorded_still(self.log.path)
             self.log.close()
+            if begun:
+                raise BagError(
+                    f"{path}: holds no message yet, its recorder has only begun; try again soon"
+                )
             raise BagError(
                 f"{path}: holds no message to show{'' if damage is None else f'; {damage}'}; see "
                 "'sparse_coord info'"

@@ -5,6 +5,7 @@
 import json
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -119,6 +120,15 @@ def test_a_bag_that_grows_is_followed(bag, tmp_path, monkeypatch):
     assert player.after(0.1)["step"] == read_run(bag).step[-1] > before["step"]
     assert not player.source.growing and player.board.get("notice")["text"] == ""
     player.source.log.close()
+
+
+@pytest.mark.parametrize(("recorded_now", "words"), [(True, "try again soon"), (False, "info'")])
+def test_a_bag_without_a_message_yet(tmp_path, monkeypatch, recorded_now, words):
+    nothing = SimpleNamespace(empty=True, run=None, damage=None, path=tmp_path, close=bool)
+    monkeypatch.setattr("sparse_coord_ros.watch.bag.open_log", lambda path: nothing)
+    monkeypatch.setattr("sparse_coord_ros.watch.bag.being_recorded", lambda path: recorded_now)
+    with pytest.raises(BagError, match=words):
+        BagSource(tmp_path, Board())
 
 
 def test_what_is_damaged_unfinished_or_no_bag(bag, tmp_path):
