@@ -16,6 +16,7 @@ from sparse_coord_ros.core.run_config import RUN_SETTINGS
 from sparse_coord_ros.core.scenario import Scenario, load_scenario, scenario_names
 from sparse_coord_ros.core.settings import parse_assignments
 from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.watch.commands import HOST, PORT
 
 
 def add_verb(verbs, name: str, *, example: str) -> argparse.ArgumentParser:
@@ -100,16 +101,16 @@ def add_page(parser: argparse.ArgumentParser) -> None:
     """Add what says where the page is served."""
     parser.add_argument(
         "--port",
-        default="8765",
+        default=str(PORT),
         metavar="N",
-        help="of the page (default: 8765; 0: one that is free)",
+        help=f"of the page (default: {PORT}; 0: one that is free)",
     )
     parser.add_argument(
         "--host",
-        default="127.0.0.1",
+        default=HOST,
         metavar="ADDRESS",
-        help="serve the page on this address too for other machines: whoever reaches it can watch "
-        "(default: 127.0.0.1, this machine only)",
+        help="serve the page on this address, also for other machines: who reaches it can watch "
+        f"(default: {HOST}, this machine only)",
     )
     parser.add_argument("--browser", action="store_true", help="open the page in the browser")
 

@@ -14,14 +14,13 @@ from sparse_coord_ros.core.run_config import RunConfig
 from sparse_coord_ros.core.settings import Setting
 from sparse_coord_ros.core.tables import load_team
 from sparse_coord_ros.errors import RunError, SparseCoordError
+from sparse_coord_ros.watch.commands import NEXT, PORT, Command
 
 if TYPE_CHECKING:
     from sparse_coord_ros.watch.board import Board
-    from sparse_coord_ros.watch.commands import Command
     from sparse_coord_ros.watch.server import Server
 
-NEXT = "next"
-PORT = Setting("port", int, 8765, "of the page; 0: one that is free", low=0, high=65535)
+PORT_NUMBER = Setting("port", int, PORT, "of the page; 0: one that is free", low=0, high=65535)
 
 
 @contextmanager
@@ -39,7 +38,7 @@ def served(options: argparse.Namespace, board: "Board | None" = None) -> Iterato
     from sparse_coord_ros.watch.board import Board
     from sparse_coord_ros.watch.server import Server, is_loopback
 
-    port = PORT.parse(options.port)
+    port = PORT_NUMBER.parse(options.port)
     server = Server(Board() if board is None else board, host=options.host, port=port)
     try:
         if not is_loopback(options.host):
@@ -66,7 +65,7 @@ class Wishes:
     def __init__(self) -> None:
         self.next: Mapping[str, Any] | None = None
 
-    def command(self, command: "Command") -> None:
+    def command(self, command: Command) -> None:
         """Take note of a wish; called from the server's thread."""
         if command.name != NEXT:
             raise RunError("the run is over: choose the next one")

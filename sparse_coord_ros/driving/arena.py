@@ -180,7 +180,7 @@ class Arena:
         if errand.number == self._number:
             return False
         self._number = errand.number
-        # Where it came back in mid-run: drivers wait for poses newer than what they know.
+        # A simulator that was started again: drivers wait for poses newer than what they know.
         self.ticks = max(self.ticks, round((errand.since - BEGIN) / self.period))
         self._told.clear()
         self._under_way = set()
@@ -210,7 +210,7 @@ class Arena:
     def told(self, robot: int, command: Command) -> bool:
         """Take in what a body is to do, in step; return whether time has passed.
 
-        A stop counts for nothing: bodies stand while time does.
+        A stop is ignored: no body moves while no time passes.
         """
         if not any(command):
             return False

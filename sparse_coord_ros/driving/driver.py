@@ -12,11 +12,11 @@ SLACK = 1e-6
 """Seconds: stamps are whole nanoseconds."""
 
 BACK = 1.0
-"""Seconds that poses may be older than the newest one; what is older yet is of a new clock."""
+"""Seconds that a pose may be older than the newest one; one that is older is of a new clock."""
 
 REPEATS = 4
-"""So often the same time is said of poses until it is believed to be the newest there is: that of
-a simulator that was started again."""
+"""After so many poses of the same time it is believed, even if newer ones were seen before: the
+simulator was started again."""
 
 ASTRAY = 0.25
 """Share of a cell that a body may be off the line to its next place before it goes back to it."""
@@ -60,7 +60,7 @@ class Driver:
 
     @property
     def _unheard(self) -> bool:
-        """Whether who simulates the body stands still, as if it had not heard what was said."""
+        """Whether the simulator of the body stands still, as if it had missed the last command."""
         return self._repeats > 0 and self._repeats % REPEATS == 0
 
     def take(self, errand: Errand) -> None:

@@ -21,7 +21,7 @@ LOST = -1
 """In place of a cell: the body is in none."""
 
 BEGIN = 1.0
-"""Seconds at which simulated time begins; of a pose of that time nobody knows what it follows."""
+"""Seconds at which simulated time begins. A pose of this time may be older than any errand."""
 
 
 class Course(NamedTuple):
@@ -42,11 +42,11 @@ class Errand(NamedTuple):
     """What bodies are told at once.
 
     Attributes:
-        number: counts from 1; what is reported of an older one is of no use any more.
+        number: counts from 1; reports on an older errand are ignored.
         step: the time step.
-        place: bodies are to be there to begin with, however they come there, and take their time.
-        since: the time of the newest pose that was reported on before, by the clock of the poses;
-            drivers act on newer ones: who simulates the bodies has heard of the errand then.
+        place: an episode begins: bodies may get there in any way, and take their time.
+        since: the time of the newest pose that was reported on before, by the clock of the poses.
+            Drivers act only on newer ones: by then the simulator of the bodies knows the errand.
         courses: of the bodies that are told something, in the robots' order.
     """
 
@@ -163,7 +163,7 @@ class BodiesSide:
         return self._placing
 
     def made(self, actions: Sequence[Action | None]) -> bool:
-        """Whether the world can make its step; where it has just come to it, bodies are sent.
+        """Return whether the world can make its step; at a new step the bodies are sent first.
 
         Args:
             actions: the joint action, complete.
@@ -228,10 +228,11 @@ class BodiesSide:
 
 
 def waves(courses: Sequence[Course], doorways: frozenset[int]) -> list[tuple[Course, ...]]:
-    """Return the courses in the order in which bodies can drive them; who stays gets none.
+    """Return the courses in the order in which bodies can drive them; a body that stays has none.
 
-    A cell is entered when who leaves it is out, and by one at a time: first by who comes out of a
-    doorway. Where bodies change places, who comes out of a doorway goes first, and else all do.
+    A body enters a cell when the one that leaves it is out. Of several that want to enter only one
+    goes, those out of doorways first. Where bodies change places, those out of doorways go first;
+    where there are none, all go.
     """
     ahead = sorted(
         (course for course in courses if course.end != course.start),

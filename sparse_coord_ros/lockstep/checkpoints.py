@@ -41,7 +41,7 @@ BEGINNING = 0
 """The step under which everybody always has a checkpoint: that of a run that is yet to begin."""
 
 KEPT_OWN, KEPT_COMMON = 3, 2
-"""So many of its newest files a node keeps, and so many of those that all nodes here have."""
+"""How many of its newest files a node keeps, and how many of those that all nodes here have."""
 
 
 class Checkpoints:

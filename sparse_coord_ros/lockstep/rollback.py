@@ -47,7 +47,7 @@ class Order(NamedTuple):
     """The world's word to go back.
 
     Attributes:
-        name: one that no order had before; `NO_ORDER`: none stands.
+        name: a new one for each order; `NO_ORDER`: no order stands.
         step: the checkpoint to go back to, or `ROLL_CALL`.
         first: the time step of the first local state after it.
     """
@@ -131,7 +131,7 @@ class WorldRollback:
         """Go back to the last common checkpoint, and let an order stand; then tell everybody.
 
         Args:
-            name: one that no order had before.
+            name: a new one.
 
         Returns:
             The order; None where there is no checkpoint that everybody has.
@@ -170,13 +170,13 @@ class WorldRollback:
         self.order = Order(name, ROLL_CALL, self._side.world.step)
         return self.order
 
-    def go_on(self, *, whoever: bool = False) -> bool:
+    def go_on(self, *, anyway: bool = False) -> bool:
         """Go on where the team is held and all have obeyed; return whether it does.
 
         Args:
-            whoever: do not wait any longer for those that have not.
+            anyway: do not wait any longer for those that have not obeyed.
         """
-        if not self._side.held or (self._waiting and not whoever):
+        if not self._side.held or (self._waiting and not anyway):
             return False
         if self.order.step == ROLL_CALL:
             said = [one for one in self._said if one is not None]

@@ -23,7 +23,7 @@ class Reminder:
         self._said = 0.0
 
     def due(self, now: float) -> float:
-        """Return for how many seconds has been waited when it is time to say so, else 0."""
+        """Return how many seconds the waiting has lasted where it is time to say so, else 0."""
         if self._since is None:
             self._since = self._said = now
         if now - self._said < REMIND_SECONDS:
@@ -39,8 +39,8 @@ class Reminder:
 class Deadline:
     """How long a robot waits for what its lock step waits for.
 
-    A peer that answers "not there yet" is no silent one: its deadline runs from its last word, but
-    never longer than the world would wait for it.
+    A peer that answers "not there yet" is not silent: its deadline runs from its last word, but
+    no longer than the world would wait for it.
 
     Args:
         percept_timeout: seconds of silence.

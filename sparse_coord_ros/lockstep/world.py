@@ -162,7 +162,7 @@ class WorldSide:
         self._publish_states()
 
     def snapshot(self, step: int | None = None) -> WorldState | None:
-        """Return where the world is; None where its game cannot be gone on with.
+        """Return where the world is; None: its game cannot be resumed.
 
         Args:
             step: the time step under which the robots save; the present one where None.

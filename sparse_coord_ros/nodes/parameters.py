@@ -244,11 +244,11 @@ ALL_NAMES = (
     *(*TEAM_PARAMETERS, *RECORDER_PARAMETERS, *DRIVER_PARAMETERS, *BODY_PARAMETERS),
     *SETTINGS,
 )
-"""Of the parameters of all nodes of a team: one file, or a launch file's group, may give them to
-each of them, which takes its own."""
+"""The parameters of all nodes of a team: one file, or a launch file's group, may give them all to
+each node, which takes its own."""
 
 ROLES = {WORLD: RUN, RECORDER: RECORDING_TOPIC}
-"""By what a node's role is known, whatever the node is called: a topic that it publishes."""
+"""The topic by which a node's role is known, whatever the node is called: it publishes it."""
 
 SLOWEST = 0.001
 CHANGEABLE = ("rate",)

@@ -62,7 +62,7 @@ TURN_NS = 100_000
 """The timer's shortest wait, so that services and keys have their turn where messages are late."""
 SEEK_SECONDS = 10.0
 LONGEST_WAIT_NS = 60 * SECOND_NS
-"""Of the timer, which cannot hold every distance of log times; it then waits again."""
+"""The timer's longest wait, as it cannot hold every distance of log times; it then waits again."""
 
 KEYS_HELP = (
     "space: pause or go on, right: next time step, left or Page Up: 10 s back, Page Down: 10 s "

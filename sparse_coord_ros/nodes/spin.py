@@ -291,7 +291,7 @@ def _run_node(make: Callable[[Context], ParameterNode], args: Sequence[str], sto
         except Exception as error:
             failure = failure_of(error)
             with suppress(Exception):  # the first error is the one to tell
-                node.finish(interrupted=True)  # what there is is saved, the others are told
+                node.finish(interrupted=True)  # it saves what it has, and tells the others
             with suppress(Exception):
                 say_on_rosout(node, failure)
             raise failure from failure.__cause__

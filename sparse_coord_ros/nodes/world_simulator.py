@@ -221,7 +221,7 @@ class WorldSimulator(ParameterNode):
             self._advance()
 
     def _on_claim(self, robot: int, claim: tuple[str, int]) -> None:
-        """Note who takes part as a robot; another one than before has learned other things."""
+        """Note which node takes part as a robot; a new one has learned other things."""
         identity, rank = claim
         before = self._members.get(robot)
         if rank != JOINED or identity == before:
@@ -277,7 +277,7 @@ class WorldSimulator(ParameterNode):
         if not late and not (recorded and not self._missing_nodes()):
             return
         waiting = [self._names[k] for k in self._back.waiting]
-        if not self._back.go_on(whoever=late):
+        if not self._back.go_on(anyway=late):
             return
         self._since = self._stands_since = now
         if waiting:
@@ -494,7 +494,7 @@ class WorldSimulator(ParameterNode):
         if 0 < limit <= stands:
             raise RunError(
                 f"lost_timeout: step {self.lockstep.world.step}: the world has stood still for "
-                f"{stands:.0f} s for {self._waited_for()}; what there is is saved"
+                f"{stands:.0f} s for {self._waited_for()}; everything is saved"
             )
 
     def _keep_the_rate(self) -> None:

@@ -42,7 +42,7 @@ class Gap(NamedTuple):
 def rollbacks(bag: Bag) -> list[Rollback]:
     """Return the roll-backs of a bag, `until` still unknown.
 
-    What makes no sense is no roll-back; the log then differs, as steps come again.
+    A record that makes no sense is left out; the log then differs, as steps come twice.
     """
     found = []
     for place, file in enumerate(bag.files):

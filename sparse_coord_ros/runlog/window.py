@@ -50,7 +50,7 @@ class Episodes(NamedTuple):
 class LongLog:
     """A bag of any length, of which only what is asked for is read.
 
-    At the first damage the log ends: `walk.damage` says where, once that was to be read.
+    At the first damage the log ends: `walk.damage` says where, once reading has come there.
 
     Args:
         path: as of `read_run`.

@@ -135,7 +135,7 @@ class WorldProcess:
 
     def expire(self):
         if self.side.held:
-            self.back.go_on(whoever=True)
+            self.back.go_on(anyway=True)
             self.team.disturbed = True
         elif self.started and not self.side.finished and self.side.expire():
             self.team.disturbed = True
