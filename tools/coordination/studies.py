@@ -272,6 +272,7 @@ CREDITS: Mapping[str, tuple[str, ...]] = {
     "env2-2r": ("own", "1.5", "team"),
     "pentagon": ("own", "1.5", "team"),
     "env2-4r": ("own", "2", "team"),
+    "crowd-6r": ("own", "2", "team"),
     "crowd-8r": ("own", "2", "team"),
 }
 
