@@ -32,7 +32,7 @@ setup(
         (
             f"share/{PACKAGE}/config",
             glob("config/*.yaml")
-            + ["config/fastdds.xml", "config/sros2_policy.xml"]
+            + ["config/fastdds.xml", "config/fastdds_one_host.xml", "config/sros2_policy.xml"]
             + ["config/class_bounds.json", "config/best_teams.json"],
         ),
         (f"share/{PACKAGE}/maps", glob("maps/*.txt")),

@@ -22,6 +22,7 @@ from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.core.world import Action, Reward
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.messages import CLOCK_LAYOUT, Converter
+from sparse_coord_ros.nodes.middleware import one_host
 from sparse_coord_ros.nodes.spin import ros_context, spin_nodes
 
 ROBOTS = ("robot_1", "robot_2")
@@ -145,12 +146,16 @@ def separate_processes(steps: int) -> float:
     """Return the bare steps a second with every node in its own process."""
     command = [sys.executable, "-m", "sparse_coord_ros.bench.ceiling"]
     robots = [
-        subprocess.Popen([*command, "robot", str(number)], stdin=subprocess.PIPE)
+        subprocess.Popen([*command, "robot", str(number)], stdin=subprocess.PIPE, env=one_host())
         for number in range(len(ROBOTS))
     ]
     try:
         world = subprocess.run(
-            [*command, "world", str(steps)], stdout=subprocess.PIPE, text=True, check=True
+            [*command, "world", str(steps)],
+            stdout=subprocess.PIPE,
+            text=True,
+            check=True,
+            env=one_host(),
         )
     finally:
         for robot in robots:

@@ -20,7 +20,7 @@ from sparse_coord_ros.core.run_config import create_output
 from sparse_coord_ros.core.wire import RECORDER, WORLD
 from sparse_coord_ros.errors import EXIT_BAD_INPUT, BagError, RunError
 from sparse_coord_ros.files import take_lock
-from sparse_coord_ros.nodes.middleware import check_participants
+from sparse_coord_ros.nodes.middleware import check_participants, one_host
 from sparse_coord_ros.nodes.outputs import gather
 from sparse_coord_ros.nodes.parameters import (
     RECORDER_PARAMETERS,
@@ -167,7 +167,7 @@ def _start(
     # A signal that comes before the child can hear it waits until it does.
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)
     try:
-        return subprocess.Popen(command, start_new_session=True)
+        return subprocess.Popen(command, start_new_session=True, env=one_host())
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 

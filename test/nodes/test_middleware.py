@@ -7,7 +7,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-from sparse_coord_ros.nodes.middleware import PROFILES, repair_promptly
+import pytest
+
+from sparse_coord_ros.nodes.middleware import PROFILES, one_host, repair_promptly
 
 PUBLISH = """
 import rclpy
@@ -23,13 +25,31 @@ rclpy.shutdown()
 """
 
 
+def repaired() -> dict[str, str]:
+    """Return the environment of a node that is started by hand."""
+    repair_promptly()
+    return dict(os.environ)
+
+
 def test_the_profiles_of_the_user_stay(monkeypatch) -> None:
     monkeypatch.setenv(PROFILES, "own.xml")
     repair_promptly()
     assert os.environ[PROFILES] == "own.xml"
 
 
-def test_fast_dds_understands_the_profiles(monkeypatch, tmp_path) -> None:
+def test_a_team_on_one_host_has_profiles_of_its_own(monkeypatch) -> None:
+    monkeypatch.setenv(PROFILES, "restored after the test")
+    monkeypatch.delenv(PROFILES)
+    repair_promptly()  # a run in this process before it changes nothing
+    profiles = Path(one_host()[PROFILES])
+    assert profiles.name == "fastdds_one_host.xml"
+    assert profiles.read_text() != Path(os.environ[PROFILES]).read_text()
+    monkeypatch.setenv(PROFILES, "own.xml")
+    assert one_host() == os.environ
+
+
+@pytest.mark.parametrize("environment", [one_host, repaired])
+def test_fast_dds_understands_the_profiles(monkeypatch, tmp_path, environment) -> None:
     def printed() -> str:
         done = subprocess.run([sys.executable, "-c", PUBLISH], capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
@@ -37,8 +57,8 @@ def test_fast_dds_understands_the_profiles(monkeypatch, tmp_path) -> None:
 
     monkeypatch.setenv(PROFILES, "restored after the test")
     monkeypatch.delenv(PROFILES)
+    monkeypatch.setenv(PROFILES, environment()[PROFILES])
     assert printed() == ""
-    repair_promptly()
     profiles = Path(os.environ[PROFILES]).read_text()
     bad = tmp_path / "bad.xml"
     bad.write_text(profiles.replace("heartbeatPeriod", "heartbeat"))
