@@ -326,7 +326,7 @@ def _compiled_call(
 
 @functools.cache
 def _compiled(name: str) -> Callable[..., Any]:
-    return jitted([LOOPS[name]], (coordinates, correct))[0]
+    return jitted([LOOPS[name]], (epsilon_greedy, coordinates, correct))[0]
 
 
 def as_lists(values: Any) -> Any:
