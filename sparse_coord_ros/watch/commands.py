@@ -3,7 +3,6 @@
 """What a page may ask of a source, and how that is checked before it is done."""
 
 from collections.abc import Mapping
-from math import isfinite
 from typing import Any, NamedTuple, Protocol
 
 from sparse_coord_ros.core.scenario import load_scenario, scenario_names
@@ -65,7 +64,7 @@ def parse_command(data: Mapping[str, Any], allowed: tuple[str, ...]) -> Command:
         if name == STEP and not 0 < abs(value) <= 1000:
             raise _bad(name, value, "1 to 1000, or as much back")
     elif name == RATE:
-        if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
+        if isinstance(value, bool) or not isinstance(value, int | float):
             raise _bad(name, value, "a number from 0 to 1e6")
         if not (value == 0 or 0.001 <= value <= 1e6):
             raise _bad(name, value, "0 or 0.001 to 1e6")

@@ -135,6 +135,7 @@ def test_controls_need_the_token_and_make_sense():
                 {"do": PAUSE, "value": "yes"},
                 {"do": RATE, "value": -1},
                 {"do": RATE, "value": 1e999},
+                {"do": RATE, "value": 10**400},
                 {"do": SEEK, "value": 1.5},
                 {"do": SEEK, "value": 10**40},
                 {"do": STEP, "value": 0},
