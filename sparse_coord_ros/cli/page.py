@@ -11,16 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sparse_coord_ros.core.run_config import RunConfig
-from sparse_coord_ros.core.settings import Setting
 from sparse_coord_ros.core.tables import load_team
 from sparse_coord_ros.errors import RunError, SparseCoordError
-from sparse_coord_ros.watch.commands import NEXT, PORT, Command
+from sparse_coord_ros.watch.commands import NEXT, PORT_SETTING, Command
 
 if TYPE_CHECKING:
     from sparse_coord_ros.watch.board import Board
     from sparse_coord_ros.watch.server import Server
-
-PORT_NUMBER = Setting("port", int, PORT, "of the page; 0: one that is free", low=0, high=65535)
 
 
 @contextmanager
@@ -38,7 +35,7 @@ def served(options: argparse.Namespace, board: "Board | None" = None) -> Iterato
     from sparse_coord_ros.watch.board import Board
     from sparse_coord_ros.watch.server import Server, is_loopback
 
-    port = PORT_NUMBER.parse(options.port)
+    port = PORT_SETTING.parse(options.port)
     server = Server(Board() if board is None else board, host=options.host, port=port)
     try:
         if not is_loopback(options.host):

@@ -5,7 +5,7 @@
 Run i of a batch with seed S is the single run with seed S + i: the same draws, the same tables.
 With numba a run is one compiled loop without the interpreter's lock, and runs go on in threads;
 without it `core.simulation` and `core.evaluation` run in processes. Where the iterator is closed,
-as by Ctrl-C, neither goes on for longer than a block of draws.
+as by Ctrl-C, neither goes on for longer than a block of time steps.
 """
 
 import os
@@ -749,7 +749,7 @@ def _position(game: kernels.Game) -> Position:
 
 
 def _game_at(position: Position) -> kernels.Game:
-    """Return the game at a position; the next block of draws begins there."""
+    """Return the game at a position; the next block of time steps begins there."""
     game = _game(len(position.cells), position.step)
     game.clock[kernels.EPISODE_START] = position.episode_start
     game.clock[kernels.DONE] = position.transitions

@@ -43,7 +43,16 @@ from sparse_coord_ros.nodes.messages import (
 )
 from sparse_coord_ros.nodes.parameters import EXECUTOR, ParameterNode
 from sparse_coord_ros.nodes.spin import run_node
-from sparse_coord_ros.watch.commands import HOST, NEXT, PAUSE, PORT, RATE, RESET, STEP, Command
+from sparse_coord_ros.watch.commands import (
+    HOST,
+    NEXT,
+    PAUSE,
+    PORT_SETTING,
+    RATE,
+    RESET,
+    STEP,
+    Command,
+)
 from sparse_coord_ros.watch.live import LiveView, Transition
 
 if TYPE_CHECKING:
@@ -64,7 +73,7 @@ CONTROLS = (PAUSE, STEP, RATE, RESET)
 WATCH_PARAMETERS = SettingTable(
     [
         Setting("host", str, HOST, "address to serve; another one lets other machines watch"),
-        Setting("port", int, PORT, "of the page; 0: one that is free", low=0, high=65535),
+        PORT_SETTING,
         EXECUTOR,
     ]
 )
