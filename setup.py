@@ -23,8 +23,8 @@ setup(
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
     package_data={
         PACKAGE: ["py.typed"],
-        f"{PACKAGE}.engine.report": ["*.yaml"],
-        f"{PACKAGE}.watch": ["page/*"],
+        f"{PACKAGE}.experiments.report": ["*.yaml"],
+        f"{PACKAGE}.look.page": ["static/*"],
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),

@@ -13,7 +13,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from launch import LaunchDescription
-from sparse_coord_ros.core.scenario import load_scenario
+from sparse_coord_ros.game.scenario import load_scenario
 
 WORLD, BODIES, OTHER = "world", "bodies", "other"
 GAME_CLOCK = "game_clock"

@@ -13,8 +13,8 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from launch import LaunchDescription
-from sparse_coord_ros.core.scenario import load_scenario
-from sparse_coord_ros.core.share import share_file
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.share import share_file
 
 PACKAGE = "sparse_coord_ros"
 

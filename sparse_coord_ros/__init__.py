@@ -30,30 +30,30 @@ if TYPE_CHECKING:
     from sparse_coord_ros.api import train as train
     from sparse_coord_ros.api import train_many as train_many
     from sparse_coord_ros.api import verify as verify
-    from sparse_coord_ros.core.agent import Agent as Agent
-    from sparse_coord_ros.core.agent import Tables as Tables
-    from sparse_coord_ros.core.buildings import generated_building as generated_building
-    from sparse_coord_ros.core.class_bound import ClassBound as ClassBound
-    from sparse_coord_ros.core.class_bound import RobotPolicy as RobotPolicy
-    from sparse_coord_ros.core.class_bound import shipped_class_bound as shipped_class_bound
-    from sparse_coord_ros.core.evaluation import Evaluation as Evaluation
-    from sparse_coord_ros.core.history import History as History
-    from sparse_coord_ros.core.learners import Learner as Learner
-    from sparse_coord_ros.core.learners import register_learner as register_learner
-    from sparse_coord_ros.core.perception import register_perception as register_perception
-    from sparse_coord_ros.core.scenario import Scenario as Scenario
-    from sparse_coord_ros.core.scenario import load_scenario as load_scenario
-    from sparse_coord_ros.core.scenario import scenario_names as scenario_names
-    from sparse_coord_ros.core.world import Reward as Reward
-    from sparse_coord_ros.core.world import RewardWeights as RewardWeights
-    from sparse_coord_ros.engine.exact import ExactEvaluation as ExactEvaluation
-    from sparse_coord_ros.engine.experiments import experiment_names as experiment_names
-    from sparse_coord_ros.engine.joint_mdp import JointMDP as JointMDP
-    from sparse_coord_ros.engine.runner import ExperimentResults as ExperimentResults
     from sparse_coord_ros.engine.training import Training as Training
     from sparse_coord_ros.errors import SparseCoordError as SparseCoordError
+    from sparse_coord_ros.experiments.catalogue import experiment_names as experiment_names
+    from sparse_coord_ros.experiments.runner import ExperimentResults as ExperimentResults
+    from sparse_coord_ros.game.buildings import generated_building as generated_building
+    from sparse_coord_ros.game.perception import register_perception as register_perception
+    from sparse_coord_ros.game.scenario import Scenario as Scenario
+    from sparse_coord_ros.game.scenario import load_scenario as load_scenario
+    from sparse_coord_ros.game.scenario import scenario_names as scenario_names
+    from sparse_coord_ros.game.world import Reward as Reward
+    from sparse_coord_ros.game.world import RewardWeights as RewardWeights
+    from sparse_coord_ros.learn.agent import Agent as Agent
+    from sparse_coord_ros.learn.agent import Tables as Tables
+    from sparse_coord_ros.learn.evaluation import Evaluation as Evaluation
+    from sparse_coord_ros.learn.history import History as History
+    from sparse_coord_ros.learn.learners import Learner as Learner
+    from sparse_coord_ros.learn.learners import register_learner as register_learner
     from sparse_coord_ros.runlog import RunLog as RunLog
     from sparse_coord_ros.runlog import Verification as Verification
+    from sparse_coord_ros.solve.class_bound import ClassBound as ClassBound
+    from sparse_coord_ros.solve.class_bound import RobotPolicy as RobotPolicy
+    from sparse_coord_ros.solve.class_bound import shipped_class_bound as shipped_class_bound
+    from sparse_coord_ros.solve.exact import ExactEvaluation as ExactEvaluation
+    from sparse_coord_ros.solve.joint_mdp import JointMDP as JointMDP
 
 __version__ = "0.2.0"
 

@@ -15,35 +15,36 @@ from typing import TYPE_CHECKING, Protocol, cast, overload
 
 import numpy as np
 
-from sparse_coord_ros.core import evaluation, run_config
-from sparse_coord_ros.core.agent import Tables
-from sparse_coord_ros.core.class_bound import RESTARTS, ClassBound
-from sparse_coord_ros.core.evaluation import Evaluation
-from sparse_coord_ros.core.frames import data_frame
-from sparse_coord_ros.core.history import History, load_history, no_history
-from sparse_coord_ros.core.learners import Learner, learner_of
-from sparse_coord_ros.core.optimum import Optimum, joint_optimum
-from sparse_coord_ros.core.reference import Reference, shortest_path_reference
-from sparse_coord_ros.core.run_config import RUN_SETTINGS, RunConfig
-from sparse_coord_ros.core.scenario import Scenario, loaded
-from sparse_coord_ros.core.tables import load_team
-from sparse_coord_ros.engine import exact, training
-from sparse_coord_ros.engine import joint_mdp as joint_mdp_module
+from sparse_coord_ros.dataframes import data_frame
+from sparse_coord_ros.engine import training
 from sparse_coord_ros.engine.batch import run_batch, uses_numba
 from sparse_coord_ros.engine.cluster import check_place, cluster_at
-from sparse_coord_ros.engine.conditions import Condition
-from sparse_coord_ros.engine.exact import ExactEvaluation
-from sparse_coord_ros.engine.joint_mdp import JointMDP
-from sparse_coord_ros.engine.results import JOBS, RUNS, SUMS, TRIALS, Plan
-from sparse_coord_ros.engine.runner import (
+from sparse_coord_ros.engine.training import EVERY, Training
+from sparse_coord_ros.errors import RunError, SettingError, TablesError
+from sparse_coord_ros.experiments.conditions import Condition
+from sparse_coord_ros.experiments.runner import (
     ExperimentResults,
     Progress,
     no_progress,
     parse_targets,
     run_targets,
 )
-from sparse_coord_ros.engine.training import EVERY, Training
-from sparse_coord_ros.errors import RunError, SettingError, TablesError
+from sparse_coord_ros.experiments.store import JOBS, RUNS, SUMS, TRIALS, Plan
+from sparse_coord_ros.game.scenario import Scenario, loaded
+from sparse_coord_ros.learn import evaluation, run_config
+from sparse_coord_ros.learn.agent import Tables
+from sparse_coord_ros.learn.evaluation import Evaluation
+from sparse_coord_ros.learn.history import History, load_history, no_history
+from sparse_coord_ros.learn.learners import Learner, learner_of
+from sparse_coord_ros.learn.run_config import RUN_SETTINGS, RunConfig
+from sparse_coord_ros.learn.tables import load_team
+from sparse_coord_ros.solve import exact
+from sparse_coord_ros.solve import joint_mdp as joint_mdp_module
+from sparse_coord_ros.solve.class_bound import RESTARTS, ClassBound
+from sparse_coord_ros.solve.exact import ExactEvaluation
+from sparse_coord_ros.solve.joint_mdp import JointMDP
+from sparse_coord_ros.solve.optimum import Optimum, joint_optimum
+from sparse_coord_ros.solve.reference import Reference, shortest_path_reference
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -396,7 +397,7 @@ def class_bound(
         SettingError: not two robots, or a bad value.
         ResultsError: the file is that of another search.
     """
-    from sparse_coord_ros.engine import class_search
+    from sparse_coord_ros.solve import class_search
 
     return class_search.class_bound(
         loaded(scenario),

@@ -18,15 +18,15 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sparse_coord_ros.core.algorithm import ACTIONS, COORDINATE, PRIMITIVES
-from sparse_coord_ros.core.grid import WALL
-from sparse_coord_ros.core.links import PerceptStream
-from sparse_coord_ros.core.palette import DOORWAY_COLOUR, WALL_COLOUR, rgb, robot_colour
-from sparse_coord_ros.core.perception import probability_rows
-from sparse_coord_ros.core.scenario import Scenario, loaded
-from sparse_coord_ros.core.streams import EVALUATION, LEARNING, PEER, POLICY, Stream
-from sparse_coord_ros.core.world import Action, World
 from sparse_coord_ros.errors import RunError, SettingError
+from sparse_coord_ros.game.grid import WALL
+from sparse_coord_ros.game.links import PerceptStream
+from sparse_coord_ros.game.perception import probability_rows
+from sparse_coord_ros.game.scenario import Scenario, loaded
+from sparse_coord_ros.game.streams import EVALUATION, LEARNING, PEER, POLICY, Stream
+from sparse_coord_ros.game.world import Action, World
+from sparse_coord_ros.learn.algorithm import ACTIONS, COORDINATE, PRIMITIVES
+from sparse_coord_ros.palette import DOORWAY_COLOUR, WALL_COLOUR, rgb, robot_colour
 
 try:
     from gymnasium import spaces

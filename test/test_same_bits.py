@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sparse_coord_ros.core.scenario import load_scenario
-from sparse_coord_ros.core.tables import pack_tables
 from sparse_coord_ros.engine.batch import run_batch
 from sparse_coord_ros.engine.compiled import has_numba
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.tables import pack_tables
 
 DIGESTS = json.loads((Path(__file__).parent / "fixtures/0.1.0/digests.json").read_text())
 RUNS = {

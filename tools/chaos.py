@@ -23,12 +23,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
 
-from sparse_coord_ros.core.run_config import load_run
-from sparse_coord_ros.core.simulation import learn, tables_equal
-from sparse_coord_ros.core.tables import load_tables, robot_file
-from sparse_coord_ros.core.wire import RECORDER, WORLD
-from sparse_coord_ros.recording.reader import BAG_DIRECTORY
+from sparse_coord_ros.bags.reader import BAG_DIRECTORY
+from sparse_coord_ros.learn.run_config import load_run
+from sparse_coord_ros.learn.simulation import learn, tables_equal
+from sparse_coord_ros.learn.tables import load_tables, robot_file
 from sparse_coord_ros.runlog import verify
+from sparse_coord_ros.wire import RECORDER, WORLD
 
 ROBOTS = ("robot_1", "robot_2")
 NODES = (WORLD, *ROBOTS, RECORDER)

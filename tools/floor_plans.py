@@ -19,9 +19,9 @@ import yaml
 from PIL import Image
 from scipy import ndimage
 
-from sparse_coord_ros.floorplan.image import doorway_places, read_floor_plan
-from sparse_coord_ros.floorplan.plan import import_map
-from sparse_coord_ros.floorplan.preview import write_preview
+from sparse_coord_ros.maps.image import doorway_places, read_floor_plan
+from sparse_coord_ros.maps.plan import import_map
+from sparse_coord_ros.maps.preview import write_preview
 
 UNKNOWN, WALL, FREE = 205, 0, 254
 PIXEL = 0.05

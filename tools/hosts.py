@@ -30,10 +30,10 @@ from typing import NamedTuple
 import yaml
 
 import sparse_coord_ros as sc
-from sparse_coord_ros.core.run_config import load_run
-from sparse_coord_ros.core.simulation import tables_equal
-from sparse_coord_ros.core.tables import load_team
-from sparse_coord_ros.core.wire import WORLD
+from sparse_coord_ros.learn.run_config import load_run
+from sparse_coord_ros.learn.simulation import tables_equal
+from sparse_coord_ros.learn.tables import load_team
+from sparse_coord_ros.wire import WORLD
 
 INSIDE = "SPARSE_COORD_HOSTS"
 """Set in the environment once this program runs in namespaces of its own."""

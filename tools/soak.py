@@ -21,9 +21,9 @@ from typing import NamedTuple
 import yaml
 
 import sparse_coord_ros as sc
-from sparse_coord_ros.core.run_config import load_run
-from sparse_coord_ros.core.simulation import tables_equal
-from sparse_coord_ros.core.tables import load_team
+from sparse_coord_ros.learn.run_config import load_run
+from sparse_coord_ros.learn.simulation import tables_equal
+from sparse_coord_ros.learn.tables import load_team
 from sparse_coord_ros.nodes.shared_memory import FOLDER, leftovers
 
 HEAD = "| process | MB after a tenth | at half | at the end | growth in the second half |"

@@ -6,10 +6,10 @@ import sys
 import threading
 from pathlib import Path
 
-from sparse_coord_ros.watch.bag import BagSource
-from sparse_coord_ros.watch.board import Board
-from sparse_coord_ros.watch.commands import PAUSE, SEEK, Command
-from sparse_coord_ros.watch.server import Server
+from sparse_coord_ros.look.page.bag_source import BagSource
+from sparse_coord_ros.look.page.board import Board
+from sparse_coord_ros.look.page.commands import PAUSE, SEEK, Command
+from sparse_coord_ros.look.page.server import Server
 from tools.browser import Browser
 
 

@@ -15,13 +15,13 @@ from functools import partial
 from pathlib import Path
 from typing import Protocol
 
-from sparse_coord_ros.core.learners import learner_of
-from sparse_coord_ros.core.scenario import Scenario, load_scenario
-from sparse_coord_ros.core.simulation import learn
 from sparse_coord_ros.engine.batch import run_batch
 from sparse_coord_ros.engine.compiled import has_numba
 from sparse_coord_ros.engine.processes import in_processes
 from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.game.scenario import Scenario, load_scenario
+from sparse_coord_ros.learn.learners import learner_of
+from sparse_coord_ros.learn.simulation import learn
 
 LEARNER = "coop"
 PYTHON_RUNS = 3

@@ -15,15 +15,15 @@ from nav_msgs.srv import GetPlan
 from rclpy.context import Context
 from rclpy.node import Node
 
-from sparse_coord_ros.core import wire
-from sparse_coord_ros.core.frame import Account
-from sparse_coord_ros.core.run_config import make_run
-from sparse_coord_ros.core.scenario import load_scenario
-from sparse_coord_ros.core.world import Action, Reward
+from sparse_coord_ros import wire
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.game.world import Action, Reward
+from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.messages import CLOCK_LAYOUT, Converter
 from sparse_coord_ros.nodes.middleware import one_host
 from sparse_coord_ros.nodes.spin import ros_context, spin_nodes
+from sparse_coord_ros.wire.frame import Account
 
 ROBOTS = ("robot_1", "robot_2")
 ASK_EVERY = 10

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli import pictures
-from sparse_coord_ros.core.run_config import RUN_SETTINGS
-from sparse_coord_ros.core.settings import Setting
 from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.game.settings import Setting
+from sparse_coord_ros.learn.run_config import RUN_SETTINGS
 
 KINDS = (".gif",)
 RATE = Setting("rate", float, 2.0, "time steps a second", low=0.1, high=20)
@@ -49,9 +49,9 @@ def execute(options: argparse.Namespace) -> int:
     rate = RATE.parse(options.rate)
     seed = RUN_SETTINGS["seed"].parse(options.seed)
     with pictures.drawing():
-        from sparse_coord_ros.view import film
-        from sparse_coord_ros.view.episodes import episode_number, logged_episode, played_episode
-        from sparse_coord_ros.view.shown import is_results, open_shown
+        from sparse_coord_ros.look import film
+        from sparse_coord_ros.look.episodes import episode_number, logged_episode, played_episode
+        from sparse_coord_ros.look.sources import is_results, open_shown
 
         wanted = episode_number(options.episode)
         if is_results(options.source):

@@ -13,11 +13,11 @@ from typing import Any
 
 from sparse_coord_ros.bench import batch
 from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.core.buildings import Building, building_text
-from sparse_coord_ros.core.learners import learner_of
-from sparse_coord_ros.core.scenario import load_scenario
-from sparse_coord_ros.core.settings import Setting
-from sparse_coord_ros.core.simulation import learn
+from sparse_coord_ros.game.buildings import Building, building_text
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.game.settings import Setting
+from sparse_coord_ros.learn.learners import learner_of
+from sparse_coord_ros.learn.simulation import learn
 
 SCENARIO = "env1"
 TEAMS = (2, 4, 8, 16, 32)

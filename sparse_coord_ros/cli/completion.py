@@ -12,14 +12,14 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.core.buildings import SIZES
-from sparse_coord_ros.core.grid import map_names
-from sparse_coord_ros.core.learners import LEARNERS
-from sparse_coord_ros.core.run_config import RUN_SETTINGS
-from sparse_coord_ros.core.scenario import SETTINGS, scenario_names
-from sparse_coord_ros.core.settings import Setting, SettingTable
 from sparse_coord_ros.driving.trials import DRIVE_SETTINGS
 from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.game.buildings import SIZES
+from sparse_coord_ros.game.grid import map_names
+from sparse_coord_ros.game.scenario import SETTINGS, scenario_names
+from sparse_coord_ros.game.settings import Setting, SettingTable
+from sparse_coord_ros.learn.learners import LEARNERS
+from sparse_coord_ros.learn.run_config import RUN_SETTINGS
 
 ASKED = "_ARGCOMPLETE"
 """Environment variable by which a shell asks for completions."""
@@ -118,7 +118,7 @@ def values_of(setting: Setting) -> Iterable[str]:
 
 
 def _experiments() -> Iterable[str]:
-    from sparse_coord_ros.engine.experiments import experiment_names
+    from sparse_coord_ros.experiments.catalogue import experiment_names
 
     return experiment_names()
 

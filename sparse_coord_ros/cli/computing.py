@@ -6,7 +6,7 @@ import argparse
 
 from sparse_coord_ros.engine.batch import ENGINES
 from sparse_coord_ros.engine.cluster import check_place
-from sparse_coord_ros.engine.results import JOBS
+from sparse_coord_ros.experiments.store import JOBS
 
 
 def add_computing(parser: argparse.ArgumentParser) -> None:

@@ -9,12 +9,12 @@ import numpy as np
 
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli import pictures
-from sparse_coord_ros.core.evaluation import Trials, play
-from sparse_coord_ros.core.run_config import RUN_SETTINGS, RunConfig, load_run
-from sparse_coord_ros.core.settings import Setting, parse_assignments
-from sparse_coord_ros.core.tables import load_team
 from sparse_coord_ros.driving.trials import DRIVE_SETTINGS, Drive, drive
 from sparse_coord_ros.files import write_whole
+from sparse_coord_ros.game.settings import Setting, parse_assignments
+from sparse_coord_ros.learn.evaluation import Trials, play
+from sparse_coord_ros.learn.run_config import RUN_SETTINGS, RunConfig, load_run
+from sparse_coord_ros.learn.tables import load_team
 
 EPISODES = Setting("episodes", int, 100, "episodes", low=2, high=1_000_000)
 FOLLOWED = Setting("followed", int, 10, "episodes in the picture", low=1, high=1000)
@@ -145,10 +145,10 @@ def table_of(run: RunConfig, facts: dict) -> str:
 
 def _draw(options: argparse.Namespace, kind: str, run: RunConfig, driven: Drive) -> None:
     with pictures.drawing():
-        from sparse_coord_ros.engine.report.figures import rendered
-        from sparse_coord_ros.floorplan.image import read_floor_plan
-        from sparse_coord_ros.floorplan.preview import grey
-        from sparse_coord_ros.view.paths import paths_figure
+        from sparse_coord_ros.experiments.report.charts import rendered
+        from sparse_coord_ros.look.paths import paths_figure
+        from sparse_coord_ros.maps.image import read_floor_plan
+        from sparse_coord_ros.maps.preview import grey
 
         under = None
         if options.plan is not None:

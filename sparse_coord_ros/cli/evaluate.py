@@ -10,17 +10,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.core.agent import Tables
-from sparse_coord_ros.core.best_team import shipped_best_team
-from sparse_coord_ros.core.class_bound import game_digest, shipped_class_bound
-from sparse_coord_ros.core.evaluation import TRIALS, Evaluation, Measure, check_tables, evaluate
-from sparse_coord_ros.core.optimum import joint_optimum
-from sparse_coord_ros.core.run_config import RUN_SETTINGS, RunConfig, load_run
-from sparse_coord_ros.core.tables import load_team
-from sparse_coord_ros.core.yardsticks import yardsticks
+from sparse_coord_ros.learn.agent import Tables
+from sparse_coord_ros.learn.evaluation import TRIALS, Evaluation, Measure, check_tables, evaluate
+from sparse_coord_ros.learn.run_config import RUN_SETTINGS, RunConfig, load_run
+from sparse_coord_ros.learn.tables import load_team
+from sparse_coord_ros.solve.best_team import shipped_best_team
+from sparse_coord_ros.solve.class_bound import game_digest, shipped_class_bound
+from sparse_coord_ros.solve.optimum import joint_optimum
+from sparse_coord_ros.solve.yardsticks import yardsticks
 
 if TYPE_CHECKING:
-    from sparse_coord_ros.engine.exact import ExactEvaluation
+    from sparse_coord_ros.solve.exact import ExactEvaluation
 
 PAPER_PENALTY = -20.0
 
@@ -109,7 +109,7 @@ def worth(
     how: dict[str, Any] = {"trials": trials, "seed": seed, "learner": run.rule}
     if exact is False:
         return evaluate(run.scenario, tables, **how)
-    from sparse_coord_ros.engine.exact import evaluate_best, evaluate_exact
+    from sparse_coord_ros.solve.exact import evaluate_best, evaluate_exact
 
     if exact:
         return evaluate_exact(run.scenario, tables, learner=run.rule)

@@ -7,10 +7,10 @@ from pathlib import Path
 
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.maps import map_of
-from sparse_coord_ros.core.grid import RESOLUTIONS
-from sparse_coord_ros.core.settings import Setting
 from sparse_coord_ros.errors import MapError
-from sparse_coord_ros.floorplan.image import MOST_PIXELS, write_floor_plan
+from sparse_coord_ros.game.grid import RESOLUTIONS
+from sparse_coord_ros.game.settings import Setting
+from sparse_coord_ros.maps.image import MOST_PIXELS, write_floor_plan
 
 RESOLUTION = Setting("--resolution", float, 1.0, "metres a cell", *RESOLUTIONS)
 PIXELS = Setting("--pixels", int, 10, "pixels along the side of a cell", 1, 1000)

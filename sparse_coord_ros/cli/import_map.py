@@ -11,14 +11,14 @@ from typing import Any
 import yaml
 
 from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.core.scenario import Scenario
-from sparse_coord_ros.core.settings import parse_assignments
 from sparse_coord_ros.errors import MapError, SettingError
 from sparse_coord_ros.files import write_whole
-from sparse_coord_ros.floorplan.gridding import SPECK
-from sparse_coord_ros.floorplan.image import read_floor_plan
-from sparse_coord_ros.floorplan.plan import import_map, parse_place, scenario_of
-from sparse_coord_ros.floorplan.preview import write_preview
+from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.game.settings import parse_assignments
+from sparse_coord_ros.maps.gridding import SPECK
+from sparse_coord_ros.maps.image import read_floor_plan
+from sparse_coord_ros.maps.plan import import_map, parse_place, scenario_of
+from sparse_coord_ros.maps.preview import write_preview
 
 PLACE = re.compile(r"^-[\d.]")
 """What begins a place west of the origin, and no option."""

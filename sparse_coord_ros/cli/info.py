@@ -5,9 +5,9 @@
 import argparse
 from typing import Any
 
+from sparse_coord_ros.bags.qos import latched
 from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.core.run_config import RUN_RECORD
-from sparse_coord_ros.recording.qos import latched
+from sparse_coord_ros.learn.run_config import RUN_RECORD
 
 
 def add_parser(verbs) -> None:
@@ -20,8 +20,8 @@ def add_parser(verbs) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Run the verb; 0, also of a damaged bag: `recover` and `verify` judge it."""
-    from sparse_coord_ros.recording.files import being_recorded
-    from sparse_coord_ros.recording.reader import open_bag
+    from sparse_coord_ros.bags.layout import being_recorded
+    from sparse_coord_ros.bags.reader import open_bag
 
     bag = open_bag(options.bag)
     found = _information(bag, recording=not bag.finished and being_recorded(bag.files[-1].path))
@@ -72,7 +72,7 @@ def _information(bag, *, recording: bool) -> dict[str, Any]:
 
 
 def _print(found: dict[str, Any]) -> None:
-    from sparse_coord_ros.recording.recover import recovered_text
+    from sparse_coord_ros.bags.recover import recovered_text
 
     print(f"{found['file']}: {found['bytes']} bytes, {_state(found)}")
     if len(found["files"]) > 1:

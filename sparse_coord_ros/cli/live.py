@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING, Any, TextIO, TypeAlias
 import yaml
 from rclpy.logging import LoggingSeverity, set_logger_level
 
-from sparse_coord_ros.core.run_config import create_output
-from sparse_coord_ros.core.wire import RECORDER, WORLD
+from sparse_coord_ros.bags.reader import BAG_DIRECTORY
 from sparse_coord_ros.errors import EXIT_BAD_INPUT, BagError, RunError
 from sparse_coord_ros.files import take_lock
+from sparse_coord_ros.learn.run_config import create_output
 from sparse_coord_ros.nodes.middleware import check_participants, one_host
 from sparse_coord_ros.nodes.outputs import gather
 from sparse_coord_ros.nodes.parameters import (
@@ -30,10 +30,10 @@ from sparse_coord_ros.nodes.parameters import (
 )
 from sparse_coord_ros.nodes.spin import STOPPING, Stop, ros_context, signals, tidy_shared_memory
 from sparse_coord_ros.nodes.team import run_team, team_run
-from sparse_coord_ros.recording.reader import BAG_DIRECTORY
+from sparse_coord_ros.wire import RECORDER, WORLD
 
 if TYPE_CHECKING:
-    from sparse_coord_ros.watch.server import Server
+    from sparse_coord_ros.look.page.server import Server
 
 Process: TypeAlias = subprocess.Popen[bytes]
 

@@ -6,10 +6,10 @@ import argparse
 from pathlib import Path
 
 from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.core.buildings import SIZES, Building, building_text
-from sparse_coord_ros.core.grid import GridMap, load_map, map_names
-from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.errors import ScenarioError, SettingError
+from sparse_coord_ros.game.buildings import SIZES, Building, building_text
+from sparse_coord_ros.game.grid import GridMap, load_map, map_names
+from sparse_coord_ros.game.scenario import load_scenario
 
 
 def add_parser(verbs) -> None:

@@ -8,19 +8,19 @@ from dataclasses import asdict
 from pathlib import Path
 
 from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.core.best_team import shipped_best_team
-from sparse_coord_ros.core.class_bound import (
+from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.learn.run_config import RUN_SETTINGS
+from sparse_coord_ros.solve.best_team import shipped_best_team
+from sparse_coord_ros.solve.class_bound import (
     RESTARTS,
     WARNING,
     ClassBound,
     check_class,
     shipped_class_bound,
 )
-from sparse_coord_ros.core.optimum import LARGEST, independent_bound, joint_optimum
-from sparse_coord_ros.core.reference import shortest_path_reference
-from sparse_coord_ros.core.run_config import RUN_SETTINGS
-from sparse_coord_ros.core.scenario import Scenario
-from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.solve.optimum import LARGEST, independent_bound, joint_optimum
+from sparse_coord_ros.solve.reference import shortest_path_reference
 
 PICTURES = (".png", ".pdf", ".svg")
 OF_THE_SEARCH = ("restarts", "seed", "out", "picture")
@@ -96,7 +96,7 @@ def _class_bound(options: argparse.Namespace, scenario: Scenario) -> int:
     picture = options.picture
     if picture is not None and picture.suffix.lower() not in PICTURES:
         raise SettingError(f"--picture {picture}: allowed: a name ending in {', '.join(PICTURES)}")
-    from sparse_coord_ros.engine.class_search import class_bound, in_words
+    from sparse_coord_ros.solve.class_search import class_bound, in_words
 
     def progress(done: int, of: int, best: float) -> None:
         if sys.stderr.isatty():
@@ -136,7 +136,7 @@ def _class_bound(options: argparse.Namespace, scenario: Scenario) -> int:
 def _draw(path: Path, scenario: Scenario, bound: ClassBound) -> None:
     from matplotlib.figure import Figure
 
-    from sparse_coord_ros.engine.class_search import draw
+    from sparse_coord_ros.solve.class_search import draw
 
     rows, columns = scenario.map.shape
     size = (max(4.0, 0.6 * columns), max(3.0, 0.6 * rows))

@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from sparse_coord_ros.cli.verbs import VERBS
-from sparse_coord_ros.core.learners import LEARNERS
-from sparse_coord_ros.core.run_config import RUN_SETTINGS
-from sparse_coord_ros.core.scenario import Scenario, load_scenario, scenario_names
-from sparse_coord_ros.core.settings import parse_assignments
 from sparse_coord_ros.errors import RunError
-from sparse_coord_ros.watch.commands import HOST, PORT
+from sparse_coord_ros.game.scenario import Scenario, load_scenario, scenario_names
+from sparse_coord_ros.game.settings import parse_assignments
+from sparse_coord_ros.learn.learners import LEARNERS
+from sparse_coord_ros.learn.run_config import RUN_SETTINGS
+from sparse_coord_ros.look.page.commands import HOST, PORT
 
 
 def add_verb(verbs, name: str, *, example: str) -> argparse.ArgumentParser:

@@ -10,14 +10,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sparse_coord_ros.core.run_config import RunConfig
-from sparse_coord_ros.core.tables import load_team
 from sparse_coord_ros.errors import RunError, SparseCoordError
-from sparse_coord_ros.watch.commands import NEXT, PORT_SETTING, Command
+from sparse_coord_ros.learn.run_config import RunConfig
+from sparse_coord_ros.learn.tables import load_team
+from sparse_coord_ros.look.page.commands import NEXT, PORT_SETTING, Command
 
 if TYPE_CHECKING:
-    from sparse_coord_ros.watch.board import Board
-    from sparse_coord_ros.watch.server import Server
+    from sparse_coord_ros.look.page.board import Board
+    from sparse_coord_ros.look.page.server import Server
 
 
 @contextmanager
@@ -32,8 +32,8 @@ def served(options: argparse.Namespace, board: "Board | None" = None) -> Iterato
         RunError: aiohttp is missing, the port is taken, or the address cannot be served.
         SettingError: the port is none.
     """
-    from sparse_coord_ros.watch.board import Board
-    from sparse_coord_ros.watch.server import Server, is_loopback
+    from sparse_coord_ros.look.page.board import Board
+    from sparse_coord_ros.look.page.server import Server, is_loopback
 
     port = PORT_SETTING.parse(options.port)
     server = Server(Board() if board is None else board, host=options.host, port=port)
@@ -71,8 +71,8 @@ class Wishes:
 
 def show_end(server: "Server", run: RunConfig, out: Path) -> None:
     """Show what the tables of a finished run are worth."""
-    from sparse_coord_ros.watch.frames import notice_message
-    from sparse_coord_ros.watch.worth import evaluation_message
+    from sparse_coord_ros.look.page.messages import notice_message
+    from sparse_coord_ros.look.page.values import evaluation_message
 
     try:
         server.board.put(evaluation_message(run, load_team(out, run.scenario), None))

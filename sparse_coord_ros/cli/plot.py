@@ -7,8 +7,8 @@ from pathlib import Path
 
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli import pictures
-from sparse_coord_ros.core.settings import Setting
 from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.game.settings import Setting
 
 KINDS = (".png", ".svg", ".pdf")
 DPI = Setting("dpi", int, 110, "dots an inch of a PNG", low=20, high=600)
@@ -45,9 +45,9 @@ def execute(options: argparse.Namespace) -> int:
     kind = pictures.check_out(options.out, KINDS)
     dpi = DPI.parse(options.dpi)
     with pictures.drawing():
-        from sparse_coord_ros.engine.report.figures import rendered
-        from sparse_coord_ros.view import figures
-        from sparse_coord_ros.view.shown import is_results, open_shown
+        from sparse_coord_ros.experiments.report.charts import rendered
+        from sparse_coord_ros.look import figures
+        from sparse_coord_ros.look.sources import is_results, open_shown
 
         say = pictures.Progress()
         results = [path for path in options.sources if is_results(path)]
@@ -76,7 +76,7 @@ def execute(options: argparse.Namespace) -> int:
 
 
 def _of_results(path: Path, what: str | None):
-    from sparse_coord_ros.view.experiments import ResultsShown
+    from sparse_coord_ros.look.results import ResultsShown
 
     shown = ResultsShown(path)
     what = shown.whats[0] if what is None else what

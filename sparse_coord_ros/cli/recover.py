@@ -4,8 +4,8 @@
 
 import argparse
 
+from sparse_coord_ros.bags.recover import Recovery, recover, recovered_text
 from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.recording.recover import Recovery, recover, recovered_text
 
 EXIT_LOST = 1
 """Exit code where a part of the original could not be restored."""

@@ -36,9 +36,9 @@ def execute(options: argparse.Namespace) -> int:
     """Run the verb."""
     pictures.check_out(options.out, KINDS)
     with pictures.drawing():
-        from sparse_coord_ros.view import report
-        from sparse_coord_ros.view.experiments import ResultsShown
-        from sparse_coord_ros.view.shown import is_results, open_shown
+        from sparse_coord_ros.look import report
+        from sparse_coord_ros.look.results import ResultsShown
+        from sparse_coord_ros.look.sources import is_results, open_shown
 
         say = pictures.Progress()
         if is_results(options.source):

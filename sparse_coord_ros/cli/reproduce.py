@@ -12,17 +12,17 @@ from tqdm import tqdm
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.computing import add_computing, jobs_of
 from sparse_coord_ros.cli.evaluate import Evaluated, result_table
-from sparse_coord_ros.core.evaluation import summary
-from sparse_coord_ros.core.run_config import RUN_SETTINGS, make_run
 from sparse_coord_ros.engine.batch import uses_numba
-from sparse_coord_ros.engine.experiments import NAMES
-from sparse_coord_ros.engine.results import RUNS, TRIALS, Plan
-from sparse_coord_ros.engine.runner import (
+from sparse_coord_ros.experiments.catalogue import NAMES
+from sparse_coord_ros.experiments.runner import (
     ExperimentResults,
     check_runs,
     parse_targets,
     run_targets,
 )
+from sparse_coord_ros.experiments.store import RUNS, TRIALS, Plan
+from sparse_coord_ros.learn.evaluation import summary
+from sparse_coord_ros.learn.run_config import RUN_SETTINGS, make_run
 
 
 def add_parser(verbs) -> None:
@@ -114,7 +114,7 @@ class Bar(ExitStack):
         print("compiling the learning loop (some 10 s, once) ...", file=sys.stderr, flush=True)
 
     def show(self, name: str, done: int, total: int) -> None:
-        """Show the agent-steps that are done; see `engine.runner.Progress`."""
+        """Show the agent-steps that are done; see `experiments.runner.Progress`."""
         if self._bar is None:
             if self._warns:
                 print(

@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.core.run_config import RUN_SETTINGS, load_run
-from sparse_coord_ros.core.tables import TEAM_FILE
 from sparse_coord_ros.errors import BagError, RunError
+from sparse_coord_ros.learn.run_config import RUN_SETTINGS, load_run
+from sparse_coord_ros.learn.tables import TEAM_FILE
 from sparse_coord_ros.lockstep.checkpoints import CHECKPOINTS
 
 if TYPE_CHECKING:
+    from sparse_coord_ros.look.page.server import Server
     from sparse_coord_ros.nodes.spin import Stop
-    from sparse_coord_ros.watch.server import Server
 
 
 def add_parser(verbs) -> None:

@@ -9,12 +9,12 @@ from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.core.learners import LEARNERS, Learner
-from sparse_coord_ros.core.run_config import RUN_SETTINGS
-from sparse_coord_ros.core.scenario import DIALOGUE, PROTOCOL, SETTINGS
-from sparse_coord_ros.core.settings import Setting, SettingTable
 from sparse_coord_ros.driving.trials import DRIVE_SETTINGS
 from sparse_coord_ros.errors import SettingError, did_you_mean
+from sparse_coord_ros.game.scenario import DIALOGUE, PROTOCOL, SETTINGS
+from sparse_coord_ros.game.settings import Setting, SettingTable
+from sparse_coord_ros.learn.learners import LEARNERS, Learner
+from sparse_coord_ros.learn.run_config import RUN_SETTINGS
 
 WIDEST = 100
 """Characters of a line."""

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.core.run_config import RUN_FILE, create_output
-from sparse_coord_ros.core.settings import Setting
-from sparse_coord_ros.core.tables import TEAM_FILE, save_team
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.files import write_whole
+from sparse_coord_ros.game.settings import Setting
+from sparse_coord_ros.learn.run_config import RUN_FILE, create_output
+from sparse_coord_ros.learn.tables import TEAM_FILE, save_team
 
 STEP = Setting("step", int, 0, "time step", low=0)
 

@@ -14,22 +14,9 @@ from tqdm import tqdm
 
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.evaluate import Evaluated, result_table, worth
-from sparse_coord_ros.core.evaluation import Evaluation
-from sparse_coord_ros.core.history import HISTORY_FILE
-from sparse_coord_ros.core.optimum import joint_optimum
-from sparse_coord_ros.core.run_config import (
-    RUN_FILE,
-    RunConfig,
-    create_output,
-    load_run,
-    make_run,
-)
-from sparse_coord_ros.core.scenario import SETTINGS, Scenario, load_scenario
-from sparse_coord_ros.core.settings import Setting
-from sparse_coord_ros.core.tables import TEAM_FILE, save_team
 from sparse_coord_ros.engine.batch import ENGINES, is_prepared, prepare
-from sparse_coord_ros.engine.checkpoint import CHECKPOINT_FILE, MEASURES
 from sparse_coord_ros.engine.compiled import has_numba
+from sparse_coord_ros.engine.run_checkpoint import CHECKPOINT_FILE, MEASURES
 from sparse_coord_ros.engine.training import (
     EVERY,
     EVERY_TRIALS,
@@ -40,11 +27,24 @@ from sparse_coord_ros.engine.training import (
 )
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.files import write_whole
+from sparse_coord_ros.game.scenario import SETTINGS, Scenario, load_scenario
+from sparse_coord_ros.game.settings import Setting
+from sparse_coord_ros.learn.evaluation import Evaluation
+from sparse_coord_ros.learn.history import HISTORY_FILE
+from sparse_coord_ros.learn.run_config import (
+    RUN_FILE,
+    RunConfig,
+    create_output,
+    load_run,
+    make_run,
+)
+from sparse_coord_ros.learn.tables import TEAM_FILE, save_team
+from sparse_coord_ros.solve.optimum import joint_optimum
 
 if TYPE_CHECKING:
-    from sparse_coord_ros.engine.exact import ExactEvaluation
-    from sparse_coord_ros.watch.server import Server
-    from sparse_coord_ros.watch.training import TrainingView
+    from sparse_coord_ros.look.page.server import Server
+    from sparse_coord_ros.look.page.training_source import TrainingView
+    from sparse_coord_ros.solve.exact import ExactEvaluation
 
 EVALUATIONS_FILE = "evaluations.csv"
 FILES = (RUN_FILE, CHECKPOINT_FILE, HISTORY_FILE, EVALUATIONS_FILE, TEAM_FILE)
@@ -140,7 +140,7 @@ def _run(
     try:
         view = None
         if server is not None:
-            from sparse_coord_ros.watch.training import TrainingView
+            from sparse_coord_ros.look.page.training_source import TrainingView
 
             view = TrainingView(run, server.board, title=str(out))
             server.show(view)

@@ -46,10 +46,10 @@ def _live(options: argparse.Namespace) -> int:
 
 
 def _bag(options: argparse.Namespace) -> int:
-    from sparse_coord_ros.core.settings import Setting
-    from sparse_coord_ros.watch.bag import BagSource
-    from sparse_coord_ros.watch.board import Board
-    from sparse_coord_ros.watch.commands import RATE, SEEK, Command
+    from sparse_coord_ros.game.settings import Setting
+    from sparse_coord_ros.look.page.bag_source import BagSource
+    from sparse_coord_ros.look.page.board import Board
+    from sparse_coord_ros.look.page.commands import RATE, SEEK, Command
 
     rate = Setting("rate", float, 10.0, "time steps a second", low=0.001, high=1e6)
     step = Setting("step", int, 0, "time step to begin at", low=0, high=2**53)

@@ -12,8 +12,8 @@ from pathlib import Path
 from packaging.requirements import Requirement
 
 from sparse_coord_ros import __version__
-from sparse_coord_ros.core.share import PACKAGE, share_folder
 from sparse_coord_ros.doctor.findings import FINE, HINT, WRONG, Finding
+from sparse_coord_ros.share import PACKAGE, share_folder
 
 OLDEST_PYTHON = (3, 11)
 
@@ -125,7 +125,7 @@ def _problem(one: Requirement) -> str:
 
 def compiler() -> Iterator[Finding]:
     """Look at numba: whether it is there, compiles, and where it keeps what it compiled."""
-    from sparse_coord_ros.engine import kept
+    from sparse_coord_ros import kept
 
     try:
         import numba

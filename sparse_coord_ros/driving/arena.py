@@ -18,7 +18,7 @@ from sparse_coord_ros.driving.steering import STOP, Command
 from sparse_coord_ros.lockstep.bodies import BEGIN, Errand
 
 BODIES = 2
-"""The phase of the bodies' random draws, beside those of `core.streams`: nothing shares them."""
+"""The phase of the bodies' random draws, beside those of `game.streams`: nothing shares them."""
 
 WHEELS, SENSORS = range(2)
 """Roles of a body's draws."""

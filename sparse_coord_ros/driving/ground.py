@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.core.frame import Frame
-from sparse_coord_ros.core.grid import WALL
-from sparse_coord_ros.core.run_config import RunConfig
 from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.game.grid import WALL
+from sparse_coord_ros.learn.run_config import RunConfig
+from sparse_coord_ros.wire.frame import Frame
 
 RADIUS_SHARE = 0.15
 """A body's radius as a share of a cell, where none is given."""

@@ -11,15 +11,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.core.agent import Tables
-from sparse_coord_ros.core.evaluation import greedy_team
-from sparse_coord_ros.core.run_config import RunConfig
-from sparse_coord_ros.core.settings import Setting, SettingTable
-from sparse_coord_ros.core.streams import EVALUATION
 from sparse_coord_ros.driving.arena import ELSEWHERE, IN_DOORWAY, Arena, Noise, Touch
 from sparse_coord_ros.driving.driver import Driver
 from sparse_coord_ros.driving.ground import Ground
 from sparse_coord_ros.driving.steering import Limits, move_seconds
+from sparse_coord_ros.game.settings import Setting, SettingTable
+from sparse_coord_ros.game.streams import EVALUATION
+from sparse_coord_ros.learn.agent import Tables
+from sparse_coord_ros.learn.evaluation import greedy_team
+from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.lockstep.bodies import BodiesSide, BodyWorld, Errand
 
 DRIVER_SETTINGS = SettingTable(

@@ -4,8 +4,8 @@
 
 Run i of a batch with seed S is the single run with seed S + i: the same draws, the same tables.
 With numba a run is one compiled loop without the interpreter's lock, and runs go on in threads;
-without it `core.simulation` and `core.evaluation` run in processes. Where the iterator is closed,
-as by Ctrl-C, neither goes on for longer than a block of time steps.
+without it `learn.simulation` and `learn.evaluation` run in processes. Where the iterator is
+closed, as by Ctrl-C, neither goes on for longer than a block of time steps.
 """
 
 import os
@@ -15,28 +15,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.core.agent import NOBODY, Memory, Tables, initial_tables
-from sparse_coord_ros.core.algorithm import ACTIONS, COORDINATE, PRIMITIVES
-from sparse_coord_ros.core.evaluation import Trials, play
-from sparse_coord_ros.core.factors import (
-    FactorMemory,
-    FactorRule,
-    coordination_table,
-    keys_below,
-    keys_of,
-    rows_at_most,
-    sorted_factors,
-    states_of,
-)
-from sparse_coord_ros.core.history import History, concatenated
-from sparse_coord_ros.core.learners import Learner, learner_of
-from sparse_coord_ros.core.links import UP, link_of
-from sparse_coord_ros.core.perception import percept_probabilities
-from sparse_coord_ros.core.scenario import Scenario
-from sparse_coord_ros.core.schedules import exploration, exploring_starts, step_sizes
-from sparse_coord_ros.core.simulation import Glimpse, Learning, LearningState, groups_of
-from sparse_coord_ros.core.sparse import SparseTable
-from sparse_coord_ros.core.streams import (
+from sparse_coord_ros.engine import kernels
+from sparse_coord_ros.engine.cluster import Cluster
+from sparse_coord_ros.engine.compiled import Loops, compile_once, compiled, has_numba, is_compiled
+from sparse_coord_ros.engine.generator import jump_table, source_of
+from sparse_coord_ros.engine.processes import in_processes
+from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.game.links import UP, link_of
+from sparse_coord_ros.game.perception import percept_probabilities
+from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.game.schedules import exploration, exploring_starts, step_sizes
+from sparse_coord_ros.game.streams import (
     BLIND,
     DRAWS,
     EVALUATION,
@@ -49,21 +38,26 @@ from sparse_coord_ros.core.streams import (
     START,
     Stream,
 )
-from sparse_coord_ros.core.world import (
-    EPISODE_GAP,
-    FIRST_STEP,
-    UNKNOWN_PARTNERS,
-    Action,
-    Position,
+from sparse_coord_ros.game.world import EPISODE_GAP, FIRST_STEP, UNKNOWN_PARTNERS, Action, Position
+from sparse_coord_ros.kept import is_kept
+from sparse_coord_ros.learn.agent import NOBODY, Memory, Tables, initial_tables
+from sparse_coord_ros.learn.algorithm import ACTIONS, COORDINATE, PRIMITIVES
+from sparse_coord_ros.learn.evaluation import Trials, play
+from sparse_coord_ros.learn.factors import (
+    FactorMemory,
+    FactorRule,
+    coordination_table,
+    keys_below,
+    keys_of,
+    rows_at_most,
+    sorted_factors,
+    states_of,
 )
-from sparse_coord_ros.engine import kernels
-from sparse_coord_ros.engine.cluster import Cluster
-from sparse_coord_ros.engine.compiled import Loops, compile_once, compiled, has_numba, is_compiled
-from sparse_coord_ros.engine.exact import ExactMeans, exact_means
-from sparse_coord_ros.engine.generator import jump_table, source_of
-from sparse_coord_ros.engine.kept import is_kept
-from sparse_coord_ros.engine.processes import in_processes
-from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.learn.history import History, concatenated
+from sparse_coord_ros.learn.learners import Learner, learner_of
+from sparse_coord_ros.learn.simulation import Glimpse, Learning, LearningState, groups_of
+from sparse_coord_ros.learn.sparse import SparseTable
+from sparse_coord_ros.solve.exact import ExactMeans, exact_means
 
 BLOCK = 2048
 """Time steps between two looks at whether anybody waits for the run and its tables have room."""
@@ -331,7 +325,7 @@ class CompiledTeam:
         )
 
     def tables(self, learners: kernels.Learners) -> list[Tables]:
-        """Return what each robot learned, in the shapes of `core.agent`."""
+        """Return what each robot learned, in the shapes of `learn.agent`."""
         cells = len(self.scenario.map.cells)
         if learners.factored is not None:
             return [self._factored_tables(learners, k) for k in range(len(learners.used))]
@@ -428,7 +422,7 @@ class CompiledTeam:
         )
 
     def memories(self, learners: kernels.Learners) -> tuple[Memory, ...]:
-        """Return what each robot has learned, as an agent of `core.agent` remembers it."""
+        """Return what each robot has learned, as an agent of `learn.agent` remembers it."""
         return tuple(self._memory(learners, k) for k in range(len(self.scenario.robots)))
 
     def _memory(self, learners: kernels.Learners, k: int) -> Memory:
@@ -558,7 +552,7 @@ class CompiledTeam:
 
 
 class CompiledLearning:
-    """A learning run in progress: as `core.simulation.Learning`, by the loops of a team.
+    """A learning run in progress: as `learn.simulation.Learning`, by the loops of a team.
 
     Args:
         team: scenario, learner and loops.

@@ -14,9 +14,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.core import algorithm, factors
-from sparse_coord_ros.engine import generator, kept, kernels
+from sparse_coord_ros import kept
+from sparse_coord_ros.engine import generator, kernels
 from sparse_coord_ros.errors import SparseCoordError
+from sparse_coord_ros.learn import algorithm, factors
 
 CALLED = (
     algorithm.greedy,

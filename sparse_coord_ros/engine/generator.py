@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from sparse_coord_ros.core.streams import bit_generator
+from sparse_coord_ros.game.streams import bit_generator
 
 MULTIPLIER = 0x2360ED051FC65DA44385DF649FCCF645
 """a of PCG64."""
@@ -42,7 +42,7 @@ def source_of(seed: int, agent: int, role: int, phase: int, drawn: int = 0) -> l
     """Return a stream's generator, ready for its next draw.
 
     Args:
-        seed: as of `core.streams.Stream`, as the next three.
+        seed: as of `game.streams.Stream`, as the next three.
         agent: the robot's number.
         role: one of the roles.
         phase: LEARNING or EVALUATION.

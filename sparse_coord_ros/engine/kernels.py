@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Learning and trials as loops over arrays, for numba to compile.
 
-What `core.agent` and `core.world` do object by object, here step by step on arrays; the choices
-and the update are the very functions of `core.algorithm`. Plain Python runs these loops too, with
+What `learn.agent` and `game.world` do object by object, here step by step on arrays; the choices
+and the update are the very functions of `learn.algorithm`. Plain Python runs these loops too, with
 the same bits.
 """
 
@@ -11,30 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.core.algorithm import (
-    ACTIONS,
-    COORDINATE,
-    PRIMITIVES,
-    greatest,
-    greedy,
-    step_size,
-    updated,
-    weighed,
-)
-from sparse_coord_ros.core.factors import (
-    Own,
-    Terms,
-    counted,
-    key_of,
-    learn_asking,
-    learn_correction,
-    learn_move,
-    refresh,
-    replay,
-    unseen_key,
-)
-from sparse_coord_ros.core.links import LOST
-from sparse_coord_ros.core.streams import (
+from sparse_coord_ros.engine.generator import MOST, jumped, uniform
+from sparse_coord_ros.game.links import LOST
+from sparse_coord_ros.game.streams import (
     BLIND,
     BLIND_ACTION,
     BLIND_EXPLORE,
@@ -50,8 +29,29 @@ from sparse_coord_ros.core.streams import (
     START,
     TIE,
 )
-from sparse_coord_ros.core.world import EPISODE_GAP
-from sparse_coord_ros.engine.generator import MOST, jumped, uniform
+from sparse_coord_ros.game.world import EPISODE_GAP
+from sparse_coord_ros.learn.algorithm import (
+    ACTIONS,
+    COORDINATE,
+    PRIMITIVES,
+    greatest,
+    greedy,
+    step_size,
+    updated,
+    weighed,
+)
+from sparse_coord_ros.learn.factors import (
+    Own,
+    Terms,
+    counted,
+    key_of,
+    learn_asking,
+    learn_correction,
+    learn_move,
+    refresh,
+    replay,
+    unseen_key,
+)
 
 WIDTHS = tuple(DRAWS.values())
 """Draws that a time step owns [role]."""
@@ -106,7 +106,7 @@ class CompiledScenario(NamedTuple):
         referee: whether the world says who was in a miscoordination with whom.
         rows_a_step: rows that a sparse table can grow by in a time step.
         most_rows: rows that a sparse table can have.
-        replays, share, percept_update: as of `core.factors.FactorRule`.
+        replays, share, percept_update: as of `learn.factors.FactorRule`.
         right_of_way: likewise, and False for two robots.
     """
 
@@ -148,10 +148,10 @@ class Factored(NamedTuple):
     """What a learner that learns in factors has beside its tables.
 
     Attributes:
-        u, r_bar, w, value, commons, moved, successor, tried, used: as of `core.factors.Own`, with
+        u, r_bar, w, value, commons, moved, successor, tried, used: as of `learn.factors.Own`, with
             the robot as first axis.
         askers: who asked the robot in this time step [k]: the sum of 2^j of the robots j.
-        partners: as of `core.world.Reward` [k].
+        partners: as of `game.world.Reward` [k].
         correction: space for Q^C(x, z, .) - U(x, .) [action].
     """
 
@@ -182,7 +182,7 @@ class Learners(NamedTuple):
             cell, then the peers'. Dense tables have none: shape (k, 0).
         used: rows in use of a sparse table [k].
         factored: None, or the rest of a learner that learns in factors. Its q_coord is then rho,
-            whose rows or keys are those of `core.factors`, and its star_updates count how often
+            whose rows or keys are those of `learn.factors`, and its star_updates count how often
             each move was tried, and COORDINATE.
     """
 
@@ -246,7 +246,7 @@ class Draws(NamedTuple):
 
 
 class Record(NamedTuple):
-    """The learning history in the making: arrays as of `core.history.History`, with room.
+    """The learning history in the making: arrays as of `learn.history.History`, with room.
 
     Attributes:
         used: its one entry is the number of rows in use; the last one is that of the episode
@@ -536,7 +536,7 @@ def move(problem: CompiledScenario, game: Game, choice: Choices, draws: Draws, s
 
 
 def find_partners(problem: CompiledScenario, game: Game, partners: np.ndarray) -> None:
-    """Set with whom each robot is in a miscoordination, as of `core.world.Reward`."""
+    """Set with whom each robot is in a miscoordination, as of `game.world.Reward`."""
     cells = game.cells
     for k in problem.members:
         partners[k] = 0
@@ -592,7 +592,7 @@ def learn_factors(
     common: float,
     least_alpha: float,
 ) -> None:
-    """Let robot k learn from its move to y what `core.factored.FactoredAgent.learn` learns."""
+    """Let robot k learn from its move to y what `learn.factored.FactoredAgent.learn` learns."""
     weights, partners = problem.weights, factored.partners[k]
     x, m, seen = choice.cells[k], choice.moves[k], choice.rows[k]
     by_count = problem.alpha_by_count

@@ -3,7 +3,7 @@
 """A robot's learning once more, fed with what its log says: one loop for each kind of tables.
 
 The loops take nested lists in plain Python and arrays where numba compiled them: the same bits.
-Choices and updates are the functions of `core.algorithm` and `core.factors`.
+Choices and updates are the functions of `learn.algorithm` and `learn.factors`.
 """
 
 import functools
@@ -12,7 +12,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.core.algorithm import (
+from sparse_coord_ros.engine.compiled import compile_once, has_numba, jitted
+from sparse_coord_ros.game.streams import BLIND_ACTION, BLIND_EXPLORE
+from sparse_coord_ros.kept import is_kept
+from sparse_coord_ros.learn.algorithm import (
     COORDINATE,
     PRIMITIVES,
     epsilon_greedy,
@@ -22,7 +25,7 @@ from sparse_coord_ros.core.algorithm import (
     updated,
     weighed,
 )
-from sparse_coord_ros.core.factors import (
+from sparse_coord_ros.learn.factors import (
     Own,
     Terms,
     learn_asking,
@@ -31,9 +34,6 @@ from sparse_coord_ros.core.factors import (
     refresh,
     replay,
 )
-from sparse_coord_ros.core.streams import BLIND_ACTION, BLIND_EXPLORE
-from sparse_coord_ros.engine.compiled import compile_once, has_numba, jitted
-from sparse_coord_ros.engine.kept import is_kept
 
 COMPILING_PAYS = 300_000
 """Actions from which on compiling a loop, a few seconds, takes less time than it saves."""
@@ -111,7 +111,7 @@ class FactorRules(NamedTuple):
     Attributes:
         actions, learning, weights: as of `Rule`.
         terms: the numbers of the rule.
-        replays, percept_update: as of `core.factors.FactorRule`.
+        replays, percept_update: as of `learn.factors.FactorRule`.
     """
 
     actions: int
@@ -148,7 +148,7 @@ class SaidFactors(NamedTuple):
         known: the rows of rho of its peers, or -1 where it does not know where one is [i][peer].
         counted: those of them that count where it acts on a percept, others -1 [i][peer].
         unseen: the row of failed percepts, or -1 where it perceived its peers [i].
-        partners: as of `core.world.Reward`.
+        partners: as of `game.world.Reward`.
         blind: the draws for a move after a failed percept [i][2].
         replay: the draw that picks what is replayed [i].
     """
@@ -251,7 +251,7 @@ def follow_factors(
     begin: int,
     end: int,
 ) -> tuple[int, int, int]:
-    """Do what `follow` does, for a robot that learns as `core.factored.FactoredAgent` does."""
+    """Do what `follow` does, for a robot that learns as `learn.factored.FactoredAgent` does."""
     own, rho, counts, values = learned.own, learned.rho, learned.counts, learned.values
     for i in range(begin, end):
         x = said.cell[i]

@@ -17,15 +17,6 @@ from typing import Protocol
 
 import numpy as np
 
-from sparse_coord_ros.core.agent import Tables
-from sparse_coord_ros.core.evaluation import Evaluation, Trials, play, summary
-from sparse_coord_ros.core.history import History
-from sparse_coord_ros.core.learners import Learner, learner_of
-from sparse_coord_ros.core.run_config import RUN_FILE, create_output, make_run
-from sparse_coord_ros.core.scenario import Scenario
-from sparse_coord_ros.core.settings import Setting
-from sparse_coord_ros.core.simulation import Glimpse, Learning, LearningState
-from sparse_coord_ros.core.tables import save_team
 from sparse_coord_ros.engine.batch import (
     CompiledLearning,
     CompiledTeam,
@@ -34,10 +25,19 @@ from sparse_coord_ros.engine.batch import (
     prepare,
     uses_numba,
 )
-from sparse_coord_ros.engine.checkpoint import Checkpoint, load_checkpoint
 from sparse_coord_ros.engine.compiled import compiled
+from sparse_coord_ros.engine.run_checkpoint import Checkpoint, load_checkpoint
 from sparse_coord_ros.errors import RunError, SettingError
 from sparse_coord_ros.files import write_whole
+from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.game.settings import Setting
+from sparse_coord_ros.learn.agent import Tables
+from sparse_coord_ros.learn.evaluation import Evaluation, Trials, play, summary
+from sparse_coord_ros.learn.history import History
+from sparse_coord_ros.learn.learners import Learner, learner_of
+from sparse_coord_ros.learn.run_config import RUN_FILE, create_output, make_run
+from sparse_coord_ros.learn.simulation import Glimpse, Learning, LearningState
+from sparse_coord_ros.learn.tables import save_team
 
 EVERY = Setting("evaluate-every", int, 0, "steps between evaluations", low=0, high=10_000_000)
 EVERY_TRIALS = Setting("trials", int, 200, "trials of each of them", low=2, high=10_000_000)

@@ -13,9 +13,9 @@ real ones are brought there by whoever can, and the world waits.
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
-from sparse_coord_ros.core.scenario import Scenario
-from sparse_coord_ros.core.streams import LEARNING
-from sparse_coord_ros.core.world import Action, World
+from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.game.streams import LEARNING
+from sparse_coord_ros.game.world import Action, World
 
 LOST = -1
 """In place of a cell: the body is in none."""

@@ -15,7 +15,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from sparse_coord_ros.core.checkpoint import (
+from sparse_coord_ros.errors import RunError, os_error_text
+from sparse_coord_ros.files import PARTIAL, take_lock, write_whole
+from sparse_coord_ros.learn.checkpoint import (
     BrokenCheckpointError,
     memory_arrays,
     memory_from,
@@ -24,13 +26,11 @@ from sparse_coord_ros.core.checkpoint import (
     positions_from,
     unpack,
 )
-from sparse_coord_ros.core.history import history_from
-from sparse_coord_ros.core.run_config import RunConfig
-from sparse_coord_ros.core.wire import WORLD
-from sparse_coord_ros.errors import RunError, os_error_text
-from sparse_coord_ros.files import PARTIAL, take_lock, write_whole
-from sparse_coord_ros.lockstep.robot import RobotState
-from sparse_coord_ros.lockstep.world import WorldState
+from sparse_coord_ros.learn.history import history_from
+from sparse_coord_ros.learn.run_config import RunConfig
+from sparse_coord_ros.lockstep.robot_side import RobotState
+from sparse_coord_ros.lockstep.world_side import WorldState
+from sparse_coord_ros.wire import WORLD
 
 T = TypeVar("T")
 

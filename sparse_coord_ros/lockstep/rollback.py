@@ -11,10 +11,10 @@ hears again, and joins the team where it then is.
 from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol
 
-from sparse_coord_ros.core.agent import Agent
-from sparse_coord_ros.core.world import EPISODE_GAP
-from sparse_coord_ros.lockstep.robot import RobotSide, RobotState
-from sparse_coord_ros.lockstep.world import WorldSide, WorldState
+from sparse_coord_ros.game.world import EPISODE_GAP
+from sparse_coord_ros.learn.agent import Agent
+from sparse_coord_ros.lockstep.robot_side import RobotSide, RobotState
+from sparse_coord_ros.lockstep.world_side import WorldSide, WorldState
 
 NO_ORDER = ""
 

@@ -6,7 +6,7 @@ The world says its status every second, with the identity of its run. What anoth
 somebody who forges it, does not count. Times are seconds of any clock that never goes back.
 """
 
-from sparse_coord_ros.core.wire import FINISHED, STOPPED
+from sparse_coord_ros.wire import FINISHED, STOPPED
 
 SILENT_SECONDS = 3.0
 """A world that has not been heard for so long is missed: it says its status every second."""

@@ -20,13 +20,11 @@ from rclpy.context import Context
 from rclpy.publisher import Publisher
 from std_msgs.msg import Header
 
-from sparse_coord_ros.core.frame import SECOND
-from sparse_coord_ros.core.run_config import RunConfig
-from sparse_coord_ros.core.wire import MAP_FRAME
 from sparse_coord_ros.driving.arena import ELSEWHERE, IN_DOORWAY, Arena, Noise
 from sparse_coord_ros.driving.ground import Ground, Pose
 from sparse_coord_ros.driving.steering import Command
 from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.lockstep.bodies import BEGIN, Errand, Reached
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.follower import Follower
@@ -40,6 +38,8 @@ from sparse_coord_ros.nodes.messages import (
 )
 from sparse_coord_ros.nodes.parameters import BODY_PARAMETERS
 from sparse_coord_ros.nodes.spin import run_node
+from sparse_coord_ros.wire import MAP_FRAME
+from sparse_coord_ros.wire.frame import SECOND
 
 AGAIN_SECONDS = 0.5
 """After this silence poses are published again: a driver that has just come has none."""

@@ -12,12 +12,12 @@ takes part in a run never leaves it for another.
 import time
 import uuid
 
-from sparse_coord_ros.core.wire import CLAIM_RANKS
 from sparse_coord_ros.errors import NameTakenError
 from sparse_coord_ros.nodes.intake import Intake
 from sparse_coord_ros.nodes.interface import CLAIM, CLAIMS_QOS
 from sparse_coord_ros.nodes.messages import read_claim, typed
 from sparse_coord_ros.nodes.parameters import ParameterNode
+from sparse_coord_ros.wire import CLAIM_RANKS
 
 STARTING, HOLDING, JOINED = range(len(CLAIM_RANKS))
 

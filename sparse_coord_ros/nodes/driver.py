@@ -13,13 +13,13 @@ from nav_msgs.msg import Odometry
 from rclpy.context import Context
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from sparse_coord_ros.core.run_config import RunConfig
 from sparse_coord_ros.driving.driver import Driver
 from sparse_coord_ros.driving.ground import Ground, Pose
 from sparse_coord_ros.driving.steering import STOP, Command
 from sparse_coord_ros.driving.transforms import Tree, yaw_of
 from sparse_coord_ros.driving.trials import limits_of
 from sparse_coord_ros.errors import RunError, SettingError, did_you_mean
+from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.lockstep.bodies import Errand
 from sparse_coord_ros.lockstep.waiting import Reminder
 from sparse_coord_ros.nodes import interface

@@ -10,12 +10,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sparse_coord_ros.core.agent import Tables
-from sparse_coord_ros.core.occupancy import OccupancyData
-from sparse_coord_ros.core.scenario import Scenario
-from sparse_coord_ros.core.wire import ROBOTS
+from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.nodes.cdr import PROBE_NUMBER, Template, probe_stamp
 from sparse_coord_ros.nodes.messages import Converter
+from sparse_coord_ros.wire import ROBOTS
+from sparse_coord_ros.wire.occupancy import OccupancyData
 
 _PLACE = struct.Struct("=dd")
 

@@ -8,8 +8,8 @@ from typing import Any
 
 from rclpy.context import Context
 
-from sparse_coord_ros.core.run_config import RunConfig
-from sparse_coord_ros.core.settings import SettingTable
+from sparse_coord_ros.game.settings import SettingTable
+from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.lockstep.waiting import WorldPresence
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.intake import Intake

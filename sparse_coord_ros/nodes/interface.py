@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The vocabulary of `core.wire`, bound to message classes and QoS profiles.
+"""The vocabulary of `wire`, bound to message classes and QoS profiles.
 
 Names are relative (except /clock, /diagnostics and what ROS itself makes absolute), so a whole
 team moves into a namespace together. A robot's topics lie under its name.
@@ -13,7 +13,7 @@ from typing import Any
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-from sparse_coord_ros.core import wire
+from sparse_coord_ros import wire
 
 STEP_DEPTH = 10_000
 RECORDER_DEPTH = 10_000

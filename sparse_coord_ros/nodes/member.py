@@ -11,34 +11,24 @@ from nav_msgs.msg import Path as PathMessage
 from nav_msgs.srv import GetPlan
 from std_srvs.srv import Trigger
 
-from sparse_coord_ros.core import wire
-from sparse_coord_ros.core.agent import Agent, Tables
-from sparse_coord_ros.core.frame import Account
-from sparse_coord_ros.core.run_config import RunConfig
-from sparse_coord_ros.core.tables import TEAM_FILE, pack_tables, robot_file, write_tables
-from sparse_coord_ros.core.wire import RECORDER, WORLD
-from sparse_coord_ros.core.world import Action, Reward
-from sparse_coord_ros.errors import (
-    RunError,
-    TablesError,
-    did_you_mean,
-    os_error_text,
-)
+from sparse_coord_ros import wire
+from sparse_coord_ros.errors import RunError, TablesError, did_you_mean, os_error_text
+from sparse_coord_ros.game.world import Action, Reward
+from sparse_coord_ros.learn.agent import Agent, Tables
+from sparse_coord_ros.learn.run_config import RunConfig
+from sparse_coord_ros.learn.tables import TEAM_FILE, pack_tables, robot_file, write_tables
 from sparse_coord_ros.lockstep.checkpoints import Checkpoints
 from sparse_coord_ros.lockstep.gate import StepGate
-from sparse_coord_ros.lockstep.robot import NO_STEP, Answer, RobotSide
+from sparse_coord_ros.lockstep.robot_side import NO_STEP, Answer, RobotSide
 from sparse_coord_ros.lockstep.rollback import ROLL_CALL, Order, RobotRollback
 from sparse_coord_ros.lockstep.waiting import Deadline, Reminder
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.episode_messages import CoordinationMapLayout
-from sparse_coord_ros.nodes.messages import (
-    Converter,
-    progress_message,
-    status,
-    tables_message,
-)
+from sparse_coord_ros.nodes.messages import Converter, progress_message, status, tables_message
 from sparse_coord_ros.nodes.outputs import begin_with, open_output, save_somewhere, saving
 from sparse_coord_ros.nodes.peers import Clients, Peer, introspect
+from sparse_coord_ros.wire import RECORDER, WORLD
+from sparse_coord_ros.wire.frame import Account
 
 if TYPE_CHECKING:
     from sparse_coord_ros.nodes.robot import RobotNode

@@ -18,19 +18,15 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import ColorRGBA, Header, MultiArrayDimension, String, UInt8MultiArray
 from visualization_msgs.msg import Marker, MarkerArray
 
-from sparse_coord_ros.core.frame import (
-    SECOND,
-    Account,
-    Frame,
-    action_from,
-    action_numbers,
-    reward_from,
-)
-from sparse_coord_ros.core.occupancy import UNKNOWN, OccupancyData
-from sparse_coord_ros.core.palette import DOORWAY_COLOUR, rgb, robot_colour
-from sparse_coord_ros.core.run_config import RunConfig, run_from_yaml
-from sparse_coord_ros.core.scenario import Scenario
-from sparse_coord_ros.core.wire import (
+from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.game.world import Action, Reward
+from sparse_coord_ros.learn.run_config import RunConfig, run_from_yaml
+from sparse_coord_ros.lockstep.bodies import LOST, Course, Errand, Reached
+from sparse_coord_ros.lockstep.rollback import NO_ORDER, Order, Progress
+from sparse_coord_ros.nodes.cdr import FixedLayout
+from sparse_coord_ros.nodes.interface import RosTopic
+from sparse_coord_ros.palette import DOORWAY_COLOUR, rgb, robot_colour
+from sparse_coord_ros.wire import (
     ACCOUNT_LABELS,
     ACTION_LABELS,
     CLAIM_RANKS,
@@ -48,11 +44,15 @@ from sparse_coord_ros.core.wire import (
     RUN_ID,
     STATUS_VALUES,
 )
-from sparse_coord_ros.core.world import Action, Reward
-from sparse_coord_ros.lockstep.bodies import LOST, Course, Errand, Reached
-from sparse_coord_ros.lockstep.rollback import NO_ORDER, Order, Progress
-from sparse_coord_ros.nodes.cdr import FixedLayout
-from sparse_coord_ros.nodes.interface import RosTopic
+from sparse_coord_ros.wire.frame import (
+    SECOND,
+    Account,
+    Frame,
+    action_from,
+    action_numbers,
+    reward_from,
+)
+from sparse_coord_ros.wire.occupancy import UNKNOWN, OccupancyData
 
 
 def _header(sec: int, nanosec: int) -> Header:
@@ -285,7 +285,7 @@ class Said(NamedTuple):
 
     Attributes:
         run: the identity of the world's run; empty of a world that has none.
-        state: one of the states of `core.wire`.
+        state: one of the states of `wire`.
         step: the time step.
         transitions: how many were made.
         order: to go back to a checkpoint, where one stands.

@@ -6,8 +6,8 @@ import os
 import sys
 from pathlib import Path
 
-from sparse_coord_ros.core.share import share_folder
 from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.share import share_folder
 
 PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
 

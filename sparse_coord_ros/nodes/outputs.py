@@ -13,11 +13,12 @@ import yaml
 from rclpy.node import Node
 
 from sparse_coord_ros import __version__
-from sparse_coord_ros.core.agent import Tables
-from sparse_coord_ros.core.evaluation import check_tables
-from sparse_coord_ros.core.run_config import RUN_FILE, RunConfig, load_run
-from sparse_coord_ros.core.scenario import Scenario
-from sparse_coord_ros.core.tables import (
+from sparse_coord_ros.errors import BagError, RunError, os_error_text
+from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.learn.agent import Tables
+from sparse_coord_ros.learn.evaluation import check_tables
+from sparse_coord_ros.learn.run_config import RUN_FILE, RunConfig, load_run
+from sparse_coord_ros.learn.tables import (
     TEAM_FILE,
     load_counts,
     load_tables,
@@ -25,7 +26,6 @@ from sparse_coord_ros.core.tables import (
     robot_file,
     save_team,
 )
-from sparse_coord_ros.errors import BagError, RunError, os_error_text
 from sparse_coord_ros.lockstep.checkpoints import CHECKPOINTS, remove_checkpoints
 from sparse_coord_ros.nodes.parameters import run_from_parameters
 

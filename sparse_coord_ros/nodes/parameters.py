@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""ROS parameters from the typed tables of `core.settings`."""
+"""ROS parameters from the typed tables of `game.settings`."""
 
 import functools
 import time
@@ -20,16 +20,16 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 
-from sparse_coord_ros.core.run_config import RUN_SETTINGS, RunConfig, make_run
-from sparse_coord_ros.core.scenario import SETTINGS, Scenario, load_scenario, scenario_names
-from sparse_coord_ros.core.settings import Setting, SettingTable, parse_assignments
-from sparse_coord_ros.core.wire import RECORDER, WORLD
 from sparse_coord_ros.driving.trials import BODY_SETTINGS, DRIVER_SETTINGS, SLIPS
 from sparse_coord_ros.errors import RunError, SettingError, SparseCoordError, failure_of
+from sparse_coord_ros.game.scenario import SETTINGS, Scenario, load_scenario, scenario_names
+from sparse_coord_ros.game.settings import Setting, SettingTable, parse_assignments
+from sparse_coord_ros.learn.run_config import RUN_SETTINGS, RunConfig, make_run
 from sparse_coord_ros.lockstep.waiting import Reminder
 from sparse_coord_ros.nodes.interface import RECORDING as RECORDING_TOPIC
 from sparse_coord_ros.nodes.interface import RUN, RosTopic
 from sparse_coord_ros.nodes.tap import Line, PackedPublisher, Tap
+from sparse_coord_ros.wire import RECORDER, WORLD
 
 RCLError = rclpy_implementation.RCLError
 

@@ -19,8 +19,8 @@ from rclpy.service import Service
 from rclpy.service_introspection import ServiceIntrospectionState
 from rclpy.task import Future
 
-from sparse_coord_ros.core.wire import ACTIVE_PERCEPTION
 from sparse_coord_ros.nodes.interface import ACTIVE_PERCEPTION_TYPE, STEP_QOS
+from sparse_coord_ros.wire import ACTIVE_PERCEPTION
 
 AT_ONCE = 10
 """How often a peer that is a step behind is asked again at once; after that with each tick."""

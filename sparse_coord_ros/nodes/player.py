@@ -14,18 +14,18 @@ from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import SetBool, Trigger
 
-from sparse_coord_ros.core.settings import Setting, SettingTable
+from sparse_coord_ros.bags import Message
+from sparse_coord_ros.bags.playback import SECOND_NS, Playback
+from sparse_coord_ros.bags.playlist import Playlist
+from sparse_coord_ros.bags.qos import latched
+from sparse_coord_ros.bags.topics import find_clock
 from sparse_coord_ros.errors import RunError, SettingError
+from sparse_coord_ros.game.settings import Setting, SettingTable
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.parameters import EXECUTOR, ParameterNode
 from sparse_coord_ros.nodes.player_keys import Keyboard
 from sparse_coord_ros.nodes.player_topics import advertise
 from sparse_coord_ros.nodes.spin import run_node, wait_for_readers
-from sparse_coord_ros.recording import Message
-from sparse_coord_ros.recording.playback import SECOND_NS, Playback
-from sparse_coord_ros.recording.playlist import Playlist
-from sparse_coord_ros.recording.qos import latched
-from sparse_coord_ros.recording.topics import find_clock
 
 LOWEST_RATE, HIGHEST_RATE = 0.01, 1000.0
 PLAYER_PARAMETERS = SettingTable(

@@ -12,12 +12,12 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-from sparse_coord_ros.core import wire
+from sparse_coord_ros import wire
+from sparse_coord_ros.bags import Bag, BagTopic, QoS, open_bag, type_hash
+from sparse_coord_ros.bags.qos import latched
+from sparse_coord_ros.bags.topics import find_clock
 from sparse_coord_ros.errors import BagError, SettingError
 from sparse_coord_ros.nodes import interface
-from sparse_coord_ros.recording import Bag, BagTopic, QoS, open_bag, type_hash
-from sparse_coord_ros.recording.qos import latched
-from sparse_coord_ros.recording.topics import find_clock
 
 ROS_OWN = (wire.ROSOUT.name, wire.PARAMETER_EVENTS.name)
 """Topics that every node has itself."""

@@ -19,17 +19,20 @@ from rclpy.context import Context
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
 
-from sparse_coord_ros.core import wire
-from sparse_coord_ros.core.frame import SECOND, STAMPED
-from sparse_coord_ros.core.run_config import (
+from sparse_coord_ros import wire
+from sparse_coord_ros.bags import BagWriter, QoS
+from sparse_coord_ros.bags.metadata import RESTARTED, ROLLED_BACK
+from sparse_coord_ros.bags.process import BagProcess
+from sparse_coord_ros.bags.recover import continued
+from sparse_coord_ros.bags.writer import Earlier
+from sparse_coord_ros.errors import BagError, RunError, SparseCoordError
+from sparse_coord_ros.learn.run_config import (
     MAP_FILE,
     RUN_FILE,
     RUN_RECORD,
     SCENARIO_FILE,
     RunConfig,
 )
-from sparse_coord_ros.core.wire import RECORDER, WORLD
-from sparse_coord_ros.errors import BagError, RunError, SparseCoordError
 from sparse_coord_ros.lockstep.rollback import NO_ORDER, ROLL_CALL, Order, Progress
 from sparse_coord_ros.lockstep.waiting import WorldPresence
 from sparse_coord_ros.nodes import interface
@@ -48,11 +51,8 @@ from sparse_coord_ros.nodes.messages import (
 from sparse_coord_ros.nodes.parameters import RECORDER_PARAMETERS, ParameterNode
 from sparse_coord_ros.nodes.spin import run_node
 from sparse_coord_ros.nodes.tap import Tap
-from sparse_coord_ros.recording import BagWriter, QoS
-from sparse_coord_ros.recording.metadata import RESTARTED, ROLLED_BACK
-from sparse_coord_ros.recording.process import BagProcess
-from sparse_coord_ros.recording.recover import continued
-from sparse_coord_ros.recording.writer import Earlier
+from sparse_coord_ros.wire import RECORDER, WORLD
+from sparse_coord_ros.wire.frame import SECOND, STAMPED
 
 TICK_SECONDS = 0.02
 REPORT_SECONDS = 1.0

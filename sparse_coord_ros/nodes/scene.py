@@ -17,7 +17,8 @@ from rclpy.qos import QoSProfile
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
-from sparse_coord_ros.core.palette import (
+from sparse_coord_ros.nodes.messages import ACTION_LAYOUT, Converter
+from sparse_coord_ros.palette import (
     ANSWERED,
     DOORWAY_COLOUR,
     FAILED,
@@ -25,7 +26,7 @@ from sparse_coord_ros.core.palette import (
     REFUSED,
     rgb,
 )
-from sparse_coord_ros.core.wire import (
+from sparse_coord_ros.wire import (
     ACTION_LABELS,
     NOT_ASKED,
     OCCUPANCY,
@@ -33,9 +34,8 @@ from sparse_coord_ros.core.wire import (
     ROBOT_NAMES,
     WORDS,
 )
-from sparse_coord_ros.core.wire import ANSWERED as PERCEIVED
-from sparse_coord_ros.core.wire import REFUSED as NOT_PERCEIVED
-from sparse_coord_ros.nodes.messages import ACTION_LAYOUT, Converter
+from sparse_coord_ros.wire import ANSWERED as PERCEIVED
+from sparse_coord_ros.wire import REFUSED as NOT_PERCEIVED
 
 MOST_OFTEN = 30.0
 """Scenes a second, by the wall clock."""

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 from rclpy.context import Context
 
-from sparse_coord_ros.core.run_config import RunConfig, create_output
+from sparse_coord_ros.bags.reader import BAG_DIRECTORY
 from sparse_coord_ros.errors import BagError, NameTakenError, failure_of
+from sparse_coord_ros.learn.run_config import RunConfig, create_output
 from sparse_coord_ros.nodes.outputs import begin_with, gather, resumed_run
 from sparse_coord_ros.nodes.parameters import (
     RECORDER_PARAMETERS,
@@ -37,10 +38,9 @@ from sparse_coord_ros.nodes.spin import (
 )
 from sparse_coord_ros.nodes.tap import Tap
 from sparse_coord_ros.nodes.world_simulator import WorldSimulator
-from sparse_coord_ros.recording.reader import BAG_DIRECTORY
 
 if TYPE_CHECKING:
-    from sparse_coord_ros.watch.server import Server
+    from sparse_coord_ros.look.page.server import Server
 
 
 def team_run(values: dict[str, Any]) -> RunConfig:

@@ -22,14 +22,23 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.context import Context
 from std_srvs.srv import SetBool, Trigger
 
-from sparse_coord_ros.core import wire
-from sparse_coord_ros.core.agent import Tables
-from sparse_coord_ros.core.frame import Account
-from sparse_coord_ros.core.history import HistoryRecorder
-from sparse_coord_ros.core.settings import Setting, SettingTable
-from sparse_coord_ros.core.tables import unpack_robot
-from sparse_coord_ros.core.wire import WORLD
-from sparse_coord_ros.core.world import FIRST_STEP, Action, Reward, StepOutcome
+from sparse_coord_ros import wire
+from sparse_coord_ros.game.settings import Setting, SettingTable
+from sparse_coord_ros.game.world import FIRST_STEP, Action, Reward, StepOutcome
+from sparse_coord_ros.learn.agent import Tables
+from sparse_coord_ros.learn.history import HistoryRecorder
+from sparse_coord_ros.learn.tables import unpack_robot
+from sparse_coord_ros.look.page.commands import (
+    HOST,
+    NEXT,
+    PAUSE,
+    PORT_SETTING,
+    RATE,
+    RESET,
+    STEP,
+    Command,
+)
+from sparse_coord_ros.look.page.live_source import LiveView, Transition
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.intake import Intake
 from sparse_coord_ros.nodes.messages import (
@@ -43,22 +52,13 @@ from sparse_coord_ros.nodes.messages import (
 )
 from sparse_coord_ros.nodes.parameters import EXECUTOR, ParameterNode
 from sparse_coord_ros.nodes.spin import run_node
-from sparse_coord_ros.watch.commands import (
-    HOST,
-    NEXT,
-    PAUSE,
-    PORT_SETTING,
-    RATE,
-    RESET,
-    STEP,
-    Command,
-)
-from sparse_coord_ros.watch.live import LiveView, Transition
+from sparse_coord_ros.wire import WORLD
+from sparse_coord_ros.wire.frame import Account
 
 if TYPE_CHECKING:
+    from sparse_coord_ros.look.page.server import Server
     from sparse_coord_ros.nodes.robot import RobotNode
     from sparse_coord_ros.nodes.world_simulator import WorldSimulator
-    from sparse_coord_ros.watch.server import Server
 
 TICK_SECONDS = 1 / 20
 GONE_SECONDS = 4.0
@@ -518,8 +518,8 @@ def _end_of(robot: "RobotNode", step: int) -> int | None:
 
 
 def _serve(node: WatchNode) -> "Server":
-    from sparse_coord_ros.watch.board import Board
-    from sparse_coord_ros.watch.server import Server, is_loopback
+    from sparse_coord_ros.look.page.board import Board
+    from sparse_coord_ros.look.page.server import Server, is_loopback
 
     server = Server(Board(), host=node.values["host"], port=node.values["port"])
     if not is_loopback(node.values["host"]):

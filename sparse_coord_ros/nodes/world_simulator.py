@@ -18,18 +18,17 @@ from rclpy.timer import Timer
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
-from sparse_coord_ros.core import wire
-from sparse_coord_ros.core.history import HISTORY_FILE
-from sparse_coord_ros.core.run_config import RUN_FILE
-from sparse_coord_ros.core.tables import TEAM_FILE, robot_file
-from sparse_coord_ros.core.wire import RECORDER, WORLD
-from sparse_coord_ros.core.world import Action, Reward
+from sparse_coord_ros import wire
 from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.game.world import Action, Reward
+from sparse_coord_ros.learn.history import HISTORY_FILE
+from sparse_coord_ros.learn.run_config import RUN_FILE
+from sparse_coord_ros.learn.tables import TEAM_FILE, robot_file
 from sparse_coord_ros.lockstep.bodies import BodiesSide, BodyWorld, Errand, Reached
 from sparse_coord_ros.lockstep.checkpoints import Checkpoints
 from sparse_coord_ros.lockstep.rollback import NO_ORDER, ROLL_CALL, Progress, WorldRollback
 from sparse_coord_ros.lockstep.waiting import Reminder
-from sparse_coord_ros.lockstep.world import WorldSide
+from sparse_coord_ros.lockstep.world_side import WorldSide
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.claim import JOINED, Claim
 from sparse_coord_ros.nodes.episode_messages import MapLayout, MarkersLayout
@@ -65,6 +64,7 @@ from sparse_coord_ros.nodes.parameters import (
 from sparse_coord_ros.nodes.scene import Scene, ScenePublisher
 from sparse_coord_ros.nodes.spin import run_node, tidy_shared_memory, wait_for_readers
 from sparse_coord_ros.nodes.tap import Tap
+from sparse_coord_ros.wire import RECORDER, WORLD
 
 DRIVER = "driver"
 """The executable that drives a body."""
@@ -319,7 +319,7 @@ class WorldSimulator(ParameterNode):
 
     @property
     def doing(self) -> str:
-        """What the world is doing: one of the states of `core.wire`."""
+        """What the world is doing: one of the states of `wire`."""
         return self._state
 
     # The course of the run.

@@ -6,11 +6,15 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from sparse_coord_ros.core.agent import Tables
-from sparse_coord_ros.core.frame import Frame
-from sparse_coord_ros.core.occupancy import OCCUPIED, OccupancyData
-from sparse_coord_ros.core.simulation import tables_equal
-from sparse_coord_ros.core.wire import (
+from sparse_coord_ros.learn.agent import Tables
+from sparse_coord_ros.learn.simulation import tables_equal
+from sparse_coord_ros.runlog.attached import RecordedTables
+from sparse_coord_ros.runlog.dialogue import heard, times_asked_again
+from sparse_coord_ros.runlog.difference import MISSING, Difference, first_entry
+from sparse_coord_ros.runlog.follower import Follower, said_otherwise
+from sparse_coord_ros.runlog.log import RunLog
+from sparse_coord_ros.runlog.story import due_numbers, tell
+from sparse_coord_ros.wire import (
     ACCOUNT_LABELS,
     ACTION,
     ACTION_LABELS,
@@ -22,12 +26,8 @@ from sparse_coord_ros.core.wire import (
     TABLES,
     tables_attachment,
 )
-from sparse_coord_ros.runlog.attached import RecordedTables
-from sparse_coord_ros.runlog.dialogue import heard, times_asked_again
-from sparse_coord_ros.runlog.difference import MISSING, Difference, first_entry
-from sparse_coord_ros.runlog.follower import Follower, said_otherwise
-from sparse_coord_ros.runlog.log import RunLog
-from sparse_coord_ros.runlog.story import due_numbers, tell
+from sparse_coord_ros.wire.frame import Frame
+from sparse_coord_ros.wire.occupancy import OCCUPIED, OccupancyData
 
 
 def first_tables(log: RunLog, k: int) -> tuple[Tables | None, Difference | None]:

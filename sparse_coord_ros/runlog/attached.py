@@ -7,16 +7,16 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
-from sparse_coord_ros.core.agent import Tables
-from sparse_coord_ros.core.run_config import RunConfig
-from sparse_coord_ros.core.tables import unpack_robot
-from sparse_coord_ros.core.wire import TABLES as TABLES_TOPIC
-from sparse_coord_ros.core.wire import TABLES_FOLDER, tables_attachment
+from sparse_coord_ros.bags.metadata import RESTARTED
+from sparse_coord_ros.bags.reader import Bag
 from sparse_coord_ros.errors import TablesError
-from sparse_coord_ros.recording.metadata import RESTARTED
-from sparse_coord_ros.recording.reader import Bag
+from sparse_coord_ros.learn.agent import Tables
+from sparse_coord_ros.learn.run_config import RunConfig
+from sparse_coord_ros.learn.tables import unpack_robot
 from sparse_coord_ros.runlog.difference import Difference
 from sparse_coord_ros.runlog.timeline import Rollback, of_last
+from sparse_coord_ros.wire import TABLES as TABLES_TOPIC
+from sparse_coord_ros.wire import TABLES_FOLDER, tables_attachment
 
 TABLES = TABLES_TOPIC.name
 NAME = re.compile(

@@ -7,7 +7,11 @@ from collections import Counter
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-from sparse_coord_ros.core.run_config import (
+from sparse_coord_ros.bags.reader import Bag
+from sparse_coord_ros.bags.recover import recovered_text
+from sparse_coord_ros.errors import BagError, SparseCoordError
+from sparse_coord_ros.game.scenario import parse_yaml, scenario_from_dict
+from sparse_coord_ros.learn.run_config import (
     MAP_FILE,
     RUN_FILE,
     RUN_RECORD,
@@ -15,13 +19,9 @@ from sparse_coord_ros.core.run_config import (
     RunConfig,
     run_from_yaml,
 )
-from sparse_coord_ros.core.scenario import parse_yaml, scenario_from_dict
-from sparse_coord_ros.core.wire import FORMAT_KEY, RUN
-from sparse_coord_ros.errors import BagError, SparseCoordError
-from sparse_coord_ros.recording.reader import Bag
-from sparse_coord_ros.recording.recover import recovered_text
 from sparse_coord_ros.runlog.decode import Decoder
 from sparse_coord_ros.runlog.difference import MISSING, Difference
+from sparse_coord_ros.wire import FORMAT_KEY, RUN
 
 REMEDY = "give the bag that 'sparse_coord run' or the recorder wrote"
 

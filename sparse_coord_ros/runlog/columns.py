@@ -7,12 +7,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.core.frame import SECOND
-from sparse_coord_ros.recording.reader import Bag, Part
-from sparse_coord_ros.recording.records import MESSAGE, rows_at
+from sparse_coord_ros.bags.reader import Bag, Part
+from sparse_coord_ros.bags.records import MESSAGE, rows_at
 from sparse_coord_ros.runlog.decode import Decoder
 from sparse_coord_ros.runlog.difference import LOG_TIME, Difference
 from sparse_coord_ros.runlog.layouts import Layout
+from sparse_coord_ros.wire.frame import SECOND
 
 PART_BYTES = 4 * 1024 * 1024
 """Bytes of messages that are decoded at once: more take no less time."""

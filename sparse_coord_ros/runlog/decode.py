@@ -9,9 +9,9 @@ from typing import Any
 from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
 
-from sparse_coord_ros.core.frame import SECOND, flat_position
-from sparse_coord_ros.core.wire import MAP_FRAME
-from sparse_coord_ros.recording.topics import BagTopic
+from sparse_coord_ros.bags.topics import BagTopic
+from sparse_coord_ros.wire import MAP_FRAME
+from sparse_coord_ros.wire.frame import SECOND, flat_position
 
 _SERVICE_TYPE = re.compile(r"(\w+)/srv/(\w+?)_(\w+)", re.ASCII)
 

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from sparse_coord_ros.core.frame import SECOND, Frame
 from sparse_coord_ros.runlog.decode import check_frame, nanoseconds_of, place_of
 from sparse_coord_ros.runlog.difference import DIALOGUE, Difference
 from sparse_coord_ros.runlog.timeline import steps_of
+from sparse_coord_ros.wire.frame import SECOND, Frame
 
 SENT, RECEIVED, ANSWERED, RETURNED = range(4)
 """Event types of service_msgs/ServiceEventInfo: request sent, request received, response sent,

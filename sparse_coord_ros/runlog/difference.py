@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.core import wire
-from sparse_coord_ros.core.agent import Tables
-from sparse_coord_ros.core.factors import Factors
-from sparse_coord_ros.core.sparse import SparseTable
+from sparse_coord_ros import wire
+from sparse_coord_ros.learn.agent import Tables
+from sparse_coord_ros.learn.factors import Factors
+from sparse_coord_ros.learn.sparse import SparseTable
 
 MISSING = "missing"
 DIALOGUE, LOG_TIME = "dialogue", "log_time"

@@ -1,12 +1,12 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The draws of many time steps at once: the same numbers as `core.streams.Stream` gives."""
+"""The draws of many time steps at once: the same numbers as `game.streams.Stream` gives."""
 
 import numpy as np
 
-from sparse_coord_ros.core.links import LOST, link_of
-from sparse_coord_ros.core.run_config import RunConfig
-from sparse_coord_ros.core.streams import DRAWS, LEARNING, PERCEPT, bit_generator
+from sparse_coord_ros.game.links import LOST, link_of
+from sparse_coord_ros.game.streams import DRAWS, LEARNING, PERCEPT, bit_generator
+from sparse_coord_ros.learn.run_config import RunConfig
 
 BLOCK = 8192
 """Time steps whose draws are made at once."""
@@ -18,7 +18,7 @@ def draws_at(seed: int, agent: int, role: int, steps: np.ndarray) -> np.ndarray:
     Args:
         seed: the run's seed.
         agent: the agent's number.
-        role: one of the roles of `core.streams`.
+        role: one of the roles of `game.streams`.
         steps: the time steps, at least 0, ascending, shape (n,).
 
     Returns:
@@ -41,7 +41,7 @@ def draws_at(seed: int, agent: int, role: int, steps: np.ndarray) -> np.ndarray:
 
 
 def percept_draws(run: RunConfig, agent: int, steps: np.ndarray) -> np.ndarray:
-    """Return the draws of a robot's percepts at some time steps, as `core.links` has them.
+    """Return the draws of a robot's percepts at some time steps, as `game.links` has them.
 
     Args:
         run: the run.

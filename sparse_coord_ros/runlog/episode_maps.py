@@ -6,11 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from sparse_coord_ros.core.frame import Frame
-from sparse_coord_ros.core.wire import MAP, MARKERS
-from sparse_coord_ros.recording.metadata import SPLIT
+from sparse_coord_ros.bags.metadata import SPLIT
 from sparse_coord_ros.runlog.difference import MISSING, Difference
 from sparse_coord_ros.runlog.log import RunLog, cell_numbers
+from sparse_coord_ros.wire import MAP, MARKERS
+from sparse_coord_ros.wire.frame import Frame
 
 
 def check_world_maps(

@@ -7,16 +7,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.core.agent import NOBODY
-from sparse_coord_ros.core.algorithm import COORDINATE
-from sparse_coord_ros.core.wire import ANSWERED, LATE, PERCEPT_ENDS, REFUSED
-from sparse_coord_ros.core.world import Action
+from sparse_coord_ros.game.world import Action
+from sparse_coord_ros.learn.agent import NOBODY
+from sparse_coord_ros.learn.algorithm import COORDINATE
 from sparse_coord_ros.runlog.agents import first_tables
 from sparse_coord_ros.runlog.dialogue import Request
 from sparse_coord_ros.runlog.follower import Follower
 from sparse_coord_ros.runlog.log import NONE, RunLog
 from sparse_coord_ros.runlog.percepts import ENDED
 from sparse_coord_ros.runlog.story import Story, tell
+from sparse_coord_ros.wire import ANSWERED, LATE, PERCEPT_ENDS, REFUSED
 
 
 class Update(NamedTuple):

@@ -6,16 +6,16 @@ from copy import deepcopy
 
 import numpy as np
 
-from sparse_coord_ros.core.agent import NOBODY, Agent, Decision, Tables
-from sparse_coord_ros.core.algorithm import COORDINATE, PRIMITIVES
-from sparse_coord_ros.core.factored import FactoredAgent
-from sparse_coord_ros.core.frame import action_numbers, reward_from
-from sparse_coord_ros.core.wire import ACTION_LABELS
-from sparse_coord_ros.core.world import Action
 from sparse_coord_ros.engine.rerun import coordinates
+from sparse_coord_ros.game.world import Action
+from sparse_coord_ros.learn.agent import NOBODY, Agent, Decision, Tables
+from sparse_coord_ros.learn.algorithm import COORDINATE, PRIMITIVES
+from sparse_coord_ros.learn.factored import FactoredAgent
 from sparse_coord_ros.runlog.log import RunLog
 from sparse_coord_ros.runlog.relearned import Relearned, RelearnedFactors, RelearnedTables
 from sparse_coord_ros.runlog.story import Story, askers
+from sparse_coord_ros.wire import ACTION_LABELS
+from sparse_coord_ros.wire.frame import action_numbers, reward_from
 
 
 class Follower:

@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.core.frame import SECOND
-from sparse_coord_ros.core.wire import MAP_FRAME
-from sparse_coord_ros.recording.records import rows_at
+from sparse_coord_ros.bags.records import rows_at
+from sparse_coord_ros.wire import MAP_FRAME
+from sparse_coord_ros.wire.frame import SECOND
 
 LITTLE_ENDIAN_CDR = b"\x00\x01\x00\x00"
 

@@ -11,19 +11,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sparse_coord_ros.core.agent import NOBODY, Tables
-from sparse_coord_ros.core.algorithm import ACTIONS, COORDINATE
-from sparse_coord_ros.core.frame import EAST_NORTH, Frame, action_from
-from sparse_coord_ros.core.frames import data_frame
-from sparse_coord_ros.core.history import History
-from sparse_coord_ros.core.run_config import RunConfig
-from sparse_coord_ros.core.scenario import Scenario
-from sparse_coord_ros.core.wire import ACTION, ACTION_LABELS, REWARD_LABELS
-from sparse_coord_ros.recording.reader import Bag
+from sparse_coord_ros.bags.reader import Bag
+from sparse_coord_ros.dataframes import data_frame
+from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.learn.agent import NOBODY, Tables
+from sparse_coord_ros.learn.algorithm import ACTIONS, COORDINATE
+from sparse_coord_ros.learn.history import History
+from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.runlog.attached import RecordedTables
 from sparse_coord_ros.runlog.dialogue import Request
 from sparse_coord_ros.runlog.difference import Difference
 from sparse_coord_ros.runlog.tracks import NUMBERS, Tracks, read_tracks
+from sparse_coord_ros.wire import ACTION, ACTION_LABELS, REWARD_LABELS
+from sparse_coord_ros.wire.frame import EAST_NORTH, Frame, action_from
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -51,7 +51,7 @@ class RunLog:
         asked, perceived: shape (T, K), bool.
         percept: cells that robot k perceived, by the robot seen: shape (T, K, K), int32.
         reward: individual, common, ask_cost, total: shape (T, K, 4), float64.
-        partners: with whom a robot was in a miscoordination, as of `core.world.Reward`; NaN where
+        partners: with whom a robot was in a miscoordination, as of `game.world.Reward`; NaN where
             nobody says, shape (T, K), float64.
         centred: whether a local state is just a cell's centre, shape (T, K), bool.
         numbers: the actions' numbers as they were logged, `ACTION_LABELS` and `ACCOUNT_LABELS`:

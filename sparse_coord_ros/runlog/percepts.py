@@ -7,9 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from sparse_coord_ros.core.frame import Frame
-from sparse_coord_ros.core.perception import percept_probabilities
-from sparse_coord_ros.core.wire import (
+from sparse_coord_ros.game.perception import percept_probabilities
+from sparse_coord_ros.runlog.dialogue import EVENT_NAMES, RETURNED, Request, heard
+from sparse_coord_ros.runlog.difference import DIALOGUE, MISSING, Difference
+from sparse_coord_ros.runlog.draws import percept_draws
+from sparse_coord_ros.runlog.log import NONE, RunLog
+from sparse_coord_ros.runlog.story import tell
+from sparse_coord_ros.wire import (
     ACCOUNT_LABELS,
     ACTION,
     ACTION_LABELS,
@@ -21,11 +25,7 @@ from sparse_coord_ros.core.wire import (
     PERCEPT_ENDS,
     REFUSED,
 )
-from sparse_coord_ros.runlog.dialogue import EVENT_NAMES, RETURNED, Request, heard
-from sparse_coord_ros.runlog.difference import DIALOGUE, MISSING, Difference
-from sparse_coord_ros.runlog.draws import percept_draws
-from sparse_coord_ros.runlog.log import NONE, RunLog
-from sparse_coord_ros.runlog.story import tell
+from sparse_coord_ros.wire.frame import Frame
 
 Place = tuple[float, float]
 

@@ -7,23 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from sparse_coord_ros.core.agent import Tables
-from sparse_coord_ros.core.algorithm import ACTIONS, COORDINATE, PRIMITIVES
-from sparse_coord_ros.core.factored import terms_of
-from sparse_coord_ros.core.factors import (
-    UNSEEN,
-    Own,
-    coordination_table,
-    key_of,
-    keys_of,
-    sorted_factors,
-    unseen_key,
-)
-from sparse_coord_ros.core.perception import percept_probabilities
-from sparse_coord_ros.core.schedules import exploration, step_sizes
-from sparse_coord_ros.core.sparse import SparseTable
-from sparse_coord_ros.core.streams import BLIND, POLICY, REPLAY
-from sparse_coord_ros.core.world import UNKNOWN_PARTNERS
 from sparse_coord_ros.engine.rerun import (
     FactorRules,
     Learned,
@@ -36,6 +19,23 @@ from sparse_coord_ros.engine.rerun import (
     correct,
     loop,
 )
+from sparse_coord_ros.game.perception import percept_probabilities
+from sparse_coord_ros.game.schedules import exploration, step_sizes
+from sparse_coord_ros.game.streams import BLIND, POLICY, REPLAY
+from sparse_coord_ros.game.world import UNKNOWN_PARTNERS
+from sparse_coord_ros.learn.agent import Tables
+from sparse_coord_ros.learn.algorithm import ACTIONS, COORDINATE, PRIMITIVES
+from sparse_coord_ros.learn.factored import terms_of
+from sparse_coord_ros.learn.factors import (
+    UNSEEN,
+    Own,
+    coordination_table,
+    key_of,
+    keys_of,
+    sorted_factors,
+    unseen_key,
+)
+from sparse_coord_ros.learn.sparse import SparseTable
 from sparse_coord_ros.runlog.draws import draws_at, percept_draws
 from sparse_coord_ros.runlog.log import NONE, RunLog
 from sparse_coord_ros.runlog.story import Story, askers
@@ -248,7 +248,7 @@ class RelearnedFactors(Relearned):
         self._places = self._known_places(rule.share)
         self._keys, self._known, self._unseen = self._rows()
         self._counted = self._known.copy()
-        if rule.right_of_way and self._robots > 2:  # as `core.factors.counted` says
+        if rule.right_of_way and self._robots > 2:  # as `learn.factors.counted` says
             first = self._places[:, k:] == story.cell[:, None]
             self._counted[:, k:][first] = -1
         keys = keys_of(begun.states, self._cells, self._robots).tolist()

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from sparse_coord_ros.core.wire import ACTION, LOCAL_STATE, PERCEPT, REWARD
 from sparse_coord_ros.runlog.difference import Difference
 from sparse_coord_ros.runlog.log import RunLog
+from sparse_coord_ros.wire import ACTION, LOCAL_STATE, PERCEPT, REWARD
 
 
 def check_repeats(log: RunLog, last: int | None) -> Iterator[Difference]:

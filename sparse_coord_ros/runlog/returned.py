@@ -9,8 +9,11 @@ with, so what follows from that is left open, and said.
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-from sparse_coord_ros.core.frame import Frame
-from sparse_coord_ros.core.wire import (
+from sparse_coord_ros.runlog.decode import Decoder
+from sparse_coord_ros.runlog.difference import Difference
+from sparse_coord_ros.runlog.log import RunLog
+from sparse_coord_ros.runlog.tracks import THE_CLOCK
+from sparse_coord_ros.wire import (
     COORDINATION_MAP,
     LOCAL_STATE,
     MAP,
@@ -20,10 +23,7 @@ from sparse_coord_ros.core.wire import (
     ROLLBACK,
     STATUS,
 )
-from sparse_coord_ros.runlog.decode import Decoder
-from sparse_coord_ros.runlog.difference import Difference
-from sparse_coord_ros.runlog.log import RunLog
-from sparse_coord_ros.runlog.tracks import THE_CLOCK
+from sparse_coord_ros.wire.frame import Frame
 
 OF_WORLD = {one.name for one in (LOCAL_STATE, REWARD, MAP, MARKERS, STATUS, COORDINATION_MAP)}
 OF_WORLD |= {THE_CLOCK}

@@ -6,12 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.core.algorithm import COORDINATE
-from sparse_coord_ros.core.frame import EAST_NORTH, Frame
-from sparse_coord_ros.core.streams import PEER, POLICY
-from sparse_coord_ros.core.wire import ACCOUNT_LABELS, ACTION_LABELS
+from sparse_coord_ros.game.streams import PEER, POLICY
+from sparse_coord_ros.learn.algorithm import COORDINATE
 from sparse_coord_ros.runlog.draws import draws_at
 from sparse_coord_ros.runlog.log import NONE, RunLog
+from sparse_coord_ros.wire import ACCOUNT_LABELS, ACTION_LABELS
+from sparse_coord_ros.wire.frame import EAST_NORTH, Frame
 
 
 class Story(NamedTuple):

@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.core.world import EPISODE_GAP
-from sparse_coord_ros.recording.metadata import RESTARTED, ROLLED_BACK, SPLIT
-from sparse_coord_ros.recording.reader import Bag
+from sparse_coord_ros.bags.metadata import RESTARTED, ROLLED_BACK, SPLIT
+from sparse_coord_ros.bags.reader import Bag
+from sparse_coord_ros.game.world import EPISODE_GAP
 
 
 class Rollback(NamedTuple):

@@ -9,13 +9,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.core import wire
-from sparse_coord_ros.core.frame import SECOND, Frame
-from sparse_coord_ros.core.occupancy import OccupancyData
-from sparse_coord_ros.core.run_config import RunConfig
-from sparse_coord_ros.core.wire import ACCOUNT_LABELS, ACTION_LABELS, PARTNERS_LABEL, REWARD_LABELS
-from sparse_coord_ros.recording.reader import Bag, open_bag
-from sparse_coord_ros.recording.topics import find_clock
+from sparse_coord_ros import wire
+from sparse_coord_ros.bags.reader import Bag, open_bag
+from sparse_coord_ros.bags.topics import find_clock
+from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.runlog import layouts
 from sparse_coord_ros.runlog.attached import RecordedTables, read_tables
 from sparse_coord_ros.runlog.bag_run import BagRun, check_bag_run, find_run
@@ -24,7 +21,7 @@ from sparse_coord_ros.runlog.decode import Decoder, check_frame, nanoseconds_of,
 from sparse_coord_ros.runlog.dialogue import EVENT, Request, event_row, put_together
 from sparse_coord_ros.runlog.difference import MISSING, Difference
 from sparse_coord_ros.runlog.layouts import Layout, nanoseconds
-from sparse_coord_ros.runlog.shown import MarkersContent, occupancy
+from sparse_coord_ros.runlog.pictures import MarkersContent, occupancy
 from sparse_coord_ros.runlog.timeline import (
     Gap,
     Rollback,
@@ -34,6 +31,9 @@ from sparse_coord_ros.runlog.timeline import (
     rollbacks,
     steps_of,
 )
+from sparse_coord_ros.wire import ACCOUNT_LABELS, ACTION_LABELS, PARTNERS_LABEL, REWARD_LABELS
+from sparse_coord_ros.wire.frame import SECOND, Frame
+from sparse_coord_ros.wire.occupancy import OccupancyData
 
 NUMBERS = len(ACTION_LABELS) + len(ACCOUNT_LABELS)
 STAMP = ("ns", "i8")

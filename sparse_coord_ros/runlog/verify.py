@@ -9,7 +9,16 @@ from pathlib import Path
 
 import numpy as np
 
-from sparse_coord_ros.core.wire import (
+from sparse_coord_ros.runlog.agents import AgentCheck
+from sparse_coord_ros.runlog.difference import DIALOGUE, MISSING, Difference
+from sparse_coord_ros.runlog.episode_maps import check_world_maps
+from sparse_coord_ros.runlog.game_check import WorldCheck, check_world
+from sparse_coord_ros.runlog.log import RunLog, read_run
+from sparse_coord_ros.runlog.percepts import check_percepts
+from sparse_coord_ros.runlog.repeats import check_repeats, repeat_count
+from sparse_coord_ros.runlog.returned import left_open
+from sparse_coord_ros.runlog.tracks import THE_CLOCK
+from sparse_coord_ros.wire import (
     ACTION,
     COORDINATION_MAP,
     FINISHED,
@@ -24,15 +33,6 @@ from sparse_coord_ros.core.wire import (
     TABLES_DEPTH,
     tables_attachment,
 )
-from sparse_coord_ros.runlog.agents import AgentCheck
-from sparse_coord_ros.runlog.difference import DIALOGUE, MISSING, Difference
-from sparse_coord_ros.runlog.episode_maps import check_world_maps
-from sparse_coord_ros.runlog.log import RunLog, read_run
-from sparse_coord_ros.runlog.percepts import check_percepts
-from sparse_coord_ros.runlog.repeats import check_repeats, repeat_count
-from sparse_coord_ros.runlog.returned import left_open
-from sparse_coord_ros.runlog.tracks import THE_CLOCK
-from sparse_coord_ros.runlog.world import WorldCheck, check_world
 
 LEFT_OPEN = (ACTION.name, PERCEPT.name, DIALOGUE, COORDINATION_MAP.name, TABLES.name)
 """What bags of format 1 do not explain where something went wrong in the run."""

@@ -8,19 +8,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.core import wire
-from sparse_coord_ros.core.frame import Frame
-from sparse_coord_ros.core.history import History
-from sparse_coord_ros.core.run_config import RunConfig
-from sparse_coord_ros.core.tables import unpack_robot
-from sparse_coord_ros.recording.reader import bag_files
-from sparse_coord_ros.recording.scan import AttachmentPlace
-from sparse_coord_ros.recording.walk import Heard, NoChunks, Walk
+from sparse_coord_ros import wire
+from sparse_coord_ros.bags.reader import bag_files
+from sparse_coord_ros.bags.scan import AttachmentPlace
+from sparse_coord_ros.bags.walk import Heard, NoChunks, Walk
+from sparse_coord_ros.learn.history import History
+from sparse_coord_ros.learn.run_config import RunConfig
+from sparse_coord_ros.learn.tables import unpack_robot
 from sparse_coord_ros.runlog.attached import NAME, RecordedTables
 from sparse_coord_ros.runlog.bag_run import find_run
 from sparse_coord_ros.runlog.decode import Decoder
 from sparse_coord_ros.runlog.log import RunLog, log_of
 from sparse_coord_ros.runlog.tracks import SPOKEN, add_tables, read_tracks, tracks_of
+from sparse_coord_ros.wire.frame import Frame
 
 MOVES = (wire.LOCAL_STATE, wire.REWARD, wire.ACTION)
 """What the history is computed from."""

@@ -4,12 +4,12 @@
 
 from collections.abc import Iterator
 
-from sparse_coord_ros.core.algorithm import ACTIONS
-from sparse_coord_ros.core.factors import UNSEEN
-from sparse_coord_ros.core.frame import Frame
+from sparse_coord_ros.learn.algorithm import ACTIONS
+from sparse_coord_ros.learn.factors import UNSEEN
 from sparse_coord_ros.runlog.dialogue import Request
 from sparse_coord_ros.runlog.explain import Coordination
 from sparse_coord_ros.runlog.log import RunLog
+from sparse_coord_ros.wire.frame import Frame
 
 
 def _cell(log: RunLog, cell: int) -> str:

@@ -15,7 +15,7 @@ import pytest
 
 import sparse_coord_ros as sc
 from sparse_coord_ros.cli.main import main
-from sparse_coord_ros.core.simulation import learn, tables_equal
+from sparse_coord_ros.learn.simulation import learn, tables_equal
 
 
 @pytest.fixture

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from pettingzoo.test import parallel_api_test
 
-from sparse_coord_ros.core.learners import learner_of
-from sparse_coord_ros.core.scenario import load_scenario
-from sparse_coord_ros.core.simulation import Learning
 from sparse_coord_ros.errors import RunError, SettingError
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.learners import learner_of
+from sparse_coord_ros.learn.simulation import Learning
 from sparse_coord_ros.pettingzoo_env import parallel_env
 
 
@@ -91,7 +91,7 @@ def test_our_learner_learns_the_same_bits_through_it(name, settings):
             k = env.possible_agents.index(agent)
             parts = infos[agent]["reward_parts"]
             assert sum(parts) == rewards[agent]
-            from sparse_coord_ros.core.world import Reward
+            from sparse_coord_ros.game.world import Reward
 
             agents[agent].learn(
                 step,

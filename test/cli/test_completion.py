@@ -9,7 +9,7 @@ import sys
 import pytest
 
 from sparse_coord_ros.cli.completion import COMPLETERS, SHELLS, values_of
-from sparse_coord_ros.core.scenario import SETTINGS
+from sparse_coord_ros.game.scenario import SETTINGS
 
 SCRIPT = """
 sparse_coord() { "$PYTHON" -m sparse_coord_ros.executables sparse_coord "$@"; }

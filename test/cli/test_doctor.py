@@ -8,10 +8,10 @@ from importlib import metadata
 
 import pytest
 
+from sparse_coord_ros import kept
 from sparse_coord_ros.cli import doctor
 from sparse_coord_ros.doctor import installation, middleware, network, places
 from sparse_coord_ros.doctor.findings import FINE, HINT, WRONG, Finding
-from sparse_coord_ros.engine import kept
 from sparse_coord_ros.nodes.shared_memory import leftovers
 
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from sparse_coord_ros.cli import evaluate as module
-from sparse_coord_ros.core.evaluation import TRIALS, evaluate
-from sparse_coord_ros.core.scenario import load_scenario
-from sparse_coord_ros.core.tables import load_team
-from sparse_coord_ros.engine.exact import evaluate_exact
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.evaluation import TRIALS, evaluate
+from sparse_coord_ros.learn.tables import load_team
+from sparse_coord_ros.solve.exact import evaluate_exact
 
 
 @pytest.fixture

@@ -9,8 +9,8 @@ import pytest
 import yaml
 from PIL import Image
 
-from sparse_coord_ros.core.grid import load_map, map_names
-from sparse_coord_ros.core.scenario import load_scenario
+from sparse_coord_ros.game.grid import load_map, map_names
+from sparse_coord_ros.game.scenario import load_scenario
 
 ENV1 = ("--cell", "1", "--radius", "0.1", "--start", "0.5,4.5", "4.5,4.5")
 GOALS = ("--goal", "4.5,0.5", "0.5,0.5")

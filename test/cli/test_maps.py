@@ -7,9 +7,9 @@ import re
 
 import pytest
 
-from sparse_coord_ros.core.buildings import generated_building
-from sparse_coord_ros.core.grid import load_map, map_names
-from sparse_coord_ros.core.scenario import load_scenario
+from sparse_coord_ros.game.buildings import generated_building
+from sparse_coord_ros.game.grid import load_map, map_names
+from sparse_coord_ros.game.scenario import load_scenario
 
 
 def test_list(sparse_coord):

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 import yaml
 
-from sparse_coord_ros.core.simulation import tables_equal
-from sparse_coord_ros.core.tables import load_tables
+from sparse_coord_ros.learn.simulation import tables_equal
+from sparse_coord_ros.learn.tables import load_tables
 
 MODULE = """
 import numpy as np

@@ -16,13 +16,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sparse_coord_ros.core.scenario import load_scenario
-from sparse_coord_ros.core.simulation import learn, tables_equal
-from sparse_coord_ros.core.tables import load_team
 from sparse_coord_ros.engine import compiled
-from sparse_coord_ros.engine import runner as module
-from sparse_coord_ros.engine.results import Plan, open_results
 from sparse_coord_ros.errors import ResultsError
+from sparse_coord_ros.experiments import runner as module
+from sparse_coord_ros.experiments.store import Plan, open_results
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.simulation import learn, tables_equal
+from sparse_coord_ros.learn.tables import load_team
 
 FEW = ("--runs", "2", "--trials", "5")
 
@@ -237,7 +237,7 @@ def test_a_figure_that_cannot_be_written_is_one_line(sparse_coord, folder, monke
     def refuse(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("sparse_coord_ros.engine.report.write_report", refuse)
+    monkeypatch.setattr("sparse_coord_ros.experiments.report.write_report", refuse)
     code, out, err = sparse_coord("reproduce", "table1", *FEW, "--out", "r")
     assert (code, out) == (2, "")
     *said, error = err.splitlines()

@@ -6,9 +6,9 @@ import json
 
 import pytest
 
-from sparse_coord_ros.core.learners import LEARNERS
-from sparse_coord_ros.core.run_config import RUN_SETTINGS
-from sparse_coord_ros.core.scenario import DIALOGUE, PROTOCOL, SETTINGS
+from sparse_coord_ros.game.scenario import DIALOGUE, PROTOCOL, SETTINGS
+from sparse_coord_ros.learn.learners import LEARNERS
+from sparse_coord_ros.learn.run_config import RUN_SETTINGS
 
 
 def test_every_setting_is_there_once(sparse_coord):

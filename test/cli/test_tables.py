@@ -6,13 +6,13 @@ import json
 
 import pytest
 
+from sparse_coord_ros.bags import BagWriter
 from sparse_coord_ros.cli.main import main
-from sparse_coord_ros.core.run_config import make_run
-from sparse_coord_ros.core.scenario import load_scenario
-from sparse_coord_ros.core.simulation import Learning, tables_equal
-from sparse_coord_ros.core.tables import load_team, pack_tables
-from sparse_coord_ros.core.wire import tables_attachment
-from sparse_coord_ros.recording import BagWriter
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.run_config import make_run
+from sparse_coord_ros.learn.simulation import Learning, tables_equal
+from sparse_coord_ros.learn.tables import load_team, pack_tables
+from sparse_coord_ros.wire import tables_attachment
 
 
 @pytest.fixture

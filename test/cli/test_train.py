@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`sparse_coord train`: the tables of `core.simulation.learn`, and bad input."""
+"""`sparse_coord train`: the tables of `learn.simulation.learn`, and bad input."""
 
 import csv
 import errno
@@ -15,12 +15,12 @@ import time
 import pytest
 
 from sparse_coord_ros.cli import train as train_verb
-from sparse_coord_ros.core.history import load_history
-from sparse_coord_ros.core.run_config import load_run
-from sparse_coord_ros.core.scenario import load_scenario
-from sparse_coord_ros.core.simulation import Learning, learn, tables_equal
-from sparse_coord_ros.core.tables import load_team
-from sparse_coord_ros.engine.kept import FOLDER_VARIABLE
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.kept import FOLDER_VARIABLE
+from sparse_coord_ros.learn.history import load_history
+from sparse_coord_ros.learn.run_config import load_run
+from sparse_coord_ros.learn.simulation import Learning, learn, tables_equal
+from sparse_coord_ros.learn.tables import load_team
 
 SHORT = ("train", "env1", "--steps", 5, "--trials", 0)
 

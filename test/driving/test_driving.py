@@ -7,10 +7,6 @@ import math
 import numpy as np
 import pytest
 
-from sparse_coord_ros.core.evaluation import play
-from sparse_coord_ros.core.run_config import make_run
-from sparse_coord_ros.core.scenario import load_scenario
-from sparse_coord_ros.core.simulation import learn
 from sparse_coord_ros.driving.arena import ELSEWHERE, IN_DOORWAY, Arena, Noise
 from sparse_coord_ros.driving.driver import Driver
 from sparse_coord_ros.driving.ground import Ground, Pose
@@ -18,6 +14,10 @@ from sparse_coord_ros.driving.steering import Command, Limits, move_seconds, ste
 from sparse_coord_ros.driving.transforms import Tree, yaw_of
 from sparse_coord_ros.driving.trials import DRIVE_SETTINGS, drive, limits_of
 from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.evaluation import play
+from sparse_coord_ros.learn.run_config import make_run
+from sparse_coord_ros.learn.simulation import learn
 from sparse_coord_ros.lockstep.bodies import LOST, Course, Errand
 
 RUN = make_run(load_scenario("env1"), {})

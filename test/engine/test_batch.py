@@ -11,15 +11,15 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from sparse_coord_ros.core.agent import initial_tables
-from sparse_coord_ros.core.algorithm import COORDINATE
-from sparse_coord_ros.core.evaluation import check_tables, play
-from sparse_coord_ros.core.scenario import load_scenario
-from sparse_coord_ros.core.simulation import Learning, tables_equal
 from sparse_coord_ros.engine import batch, kernels
 from sparse_coord_ros.engine.batch import CompiledTeam, run_batch, uses_numba
 from sparse_coord_ros.engine.compiled import PLAIN, compiled
 from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.agent import initial_tables
+from sparse_coord_ros.learn.algorithm import COORDINATE
+from sparse_coord_ros.learn.evaluation import check_tables, play
+from sparse_coord_ros.learn.simulation import Learning, tables_equal
 
 PROTOCOL = {
     "steps": 1500,

@@ -16,10 +16,10 @@ from distributed import LocalCluster, Scheduler, SpecCluster
 from distributed.scheduler import KilledWorker, WorkerState
 
 import sparse_coord_ros as sc
-from sparse_coord_ros.core.simulation import tables_equal
 from sparse_coord_ros.engine import cluster as module
 from sparse_coord_ros.engine.cluster import Cluster
 from sparse_coord_ros.errors import ResultsError, RunError, SettingError
+from sparse_coord_ros.learn.simulation import tables_equal
 
 CONDITIONS = ("env1/coop/penalty=-20,steps=300", "crowd-3r/factored/penalty=-100,steps=200")
 PLAN = {"runs": 5, "trials": 3, "seed": 7, "engine": "python"}

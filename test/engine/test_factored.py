@@ -5,17 +5,17 @@
 import numpy as np
 import pytest
 
-from sparse_coord_ros.core.evaluation import play
-from sparse_coord_ros.core.factors import FactorRule
-from sparse_coord_ros.core.learners import Factored, learner_of
-from sparse_coord_ros.core.scenario import load_scenario
-from sparse_coord_ros.core.simulation import Learning, tables_equal
-from sparse_coord_ros.core.tables import load_team, save_team
 from sparse_coord_ros.engine import batch
 from sparse_coord_ros.engine.batch import CompiledLearning, CompiledTeam, run_batch
-from sparse_coord_ros.engine.checkpoint import Checkpoint, load_checkpoint
 from sparse_coord_ros.engine.compiled import PLAIN, compiled
-from sparse_coord_ros.engine.exact import evaluate_exact
+from sparse_coord_ros.engine.run_checkpoint import Checkpoint, load_checkpoint
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.evaluation import play
+from sparse_coord_ros.learn.factors import FactorRule
+from sparse_coord_ros.learn.learners import Factored, learner_of
+from sparse_coord_ros.learn.simulation import Learning, tables_equal
+from sparse_coord_ros.learn.tables import load_team, save_team
+from sparse_coord_ros.solve.exact import evaluate_exact
 
 SETTINGS = {"steps": 2500, "max_steps": 30, "penalty": -50, "q_coord_init": 60}
 CASES = [

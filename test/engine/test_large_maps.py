@@ -5,16 +5,16 @@
 import numpy as np
 import pytest
 
-from sparse_coord_ros.core import perception
-from sparse_coord_ros.core import scenario as scenarios
-from sparse_coord_ros.core.agent import initial_tables
-from sparse_coord_ros.core.grid import GridMap
-from sparse_coord_ros.core.scenario import load_scenario, scenario_from_dict
-from sparse_coord_ros.core.simulation import Learning
-from sparse_coord_ros.core.sparse import SparseTable
 from sparse_coord_ros.engine.batch import CompiledLearning, CompiledTeam
 from sparse_coord_ros.engine.compiled import compiled
-from sparse_coord_ros.engine.exact import evaluate_exact
+from sparse_coord_ros.game import perception
+from sparse_coord_ros.game import scenario as scenarios
+from sparse_coord_ros.game.grid import GridMap
+from sparse_coord_ros.game.scenario import load_scenario, scenario_from_dict
+from sparse_coord_ros.learn.agent import initial_tables
+from sparse_coord_ros.learn.simulation import Learning
+from sparse_coord_ros.learn.sparse import SparseTable
+from sparse_coord_ros.solve.exact import evaluate_exact
 
 
 def room(side):

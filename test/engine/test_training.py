@@ -9,15 +9,15 @@ import threading
 import numpy as np
 import pytest
 
-from sparse_coord_ros.core.evaluation import evaluate
-from sparse_coord_ros.core.learners import LEARNERS, Coop, learner_of
-from sparse_coord_ros.core.scenario import load_scenario
-from sparse_coord_ros.core.simulation import Learning, tables_equal
 from sparse_coord_ros.engine import batch, training
 from sparse_coord_ros.engine.batch import CompiledLearning, CompiledTeam
 from sparse_coord_ros.engine.compiled import PLAIN, compiled
 from sparse_coord_ros.engine.training import engine_for, train
 from sparse_coord_ros.errors import RunError, SettingError
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.evaluation import evaluate
+from sparse_coord_ros.learn.learners import LEARNERS, Coop, learner_of
+from sparse_coord_ros.learn.simulation import Learning, tables_equal
 
 SETTINGS = {"steps": 1200, "max_steps": 30, "perception": "probability:0.7", "penalty": -50}
 CASES = [

@@ -11,14 +11,14 @@ some time later.
 import random
 from collections import defaultdict, deque
 
-from sparse_coord_ros.core.agent import Agent
-from sparse_coord_ros.core.learners import learner_of
-from sparse_coord_ros.core.run_config import make_run
-from sparse_coord_ros.core.world import EPISODE_GAP
+from sparse_coord_ros.game.world import EPISODE_GAP
+from sparse_coord_ros.learn.agent import Agent
+from sparse_coord_ros.learn.learners import learner_of
+from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.lockstep.checkpoints import KEPT_COMMON, KEPT_OWN
-from sparse_coord_ros.lockstep.robot import RobotSide
+from sparse_coord_ros.lockstep.robot_side import RobotSide
 from sparse_coord_ros.lockstep.rollback import ROLL_CALL, RobotRollback, WorldRollback
-from sparse_coord_ros.lockstep.world import WorldSide
+from sparse_coord_ros.lockstep.world_side import WorldSide
 
 WORLD = -1
 QUIET = 60

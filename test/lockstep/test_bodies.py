@@ -4,9 +4,9 @@
 
 import pytest
 
-from sparse_coord_ros.core.scenario import load_scenario
-from sparse_coord_ros.core.simulation import Team
-from sparse_coord_ros.core.world import Action, World
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.game.world import Action, World
+from sparse_coord_ros.learn.simulation import Team
 from sparse_coord_ros.lockstep.bodies import (
     BEGIN,
     LOST,
@@ -17,7 +17,7 @@ from sparse_coord_ros.lockstep.bodies import (
     Reached,
     waves,
 )
-from sparse_coord_ros.lockstep.world import WorldSide
+from sparse_coord_ros.lockstep.world_side import WorldSide
 
 NORTH, SOUTH, EAST, WEST = range(4)
 
@@ -170,8 +170,8 @@ class Silent:
 
 def test_bodies_that_get_there_play_the_grid_s_game():
     """Through the lock step: the same cells, rewards and episodes for hundreds of steps."""
-    from sparse_coord_ros.core.learners import learner_of
-    from sparse_coord_ros.core.run_config import make_run
+    from sparse_coord_ros.learn.learners import learner_of
+    from sparse_coord_ros.learn.run_config import make_run
 
     run = make_run(load_scenario("env1", steps=400), {"seed": 3})
     agents = [learner_of("coop").agent(run.scenario, k, 3) for k in range(2)]

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import HealthCheck, Phase, event, given, settings
 from hypothesis import strategies as st
 
-from sparse_coord_ros.core.run_config import make_run
-from sparse_coord_ros.core.scenario import load_scenario
-from sparse_coord_ros.core.simulation import learn, tables_equal
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.run_config import make_run
+from sparse_coord_ros.learn.simulation import learn, tables_equal
 
 from .team import WORLD, Team
 

@@ -7,10 +7,10 @@ import os
 import numpy as np
 import pytest
 
-from sparse_coord_ros.core.run_config import make_run
-from sparse_coord_ros.core.scenario import load_scenario
-from sparse_coord_ros.core.simulation import Learning, learn, tables_equal
 from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.run_config import make_run
+from sparse_coord_ros.learn.simulation import Learning, learn, tables_equal
 from sparse_coord_ros.lockstep.checkpoints import Checkpoints, steps_of
 
 from .team import WORLD, Team
@@ -216,7 +216,7 @@ def test_a_broken_file_is_named_and_an_earlier_one_is_used(tmp_path, run, played
 def test_another_run_or_version_is_refused(tmp_path, run, played, change, said, monkeypatch):
     other = run
     if "version" in change:
-        monkeypatch.setattr("sparse_coord_ros.core.checkpoint.__version__", "9.9")
+        monkeypatch.setattr("sparse_coord_ros.learn.checkpoint.__version__", "9.9")
     for store in saved(tmp_path, run, played).values():
         store.close()
     monkeypatch.undo()

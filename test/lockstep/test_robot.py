@@ -5,14 +5,14 @@
 import numpy as np
 import pytest
 
-from sparse_coord_ros.core.agent import Agent, Tables
-from sparse_coord_ros.core.perception import MODELS
-from sparse_coord_ros.core.run_config import make_run
-from sparse_coord_ros.core.scenario import load_scenario
-from sparse_coord_ros.core.streams import PERCEPT, Stream
-from sparse_coord_ros.core.wire import ANSWERED, COUNTS, LATE, NOT_ASKED, REFUSED
-from sparse_coord_ros.core.world import Action, Reward
-from sparse_coord_ros.lockstep.robot import Answer, RobotSide
+from sparse_coord_ros.game.perception import MODELS
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.game.streams import PERCEPT, Stream
+from sparse_coord_ros.game.world import Action, Reward
+from sparse_coord_ros.learn.agent import Agent, Tables
+from sparse_coord_ros.learn.run_config import make_run
+from sparse_coord_ros.lockstep.robot_side import Answer, RobotSide
+from sparse_coord_ros.wire import ANSWERED, COUNTS, LATE, NOT_ASKED, REFUSED
 
 SOUTH, EAST = 1, 2
 ASKING_CELL, GOAL = 5, 20

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """World and robots over a network that shuffles, doubles, delays and loses messages.
 
-Whatever order messages come in, the tables must be those of `core.simulation.learn`, bit for bit;
+Whatever order messages come in, the tables must be those of `learn.simulation.learn`, bit for bit;
 where messages are lost for good, exactly the transitions that they belonged to are not learned.
 """
 
@@ -12,15 +12,15 @@ from collections import defaultdict, deque
 import numpy as np
 import pytest
 
-from sparse_coord_ros.core.agent import Agent
-from sparse_coord_ros.core.factors import FactorRule
-from sparse_coord_ros.core.learners import Factored, learner_of
-from sparse_coord_ros.core.perception import MODELS
-from sparse_coord_ros.core.run_config import make_run
-from sparse_coord_ros.core.scenario import load_scenario
-from sparse_coord_ros.core.simulation import learn, tables_equal
-from sparse_coord_ros.lockstep.robot import RobotSide
-from sparse_coord_ros.lockstep.world import WorldSide
+from sparse_coord_ros.game.perception import MODELS
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.agent import Agent
+from sparse_coord_ros.learn.factors import FactorRule
+from sparse_coord_ros.learn.learners import Factored, learner_of
+from sparse_coord_ros.learn.run_config import make_run
+from sparse_coord_ros.learn.simulation import learn, tables_equal
+from sparse_coord_ros.lockstep.robot_side import RobotSide
+from sparse_coord_ros.lockstep.world_side import WorldSide
 
 PROTOCOL = {
     "starts": "random",

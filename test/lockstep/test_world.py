@@ -4,11 +4,11 @@
 
 import pytest
 
-from sparse_coord_ros.core.run_config import make_run
-from sparse_coord_ros.core.scenario import load_scenario
-from sparse_coord_ros.core.wire import ARRIVED, NOBODY_LEFT, RESET, START, STEPS
-from sparse_coord_ros.core.world import Action
-from sparse_coord_ros.lockstep.world import WorldSide
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.game.world import Action
+from sparse_coord_ros.learn.run_config import make_run
+from sparse_coord_ros.lockstep.world_side import WorldSide
+from sparse_coord_ros.wire import ARRIVED, NOBODY_LEFT, RESET, START, STEPS
 
 EAST, WEST, NORTH = (
     Action(2, False, -1, False),

@@ -23,14 +23,14 @@ import pytest
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from sparse_coord_ros.core.factors import AdditiveTable, Factors
-from sparse_coord_ros.core.history import HistoryRecorder, load_history
-from sparse_coord_ros.core.learners import learner_of
-from sparse_coord_ros.core.scenario import load_scenario
-from sparse_coord_ros.core.simulation import Team
-from sparse_coord_ros.core.sparse import SparseTable
-from sparse_coord_ros.core.tables import load_team
-from sparse_coord_ros.core.world import World
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.game.world import World
+from sparse_coord_ros.learn.factors import AdditiveTable, Factors
+from sparse_coord_ros.learn.history import HistoryRecorder, load_history
+from sparse_coord_ros.learn.learners import learner_of
+from sparse_coord_ros.learn.simulation import Team
+from sparse_coord_ros.learn.sparse import SparseTable
+from sparse_coord_ros.learn.tables import load_team
 from sparse_coord_ros.nodes.recorder import Recorder
 from sparse_coord_ros.nodes.robot import RobotNode
 from sparse_coord_ros.nodes.spin import make_executor, ros_context

@@ -11,7 +11,7 @@ from mcap.reader import make_reader
 from nav_msgs.msg import Path
 from rclpy.serialization import deserialize_message
 
-from sparse_coord_ros.core.run_config import load_run
+from sparse_coord_ros.learn.run_config import load_run
 from sparse_coord_ros.nodes.messages import Converter
 from sparse_coord_ros.nodes.robot import RobotNode
 from sparse_coord_ros.nodes.spin import ros_context

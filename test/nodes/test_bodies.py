@@ -12,10 +12,10 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
-from sparse_coord_ros.core.run_config import make_run
-from sparse_coord_ros.core.scenario import load_scenario
 from sparse_coord_ros.driving.ground import Pose
 from sparse_coord_ros.errors import RunError, SettingError
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.lockstep.bodies import Course, Errand, Reached
 from sparse_coord_ros.nodes.body import BodyNode, read_command
 from sparse_coord_ros.nodes.driver import DriverNode

@@ -15,14 +15,9 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
-from sparse_coord_ros.core.wire import ACCOUNT_LABELS, ACTION_LABELS, REWARD_LABELS
 from sparse_coord_ros.nodes.cdr import PROBE_NUMBER, FixedLayout
-from sparse_coord_ros.nodes.messages import (
-    ACTION_LAYOUT,
-    CLOCK_LAYOUT,
-    POSE_LAYOUT,
-    REWARD_LAYOUT,
-)
+from sparse_coord_ros.nodes.messages import ACTION_LAYOUT, CLOCK_LAYOUT, POSE_LAYOUT, REWARD_LAYOUT
+from sparse_coord_ros.wire import ACCOUNT_LABELS, ACTION_LABELS, REWARD_LABELS
 
 STAMPS = [(0, 0), (1, 1), (12, 300_000_000), (2**31 - 1, 999_999_999)]
 NUMBERS = [0.0, -0.0, 1.0, -21.0, 0.1, 5e-324, -1.7e308, math.inf, PROBE_NUMBER]

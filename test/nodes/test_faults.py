@@ -16,11 +16,11 @@ from rcl_interfaces.srv import SetParameters
 from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import JointState
 
-from sparse_coord_ros.core.history import load_history
-from sparse_coord_ros.core.scenario import load_scenario
-from sparse_coord_ros.core.tables import load_counts, load_tables, load_team, robot_file
-from sparse_coord_ros.recording import open_bag
-from sparse_coord_ros.recording.recover import recover
+from sparse_coord_ros.bags import open_bag
+from sparse_coord_ros.bags.recover import recover
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.history import load_history
+from sparse_coord_ros.learn.tables import load_counts, load_tables, load_team, robot_file
 
 SIGNALS = pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["INT", "TERM"])
 FAST = {"claim_window": 0.2}

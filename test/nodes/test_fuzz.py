@@ -18,11 +18,10 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, String, UInt8MultiArray
 
-from sparse_coord_ros.core import wire
-from sparse_coord_ros.core.frame import Account
-from sparse_coord_ros.core.run_config import make_run
-from sparse_coord_ros.core.scenario import load_scenario
-from sparse_coord_ros.core.world import Action, Reward
+from sparse_coord_ros import wire
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.game.world import Action, Reward
+from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.messages import (
     Converter,
@@ -35,6 +34,7 @@ from sparse_coord_ros.nodes.messages import (
     typed,
 )
 from sparse_coord_ros.nodes.parameters import RCLError as KnownRCLError
+from sparse_coord_ros.wire.frame import Account
 
 NAMES = ("robot_1", "robot_2")
 SETTINGS = {"steps": 60, "epsilon": "constant:1"}

@@ -14,18 +14,18 @@ from rcl_interfaces.msg import Log
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Header, String
 
-from sparse_coord_ros.core.agent import Agent
-from sparse_coord_ros.core.scenario import load_scenario
-from sparse_coord_ros.core.settings import SettingTable
-from sparse_coord_ros.core.tables import load_team
+from sparse_coord_ros.bags import open_bag
 from sparse_coord_ros.errors import FaultError, RunError
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.game.settings import SettingTable
+from sparse_coord_ros.learn.agent import Agent
+from sparse_coord_ros.learn.tables import load_team
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.middleware import SECURITY_MARK, check_participants, check_security
 from sparse_coord_ros.nodes.owners import Owners
 from sparse_coord_ros.nodes.parameters import EXECUTOR, ParameterNode
 from sparse_coord_ros.nodes.spin import ros_context, run_node, signals
 from sparse_coord_ros.nodes.team import run_team
-from sparse_coord_ros.recording import open_bag
 from sparse_coord_ros.runlog.verify import verify
 
 GARBAGE = (b"", b"abcd", b"\x00\x01\x00\x00\xff\xff\xff\xff", bytes(range(12)))

@@ -19,11 +19,11 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import MarkerArray
 
-from sparse_coord_ros.core.palette import robot_colour
-from sparse_coord_ros.core.run_config import run_from_yaml
-from sparse_coord_ros.core.share import share_file
-from sparse_coord_ros.core.tables import load_tables, robot_file
+from sparse_coord_ros.learn.run_config import run_from_yaml
+from sparse_coord_ros.learn.tables import load_tables, robot_file
 from sparse_coord_ros.nodes.messages import Converter, status_values
+from sparse_coord_ros.palette import robot_colour
+from sparse_coord_ros.share import share_file
 
 SETTINGS = {"steps": 2000, "perception": "probability:0.5", "epsilon": "constant:1"}
 SEED = 11

@@ -15,14 +15,11 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from sparse_coord_ros.core.agent import initial_tables
-from sparse_coord_ros.core.algorithm import COORDINATE
-from sparse_coord_ros.core.frame import Account
-from sparse_coord_ros.core.palette import DOORWAY_COLOUR, rgb
-from sparse_coord_ros.core.run_config import make_run
-from sparse_coord_ros.core.scenario import load_scenario, scenario_names
-from sparse_coord_ros.core.wire import ACCOUNT_LABELS, ACTION_LABELS, REWARD_LABELS
-from sparse_coord_ros.core.world import Action, Reward
+from sparse_coord_ros.game.scenario import load_scenario, scenario_names
+from sparse_coord_ros.game.world import Action, Reward
+from sparse_coord_ros.learn.agent import initial_tables
+from sparse_coord_ros.learn.algorithm import COORDINATE
+from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.lockstep.rollback import Progress
 from sparse_coord_ros.nodes.episode_messages import CoordinationMapLayout, MapLayout, MarkersLayout
 from sparse_coord_ros.nodes.messages import (
@@ -36,6 +33,9 @@ from sparse_coord_ros.nodes.messages import (
     status_values,
     tables_message,
 )
+from sparse_coord_ros.palette import DOORWAY_COLOUR, rgb
+from sparse_coord_ros.wire import ACCOUNT_LABELS, ACTION_LABELS, REWARD_LABELS
+from sparse_coord_ros.wire.frame import Account
 
 RESOLUTIONS = [0.001, 0.05, 0.3, 1 / 3, 1.0, 7.77, 1000.0]
 PERIODS = [0.001, 0.0123456789, 1 / 3, 0.1, 1.0, 59.94, 60.0]

@@ -7,9 +7,9 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
 from rclpy.parameter import parameter_value_to_python
 
-from sparse_coord_ros.core.run_config import RUN_SETTINGS
-from sparse_coord_ros.core.scenario import SETTINGS
 from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.game.scenario import SETTINGS
+from sparse_coord_ros.learn.run_config import RUN_SETTINGS
 from sparse_coord_ros.nodes import recorder, robot, team, world_simulator
 from sparse_coord_ros.nodes.parameters import (
     RECORDER_PARAMETERS,

@@ -23,11 +23,11 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Int32, String
 from std_srvs.srv import SetBool, Trigger
 
+from sparse_coord_ros.bags import BagWriter, QoS, open_bag
 from sparse_coord_ros.cli.main import main as sparse_coord
 from sparse_coord_ros.errors import BagError, RunError
 from sparse_coord_ros.nodes.player import PLAYER_PARAMETERS, REMEDY, Player, main
 from sparse_coord_ros.nodes.player_topics import chosen_topics
-from sparse_coord_ros.recording import BagWriter, QoS, open_bag
 
 LATCHED = QoS(durability="transient_local", depth=1)
 EVENTS = "/robot_1/active_perception/_service_event"

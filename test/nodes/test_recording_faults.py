@@ -13,22 +13,22 @@ import pytest
 import yaml
 
 import sparse_coord_ros
-from sparse_coord_ros.core.history import load_history
-from sparse_coord_ros.core.run_config import load_run
-from sparse_coord_ros.core.scenario import load_scenario
-from sparse_coord_ros.core.tables import load_team
+from sparse_coord_ros.bags import open_bag
 from sparse_coord_ros.errors import BagError
-from sparse_coord_ros.lockstep.world import WorldSide
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.history import load_history
+from sparse_coord_ros.learn.run_config import load_run
+from sparse_coord_ros.learn.tables import load_team
+from sparse_coord_ros.lockstep.world_side import WorldSide
 from sparse_coord_ros.nodes.recorder import BagProcess
 from sparse_coord_ros.nodes.spin import ros_context
 from sparse_coord_ros.nodes.team import run_team
-from sparse_coord_ros.recording import open_bag
 
 FULL = 350_000
 """Bytes of a file at which the disk is full."""
 STEPS_UNTIL_FULL = 1000
 """More time steps than such a file holds, uncompressed."""
-WRITER = "sparse_coord_ros.recording.process"
+WRITER = "sparse_coord_ros.bags.process"
 PERIOD_NS = 100_000_000
 NEVER = {"flush_seconds": 3600.0, "flush_steps": 10_000_000}
 

@@ -11,14 +11,14 @@ import pytest
 from geometry_msgs.msg import TransformStamped
 from visualization_msgs.msg import Marker
 
-from sparse_coord_ros.core import wire
-from sparse_coord_ros.core.frame import Account
-from sparse_coord_ros.core.palette import OUTCOME_COLOURS, rgb
-from sparse_coord_ros.core.run_config import make_run
-from sparse_coord_ros.core.scenario import load_scenario
-from sparse_coord_ros.core.world import Action
+from sparse_coord_ros import wire
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.game.world import Action
+from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.nodes.messages import Converter
 from sparse_coord_ros.nodes.scene import Scene, ScenePublisher
+from sparse_coord_ros.palette import OUTCOME_COLOURS, rgb
+from sparse_coord_ros.wire.frame import Account
 
 NAMES = ("robot_1", "robot_2")
 

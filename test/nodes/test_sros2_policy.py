@@ -6,8 +6,8 @@ from xml.etree import ElementTree
 
 import pytest
 
-from sparse_coord_ros.core import wire
-from sparse_coord_ros.core.share import share_folder
+from sparse_coord_ros import wire
+from sparse_coord_ros.share import share_folder
 
 POLICY = share_folder("config") / "sros2_policy.xml"
 NAMES = ("robot_1", "robot_2")

@@ -9,11 +9,11 @@ import pytest
 import yaml
 from std_msgs.msg import String
 
-from sparse_coord_ros.core.run_config import make_run, run_from_yaml
-from sparse_coord_ros.core.scenario import load_scenario
-from sparse_coord_ros.core.simulation import learn
-from sparse_coord_ros.core.tables import load_team, save_team
 from sparse_coord_ros.errors import RunError, SettingError, TablesError
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.run_config import make_run, run_from_yaml
+from sparse_coord_ros.learn.simulation import learn
+from sparse_coord_ros.learn.tables import load_team, save_team
 from sparse_coord_ros.nodes.claim import HOLDING
 from sparse_coord_ros.nodes.member import Member
 from sparse_coord_ros.nodes.spin import ros_context

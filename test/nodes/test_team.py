@@ -10,12 +10,12 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
-from sparse_coord_ros.core import wire
+from sparse_coord_ros import wire
+from sparse_coord_ros.bags import open_bag
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.messages import Converter
 from sparse_coord_ros.nodes.spin import ros_context
 from sparse_coord_ros.nodes.team import run_team
-from sparse_coord_ros.recording import open_bag
 from sparse_coord_ros.runlog import verify
 
 NAMES = ("robot_1", "robot_2")

@@ -10,17 +10,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sparse_coord_ros.core.run_config import make_run
-from sparse_coord_ros.core.scenario import load_scenario
+from sparse_coord_ros.bags.reader import open_bag
 from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.run_config import make_run
+from sparse_coord_ros.look.page.board import Board
+from sparse_coord_ros.look.page.commands import PAUSE, RATE, RESET, STEP, Command
+from sparse_coord_ros.look.page.live_source import LiveView
 from sparse_coord_ros.nodes import interface, team, watch
 from sparse_coord_ros.nodes.messages import Said, read_status, typed
 from sparse_coord_ros.nodes.watch import WatchNode, _Heard
-from sparse_coord_ros.recording.reader import open_bag
 from sparse_coord_ros.runlog import read_run
-from sparse_coord_ros.watch.board import Board
-from sparse_coord_ros.watch.commands import PAUSE, RATE, RESET, STEP, Command
-from sparse_coord_ros.watch.live import LiveView
 
 _path = Path(__file__).parents[1] / "runlog/conftest.py"
 _spec = importlib.util.spec_from_file_location("recordings", _path)
@@ -197,7 +197,7 @@ def test_a_page_beside_a_live_team(bench):
 
 
 def test_a_team_in_one_process_with_a_page(bench, tmp_path):
-    from sparse_coord_ros.watch.server import Server
+    from sparse_coord_ros.look.page.server import Server
 
     page = Server(Board(), port=0)
     page.board.page_came()

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sparse_coord_ros.core.history import load_history
-from sparse_coord_ros.core.run_config import make_run
-from sparse_coord_ros.core.scenario import load_scenario
-from sparse_coord_ros.core.tables import load_team
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.history import load_history
+from sparse_coord_ros.learn.run_config import make_run
+from sparse_coord_ros.learn.tables import load_team
 from sparse_coord_ros.runlog import read_run
 from tools.browser import REMEDY, Browser, find_browser
 

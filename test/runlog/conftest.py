@@ -12,17 +12,17 @@ from nav_msgs.srv import GetPlan
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 
-from sparse_coord_ros.core import wire
-from sparse_coord_ros.core.run_config import make_run
-from sparse_coord_ros.core.scenario import load_scenario
-from sparse_coord_ros.core.tables import pack_tables
-from sparse_coord_ros.lockstep.robot import RobotSide
-from sparse_coord_ros.lockstep.world import WorldSide
+from sparse_coord_ros import wire
+from sparse_coord_ros.bags import BagWriter, QoS
+from sparse_coord_ros.bags.reader import open_bag
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.run_config import make_run
+from sparse_coord_ros.learn.tables import pack_tables
+from sparse_coord_ros.lockstep.robot_side import RobotSide
+from sparse_coord_ros.lockstep.world_side import WorldSide
 from sparse_coord_ros.nodes.episode_messages import CoordinationMapLayout, MapLayout, MarkersLayout
 from sparse_coord_ros.nodes.messages import CLOCK_LAYOUT, Converter, status
 from sparse_coord_ros.nodes.peers import AT_ONCE
-from sparse_coord_ros.recording import BagWriter, QoS
-from sparse_coord_ros.recording.reader import open_bag
 
 OFTEN = {"q_star_init": 100, "ask_cost": 0, "epsilon": "constant:0.3"}
 """Settings with which COORDINATE is chosen in every fifth step or so."""

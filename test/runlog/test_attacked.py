@@ -16,10 +16,10 @@ from sensor_msgs.msg import JointState
 from sparse_coord_ros.api import read_log
 from sparse_coord_ros.api import verify as verify_path
 from sparse_coord_ros.cli.main import main
-from sparse_coord_ros.core.tables import pack_tables, unpack_robot
-from sparse_coord_ros.core.wire import TABLES_DEPTH
 from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.learn.tables import pack_tables, unpack_robot
 from sparse_coord_ros.runlog import verify
+from sparse_coord_ros.wire import TABLES_DEPTH
 
 EVENT = "/robot_2/active_perception/_service_event"
 EPISODES = ("/map", "/markers", "/robot_1/coordination_map", "/robot_2/coordination_map")

@@ -6,9 +6,9 @@ import struct
 
 import pytest
 
-from sparse_coord_ros.core.factors import UNSEEN
-from sparse_coord_ros.core.simulation import learn, tables_equal
-from sparse_coord_ros.core.world import UNKNOWN_PARTNERS
+from sparse_coord_ros.game.world import UNKNOWN_PARTNERS
+from sparse_coord_ros.learn.factors import UNSEEN
+from sparse_coord_ros.learn.simulation import learn, tables_equal
 from sparse_coord_ros.runlog import read_run, verify
 from sparse_coord_ros.runlog.explain import coordinations, explain
 from sparse_coord_ros.runlog.story import askers

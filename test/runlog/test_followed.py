@@ -5,12 +5,12 @@
 import numpy as np
 import pytest
 
-from sparse_coord_ros.core.agent import Agent
-from sparse_coord_ros.core.learners import Coop, learner_of
-from sparse_coord_ros.core.simulation import tables_equal
-from sparse_coord_ros.core.streams import DRAWS, MOTION, POLICY, Stream
-from sparse_coord_ros.core.world import RewardWeights
 from sparse_coord_ros.engine.compiled import has_numba
+from sparse_coord_ros.game.streams import DRAWS, MOTION, POLICY, Stream
+from sparse_coord_ros.game.world import RewardWeights
+from sparse_coord_ros.learn.agent import Agent
+from sparse_coord_ros.learn.learners import Coop, learner_of
+from sparse_coord_ros.learn.simulation import tables_equal
 from sparse_coord_ros.runlog import read_run, verify
 from sparse_coord_ros.runlog.agents import first_tables
 from sparse_coord_ros.runlog.draws import draws_at

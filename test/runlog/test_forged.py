@@ -13,12 +13,12 @@ from nav_msgs.srv import GetPlan
 from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import String
 
-from sparse_coord_ros.core.tables import pack_tables, unpack_robot
+from sparse_coord_ros.bags import BagWriter, QoS
+from sparse_coord_ros.bags.reader import open_bag
+from sparse_coord_ros.bags.recover import recover
 from sparse_coord_ros.errors import BagError
+from sparse_coord_ros.learn.tables import pack_tables, unpack_robot
 from sparse_coord_ros.nodes.messages import ACTION_LAYOUT, Converter
-from sparse_coord_ros.recording import BagWriter, QoS
-from sparse_coord_ros.recording.reader import open_bag
-from sparse_coord_ros.recording.recover import recover
 from sparse_coord_ros.runlog import read_run, verify
 from sparse_coord_ros.runlog.explain import coordinations, explain
 

@@ -11,17 +11,17 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from sparse_coord_ros.core.agent import Agent
-from sparse_coord_ros.core.frame import Frame
-from sparse_coord_ros.core.simulation import Learning, Team, tables_equal
-from sparse_coord_ros.core.world import World
+from sparse_coord_ros.bags import BagWriter
+from sparse_coord_ros.bags.playlist import Playlist
+from sparse_coord_ros.bags.reader import open_bag
+from sparse_coord_ros.bags.topics import find_clock
 from sparse_coord_ros.errors import BagError, RunError
-from sparse_coord_ros.recording import BagWriter
-from sparse_coord_ros.recording.playlist import Playlist
-from sparse_coord_ros.recording.reader import open_bag
-from sparse_coord_ros.recording.topics import find_clock
+from sparse_coord_ros.game.world import World
+from sparse_coord_ros.learn.agent import Agent
+from sparse_coord_ros.learn.simulation import Learning, Team, tables_equal
 from sparse_coord_ros.runlog import read_run, verify
 from sparse_coord_ros.runlog.explain import coordinations, explain
+from sparse_coord_ros.wire.frame import Frame
 
 HALF = {"perception": "probability:0.5"}
 

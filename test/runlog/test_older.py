@@ -7,8 +7,8 @@ from types import SimpleNamespace
 
 import pytest
 
+from sparse_coord_ros import wire
 from sparse_coord_ros.cli.main import main
-from sparse_coord_ros.core import wire
 from sparse_coord_ros.errors import BagError
 from sparse_coord_ros.runlog import read_run, verify
 from sparse_coord_ros.runlog.explain import coordinations, explain

@@ -8,24 +8,18 @@ from types import SimpleNamespace
 import pytest
 from rclpy.serialization import serialize_message
 
-from sparse_coord_ros.core.wire import RESUMING, STATUS_VALUES
+from sparse_coord_ros.bags import BagWriter
+from sparse_coord_ros.bags.metadata import ROLLED_BACK
+from sparse_coord_ros.bags.reader import open_bag
+from sparse_coord_ros.bags.recover import continued
 from sparse_coord_ros.nodes.messages import status
-from sparse_coord_ros.recording import BagWriter
-from sparse_coord_ros.recording.metadata import ROLLED_BACK
-from sparse_coord_ros.recording.reader import open_bag
-from sparse_coord_ros.recording.recover import continued
 from sparse_coord_ros.runlog import verify
 from sparse_coord_ros.runlog.attached import read_tables
-from sparse_coord_ros.runlog.dialogue import (
-    RETURNED,
-    SENT,
-    Request,
-    heard,
-    times_asked_again,
-)
+from sparse_coord_ros.runlog.dialogue import RETURNED, SENT, Request, heard, times_asked_again
 from sparse_coord_ros.runlog.percepts import check_percepts
 from sparse_coord_ros.runlog.timeline import Rollback
 from sparse_coord_ros.runlog.tracks import _under_way
+from sparse_coord_ros.wire import RESUMING, STATUS_VALUES
 
 AT = 200
 """The time step at which the recorder is killed."""

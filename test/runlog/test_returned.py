@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
 
+from sparse_coord_ros.bags import BagWriter, QoS
+from sparse_coord_ros.bags.reader import open_bag
 from sparse_coord_ros.cli.main import main
-from sparse_coord_ros.core.tables import pack_tables, unpack_robot
+from sparse_coord_ros.learn.tables import pack_tables, unpack_robot
 from sparse_coord_ros.lockstep.rollback import Progress
 from sparse_coord_ros.nodes.messages import progress_message
-from sparse_coord_ros.recording import BagWriter, QoS
-from sparse_coord_ros.recording.reader import open_bag
 from sparse_coord_ros.runlog import verify
 
 AT = 200

@@ -7,10 +7,10 @@ import math
 
 import pytest
 
+from sparse_coord_ros.bags.reader import open_bag
 from sparse_coord_ros.cli.main import main
-from sparse_coord_ros.core.world import Reward
+from sparse_coord_ros.game.world import Reward
 from sparse_coord_ros.nodes.messages import REWARD_LAYOUT, Converter
-from sparse_coord_ros.recording.reader import open_bag
 from sparse_coord_ros.runlog import read_run
 
 

@@ -10,9 +10,13 @@ import pytest
 from nav_msgs.srv import GetPlan
 from rclpy.serialization import deserialize_message, serialize_message
 
-from sparse_coord_ros.core.frame import Account
-from sparse_coord_ros.core.tables import pack_tables, unpack_robot
-from sparse_coord_ros.core.wire import (
+from sparse_coord_ros.bags.reader import open_bag
+from sparse_coord_ros.errors import SparseCoordError
+from sparse_coord_ros.game.world import Action, Reward
+from sparse_coord_ros.learn.tables import pack_tables, unpack_robot
+from sparse_coord_ros.nodes.messages import ACTION_LAYOUT, REWARD_LAYOUT, Converter
+from sparse_coord_ros.runlog import read_run, verify
+from sparse_coord_ros.wire import (
     ACTION_LABELS,
     ANSWERED,
     LATE,
@@ -21,11 +25,7 @@ from sparse_coord_ros.core.wire import (
     PERCEPT_ENDS,
     REFUSED,
 )
-from sparse_coord_ros.core.world import Action, Reward
-from sparse_coord_ros.errors import SparseCoordError
-from sparse_coord_ros.nodes.messages import ACTION_LAYOUT, REWARD_LAYOUT, Converter
-from sparse_coord_ros.recording.reader import open_bag
-from sparse_coord_ros.runlog import read_run, verify
+from sparse_coord_ros.wire.frame import Account
 
 EVENT = "active_perception/_service_event"
 HALF = {"perception": "probability:0.5"}

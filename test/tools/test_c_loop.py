@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from sparse_coord_ros.bench import batch
-from sparse_coord_ros.core.learners import learner_of
-from sparse_coord_ros.core.scenario import load_scenario
-from sparse_coord_ros.core.simulation import learn, tables_equal
 from sparse_coord_ros.engine.batch import make_problem
 from sparse_coord_ros.engine.compiled import has_numba
 from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.learners import learner_of
+from sparse_coord_ros.learn.simulation import learn, tables_equal
 from tools.c_loop import loop
 from tools.c_loop.__main__ import MEASURED, main
 from tools.c_loop.loop import CLoop, FactoredCLoop

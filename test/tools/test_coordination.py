@@ -4,12 +4,12 @@
 
 import pytest
 
-from sparse_coord_ros.core.agent import Decision
-from sparse_coord_ros.core.algorithm import COORDINATE, EAST, NORTH
-from sparse_coord_ros.core.learners import learner_of
-from sparse_coord_ros.core.scenario import load_scenario
-from sparse_coord_ros.core.world import Action, Reward
-from sparse_coord_ros.engine.conditions import make_condition
+from sparse_coord_ros.experiments.conditions import make_condition
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.game.world import Action, Reward
+from sparse_coord_ros.learn.agent import Decision
+from sparse_coord_ros.learn.algorithm import COORDINATE, EAST, NORTH
+from sparse_coord_ros.learn.learners import learner_of
 from tools.coordination import __main__ as tool
 from tools.coordination import studies
 from tools.coordination.studies import STUDIES, Study, failed_share, never_asks
@@ -42,7 +42,8 @@ def test_a_small_study_is_computed_kept_and_written(tmp_path, monkeypatch, capsy
     assert text.startswith("a\n<!-- table: small -->\n| ") and text.endswith("table -->\nb\n")
     assert "old" not in text
     monkeypatch.setattr(
-        "sparse_coord_ros.engine.runner.run_batch", lambda *_, **__: pytest.fail("computed again")
+        "sparse_coord_ros.experiments.runner.run_batch",
+        lambda *_, **__: pytest.fail("computed again"),
     )
     assert tool.main(arguments) == 0
     assert page.read_text() == text

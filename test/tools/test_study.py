@@ -8,11 +8,11 @@ from types import SimpleNamespace
 
 import pytest
 
-from sparse_coord_ros.core.evaluation import Measure
-from sparse_coord_ros.core.learners import learner_of
-from sparse_coord_ros.core.scenario import load_scenario
-from sparse_coord_ros.engine.experiments import LARGE, SMALL
-from sparse_coord_ros.engine.results import Plan
+from sparse_coord_ros.experiments.catalogue import LARGE, SMALL
+from sparse_coord_ros.experiments.store import Plan
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.evaluation import Measure
+from sparse_coord_ros.learn.learners import learner_of
 from tools.study.__main__ import main
 from tools.study.document import protocol_document
 from tools.study.factored import COOPS, FACTORED, JUDGED, SHIPPED, best_known

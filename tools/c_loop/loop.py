@@ -15,12 +15,10 @@ from typing import Any
 import numpy as np
 
 from sparse_coord_ros.bench.batch import LEARNER, agent_steps_rate
-from sparse_coord_ros.core.agent import Tables
-from sparse_coord_ros.core.algorithm import ACTIONS, PRIMITIVES
-from sparse_coord_ros.core.factors import FactorRule, coordination_table, sorted_factors
-from sparse_coord_ros.core.learners import Learner, learner_of
-from sparse_coord_ros.core.scenario import Scenario
-from sparse_coord_ros.core.streams import (
+from sparse_coord_ros.engine.batch import make_problem
+from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.game.streams import (
     BLIND,
     LEARNING,
     MOTION,
@@ -30,8 +28,10 @@ from sparse_coord_ros.core.streams import (
     START,
     bit_generator,
 )
-from sparse_coord_ros.engine.batch import make_problem
-from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.learn.agent import Tables
+from sparse_coord_ros.learn.algorithm import ACTIONS, PRIMITIVES
+from sparse_coord_ros.learn.factors import FactorRule, coordination_table, sorted_factors
+from sparse_coord_ros.learn.learners import Learner, learner_of
 
 SOURCE = Path(__file__).parent / "loop.c"
 FACTORED_SOURCE = Path(__file__).parent / "factored.c"
@@ -202,7 +202,7 @@ class FactoredCLoop(CLoop):
             ctypes.byref(self._problem), ctypes.byref(self._rule), sources.ctypes.data, *filled
         ):
             raise MemoryError("not enough memory for the counters of factored.c")
-        keys = np.arange(seen + cells)  # as of `core.factors`: failed percepts last
+        keys = np.arange(seen + cells)  # as of `learn.factors`: failed percepts last
         tables = []
         for k in range(team):
             factors = sorted_factors(u[k], r_bar[k], w[k], keys, rho[k], team)

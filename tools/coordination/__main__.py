@@ -14,13 +14,13 @@ from typing import Any
 
 from sparse_coord_ros.cli.computing import add_computing, jobs_of
 from sparse_coord_ros.cli.verbs import Parser
-from sparse_coord_ros.core.learners import learner_of
 from sparse_coord_ros.engine.cluster import cluster_at
-from sparse_coord_ros.engine.conditions import Condition
-from sparse_coord_ros.engine.results import ConditionResult, Plan, open_results
-from sparse_coord_ros.engine.runner import compute
 from sparse_coord_ros.errors import EXIT_BAD_INPUT, SparseCoordError
+from sparse_coord_ros.experiments.conditions import Condition
+from sparse_coord_ros.experiments.runner import compute
+from sparse_coord_ros.experiments.store import ConditionResult, Plan, open_results
 from sparse_coord_ros.files import write_whole
+from sparse_coord_ros.learn.learners import learner_of
 from tools.coordination.studies import SEED, STUDIES, Study, scale
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "coordination.md"
@@ -67,7 +67,7 @@ def results_of(study: Study, out: Path, **where: Any) -> "dict[Condition, Condit
     Args:
         study: the study.
         out: the results directory.
-        where: by what it is computed: engine, jobs and cluster of `engine.runner.compute`.
+        where: by what it is computed: engine, jobs and cluster of `experiments.runner.compute`.
     """
     found: dict[Condition, ConditionResult] = {}
     for exact, runs in zip((True, False), study.runs, strict=True):

@@ -4,19 +4,19 @@
 
 from typing import Any
 
-from sparse_coord_ros.core.agent import Agent, Decision, Tables
-from sparse_coord_ros.core.algorithm import (
+from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.game.streams import EXPLORE, EXPLORED_ACTION, LEARNING, PRIMITIVE_TIE
+from sparse_coord_ros.game.world import Action, Reward
+from sparse_coord_ros.learn.agent import Agent, Decision, Tables
+from sparse_coord_ros.learn.algorithm import (
     COORDINATE,
     PRIMITIVES,
     epsilon_greedy,
     greatest,
     updated,
 )
-from sparse_coord_ros.core.factors import FactorRule
-from sparse_coord_ros.core.learners import Factored, Learner
-from sparse_coord_ros.core.scenario import Scenario
-from sparse_coord_ros.core.streams import EXPLORE, EXPLORED_ACTION, LEARNING, PRIMITIVE_TIE
-from sparse_coord_ros.core.world import Action, Reward
+from sparse_coord_ros.learn.factors import FactorRule
+from sparse_coord_ros.learn.learners import Factored, Learner
 
 
 class NotToldByRequests(Factored):

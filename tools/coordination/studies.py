@@ -9,19 +9,19 @@ from pathlib import Path
 
 import numpy as np
 
-from sparse_coord_ros.core.buildings import Building, building_text
-from sparse_coord_ros.core.class_bound import shipped_class_bound
-from sparse_coord_ros.core.evaluation import Measure
-from sparse_coord_ros.core.learners import learner_of
-from sparse_coord_ros.core.optimum import independent_bound
-from sparse_coord_ros.core.reference import shortest_path_reference
-from sparse_coord_ros.core.scenario import Scenario
 from sparse_coord_ros.engine.batch import prepare, run_batch
-from sparse_coord_ros.engine.conditions import Condition, make_condition
-from sparse_coord_ros.engine.experiments import CLOSE, LARGE, LONG, SMALL
-from sparse_coord_ros.engine.report.analysis import gap_closed, paired
-from sparse_coord_ros.engine.report.text import Row, percent, size, to_markdown, with_error
-from sparse_coord_ros.engine.results import ConditionResult
+from sparse_coord_ros.experiments.catalogue import CLOSE, LARGE, LONG, SMALL
+from sparse_coord_ros.experiments.conditions import Condition, make_condition
+from sparse_coord_ros.experiments.report.analysis import gap_closed, paired
+from sparse_coord_ros.experiments.report.text import Row, percent, size, to_markdown, with_error
+from sparse_coord_ros.experiments.store import ConditionResult
+from sparse_coord_ros.game.buildings import Building, building_text
+from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.learn.evaluation import Measure
+from sparse_coord_ros.learn.learners import learner_of
+from sparse_coord_ros.solve.class_bound import shipped_class_bound
+from sparse_coord_ros.solve.optimum import independent_bound
+from sparse_coord_ros.solve.reference import shortest_path_reference
 
 SEED = 950_000
 """Seed of the first run: no search has seen these."""

@@ -21,9 +21,9 @@ from typing import NamedTuple
 
 import yaml
 
-from sparse_coord_ros.core.run_config import load_run
-from sparse_coord_ros.core.simulation import learn, tables_equal
-from sparse_coord_ros.core.tables import load_team
+from sparse_coord_ros.learn.run_config import load_run
+from sparse_coord_ros.learn.simulation import learn, tables_equal
+from sparse_coord_ros.learn.tables import load_team
 from sparse_coord_ros.lockstep.checkpoints import CHECKPOINTS, steps_of
 
 WHO = {"robot": "robot_2", "world": "world_simulator", "recorder": "recorder"}
@@ -173,8 +173,8 @@ def trial(cell: Cell, folder: Path, chance: random.Random) -> list[str]:
 
 def last_step(out: Path) -> int:
     """Return the newest time step that world or bag tell of."""
+    from sparse_coord_ros.bags.reader import open_bag
     from sparse_coord_ros.errors import SparseCoordError
-    from sparse_coord_ros.recording.reader import open_bag
 
     try:
         period = load_run(out).step_period * 1e9

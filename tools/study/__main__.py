@@ -19,19 +19,19 @@ from tqdm import tqdm
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.computing import add_computing, jobs_of
 from sparse_coord_ros.cli.verbs import Parser
-from sparse_coord_ros.core.run_config import RUN_SETTINGS
-from sparse_coord_ros.core.settings import Setting
 from sparse_coord_ros.engine.cluster import cluster_at
-from sparse_coord_ros.engine.conditions import Condition
-from sparse_coord_ros.engine.results import (
+from sparse_coord_ros.errors import EXIT_BAD_INPUT, SparseCoordError
+from sparse_coord_ros.experiments.conditions import Condition
+from sparse_coord_ros.experiments.runner import compute
+from sparse_coord_ros.experiments.store import (
     ConditionResult,
     Plan,
     Results,
     open_results,
     write_result,
 )
-from sparse_coord_ros.engine.runner import compute
-from sparse_coord_ros.errors import EXIT_BAD_INPUT, SparseCoordError
+from sparse_coord_ros.game.settings import Setting
+from sparse_coord_ros.learn.run_config import RUN_SETTINGS
 from tools.study.document import protocol_document
 from tools.study.factored import FACTORED
 from tools.study.search import (

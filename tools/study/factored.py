@@ -8,10 +8,10 @@ up over the conditions of `JUDGED`; of env2-4r, to robots that never meet.
 
 from collections.abc import Mapping
 
-from sparse_coord_ros.core.class_bound import shipped_class_bound
-from sparse_coord_ros.engine.conditions import Condition, make_condition
-from sparse_coord_ros.engine.experiments import LONG
-from sparse_coord_ros.engine.results import ConditionResult
+from sparse_coord_ros.experiments.catalogue import LONG
+from sparse_coord_ros.experiments.conditions import Condition, make_condition
+from sparse_coord_ros.experiments.store import ConditionResult
+from sparse_coord_ros.solve.class_bound import shipped_class_bound
 from tools.study.search import Choices, Compute, Judgement, Task, settings_of
 
 SPACE: Mapping[str, tuple[float, ...]] = {

@@ -14,9 +14,9 @@ import random
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
-from sparse_coord_ros.engine.conditions import Condition, make_condition
-from sparse_coord_ros.engine.experiments import CLOSE, CLOSED, LARGE, LONG, SMALL, SPARSE
-from sparse_coord_ros.engine.results import ConditionResult
+from sparse_coord_ros.experiments.catalogue import CLOSE, CLOSED, LARGE, LONG, SMALL, SPARSE
+from sparse_coord_ros.experiments.conditions import Condition, make_condition
+from sparse_coord_ros.experiments.store import ConditionResult
 
 Choices = Mapping[str, float]
 """One value for each name of `SPACE`."""

@@ -1,0 +1,182 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Playing a playlist against a clock: rate, pause, steps, seeking, loop. Without ROS or threads.
+
+Whatever was played, everything up to `position_ns` is out and nothing after it.
+"""
+
+from collections import Counter
+from collections.abc import Callable
+from typing import NamedTuple
+
+from sparse_coord_ros.bags.playlist import Playlist
+from sparse_coord_ros.bags.reader import Message
+
+BURST = 100
+"""Messages of one call of `play`, so that whoever calls can attend to other things."""
+
+ERROR_UNIT_NS = 10_000
+SECOND_NS = 1_000_000_000
+
+
+class TimingError(NamedTuple):
+    """How late messages went out against their deadlines: median and worst, in milliseconds."""
+
+    messages: int
+    median_ms: float
+    worst_ms: float
+
+
+class Playback:
+    """Publishes messages at absolute deadlines, so that delays do not add up.
+
+    Args:
+        playlist: what to play.
+        publish: called with each message.
+        now_ns: a monotonic clock.
+        on_time: called with the log time reached, before the messages of that time.
+        rate: seconds of the log a second.
+        loop: begin again at the end.
+        paused: begin paused.
+
+    Attributes:
+        paused: whether time stands still.
+        done: whether the end was reached while playing.
+        published: number of messages published.
+    """
+
+    def __init__(
+        self,
+        playlist: Playlist,
+        publish: Callable[[Message], None],
+        now_ns: Callable[[], int],
+        *,
+        on_time: Callable[[int], None] = lambda _: None,
+        rate: float = 1.0,
+        loop: bool = False,
+        paused: bool = False,
+    ) -> None:
+        self._playlist, self._publish, self._now_ns = playlist, publish, now_ns
+        self._on_time = on_time
+        self._rate, self._loop = rate, loop
+        self.paused, self.done = paused, False
+        self.published = 0
+        self._anchor_ns, self._from_ns = now_ns(), playlist.start_ns
+        self._errors: Counter[int] = Counter()
+        self._worst_ns = 0
+
+    @property
+    def position_ns(self) -> int:
+        """The log time that is reached."""
+        if self.paused:
+            return self._from_ns
+        reached = self._from_ns + round((self._now_ns() - self._anchor_ns) * self._rate)
+        next_ns = self._playlist.next_ns
+        limit = self._playlist.end_ns if next_ns is None else next_ns
+        return max(self._from_ns, min(reached, limit))
+
+    @property
+    def timing_error(self) -> TimingError | None:
+        """Over all messages that were due at a time; None where there was none."""
+        count = self._errors.total()
+        if not count:
+            return None
+        seen, median = 0, 0
+        for median in sorted(self._errors):
+            seen += self._errors[median]
+            if 2 * seen >= count:
+                break
+        return TimingError(count, median * ERROR_UNIT_NS / 1e6, self._worst_ns / 1e6)
+
+    def seek(self, time_ns: int) -> None:
+        """Go to a log time: kept topics become current, and the messages of that time go out."""
+        self.done = False
+        messages = self._playlist.seek(time_ns)
+        self._on_time(time_ns)
+        for message in messages:
+            self._send(message)
+        self._send_until(time_ns)
+        self._go_on_from(time_ns)
+
+    def pause(self, paused: bool) -> None:
+        """Hold, or go on from where it was held."""
+        if paused != self.paused:
+            self._go_on_from(self.position_ns)
+            self.paused = paused
+
+    def set_rate(self, rate: float) -> None:
+        """Go on at another rate."""
+        self._go_on_from(self.position_ns)
+        self._rate = rate
+
+    def step(self) -> bool:
+        """Pause, and publish the next time step; return False where the bag has ended."""
+        self.pause(True)
+        end_ns = self._playlist.step_end_ns
+        if end_ns is None:
+            if not self._loop:
+                return False
+            self.seek(self._playlist.start_ns)
+            return True
+        self._send_until(end_ns)
+        self._go_on_from(end_ns)
+        return True
+
+    def play(self) -> int | None:
+        """Publish what is due, `BURST` messages at most.
+
+        Returns:
+            Nanoseconds until there is something to do, 0 for at once; None where nothing is until
+            `pause` or `seek` are called.
+        """
+        if self.paused or self.done:
+            return None
+        reached = None
+        for _ in range(BURST):
+            next_ns = self._playlist.next_ns
+            if next_ns is None:
+                return self._end()
+            due = self._deadline(next_ns)
+            wait = due - self._now_ns()
+            if wait > 0:
+                self._playlist.prepare()
+                return max(0, due - self._now_ns())
+            if next_ns != reached:
+                reached = next_ns
+                self._on_time(next_ns)
+            self._send(self._playlist.take())
+            late = self._now_ns() - due
+            self._errors[late // ERROR_UNIT_NS] += 1
+            self._worst_ns = max(self._worst_ns, late)
+        return 0
+
+    def _deadline(self, time_ns: int) -> int:
+        return self._anchor_ns + round((time_ns - self._from_ns) / self._rate)
+
+    def _go_on_from(self, time_ns: int) -> None:
+        self._from_ns, self._anchor_ns = time_ns, self._now_ns()
+
+    def _end(self) -> int | None:
+        """Be done, or begin again: the first message follows the last as one step the other."""
+        if not self._loop:
+            self.done = True
+            return None
+        playlist = self._playlist
+        length = playlist.end_ns - playlist.start_ns
+        gap = length // (playlist.step_count - 1) if length else SECOND_NS
+        self._anchor_ns = self._deadline(playlist.end_ns + gap)
+        self._from_ns = playlist.start_ns
+        playlist.seek(playlist.start_ns)
+        return 0
+
+    def _send(self, message: Message) -> None:
+        self._publish(message)
+        self.published += 1
+
+    def _send_until(self, time_ns: int) -> None:
+        reached = None
+        while (next_ns := self._playlist.next_ns) is not None and next_ns <= time_ns:
+            if next_ns != reached:
+                reached = next_ns
+                self._on_time(next_ns)
+            self._send(self._playlist.take())

@@ -1,0 +1,260 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A bag writer in a process of its own, so that writing takes no time from a run beside it."""
+
+import contextlib
+import pickle
+import select
+import signal
+import socket
+import struct
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any, NoReturn
+
+from sparse_coord_ros.bags.qos import QoS
+from sparse_coord_ros.bags.writer import BagWriter
+from sparse_coord_ros.errors import BagError
+
+BATCH = 500
+"""Messages that are handed over together."""
+
+SEND_BYTES = 1 << 22
+"""Wanted buffer between the processes (the system may give less), for the writer's pauses."""
+
+PATIENCE_SECONDS = 30.0
+"""A writer that takes or says nothing for so long has failed (its disk hangs)."""
+
+_LENGTH = struct.Struct("<I")
+
+
+class BagProcess:
+    """As `BagWriter`, whose methods it has, but the work is done by a child process.
+
+    What a killed run has handed over is written: the child notices the end of its input, writes
+    what it has and leaves the bag unfinished. Messages wait in this process until there are
+    `BATCH` of them or `flush` is called; a failure is raised by a later call than its cause.
+
+    Args:
+        directory: the bag's directory.
+        options: the other arguments of `BagWriter`.
+
+    Attributes:
+        message_count: number of messages handed over; a few hundred may wait to be.
+        bytes_written: bytes handed to the operating system at the last `flush` that was answered.
+
+    Raises:
+        BagError: as `BagWriter`, or the child has ended or hangs.
+    """
+
+    def __init__(self, directory: Path, **options: Any) -> None:
+        """Start the child and let it begin the bag, as the class says."""
+        self._directory = directory
+        self._batch: list[tuple[int, bytes, int, int]] = []
+        self._refusal: str | None = None
+        self._begun = False
+        self.message_count = self.bytes_written = 0
+        self._socket, theirs = socket.socketpair()
+        self._socket.settimeout(PATIENCE_SECONDS)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BYTES)
+        self._answers = select.poll()  # select would refuse a number above 1023
+        self._answers.register(self._socket, select.POLLIN)
+        try:
+            with theirs:
+                self._process = subprocess.Popen(
+                    [sys.executable, "-m", __name__, str(theirs.fileno())],
+                    pass_fds=[theirs.fileno()],
+                    stdin=subprocess.DEVNULL,
+                    start_new_session=True,
+                )
+        except OSError as error:
+            self._socket.close()
+            raise BagError(
+                f"cannot start the writer process of the bag {directory}: {error.strerror}; "
+                "nothing is recorded"
+            ) from error
+        try:
+            self._call("open", str(Path(directory).absolute()), options)
+            self._begun = True
+        except BagError:
+            self._end()
+            raise
+
+    def add_topic(self, topic: str, type_name: str, qos: QoS) -> int:
+        """As `BagWriter.add_topic`."""
+        return self._call("add_topic", topic, type_name, qos)
+
+    def begin_file(self, why: dict[str, str]) -> None:
+        """As `BagWriter.begin_file`."""
+        self._call("begin_file", why)
+
+    def add_metadata(self, name: str, data: dict[str, str]) -> None:
+        """As `BagWriter.add_metadata`."""
+        self._call("add_metadata", name, data)
+
+    def attach(self, name: str, data: bytes, media_type: str, log_time_ns: int = 0) -> None:
+        """As `BagWriter.attach`."""
+        self._call("attach", name, data, media_type, log_time_ns)
+
+    def write(self, channel_id: int, data: bytes, log_time_ns: int, publish_time_ns: int) -> None:
+        """As `BagWriter.write`."""
+        batch = self._batch
+        batch.append((channel_id, data, log_time_ns, publish_time_ns))
+        if len(batch) >= BATCH:
+            self._hand_over()
+
+    def flush(self) -> None:
+        """As `BagWriter.flush`, but without waiting for it."""
+        self._hand_over()
+        self._send("flush")
+
+    def close(self) -> None:
+        """As `BagWriter.close`."""
+        if self._process.returncode is not None:
+            return
+        try:
+            self.bytes_written = self._call("close")
+        finally:
+            self._end()
+
+    def _hand_over(self) -> None:
+        batch, self._batch = self._batch, []
+        self.message_count += len(batch)
+        self._send("write_all", batch)
+
+    def _call(self, method: str, *arguments: Any) -> Any:
+        """Let the child do something and return its answer."""
+        if self._batch:
+            self._hand_over()
+        self._send(method, *arguments)
+        while True:
+            name, value = self._receive()
+            if name == method:
+                return value
+
+    def _send(self, method: str, *arguments: Any) -> None:
+        """Take in what the child has answered until now, and let it do something."""
+        if self._refusal is not None:
+            raise BagError(self._refusal)
+        while self._answers.poll(0):
+            self._receive()
+        try:
+            _send(self._socket, (method, *arguments))
+        except OSError as error:
+            self._fail(error)
+
+    def _receive(self) -> tuple[str, Any]:
+        """Wait for an answer of the child."""
+        try:
+            answer = _receive(self._socket)
+        except OSError as error:
+            self._fail(error)
+        if answer is None:
+            self._fail(None)
+        name, value = answer
+        if name == "refusal":
+            self._refusal = value
+            raise BagError(value)
+        if name == "flush":
+            self.bytes_written = value
+        return name, value
+
+    def _fail(self, error: OSError | None) -> NoReturn:
+        """Raise BagError: the child hangs, or it is gone."""
+        hangs = isinstance(error, TimeoutError)
+        what = f"has not moved for {PATIENCE_SECONDS:g} s" if hangs else "has ended"
+        if self._begun:
+            remedy = "look at its disk" if hangs else "'sparse_coord recover' finishes it"
+            outcome = f"; the recording ends there, unfinished: {remedy}"
+        else:
+            remedy = "look at its disk" if hangs else "see what it says above"
+            outcome = f" before it had begun it; nothing is recorded: {remedy}"
+        self._refusal = f"the writer process of the bag {self._directory} {what}{outcome}"
+        raise BagError(self._refusal)
+
+    def _end(self) -> None:
+        """Take leave of the child; kill it where it hangs."""
+        self._socket.close()
+        try:
+            self._process.wait(PATIENCE_SECONDS)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+
+class _Child:
+    """What the child process does, one method a request."""
+
+    bag: Any = None
+
+    def open(self, directory: str, options: dict[str, Any]) -> None:
+        self.bag = BagWriter(Path(directory), **options)
+
+    def write_all(self, batch: list[tuple[int, bytes, int, int]]) -> None:
+        write = self.bag.write
+        for message in batch:
+            write(*message)
+
+    def flush(self) -> int:
+        self.bag.flush()
+        return self.bag.bytes_written
+
+    def close(self) -> int:
+        self.bag.close()
+        return self.bag.bytes_written
+
+    def __getattr__(self, name: str):
+        return getattr(self.bag, name)
+
+
+def _send(connection: socket.socket, what: tuple) -> None:
+    data = pickle.dumps(what, protocol=5)
+    connection.sendall(_LENGTH.pack(len(data)) + data)
+
+
+def _receive(connection: socket.socket) -> tuple | None:
+    """Return the next thing that was sent, or None at the end."""
+    head = _receive_bytes(connection, _LENGTH.size)
+    data = head and _receive_bytes(connection, _LENGTH.unpack(head)[0])
+    return pickle.loads(data) if data else None
+
+
+def _receive_bytes(connection: socket.socket, count: int) -> bytes | None:
+    data = bytearray()
+    while len(data) < count:
+        part = connection.recv(count - len(data))
+        if not part:
+            return None
+        data += part
+    return bytes(data)
+
+
+def main() -> int:
+    """Serve the process at the other end of the socket whose number is the only argument."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)  # it ends when its parent does
+    child = _Child()
+    with socket.socket(fileno=int(sys.argv[1])) as connection, contextlib.suppress(OSError):
+        try:
+            while (request := _receive(connection)) is not None:
+                name, *arguments = request
+                value = getattr(child, name)(*arguments)
+                if name != "write_all":
+                    with contextlib.suppress(BrokenPipeError):  # a killed parent wants no answer
+                        _send(connection, (name, value))
+                if name == "close":
+                    return 0
+        except BagError as error:
+            _send(connection, ("refusal", str(error)))
+        finally:
+            if child.bag is not None:
+                with contextlib.suppress(BagError):
+                    child.bag.abandon()
+        while connection.recv(1 << 16):
+            pass  # until the parent has read the refusal and closes: its writes do not fail
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

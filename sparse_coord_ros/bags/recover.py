@@ -1,0 +1,314 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A finished bag from an unfinished or damaged one; the original is kept."""
+
+import contextlib
+import itertools
+import os
+import shutil
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+
+from sparse_coord_ros.bags.layout import PARTIAL, open_to_read, sync_directory, write_text
+from sparse_coord_ros.bags.metadata import (
+    METADATA_FILE,
+    METADATA_RECORD,
+    RECOVERED_RECORD,
+    FileSummary,
+    bag_information,
+    metadata_yaml,
+    topic_summary,
+)
+from sparse_coord_ros.bags.reader import Bag, bag_files, number_of, open_bag
+from sparse_coord_ros.bags.writer import BagWriter, Earlier
+from sparse_coord_ros.errors import BagError
+from sparse_coord_ros.files import take_lock
+from sparse_coord_ros.learn.run_config import RUN_FILE
+
+_DRAFT = ".recovering"
+
+
+@dataclass(frozen=True)
+class Recovery:
+    """What `recover` did.
+
+    Attributes:
+        path: the whole bag: its directory, or the file that was whole already.
+        bag: what was read of the original; all of it is in the whole bag.
+        kept: the original file where it is now (of several the first); None if it is in use as
+            it was.
+        changed: whether anything was written or renamed.
+    """
+
+    path: Path
+    bag: Bag
+    kept: Path | None
+    changed: bool
+
+    @property
+    def complete(self) -> bool:
+        """Whether everything that was in the original's data was restored."""
+        return self.bag.whole
+
+
+def recover(path: Path) -> Recovery:
+    """Make a bag whole: everything up to the first damage, indexed, with `metadata.yaml`.
+
+    A directory is mended in place, file by file: the finished one is `<name>_0.mcap`, the original
+    is kept as `<file>.damaged`. For a file given by its name a bag `<stem>_recovered` is made
+    beside it, and the file is left alone. A whole bag is left as it is; a missing `metadata.yaml`
+    is written. What is made of an unfinished or damaged file says so itself (`Bag.recovered`), for
+    good.
+
+    Args:
+        path: as of `open_bag`.
+
+    Raises:
+        BagError: nothing can be read, the bag is still being recorded, or the result cannot be
+            written; whatever was recorded is there still.
+    """
+    path = Path(path)
+    files = bag_files(path)
+    with contextlib.ExitStack() as held:
+        for file in files:
+            held.enter_context(_not_recording(file))
+        bag = open_bag(path)
+        if not (bag.topics or bag.metadata or bag.attachments):
+            raise BagError(f"{files[0]} holds nothing to recover{_because(bag)}")
+        try:
+            return _in_place(bag, files[0].parent) if path.is_dir() else _beside(bag)
+        except OSError as error:
+            raise BagError(f"cannot recover {files[0]}: {error.strerror}; make room") from error
+
+
+def continued(directory: Path) -> Earlier | None:
+    """Make a bag whole that a recorder is to continue, and return what it holds.
+
+    Returns:
+        None where there is no bag, or nothing in it: what there is was moved aside.
+
+    Raises:
+        BagError: it is being recorded, or cannot be read or mended.
+    """
+    if not directory.is_dir():
+        return None
+    try:
+        files = bag_files(directory)
+    except BagError:
+        if any(directory.iterdir()):
+            raise
+        directory.rmdir()
+        return None
+    while files and not _holds_anything(files[-1]):
+        with _not_recording(files[-1]):
+            _keep(files[-1])
+            files.pop().unlink(missing_ok=True)
+    if not files:
+        directory.rename(_free(directory.with_name(f"{directory.name}.damaged")))
+        return None
+    recovery = recover(directory)
+    if recovery.complete and recovery.kept is not None:
+        recovery.kept.unlink()  # all of it is in the file that was finished
+    bag = open_bag(directory)
+    files = bag_files(directory)
+    return Earlier(
+        number_of(files[-1].name) + 1,
+        _name(files[-1]),
+        tuple(_file_summary(file) for file in bag.files),
+        bag.counts,
+        bag.topics,
+        bag.end_ns,
+        _run_id(bag),
+    )
+
+
+def _run_id(bag: Bag) -> str:
+    """Return the identity of the run that a bag records; empty where it says none."""
+    for attachment in bag.attachments:
+        if attachment.name == RUN_FILE:
+            with contextlib.suppress(yaml.YAMLError, AttributeError):
+                return str(yaml.safe_load(attachment.data).get("id", ""))
+    return ""
+
+
+def _holds_anything(file: Path) -> bool:
+    try:
+        bag = open_bag(file)
+    except BagError:
+        return False
+    return bool(bag.message_count or bag.attachments or bag.metadata)
+
+
+def _free(path: Path) -> Path:
+    """Return a name that nothing has, with a number at its end where it must have one."""
+    names = (path.with_name(f"{path.name}{number}") for number in itertools.count(2))
+    return next(free for free in itertools.chain([path], names) if not free.exists())
+
+
+def _in_place(bag: Bag, directory: Path) -> Recovery:
+    metadata = directory / METADATA_FILE
+    kept: list[Path] = []
+    renamed = False
+    for one in bag.files:
+        file, finished = one.path, directory / f"{_name(one.path)}_{number_of(one.path.name)}.mcap"
+        if not one.finished or one.damage is not None:
+            with _draft(one, directory / _DRAFT, finished.name) as draft:
+                kept.append(_keep(file))
+                if metadata.exists():
+                    _keep(metadata)
+                    metadata.unlink(missing_ok=True)
+                os.replace(draft / finished.name, finished)
+                if file != finished:
+                    file.unlink(missing_ok=True)  # it is there as `kept`
+        elif file.name.endswith(PARTIAL):
+            file.rename(file.with_name(file.name.removesuffix(PARTIAL)))
+            renamed = True
+    mended = open_bag(directory)
+    described = _describes(metadata, mended)
+    if not described:
+        _write_metadata(metadata, mended)
+    sync_directory(directory)
+    changed = bool(kept) or renamed or not described
+    return Recovery(directory, bag, kept[0] if kept else None, changed)
+
+
+def _beside(bag: Bag) -> Recovery:
+    file = bag.path
+    if bag.finished and bag.damage is None and file.suffix != PARTIAL:
+        return Recovery(file, bag, None, False)
+    stem = file.name.removesuffix(PARTIAL).removesuffix(".mcap")
+    directory = file.with_name(f"{stem}_recovered")
+    if directory.exists():
+        raise BagError(f"{directory} exists, nothing is overwritten: move it away")
+    name = f"{_name(file)}_{number_of(file.name)}.mcap"
+    with _draft(bag, file.with_name(f".{directory.name}"), name) as draft:
+        os.rename(draft, directory)
+        sync_directory(directory.parent)
+    return Recovery(directory, bag, file, True)
+
+
+@contextlib.contextmanager
+def _draft(bag: Bag, directory: Path, name: str) -> Iterator[Path]:
+    """Write all that can be read of a bag's file into a directory, checked, removed at the end.
+
+    Args:
+        bag: one file.
+        directory: a new one.
+        name: of the file in it.
+    """
+    shutil.rmtree(directory, ignore_errors=True)
+    compression = bag.compressions[0] if len(bag.compressions) == 1 else "zstd"
+    try:
+        stem = name.removesuffix(".mcap").rpartition("_")[0]
+        with BagWriter(directory, compression=compression, name=stem) as writer:
+            if (note := _note(bag)) is not None:
+                writer.add_metadata(RECOVERED_RECORD, note)
+            for record, texts in bag.metadata_records:
+                if record not in (METADATA_RECORD, RECOVERED_RECORD):
+                    writer.add_metadata(record, texts)
+            for attachment in bag.attachments:
+                writer.attach(
+                    attachment.name, attachment.data, attachment.media_type, attachment.log_time_ns
+                )
+            channels = {t.name: writer.add_known_topic(t) for t in bag.topics.values()}
+            for topic, data, log_ns, publish_ns, sequence in bag.messages():
+                writer.write(channels[topic], data, log_ns, publish_ns, sequence)
+        if name != f"{stem}_0.mcap":
+            (directory / f"{stem}_0.mcap").rename(directory / name)
+            text = (directory / METADATA_FILE).read_text().replace(f"{stem}_0.mcap", name)
+            (directory / METADATA_FILE).write_text(text)
+        copy = open_bag(directory)
+        if copy.damage or copy.counts != bag.counts:
+            raise BagError(f"what was recovered of {bag.path} does not read back: {copy.damage}")
+        yield directory
+    finally:
+        shutil.rmtree(directory, ignore_errors=True)
+
+
+def _note(bag: Bag) -> dict[str, str] | None:
+    """Return what is to be known of a bag's recoveries, this one and earlier; None: no fault."""
+    notes = [texts for name, texts in bag.metadata_records if name == RECOVERED_RECORD]
+    if not bag.finished or bag.damage is not None:
+        complete = "true" if bag.whole else "false"
+        notes.append(
+            {
+                "complete": complete,
+                "damage": bag.damage or "",
+                "lost_bytes": str(bag.lost_bytes),
+            }
+        )
+    if not notes:
+        return None
+    lost = [note.get("lost_bytes", "") for note in notes]
+    return {
+        "complete": "true" if all(n.get("complete") == "true" for n in notes) else "false",
+        "damage": "; ".join(filter(None, (note.get("damage") for note in notes))),
+        "lost_bytes": str(sum(int(text) for text in lost if text.isdecimal())),
+    }
+
+
+def recovered_text(note: Mapping[str, str]) -> str:
+    """Return `Bag.recovered` in words."""
+    text = "recovered from a broken bag, " + (
+        "complete" if note.get("complete") == "true" else "a part of it is lost"
+    )
+    if note.get("lost_bytes", "0") != "0":
+        text += f" ({note['lost_bytes']} bytes)"
+    return f"{text}; damage at {note['damage']}" if note.get("damage") else text
+
+
+def _name(file: Path) -> str:
+    """Return what the names of a bag's files begin with."""
+    stem = file.name.removesuffix(PARTIAL).removesuffix(".mcap")
+    return stem.removesuffix(f"_{number_of(file.name)}") or "bag"
+
+
+def _because(bag: Bag) -> str:
+    return f": {bag.damage}" if bag.damage else ""
+
+
+def _keep(file: Path) -> Path:
+    """Give a file a second name that ends with `.damaged`, or `.damaged2` and so on."""
+    kept = _free(file.with_name(f"{file.name}.damaged"))
+    try:
+        os.link(file, kept)
+    except OSError:  # no second names in this file system
+        file.rename(kept)
+    return kept
+
+
+def _describes(metadata: Path, bag: Bag) -> bool:
+    """Whether a `metadata.yaml` is there and fits the bag."""
+    names = [file.path.name for file in bag.files]
+    try:
+        information = yaml.safe_load(metadata.read_bytes())["rosbag2_bagfile_information"]
+        return (
+            information["relative_file_paths"] == names
+            and information["message_count"] == bag.message_count
+        )
+    except (OSError, yaml.YAMLError, ValueError, TypeError, KeyError, RecursionError):
+        return False
+
+
+def _write_metadata(metadata: Path, bag: Bag) -> None:
+    if metadata.exists():
+        _keep(metadata)
+    topics = [topic_summary(topic, bag.counts[topic.name]) for topic in bag.topics.values()]
+    files = [_file_summary(file) for file in bag.files]
+    write_text(metadata, metadata_yaml(bag_information(files, topics)))
+
+
+def _file_summary(file: Bag) -> FileSummary:
+    return FileSummary(file.path.name, file.message_count, file.start_ns, file.end_ns)
+
+
+@contextlib.contextmanager
+def _not_recording(file: Path) -> Iterator[None]:
+    """Hold the lock of a file that is not being recorded; raises BagError."""
+    with open_to_read(file) as held:
+        if not take_lock(held, exclusive=True):
+            raise BagError(f"{file} is being recorded: stop its recorder first")
+        yield

@@ -1,0 +1,389 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The bag writer: raw CDR messages into a rosbag2 directory of MCAP files."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+from mcap.writer import Writer
+
+from sparse_coord_ros import __version__
+from sparse_coord_ros.bags.layout import chunk_compression, create_bag_file, write_text
+from sparse_coord_ros.bags.metadata import (
+    CONTINUED_RECORD,
+    METADATA_FILE,
+    METADATA_RECORD,
+    RESTARTED,
+    SPLIT,
+    FileSummary,
+    bag_information,
+    metadata_yaml,
+    topic_summary,
+)
+from sparse_coord_ros.bags.qos import QoS, offered_qos_profiles, yaml_text
+from sparse_coord_ros.bags.records import LARGEST_RECORD, LATEST_NS
+from sparse_coord_ros.bags.schemas import schema_text, type_hash
+from sparse_coord_ros.bags.topics import BagTopic
+from sparse_coord_ros.errors import BagError
+
+DEFAULT_CHUNK_SIZE = 256 * 1024
+"""Bytes of uncompressed messages in a chunk: what a killed process loses at most."""
+
+_LARGEST_CHUNK_SIZE = LARGEST_RECORD // 4
+
+
+class Earlier(NamedTuple):
+    """What a bag holds already that is to be continued; `recover.continued` tells it.
+
+    Attributes:
+        number: of the file that comes next.
+        name: stem of the files.
+        files: those that are there.
+        counts: messages by topic.
+        topics: by name.
+        end_ns: latest log time.
+        run_id: identity of the run that it records; empty: unknown.
+    """
+
+    number: int
+    name: str
+    files: tuple[FileSummary, ...]
+    counts: Mapping[str, int]
+    topics: Mapping[str, BagTopic]
+    end_ns: int
+    run_id: str = ""
+
+
+class BagWriter:
+    """Writes one bag: a new directory with `<name>_0.mcap` and `metadata.yaml`.
+
+    Further files follow where a limit is passed, by `begin_file`, or where an earlier bag is
+    continued: `<name>_1.mcap` and so on, each with a metadata record that says why it begins.
+    Channels and sequence numbers go on.
+
+    Until it is closed the file is `<name>_0.mcap.partial`, alone in its directory. Every chunk is
+    handed to the operating system as soon as it is full, and by `flush`: a bag that is never
+    closed holds these chunks complete, for `open_bag` to read and `recover` to finish. As a
+    context manager the writer closes the bag on success and abandons it on an exception, so that
+    a broken run does not look whole. The same calls give the same bytes. Not thread-safe: one
+    thread, or one lock, for all calls.
+
+    Args:
+        directory: the bag's directory, made here with its parents; must not exist.
+        compression: of chunks: `zstd`, `lz4` or `none`.
+        chunk_size: bytes of uncompressed messages after which a chunk is written, up to 64 MiB.
+        name: stem of the MCAP file; the directory's name by default.
+        max_bytes: begin another file after so many; 0: never.
+        max_ns: the same, after so much log time.
+        earlier: the bag that is to be continued, in that directory; None: a new one.
+        why: what the first new file then says, see `begin_file`.
+
+    Raises:
+        BagError: an argument is not as above, or directory or file cannot be made.
+    """
+
+    def __init__(
+        self,
+        directory: Path,
+        *,
+        compression: str = "zstd",
+        chunk_size: int = DEFAULT_CHUNK_SIZE,
+        name: str | None = None,
+        max_bytes: int = 0,
+        max_ns: int = 0,
+        earlier: Earlier | None = None,
+        why: Mapping[str, str] | None = None,
+    ) -> None:
+        """Make the directory and start the file, as the class says."""
+        self._compression = chunk_compression(compression)
+        if type(chunk_size) is not int or not 1 <= chunk_size <= _LARGEST_CHUNK_SIZE:
+            raise BagError(
+                f"chunk_size is {chunk_size!r}: give a number of bytes, 1 to {_LARGEST_CHUNK_SIZE}"
+            )
+        self._chunk_size = chunk_size
+        self._max_bytes, self._max_ns = max_bytes, max_ns
+        self._directory = Path(directory)
+        stem = self._directory.name if name is None else name
+        if earlier is not None:
+            stem = earlier.name
+        if not stem or "/" in stem or "\0" in stem:
+            raise BagError(f"bag name is {stem!r}: give a file name, without directories")
+        self._stem, self._number = stem, 0 if earlier is None else earlier.number
+        self._files: list[FileSummary] = [] if earlier is None else [*earlier.files]
+        self._counts_before = {} if earlier is None else dict(earlier.counts)
+        self._topics_before = {} if earlier is None else dict(earlier.topics)
+        self._bytes_before = 0
+        self._channels: dict[str, int] = {}
+        self._topics: dict[str, BagTopic] = {}
+        self._counts: dict[int, int] = {}
+        self._start_file(new=earlier is None)
+        if earlier is not None:
+            self._writer.add_metadata(CONTINUED_RECORD, dict(why or {"why": RESTARTED}))
+
+    def _start_file(self, *, new: bool = False) -> None:
+        """Begin a file, with the channels that there are."""
+        self._file_name = f"{self._stem}_{self._number}.mcap"
+        self._file = create_bag_file(self._directory, self._file_name, new=new)
+        self._writer = Writer(
+            self._file,  # type: ignore[arg-type]  # of a stream, Writer uses write, tell and flush
+            chunk_size=self._chunk_size,
+            compression=self._compression,
+            enable_data_crcs=True,
+        )
+        self._add_message = self._writer.add_message
+        self._schema_ids: dict[tuple[str, str, str], int] = {}
+        self._before = dict(self._counts)
+        self._start_ns = LATEST_NS
+        self._end_ns = 0
+        self._writer.start(profile="ros2", library=f"sparse_coord_ros {__version__}")
+        for topic in self._topics.values():
+            self._register(topic)
+
+    def begin_file(self, why: Mapping[str, str]) -> None:
+        """End the file and begin the next.
+
+        Args:
+            why: texts of its metadata record `continued`; see `metadata.CONTINUED_RECORD`.
+
+        Raises:
+            BagError: writing failed, or the bag is closed.
+        """
+        self._file.check_usable()
+        self._finish_file()
+        self._bytes_before += self._file.tell()
+        self._number += 1
+        self._start_file()
+        self._writer.add_metadata(CONTINUED_RECORD, dict(why))
+
+    @property
+    def message_count(self) -> int:
+        """Number of messages written, those in the unfinished chunk included."""
+        return sum(self._counts.values())
+
+    @property
+    def bytes_written(self) -> int:
+        """Bytes handed to the operating system; the unfinished chunk is not among them."""
+        return self._bytes_before + self._file.tell()
+
+    def add_topic(self, topic: str, type_name: str, qos: QoS) -> int:
+        """Return the topic's channel id, registering topic and type if they are new.
+
+        Args:
+            topic: full topic name, with a leading slash.
+            type_name: `package/msg/Type`, or `package/srv/Service_Event` for service events.
+            qos: what the topic's publisher offers.
+
+        Raises:
+            BagError: the topic is known with another type or profile, its name is not absolute,
+                the type's definition is not installed, or the bag is closed or broken.
+        """
+        self._file.check_usable()
+        known = self._topics.get(topic)
+        if known is not None:
+            if (known.type_name, known.qos) != (type_name, (qos,)):
+                raise BagError(
+                    f"topic {topic} is in the bag as {known.type_name} with {known.qos[0]}, not "
+                    f"{type_name} with {qos}: record one type and one profile a topic"
+                )
+            return self._channels[topic]
+        if not topic.startswith("/"):
+            raise BagError(f"topic {topic!r} is not a full name: give it with a leading slash")
+        text = schema_text(type_name)
+        return self.add_known_topic(
+            BagTopic(topic, type_name, text, (qos,), _recorded_hash(type_name))
+        )
+
+    def add_known_topic(self, topic: BagTopic) -> int:
+        """Return the channel id of a new topic, told as another bag tells it.
+
+        Raises:
+            BagError: the topic's name is in the bag already, or the bag is closed or broken.
+        """
+        self._file.check_usable()
+        if topic.name in self._topics:
+            raise BagError(f"topic {topic.name} is in the bag already: add a topic once")
+        self._topics[topic.name] = topic
+        channel_id = self._channels[topic.name] = self._register(topic)
+        self._counts[channel_id] = self._counts_before.get(topic.name, 0)
+        self._before[channel_id] = self._counts[channel_id]
+        return channel_id
+
+    def _register(self, topic: BagTopic) -> int:
+        """Write a topic's type and channel into the file, and return the channel."""
+        schema = topic.type_name, topic.schema_encoding, topic.schema
+        if schema not in self._schema_ids:
+            self._schema_ids[schema] = self._writer.register_schema(
+                *schema[:2], schema[2].encode()
+            )
+        return self._writer.register_channel(
+            topic.name,
+            "cdr",
+            self._schema_ids[schema],
+            {
+                "offered_qos_profiles": offered_qos_profiles(topic.qos),
+                "topic_type_hash": topic.type_hash,
+            },
+        )
+
+    def write(
+        self,
+        channel_id: int,
+        data: bytes,
+        log_time_ns: int,
+        publish_time_ns: int,
+        sequence: int | None = None,
+    ) -> None:
+        """Append one message.
+
+        Args:
+            channel_id: as `add_topic` returned it.
+            data: the serialised message with its CDR header.
+            log_time_ns: time of reception in nanoseconds, 0 to 2**63 - 1, in any order.
+            publish_time_ns: time of publication, likewise.
+            sequence: its sequence number; by default its place in its channel, from 0.
+
+        Raises:
+            BagError: the channel is unknown, a time is out of range, the bag is closed, or
+                writing failed, after which the bag takes no more messages.
+        """
+        if self._file.refusal is not None:
+            raise BagError(self._file.refusal)
+        if (self._max_bytes or self._max_ns) and self._full(log_time_ns):
+            self.begin_file({"why": SPLIT})
+        try:
+            count = self._counts[channel_id]
+        except KeyError:
+            raise BagError(
+                f"channel {channel_id!r} is not in {self._file.path}: give an id that add_topic "
+                "returned"
+            ) from None
+        if not (0 <= log_time_ns <= LATEST_NS and 0 <= publish_time_ns <= LATEST_NS):
+            raise BagError(
+                f"times of a message in channel {channel_id} are {log_time_ns} and "
+                f"{publish_time_ns}: give nanoseconds from 0 to {LATEST_NS}"
+            )
+        self._add_message(
+            channel_id,
+            log_time_ns,
+            data,
+            publish_time_ns,
+            count if sequence is None else sequence,
+        )
+        self._counts[channel_id] = count + 1
+        if log_time_ns < self._start_ns:
+            self._start_ns = log_time_ns
+        if log_time_ns > self._end_ns:
+            self._end_ns = log_time_ns
+
+    def _full(self, log_time_ns: int) -> bool:
+        """Whether a message of that time belongs into another file."""
+        if 0 < self._max_bytes <= self._file.tell():
+            return True
+        return 0 < self._max_ns <= log_time_ns - self._start_ns
+
+    def add_metadata(self, name: str, data: Mapping[str, str]) -> None:
+        """Add a metadata record of texts, for example parameters or versions.
+
+        Raises:
+            BagError: a key or value is not a text, writing failed, or the bag is closed.
+        """
+        self._file.check_usable()
+        for key, value in data.items():
+            if not (isinstance(key, str) and isinstance(value, str)):
+                raise BagError(f"metadata {name}: {key!r} is {value!r}: give texts only")
+        self._writer.add_metadata(name, dict(data))
+
+    def attach(self, name: str, data: bytes, media_type: str, log_time_ns: int = 0) -> None:
+        """Add a file as an attachment, for example a scenario as `application/yaml`.
+
+        Raises:
+            BagError: writing failed, or the bag is closed.
+        """
+        self._file.check_usable()
+        # The creation time stays 0, "not available": the bytes must not depend on the clock.
+        self._writer.add_attachment(0, log_time_ns, name, media_type, data)
+
+    def flush(self) -> None:
+        """End the current chunk and hand it to the operating system, without fsync.
+
+        Raises:
+            BagError: writing failed, or the bag is closed.
+        """
+        self._file.check_usable()
+        self._writer.flush()
+
+    def close(self) -> None:
+        """Finish and rename the MCAP file, write `metadata.yaml`; a second call does nothing.
+
+        Raises:
+            BagError: writing failed, now or earlier: the file stays `.partial`, or only
+                `metadata.yaml` is missing.
+        """
+        if self._file.closed:
+            return
+        self._finish_file()
+        topics = self._topics_before | self._topics
+        counts = self._counts_before | {n: self._counts[c] for n, c in self._channels.items()}
+        summaries = [topic_summary(topic, counts[name]) for name, topic in topics.items()]
+        information = bag_information(self._files, summaries)
+        write_text(self._directory / METADATA_FILE, metadata_yaml(information))
+
+    def _finish_file(self) -> None:
+        """Finish and rename the file, and close it in any case."""
+        counts = {c: count - self._before[c] for c, count in self._counts.items()}
+        file = FileSummary(self._file_name, sum(counts.values()), self._start_ns, self._end_ns)
+        summaries = [
+            topic_summary(topic, counts[self._channels[name]])
+            for name, topic in self._topics.items()
+        ]
+        try:
+            self._file.check_usable()
+            self._writer.flush()
+            # rosbag2 stores its information in the file too, and reads it from there if the
+            # MCAP file is opened alone.
+            information = bag_information([file], summaries)
+            self._writer.add_metadata(
+                METADATA_RECORD, {"serialized_metadata": yaml_text(information)}
+            )
+            self._writer.finish()
+            self._file.finish()
+        finally:
+            self._file.close()
+        self._files.append(file)
+
+    def abandon(self) -> None:
+        """Write the current chunk and close the file without finishing it.
+
+        It stays `.partial`: `open_bag` reads every message, `recover` finishes it.
+
+        Raises:
+            BagError: writing failed.
+        """
+        if self._file.closed:
+            return
+        try:
+            if self._file.refusal is None:
+                self._writer.flush()
+        finally:
+            self._file.close()
+
+    def __enter__(self) -> "BagWriter":
+        """Return the writer itself."""
+        return self
+
+    def __exit__(self, exception_type: type[BaseException] | None, *_: object) -> None:
+        """Close the bag, or abandon it if the block raised."""
+        if exception_type is None:
+            self.close()
+        else:
+            self.abandon()
+
+
+def _recorded_hash(type_name: str) -> str:
+    """Return the hash to record; rosbags cannot open a bag that has one for a service event.
+
+    It registers these types under another name, `package/srv/msg/Service_Event`, and then does
+    not find the one whose hash it wants to compare.
+    """
+    return "" if "/srv/" in type_name else type_hash(type_name)

@@ -1,0 +1,143 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The experiments as data: the paper's Section 4, and the questions of its Section 5."""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+
+from sparse_coord_ros.experiments.conditions import Condition, make_condition
+
+SMALL = ("env1", "env2-2r", "env2-4r")
+"""Scenarios of the paper's Tables 1 and 2."""
+
+LARGE = ("cit", "cmu", "isr", "mit", "pentagon", "suny")
+"""Scenarios of the paper's Table 3."""
+
+LEARNERS = ("indiv", "noncoop", "coop", "factored")
+"""In the order of the paper's tables; the last one is not the paper's."""
+
+PENALTIES = (0, -0.1, -1, -10, -20, -100)
+"""Figure 4's, and that of the tables."""
+
+CLOSE = ("env1", "env2-2r", "pentagon")
+"""Two-robot scenarios in which coordination pays at a penalty of -100."""
+
+CLOSED: Mapping[str, float] = {"env1": 0.8, "env2-2r": 0.5, "pentagon": 0.5}
+"""Share of the gap between Non-coop. and the optimum that Coop. is to close there."""
+
+REACHED: Mapping[str, float] = {"env1": 0.97, "env2-2r": 0.9, "pentagon": 0.98}
+"""Share of the gap between Non-coop. and the class bound that Factored is to close there."""
+
+FALLS: Mapping[str, float] = {"env1": 1.1, "env2-2r": 1.35}
+"""How many times as much as the class bound Factored may lose from a penalty of 0 to -100."""
+
+SPARSE = ("isr", "mit", "cit", "suny")
+"""Scenarios in which no coordination is needed."""
+
+LONG: Mapping[str, object] = {"penalty": -100, "steps": 100_000}
+"""Where the penalty is large and there is time to learn."""
+
+ASK_COSTS = (0, 0.5, 1, 2, 3, 5, 7, 10)
+PROBABILITIES = (0, 0.25, 0.5, 0.75, 0.9, 1)
+RANGES = (1, 2, 3, 4, 6)
+SHARES = ("same", "each:1:0.5", "each:1:0", "each:2:0")
+CROWDS = (2, 3, 4, 6, 8)
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One experiment.
+
+    Attributes:
+        name: what `reproduce` calls it.
+        title: what it shows.
+        conditions: its conditions.
+    """
+
+    name: str
+    title: str
+    conditions: tuple[Condition, ...]
+
+
+def _tables(names: Iterable[str]) -> list[Condition]:
+    return [make_condition(n, learner, {"penalty": -20}) for n in names for learner in LEARNERS]
+
+
+def _figure4() -> list[Condition]:
+    cells = [
+        make_condition(name, learner, {"penalty": penalty})
+        for name in SMALL + LARGE
+        for learner in LEARNERS
+        for penalty in PENALTIES
+    ]
+    return cells + [
+        make_condition(name, learner, {**LONG, "penalty": penalty})
+        for name in SMALL
+        for learner in LEARNERS
+        for penalty in PENALTIES
+    ]
+
+
+def _sweep(setting: str, values: Iterable[object]) -> list[Condition]:
+    return [make_condition(n, "coop", {**LONG, setting: value}) for n in CLOSE for value in values]
+
+
+def _perception() -> list[Condition]:
+    values = [f"probability:{p}" for p in PROBABILITIES]
+    values += ["line_of_sight", *(f"range:{cells}" for cells in RANGES)]
+    return _sweep("perception", values)
+
+
+def _uneven() -> list[Condition]:
+    return [
+        make_condition(name, learner, {**LONG, "common_reward": share})
+        for name in CLOSE
+        for share in SHARES
+        for learner in ("noncoop", "coop")
+    ]
+
+
+def _crowd() -> list[Condition]:
+    cells = []
+    for robots in CROWDS:
+        name = f"crowd-{robots}r"
+        cells.append(make_condition(name, "noncoop", LONG))
+        cells += [
+            make_condition(name, "coop", {**LONG, "peers": peers}) for peers in ("one", "all")
+        ]
+        cells.append(make_condition(name, "factored", LONG))
+    return cells
+
+
+_EXPERIMENTS: Mapping[str, tuple[str, Callable[[], list[Condition]]]] = {
+    "table1": ("Table 1: total discounted reward", lambda: _tables(SMALL)),
+    "table2": ("Table 2: time to goal and miscoordinations", lambda: _tables(SMALL)),
+    "table3": ("Table 3: the large scenarios", lambda: _tables(LARGE)),
+    "figure4": ("Figure 4: reward against the penalty", _figure4),
+    "penalty100": (
+        "Penalty -100, 10^5 steps: how much of the gap to the optimum is closed",
+        lambda: [make_condition(name, learner, LONG) for name in CLOSE for learner in LEARNERS],
+    ),
+    "ask_cost": ("Cost of COORDINATE", lambda: _sweep("ask_cost", ASK_COSTS)),
+    "perception": ("Success of the percept", _perception),
+    "uneven": ("r^C that differs between the robots", _uneven),
+    "crowd": ("More robots: one random peer, and all peers (footnote 3)", _crowd),
+    "where": (
+        "Where in the map COORDINATE is chosen",
+        lambda: [make_condition(name, "coop", LONG) for name in SMALL + LARGE],
+    ),
+}
+
+NAMES = tuple(_EXPERIMENTS)
+"""Every experiment, in the order in which they are reported."""
+
+
+def experiment_names() -> list[str]:
+    """Return the name of every experiment, in the order in which they are reported."""
+    return list(NAMES)
+
+
+def experiment(name: str) -> Experiment:
+    """Return the experiment of one of `NAMES`."""
+    title, conditions = _EXPERIMENTS[name]
+    return Experiment(name, title, tuple(conditions()))

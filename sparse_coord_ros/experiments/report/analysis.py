@@ -1,0 +1,153 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the results say: agreement with exact values and the paper, gaps closed, places of asks."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from sparse_coord_ros.experiments.report.entries import Entry
+from sparse_coord_ros.game.grid import UNREACHABLE, GridMap
+from sparse_coord_ros.learn.evaluation import Measure
+from sparse_coord_ros.solve.optimum import independent_bound
+
+AGREE = 3.0
+"""Two values agree within as many standard errors of their difference."""
+
+SURE = 5.0
+"""A number of the paper lies above a bound from as many of its standard errors on."""
+
+NEAR = 2
+"""Moves from a doorway that still count as near it."""
+
+
+def errors_from(measure: Measure, exact: float) -> float:
+    """Return how many standard errors a mean lies from an exact value, with its sign."""
+    difference = measure.mean - exact
+    if abs(difference) < 1e-9:
+        return 0.0
+    if measure.standard_error == 0:
+        return math.copysign(math.inf, difference)
+    return difference / measure.standard_error
+
+
+def agrees(ours: Measure, other: Measure) -> bool:
+    """Whether two means differ by no more than `AGREE` standard errors of their difference."""
+    error = math.hypot(ours.standard_error, other.standard_error)
+    return abs(ours.mean - other.mean) <= AGREE * error
+
+
+def loss_alone(entry: Entry) -> Measure:
+    """Return by how much the reward falls short of that of robots each alone on the map.
+
+    Such robots take shortest paths and never miscoordinate, wait or ask. Unlike the reward, the
+    loss does not tell teams apart whose paths are of different lengths.
+    """
+    reward = entry.measure("reward")
+    loss = independent_bound(entry.scenario) - reward.mean
+    return Measure(loss, reward.spread, reward.standard_error)
+
+
+def above_optimum(entry: Entry) -> bool:
+    """Whether the paper's reward exceeds what any joint policy can reach."""
+    paper = entry.paper("reward")
+    return paper is not None and errors_from(paper, entry.result.optimum) > SURE
+
+
+def implied_reward(entry: Entry) -> Measure | None:
+    """Return the reward that the paper's own number of miscoordinations implies.
+
+    What one miscoordination costs is taken from the exact values of shortest-path policies, which
+    miscoordinate at the same doorways: (value without penalties - value) / miscoordinations.
+    None where there is nothing to compare, or the row is one of a learner that pays for asking.
+    """
+    counted = entry.paper("miscoordinations")
+    exact = entry.result.reference
+    if counted is None or entry.can_ask or not exact["miscoordinations"]:
+        return None
+    alone = independent_bound(entry.scenario)
+    cost = (alone - exact["reward"]) / exact["miscoordinations"]
+    return Measure(
+        alone - cost * counted.mean, cost * counted.spread, cost * counted.standard_error
+    )
+
+
+def contradicts_itself(entry: Entry) -> bool:
+    """Whether the paper's reward does not follow from its own number of miscoordinations."""
+    implied, paper = implied_reward(entry), entry.paper("reward")
+    if implied is None or paper is None:
+        return False
+    error = math.hypot(implied.standard_error, paper.standard_error)
+    return abs(paper.mean - implied.mean) > SURE * error
+
+
+def paired(values: np.ndarray) -> Measure:
+    """Return mean, spread and standard error of a number that each run has one of."""
+    spread = float(values.std(ddof=1)) if len(values) > 1 else math.nan
+    return Measure(float(values.mean()), spread, spread / math.sqrt(len(values)))
+
+
+def run_means(entry: Entry, measure: str = "reward") -> np.ndarray:
+    """Return a measure's mean in each run, exact where it is known.
+
+    Run i has the same seed in every condition: what is computed from several is computed run
+    by run, and its error is that of the results.
+    """
+    return entry.result.run_means(measure)
+
+
+def difference(entry: Entry, other: Entry, measure: str = "reward") -> Measure:
+    """Return by how much a measure is greater than in another condition, run by run."""
+    return paired(run_means(entry, measure) - run_means(other, measure))
+
+
+def surely_positive(measure: Measure) -> bool:
+    """Whether a mean lies more than `AGREE` standard errors above 0."""
+    return errors_from(measure, 0.0) > AGREE
+
+
+def gap_closed(coop: np.ndarray, baseline: np.ndarray | float, optimum: float) -> Measure | None:
+    """Return (coop - baseline) / (optimum - baseline) of the means with its standard error.
+
+    The error is to first order that of coop_i - (1 - closed) baseline_i over the runs i, divided
+    by the gap; the optimum has none. None where the baseline leaves no gap.
+
+    Args:
+        coop: mean reward of each run.
+        baseline: mean reward of each run, paired with those of `coop`; or an exact value.
+        optimum: the joint optimum.
+    """
+    base = np.broadcast_to(baseline, coop.shape)
+    gap = optimum - float(base.mean())
+    if gap <= 0:
+        return None
+    closed = float(coop.mean() - base.mean()) / gap
+    error = paired(coop - (1 - closed) * base).standard_error / gap
+    return Measure(closed, error, error)
+
+
+def near_doorways(grid: GridMap, moves: int = NEAR) -> np.ndarray:
+    """Shape (cells,): whether a doorway is at most `moves` moves away."""
+    near = np.zeros(len(grid.cells), dtype=bool)
+    for doorway in grid.doorways:
+        distance = grid.distances_to(doorway)
+        near |= (distance != UNREACHABLE) & (distance <= moves)
+    return near
+
+
+def asked_near(entry: Entry, moves: int = NEAR) -> float:
+    """Return the share of COORDINATE chosen near doorways; NaN where it is never chosen."""
+    return _share_near(entry, entry.result.asked, moves)
+
+
+def time_near(entry: Entry, moves: int = NEAR) -> float:
+    """Return the share of the robots' steps that they take near doorways."""
+    return _share_near(entry, entry.result.stays, moves)
+
+
+def _share_near(entry: Entry, counts: Sequence[Sequence[float]], moves: int) -> float:
+    values = np.array(counts)
+    near = near_doorways(entry.scenario.map, moves)
+    total = values.sum()
+    return float(values[:, near].sum() / total) if total else math.nan

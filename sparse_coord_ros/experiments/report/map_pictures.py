@@ -1,0 +1,123 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Maps: walls, doorways, starts and goals, cells coloured by a value."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import PowerNorm
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from sparse_coord_ros.experiments.report.entries import Entry
+from sparse_coord_ros.game.scenario import Scenario
+
+COLOUR_MAP, DOORWAY, WALL = "Blues", "#D55E00", "0.25"
+CELL = 0.3
+"""Inches a cell."""
+
+WIDTH = 40
+"""Cells that fit in a line of maps."""
+
+LEAST = 8
+"""Cells that a map's title needs."""
+
+
+def draw_map(
+    axes: Axes,
+    scenario: Scenario,
+    shades: np.ndarray | None = None,
+    *,
+    corner: tuple[float, float] = (0, 0),
+    label_size: float = 6,
+    label_height: float = 0.5,
+) -> None:
+    """Draw cells, doorways (framed), and starts (S) and goals (G) with their robots' numbers.
+
+    Args:
+        axes: where to draw; a cell is a unit square, row 0 on top.
+        scenario: the map and its robots.
+        shades: how dark each cell is, from 0 to 1, shape (cells,); None: white.
+        corner: column and row of the map's upper left corner.
+        label_size: size of the labels of starts and goals in points.
+        label_height: their place in the cell, 0 at its top, 1 at its bottom.
+    """
+    grid, (left, top) = scenario.map, corner
+    rows, columns = grid.shape
+    dark = np.zeros(len(grid.cells)) if shades is None else shades
+    labels: dict[int, list[str]] = {}
+    for number, robot in enumerate(scenario.robots, start=1):
+        labels.setdefault(robot.start, []).append(f"S{number}")
+        labels.setdefault(robot.goal, []).append(f"G{number}")
+    axes.add_patch(Rectangle(corner, columns, rows, color=WALL, linewidth=0))
+    for x, (row, column) in enumerate(grid.cells):
+        face = colormaps[COLOUR_MAP](0.9 * dark[x]) if dark[x] > 0 else "white"
+        place = (left + column, top + row)
+        axes.add_patch(Rectangle(place, 1, 1, facecolor=face, edgecolor="0.85", linewidth=0.6))
+        axes.text(
+            place[0] + 0.5,
+            place[1] + label_height,
+            " ".join(labels.get(x, [])),
+            ha="center",
+            va="center",
+            fontsize=label_size,
+            color="white" if dark[x] > 0.6 else "black",
+        )
+    for x in grid.doorways:
+        row, column = grid.cells[x]
+        inner = (left + column + 0.06, top + row + 0.06)
+        axes.add_patch(Rectangle(inner, 0.88, 0.88, fill=False, edgecolor=DOORWAY, linewidth=1.8))
+    axes.add_patch(Rectangle(corner, columns, rows, fill=False, edgecolor="black"))
+    axes.set(xlim=(0, columns), ylim=(rows, 0), xticks=[], yticks=[], aspect="equal")
+
+
+def asked_maps(entries: Sequence[Entry]) -> Figure:
+    """Draw where COORDINATE is chosen: a map an entry, all with one scale of colours."""
+    totals = {entry.name: np.array(entry.result.asked).sum(axis=0) for entry in entries}
+    norm = PowerNorm(0.5, vmin=0, vmax=max(float(total.max()) for total in totals.values()) or 1)
+    lines = _lines(entries)
+    below = 0.8  # inches, for the scale
+    height = sum(max(e.scenario.map.shape[0] for e in line) + 2.4 for line in lines) * CELL + below
+    figure = Figure(figsize=(WIDTH * CELL, height))
+    axes, top = figure.add_axes((0, below / height, 1, 1 - below / height)), 0.0
+    for line in lines:
+        gap = (WIDTH - sum(map(_columns, line))) / (len(line) + 1)
+        left = gap
+        for entry in line:
+            columns = entry.scenario.map.shape[1]
+            corner = (left + (_columns(entry) - columns) / 2, top + 2)
+            shades = np.asarray(norm(totals[entry.name]))
+            draw_map(axes, entry.scenario, shades, corner=corner, label_size=6.5)
+            title = f"{entry.name}\n{entry.measure('asks').mean:.3f} asks a robot"
+            axes.text(corner[0] + columns / 2, top + 1.8, title, ha="center", fontsize=9)
+            left += _columns(entry) + gap
+        top += max(entry.scenario.map.shape[0] for entry in line) + 2.4
+    axes.set(xlim=(0, WIDTH), ylim=(top, 0))
+    axes.axis("off")
+    figure.colorbar(
+        ScalarMappable(norm, colormaps[COLOUR_MAP].resampled(256)),
+        cax=figure.add_axes((0.25, 0.55 / height, 0.5, 0.12 / height)),
+        orientation="horizontal",
+        label="COORDINATE chosen in the cell, per episode, all robots together",
+    )
+    return figure
+
+
+def _columns(entry: Entry) -> int:
+    return max(LEAST, entry.scenario.map.shape[1])
+
+
+def _lines(entries: Sequence[Entry]) -> list[list[Entry]]:
+    """Break the maps into lines, the widest first to where it still fits, small maps on top."""
+    lines: list[list[Entry]] = []
+    for entry in sorted(entries, key=_columns, reverse=True):
+        room = (ln for ln in lines if sum(_columns(e) + 1 for e in [*ln, entry]) <= WIDTH)
+        line = next(room, None)
+        if line is None:
+            lines.append([entry])
+        else:
+            line.append(entry)
+    return lines[::-1]

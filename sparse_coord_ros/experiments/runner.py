@@ -1,0 +1,534 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Experiments from start to end: what is asked for, what is there, what remains to compute.
+
+A results directory holds one file a condition. What is there already is taken from it, what is
+missing is computed and saved, and nothing of another plan, scenario or protocol is mixed in.
+"""
+
+import importlib
+import os
+import shutil
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from sparse_coord_ros.dataframes import data_frame
+from sparse_coord_ros.engine.batch import agent_steps, is_prepared, prepare, run_batch, uses_numba
+from sparse_coord_ros.engine.cluster import Cluster, check_place, cluster_at
+from sparse_coord_ros.errors import (
+    ResultsError,
+    RunError,
+    SettingError,
+    SparseCoordError,
+    did_you_mean,
+)
+from sparse_coord_ros.experiments.catalogue import NAMES, Experiment, experiment
+from sparse_coord_ros.experiments.conditions import Condition, parse_id
+from sparse_coord_ros.experiments.store import (
+    SUMS,
+    ConditionResult,
+    Plan,
+    Results,
+    Sample,
+    collect,
+    digest,
+    open_results,
+    sample,
+    unusable_file,
+)
+from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.game.specs import Spec
+from sparse_coord_ros.learn.evaluation import Trials, play, summary
+from sparse_coord_ros.learn.learners import Learner, learner_of
+from sparse_coord_ros.learn.run_config import RUN_FILE, RunConfig, load_run, make_run
+from sparse_coord_ros.learn.tables import load_team, save_team
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Progress = Callable[[str, int, int], None]
+"""Called with a condition's id, the agent-steps done so far and those of the whole call: where a
+condition begins, after what it needs is compiled, and after each of its runs; on a cluster, as it
+begins and after each task."""
+
+
+def no_progress(name: str, done: int, total: int) -> None:
+    """Show nothing."""
+
+
+def say_nothing() -> None:
+    """Say nothing."""
+
+
+@dataclass(frozen=True)
+class Targets:
+    """What a call asks for, each once.
+
+    Attributes:
+        experiments: whole experiments, in the order of `NAMES`.
+        conditions: those of the experiments, and those named.
+        runs: single runs: their condition and their number.
+    """
+
+    experiments: tuple[Experiment, ...]
+    conditions: tuple[Condition, ...]
+    runs: tuple[tuple[Condition, int], ...]
+
+    @property
+    def ids(self) -> dict[str, list[str]]:
+        """The ids of the conditions and of the single runs."""
+        return {
+            "conditions": [one.id for one in self.conditions],
+            "runs": [f"{one.id}/{number}" for one, number in self.runs],
+        }
+
+
+class SingleRun(NamedTuple):
+    """One learning run of a condition, saved as `train` saves it.
+
+    Attributes:
+        condition: its condition.
+        seed: its seed.
+        trials: its greedy trials.
+        directory: where it is saved.
+    """
+
+    condition: Condition
+    seed: int
+    trials: Trials
+    directory: Path
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data: what `reproduce --json` prints."""
+        return {
+            "id": self.condition.id,
+            "seed": self.seed,
+            "directory": str(self.directory),
+            **summary(self.trials).to_dict(),
+        }
+
+
+@dataclass(frozen=True)
+class ExperimentResults(Mapping[str, ConditionResult]):
+    """What was asked for; a mapping from a condition's id to its result.
+
+    Attributes:
+        plan: first seed, learning runs and trials.
+        targets: what was asked for.
+        found: the results, by the conditions' ids.
+        runs: the single runs that were asked for.
+    """
+
+    plan: Plan
+    targets: Targets
+    found: Mapping[str, ConditionResult]
+    runs: tuple[SingleRun, ...] = ()
+
+    def __getitem__(self, name: str) -> ConditionResult:
+        """Return the result of the condition of that id."""
+        return self.found[name]
+
+    def __iter__(self) -> Iterator[str]:
+        """Iterate over the conditions' ids."""
+        return iter(self.found)
+
+    def __len__(self) -> int:
+        """Return the number of conditions."""
+        return len(self.found)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data: what `reproduce --json` prints."""
+        data = {"conditions": [result.to_dict() for result in self.found.values()]}
+        return data | ({"runs": [one.to_dict() for one in self.runs]} if self.runs else {})
+
+    def to_pandas(self, *, by_run: bool = False) -> "pd.DataFrame":
+        """Return a data frame: one row a condition, or one row a learning run.
+
+        Its columns: `condition` (the id), `scenario`, `learner`, each setting that some condition
+        names, `seed` where `by_run`, then the measures `reward`, `time_to_goal`, `asks` (means
+        over trials and robots) and `miscoordinations` (mean of a trial). A row a condition has
+        also `<measure>_spread`, `<measure>_standard_error`, `arrived` (share of the trials in
+        which every robot arrived), `optimum` and `optimum_exact`.
+
+        Raises:
+            RunError: pandas is not installed.
+        """
+        rows = []
+        for condition in self.targets.conditions:
+            result = self.found[condition.id]
+            head = self._head(condition)
+            if by_run:
+                for run, seed in enumerate(self.plan.seeds):
+                    rows.append({**head, "seed": seed, **{n: result.means[n][run] for n in SUMS}})
+                continue
+            for name in SUMS:
+                measure = result.measure(name)
+                head[name] = measure.mean
+                head[f"{name}_spread"] = measure.spread
+                head[f"{name}_standard_error"] = measure.standard_error
+            head |= {"arrived": result.arrived, "optimum": result.optimum}
+            rows.append({**head, "optimum_exact": result.optimum_exact})
+        names = dict.fromkeys(name for row in rows for name in row)
+        return data_frame({name: [row[name] for row in rows] for name in names})
+
+    def _head(self, condition: Condition) -> dict[str, Any]:
+        scenario = condition.scenario
+        named = dict.fromkeys(key for one in self.targets.conditions for key, _ in one.settings)
+        values = {key: getattr(scenario, key) for key in named}
+        return {
+            "condition": condition.id,
+            "scenario": scenario.name,
+            "learner": condition.learner,
+            **{key: str(v) if isinstance(v, Spec) else v for key, v in values.items()},
+        }
+
+
+def parse_targets(targets: Iterable[str | Condition]) -> Targets:
+    """Return what the names of experiments and the ids of conditions and single runs ask for.
+
+    Args:
+        targets: names, ids and conditions; empty: every experiment.
+
+    Raises:
+        SettingError: neither an experiment nor an id; two scenario files of one name.
+        ScenarioError: an id with an unknown scenario.
+    """
+    asked = list(targets)
+    chosen = tuple(experiment(name) for name in NAMES if name in asked or not asked)
+    named: dict[str, Condition] = {}
+    runs: dict[str, tuple[Condition, int]] = {}
+    digests: dict[str, str] = {}
+    for target in asked:
+        if isinstance(target, Condition):
+            condition, number = target, None
+        elif target in NAMES:
+            continue
+        elif "/" not in target:
+            raise SettingError(
+                f"unknown experiment {target!r}{did_you_mean(target, NAMES)}; allowed: "
+                f"{', '.join(NAMES)}, or an id such as env1/coop/penalty=-20"
+            )
+        else:
+            condition, number = parse_id(target)
+        if digests.setdefault(condition.id, digest(condition)) != digest(condition):
+            raise SettingError(
+                f"id {condition.id!r}: another scenario file of the name "
+                f"{condition.scenario.name!r} is asked for too; give one of them another with "
+                "the field 'name'"
+            )
+        if number is None:
+            named[condition.id] = condition
+        else:
+            runs[f"{condition.id}/{number}"] = condition, number
+    conditions = {one.id: one for each in chosen for one in each.conditions} | named
+    return Targets(chosen, tuple(conditions.values()), tuple(runs.values()))
+
+
+def check_runs(targets: Targets, plan: Plan) -> None:
+    """Raise `SettingError` where a single run is asked for that the plan does not have."""
+    for condition, number in targets.runs:
+        if number >= plan.runs:
+            raise SettingError(
+                f"id {condition.id}/{number}: run {number} is not one of {plan.runs}; choose a "
+                f"number below {plan.runs} or more --runs"
+            )
+
+
+def run_targets(
+    targets: Targets,
+    plan: Plan,
+    *,
+    out: Path | None = None,
+    engine: str = "auto",
+    jobs: int | None = None,
+    scheduler: str | None = None,
+    progress: Progress = no_progress,
+    compiling: Callable[[], None] = say_nothing,
+    report: bool = False,
+) -> ExperimentResults:
+    """Compute what is asked for, or take it from the results directory where it is there.
+
+    Args:
+        targets: what is asked for.
+        plan: first seed, learning runs and trials.
+        out: results directory; None: nothing is saved.
+        engine: "numba", "python", or "auto": numba where it is installed.
+        jobs: threads (or processes); all cores that this process may use where None.
+        scheduler: address of the scheduler of a Dask cluster that computes; None: this machine.
+        progress: see `Progress`.
+        compiling: called before some seconds go by in which numba compiles, if they do.
+        report: write the report of the experiments, with its tables and figures, into `out`.
+
+    Raises:
+        ResultsError: `out` cannot be used, or holds results of something else.
+        SettingError: the number of a single run is not below `plan.runs`; single runs or a report
+            without `out`; numba is asked for and not there; `jobs` and a scheduler.
+        RunError: a process that computed runs was killed; the cluster cannot be reached or was
+            lost; pandas or Matplotlib is missing, which a report needs.
+    """
+    check_runs(targets, plan)
+    check_place(jobs, scheduler)
+    if out is None and (targets.runs or report):
+        raise SettingError("single runs and reports are files: name a results directory")
+    if report and targets.experiments:
+        _check_report()
+    opened: AbstractContextManager[Results | None]
+    opened = nullcontext() if out is None else open_results(out, plan)
+    with opened as results, cluster_at(scheduler) as cluster:
+        found = compute(
+            targets.conditions,
+            plan,
+            results=results,
+            engine=engine,
+            jobs=jobs,
+            cluster=cluster,
+            progress=progress,
+            compiling=compiling,
+        )
+        played = []
+        if results is not None:
+            played = [
+                one_run(results, condition, number, engine=engine, jobs=jobs, cluster=cluster)
+                for condition, number in targets.runs
+            ]
+            if report and targets.experiments:
+                _report(results, targets.experiments, found)
+    return ExperimentResults(plan, targets, found, tuple(played))
+
+
+def compute(
+    conditions: Iterable[Condition],
+    plan: Plan,
+    *,
+    results: Results | None = None,
+    engine: str = "auto",
+    jobs: int | None = None,
+    cluster: Cluster | None = None,
+    progress: Progress = no_progress,
+    compiling: Callable[[], None] = say_nothing,
+) -> dict[str, ConditionResult]:
+    """Return every condition's result; compute (and save) those that are not there yet.
+
+    Args:
+        conditions: what to compute.
+        plan: first seed, learning runs and trials.
+        results: the results directory, open; None: nothing is saved.
+        engine: as of `run_batch`.
+        jobs: as of `run_batch`.
+        cluster: as of `run_batch`.
+        progress: see `Progress`.
+        compiling: called before some seconds go by in which numba compiles, if they do.
+    """
+    conditions = list(conditions)
+    there = {one.id: None if results is None else results.load(one) for one in conditions}
+    missing = [one for one in conditions if there[one.id] is None]
+    found = {name: result for name, result in there.items() if result is not None}
+    if cluster is not None:
+        computed = _on_cluster(cluster, missing, plan, engine, progress)
+    else:
+        computed = _here(missing, plan, engine, jobs, progress, compiling)
+    for one, result in computed:
+        if results is not None:
+            results.save(one, result)
+        found[one.id] = result
+    return {one.id: found[one.id] for one in conditions}
+
+
+Computed = Iterator[tuple[Condition, ConditionResult]]
+
+
+def _here(
+    conditions: Sequence[Condition],
+    plan: Plan,
+    engine: str,
+    jobs: int | None,
+    progress: Progress,
+    compiling: Callable[[], None],
+) -> Computed:
+    """Compute conditions on this machine, one after the other."""
+    done, total = 0, _all_steps(conditions, plan)
+    for one in conditions:
+        if uses_numba(engine, learner_of(one.learner)) and not is_prepared(learner=one.learner):
+            compiling()
+            prepare(one.scenario, one.learner, engine=engine)
+        progress(one.id, done, total)
+        samples = []
+        for run in run_batch(
+            one.scenario, one.learner, plan.seeds, trials=plan.trials, engine=engine, jobs=jobs
+        ):
+            samples.append(sample(run))
+            done += agent_steps(one.scenario)
+            progress(one.id, done, total)
+        yield one, collect(one, plan.trials, samples)
+
+
+def _on_cluster(
+    cluster: Cluster,
+    conditions: Sequence[Condition],
+    plan: Plan,
+    engine: str,
+    progress: Progress,
+) -> Computed:
+    """Compute conditions on a cluster, all at once; yield each when its last run is there."""
+    done, total = 0, _all_steps(conditions, plan)
+    work: list[tuple[Scenario, Learner, Sequence[int], int, str]] = []
+    whose: list[tuple[Condition, int]] = []
+    parts: dict[Condition, list[list[Sample] | None]] = {}
+    for one in conditions:
+        rule = learner_of(one.learner)
+        shares = cluster.shares(plan.seeds, agent_steps(one.scenario), plan.runs * len(conditions))
+        parts[one] = [None] * len(shares)
+        whose += [(one, place) for place in range(len(shares))]
+        work += [(one.scenario, rule, share, plan.trials, engine) for share in shares]
+    for one in conditions[:1]:
+        progress(one.id, done, total)
+    for number, samples in cluster.results(samples_of, work):
+        one, place = whose[number]
+        own = parts[one]
+        own[place] = samples
+        done += len(samples) * agent_steps(one.scenario)
+        progress(one.id, done, total)
+        whole = [part for part in own if part is not None]
+        if len(whole) == len(own):
+            del parts[one]
+            yield one, collect(one, plan.trials, chain.from_iterable(whole))
+
+
+def samples_of(
+    scenario: Scenario, learner: Learner, seeds: Sequence[int], trials: int, engine: str
+) -> list[Sample]:
+    """Compute some runs of a condition in a thread of a cluster's worker."""
+    runs = run_batch(scenario, learner, seeds, trials=trials, engine=engine, jobs=1)
+    return [sample(run) for run in runs]
+
+
+def _all_steps(conditions: Iterable[Condition], plan: Plan) -> int:
+    return sum(agent_steps(one.scenario) * plan.runs for one in conditions)
+
+
+def _check_report() -> None:
+    """Raise `RunError` where a package is missing that reports need, before hours go by."""
+    for package in ("pandas", "matplotlib"):
+        try:
+            importlib.import_module(package)
+        except ImportError as error:
+            raise RunError(
+                f"a report needs the Python package {package} ({error}): pip install pandas "
+                "matplotlib"
+            ) from None
+
+
+def _report(
+    results: Results, chosen: Sequence[Experiment], found: Mapping[str, ConditionResult]
+) -> None:
+    from sparse_coord_ros.experiments.report import write_report
+
+    directory = results.directory
+    try:
+        write_report(directory, results.plan, *complete(results, chosen, found))
+    except OSError as error:  # Matplotlib's: without the file's name
+        raise unusable_file(directory / "figures", error, "written") from None
+
+
+def complete(
+    results: Results, chosen: Sequence[Experiment], found: Mapping[str, ConditionResult]
+) -> tuple[list[Experiment], dict[str, ConditionResult]]:
+    """Return every experiment whose conditions are all there, in the order of `NAMES`, and those.
+
+    Args:
+        results: the results directory.
+        chosen: experiments whose conditions are found.
+        found: results of conditions, by id.
+    """
+    shown, known = [], dict(found)
+    asked = {one.name: one for one in chosen}
+    for name in NAMES:
+        one = asked.get(name) or experiment(name)
+        if name in asked or all(_there(results, each, known) for each in one.conditions):
+            shown.append(one)
+    return shown, known
+
+
+def _there(results: Results, condition: Condition, found: dict[str, ConditionResult]) -> bool:
+    """Whether a condition's result is found, or in the directory: then it is put there."""
+    if condition.id not in found:
+        try:
+            result = results.load(condition)
+        except ResultsError:  # of another protocol: not asked for, so nothing to complain about
+            return False
+        if result is None:
+            return False
+        found[condition.id] = result
+    return True
+
+
+def one_run(
+    results: Results,
+    condition: Condition,
+    number: int,
+    *,
+    engine: str = "auto",
+    jobs: int | None = None,
+    cluster: Cluster | None = None,
+) -> SingleRun:
+    """Compute one run of a condition and save what it learned, as `train` does.
+
+    Where that run is there already, only its trials are played again.
+
+    Raises:
+        ResultsError: something else is in its place, or it cannot be written.
+    """
+    seed, trials = results.plan.seed + number, results.plan.trials
+    scenario, learner = condition.scenario, condition.learner
+    folder = results.run_folder(condition, number)
+    run_config = make_run(scenario, {"seed": seed, "learner": learner})
+    try:
+        if folder.exists():
+            played = _played_again(folder, run_config, trials)
+            return SingleRun(condition, seed, played, folder)
+    except OSError as error:
+        raise unusable_file(folder, error, "read") from None
+    [run] = run_batch(
+        scenario,
+        learner,
+        [seed],
+        trials=trials,
+        engine=engine,
+        jobs=jobs,
+        history=True,
+        cluster=cluster,
+    )
+    assert run.trials is not None
+    assert run.history is not None
+    partial = folder.with_name(f"{folder.name}.partial")
+    shutil.rmtree(partial, ignore_errors=True)  # of an interrupted call
+    try:
+        partial.mkdir(parents=True)
+        (partial / RUN_FILE).write_text(run_config.to_yaml(), encoding="utf-8")
+        save_team(partial, run.tables)
+        run.history.save(partial)
+        os.rename(partial, folder)
+    except OSError as error:
+        raise unusable_file(folder, error, "written") from None
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+    return SingleRun(condition, seed, run.trials, folder)
+
+
+def _played_again(folder: Path, wanted: RunConfig, trials: int) -> Trials:
+    try:
+        same = load_run(folder).digest == wanted.digest
+    except SparseCoordError:
+        same = False
+    if not same:
+        raise ResultsError(
+            f"{folder}: exists already and is another run than this would be (scenario, learning "
+            "protocol or seed); nothing is overwritten: remove it, or choose another --out"
+        )
+    scenario = wanted.scenario
+    tables = load_team(folder, scenario)
+    return play(scenario, tables, trials=trials, seed=wanted.seed, learner=wanted.rule)

@@ -1,0 +1,524 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Results on disk: one JSON file a condition, in a directory that never mixes seeds or versions.
+
+`results.json` says what the directory holds; `cells/<id>.json` is written whole when its condition
+is done, so an interrupted experiment goes on where it stopped. (The folder is called `cells` since
+version 0.1.0.)
+"""
+
+import errno
+import hashlib
+import json
+import math
+import os
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sparse_coord_ros import __version__
+from sparse_coord_ros.engine.batch import Run
+from sparse_coord_ros.errors import ResultsError, SettingError, newer_format
+from sparse_coord_ros.experiments.conditions import Condition, parse_id
+from sparse_coord_ros.files import PARTIAL, take_lock, write_whole
+from sparse_coord_ros.game.scenario import SETTINGS, Scenario
+from sparse_coord_ros.game.settings import Setting
+from sparse_coord_ros.learn.algorithm import PRIMITIVES
+from sparse_coord_ros.learn.evaluation import Measure
+from sparse_coord_ros.learn.factors import rows_at_most
+from sparse_coord_ros.learn.learners import learner_of
+from sparse_coord_ros.learn.sparse import SparseTable, dense_nbytes
+from sparse_coord_ros.solve.optimum import joint_optimum
+from sparse_coord_ros.solve.reference import shortest_path_reference
+
+FORMAT = 2
+"""Number of the format of a results directory and its files. Format 1 is that of 0.1.0."""
+
+MANIFEST = "results.json"
+LONGEST_NAME = 255
+"""Characters of a file's name, on common file systems."""
+
+RUNS = Setting("runs", int, 100, "learning runs of a condition", low=1, high=1_000_000)
+TRIALS = Setting("trials", int, 1000, "Monte-Carlo trials of a run", low=1, high=1_000_000)
+JOBS = Setting("jobs", int, 1, "threads (or processes) at once", low=1, high=4096)
+
+SUMS = ("reward", "time_to_goal", "asks", "miscoordinations")
+BY_ROBOT = ("reward", "asks")
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What every condition of a results directory has in common.
+
+    Attributes:
+        seed: seed of run 0; run i has seed + i.
+        runs: independent learning runs of a condition, >= 2.
+        trials: Monte-Carlo trials of each run, >= 2.
+    """
+
+    seed: int
+    runs: int
+    trials: int
+
+    def __post_init__(self) -> None:
+        """Raise `SettingError` where the last run's seed is too large."""
+        if self.seed + self.runs > 2**63:
+            raise SettingError(
+                f"setting seed: value is {self.seed}, allowed with {self.runs} runs: at most "
+                f"{2**63 - self.runs}, as run i has seed + i, below 2^63"
+            )
+
+    @property
+    def seeds(self) -> range:
+        """The seeds of the runs."""
+        return range(self.seed, self.seed + self.runs)
+
+
+@dataclass(frozen=True)
+class ConditionResult:
+    """What the runs of one condition brought; lists have one entry a run.
+
+    Attributes:
+        id: the condition's id.
+        digest: of the scenario with all its settings, map and protocol.
+        trials: trials of each run.
+        robots: robots of the scenario.
+        joint_states: number of joint states that Q^C of one robot could hold; of a learner that
+            learns in factors: rows of rho.
+        row_bytes: bytes of one such row, its key included where it has one.
+        optimum: exact joint optimum of the scenario, or an upper bound.
+        optimum_exact: whether it is exact.
+        reference: exact value of fixed shortest-path policies: reward, time_to_goal and
+            miscoordinations.
+        means: mean of each measure of `SUMS` over trials (and robots).
+        variances: variance of each measure over trials (and robots).
+        robot_means: mean of each measure of `BY_ROBOT` over runs and trials, one a robot.
+        not_arrived: trials in which some robot did not arrive.
+        visited: joint states that a robot has updated in Q^C, mean over the robots.
+        asked: how often COORDINATE was chosen in each cell, mean of a trial, shape
+            (robots, cells).
+        stays: steps in which the robot acted in each cell, likewise.
+        exact: exact mean of each measure of `SUMS` over trials (and robots), and the probability
+            `arrived` that all robots arrive; None where a team has no exact evaluation.
+    """
+
+    id: str
+    digest: str
+    trials: int
+    robots: int
+    joint_states: int
+    row_bytes: int
+    optimum: float
+    optimum_exact: bool
+    reference: dict[str, float]
+    means: dict[str, list[float]]
+    variances: dict[str, list[float]]
+    robot_means: dict[str, list[float]]
+    not_arrived: list[int]
+    visited: list[float]
+    asked: list[list[float]]
+    stays: list[list[float]]
+    exact: dict[str, list[float]] | None = None
+
+    @property
+    def runs(self) -> int:
+        """Number of learning runs."""
+        return len(self.not_arrived)
+
+    def measure(self, name: str) -> Measure:
+        """Return mean, spread over single robots, trials and runs, and standard error.
+
+        The runs are the independent samples: the standard error is that of their means.
+        """
+        means, variances = np.array(self.means[name]), np.array(self.variances[name])
+        spread = math.sqrt(variances.mean() + means.var())
+        error = means.std(ddof=1) / math.sqrt(len(means)) if len(means) > 1 else math.nan
+        return Measure(float(means.mean()), spread, float(error))
+
+    def best(self, name: str) -> Measure:
+        """Return a measure with its exact mean where there is one, else that of the trials.
+
+        The spread is that of the trials; the standard error says how much the runs differ.
+        """
+        measure = self.measure(name)
+        if self.exact is None:
+            return measure
+        means = np.array(self.exact[name])
+        error = means.std(ddof=1) / math.sqrt(len(means)) if len(means) > 1 else math.nan
+        return Measure(float(means.mean()), measure.spread, float(error))
+
+    def run_means(self, name: str) -> np.ndarray:
+        """Return a measure's mean in each run, exact where it is known."""
+        return np.array((self.means if self.exact is None else self.exact)[name])
+
+    @property
+    def arrived(self) -> float:
+        """Share of trials in which every robot arrived."""
+        return 1.0 - sum(self.not_arrived) / (self.runs * self.trials)
+
+    @property
+    def failed_teams(self) -> int:
+        """Runs in which not every robot arrives in 99.9 % of the trials."""
+        return sum(count > 0.001 * self.trials for count in self.not_arrived)
+
+    @property
+    def visited_share(self) -> float:
+        """Share of the joint states that a robot's Q^C has updated."""
+        return float(np.mean(self.visited)) / self.joint_states
+
+    @property
+    def visited_bytes(self) -> float:
+        """Bytes of the visited rows of one robot's Q^C, with their keys where it is sparse."""
+        return float(np.mean(self.visited)) * self.row_bytes
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data: what `reproduce --json` prints."""
+        measures = {name: asdict(self.measure(name)) for name in SUMS}
+        if self.exact is not None:
+            measures["exact"] = {name: float(np.mean(self.exact[name])) for name in self.exact}
+        return {
+            "id": self.id,
+            "runs": self.runs,
+            "trials": self.trials,
+            **measures,
+            "robot_means": self.robot_means,
+            "arrived": self.arrived,
+            "failed_teams": self.failed_teams,
+            "visited_share": self.visited_share,
+            "visited_bytes": self.visited_bytes,
+            "optimum": self.optimum,
+            "optimum_exact": self.optimum_exact,
+            "reference": self.reference,
+        }
+
+
+class Sample(NamedTuple):
+    """What a condition's result keeps of one run: small, whatever its tables are.
+
+    Attributes:
+        means, variances: of each measure of `SUMS`.
+        by_robot: mean of each measure of `BY_ROBOT`, shape (robots,).
+        not_arrived: trials in which some robot did not arrive.
+        visited: as of `ConditionResult`.
+        exact: mean of each exact measure; empty where nobody knows.
+        asked, stays: how often, over all trials, shape (robots, cells).
+    """
+
+    means: dict[str, float]
+    variances: dict[str, float]
+    by_robot: dict[str, np.ndarray]
+    not_arrived: int
+    visited: float
+    exact: dict[str, float]
+    asked: np.ndarray
+    stays: np.ndarray
+
+
+def sample(run: Run) -> Sample:
+    """Return what a condition's result keeps of a run with trials."""
+    trials = run.trials
+    assert trials is not None  # whoever computes a condition asks for trials
+    exact = {} if run.exact is None else run.exact._asdict()
+    return Sample(
+        means={name: float(getattr(trials, name).mean()) for name in SUMS},
+        variances={name: float(getattr(trials, name).var()) for name in SUMS},
+        by_robot={name: getattr(trials, name).mean(axis=0) for name in BY_ROBOT},
+        not_arrived=int((~trials.arrived.all(axis=1)).sum()),
+        visited=float(run.visited.mean()),
+        exact={name: float(np.mean(value)) for name, value in exact.items()},
+        asked=trials.asked,
+        stays=trials.stays,
+    )
+
+
+def collect(condition: Condition, trials: int, samples: Iterable[Sample]) -> ConditionResult:
+    """Sum up what is kept of a condition's runs (>= 1), in the order of their seeds."""
+    scenario = condition.scenario
+    cells, robots = len(scenario.map.cells), len(scenario.robots)
+    means: dict[str, list[float]] = {name: [] for name in SUMS}
+    variances: dict[str, list[float]] = {name: [] for name in SUMS}
+    by_robot = {name: np.zeros(robots) for name in BY_ROBOT}
+    not_arrived, visited, (asked, stays) = [], [], np.zeros((2, robots, cells))
+    exact: dict[str, list[float]] = {}
+    for one in samples:
+        for name in SUMS:
+            means[name].append(one.means[name])
+            variances[name].append(one.variances[name])
+        for name in BY_ROBOT:
+            by_robot[name] += one.by_robot[name]
+        not_arrived.append(one.not_arrived)
+        visited.append(one.visited)
+        for name, value in one.exact.items():
+            exact.setdefault(name, []).append(value)
+        asked += one.asked
+        stays += one.stays
+    count, optimum = len(not_arrived), joint_optimum(scenario)
+    factored = learner_of(condition.learner).factors is not None
+    return ConditionResult(
+        id=condition.id,
+        digest=digest(condition),
+        trials=trials,
+        robots=robots,
+        joint_states=rows_at_most(cells, robots) if factored else cells**scenario.perceived,
+        row_bytes=CORRECTION_BYTES if factored else _row_bytes(scenario),
+        optimum=optimum.value,
+        optimum_exact=optimum.exact,
+        reference=asdict(shortest_path_reference(scenario)),
+        means=means,
+        variances=variances,
+        robot_means={name: (total / count).tolist() for name, total in by_robot.items()},
+        not_arrived=not_arrived,
+        visited=visited,
+        asked=(asked / (count * trials)).tolist(),
+        stays=(stays / (count * trials)).tolist(),
+        exact=exact or None,
+    )
+
+
+CORRECTION_BYTES = 3 * 4 + PRIMITIVES * 8
+"""A row of rho: own cell, peer and its cell as int32, and four float64."""
+
+
+def _row_bytes(scenario: Scenario) -> int:
+    """Return the bytes of one row of Q^C: four float64, and where it is sparse its key."""
+    if not scenario.sparse:
+        return dense_nbytes(1, scenario.perceived)
+    key, row = np.zeros((1, scenario.perceived), dtype=np.int32), np.zeros((1, PRIMITIVES))
+    return SparseTable(1, scenario.perceived, 0.0, key, row).nbytes
+
+
+def digest(condition: Condition) -> str:
+    """Return a digest of everything that a result depends on besides seed and counts."""
+    return _digest([condition.learner, condition.scenario.computation()])
+
+
+def _digest_of_format_1(condition: Condition) -> str:
+    """Return the digest that version 0.1.0 gave: it covered names and provenance too."""
+    said = condition.scenario.to_dict()
+    for name, setting in SETTINGS.items():
+        if setting.neutral is not None:
+            del said[name]
+    return _digest([condition.learner, said])
+
+
+def _digest(said: object) -> str:
+    return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()[:16]
+
+
+class Results:
+    """A results directory; use `open_results`, which locks it.
+
+    Args:
+        directory: where it is.
+        plan: seed, runs and trials of every condition in it.
+    """
+
+    def __init__(self, directory: Path, plan: Plan) -> None:
+        self.directory = directory
+        self.plan = plan
+
+    def path(self, condition: Condition) -> Path:
+        """Return where a condition's result is.
+
+        Raises:
+            ResultsError: the file's name would be too long.
+        """
+        return self._inside("cells", f"{condition.id}.json")
+
+    def run_folder(self, condition: Condition, number: int) -> Path:
+        """Return where a single run of a condition is."""
+        return self._inside("runs", f"{condition.id}/{number}")
+
+    def _inside(self, folder: str, name: str) -> Path:
+        path = self.directory / folder / name
+        assert ".." not in path.parts[len(self.directory.parts) :]  # an id has plain names only
+        assert path.is_relative_to(self.directory / folder)
+        if len(path.name + PARTIAL) > LONGEST_NAME:  # said before hours are spent on the condition
+            raise unusable_file(path, OSError(errno.ENAMETOOLONG, "File name too long"), "written")
+        return path
+
+    def load(self, condition: Condition) -> ConditionResult | None:
+        """Return a condition's result, None where it is not there yet.
+
+        A file that cannot be read is put aside as `<file>.broken`; its condition is open again.
+
+        Raises:
+            ResultsError: the result is of another scenario, protocol or plan.
+        """
+        path = self.path(condition)
+        try:
+            return _load(path, condition, self.plan)
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            raise unusable_file(path, error, "read") from None
+        except _MALFORMED:
+            os.replace(path, path.with_name(path.name + ".broken"))
+            return None
+
+    def save(self, condition: Condition, result: ConditionResult) -> None:
+        """Write a condition's result, whole or not at all.
+
+        Raises:
+            ResultsError: it cannot be written.
+        """
+        path = self.path(condition)
+        write_result(path, json.dumps({"format": FORMAT, **asdict(result)}))
+
+
+_MALFORMED = (AttributeError, ValueError, TypeError, RecursionError)
+"""What a file raises that is none of ours."""
+
+
+def _load(path: Path, condition: Condition, plan: Plan) -> ConditionResult:
+    """Read a condition's result.
+
+    Raises:
+        ResultsError: the result is of another scenario, protocol or plan.
+        Exception: whatever a malformed file raises, see `_MALFORMED`.
+    """
+    data = json.loads(path.read_text(encoding="utf-8"))
+    written = int(data.pop("format", 1))
+    if written > FORMAT:
+        raise ResultsError(newer_format(str(path), written, FORMAT))
+    result = ConditionResult(**data)
+    whole = result.runs == plan.runs and result.trials == plan.trials
+    known = {digest(condition), _digest_of_format_1(condition)}
+    if result.id != condition.id or result.digest not in known or not whole:
+        raise ResultsError(
+            f"{path}: was computed for another scenario, learning protocol or plan than "
+            f"{condition.id} has now; nothing is mixed: choose another --out, or remove this file"
+        )
+    return result
+
+
+def read_results(directory: Path) -> tuple[Plan, list[tuple[Condition, ConditionResult]]]:
+    """Read all that a results directory holds, without writing there.
+
+    Raises:
+        ResultsError: it is no results directory, or a file cannot be read.
+    """
+    path = directory / MANIFEST
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+        if found["format"] > FORMAT:
+            raise ResultsError(newer_format(str(path), found["format"], FORMAT))
+        plan = Plan(*(int(found[name]) for name in ("seed", "runs", "trials")))
+    except OSError as error:
+        raise ResultsError(f"{path}: cannot be read ({error.strerror})") from None
+    except (KeyError, *_MALFORMED):
+        raise ResultsError(
+            f"{path}: is no results.json of this software; give the directory that "
+            "'sparse_coord reproduce' wrote"
+        ) from None
+    results = []
+    folder = directory / "cells"
+    for file in sorted(folder.rglob("*.json")):
+        try:
+            condition, _ = parse_id(str(file.relative_to(folder).with_suffix("")))
+            results.append((condition, _load(file, condition, plan)))
+        except OSError as error:
+            raise ResultsError(f"{file}: cannot be read ({error.strerror})") from None
+        except _MALFORMED:
+            raise ResultsError(
+                f"{file}: cannot be read as a result; remove it, and 'sparse_coord reproduce' "
+                "computes it again"
+            ) from None
+    return plan, results
+
+
+@contextmanager
+def open_results(directory: Path, plan: Plan) -> Iterator[Results]:
+    """Create a results directory or go on with one, for this process alone.
+
+    Raises:
+        ResultsError: it is no results directory, has another version or plan, cannot be written,
+            or another process is writing it.
+    """
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        lock = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
+    except OSError as error:
+        raise _unusable(directory, error) from None
+    try:
+        if not take_lock(lock):
+            raise ResultsError(
+                f"results directory {directory}: another process is writing it; wait for it, or "
+                "choose another --out"
+            )
+        _check_manifest(directory, plan)
+        yield Results(directory, plan)
+    finally:
+        os.close(lock)
+
+
+def _unusable(directory: Path, error: OSError) -> ResultsError:
+    return ResultsError(
+        f"results directory {directory}: cannot be used ({error.strerror}); choose another --out"
+    )
+
+
+def _check_manifest(directory: Path, plan: Plan) -> None:
+    """Make sure that the directory is of this plan; write its manifest where it is new."""
+    path = directory / MANIFEST
+    wanted = {"format": FORMAT, "version": __version__, **asdict(plan)}
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        # An interruption right at the beginning leaves our own half-written manifest.
+        if any(found.name != path.name + PARTIAL for found in directory.iterdir()):
+            raise ResultsError(
+                f"results directory {directory}: holds other files and no {MANIFEST}; choose an "
+                "empty or new directory for --out"
+            ) from None
+        write_result(path, json.dumps(wanted, indent=2) + "\n")
+        return
+    except OSError as error:
+        raise _unusable(directory, error) from None
+    except (ValueError, RecursionError):
+        found = None
+    if not isinstance(found, dict) or not isinstance(found.get("format"), int):
+        raise ResultsError(
+            f"{path}: is not readable as JSON; choose another --out, or remove the directory"
+        )
+    if found["format"] > FORMAT:
+        raise ResultsError(newer_format(str(path), found["format"], FORMAT))
+    for name, value in asdict(plan).items():
+        if found.get(name) != value:
+            raise ResultsError(
+                f"results directory {directory}: was made with {name} {found.get(name)!r}, this "
+                f"is {name} {value!r}; nothing is mixed: use the same, or another --out"
+            )
+    if found["format"] < FORMAT:
+        write_result(path, json.dumps(wanted, indent=2) + "\n")
+
+
+def write_result(path: Path, text: str) -> None:
+    """Write a text file, whole or not at all; its folder is made where it is missing.
+
+    Raises:
+        ResultsError: it cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(path, text)
+    except OSError as error:
+        raise unusable_file(path, error, "written") from None
+
+
+def unusable_file(path: Path, error: OSError, what: str) -> ResultsError:
+    """Return the error for a file or folder that cannot be read or written."""
+    name = str(path)
+    if len(name) > 300:
+        name = f"{name[:147]}...{name[-147:]}"
+    if error.errno == errno.ENAMETOOLONG:
+        remedy = "change fewer settings at once, or choose a shorter --out"
+    elif error.errno in (errno.ENOSPC, errno.EDQUOT):
+        remedy = "make room and call again: what was finished is kept"
+    else:
+        remedy = "mend that, or choose another --out"
+    return ResultsError(f"{name}: cannot be {what} ({error.strerror}); {remedy}")

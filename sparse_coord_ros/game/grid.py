@@ -1,0 +1,254 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Grid maps: free cells, walls, doorways and starts, read from text files.
+
+A map file is a YAML header (`title`, `source`, `provenance`, and of a map of a real place
+`resolution` and `origin`), a line `---`, then the grid: one line a row, `#` wall, `.` free, `D`
+doorway (free), a digit 1 to 9 a start (free).
+Free cells are numbered row by row from the top left; that number is a robot's local state.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from sparse_coord_ros.errors import MapError, did_you_mean, in_short
+from sparse_coord_ros.share import share_file, share_names
+
+MOVES = ((-1, 0), (1, 0), (0, 1), (0, -1))
+"""(row, column) change of the primitive actions north, south, east, west."""
+
+WALL, FREE, DOORWAY = "#", ".", "D"
+SYMBOLS = "'#' wall, '.' free, 'D' doorway, '1' to '9' start"
+UNREACHABLE = -1
+
+HEADER_TEXTS = ("title", "source", "provenance")
+RESOLUTIONS = (1e-3, 1000.0)
+"""Least and most metres a cell."""
+
+FURTHEST = 1e7
+"""Most metres from the frame's origin to the grid's corner."""
+
+IMAGES = (".pgm", ".png", ".pbm", ".ppm", ".bmp", ".jpg", ".jpeg", ".tif", ".tiff")
+"""What the names of images end with, as map_server's maps are."""
+
+
+@dataclass(frozen=True)
+class GridMap:
+    """A map: its rows of symbols and what follows from them.
+
+    Attributes:
+        name: the map's name (the file's stem).
+        rows: the grid, one string a row, all of the same length, top row first.
+        title: what the map shows.
+        source: where the map comes from.
+        provenance: which parts are found, derived or chosen.
+        resolution: metres a cell of the place that the map shows; None: of no real place.
+        origin: (x, y) of the grid's lower left corner in that place's frame, in metres.
+    """
+
+    name: str
+    rows: tuple[str, ...]
+    title: str = ""
+    source: str = ""
+    provenance: str = ""
+    resolution: float | None = None
+    origin: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(rows, columns) of the grid, walls included."""
+        return len(self.rows), len(self.rows[0])
+
+    @cached_property
+    def cells(self) -> tuple[tuple[int, int], ...]:
+        """(row, column) of each free cell; the index is the cell's number."""
+        return tuple(
+            (r, c)
+            for r, line in enumerate(self.rows)
+            for c, symbol in enumerate(line)
+            if symbol != WALL
+        )
+
+    @cached_property
+    def number(self) -> dict[tuple[int, int], int]:
+        """The cell number of each free (row, column)."""
+        return {position: cell for cell, position in enumerate(self.cells)}
+
+    @cached_property
+    def doorways(self) -> frozenset[int]:
+        """Cell numbers of the doorways."""
+        return frozenset(x for x, (r, c) in enumerate(self.cells) if self.rows[r][c] == DOORWAY)
+
+    @cached_property
+    def starts(self) -> dict[int, int]:
+        """Cell number of each start digit of the map."""
+        return {
+            int(self.rows[r][c]): x
+            for x, (r, c) in enumerate(self.cells)
+            if self.rows[r][c].isdigit()
+        }
+
+    @cached_property
+    def next_cell(self) -> np.ndarray:
+        """Shape (cells, 4), int64: where a successful move leads; into a wall means staying."""
+        table = np.empty((len(self.cells), len(MOVES)), dtype=np.int64)
+        for x, (r, c) in enumerate(self.cells):
+            for a, (dr, dc) in enumerate(MOVES):
+                table[x, a] = self.number.get((r + dr, c + dc), x)
+        return table
+
+    def distances_to(self, goal: int) -> np.ndarray:
+        """Shape (cells,): moves on a shortest path to `goal`; -1 where there is none."""
+        distance = np.full(len(self.cells), UNREACHABLE, dtype=np.int64)
+        distance[goal] = 0
+        queue = deque([goal])
+        while queue:
+            x = queue.popleft()
+            for y in self.next_cell[x]:  # moves are reversible: neighbours lead back
+                if distance[y] == UNREACHABLE:
+                    distance[y] = distance[x] + 1
+                    queue.append(int(y))
+        return distance
+
+    def to_text(self) -> str:
+        """Return the map as the text of a map file; `parse_map` reads it back."""
+        said: dict[str, Any] = {name: getattr(self, name) for name in HEADER_TEXTS}
+        if self.resolution is not None:
+            said |= {"resolution": self.resolution, "origin": list(self.origin)}
+        header = yaml.safe_dump(said, sort_keys=False, allow_unicode=True)
+        return header + "---\n" + "\n".join(self.rows) + "\n"
+
+
+def map_names() -> list[str]:
+    """Return the names of the maps that the package ships, sorted."""
+    return share_names("maps", ".txt")
+
+
+def load_map(name: str, *, beside: Path | None = None) -> GridMap:
+    """Read a map by the name of a shipped map or by path.
+
+    Args:
+        name: a shipped map's name, or the path of a map file.
+        beside: a folder in which a relative path is looked up first (the scenario file's).
+
+    Raises:
+        MapError: there is no such map, or it is malformed.
+    """
+    folders = [beside, Path()] if beside else [Path()]
+    for candidate in [folder / name for folder in folders] + [share_file("maps", f"{name}.txt")]:
+        if candidate is not None and candidate.is_file():
+            if candidate.suffix.lower() in IMAGES:
+                raise MapError(
+                    f"map {candidate}: is an image; make a map of it with: sparse_coord "
+                    "import-map, and the YAML file that belongs to the image"
+                )
+            try:
+                text = candidate.read_text(encoding="utf-8")
+            except (OSError, UnicodeDecodeError) as error:
+                raise MapError(f"map {candidate}: cannot be read as UTF-8 text: {error}") from None
+            return parse_map(text, name=candidate.stem, where=str(candidate))
+    raise MapError(
+        f"map {name!r}: no such map{did_you_mean(name, map_names())}; give the path of a map file "
+        f"or one of: {', '.join(map_names())}"
+    )
+
+
+def parse_map(text: str, *, name: str, where: str) -> GridMap:
+    """Read a map from the text of a map file.
+
+    Args:
+        text: the file's text.
+        name: the map's name.
+        where: what error messages call the file.
+
+    Raises:
+        MapError: malformed header, unequal rows, unknown symbol, start given twice, no free cell.
+    """
+    lines = text.splitlines()
+    if "---" not in lines:
+        raise MapError(
+            f"map {where}: no line '---'; a map is a header (title, source, provenance), "
+            "a line '---', then the grid"
+        )
+    first = lines.index("---") + 1
+    rows = tuple(line.rstrip() for line in lines[first:])
+    while rows and not rows[-1]:
+        rows = rows[:-1]
+    _check_rows(rows, first + 1, where)
+    return GridMap(name=name, rows=rows, **_header("\n".join(lines[: first - 1]), where))
+
+
+def _header(text: str, where: str) -> dict[str, Any]:
+    allowed = (*HEADER_TEXTS, "resolution", "origin")
+    try:
+        header = yaml.safe_load(text) or {}
+    except yaml.YAMLError as error:
+        raise MapError(
+            f"map {where}: header is not YAML: {' '.join(str(error).split())}"
+        ) from None
+    if not isinstance(header, dict):
+        raise MapError(f"map {where}: the header must be 'key: value' lines of {allowed}")
+    for key in header:
+        if key not in allowed:
+            raise MapError(
+                f"map {where}: unknown header key {key!r}{did_you_mean(str(key), allowed)}; "
+                f"allowed: {', '.join(allowed)}"
+            )
+    found: dict[str, Any] = {}
+    for key, value in header.items():
+        if key == "resolution":
+            found[key] = _number(value, *RESOLUTIONS, f"map {where}: header key 'resolution'")
+        elif key == "origin":
+            what = f"map {where}: header key 'origin'"
+            if not isinstance(value, list) or len(value) != 2:
+                raise MapError(f"{what} is {in_short(value)}, allowed: [x, y] in metres")
+            x, y = (_number(one, -FURTHEST, FURTHEST, what) for one in value)
+            found[key] = (x, y)
+        else:
+            found[key] = str(value or "").strip()
+    if "origin" in found and "resolution" not in found:
+        raise MapError(f"map {where}: has an origin and no resolution; give the metres a cell")
+    return found
+
+
+def _number(value: object, low: float, high: float, what: str) -> float:
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not number or not low <= value <= high:  # type: ignore[operator]
+        shown = in_short(value)
+        raise MapError(f"{what} is {shown}, allowed: a number from {low:g} to {high:g}")
+    return float(value)  # type: ignore[arg-type]
+
+
+def _check_rows(rows: tuple[str, ...], first_line: int, where: str) -> None:
+    if not rows:
+        raise MapError(
+            f"map {where}: no grid after the line '---'; add one line a row ({SYMBOLS})"
+        )
+    seen: dict[str, int] = {}
+    for line, row in enumerate(rows, start=first_line):
+        if len(row) != len(rows[0]):
+            raise MapError(
+                f"map {where}, line {line}: row has {len(row)} symbols, the first row has "
+                f"{len(rows[0])}; all rows must be equally long (fill with '#')"
+            )
+        for column, symbol in enumerate(row, start=1):
+            if symbol not in "#.D123456789":
+                raise MapError(
+                    f"map {where}, line {line}, column {column}: unknown symbol {symbol!r}; "
+                    f"allowed: {SYMBOLS}"
+                )
+            if symbol.isdigit() and symbol in seen:
+                raise MapError(
+                    f"map {where}, line {line}: start {symbol} is there twice (first in line "
+                    f"{seen[symbol]}); each digit marks one start, replace one by '.'"
+                )
+            if symbol.isdigit():
+                seen[symbol] = line
+    if all(symbol == WALL for row in rows for symbol in row):
+        raise MapError(f"map {where}: no free cell; mark free cells with '.'")

@@ -1,0 +1,263 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Active-perception models: whether the percept of COORDINATE succeeds (paper, Section 3.2).
+
+"Whether or not it actually succeeds is environment-dependent." A model is a matrix of success
+probabilities over the asker's and the asked robot's cells; the percept succeeds when the draw of
+(asker, step) lies below the entry. A model is a function of the map and its numbers, registered
+under a name; one of the user's own may also be named as `module:function`.
+"""
+
+import inspect
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, cast
+
+import numpy as np
+
+from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.game.grid import GridMap
+from sparse_coord_ros.game.plugins import Registry, failing_as, is_path, is_shipped, path_of
+from sparse_coord_ros.game.specs import Form, Number, Spec, SpecFamily
+
+LARGEST_LISTS = 2**19
+"""Probabilities up to which they are kept as lists: those of 724 cells."""
+
+MOST_PERCEPTS = 2**29
+"""Pairs of cells for which there can be probabilities: those of 23,170 cells, 4 GiB."""
+
+PerceptionModel = Callable[..., np.ndarray]
+"""Takes the map and the numbers of its spec; returns what `percept_probabilities` does. Its
+attribute `numbers`, a tuple of `Number`, says their names and ranges; without one, its parameters
+after the map are numbers without bounds."""
+
+
+def _model(name: str, thing: object) -> PerceptionModel:
+    if not callable(thing):
+        raise TypeError("is no function; it must take a map and return a matrix of probabilities")
+    return thing
+
+
+MODELS: Registry[PerceptionModel] = Registry(
+    "perception model", "sparse_coord_ros.perception", _model
+)
+"""Every perception model, by the name that scenarios give."""
+
+
+def register_perception(name: str, model: PerceptionModel) -> PerceptionModel:
+    """Let a scenario's setting `perception` name a model of one's own, in this process.
+
+    What is written names it as `module:function`, which other processes, and later calls, find by
+    themselves; a model that an installed package names as an entry point of the group
+    `sparse_coord_ros.perception` is found by that name.
+
+    Args:
+        name: the name.
+        model: function of the map and numbers; see `PerceptionModel`.
+
+    Raises:
+        SettingError: it is no function, or the name is none or taken.
+    """
+    return MODELS.register(name, model)
+
+
+class PerceptionFamily(SpecFamily):
+    """The setting `perception`: the models of this package, and those of the user's own."""
+
+    def __init__(self) -> None:
+        super().__init__("perception", {})
+
+    @property
+    def forms(self) -> tuple[Form, ...]:
+        """The registered models."""
+        return self._named.forms
+
+    @property
+    def usage(self) -> str:
+        """The allowed forms, for help and error texts."""
+        return f"{super().usage}, or one of your own as module:function"
+
+    @property
+    def _named(self) -> SpecFamily:
+        """The registered models, without those that are `module:function`."""
+        own = {name: m for name, m in MODELS.registered.items() if ":" not in name}
+        return SpecFamily(
+            self.setting,
+            {name: _numbers(model) for name, model in own.items()},
+            {name: (inspect.getdoc(model) or "").split("\n")[0] for name, model in own.items()},
+        )
+
+    def parse(self, value: object) -> Spec:
+        """Read a model with its numbers; errors as of `SpecFamily.parse`."""
+        if isinstance(value, Spec):
+            return value
+        text = str(value)
+        parts = text.split(":")
+        kind = ":".join(parts[:2]) if is_path(":".join(parts[:2])) else parts[0]
+        if kind not in MODELS.names and not is_path(kind):
+            named = self._named.kinds
+            raise self.unknown(text, parts[0], {**dict.fromkeys(MODELS.names, ()), **named})
+        model = MODELS.find(kind)
+        rest = text.removeprefix(kind).removeprefix(":")
+        spec = self.numbered(text, kind, rest.split(":") if rest else [], _numbers(model))
+        return Spec(_portable(kind, model), spec.numbers)
+
+
+def _portable(kind: str, model: PerceptionModel) -> str:
+    """Return by what name other processes find a model: `module:function`, where it can be."""
+    path = path_of(model)
+    if path is None or is_shipped(model) or is_path(kind) or kind in MODELS.installed:
+        return kind
+    MODELS.register(path, model)
+    return path
+
+
+def _numbers(model: PerceptionModel) -> tuple[Number, ...]:
+    said = getattr(model, "numbers", None)
+    if said is None:
+        try:
+            names = list(inspect.signature(model).parameters)[1:]
+        except ValueError:  # some functions in C do not say
+            names = []
+        said = tuple(Number(name) for name in names)
+    return tuple(said)
+
+
+PERCEPTION = PerceptionFamily()
+"""The perception models that a scenario can name."""
+
+
+def check_percepts(grid: GridMap) -> None:
+    """Raise `SettingError` where a map has more pairs of cells than probabilities fit."""
+    cells = len(grid.cells)
+    if cells**2 > MOST_PERCEPTS:
+        raise SettingError(
+            f"map {grid.name} has {cells} cells, allowed in learning: at most "
+            f"{math.isqrt(MOST_PERCEPTS)} (perception has a probability for each pair of them); "
+            "take larger cells (import-map --cell) or a part of the map"
+        )
+
+
+def percept_probabilities(model: Spec, grid: GridMap) -> np.ndarray:
+    """Return the success probability of a percept.
+
+    Args:
+        model: one of the kinds of `PERCEPTION`.
+        grid: the map.
+
+    Returns:
+        Shape (cells, cells), float64 in [0, 1]: first index the asker's cell, second the asked
+        robot's cell.
+
+    Raises:
+        SettingError: the map is too large, or a model of the user's own returns something else.
+        PluginError: it fails.
+    """
+    check_percepts(grid)
+    name = f"perception model {model.kind!r}"
+    with failing_as(name, f"it looked at map {grid.name}"):
+        found = MODELS.find(model.kind)(grid, *model.numbers)
+    cells = len(grid.cells)
+    try:
+        matrix = np.ascontiguousarray(found, dtype=np.float64)
+        fits = matrix.shape == (cells, cells) and bool(((matrix >= 0) & (matrix <= 1)).all())
+    except (TypeError, ValueError):
+        fits = False
+    if not fits:
+        raise SettingError(
+            f"{name}: returned {_shown(found)}, allowed: probabilities from 0 to 1, shape "
+            f"({cells}, {cells}): the asker's cell, then the asked robot's"
+        )
+    return matrix
+
+
+def probability_rows(model: Spec, grid: GridMap) -> Sequence[Sequence[float]]:
+    """Return `percept_probabilities` to look up entry by entry.
+
+    They are lists, which are quickest, or on large maps the array, which takes a quarter.
+    """
+    matrix = percept_probabilities(model, grid)
+    rows: Any = matrix if matrix.size > LARGEST_LISTS else matrix.tolist()
+    return cast(Sequence[Sequence[float]], rows)
+
+
+def _shown(found: object) -> str:
+    if not isinstance(found, np.ndarray):
+        return repr(found)[:60]
+    numbers = found.size and np.issubdtype(found.dtype, np.number)
+    values = f" with values from {found.min():g} to {found.max():g}" if numbers else ""
+    return f"an array of shape {found.shape}{values}"
+
+
+def _probability(grid: GridMap, p: float) -> np.ndarray:
+    """Succeed with the same probability everywhere."""
+    return np.full((len(grid.cells), len(grid.cells)), p)
+
+
+def _range(grid: GridMap, reach: float) -> np.ndarray:
+    """Succeed within so many cells, measured straight between the cells' centres."""
+    centres = np.array(grid.cells, dtype=float)
+    gap = centres[:, None, :] - centres[None, :, :]
+    return np.asarray(np.hypot(gap[..., 0], gap[..., 1]) <= reach, dtype=float)
+
+
+def _line_of_sight(grid: GridMap) -> np.ndarray:
+    """Succeed where the straight line between the cells' centres crosses no wall."""
+    cells = grid.cells
+    seen = np.zeros((len(cells), len(cells)))
+    for x, here in enumerate(cells):
+        for y in range(x, len(cells)):
+            seen[x, y] = seen[y, x] = _sees(grid, here, cells[y])
+    return seen
+
+
+def _sees(grid: GridMap, here: tuple[int, int], there: tuple[int, int]) -> bool:
+    """Walk the line in exact integer steps through every cell whose inside it crosses.
+
+    A line through a corner point of four cells passes when one of the two cells beside the
+    corner is free.
+    """
+    (r, c), (end_r, end_c) = here, there
+    rows, columns = abs(end_r - r), abs(end_c - c)
+    step_r, step_c = (1 if end_r > r else -1), (1 if end_c > c else -1)
+    # Twice the (signed) distance to the next row border against that to the next column border.
+    error = columns - rows
+    while (r, c) != (end_r, end_c):
+        if error == 0:
+            beside = ((r + step_r, c), (r, c + step_c))
+            if not any(cell in grid.number for cell in beside):
+                return False
+            r, c = r + step_r, c + step_c
+            error += 2 * (columns - rows)
+        elif error > 0:
+            c += step_c
+            error -= 2 * rows
+        else:
+            r += step_r
+            error += 2 * columns
+        if (r, c) not in grid.number:
+            return False
+    return True
+
+
+def _always(grid: GridMap) -> np.ndarray:
+    """Succeed."""
+    return _probability(grid, 1.0)
+
+
+def _never(grid: GridMap) -> np.ndarray:
+    """Fail."""
+    return _probability(grid, 0.0)
+
+
+setattr(_probability, "numbers", (Number("p", 0.0, 1.0),))  # noqa: B010 - mypy
+setattr(_range, "numbers", (Number("cells", 0.0),))  # noqa: B010
+
+for _name, _function in (
+    ("always", _always),
+    ("never", _never),
+    ("probability", _probability),
+    ("line_of_sight", _line_of_sight),
+    ("range", _range),
+):
+    register_perception(_name, _function)

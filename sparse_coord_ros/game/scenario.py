@@ -1,0 +1,616 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Scenarios: map, robots, rewards, dynamics, perception and learning protocol as one object."""
+
+import re
+from collections.abc import Hashable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from sparse_coord_ros.errors import MapError, ScenarioError, SettingError, did_you_mean
+from sparse_coord_ros.game.grid import UNREACHABLE, GridMap, load_map, parse_map
+from sparse_coord_ros.game.links import LINKS
+from sparse_coord_ros.game.perception import PERCEPTION
+from sparse_coord_ros.game.schedules import EPSILON, STARTS, STEP_SIZE
+from sparse_coord_ros.game.settings import Setting, SettingTable
+from sparse_coord_ros.game.specs import Number, Spec, SpecFamily
+from sparse_coord_ros.learn.sparse import dense_nbytes
+from sparse_coord_ros.share import share_file, share_names
+
+COMMON_REWARD = SpecFamily(
+    "common_reward",
+    {"same": (), "each": (Number("factor", 0.0, 1e6, repeated=True),)},
+    {
+        "same": "every robot pays the penalty",
+        "each": "each robot, in the scenario's order, pays its own factor times the penalty",
+    },
+)
+"""Who pays what of r^C (paper, Section 5)."""
+
+
+class CreditFamily(SpecFamily):
+    """The setting `credit`: a lone number is a weight."""
+
+    def parse(self, value: object) -> Spec:
+        """Read a credit; errors as of `SpecFamily.parse`."""
+        text = str(value)
+        try:
+            float(text)
+        except ValueError:
+            return super().parse(value)
+        return super().parse(f"weight:{text}")
+
+
+CREDIT = CreditFamily(
+    "credit",
+    {"own": (), "team": (), "weight": (Number("w", 0.0, 1e6),)},
+    {
+        "own": "once",
+        "team": "as often as there are robots that it falls on",
+        "weight": "as often as this number says; a number alone means this too",
+    },
+)
+"""How much a robot weighs r^C while it learns."""
+
+PEERS = ("one", "all")
+"""Whom COORDINATE perceives: a peer drawn at random, or every other robot (paper, footnote 3)."""
+
+LARGEST_DENSE = 2**24
+"""Bytes of one robot's Q^C up to which it is an array: a pair's on 724 cells."""
+
+MOST_VALUES = 1_000_000
+"""Values of a YAML file, what aliases stand for included."""
+
+LONGEST = 1_000_000
+"""Most steps of an episode or a trial."""
+
+LARGEST_VALUE = 1e9
+"""Largest reward, cost or initial value: sums of them stay numbers."""
+
+LONGEST_NAME = 100
+"""Letters of a robot's name: DDS takes 255 of a topic, its namespace included."""
+
+SETTINGS = SettingTable(
+    [
+        Setting(
+            "steps", int, 10_000, "step budget of learning, in transitions", low=1, high=10**7
+        ),
+        Setting(
+            "goal_reward",
+            float,
+            10.0,
+            "r^I paid on arrival and each step after it",
+            low=0,
+            high=LARGEST_VALUE,
+        ),
+        Setting(
+            "penalty",
+            float,
+            -20.0,
+            "r^C of one miscoordination, paid to all",
+            low=-LARGEST_VALUE,
+            high=0,
+        ),
+        Setting(
+            "common_reward",
+            COMMON_REWARD,
+            "same",
+            "what each robot pays of r^C: the penalty, or its own factor times the penalty",
+        ),
+        Setting(
+            "ask_cost",
+            float,
+            1.0,
+            "cost of choosing COORDINATE, answered or not",
+            low=0,
+            high=LARGEST_VALUE,
+        ),
+        Setting("discount", float, 0.95, "gamma", low=0, high=0.999),
+        Setting("move_success", float, 0.8, "probability that a move succeeds", low=0.01, high=1),
+        Setting(
+            "conflict",
+            str,
+            "same_cell",
+            "when a step is a miscoordination: two robots in the same doorway, or in any doorways",
+            choices=("same_cell", "any_doorway"),
+        ),
+        Setting("perception", PERCEPTION, "always", "when the percept of COORDINATE succeeds"),
+        Setting(
+            "link",
+            LINKS,
+            "up",
+            "when a robot's COORDINATE gets no answer: lost, late or refused",
+            neutral="up",
+        ),
+        Setting(
+            "peers",
+            str,
+            "one",
+            "whom COORDINATE perceives: one peer drawn at random, or all of them",
+            choices=PEERS,
+        ),
+        Setting(
+            "credit",
+            CREDIT,
+            "own",
+            "how much r^C counts in learning: once, for each robot that it falls on, or a number",
+            neutral="own",
+        ),
+        Setting(
+            "referee",
+            bool,
+            False,
+            "whether the reward says with whom a robot was in a miscoordination",
+            neutral=False,
+        ),
+        Setting(
+            "max_steps",
+            int,
+            100,
+            "a learning episode ends after as many steps",
+            low=1,
+            high=LONGEST,
+        ),
+        Setting(
+            "horizon",
+            int,
+            100,
+            "an evaluation trial ends after as many steps",
+            low=1,
+            high=LONGEST,
+        ),
+        Setting("starts", STARTS, "exploring:1:0.2:0.5", "start cells of learning episodes"),
+        Setting("step_size", STEP_SIZE, "floored:0.5:0.1:0.01", "alpha of QLUpdate"),
+        Setting("epsilon", EPSILON, "linear:0.15:0.02:0.8", "exploration of pi_epsilon"),
+        Setting(
+            "q_star_init",
+            float,
+            20.0,
+            "initial value of Q*",
+            low=-LARGEST_VALUE,
+            high=LARGEST_VALUE,
+        ),
+        Setting(
+            "q_coord_init",
+            float,
+            200.0,
+            "initial value of Q^C",
+            low=-LARGEST_VALUE,
+            high=LARGEST_VALUE,
+        ),
+        Setting(
+            "goal_value",
+            float,
+            200.0,
+            "value of being at the goal while learning: 200 = absorbing goal that pays 10 a "
+            "step for ever, 0 = a single payment",
+            low=-LARGEST_VALUE,
+            high=LARGEST_VALUE,
+        ),
+    ]
+)
+"""Every setting of a scenario that `--set` and the `set` parameter can change."""
+
+DIALOGUE = ("perception", "link", "peers")
+"""The settings that say whom COORDINATE asks and when the answer comes."""
+
+PROTOCOL = (
+    *("steps", "max_steps", "starts", "step_size", "epsilon"),
+    *("q_star_init", "q_coord_init", "goal_value", "credit", "referee"),
+)
+"""The settings that say how robots learn; the others say what they play."""
+
+
+@dataclass(frozen=True)
+class Robot:
+    """One robot of a scenario: its name, start cell and goal cell (cell numbers)."""
+
+    name: str
+    start: int
+    goal: int
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One learning problem and its protocol; the settings are described in `SETTINGS`.
+
+    `given` names the settings that somebody chose, in the file or later; a learner may have
+    defaults of its own for the others (`Learner.defaults`).
+    """
+
+    name: str
+    map: GridMap
+    robots: tuple[Robot, ...]
+    paper: Mapping[str, Mapping[str, Any]] = field(compare=False)
+    steps: int
+    goal_reward: float
+    penalty: float
+    common_reward: Spec
+    ask_cost: float
+    discount: float
+    move_success: float
+    conflict: str
+    perception: Spec
+    link: Spec
+    peers: str
+    max_steps: int
+    horizon: int
+    starts: Spec
+    step_size: Spec
+    epsilon: Spec
+    q_star_init: float
+    q_coord_init: float
+    goal_value: float
+    credit: Spec
+    referee: bool
+    given: frozenset[str] = field(default=frozenset(), compare=False)
+
+    def __post_init__(self) -> None:
+        """Raise `SettingError` where a setting does not fit the robots."""
+        team = len(self.robots)
+        factors = len(self.common_reward.numbers)
+        if self.common_reward.kind == "each" and factors != team:
+            raise SettingError(
+                f"setting common_reward: {str(self.common_reward)!r} has {factors} "
+                f"factor{'s' * (factors != 1)}, scenario {self.name} has {team} robots and needs "
+                f"{team}; give each robot one, in the scenario's order"
+            )
+
+    @property
+    def penalties(self) -> tuple[float, ...]:
+        """r^C of one miscoordination for each robot (paper, Section 5)."""
+        if self.common_reward.kind == "same":
+            return (self.penalty,) * len(self.robots)
+        return tuple(factor * self.penalty for factor in self.common_reward.numbers)
+
+    @property
+    def common_weight(self) -> float:
+        """How much r^C counts for a robot that learns: the setting `credit`."""
+        if self.credit.kind == "team":
+            return float(sum(factor != 0.0 for factor in self._factors))
+        return self.credit.numbers[0] if self.credit.kind == "weight" else 1.0
+
+    @property
+    def _factors(self) -> tuple[float, ...]:
+        same = self.common_reward.kind == "same"
+        return (1.0,) * len(self.robots) if same else self.common_reward.numbers
+
+    @property
+    def perceived(self) -> int:
+        """How many local states Q^C tells apart: the own one and those of the perceived peers."""
+        return max(2, len(self.robots)) if self.peers == "all" else 2
+
+    @property
+    def sparse(self) -> bool:
+        """Whether Q^C has rows for visited joint states only.
+
+        It has where it is over more than a pair, and on maps so large that an array would take
+        more than `LARGEST_DENSE` bytes a robot.
+        """
+        large = dense_nbytes(len(self.map.cells), 2) > LARGEST_DENSE
+        return self.perceived > 2 or large
+
+    def with_settings(
+        self, values: Mapping[str, object] | None = None, /, **settings: object
+    ) -> "Scenario":
+        """Return a copy with some settings changed, e.g. `with_settings(penalty=-100)`.
+
+        Args:
+            values: settings by name; values may be texts, as on the command line.
+            **settings: more of them.
+
+        Raises:
+            SettingError: an unknown name, a bad value, or one that does not fit the robots.
+        """
+        parsed = SETTINGS.parse({**(values or {}), **settings})
+        return replace(self, **parsed, given=self.given | set(parsed))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data, the map's text included; `scenario_from_dict` reads it back."""
+        place = {x: list(position) for x, position in enumerate(self.map.cells)}
+        settings = {name: getattr(self, name) for name in SETTINGS}
+        return {
+            "name": self.name,
+            "map": {"name": self.map.name, "text": self.map.to_text()},
+            "robots": {
+                r.name: {"start": place[r.start], "goal": place[r.goal]} for r in self.robots
+            },
+            **{n: str(v) if isinstance(v, Spec) else v for n, v in settings.items()},
+            "paper": {learner: dict(row) for learner, row in self.paper.items()},
+        }
+
+    def computation(self) -> dict[str, Any]:
+        """Return plain data of all that affects what is computed, for digests.
+
+        Left out are names, provenance, the paper's rows, and settings at values that change
+        nothing (`Setting.neutral`).
+        """
+        return {
+            "map": list(self.map.rows),
+            "robots": [[robot.start, robot.goal] for robot in self.robots],
+            **SETTINGS.effective({name: getattr(self, name) for name in SETTINGS}),
+        }
+
+
+RESERVED_NAMES = ("world_simulator", "recorder", "team")
+PAPER_LEARNERS = ("indiv", "noncoop", "coop")
+PAPER_MEASURES = ("reward", "time_to_goal", "miscoordinations")
+FILE_KEYS = ("name", "map", "robots", "paper", *SETTINGS)
+
+
+PARAMETERS = "params"
+"""Beside them lies a file of ROS parameters."""
+
+
+def scenario_names() -> list[str]:
+    """Return the names of the scenarios that the package ships, sorted."""
+    return [name for name in share_names("config", ".yaml") if name != PARAMETERS]
+
+
+def loaded(scenario: "str | Path | Scenario") -> "Scenario":
+    """Return a scenario as it is, or load it by its name or path.
+
+    Raises:
+        ScenarioError: there is none, or it is none.
+    """
+    if isinstance(scenario, Scenario):
+        return scenario
+    return load_scenario(scenario)
+
+
+def load_scenario(name: str | Path, **settings: object) -> Scenario:
+    """Read a scenario, e.g. `load_scenario("env1", penalty=-100)`.
+
+    Args:
+        name: the name of a shipped scenario, or the path of a scenario file.
+        **settings: settings to change, as of `Scenario.with_settings`.
+
+    Raises:
+        ScenarioError: there is no such scenario, or it is malformed.
+        MapError: its map is missing or malformed.
+        SettingError: a bad setting.
+    """
+    if not isinstance(name, str | Path):
+        raise ScenarioError(f"scenario: value is {name!r}, allowed: a Scenario, a name or a path")
+    path, name = Path(name), str(name)
+    if not path.is_file():
+        shipped = share_file("config", f"{name}.yaml")
+        if shipped is None:
+            raise ScenarioError(
+                f"scenario {name!r}: no such scenario{did_you_mean(name, scenario_names())}; give "
+                f"the path of a scenario file or one of: {', '.join(scenario_names())}"
+            )
+        path = shipped
+    data = read_yaml(path)
+    scenario = scenario_from_dict(data, where=str(path), name=path.stem, beside=path.parent)
+    return scenario.with_settings(settings)
+
+
+class UniqueKeyLoader(yaml.SafeLoader):
+    """A safe loader that refuses a key given twice instead of dropping the first."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        """Build a mapping; raise `yaml.YAMLError` where a key repeats."""
+        keys = set()
+        for key_node, _ in node.value:
+            key = self.construct_object(key_node, deep=True)
+            if not isinstance(key, Hashable):
+                continue
+            if key in keys:
+                raise yaml.constructor.ConstructorError(
+                    None, None, f"key {key!r} is there twice", key_node.start_mark
+                )
+            keys.add(key)
+        return super().construct_mapping(node, deep)
+
+
+def read_yaml(path: Path) -> dict[str, Any]:
+    """Read a YAML file whose top level is a mapping.
+
+    Raises:
+        ScenarioError: not readable, not YAML, or not a mapping.
+    """
+    try:
+        return parse_yaml(path.read_text(encoding="utf-8"), where=str(path))
+    except (OSError, UnicodeDecodeError) as error:
+        raise ScenarioError(f"{path}: cannot be read as UTF-8 text: {error}") from None
+
+
+def parse_yaml(text: str, *, where: str) -> dict[str, Any]:
+    """Read YAML text whose top level is a mapping.
+
+    Raises:
+        ScenarioError: not YAML, or not a mapping.
+    """
+    try:
+        data = yaml.load(text, Loader=UniqueKeyLoader)
+    except (yaml.YAMLError, ValueError) as error:  # ValueError: e.g. a date with month 13
+        mark = getattr(error, "problem_mark", None)
+        line = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
+        problem = getattr(error, "problem", None) or " ".join(str(error).split())
+        raise ScenarioError(f"{where}{line}: not YAML: {problem}; mend that line") from None
+    except RecursionError:
+        raise ScenarioError(
+            f"{where}: not readable as YAML: it is nested too deeply; write 'key: value' lines"
+        ) from None
+    if not isinstance(data, dict):
+        raise ScenarioError(f"{where}: must be 'key: value' lines, is {type(data).__name__}")
+    if _values(data, {}) > MOST_VALUES:
+        raise ScenarioError(
+            f"{where}: its aliases (*name) stand for more than {MOST_VALUES:,} values; write the "
+            "values out"
+        )
+    return data
+
+
+def _values(data: object, known: dict[int, float]) -> float:
+    """Return how many values YAML data would have if each alias were written out."""
+    if not isinstance(data, dict | list):
+        return 1.0
+    if id(data) not in known:
+        known[id(data)] = float("inf")  # while it is counted: what holds itself has no end
+        inside = data.values() if isinstance(data, dict) else data
+        known[id(data)] = 1.0 + sum(_values(one, known) for one in inside)
+    return known[id(data)]
+
+
+def scenario_from_dict(
+    data: Mapping[str, Any],
+    *,
+    where: str,
+    name: str,
+    beside: Path | None = None,
+    recorded: bool = False,
+) -> Scenario:
+    """Build a scenario from plain data (a parsed scenario file or `Scenario.to_dict`).
+
+    Args:
+        data: the mapping.
+        where: what error messages call it.
+        name: the scenario's name where the data has none.
+        beside: folder for a relative map path.
+        recorded: it is that of a recorded run, where a setting that is missing had not been
+            thought of yet: its neutral value holds, not its default.
+
+    Raises:
+        ScenarioError: a field is missing, unknown or bad.
+        MapError: the map is missing or malformed.
+    """
+    if "image" in data and "map" not in data:
+        raise ScenarioError(
+            f"{where}: is a map of map_server, no scenario; make one of it with: sparse_coord "
+            f"import-map {where}"
+        )
+    for key in data:
+        if key not in FILE_KEYS:
+            raise ScenarioError(
+                f"{where}: unknown field {key!r}{did_you_mean(str(key), FILE_KEYS)}; "
+                f"allowed: {', '.join(FILE_KEYS)}"
+            )
+    if "map" not in data:
+        raise ScenarioError(f"{where}: field 'map' is missing; name a shipped map or a map file")
+    grid = _map(data["map"], where, beside)
+    try:
+        given = SETTINGS.parse({k: v for k, v in data.items() if k in SETTINGS})
+    except SettingError as error:
+        raise ScenarioError(f"{where}: {error}") from None
+    name = str(data.get("name", name))
+    if not re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}", name):
+        raise ScenarioError(
+            f"{where}: field 'name' is {name!r}, allowed: up to 100 letters, digits, '_', '-' and "
+            "'.'; rename the scenario (or its file)"
+        )
+    robots = _robots(data.get("robots"), grid, where)
+    paper = _paper(data.get("paper", {}), where)
+    settings = {**(SETTINGS.of_older_files() if recorded else SETTINGS.defaults()), **given}
+    try:
+        return Scenario(
+            name=name, map=grid, robots=robots, paper=paper, given=frozenset(given), **settings
+        )
+    except SettingError as error:
+        raise ScenarioError(f"{where}: {error}") from None
+
+
+def _map(value: object, where: str, beside: Path | None) -> GridMap:
+    if isinstance(value, dict) and set(value) == {"name", "text"}:
+        return parse_map(str(value["text"]), name=str(value["name"]), where=f"{where} (map)")
+    if not isinstance(value, str):
+        raise ScenarioError(f"{where}: field 'map' is {value!r}, allowed: a map's name or path")
+    try:
+        return load_map(value, beside=beside)
+    except MapError as error:
+        raise MapError(f"{where}: {error}") from None
+
+
+def _robots(value: object, grid: GridMap, where: str) -> tuple[Robot, ...]:
+    if not isinstance(value, dict) or not value:
+        problem = "has no robot" if not value else f"is {type(value).__name__}, not a mapping"
+        raise ScenarioError(
+            f"{where}: field 'robots' {problem}; write one line a robot under it, its name first, "
+            "e.g. robot_1: {start: 1, goal: 2}"
+        )
+    robots = []
+    for name, entry in value.items():
+        if not isinstance(entry, dict) or set(entry) != {"start", "goal"}:
+            raise ScenarioError(
+                f"{where}: robot {name}: is {entry!r}, must be {{start: ..., goal: ...}}"
+            )
+        if not str(name).isidentifier() or not str(name).isascii():
+            raise ScenarioError(
+                f"{where}: robot name {str(name)!r} is no ROS name; use letters, digits and _"
+            )
+        if len(str(name)) > LONGEST_NAME:
+            raise ScenarioError(
+                f"{where}: robot name {str(name)!r} has {len(str(name))} letters, allowed: at "
+                f"most {LONGEST_NAME}, as topics are named after it; shorten it"
+            )
+        if name in RESERVED_NAMES:
+            raise ScenarioError(
+                f"{where}: robot name {name!r} is that of another node; choose e.g. robot_1"
+            )
+        start = _cell(entry["start"], grid, f"{where}: robot {name}: start")
+        goal = _cell(entry["goal"], grid, f"{where}: robot {name}: goal")
+        if start == goal:
+            raise ScenarioError(
+                f"{where}: robot {name}: start and goal are the same cell, "
+                f"{list(grid.cells[start])}; choose another cell for one of them"
+            )
+        if grid.distances_to(goal)[start] == UNREACHABLE:
+            raise ScenarioError(
+                f"{where}: robot {name}: its goal {entry['goal']} cannot be reached from its "
+                f"start {entry['start']} on map {grid.name}; open a way or choose another goal"
+            )
+        robots.append(Robot(str(name), start, goal))
+    return tuple(robots)
+
+
+def _cell(value: object, grid: GridMap, where: str) -> int:
+    """Return the cell number of a start digit of the map or of [row, column]."""
+    if isinstance(value, int) and not isinstance(value, bool):
+        if value in grid.starts:
+            return grid.starts[value]
+        raise ScenarioError(
+            f"{where} is {value}, but map {grid.name} has the starts "
+            f"{sorted(grid.starts) or 'none'}; name one of them or give [row, column]"
+        )
+    if (
+        isinstance(value, list | tuple)
+        and len(value) == 2
+        and all(isinstance(v, int) and not isinstance(v, bool) for v in value)
+    ):
+        position = (value[0], value[1])
+        if position in grid.number:
+            return grid.number[position]
+        rows, columns = grid.shape
+        inside = 0 <= position[0] < rows and 0 <= position[1] < columns
+        problem = "is a wall" if inside else f"is outside the {rows} x {columns} grid"
+        raise ScenarioError(
+            f"{where} {list(position)} {problem} of map {grid.name}; choose a free cell "
+            "(row and column count from 0 at the top left)"
+        )
+    raise ScenarioError(
+        f"{where} is {value!r}, allowed: a start digit of the map or [row, column]"
+    )
+
+
+def _paper(value: object, where: str) -> dict[str, dict[str, Any]]:
+    """Check the paper's rows: learner -> measure -> [mean, spread]."""
+    if not isinstance(value, dict):
+        raise ScenarioError(f"{where}: field 'paper' must map learners to measures")
+    for learner, row in value.items():
+        if learner not in PAPER_LEARNERS or not isinstance(row, dict):
+            raise ScenarioError(
+                f"{where}: paper: unknown learner {learner!r}; "
+                f"allowed: {', '.join(PAPER_LEARNERS)}"
+            )
+        for measure, pair in row.items():
+            numbers = isinstance(pair, list) and all(isinstance(v, int | float) for v in pair)
+            if measure not in PAPER_MEASURES or not numbers or len(pair) != 2:
+                raise ScenarioError(
+                    f"{where}: paper: {learner}: {measure} is {pair!r}; allowed: "
+                    f"{', '.join(PAPER_MEASURES)}, each [mean, spread]"
+                )
+    return value

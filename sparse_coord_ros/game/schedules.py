@@ -1,0 +1,145 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Step sizes, exploration and exploring starts as tables.
+
+All are looked up, never computed while learning: NumPy's and Python's powers differ in the last
+bit, and every way of running must give the same bits.
+"""
+
+import functools
+from typing import NamedTuple
+
+import numpy as np
+
+from sparse_coord_ros.game.specs import Number, Spec, SpecFamily
+
+STEP_SIZE = SpecFamily(
+    "step_size",
+    {
+        "constant": (Number("alpha", 0.0, 1.0),),
+        "power": (Number("exponent", 0.0, 1.0),),
+        "floored": (
+            Number("exponent", 0.0, 1.0),
+            Number("first", 0.0, 1.0),
+            Number("last", 0.0, 1.0),
+        ),
+    },
+    {
+        "constant": "the same at each update",
+        "power": "n^-exponent at the n-th update of a table entry",
+        "floored": "that power, but never less than a floor that falls linearly over the budget",
+    },
+)
+"""The step size alpha of an update. With a floor the first updates average, the later ones track
+peers that still learn."""
+
+EPSILON = SpecFamily(
+    "epsilon",
+    {
+        "constant": (Number("epsilon", 0.0, 1.0),),
+        "linear": (
+            Number("first", 0.0, 1.0),
+            Number("last", 0.0, 1.0),
+            Number("fraction", 0.0, 1.0),
+        ),
+    },
+    {
+        "constant": "the same at each time step",
+        "linear": "falls from first to last over that fraction of the budget",
+    },
+)
+"""The probability of a random action."""
+
+STARTS = SpecFamily(
+    "starts",
+    {
+        "fixed": (),
+        "random": (),
+        "mixed": (Number("p_random", 0.0, 1.0),),
+        "exploring": (
+            Number("first", 0.0, 1.0),
+            Number("last", 0.0, 1.0),
+            Number("fraction", 0.0, 1.0),
+        ),
+    },
+    {
+        "fixed": "at the scenario's starts",
+        "random": "at exploring starts: any cell with a way to the goal",
+        "mixed": "each robot with this probability at an exploring start",
+        "exploring": "the same; the probability falls over that fraction of the budget",
+    },
+)
+"""Where learning episodes begin."""
+
+
+class StepSizes(NamedTuple):
+    """Step sizes of one table's updates: alpha is the greater of the two (`step_size`).
+
+    Attributes:
+        by_count: shape (budget + 1,): entry n for the n-th update of an entry; entry 0 unused.
+        by_step: shape (budget + 1,): entry t for time step t; after its end the last entry holds.
+    """
+
+    by_count: np.ndarray
+    by_step: np.ndarray
+
+
+@functools.lru_cache(maxsize=8)
+def step_sizes(schedule: Spec, budget: int) -> StepSizes:
+    """Return the step sizes alpha of QLUpdate.
+
+    Args:
+        schedule: one of the kinds of `STEP_SIZE`.
+        budget: the step budget of the run; no entry can see more updates.
+    """
+    if schedule.kind == "constant":
+        return StepSizes(np.zeros(budget + 1), np.full(budget + 1, schedule.numbers[0]))
+    exponent = -schedule.numbers[0]
+    # Python's power, not NumPy's: the last bit of NumPy's depends on the processor (AVX-512).
+    powers = (float(max(n, 1)) ** exponent for n in range(budget + 1))
+    by_count = np.fromiter(powers, dtype=np.float64, count=budget + 1)
+    _, first, last = schedule.numbers if schedule.kind == "floored" else (0.0, 0.0, 0.0)
+    return StepSizes(by_count, _linear((first, last, 1.0), budget))
+
+
+@functools.lru_cache(maxsize=8)
+def exploration(schedule: Spec, budget: int) -> np.ndarray:
+    """Return epsilon of the learning policy pi_epsilon (Algorithm 1, line 4) for each time step.
+
+    Args:
+        schedule: one of the kinds of `EPSILON`.
+        budget: the step budget of the run.
+
+    Returns:
+        Shape (budget + 1,), float64: entry t is epsilon at time step t; after the end of the
+        table its last entry holds.
+    """
+    if schedule.kind == "constant":
+        return np.full(budget + 1, schedule.numbers[0])
+    return _linear(schedule.numbers, budget)
+
+
+@functools.lru_cache(maxsize=8)
+def exploring_starts(schedule: Spec, budget: int) -> np.ndarray:
+    """Return the probability that a robot's learning episode begins at an exploring start.
+
+    Args:
+        schedule: one of the kinds of `STARTS`.
+        budget: the step budget of the run.
+
+    Returns:
+        Shape (budget + 1,), float64: entry t for an episode that begins at time step t; after
+        the end of the table its last entry holds.
+    """
+    if schedule.kind == "exploring":
+        return _linear(schedule.numbers, budget)
+    share = {"fixed": 0.0, "random": 1.0, "mixed": sum(schedule.numbers)}[schedule.kind]
+    return np.full(budget + 1, share)
+
+
+def _linear(numbers: tuple[float, ...], budget: int) -> np.ndarray:
+    """Fall from the first number to the second over a fraction of the budget, then stay."""
+    first, last, fraction = numbers
+    span = max(1.0, fraction * budget)
+    done = np.minimum(np.arange(budget + 1, dtype=np.float64) / span, 1.0)
+    return np.asarray(first + (last - first) * done)

@@ -1,0 +1,202 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Typed settings with ranges: one table for YAML files, `--set key=value` and ROS parameters."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from sparse_coord_ros.errors import SettingError, did_you_mean
+from sparse_coord_ros.game.specs import Form
+
+LARGEST_WHOLE = 2**53
+"""Whole numbers written like 1e5 are taken up to here: further on floats skip some."""
+
+TRUE, FALSE = ("true", "yes", "on", "1"), ("false", "no", "off", "0")
+
+
+class Family(Protocol):
+    """Values with a syntax of their own, such as `probability:0.7`."""
+
+    @property
+    def usage(self) -> str:
+        """The allowed forms, for help and error texts."""
+
+    @property
+    def forms(self) -> tuple[Form, ...]:
+        """The allowed forms, one by one."""
+
+    def parse(self, value: object) -> Any:
+        """Read a value; raises `SettingError`."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One named, typed and bounded value.
+
+    Attributes:
+        name: its name in files, on the command line and as a ROS parameter.
+        kind: bool, int, float, str, list (of str), or a family of values with a syntax of its own.
+        default: the value where none is given.
+        help: one line: meaning and unit.
+        low: smallest number allowed; None: no bound.
+        high: largest number allowed; None: no bound.
+        least: smallest number allowed but 0, which turns the thing off; None: no such bound.
+        choices: the strings allowed; empty: any.
+        neutral: of a setting that came after version 0.1.0, the value that changes nothing: it
+            holds where an older file lacks the setting, and digests leave it out; None: of 0.1.0.
+    """
+
+    name: str
+    kind: type | Family
+    default: Any
+    help: str
+    low: float | None = None
+    high: float | None = None
+    choices: tuple[str, ...] = ()
+    neutral: Any = None
+    least: float | None = None
+
+    @property
+    def allowed(self) -> str:
+        """What the setting accepts, in words."""
+        if not isinstance(self.kind, type):
+            return self.kind.usage
+        if self.choices:
+            return " or ".join(self.choices)
+        if self.kind is bool:
+            return "true or false"
+        if self.kind not in (int, float):
+            return "a text" if self.kind is str else "a list of texts"
+        words = "a whole number" if self.kind is int else "a number"
+        words = words if self.least is None else f"0, or {words}"
+        low, high = (
+            f"{bound}" if self.kind is int else f"{bound:g}" if bound is not None else ""
+            for bound in (self.low if self.least is None else self.least, self.high)
+        )
+        if self.low is not None and self.high is not None:
+            return f"{words} from {low} to {high}"
+        if self.low is not None:
+            return f"{words} of at least {low}"
+        return words if self.high is None else f"{words} of at most {high}"
+
+    def parse(self, value: object) -> Any:
+        """Return the value in the setting's type; texts are read as on the command line.
+
+        Raises:
+            SettingError: the value has another type or lies out of range.
+        """
+        if not isinstance(self.kind, type):
+            return self.kind.parse(value)
+        try:
+            parsed = self._converted(value)
+        except (TypeError, ValueError, OverflowError):
+            raise self._error(value) from None
+        if self.choices and parsed not in self.choices:
+            raise self._error(value)
+        if self.kind in (int, float) and not (
+            (self.low is None or parsed >= self.low) and (self.high is None or parsed <= self.high)
+        ):
+            raise self._error(value)
+        if self.least is not None and parsed != 0 and parsed < self.least:
+            raise self._error(value)
+        return parsed
+
+    def _error(self, value: object) -> SettingError:
+        return SettingError(f"setting {self.name}: value is {value!r}, allowed: {self.allowed}")
+
+    def _converted(self, value: object) -> Any:
+        if self.kind is list:
+            if not isinstance(value, list | tuple) or not all(isinstance(v, str) for v in value):
+                raise TypeError
+            return list(value)
+        if self.kind is str:
+            if not isinstance(value, str | int | float) or isinstance(value, bool):
+                raise TypeError
+            return str(value)
+        if self.kind is bool:
+            text = str(value).lower()
+            if text not in TRUE + FALSE:
+                raise ValueError
+            return text in TRUE
+        if isinstance(value, bool):
+            raise TypeError
+        number = float(value)  # type: ignore[arg-type]  # what is no number raises
+        if number != number or number in (float("inf"), float("-inf")):
+            raise ValueError
+        if self.kind is float:
+            return number
+        with suppress(ValueError):
+            if isinstance(value, str | int):  # exact: a float cannot hold every 64-bit seed
+                return int(value)
+        if int(number) != number or abs(number) > LARGEST_WHOLE:
+            raise ValueError
+        return int(number)
+
+
+class SettingTable(Mapping[str, Setting]):
+    """Settings by name; parses whole sets of values."""
+
+    def __init__(self, settings: Iterable[Setting]) -> None:
+        self._settings = {setting.name: setting for setting in settings}
+
+    def __getitem__(self, name: str) -> Setting:
+        """Return the setting of that name."""
+        return self._settings[name]
+
+    def __iter__(self) -> Iterator[str]:
+        """Iterate over the names, in the table's order."""
+        return iter(self._settings)
+
+    def __len__(self) -> int:
+        """Return the number of settings."""
+        return len(self._settings)
+
+    def defaults(self) -> dict[str, Any]:
+        """Return every setting's default, parsed."""
+        return {s.name: s.parse(s.default) for s in self.values()}
+
+    def of_older_files(self) -> dict[str, Any]:
+        """Return what holds where a file lacks a setting: its neutral value, or its default."""
+        return {
+            s.name: s.parse(s.default if s.neutral is None else s.neutral) for s in self.values()
+        }
+
+    def effective(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Return those of the values that are not neutral, as plain data for a digest."""
+        kept = {}
+        for name, setting in self.items():
+            value = values[name]
+            if setting.neutral is None or value != setting.parse(setting.neutral):
+                kept[name] = value if isinstance(value, int | float | str) else str(value)
+        return kept
+
+    def parse(self, values: Mapping[str, object]) -> dict[str, Any]:
+        """Return the given values, each in its setting's type.
+
+        Raises:
+            SettingError: an unknown name or a bad value.
+        """
+        for name in values:
+            if name not in self:
+                raise SettingError(
+                    f"unknown setting {name!r}{did_you_mean(str(name), self)}; "
+                    f"allowed: {', '.join(self)}"
+                )
+        return {name: self[name].parse(value) for name, value in values.items()}
+
+
+def parse_assignments(texts: Iterable[str]) -> dict[str, str]:
+    """Split `key=value` texts, the last of equal keys winning.
+
+    Raises:
+        SettingError: a text without '='.
+    """
+    values = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise SettingError(f"setting {text!r}: write it as key=value, e.g. penalty=-20")
+        values[name.strip()] = value.strip()
+    return values

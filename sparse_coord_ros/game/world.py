@@ -1,0 +1,269 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The Markov game in progress: dynamics, r^I_k, r^C, episodes and time steps.
+
+The world simulator node, the simulation without ROS and the evaluation all step this one object.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.game.schedules import exploring_starts
+from sparse_coord_ros.game.streams import LEARNING, MOTION, START, Stream
+
+FIRST_STEP = 1
+"""The first time step; 0 is left for requests of people, who do not know the step."""
+
+EPISODE_GAP = 2
+"""Time steps from an episode's last state to the next one's first: nobody learns across it."""
+
+
+UNKNOWN_PARTNERS = -1
+"""In place of partners: nobody says; every bit of it is set, so it may have been any peer."""
+
+
+class Reward(NamedTuple):
+    """R_k(t) and its parts: total = individual + common + ask_cost.
+
+    Attributes:
+        individual: r^I_k.
+        common: r^C.
+        ask_cost: minus the cost of asking, or 0.
+        total: their sum.
+        partners: with whom the robot was in the miscoordination: the sum of 2^j of the peers j
+            (from 0), 0 for none; `UNKNOWN_PARTNERS` where the world has no `referee`.
+    """
+
+    individual: float
+    common: float
+    ask_cost: float
+    total: float
+    partners: int = UNKNOWN_PARTNERS
+
+
+class RewardWeights(NamedTuple):
+    """How much each part of R_k(t) counts for whoever learns from it."""
+
+    individual: float
+    common: float
+    ask_cost: float
+
+
+SUM_OF_PARTS = RewardWeights(1.0, 1.0, 1.0)
+"""R_k(t) itself, as the paper has it."""
+
+
+class Action(NamedTuple):
+    """What an agent does at a time step.
+
+    Attributes:
+        move: the primitive action, 0 to 3 (the hatted A_k(t) of Algorithm 1 after COORDINATE).
+        asked: whether the agent chose COORDINATE.
+        peer: the agent whose local state it asked for; -1 where it asked nobody or several.
+        perceived: whether the percept (of every agent that was asked) succeeded.
+    """
+
+    move: int
+    asked: bool
+    peer: int
+    perceived: bool
+
+
+class StepOutcome(NamedTuple):
+    """What one step of the world brought.
+
+    Attributes:
+        rewards: R_k(t) of every agent.
+        miscoordination: whether the step ended in a miscoordination.
+        arrived: the agents that reached their goals with this step.
+        episode_over: all agents that act have arrived, or the episode's steps are used up.
+    """
+
+    rewards: tuple[Reward, ...]
+    miscoordination: bool
+    arrived: tuple[int, ...]
+    episode_over: bool
+
+
+class Position(NamedTuple):
+    """Where a game is between two transitions, so that another world can go on from there.
+
+    Attributes:
+        transitions: steps made so far.
+        step: the current time step t.
+        under_way: whether the episode has had a transition; if not, it is yet to begin at `step`,
+            and what follows here means nothing.
+        episode_start: the time step at which it began.
+        cells: the local state X_k(t) of every agent.
+        arrived: whether each agent has reached its goal, or is no part of the game.
+    """
+
+    transitions: int
+    step: int
+    under_way: bool
+    episode_start: int
+    cells: tuple[int, ...]
+    arrived: tuple[bool, ...]
+
+
+class World:
+    """The joint state of a team on its map, stepped by joint actions.
+
+    Args:
+        scenario: the problem.
+        seed: the run's seed.
+        phase: LEARNING or EVALUATION: which random draws the world uses. Episodes of LEARNING
+            begin as the learning protocol says, those of EVALUATION at the scenario's starts.
+        max_steps: steps after which an episode ends; the scenario's where None.
+        agents: the agents that move (numbers from 0); all where None. Others stay out of the game.
+
+    Attributes:
+        step: the current time step t.
+        cells: the local state X_k(t) of every agent.
+        arrived: whether each agent has reached its goal in this episode.
+        episode: number of the current episode, from 0.
+        transitions: steps made so far.
+        miscoordinations: how many of them ended in a miscoordination.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        seed: int,
+        *,
+        phase: int = LEARNING,
+        max_steps: int | None = None,
+        agents: Sequence[int] | None = None,
+    ) -> None:
+        self.scenario = scenario
+        self.agents = tuple(range(len(scenario.robots))) if agents is None else tuple(agents)
+        self.max_steps = scenario.max_steps if max_steps is None else max_steps
+        self.step = FIRST_STEP
+        self.episode = 0
+        self.transitions = 0
+        self.miscoordinations = 0
+        numbers = range(len(scenario.robots))
+        self._goals = [robot.goal for robot in scenario.robots]
+        self._next_cell = scenario.map.next_cell.tolist()
+        self._doorways = scenario.map.doorways
+        self._motion = [Stream(seed, k, MOTION, phase) for k in numbers]
+        self._start = [Stream(seed, k, START, phase) for k in numbers]
+        self._exploring = None
+        if phase == LEARNING:
+            self._exploring = exploring_starts(scenario.starts, scenario.steps)
+        self._random_cells: dict[int, list[int]] = {}
+        self._any_doorway = scenario.conflict == "any_doorway"
+        self._penalties = scenario.penalties
+        self._begin_here()
+
+    def begin_episode(self) -> None:
+        """Put every agent at a start; the new episode's first step lies `EPISODE_GAP` later."""
+        self.episode += 1
+        self.step += EPISODE_GAP
+        self._begin_here()
+
+    def _begin_here(self) -> None:
+        self._episode_start = self.step
+        self.cells = [robot.start for robot in self.scenario.robots]
+        self.arrived = [k not in self.agents for k in range(len(self.cells))]
+        self._place()
+
+    def position(self) -> Position:
+        """Return where the game is."""
+        if self.step == self._episode_start:
+            nothing = (0,) * len(self.cells), (False,) * len(self.cells)
+            return Position(self.transitions, self.step, False, self.step, *nothing)
+        cells, arrived = tuple(self.cells), tuple(self.arrived)
+        return Position(self.transitions, self.step, True, self._episode_start, cells, arrived)
+
+    def go_on_from(self, position: Position) -> None:
+        """Go on where another world of the same run was; `episode` counts from 0 again."""
+        self.transitions, self.step, self._episode_start = (
+            position.transitions,
+            position.step,
+            position.episode_start,
+        )
+        if position.under_way:
+            self.cells, self.arrived = list(position.cells), list(position.arrived)
+        else:
+            self._begin_here()
+
+    def advance(self, actions: Sequence[Action | None]) -> StepOutcome:
+        """Make one time step.
+
+        Args:
+            actions: one entry an agent; None where it does not act (arrived, or missing).
+
+        Returns:
+            The outcome; `step` and `cells` are then those of the next time step.
+        """
+        scenario = self.scenario
+        cells, goals = self.cells, self._goals
+        arrivals = []
+        for k in self.agents:
+            action = actions[k]
+            if action is None or self.arrived[k]:
+                continue
+            cells[k] = self.led(k, action.move)
+            if cells[k] == goals[k]:
+                arrivals.append(k)
+        miscoordination = self.in_conflict()
+        partners = self._partners() if scenario.referee else None
+        rewards = []
+        for k, action in enumerate(actions):
+            common = self._penalties[k] if miscoordination else 0.0
+            individual = scenario.goal_reward if k in arrivals else 0.0
+            cost = -scenario.ask_cost if action is not None and action.asked else 0.0
+            with_whom = UNKNOWN_PARTNERS if partners is None else partners[k]
+            total = individual + common + cost
+            rewards.append(Reward(individual, common, cost, total, with_whom))
+        for k in arrivals:
+            self.arrived[k] = True
+        self.step += 1
+        self.transitions += 1
+        self.miscoordinations += miscoordination
+        over = all(self.arrived) or self.step - self._episode_start >= self.max_steps
+        return StepOutcome(tuple(rewards), miscoordination, tuple(arrivals), over)
+
+    def led(self, k: int, move: int) -> int:
+        """Return the cell in which a move of agent k ends in this time step."""
+        cell = self.cells[k]
+        if self._motion[k].at(self.step)[0] < self.scenario.move_success:
+            cell = self._next_cell[cell][move]
+        return cell
+
+    def in_conflict(self) -> bool:
+        """Whether the joint state is a miscoordination: r^C falls on every agent."""
+        occupied = [self.cells[k] for k in self.agents if self.cells[k] in self._doorways]
+        if self._any_doorway:
+            return len(occupied) > 1
+        return len(set(occupied)) < len(occupied)
+
+    def _partners(self) -> list[int]:
+        """Return with whom each agent is in a miscoordination, as of `Reward.partners`."""
+        partners = [0] * len(self.cells)
+        inside = [k for k in self.agents if self.cells[k] in self._doorways]
+        for k in inside:
+            for j in inside:
+                if j != k and (self._any_doorway or self.cells[j] == self.cells[k]):
+                    partners[k] |= 1 << j
+        return partners
+
+    def _place(self) -> None:
+        """Draw exploring starts where the protocol asks for them; never the goal itself."""
+        if self._exploring is None:
+            return
+        share = float(self._exploring[min(self.step, len(self._exploring) - 1)])
+        for k in self.agents:
+            coin, place = self._start[k].at(self.step)
+            if coin < share:
+                free = self._cells_with_a_way(k)
+                self.cells[k] = free[int(place * len(free))]
+
+    def _cells_with_a_way(self, k: int) -> list[int]:
+        """Return the cells from which agent k's goal can be reached, the goal itself left out."""
+        if k not in self._random_cells:
+            distances = self.scenario.map.distances_to(self._goals[k]).tolist()
+            self._random_cells[k] = [x for x, moves in enumerate(distances) if moves > 0]
+        return self._random_cells[k]

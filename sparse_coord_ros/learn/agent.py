@@ -1,0 +1,338 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""One agent of Algorithm 1: its two tables and what it does with them.
+
+The robot node and the simulation without ROS drive this same object; the numbers come from the
+functions of `algorithm`.
+"""
+
+from collections import Counter
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.game.schedules import exploration, step_sizes
+from sparse_coord_ros.game.streams import (
+    EXPLORE,
+    EXPLORED_ACTION,
+    LEARNING,
+    PEER,
+    POLICY,
+    PRIMITIVE_TIE,
+    TIE,
+    Stream,
+)
+from sparse_coord_ros.game.world import SUM_OF_PARTS, Action, Reward, RewardWeights
+from sparse_coord_ros.learn.algorithm import (
+    ACTIONS,
+    COORDINATE,
+    PRIMITIVES,
+    epsilon_greedy,
+    greatest,
+    greedy,
+    step_size,
+    updated,
+    weighed,
+)
+from sparse_coord_ros.learn.factors import AdditiveTable, FactorMemory, Factors
+from sparse_coord_ros.learn.sparse import SparseTable
+
+NOBODY = -1
+
+
+class Tables(NamedTuple):
+    """What one agent has learned.
+
+    Attributes:
+        q_star: Q*_k, shape (cells, 5), float64; column 4 (COORDINATE) is NaN for a baseline.
+        q_coord: Q^C_k, shape (cells, cells, 4), float64; first index the own cell, second the
+            perceived peer's. Where COORDINATE perceives several peers, a sparse table over the
+            joint state: the own cell, then the peers' in ascending order of robots.
+        factors: what a learner that learns in factors has them from; None for the others.
+    """
+
+    q_star: np.ndarray
+    q_coord: np.ndarray | SparseTable | AdditiveTable
+    factors: Factors | None = None
+
+
+class Memory(NamedTuple):
+    """All that one agent has learned, so that another one can go on from there.
+
+    Attributes:
+        q_star: Q*_k, shape (cells, 5), float64.
+        star_updates: updates of each of its entries, same shape, int64.
+        states: joint states with an updated entry in Q^C_k, in ascending order, shape (rows, n),
+            int32: the own cell, then the perceived peers'.
+        values: their entries, shape (rows, 4), float64.
+        updates: updates of each of them, same shape, int64.
+        factors: what else a learner that learns in factors remembers. Its `states` are those of
+            rho, shape (rows, 3), as of `Factors`, and `values` is rho; `star_updates` counts how
+            often each move was tried, and COORDINATE.
+    """
+
+    q_star: np.ndarray
+    star_updates: np.ndarray
+    states: np.ndarray
+    values: np.ndarray
+    updates: np.ndarray
+    factors: FactorMemory | None = None
+
+
+MOST_JOINT_STATES = 2**63
+"""A joint state is numbered by a 64-bit integer where Q^C is sparse."""
+
+
+def check_joint_states(scenario: Scenario) -> None:
+    """Raise `SettingError` where Q^C is over more joint states than can be numbered."""
+    cells = len(scenario.map.cells)
+    if scenario.sparse and cells**scenario.perceived >= MOST_JOINT_STATES:
+        raise SettingError(
+            "setting peers: value is 'all', allowed with this learner below 2^63 joint states; "
+            f"scenario {scenario.name} has {cells}^{scenario.perceived}; use 'one', fewer robots, "
+            "or learner factored"
+        )
+
+
+def initial_tables(scenario: Scenario, *, asks: bool = True) -> Tables:
+    """Return the tables before learning (Algorithm 1, line 1).
+
+    Args:
+        scenario: the problem and its protocol.
+        asks: whether COORDINATE is among the actions; if not, its column of Q* is NaN.
+    """
+    cells = len(scenario.map.cells)
+    q_star = np.full((cells, len(ACTIONS)), scenario.q_star_init)
+    if not asks:
+        q_star[:, COORDINATE] = np.nan
+    if scenario.sparse:
+        return Tables(q_star, SparseTable(cells, scenario.perceived, scenario.q_coord_init))
+    return Tables(q_star, np.full((cells, cells, PRIMITIVES), scenario.q_coord_init))
+
+
+class Decision(NamedTuple):
+    """An agent's choice at a time step, before active perception.
+
+    Attributes:
+        action: A_k(t), 0 to 4.
+        peers: the agents to ask where the action is COORDINATE, in ascending order; else none.
+    """
+
+    action: int
+    peers: tuple[int, ...] = ()
+
+
+class Agent:
+    """Agent k: chooses by pi_epsilon and pi_g, learns by QLUpdate.
+
+    Args:
+        scenario: the problem; of it the agent uses the sizes, the learning protocol and which
+            cell ends its episodes.
+        number: k, from 0.
+        seed: the run's seed.
+        asks: whether COORDINATE is among its actions (Algorithm 1), or only the four moves.
+        weights: how much each part of a reward counts while it learns.
+        tables: tables to go on from; initial ones where None.
+        learning: False: act greedily and never update.
+        phase: LEARNING or EVALUATION: which random draws the agent uses.
+
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        number: int,
+        seed: int,
+        *,
+        asks: bool = True,
+        weights: RewardWeights = SUM_OF_PARTS,
+        tables: Tables | None = None,
+        learning: bool = True,
+        phase: int = LEARNING,
+    ) -> None:
+        self.number = number
+        self.learning = learning
+        self.goal = scenario.robots[number].goal
+        self.actions = len(ACTIONS) if asks else PRIMITIVES
+        self._tables = initial_tables(scenario, asks=asks) if tables is None else tables
+        self._weights = weights
+        self._peers = tuple(k for k in range(len(scenario.robots)) if k != number)
+        self._asks_all = scenario.peers == "all"
+        self._draws = Stream(seed, number, POLICY, phase)
+        budget = scenario.steps if learning else 0
+        self._epsilon = exploration(scenario.epsilon, budget)
+        self._step_sizes = step_sizes(scenario.step_size, budget)
+        self._discount = scenario.discount
+        self._goal_value = scenario.goal_value
+        self._star_updates = np.zeros(self._tables.q_star.shape, dtype=np.int64)
+        self._coord_updates: Counter[tuple[int, ...]] = Counter()
+
+    @property
+    def tables(self) -> Tables:
+        """What it has learned so far; it goes on learning in them."""
+        return self._tables
+
+    @property
+    def coord_visited(self) -> int:
+        """Number of joint states whose entries in Q^C were updated."""
+        return len({entry[:-1] for entry in self._coord_updates})
+
+    @property
+    def asked_in(self) -> np.ndarray:
+        """How often it has learned from COORDINATE in each cell, shape (cells,), int64."""
+        counts: np.ndarray = self._star_updates[:, COORDINATE]
+        return counts
+
+    def epsilon(self, step: int) -> float:
+        """Return the probability of exploring at a time step; 0 without learning."""
+        if not self.learning:
+            return 0.0
+        return float(self._epsilon[min(step, len(self._epsilon) - 1)])
+
+    def values(self, cell: int) -> list[float]:
+        """Return Q*(cell, .)."""
+        values: list[float] = self._tables.q_star[cell].tolist()
+        return values
+
+    def asked(self, step: int, peer: int, cell: int) -> None:
+        """Take note that a peer asks in a time step, from that cell; Algorithm 1 does not."""
+
+    def decide(self, step: int, cell: int) -> Decision:
+        """Choose A_k(t) (Algorithm 1, line 4)."""
+        draws = self._draws.at(step)
+        action = epsilon_greedy(
+            self.values(cell),
+            self.actions,
+            self.epsilon(step),
+            draws[EXPLORE],
+            draws[EXPLORED_ACTION],
+            draws[TIE],
+        )
+        if action != COORDINATE:
+            return Decision(action)
+        if self._asks_all or not self._peers:
+            return Decision(action, self._peers)
+        return Decision(action, (self._peers[int(draws[PEER] * len(self._peers))],))
+
+    def act(
+        self, step: int, cell: int, decision: Decision, perceived: tuple[int, ...] | None
+    ) -> Action:
+        """Turn the decision into a primitive action (Algorithm 1, lines 5 to 10).
+
+        Args:
+            step: t.
+            cell: X_k(t).
+            decision: what `decide` returned for this step.
+            perceived: the local states of the asked peers; None where ActivePercept is FALSE.
+        """
+        if decision.action != COORDINATE:
+            return Action(decision.action, False, NOBODY, False)
+        move = self.coordinate(step, cell, perceived)
+        peer = decision.peers[0] if len(decision.peers) == 1 else NOBODY
+        return Action(move, True, peer, perceived is not None)
+
+    def coordinate(self, step: int, cell: int, perceived: tuple[int, ...] | None) -> int:
+        """Return the primitive action that COORDINATE becomes; arguments as of `act`."""
+        tie = self._draws.at(step)[PRIMITIVE_TIE]
+        return greedy(self.values_asking(cell, perceived), PRIMITIVES, tie)
+
+    def values_asking(self, cell: int, perceived: tuple[int, ...] | None) -> list[float]:
+        """Return the values by which COORDINATE chooses a move: Q^C, or Q* after a failed percept.
+
+        Args:
+            cell: X_k(t).
+            perceived: the local states of the asked peers; None where ActivePercept is FALSE.
+        """
+        if perceived is None:
+            return self.values(cell)
+        values: list[float] = self._tables.q_coord[cell, *perceived].tolist()
+        return values
+
+    def learn(
+        self,
+        step: int,
+        cell: int,
+        decision: Decision,
+        action: Action,
+        perceived: tuple[int, ...] | None,
+        reward: Reward,
+        next_cell: int,
+    ) -> None:
+        """Update Q^C, then Q* (Algorithm 1, lines 12 to 14 and 18).
+
+        Both bootstrap on max_b Q*(y, b) over all actions, or on the goal's value.
+
+        Args:
+            step: t.
+            cell: X_k(t).
+            decision: A_k(t).
+            action: the primitive action that it became.
+            perceived: the perceived local states of the asked peers, or None.
+            reward: R_k(t) in its parts.
+            next_cell: X_k(t+1).
+        """
+        if not self.learning:
+            return
+        q_star, q_coord = self._arrays()
+        total = weighed(reward.individual, reward.common, reward.ask_cost, self._weights)
+        if next_cell == self.goal:
+            bootstrap = self._goal_value
+        else:
+            bootstrap = greatest(q_star[next_cell].tolist(), self.actions)
+        if perceived is not None:
+            entry = (cell, *perceived, action.move)
+            alpha = self._alpha(self._coord_updates, entry, step)
+            value = float(q_coord[entry])
+            q_coord[entry] = updated(value, alpha, total, self._discount, bootstrap)
+        entry = (cell, decision.action)
+        alpha = self._alpha(self._star_updates, entry, step)
+        value = float(q_star[entry])
+        q_star[entry] = updated(value, alpha, total, self._discount, bootstrap)
+
+    def memory(self) -> Memory:
+        """Return what the agent has learned; a copy.
+
+        An agent of one's own that remembers more than tables and their counts of updates cannot
+        go on from here: its learning is not to be broken off.
+        """
+        q_star, q_coord = self._arrays()
+        states = sorted({entry[:-1] for entry in self._coord_updates})
+        moves = range(PRIMITIVES)
+        updates = [[self._coord_updates[*state, move] for move in moves] for state in states]
+        return Memory(
+            q_star.copy(),
+            self._star_updates.copy(),
+            np.array(states, dtype=np.int32).reshape(len(states), len(q_coord.shape) - 1),
+            np.array([q_coord[state] for state in states]).reshape(len(states), PRIMITIVES),
+            np.array(updates, dtype=np.int64).reshape(len(states), PRIMITIVES),
+        )
+
+    def go_on_from(self, memory: Memory) -> None:
+        """Go on with what another agent of the same run has learned."""
+        q_star, q_coord = self._arrays()
+        q_star[:] = memory.q_star
+        self._star_updates[:] = memory.star_updates
+        rows = zip(memory.states.tolist(), memory.values, memory.updates.tolist(), strict=True)
+        for state, values, updates in rows:
+            for move, count in enumerate(updates):
+                if count:
+                    q_coord[*state, move] = values[move]
+                    self._coord_updates[*state, move] = count
+
+    def _arrays(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return Q* and Q^C, for this to write to; a sparse Q^C is used like an array."""
+        table: Any = self._tables.q_coord
+        return self._tables.q_star, table
+
+    def _alpha(
+        self, updates: np.ndarray | Counter[tuple[int, ...]], entry: tuple[int, ...], step: int
+    ) -> float:
+        """Count an update of a table entry and return its step size."""
+        count = int(updates[entry]) + 1
+        updates[entry] = count
+        by_count, by_step = self._step_sizes
+        last = len(by_count) - 1
+        floor = float(by_step[min(step, last)])
+        return step_size(float(by_count[min(count, last)]), floor)

@@ -1,0 +1,257 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Monte-Carlo evaluation of learned tables: the paper's three measures (Section 4).
+
+All policies are evaluated greedily "in the original problem", all robots moving at once.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from sparse_coord_ros.errors import TablesError
+from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.game.settings import Setting
+from sparse_coord_ros.game.streams import EVALUATION
+from sparse_coord_ros.game.world import World
+from sparse_coord_ros.learn.agent import Tables
+from sparse_coord_ros.learn.learners import Learner, learner_of
+from sparse_coord_ros.learn.simulation import Team
+from sparse_coord_ros.learn.sparse import SparseTable
+
+TRIALS = Setting("trials", int, 1000, "Monte-Carlo trials", low=1, high=10_000_000)
+
+
+@dataclass(frozen=True)
+class Measure:
+    """Mean, spread over single robots and trials (the paper's ±), and standard error of the mean.
+
+    The standard error is that of independent samples: in an `Evaluation` the trials, the robots
+    of one trial being dependent; in a `ConditionResult` the learning runs, the trials of one
+    run being dependent.
+    """
+
+    mean: float
+    spread: float
+    standard_error: float
+
+
+@dataclass(frozen=True)
+class Trials:
+    """Greedy trials from the scenario's starts.
+
+    Attributes:
+        reward: total discounted reward, shape (trials, robots).
+        time_to_goal: steps until arrival; the horizon for a robot that does not arrive; same
+            shape.
+        asks: how often COORDINATE was chosen; same shape.
+        arrived: whether the robot arrived; same shape.
+        miscoordinations: steps that end in a miscoordination, shape (trials,).
+        asked: how often COORDINATE was chosen in each cell in all trials, shape (robots, cells).
+        stays: how often the robot acted in each cell in all trials, same shape: the steps until
+            it has arrived.
+    """
+
+    reward: np.ndarray
+    time_to_goal: np.ndarray
+    asks: np.ndarray
+    arrived: np.ndarray
+    miscoordinations: np.ndarray
+    asked: np.ndarray
+    stays: np.ndarray
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What a team is worth.
+
+    Attributes:
+        trials: Monte-Carlo trials.
+        reward: total discounted reward a robot: goal paid from arrival on for ever, penalties,
+            costs of asking.
+        time_to_goal: steps until arrival; the horizon for a robot that does not arrive.
+        miscoordinations: steps of a trial that end in a miscoordination.
+        asks: how often a robot chose COORDINATE in a trial.
+        not_arrived: trials in which some robot did not arrive within the horizon.
+    """
+
+    trials: int
+    reward: Measure
+    time_to_goal: Measure
+    miscoordinations: Measure
+    asks: Measure
+    not_arrived: int
+
+    @property
+    def all_arrived(self) -> float:
+        """Share of the trials in which all robots arrived."""
+        return 1.0 - self.not_arrived / self.trials
+
+    @property
+    def how(self) -> str:
+        """How it was found, in words."""
+        return f"{self.trials} trials"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data."""
+        return asdict(self)
+
+
+def evaluate(
+    scenario: Scenario,
+    tables: Sequence[Tables],
+    *,
+    trials: int,
+    seed: int,
+    learner: str | Learner | None = None,
+) -> Evaluation:
+    """Play greedy trials and sum them up; arguments and errors as of `play`."""
+    return summary(play(scenario, tables, trials=trials, seed=seed, learner=learner))
+
+
+def summary(trials: Trials) -> Evaluation:
+    """Return mean, spread and standard error of each measure."""
+    return Evaluation(
+        trials=len(trials.reward),
+        reward=_measure(trials.reward),
+        time_to_goal=_measure(trials.time_to_goal),
+        miscoordinations=_measure(trials.miscoordinations[:, None]),
+        asks=_measure(trials.asks),
+        not_arrived=int((~trials.arrived.all(axis=1)).sum()),
+    )
+
+
+def play(
+    scenario: Scenario,
+    tables: Sequence[Tables],
+    *,
+    trials: int,
+    seed: int,
+    learner: str | Learner | None = None,
+) -> Trials:
+    """Play greedy trials from the scenario's starts.
+
+    Args:
+        scenario: the problem.
+        tables: the tables of every robot.
+        trials: how many trials, >= 2.
+        seed: seed of the trials' draws, independent of the draws of learning.
+        learner: whose greedy policy acts on them; None: Algorithm 1's, or that of a baseline
+            where the column of COORDINATE is NaN.
+
+    Raises:
+        TablesError: the tables do not fit the scenario.
+    """
+    team = greedy_team(scenario, tables, seed, learner)
+    world = World(scenario, seed, phase=EVALUATION, max_steps=scenario.horizon)
+    shape = (trials, len(tables))
+    reward, asks, arrived = np.zeros(shape), np.zeros(shape), np.zeros(shape, dtype=bool)
+    times = np.full(shape, float(scenario.horizon))
+    conflicts = np.zeros(trials)
+    asked = np.zeros((len(tables), len(scenario.map.cells)), dtype=np.int64)
+    stays = np.zeros_like(asked)
+    for trial in range(trials):
+        world.begin_episode()
+        over, discount, elapsed = False, 1.0, 0
+        while not over:
+            cells = list(world.cells)
+            _, actions = team.act(world)
+            outcome = world.advance(actions)
+            elapsed += 1
+            for k, parts in enumerate(outcome.rewards):
+                reward[trial, k] += discount * (parts.common + parts.ask_cost)
+                action = actions[k]
+                if action is None:
+                    continue
+                stays[k, cells[k]] += 1
+                if action.asked:
+                    asks[trial, k] += 1
+                    asked[k, cells[k]] += 1
+            for k in outcome.arrived:
+                times[trial, k] = elapsed
+                reward[trial, k] += discount * scenario.goal_reward / (1.0 - scenario.discount)
+            conflicts[trial] += outcome.miscoordination
+            discount *= scenario.discount
+            over = outcome.episode_over
+        arrived[trial] = world.arrived
+    return Trials(reward, times, asks, arrived, conflicts, asked, stays)
+
+
+def check_tables(
+    scenario: Scenario, tables: Sequence[Tables], learner: str | Learner | None = None
+) -> None:
+    """Raise `TablesError` unless each robot has one pair of tables that fits.
+
+    Args:
+        scenario: the problem.
+        tables: the tables of every robot.
+        learner: who is to use them: the column of COORDINATE is NaN for one that does not ask;
+            None: whoever learned them.
+    """
+    cells = len(scenario.map.cells)
+    coord_shape = (cells,) * scenario.perceived + (4,)
+    if len(tables) != len(scenario.robots):
+        raise TablesError(
+            f"tables of {len(tables)} robots for scenario {scenario.name}, which has "
+            f"{len(scenario.robots)}; use the tables of a run of this scenario"
+        )
+    for k, table in enumerate(tables, start=1):
+        for name, array, shape in (
+            (f"q_star_{k}", table.q_star, (cells, 5)),
+            (f"q_coord_{k}", table.q_coord, coord_shape),
+        ):
+            if array.shape != shape:
+                raise TablesError(
+                    f"{name} has shape {array.shape}, scenario {scenario.name} needs {shape}; use "
+                    "the tables of a run on the same map and with the same setting peers"
+                )
+        values = table.q_coord.rows if isinstance(table.q_coord, SparseTable) else table.q_coord
+        dense = [values] if isinstance(values, np.ndarray) else []  # else: in factors
+        if not all(np.isfinite(array).all() for array in (table.q_star[:, :-1], *dense)):
+            raise TablesError(
+                f"tables of robot {k} hold values that are no finite numbers; use tables that run "
+                "or train wrote"
+            )
+        rule = None if learner is None else learner_of(learner)
+        if rule is not None and (rule.factors is None) != (table.factors is None):
+            others = "learns in factors" if rule.factors is None else "does not learn in factors"
+            raise TablesError(
+                f"tables of robot {k} were learned by a learner that {others}, the learner is "
+                f"{rule.label}; use the tables of a run with that learner, or choose the other one"
+            )
+        if rule is not None and np.isnan(table.q_star[:, -1]).any() == rule.asks:
+            others = "does not ask" if rule.asks else "asks"
+            raise TablesError(
+                f"q_star_{k} was learned by a learner that {others}, the learner is {rule.label}; "
+                "use the tables of a run with that learner, or choose the other one"
+            )
+
+
+def greedy_team(
+    scenario: Scenario, tables: Sequence[Tables], seed: int, learner: str | Learner | None = None
+) -> Team:
+    """Return a team that acts greedily on learned tables; arguments and errors as of `play`."""
+    check_tables(scenario, tables, learner)
+    agents = [
+        learner_of(learner or acting_on(table)).agent(
+            scenario, k, seed, tables=table, learning=False, phase=EVALUATION
+        )
+        for k, table in enumerate(tables)
+    ]
+    return Team(scenario, seed, agents, phase=EVALUATION)
+
+
+def acting_on(table: Tables) -> str:
+    """Return the learner whose greedy policy the tables are for."""
+    if table.factors is not None:
+        return "factored"
+    return "noncoop" if np.isnan(table.q_star[0, -1]) else "coop"
+
+
+def _measure(values: np.ndarray) -> Measure:
+    means = values.mean(axis=1)
+    error = means.std(ddof=1) / math.sqrt(len(means)) if len(means) > 1 else math.nan
+    return Measure(float(values.mean()), float(values.std()), float(error))

@@ -1,0 +1,376 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Q* and Q^C in factors: U(x, b), what a robot does alone, and what its peers change in it.
+
+    Q*(x, b)          = U(x, b) + r_bar(x, b)                      for the four moves b
+    Q*(x, COORDINATE) = max_b U(x, b) - cost of asking + W(x)
+    Q^C(x, z, b)      = U(x, b) + sum over the peers j of rho_j(x, z_j, b)
+
+By its definition Q^C(x, z, b) = E[r^I + gamma max Q*(y, .)] + E[r^C]: the first term, U, does not
+depend on where the peers are; the second, rho <= 0, is 0 in nearly all joint states. Here is what
+is learned, as data, and the rule as functions of one robot's rows; the agent of `learn.factored`
+calls them with lists, the compiled loops with arrays. docs/coordination.md has the reasons.
+"""
+
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sparse_coord_ros.learn.algorithm import (
+    ACTIONS,
+    COORDINATE,
+    PRIMITIVES,
+    Values,
+    greatest,
+    step_size,
+)
+
+UNSEEN = -1
+"""In place of a peer and its cell: the percept failed."""
+
+
+class FactorRule(NamedTuple):
+    """The parts of the rule; turning one off is for ablations.
+
+    Attributes:
+        replays: moves whose U is set to what the own model says of them, after each step.
+        share: whether a robot that is asked learns rho from it, as the request says where the
+            asker is and the percept model lets it perceive the asker.
+        percept_update: whether a percept also corrects r_bar, for every move.
+        right_of_way: whether, of several robots in one cell, only those with higher numbers give
+            way: a robot leaves out the correction of a peer in its own cell that has a higher
+            number. Of more than two robots only; a pair learns who waits by itself.
+    """
+
+    replays: int = 1
+    share: bool = True
+    percept_update: bool = True
+    right_of_way: bool = True
+
+
+class Factors(NamedTuple):
+    """What one robot has learned.
+
+    Attributes:
+        individual: U, shape (cells, 4), float64.
+        common: r_bar, the r^C to be expected without knowing where the peers are, (cells, 4).
+        asking: W, what a percept is worth, shape (cells,).
+        states: where rho is not 0, ascending, shape (rows, 3), int32: the own cell, the peer's
+            number from 0 and its cell; twice `UNSEEN` for the row of failed percepts.
+        corrections: rho of these, shape (rows, 4), float64.
+    """
+
+    individual: np.ndarray
+    common: np.ndarray
+    asking: np.ndarray
+    states: np.ndarray
+    corrections: np.ndarray
+
+
+class FactorMemory(NamedTuple):
+    """What one robot remembers beside its `agent.Memory`, so that another can go on.
+
+    Attributes:
+        individual, common, asking: as of `Factors`.
+        commons: updates of each entry of r_bar, shape (cells, 4), int64.
+        moved: how often a move led out of its cell, shape (cells, 4), int64.
+        successor: where it led the last time that it did, shape (cells, 4), int64.
+        tried: the moves that were tried, 4 * cell + move, in the order of their first time.
+    """
+
+    individual: np.ndarray
+    common: np.ndarray
+    asking: np.ndarray
+    commons: np.ndarray
+    moved: np.ndarray
+    successor: np.ndarray
+    tried: np.ndarray
+
+
+def counted(number: int, peer: int, x: int, z: int, right_of_way: bool) -> bool:
+    """Return whether a robot in x counts the correction of a peer that it perceives in z.
+
+    Args:
+        number: the robot.
+        peer: the peer.
+        x: the own cell.
+        z: the peer's cell.
+        right_of_way: whether the lower number goes first where both are in one cell.
+    """
+    return not (right_of_way and x == z and number < peer)
+
+
+def key_of(x: int, peer: int, z: int, cells: int, robots: int) -> int:
+    """Return the number of a correction's row: the own cell, the peer, the peer's cell."""
+    return (x * robots + peer) * cells + z
+
+
+def unseen_key(x: int, cells: int, robots: int) -> int:
+    """Return the number of the row of failed percepts of a cell."""
+    return cells * robots * cells + x
+
+
+def keys_below(cells: int, robots: int) -> int:
+    """Return the number that all row numbers are below."""
+    return unseen_key(cells, cells, robots)
+
+
+def rows_at_most(cells: int, robots: int) -> int:
+    """Return how many rows of corrections a robot can have."""
+    return cells * (cells * (robots - 1) + 1)
+
+
+def states_of(keys: Iterable[int], cells: int, robots: int) -> np.ndarray:
+    """Return what row numbers mean, as `Factors.states`."""
+    numbers = np.fromiter(keys, dtype=np.int64)
+    seen = numbers < cells * robots * cells
+    own, rest = np.divmod(numbers, robots * cells)
+    peer, z = np.divmod(rest, cells)
+    columns = [np.where(seen, own, numbers - cells * robots * cells)]
+    columns += [np.where(seen, peer, UNSEEN), np.where(seen, z, UNSEEN)]
+    return np.stack(columns, axis=1).astype(np.int32)
+
+
+def keys_of(states: np.ndarray, cells: int, robots: int) -> np.ndarray:
+    """Return the row numbers of `Factors.states`."""
+    x, peer, z = states.astype(np.int64).T
+    keys: np.ndarray = np.where(
+        peer == UNSEEN, cells * robots * cells + x, (x * robots + peer) * cells + z
+    )
+    return keys
+
+
+def sorted_factors(
+    individual: np.ndarray,
+    common: np.ndarray,
+    asking: np.ndarray,
+    keys: np.ndarray,
+    corrections: np.ndarray,
+    robots: int,
+) -> Factors:
+    """Return factors from rows in any order; rows that are 0 are left out."""
+    cells = len(individual)
+    kept = (corrections != 0.0).any(axis=1)
+    order = np.argsort(keys[kept])
+    states = states_of(keys[kept][order], cells, robots)
+    return Factors(individual, common, asking, states, corrections[kept][order])
+
+
+class AdditiveTable:
+    """Q^C over the joint states of more than two robots, read from factors.
+
+    `table[cell, *peer_cells]` is the row of a joint state, `table[cell, *peer_cells, action]` an
+    entry of it; the peers are in ascending order. It cannot be written to. Who has the right of
+    way in a cell counts, as of `counted`.
+
+    Args:
+        factors: the robot's factors.
+        number: the robot, from 0.
+        robots: how many there are.
+    """
+
+    def __init__(self, factors: Factors, number: int, robots: int) -> None:
+        cells = len(factors.individual)
+        self.shape = (cells,) * robots + (PRIMITIVES,)
+        self._individual, self._number = factors.individual, number
+        self._peers = [peer for peer in range(robots) if peer != number]
+        states = map(tuple, factors.states.tolist())
+        self._rows = dict(zip(states, factors.corrections, strict=True))
+
+    def __getitem__(self, index: tuple[int, ...]) -> Any:
+        """Return the row of a joint state, or one entry of it."""
+        x, *others = index
+        correction = np.zeros(PRIMITIVES)
+        for peer, z in zip(self._peers, others, strict=False):
+            row = self._rows.get((x, peer, z))
+            if row is not None and counted(self._number, peer, x, z, True):
+                correction = correction + row
+        values = self._individual[x] + correction
+        return values[others[-1]] if len(index) == len(self.shape) else values
+
+
+def coordination_table(factors: Factors, number: int, robots: int) -> "np.ndarray | AdditiveTable":
+    """Return Q^C as the robot acts on it: an array for two robots, else read from the factors.
+
+    Args:
+        factors: the robot's factors.
+        number: the robot, from 0.
+        robots: how many there are.
+    """
+    if robots > 2:
+        return AdditiveTable(factors, number, robots)
+    cells = len(factors.individual)
+    correction = np.zeros((cells, cells, PRIMITIVES))
+    seen = factors.states[:, 1] != UNSEEN
+    x, _, z = factors.states[seen].T
+    correction[x, z] += factors.corrections[seen]
+    table: np.ndarray = factors.individual[:, None, :] + correction
+    return table
+
+
+# The rule. Rows are lists in plain Python and arrays in the compiled loops.
+
+
+class Own(NamedTuple):
+    """One robot's factors and model while it learns; x is a cell, b a move.
+
+    Attributes:
+        u: U [x][b].
+        r_bar: [x][b].
+        w: W [x].
+        star: Q* [x][action], kept up to date.
+        value: max_b Q*(x, b) over all five actions [x], kept up to date.
+        updates: how often a move was tried [x][b], and COORDINATE [x][4].
+        commons, moved, successor: as of `FactorMemory`.
+        tried: as of `FactorMemory`, with room for all.
+        used: [number of moves that were tried].
+    """
+
+    u: Any
+    r_bar: Any
+    w: Any
+    star: Any
+    value: Any
+    updates: Any
+    commons: Any
+    moved: Any
+    successor: Any
+    tried: Any
+    used: Any
+
+
+class Terms(NamedTuple):
+    """The numbers of the rule.
+
+    Attributes:
+        cost: of asking, weighed.
+        discount: gamma.
+        goal: the cell that ends the robot's episodes.
+        goal_value: value of being there.
+        arrival: r^I there, weighed, and gamma times `goal_value`.
+    """
+
+    cost: float
+    discount: float
+    goal: int
+    goal_value: float
+    arrival: float
+
+
+def toward(value: float, alpha: float, target: float) -> float:
+    """Return a value moved toward a target by a share of the way."""
+    return value + alpha * (target - value)
+
+
+def refresh(own: Own, x: int, terms: Terms) -> None:
+    """Set Q*(x, .) and its maximum from the factors."""
+    u, r_bar, star = own.u[x], own.r_bar[x], own.star[x]
+    for b in range(PRIMITIVES):
+        star[b] = u[b] + r_bar[b]
+    star[COORDINATE] = greatest(u, PRIMITIVES) - terms.cost + own.w[x]
+    own.value[x] = greatest(star, len(ACTIONS))
+
+
+def learn_move(
+    own: Own,
+    x: int,
+    m: int,
+    y: int,
+    individual: float,
+    common: float,
+    asked: bool,
+    terms: Terms,
+    by_count: Values,
+    floor: float,
+) -> None:
+    """Learn U and the model from the move m from x to y and, if nobody was asked, r_bar.
+
+    Args:
+        own: the robot's factors, changed.
+        x: X_k(t).
+        m: the primitive action.
+        y: X_k(t+1).
+        individual: r^I, weighed.
+        common: r^C as far as it is the robot's, weighed.
+        asked: whether the robot chose COORDINATE.
+        terms: the numbers of the rule.
+        by_count: n^-w by n.
+        floor: least step size.
+    """
+    count = own.updates[x][m] + 1
+    own.updates[x][m] = count
+    if count == 1:
+        own.tried[own.used[0]] = x * PRIMITIVES + m
+        own.used[0] += 1
+    if y != x:
+        own.moved[x][m] += 1
+        own.successor[x][m] = y
+    after = terms.goal_value if y == terms.goal else own.value[y]
+    alpha = step_size(by_count[count], floor)
+    own.u[x][m] = toward(own.u[x][m], alpha, individual + terms.discount * after)
+    if not asked:
+        count = own.commons[x][m] + 1
+        own.commons[x][m] = count
+        alpha = step_size(1.0 / (count + 1), floor)
+        own.r_bar[x][m] = toward(own.r_bar[x][m], alpha, common)
+
+
+def learn_correction(
+    rho: Any, counts: Any, m: int, common: float, by_count: Values, floor: float
+) -> None:
+    """Learn one entry of a row of rho from the r^C that is its peer's doing."""
+    count = counts[m] + 1
+    counts[m] = count
+    alpha = step_size(by_count[min(count + 1, len(by_count) - 1)], floor)
+    rho[m] = toward(rho[m], alpha, common)
+
+
+def learn_asking(
+    own: Own, x: int, correction: Values, percept_update: bool, by_count: Values, floor: float
+) -> None:
+    """Learn from a percept what percepts are worth in x and, if so ruled, r_bar.
+
+    Args:
+        own: the robot's factors, changed.
+        x: X_k(t).
+        correction: Q^C(x, z, .) - U(x, .) of what was perceived.
+        percept_update: whether r_bar learns from it.
+        by_count: n^-w by n.
+        floor: least step size.
+    """
+    u = own.u[x]
+    best = u[0] + correction[0]
+    for b in range(1, PRIMITIVES):
+        if u[b] + correction[b] > best:
+            best = u[b] + correction[b]
+    count = own.updates[x][COORDINATE] + 1
+    own.updates[x][COORDINATE] = count
+    alpha = step_size(by_count[count], floor)
+    own.w[x] = toward(own.w[x], alpha, best - greatest(u, PRIMITIVES))
+    if percept_update:
+        for b in range(PRIMITIVES):
+            own.r_bar[x][b] = toward(own.r_bar[x][b], floor, correction[b])
+
+
+def replay(own: Own, replays: int, draw: float, terms: Terms) -> None:
+    """Set U of moves that were tried to what the own model says of them (Dyna).
+
+    Args:
+        own: the robot's factors, changed.
+        replays: how many moves, one after the other.
+        draw: draw in [0, 1) that picks the first; what is left of it picks the next.
+        terms: the numbers of the rule.
+    """
+    for _ in range(replays):
+        scaled = draw * own.used[0]
+        place = int(scaled)
+        draw = scaled - place
+        pair = own.tried[place]
+        x, m = pair // PRIMITIVES, pair % PRIMITIVES
+        share = own.moved[x][m] / own.updates[x][m]
+        s = own.successor[x][m]
+        there = terms.arrival if s == terms.goal else terms.discount * own.value[s]
+        here = terms.discount * own.value[x]
+        own.u[x][m] = share * there + (1.0 - share) * here
+        refresh(own, x, terms)

@@ -1,0 +1,321 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The learning history of a run: one row an episode, the same bits from every way of running.
+
+`history.npz` in a run's directory holds the arrays of a `History` by their names, and `format`.
+"""
+
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sparse_coord_ros.dataframes import data_frame
+from sparse_coord_ros.errors import RunError, newer_format
+from sparse_coord_ros.files import write_whole
+from sparse_coord_ros.game.world import Action, StepOutcome
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+HISTORY_FILE = "history.npz"
+HISTORY_FORMAT = 1
+"""Number of the file's format; newer ones are refused."""
+
+FIRST_EPISODES = 64
+"""Rows of a recorder at first; they double when they are used up."""
+
+
+@dataclass(frozen=True, eq=False)
+class History:
+    """What happened in each learning episode; E episodes of K robots.
+
+    An episode begins with its first transition: one that never had any is left out. The last one
+    may have been cut off by the end of the budget. Robots that learn all at once share their
+    episodes; of a learner that learns `alone` each robot has its own: first all episodes of robot
+    1, then those of robot 2 and so on, as `present` says.
+
+    Attributes:
+        first_step: the time step at which the episode begins, shape (E,), int64.
+        length: its transitions, shape (E,), int64.
+        reward: undiscounted sum of R_k(t) that robot k received while it was under way, not after
+            its arrival, shape (E, K), float64; 0 where it was not present.
+        miscoordinations: transitions that ended in a miscoordination, shape (E,), int64.
+        asks: how often robot k chose COORDINATE, shape (E, K), int64.
+        arrived: whether robot k reached its goal, shape (E, K), bool.
+        present: whether robot k was in the world, shape (E, K), bool.
+    """
+
+    first_step: np.ndarray
+    length: np.ndarray
+    reward: np.ndarray
+    miscoordinations: np.ndarray
+    asks: np.ndarray
+    arrived: np.ndarray
+    present: np.ndarray
+
+    @property
+    def episodes(self) -> int:
+        """Number of episodes, E."""
+        return len(self.length)
+
+    @property
+    def robots(self) -> int:
+        """Number of robots, K."""
+        return int(self.present.shape[1])
+
+    def curve(
+        self, name: str, window: int = 1, *, robot: int | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return a learning curve, ready to be plotted: `plt.plot(*history.curve("length", 50))`.
+
+        Args:
+            name: length, reward, miscoordinations, asks or arrived (their share).
+            window: episodes over which to average (all there are, where these are fewer).
+            robot: only this robot (from 1) and the episodes it was present in; None: the mean of
+                the robots present.
+
+        Returns:
+            The time step at which the last episode of each window begins, and the average over
+            the window; both have shape (E - window + 1,).
+
+        Raises:
+            RunError: no such measure, robot or window.
+        """
+        if name not in ("length", "reward", "miscoordinations", "asks", "arrived"):
+            raise RunError(
+                f"history: there is no measure {name!r}; allowed: length, reward, "
+                "miscoordinations, asks, arrived"
+            )
+        if robot is not None and not 1 <= robot <= self.robots:
+            raise RunError(f"history: there is no robot {robot}; allowed: 1 to {self.robots}")
+        if window < 1:
+            raise RunError(f"history: window is {window}, allowed: at least 1")
+        values = np.asarray(getattr(self, name), dtype=np.float64)
+        if robot is None:
+            if values.ndim == 2:
+                values = (values * self.present).sum(axis=1) / self.present.sum(axis=1)
+            # Robots that learned alone: side by side in time, not one after the other.
+            order = np.argsort(self.first_step, kind="stable")
+        else:
+            order = np.flatnonzero(self.present[:, robot - 1])
+            values = values[:, robot - 1] if values.ndim == 2 else values
+        steps, values = self.first_step[order], values[order]
+        window = min(window, max(1, len(values)))
+        sums = np.cumsum(np.concatenate([np.zeros(1), values]))
+        return steps[window - 1 :], (sums[window:] - sums[:-window]) / window
+
+    def to_pandas(self, names: Sequence[str] | None = None) -> "pd.DataFrame":
+        """Return a pandas DataFrame: one row for each episode and each robot present.
+
+        Columns: episode (from 0), first_step, length, robot, reward, asks, arrived,
+        miscoordinations.
+
+        Args:
+            names: what to call the robots; their numbers from 1 where None.
+
+        Raises:
+            RunError: pandas is not installed.
+        """
+        episode, robot = np.nonzero(self.present)
+        labels = np.arange(1, self.robots + 1) if names is None else np.array(names)
+        return data_frame(
+            {
+                "episode": episode,
+                "first_step": self.first_step[episode],
+                "length": self.length[episode],
+                "robot": labels[robot],
+                "reward": self.reward[episode, robot],
+                "asks": self.asks[episode, robot],
+                "arrived": self.arrived[episode, robot],
+                "miscoordinations": self.miscoordinations[episode],
+            }
+        )
+
+    def same_bits(self, other: "History") -> bool:
+        """Whether two histories are equal, bit for bit."""
+        pairs = [(getattr(self, f.name), getattr(other, f.name)) for f in fields(self)]
+        return all(a.shape == b.shape and a.tobytes() == b.tobytes() for a, b in pairs)
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Return the arrays by their names."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}
+
+    def save(self, directory: Path) -> None:
+        """Write `history.npz`, whole or not at all."""
+        file = io.BytesIO()
+        arrays: dict[str, Any] = {"format": np.int64(HISTORY_FORMAT), **self.arrays()}
+        np.savez_compressed(file, **arrays)
+        write_whole(directory / HISTORY_FILE, file.getvalue())
+
+
+def no_history(robots: int) -> History:
+    """Return the history of no episodes."""
+    return HistoryRecorder(robots).history()
+
+
+def concatenated(histories: Sequence[History]) -> History:
+    """Join histories of the same robots, one after the other."""
+    names = [field.name for field in fields(History)]
+    return History(*(np.concatenate([getattr(h, name) for h in histories]) for name in names))
+
+
+def load_history(directory: Path) -> History:
+    """Read `history.npz` of a run's directory.
+
+    Raises:
+        RunError: there is none, or it cannot be read.
+    """
+    path = directory / HISTORY_FILE
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            number = int(file["format"])
+            if number <= HISTORY_FORMAT:
+                return history_from(file)
+    except FileNotFoundError:
+        raise RunError(
+            f"{directory}: has no {HISTORY_FILE}; runs of version 0.2.0 and later have one where "
+            "they learned"
+        ) from None
+    except Exception as error:  # zip, zlib and NumPy's parser raise what a broken file makes them
+        problem = " ".join(str(error).split())
+        raise RunError(
+            f"{path}: cannot be read as a learning history ({problem}); use a file that run or "
+            "train wrote"
+        ) from None
+    raise RunError(newer_format(str(path), number, HISTORY_FORMAT))
+
+
+def history_from(arrays: Any, prefix: str = "") -> History:
+    """Return the history whose arrays stand in a mapping under their names behind a prefix.
+
+    Raises:
+        KeyError: one is missing.
+        ValueError: their types or shapes are not those of a history.
+    """
+    found = History(*(np.ascontiguousarray(arrays[prefix + f.name]) for f in fields(History)))
+    expected = HistoryRecorder(found.present.shape[-1]).history()
+    for name, array in found.arrays().items():
+        like = expected.arrays()[name]
+        shape = (len(found.length), *like.shape[1:])
+        if array.dtype != like.dtype or array.shape != shape:
+            raise ValueError(
+                f"{name} has type {array.dtype} and shape {array.shape}, not {like.dtype} and "
+                f"{shape}"
+            )
+    return found
+
+
+class HistoryRecorder:
+    """Gathers the history of a run that is fed to it transition by transition.
+
+    Args:
+        robots: number of robots, K.
+        members: numbers (from 0) of the robots that are in the world; all where None.
+        history: rows to go on from; the first transition added goes into a new episode unless
+            `under_way`.
+        under_way: whether the last episode of `history` goes on.
+    """
+
+    def __init__(
+        self,
+        robots: int,
+        *,
+        members: Sequence[int] | None = None,
+        history: History | None = None,
+        under_way: bool = False,
+    ) -> None:
+        self._members = tuple(range(robots) if members is None else members)
+        self._present = [k in self._members for k in range(robots)]
+        self._rows = _rows(FIRST_EPISODES, robots)
+        self._used = 0
+        self._episode: int | None = None
+        self._goes_on = under_way
+        # The episode under way, as plain numbers: quicker to add to than arrays.
+        self._first_step = self._length = self._miscoordinations = 0
+        self._reward, self._asks = [0.0] * robots, [0] * robots
+        self._arrived = [False] * robots
+        if history is not None:
+            self._used = history.episodes - under_way
+            self._rows = concatenated([history, self._rows])
+            if under_way:
+                self._first_step = int(history.first_step[-1])
+                self._length = int(history.length[-1])
+                self._miscoordinations = int(history.miscoordinations[-1])
+                self._reward = history.reward[-1].tolist()
+                self._asks = history.asks[-1].tolist()
+                self._arrived = history.arrived[-1].tolist()
+
+    def add(
+        self, episode: int, step: int, actions: Sequence[Action | None], outcome: StepOutcome
+    ) -> None:
+        """Take in one transition.
+
+        Args:
+            episode: number of the episode; another one than before begins a new row.
+            step: the time step t at which the robots acted.
+            actions: what each robot did; None where it did not act.
+            outcome: what the world returned.
+        """
+        if episode != self._episode:
+            self._begin(episode, step)
+        self._length += 1
+        self._miscoordinations += outcome.miscoordination
+        for k in self._members:
+            action = actions[k]
+            if action is not None:
+                self._reward[k] += outcome.rewards[k].total
+                self._asks[k] += action.asked
+        for k in outcome.arrived:
+            self._arrived[k] = True
+
+    def _begin(self, episode: int, step: int) -> None:
+        self._episode = episode
+        if self._goes_on:
+            self._goes_on = False
+            return
+        self._write()
+        robots = len(self._present)
+        self._first_step, self._length, self._miscoordinations = step, 0, 0
+        self._reward, self._asks = [0.0] * robots, [0] * robots
+        self._arrived = [False] * robots
+
+    def _write(self) -> None:
+        """Write the episode under way into the next row."""
+        if self._length == 0:
+            return
+        if self._used == len(self._rows.length):
+            grown = _rows(2 * self._used, len(self._present))  # takes memory as it is written to
+            for name, array in self._rows.arrays().items():
+                getattr(grown, name)[: self._used] = array
+            self._rows = grown
+        rows, row = self._rows, self._used
+        rows.first_step[row] = self._first_step
+        rows.length[row] = self._length
+        rows.reward[row] = self._reward
+        rows.miscoordinations[row] = self._miscoordinations
+        rows.asks[row] = self._asks
+        rows.arrived[row] = self._arrived
+        rows.present[row] = self._present
+        self._used += 1
+
+    def history(self) -> History:
+        """Return the episodes so far, the one under way included; a copy."""
+        return History(*(array.copy() for array in self.look().arrays().values()))
+
+    def look(self) -> History:
+        """Return what `history` returns, to be looked at before the next transition: no copy."""
+        self._write()
+        found = History(*(array[: self._used] for array in self._rows.arrays().values()))
+        self._used -= self._length > 0
+        return found
+
+
+def _rows(count: int, robots: int) -> History:
+    whole = np.zeros((4, count), dtype=np.int64)
+    flags = np.zeros((2, count, robots), dtype=np.bool_)
+    sums = np.zeros((count, robots))
+    return History(whole[0], whole[1], sums, whole[2], np.zeros_like(sums, np.int64), *flags)

@@ -1,0 +1,320 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Learners: who learns what, and by which agents. One object a learner, used by everyone.
+
+The robot nodes, the simulation, the batch engine, the verification of logs, evaluation and report
+ask these objects; none of them knows a learner by its name. A learner of one's own is a subclass
+of `Learner`: see examples/own_learner.py.
+"""
+
+import functools
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from types import MappingProxyType
+from typing import Any, Concatenate, ParamSpec, TypeVar
+
+from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.game.plugins import Registry, failing_as, is_shipped, path_of
+from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.game.streams import LEARNING
+from sparse_coord_ros.game.world import RewardWeights
+from sparse_coord_ros.learn.agent import Agent, Tables, check_joint_states, initial_tables
+from sparse_coord_ros.learn.factored import FactoredAgent, check_peers, initial_factored
+from sparse_coord_ros.learn.factors import FactorRule
+
+
+class Learner:
+    """One learner: its names, what it needs, and the agents that learn by it.
+
+    A subclass changes attributes, `weights` or `agent`. Where `agent` is left as it is, the
+    batch engine computes the learner compiled; else it runs in plain Python, with the same bits
+    in every way of running.
+
+    A name, a title and a summary are not inherited. What a subclass does wrong is said in one
+    line (`PluginError`), whichever way of running calls it.
+
+    Attributes:
+        name: what it may be called where learners are named, once it is registered.
+        title: what it is called in print; empty: its label.
+        summary: one line: what it is.
+        asks: whether COORDINATE is among its actions; if not, the fifth column of Q* is NaN.
+        alone: whether each robot learns with no other robot in the world (Indiv. of Section 4).
+            Such a learner cannot run live.
+        factors: the rule of a learner that learns Q* and Q^C in factors; None for the others.
+        defaults: values of scenario settings where neither the scenario nor the user chose one;
+            `run.yaml` says each value that held.
+    """
+
+    name: str | None = None
+    title: str = ""
+    summary: str = ""
+    asks: bool = True
+    alone: bool = False
+    factors: FactorRule | None = None
+    defaults: Mapping[str, object] = MappingProxyType({})
+
+    def __init_subclass__(cls, **more: object) -> None:
+        """Give the class its own name, and let it say in one line where it fails."""
+        super().__init_subclass__(**more)
+        for attribute in ("name", "title", "summary"):
+            if attribute not in vars(cls):
+                setattr(cls, attribute, getattr(Learner, attribute))
+        if is_shipped(cls):
+            return
+        for method in ("with_defaults", "weights", "tables", "agent"):
+            if method in vars(cls):
+                setattr(cls, method, _guarded(vars(cls)[method]))
+
+    def with_defaults(self, scenario: Scenario) -> Scenario:
+        """Return the scenario with this learner's defaults for settings that nobody chose.
+
+        Raises:
+            SettingError: a default is no setting, or has a bad value.
+        """
+        values = {k: v for k, v in self.defaults.items() if k not in scenario.given}
+        if not values:
+            return scenario
+        return replace(scenario.with_settings(values), given=scenario.given)
+
+    def check(self, scenario: Scenario) -> None:
+        """Raise `SettingError` where it cannot learn a scenario; called before a run begins."""
+        if self.asks:
+            check_joint_states(scenario)
+
+    def weights(self, scenario: Scenario) -> RewardWeights:
+        """Return how much each part of R_k(t) counts while it learns.
+
+        Unless changed it is their sum, with r^C as often as the setting `credit` says.
+
+        The rewards by which a team is evaluated are not changed by it.
+
+        Args:
+            scenario: the problem.
+        """
+        return RewardWeights(1.0, scenario.common_weight, 1.0)
+
+    def tables(self, scenario: Scenario) -> Tables:
+        """Return the tables of one robot before learning (Algorithm 1, line 1).
+
+        Of a learner in factors those of the first robot; others have the same factors.
+
+        Raises:
+            SettingError: a learner in factors, and COORDINATE does not perceive every peer.
+        """
+        if self.factors is not None:
+            return initial_factored(scenario, 0, self.weights(scenario))
+        return initial_tables(scenario, asks=self.asks)
+
+    def agent(
+        self,
+        scenario: Scenario,
+        number: int,
+        seed: int,
+        *,
+        tables: Tables | None = None,
+        learning: bool = True,
+        phase: int = LEARNING,
+    ) -> Agent:
+        """Return the agent of one robot.
+
+        Args:
+            scenario: the problem.
+            number: k, from 0.
+            seed: the run's seed.
+            tables: tables to go on from; those of `tables` where None.
+            learning: False: act greedily and never update.
+            phase: LEARNING or EVALUATION: which random draws the agent uses.
+        """
+        how: dict[str, Any] = {"learning": learning, "phase": phase}
+        how["weights"] = self.weights(scenario)
+        if self.factors is not None:
+            return FactoredAgent(scenario, number, seed, rule=self.factors, tables=tables, **how)
+        if tables is None:
+            tables = self.tables(scenario)
+        return Agent(scenario, number, seed, asks=self.asks, tables=tables, **how)
+
+    @property
+    def compiled(self) -> bool:
+        """Whether the compiled loops of the batch engine compute just this learner."""
+        own = type(self)
+        return own.agent is Learner.agent and own.tables is Learner.tables
+
+    @property
+    def label(self) -> str:
+        """What it is called in files, so that other processes find it.
+
+        The name of a learner of this package, or of one that an installed package registers as an
+        entry point; else `module:Class`; else its name, under which each process must register it.
+
+        Raises:
+            SettingError: there is none.
+        """
+        named = self.name is not None and (is_shipped(self) or self.name in LEARNERS.installed)
+        path = None if vars(self) else path_of(type(self))
+        label = self.name if named else path or self.name
+        if label is None:
+            raise SettingError(
+                f"learner {type(self).__qualname__}: other processes cannot find it; define its "
+                "class in a module (a file), or give it an attribute 'name' and register it"
+            )
+        return label
+
+    def __repr__(self) -> str:
+        """Return what the learner is called in files."""
+        return f"<learner {self.label}>"
+
+
+_P = ParamSpec("_P")
+_T = TypeVar("_T")
+
+
+def _guarded(method: Callable[Concatenate[Learner, _P], _T]) -> Callable[..., _T]:
+    """Return a method of a learner of the user's own, checked."""
+
+    @functools.wraps(method)
+    def checked(self: Learner, *args: _P.args, **kwargs: _P.kwargs) -> _T:
+        said = f"learner {self.label!r}"
+        with failing_as(said, f"making its {method.__name__}"):
+            made = method(self, *args, **kwargs)
+            if method.__name__ == "agent":
+                _guard_agent(said, made)
+            elif method.__name__ == "weights":
+                made = _checked_weights(said, made)
+            elif method.__name__ == "with_defaults" and not isinstance(made, Scenario):
+                raise SettingError(f"{said}: its with_defaults returns {made!r}, no Scenario")
+        return made
+
+    return checked
+
+
+def _checked_weights(said: str, made: Any) -> Any:
+    try:
+        weights = RewardWeights(*map(float, made))
+    except (TypeError, ValueError):
+        weights = RewardWeights(math.nan, math.nan, math.nan)
+    if not all(map(math.isfinite, weights)):
+        raise SettingError(
+            f"{said}: its weights are {made!r}, allowed: three numbers, for the individual "
+            "reward, the common reward and the cost of asking"
+        )
+    return weights
+
+
+def _guard_agent(said: str, agent: object) -> None:
+    """Let the agent of a learner of the user's own say in one line where it fails."""
+    if not isinstance(agent, Agent):
+        raise SettingError(f"{said}: {agent!r} is no agent, must be a sparse_coord_ros.Agent")
+    for name, doing in (("decide", "deciding"), ("act", "acting"), ("learn", "learning")):
+        method = getattr(agent, name)
+        if is_shipped(method.__func__ if hasattr(method, "__func__") else method):
+            continue
+
+        @functools.wraps(method)
+        def checked(*args: Any, _method: Any = method, _doing: str = doing, **kwargs: Any) -> Any:
+            with failing_as(said, _doing):
+                return _method(*args, **kwargs)
+
+        setattr(agent, name, checked)
+
+
+class Coop(Learner):
+    """Algorithm 1 of the paper."""
+
+    name = "coop"
+    title = "Coop."
+    summary = "Algorithm 1"
+
+
+class NonCoop(Learner):
+    """Q-learning of all robots at once (paper, Section 4)."""
+
+    name = "noncoop"
+    title = "Non-coop."
+    summary = "Q-learning of all robots at once"
+    asks = False
+
+
+class Indiv(Learner):
+    """Q-learning of one robot at a time, so that none ever meets another (paper, Section 4)."""
+
+    name = "indiv"
+    title = "Indiv."
+    summary = "Q-learning of one robot at a time"
+    asks = False
+    alone = True
+
+
+class Factored(Learner):
+    """Algorithm 1 with Q* and Q^C in factors, as docs/coordination.md defines it.
+
+    A subclass with another `factors` is the rule with a part turned off.
+    """
+
+    name = "factored"
+    title = "Factored"
+    summary = "Algorithm 1 with Q^C as an individual part and sparse corrections"
+    factors: FactorRule = FactorRule()
+    defaults = MappingProxyType(
+        {"epsilon": "linear:0.3:0.02:0.8", "starts": "exploring:1:0:0.5", "peers": "all"}
+    )
+
+    def with_defaults(self, scenario: Scenario) -> Scenario:
+        """As of `Learner`; with more than two robots, `referee` is on unless somebody chose."""
+        chosen = super().with_defaults(scenario)
+        if len(scenario.robots) > 2 and "referee" not in scenario.given:
+            chosen = replace(chosen, referee=True)
+        return chosen
+
+    def check(self, scenario: Scenario) -> None:
+        """Raise `SettingError` unless COORDINATE perceives every peer."""
+        check_peers(scenario)
+
+
+def _learner(name: str, thing: object) -> Learner:
+    made = thing
+    if isinstance(thing, type) and issubclass(thing, Learner):
+        with failing_as(f"learner {name!r}", "being made"):
+            made = thing()
+    if not isinstance(made, Learner):
+        raise TypeError(
+            "is no learner; it must be a subclass of sparse_coord_ros.Learner, or an instance of "
+            "one"
+        )
+    return made
+
+
+LEARNERS: Registry[Learner] = Registry("learner", "sparse_coord_ros.learners", _learner)
+"""Every learner, by what it is called in files."""
+
+for _own in (Coop(), NonCoop(), Indiv(), Factored()):
+    LEARNERS.register(_own.label, _own)
+
+
+def learner_of(learner: "str | Learner | type[Learner]") -> Learner:
+    """Return a learner by its name; learners and their classes are taken as they are.
+
+    Raises:
+        SettingError: there is no such learner.
+    """
+    if isinstance(learner, str):
+        return LEARNERS.find(learner)
+    made = LEARNERS.made(repr(learner), learner)
+    known = LEARNERS.registered.get(made.label)
+    if isinstance(learner, type) and type(known) is learner:
+        return known
+    return LEARNERS.register(made.label, made)
+
+
+def register_learner(learner: "Learner | type[Learner]") -> Learner:
+    """Let a learner of one's own be named by its attribute `name`, in this process.
+
+    What is written names it as `module:Class`, which other processes, and later calls, find by
+    themselves; a learner that an installed package names as an entry point of the group
+    `sparse_coord_ros.learners` is found by that name.
+
+    Raises:
+        SettingError: it is no learner, or its name is none or taken.
+    """
+    made = LEARNERS.made(repr(learner), learner)
+    return LEARNERS.register(made.name or made.label, made)

@@ -1,0 +1,273 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a run is: scenario, seed, learner and timing, as one object and as `run.yaml`.
+
+The world simulator publishes this text once, latched, on the topic `run`; robots and recorder
+need nothing else, and the log holds it too.
+"""
+
+import hashlib
+import json
+import platform
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, fields
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from sparse_coord_ros import __version__
+from sparse_coord_ros.errors import RunError, SettingError, did_you_mean, newer_format
+from sparse_coord_ros.game.grid import RESOLUTIONS
+from sparse_coord_ros.game.perception import check_percepts
+from sparse_coord_ros.game.scenario import Scenario, parse_yaml, scenario_from_dict
+from sparse_coord_ros.game.settings import Setting, SettingTable
+from sparse_coord_ros.game.specs import Form
+from sparse_coord_ros.learn.learners import LEARNERS, Learner, learner_of
+
+RUN_FILE, SCENARIO_FILE, MAP_FILE = "run.yaml", "scenario.yaml", "map.txt"
+"""The files that say what a run is: in its directory the first, in its bag all."""
+
+FORMAT = 2
+"""Number of the format of `run.yaml`, its field `format`. Files of 0.1.0 have none: format 1."""
+
+RUN_RECORD = "sparse_coord_ros"
+"""Name of the bag's metadata record about the run."""
+
+
+class LearnerName:
+    """The setting that names a learner, as its name or as `module:Class`."""
+
+    @property
+    def usage(self) -> str:
+        """The allowed names, for help and error texts."""
+        return LEARNERS.usage
+
+    @property
+    def forms(self) -> tuple[Form, ...]:
+        """The learners that are registered."""
+        return tuple(Form(name, (), one.summary) for name, one in LEARNERS.registered.items())
+
+    def parse(self, value: object) -> str:
+        """Return the learner's name as files have it.
+
+        Raises:
+            SettingError: there is no such learner.
+        """
+        return learner_of(value if isinstance(value, Learner) else str(value)).label
+
+
+LEARNER = LearnerName()
+
+RUN_SETTINGS = SettingTable(
+    [
+        Setting("seed", int, 0, "seed of every random draw", low=0, high=2**63 - 1),
+        Setting("learner", LEARNER, "coop", "who learns; coop is Algorithm 1 of the paper"),
+        Setting("greedy", bool, False, "act on learned tables, without exploring or learning"),
+        Setting("step_period", float, 0.1, "simulated seconds a time step", low=1e-3, high=60),
+        Setting(
+            "resolution",
+            float,
+            0.0,
+            "metres a cell, at least 0.001; 0: the map's own, or 1 where it shows no real place",
+            low=0,
+            high=RESOLUTIONS[1],
+        ),
+        Setting("step_timeout", float, 5.0, "seconds until a silent robot is left out", low=0.1),
+        Setting(
+            "percept_timeout",
+            float,
+            2.0,
+            "seconds until an unanswered request is a failed percept",
+            low=0.05,
+        ),
+        Setting("tables", str, "", "directory of a run whose tables to begin with; empty: none"),
+        Setting("recorded", bool, False, "do not start before a recorder listens"),
+        Setting(
+            "checkpoint",
+            int,
+            10_000,
+            "time steps between two recordings of the learned tables; 0: only at the end",
+            low=0,
+            high=2**31 - 1,
+        ),
+    ]
+)
+"""Parameters of a run that belong to no scenario."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunConfig:
+    """A run; its fields are described in `RUN_SETTINGS`.
+
+    `versions` names what computed it. `id` tells one live run from every other: the world makes it
+    when it announces the run; what never was live has none.
+    """
+
+    scenario: Scenario
+    seed: int = 0
+    learner: str = "coop"
+    greedy: bool = False
+    step_period: float = 0.1
+    resolution: float = 0.0
+    step_timeout: float = 5.0
+    percept_timeout: float = 2.0
+    tables: str = ""
+    recorded: bool = False
+    checkpoint: int = 10_000
+    versions: Mapping[str, str]
+    id: str = ""
+
+    def __post_init__(self) -> None:
+        """Look up the map's resolution where 0 is given.
+
+        Raises:
+            SettingError: the deadlines contradict each other, or the cells are too small.
+        """
+        if self.resolution == 0.0:
+            object.__setattr__(self, "resolution", self.scenario.map.resolution or 1.0)
+        if self.resolution < RESOLUTIONS[0]:
+            raise SettingError(
+                f"setting resolution: value is {self.resolution:g}, allowed: 0 or a number from "
+                f"{RESOLUTIONS[0]:g} to {RESOLUTIONS[1]:g}"
+            )
+        if self.percept_timeout >= self.step_timeout:
+            raise SettingError(
+                f"setting percept_timeout: value is {self.percept_timeout:g}, allowed: less than "
+                f"step_timeout ({self.step_timeout:g})"
+            )
+
+    @property
+    def rule(self) -> Learner:
+        """The learner that the run names."""
+        return learner_of(self.learner)
+
+    @property
+    def digest(self) -> str:
+        """A digest of all that affects what is learned: the same where the same bits come out."""
+        said = [self.learner, self.seed, self.greedy, self.tables, self.scenario.computation()]
+        return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()[:16]
+
+    def to_yaml(self) -> str:
+        """Return the text of `run.yaml`; `run_from_yaml` reads it back."""
+        data: dict[str, Any] = {"format": FORMAT}
+        data |= {f.name: getattr(self, f.name) for f in fields(self)}
+        data["scenario"] = self.scenario.to_dict()
+        data["versions"] = dict(self.versions)
+        if not self.id:
+            del data["id"]
+        return yaml.safe_dump(data, sort_keys=False, allow_unicode=True)
+
+    def record(self) -> dict[str, str]:
+        """Return the texts of the bag's metadata record."""
+        named = {"scenario": self.scenario.name, "seed": str(self.seed), "learner": self.learner}
+        return named | {f"version_{name}": str(value) for name, value in self.versions.items()}
+
+
+def make_run(scenario: Scenario, values: Mapping[str, object]) -> RunConfig:
+    """Build a run of this software's versions.
+
+    Args:
+        scenario: the problem.
+        values: some of `RUN_SETTINGS`; the others take their defaults.
+
+    Raises:
+        SettingError: an unknown name or a bad value.
+    """
+    settings = {**RUN_SETTINGS.defaults(), **RUN_SETTINGS.parse(values)}
+    learner = learner_of(settings["learner"])
+    scenario = learner.with_defaults(scenario)
+    learner.check(scenario)
+    check_percepts(scenario.map)
+    return RunConfig(scenario=scenario, versions=versions(), **settings)
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of what a run's numbers depend on."""
+    found = {"sparse_coord_ros": __version__, "python": platform.python_version()}
+    for name in ("numpy", "PyYAML", "mcap", "rclpy", "rmw_fastrtps_cpp", "ros-rmw-fastrtps-cpp"):
+        with suppress(PackageNotFoundError):
+            found[name] = version(name)
+    return found
+
+
+def run_from_yaml(text: str, *, where: str) -> RunConfig:
+    """Read a run back; settings that the text lacks have the values that hold for older files.
+
+    Raises:
+        RunError: it is no run, has an unknown field, or is in a newer format.
+        ScenarioError: not YAML, or the scenario in it is malformed.
+        SettingError: a bad value.
+    """
+    data = parse_yaml(text, where=where)
+    written = data.pop("format", 1)
+    if not isinstance(written, int) or written < 1:
+        raise RunError(f"{where}: field 'format' is {written!r}, allowed: 1 to {FORMAT}")
+    if written > FORMAT:
+        raise RunError(newer_format(where, written, FORMAT))
+    known = [f.name for f in fields(RunConfig)]
+    for name in data:
+        if name not in known:
+            raise RunError(
+                f"{where}: is not a run.yaml of this software: unknown field {name!r}"
+                f"{did_you_mean(str(name), known)}; use the file that run or train wrote"
+            )
+    for name in ("scenario", "versions"):
+        if not isinstance(data.get(name), dict):
+            raise RunError(
+                f"{where}: is not a run.yaml of this software: field {name!r} is missing or no "
+                "mapping; use the file that run or train wrote"
+            )
+    scenario = scenario_from_dict(
+        data["scenario"], where=f"{where} (scenario)", name="scenario", recorded=True
+    )
+    given = RUN_SETTINGS.parse({n: data[n] for n in RUN_SETTINGS if n in data})
+    settings = {**RUN_SETTINGS.of_older_files(), **given}
+    return RunConfig(
+        scenario=scenario, versions=data["versions"], id=str(data.get("id", "")), **settings
+    )
+
+
+def load_run(directory: Path) -> RunConfig:
+    """Read `run.yaml` of a run's output directory.
+
+    Raises:
+        RunError: there is none, or it is not one of this version.
+    """
+    path = directory / RUN_FILE
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        raise RunError(
+            f"{directory}: no readable run.yaml there; give the output directory of "
+            "'sparse_coord run' or 'sparse_coord train'"
+        ) from None
+    return run_from_yaml(text, where=str(path))
+
+
+def create_output(directory: Path) -> Path:
+    """Create a run's output directory and return it.
+
+    Raises:
+        RunError: it exists already (nothing is overwritten) or cannot be created.
+    """
+    try:
+        str(directory).encode()
+    except UnicodeEncodeError:
+        raise RunError(
+            f"output directory {str(directory)!r}: its name is no UTF-8; choose another"
+        ) from None
+    try:
+        directory.mkdir(parents=True)
+    except FileExistsError:
+        raise RunError(
+            f"output directory {directory}: exists already, nothing is overwritten; choose "
+            "another one or remove it"
+        ) from None
+    except OSError as error:
+        raise RunError(
+            f"output directory {directory}: cannot be created ({error.strerror}); choose another"
+        ) from None
+    return directory

@@ -1,0 +1,301 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A learning run without ROS: the same world and the same agents, one after the other."""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from sparse_coord_ros.game.links import PerceptStream
+from sparse_coord_ros.game.perception import probability_rows
+from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.game.streams import LEARNING
+from sparse_coord_ros.game.world import Action, Position, StepOutcome, World
+from sparse_coord_ros.learn.agent import Agent, Decision, Memory, Tables
+from sparse_coord_ros.learn.factors import AdditiveTable
+from sparse_coord_ros.learn.history import History, HistoryRecorder, concatenated
+from sparse_coord_ros.learn.learners import Learner, learner_of
+from sparse_coord_ros.learn.sparse import SparseTable
+
+Choice = tuple[int, Decision, Action, tuple[int, ...] | None]
+"""What an agent decided: its cell, its decision, the action that it became, what it perceived."""
+
+
+class Team:
+    """Agents that act in one process: active perception is a look at the world's joint state.
+
+    Args:
+        scenario: the problem.
+        seed: the run's seed.
+        agents: the agents, one for each robot of the scenario.
+        phase: LEARNING or EVALUATION.
+    """
+
+    def __init__(
+        self, scenario: Scenario, seed: int, agents: list[Agent], *, phase: int = LEARNING
+    ) -> None:
+        self.agents = agents
+        self._of = {agent.number: agent for agent in agents}
+        self._percepts = [
+            PerceptStream(scenario.link, seed, agent.number, phase) for agent in agents
+        ]
+        self._probabilities = probability_rows(scenario.perception, scenario.map)
+
+    def act(self, world: World) -> tuple[list[Choice | None], list[Action | None]]:
+        """Let every agent that has not arrived choose.
+
+        Returns:
+            What each agent decided and perceived, and the joint action; None in both for agents
+            that do not act.
+        """
+        choices: list[Choice | None] = [None] * len(world.cells)
+        actions: list[Action | None] = [None] * len(world.cells)
+        for agent in self.agents:
+            k = agent.number
+            if world.arrived[k]:
+                continue
+            cell = world.cells[k]
+            decision = agent.decide(world.step, cell)
+            perceived = self._perceive(world, k, decision)
+            action = agent.act(world.step, cell, decision, perceived)
+            choices[k] = (cell, decision, action, perceived)
+            actions[k] = action
+        return choices, actions
+
+    def learn(self, choices: Sequence[Choice | None], world: World, outcome: StepOutcome) -> None:
+        """Let every agent that acted learn from the step that the world just made."""
+        for agent in self.agents:
+            choice = choices[agent.number]
+            if choice is not None:
+                reward = outcome.rewards[agent.number]
+                agent.learn(world.step - 1, *choice, reward, world.cells[agent.number])
+
+    def _perceive(self, world: World, k: int, decision: Decision) -> tuple[int, ...] | None:
+        """Return the cells of the asked peers; None unless the percept of each succeeds."""
+        if not decision.peers:
+            return None
+        peer_cells = tuple(world.cells[peer] for peer in decision.peers)
+        draw = self._percepts[k].at(world.step)[0]
+        probabilities = self._probabilities[world.cells[k]]
+        for peer, cell in zip(decision.peers, peer_cells, strict=True):
+            self._of[peer].asked(world.step, k, world.cells[k])
+            if draw >= probabilities[cell]:
+                return None
+        return peer_cells
+
+
+class LearningState(NamedTuple):
+    """A learning run between two transitions: either engine can go on from it, bit for bit.
+
+    Attributes:
+        positions: the game of each group of robots that learn together.
+        memories: what each robot has learned.
+        histories: the episodes of each group.
+    """
+
+    positions: tuple[Position, ...]
+    memories: tuple[Memory, ...]
+    histories: tuple[History, ...]
+
+
+class Glimpse(NamedTuple):
+    """One transition of a learning run, for who watches it; K robots.
+
+    Attributes:
+        step: the time step t (of robots that learn alone: of the first one).
+        cells: X_k(t).
+        actions: what each robot did; None where it did not act.
+        after: X_k(t+1).
+        miscoordination: whether robots ended up in the same doorway.
+    """
+
+    step: int
+    cells: tuple[int, ...]
+    actions: tuple[Action | None, ...]
+    after: tuple[int, ...]
+    miscoordination: bool
+
+
+def groups_of(scenario: Scenario, learner: Learner) -> list[list[int]]:
+    """Return the robots (from 0) that learn together.
+
+    They are all, or for a learner that learns `alone` each robot by itself: one robot at a time
+    in the world, each for the whole budget, so that none ever meets another (paper, Section 4).
+    """
+    everyone = list(range(len(scenario.robots)))
+    return [[k] for k in everyone] if learner.alone else [everyone]
+
+
+class Learning:
+    """A learning run in progress, in plain Python.
+
+    Args:
+        scenario: the problem and its protocol.
+        learner: a learner, or its name.
+        seed: the run's seed.
+        state: where to go on; None: at the beginning.
+        gathering: whether to gather the history; without it learning is a little faster.
+
+    Attributes:
+        done: transitions made, by each group of robots.
+        agents: every robot's agent.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        learner: str | Learner,
+        seed: int,
+        state: LearningState | None = None,
+        *,
+        gathering: bool = True,
+    ) -> None:
+        rule = learner_of(learner)
+        self.done = 0
+        self.agents: list[Agent] = []
+        self._gathering = gathering
+        self._groups: list[tuple[World, Team, HistoryRecorder]] = []
+        robots = len(scenario.robots)
+        for number, members in enumerate(groups_of(scenario, rule)):
+            agents = [rule.agent(scenario, k, seed) for k in members]
+            world = World(scenario, seed, agents=members)
+            recorder = HistoryRecorder(robots, members=members)
+            if state is not None:
+                position, history = state.positions[number], state.histories[number]
+                self.done = position.transitions
+                world.go_on_from(position)
+                for agent in agents:
+                    agent.go_on_from(state.memories[agent.number])
+                recorder = HistoryRecorder(
+                    robots, members=members, history=history, under_way=position.under_way
+                )
+            self._groups.append((world, Team(scenario, seed, agents), recorder))
+            self.agents += agents
+
+    def advance(self, until: int) -> None:
+        """Let every group of robots learn until it has made so many transitions."""
+        for world, team, recorder in self._groups:
+            while world.transitions < until:
+                self._advance(world, team, recorder)
+        self.done = max(self.done, until)
+
+    def _advance(
+        self, world: World, team: Team, recorder: HistoryRecorder
+    ) -> tuple[list[Action | None], StepOutcome, tuple[int, ...]]:
+        """Make one transition; return the actions, what they brought, and where they led."""
+        choices, actions = team.act(world)
+        outcome = world.advance(actions)
+        team.learn(choices, world, outcome)
+        if self._gathering:
+            recorder.add(world.episode, world.step - 1, actions, outcome)
+        after = tuple(world.cells)
+        if outcome.episode_over:
+            world.begin_episode()
+        return actions, outcome, after
+
+    def glimpse(self) -> Glimpse:
+        """Let every group of robots make one transition, and return it."""
+        step = self._groups[0][0].step
+        robots = sum(len(world.agents) for world, _, _ in self._groups)
+        cells, after = [0] * robots, [0] * robots
+        actions: list[Action | None] = [None] * robots
+        met = False
+        for world, team, recorder in self._groups:
+            before = tuple(world.cells)
+            did, outcome, then = self._advance(world, team, recorder)
+            met |= outcome.miscoordination
+            for k in world.agents:
+                cells[k], actions[k], after[k] = before[k], did[k], then[k]
+        self.done += 1
+        return Glimpse(step, tuple(cells), tuple(actions), tuple(after), met)
+
+    @property
+    def asked(self) -> np.ndarray:
+        """How often each robot has learned from COORDINATE in each cell, shape (robots, cells)."""
+        return np.array([agent.asked_in for agent in self.agents])
+
+    @property
+    def tables(self) -> list[Tables]:
+        """What every robot has learned so far; it goes on learning in them."""
+        return [agent.tables for agent in self.agents]
+
+    @property
+    def visited(self) -> np.ndarray:
+        """Joint states of Q^C that each robot has updated, shape (robots,), int64."""
+        return np.array([agent.coord_visited for agent in self.agents])
+
+    @property
+    def history(self) -> History:
+        """The episodes so far."""
+        return concatenated([recorder.history() for _, _, recorder in self._groups])
+
+    def state(self) -> LearningState:
+        """Return where the run is."""
+        return LearningState(
+            tuple(world.position() for world, _, _ in self._groups),
+            tuple(agent.memory() for agent in self.agents),
+            tuple(recorder.history() for _, _, recorder in self._groups),
+        )
+
+
+def learn(
+    scenario: Scenario,
+    learner: str | Learner,
+    seed: int,
+    *,
+    progress: Callable[[int, int], None] = lambda done, budget: None,
+) -> list[Tables]:
+    """Run one learner for the scenario's budget and return the tables of every robot.
+
+    Arguments as of `learn_agents`.
+    """
+    return [agent.tables for agent in learn_agents(scenario, learner, seed, progress=progress)]
+
+
+def learn_agents(
+    scenario: Scenario,
+    learner: str | Learner,
+    seed: int,
+    *,
+    progress: Callable[[int, int], None] = lambda done, budget: None,
+) -> list[Agent]:
+    """Run one learner for the scenario's budget and return every robot's agent.
+
+    Args:
+        scenario: the problem and its protocol.
+        learner: a learner, or its name.
+        seed: the run's seed.
+        progress: called with transitions done and to be done, of all groups of robots together,
+            about every hundredth.
+    """
+    learning = Learning(scenario, learner, seed, gathering=False)
+    groups = len(groups_of(scenario, learner_of(learner)))
+    part = max(1, scenario.steps // 100)
+    while learning.done < scenario.steps:
+        learning.advance(min(learning.done + part, scenario.steps))
+        progress(learning.done * groups, scenario.steps * groups)
+    return learning.agents
+
+
+def tables_equal(one: list[Tables], other: list[Tables]) -> bool:
+    """Whether two teams' tables agree bit for bit (NaN columns included)."""
+    return len(one) == len(other) and all(
+        len(mine) == len(theirs) and all(map(_same_bits, mine, theirs))
+        for mine, theirs in zip(map(_parts, one), map(_parts, other), strict=True)
+    )
+
+
+def _parts(tables: Tables) -> list[np.ndarray | SparseTable]:
+    """Return all that tables are made of; what is only read from the factors is left out."""
+    q_star, q_coord, factors = tables
+    parts = [] if isinstance(q_coord, AdditiveTable) else [q_coord]
+    return [q_star, *parts, *(() if factors is None else factors)]
+
+
+def _same_bits(one: np.ndarray | SparseTable, other: np.ndarray | SparseTable) -> bool:
+    if isinstance(one, SparseTable) and isinstance(other, SparseTable):
+        return one.same_bits(other)
+    if isinstance(one, SparseTable) or isinstance(other, SparseTable):
+        return False
+    return one.shape == other.shape and one.tobytes() == other.tobytes()

@@ -1,0 +1,113 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Q^C over many joint states: rows for visited joint states only.
+
+"Our matrix Q^C_k will be sparse" (paper, Section 3.2): with n agents on m cells a dense table has
+m^n rows, a sparse one as many as COORDINATE has met.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from sparse_coord_ros.learn.algorithm import PRIMITIVES
+
+FIRST_ROWS = 16
+"""Rows of a table that grows from nothing; it doubles when they are used up."""
+
+
+def dense_nbytes(cells: int, agents: int) -> int:
+    """Return the bytes of Q^C as an array: four float64 for each joint state of the agents."""
+    return int(cells**agents * PRIMITIVES * np.dtype(np.float64).itemsize)
+
+
+class SparseTable:
+    """A table that reads like an array of shape `shape`, float64, with few rows.
+
+    `table[cell, *peer_cells]` is the row of a joint state, `table[cell, *peer_cells, action]` an
+    entry of it; a joint state without a row reads as `unseen`. Only entries are set.
+
+    Args:
+        cells: free cells of the map.
+        agents: how many local states a joint state has.
+        unseen: value of every entry that was never set.
+        keys: joint states that have rows, integers, shape (rows, agents), each once.
+        rows: their entries, shape (rows, 4), float64; the table keeps a copy.
+
+    Raises:
+        ValueError: `keys` and `rows` are no such arrays.
+    """
+
+    def __init__(
+        self,
+        cells: int,
+        agents: int,
+        unseen: float,
+        keys: np.ndarray | None = None,
+        rows: np.ndarray | None = None,
+    ) -> None:
+        self.shape = (cells,) * agents + (PRIMITIVES,)
+        self.unseen = float(unseen)
+        self._agents = agents
+        self._nothing = np.full(PRIMITIVES, self.unseen)
+        self._nothing.flags.writeable = False
+        if keys is None or rows is None:
+            keys, rows = np.empty((0, agents), dtype=np.int32), np.empty((0, PRIMITIVES))
+        if keys.shape != (len(rows), agents) or rows.shape != (len(keys), PRIMITIVES):
+            raise ValueError(f"keys {keys.shape} and rows {rows.shape} do not fit {agents} agents")
+        if len(keys) and not 0 <= keys.min() <= keys.max() < cells:
+            raise ValueError(f"keys name cells from {keys.min()} to {keys.max()} of {cells}")
+        self._rows = np.array(rows, dtype=np.float64)
+        self._places = {tuple(key): place for place, key in enumerate(keys.tolist())}
+        if len(self._places) != len(keys):
+            raise ValueError("keys name a joint state twice")
+
+    def __len__(self) -> int:
+        """Return the number of joint states that have a row."""
+        return len(self._places)
+
+    def __getitem__(self, index: tuple[int, ...]) -> Any:
+        """Return the row of a joint state (not to be written to), or one entry of it."""
+        place = self._places.get(index[: self._agents])
+        row = self._nothing if place is None else self._rows[place]
+        return row if len(index) == self._agents else row[index[self._agents]]
+
+    def __setitem__(self, entry: tuple[int, ...], value: float) -> None:
+        """Set one entry; the others of a new row are `unseen`."""
+        *joint_state, action = entry
+        place = self._places.setdefault(tuple(joint_state), len(self._places))
+        if place == len(self._rows):
+            more = np.full((max(FIRST_ROWS, place), PRIMITIVES), self.unseen)
+            self._rows = np.concatenate([self._rows, more])
+        self._rows[place, action] = value
+
+    @property
+    def keys(self) -> np.ndarray:
+        """The joint states that have rows, in ascending order: shape (rows, agents), int32."""
+        return np.array(sorted(self._places), dtype=np.int32).reshape(len(self), self._agents)
+
+    @property
+    def rows(self) -> np.ndarray:
+        """The entries of `keys`, in the same order: shape (rows, 4), float64; a copy."""
+        return self._rows[[place for _, place in sorted(self._places.items())]]
+
+    def dense(self) -> np.ndarray:
+        """Return the table as an array of its shape; of few agents, or memory will not do."""
+        array = np.full(self.shape, self.unseen)
+        array[tuple(self.keys.T)] = self.rows
+        return array
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of `keys` and `rows`; what finds a row in memory comes on top."""
+        key = self._agents * np.dtype(np.int32).itemsize
+        return len(self) * (key + PRIMITIVES * self._rows.itemsize)
+
+    def same_bits(self, other: "SparseTable") -> bool:
+        """Whether two tables have the same rows and read the same, bit for bit."""
+        return (
+            self.shape == other.shape
+            and np.float64(self.unseen).tobytes() == np.float64(other.unseen).tobytes()
+            and np.array_equal(self.keys, other.keys)
+            and self.rows.tobytes() == other.rows.tobytes()
+        )

@@ -1,0 +1,384 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""One robot's side of the lock step, as a state machine without ROS.
+
+Messages come in by `state`, `reward` and `answer`, in any order between topics, each perhaps
+twice; what the robot does goes out through `RobotPort`. The result depends on what the messages
+say, never on when they come.
+"""
+
+from collections import deque
+from typing import NamedTuple, Protocol
+
+from sparse_coord_ros.game.links import PerceptStream
+from sparse_coord_ros.game.perception import probability_rows
+from sparse_coord_ros.game.world import Action, Reward
+from sparse_coord_ros.learn.agent import Agent, Decision, Memory
+from sparse_coord_ros.learn.algorithm import COORDINATE
+from sparse_coord_ros.learn.run_config import RunConfig
+from sparse_coord_ros.wire import ANSWERED, LATE, NOBODY_TO_ASK, NOT_ASKED, PERCEPT_ENDS, REFUSED
+from sparse_coord_ros.wire.frame import Account
+
+NO_STEP = 0
+"""The step of a request by a person, who does not know the time step."""
+
+BEFORE_ANY_STEP = -1
+
+
+class RobotPort(Protocol):
+    """What a robot can do to the outside."""
+
+    def ask(self, peer: int, step: int, cell: int) -> None:
+        """Request the peer's local state of a time step; `cell` is the asker's own."""
+
+    def act(self, step: int, action: Action, account: Account) -> None:
+        """Publish the action that answers the local state of a time step."""
+
+    def percept(self, step: int, cell: int, perceived: tuple[int, ...] | None) -> None:
+        """Publish what came of COORDINATE: the peers' cells, or None for a failed percept."""
+
+    def episode(self, step: int) -> None:
+        """An episode begins for this robot at a time step, before it acts in it."""
+
+    def checkpoint(self, step: int) -> None:
+        """Publish and save: all is learned that happened before a time step, and no more."""
+
+
+class Answer(NamedTuple):
+    """The asked robot's side of COORDINATE.
+
+    Attributes:
+        step: the time step that the asked robot is at; older than the request: not there yet.
+        cell: its local state, or None: not perceived.
+    """
+
+    step: int
+    cell: int | None
+
+
+class Pending(NamedTuple):
+    """An action whose outcome is still to come.
+
+    Attributes:
+        step: the time step.
+        cell: the own cell.
+        decision: what was decided before anybody was asked.
+        action: what was done.
+        perceived: the cells of the peers that were perceived; None: none.
+        account: what was said beside the action.
+    """
+
+    step: int
+    cell: int
+    decision: Decision
+    action: Action
+    perceived: tuple[int, ...] | None
+    account: Account
+
+
+class Asking(NamedTuple):
+    """A decision whose peers are asked, one after the other.
+
+    Attributes:
+        step: the time step.
+        cell: the own cell.
+        decision: the decision.
+        seen: the cells of the peers that have answered, in the order of `decision.peers`.
+    """
+
+    step: int
+    cell: int
+    decision: Decision
+    seen: tuple[int, ...] = ()
+
+    @property
+    def peer(self) -> int:
+        """The peer that is asked now."""
+        return self.decision.peers[len(self.seen)]
+
+
+class RobotState(NamedTuple):
+    """All that a robot needs to go on from a time step with the same bits.
+
+    Attributes:
+        step: the time step; all is learned that happened before it, and no more.
+        cell: its local state X_k(step).
+        transitions: transitions that it has seen.
+        episode_start: the time step at which the episode began.
+        learned_last: whether its next action says that it has learned from the one before.
+        counts: `RobotSide.asks`, `learned` and `dropped`, in this order.
+        memory: what its agent has learned.
+    """
+
+    step: int
+    cell: int
+    transitions: int
+    episode_start: int
+    learned_last: bool
+    counts: tuple[int, ...]
+    memory: Memory
+
+
+class RobotSide:
+    """Drives one `Agent` by messages.
+
+    Args:
+        run: the run.
+        agent: the agent; its number is the robot's place in the scenario.
+        port: what the robot can do.
+
+    Attributes:
+        newest: the last local state received, as (step, cell); step 0 before the first.
+        asks: how the percepts of its actions ended: "answered" (by every peer that was asked),
+            "refused" (by one of them), "late" (no answer by the deadline); and how many requests
+            were "repeated" because the peer was a step behind.
+        learned: transitions that it has learned from.
+        dropped: transitions not learned from because the reward did not come.
+    """
+
+    def __init__(self, run: RunConfig, agent: Agent, port: RobotPort) -> None:
+        self.agent = agent
+        self.newest = (NO_STEP, -1)
+        self.asks = {"answered": 0, "refused": 0, "late": 0, "repeated": 0}
+        self.learned = 0
+        self.dropped = 0
+        self._asks_before: tuple[int, ...] = ()
+        self._learned_last = False
+        self._port = port
+        self._max_steps = run.scenario.max_steps
+        self._budget = run.scenario.steps
+        self._states: deque[tuple[int, int]] = deque()
+        self._reward: Reward | None = None
+        self._pending: Pending | None = None
+        self._asking: Asking | None = None
+        self._checkpoint = run.checkpoint
+        self._handled = BEFORE_ANY_STEP
+        self._cell = -1
+        self._episode_start = NO_STEP
+        self._transitions = 0
+        self._percepts = [
+            PerceptStream(run.scenario.link, run.seed, k) for k in range(len(run.scenario.robots))
+        ]
+        self._probabilities = probability_rows(run.scenario.perception, run.scenario.map)
+
+    @property
+    def waiting(self) -> tuple[str, int] | None:
+        """What the robot waits for from outside the world's rhythm, and of which time step.
+
+        "percept" or "reward". A deadline runs on it; when it passes, call `expire`.
+        """
+        if self._asking is not None:
+            return ("percept", self._asking.step)
+        if self._states and self._pending is not None:
+            return ("reward", self._pending.step)
+        return None
+
+    @property
+    def handled(self) -> int:
+        """The time step that the tables are of: of the last local state that was worked off.
+
+        All is learned that happened before it; 0 before the first state.
+        """
+        return max(self._handled, NO_STEP)
+
+    @property
+    def transitions(self) -> int:
+        """Transitions that it has seen."""
+        return self._transitions
+
+    @property
+    def asking(self) -> int:
+        """The peer that it waits for, or -1."""
+        return -1 if self._asking is None else self._asking.peer
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """The numbers stored beside its tables: `wire.COUNTS`."""
+        own = {"dropped": self.dropped, "learned": self.learned, "step": self.handled}
+        return {**self.asks, **own}
+
+    def state(self, step: int, cell: int) -> None:
+        """Take in the own local state X_k of a time step."""
+        if step <= self.newest[0]:
+            self._repeat(step, cell)
+            return
+        self.newest = (step, cell)
+        self._states.append((step, cell))
+        if self._asking is not None:  # the world went on without this robot
+            self._asking = None
+        self._go_on()
+
+    def reward(self, step: int, reward: Reward) -> None:
+        """Take in R_k of the action at a time step."""
+        if self._pending is not None and step == self._pending.step:
+            self._reward = reward
+            self._go_on()
+
+    def answer(self, peer: int, request_step: int, answer: Answer) -> None:
+        """Take in a peer's answer to the request of a time step."""
+        asking = self._asking
+        if asking is None or asking.step != request_step or asking.peer != peer:
+            return
+        if answer.step < asking.step:
+            self.asks["repeated"] += 1
+            self._port.ask(peer, asking.step, asking.cell)
+        elif answer.step > asking.step or answer.cell is None:
+            self._act(None, REFUSED)
+        else:
+            seen = (*asking.seen, answer.cell)
+            if len(seen) < len(asking.decision.peers):
+                self._asking = asking._replace(seen=seen)
+                self._port.ask(self._asking.peer, asking.step, asking.cell)
+            else:
+                self._act(seen, ANSWERED)
+
+    def expire(self) -> None:
+        """The deadline on `waiting` has passed: a failed percept, or a transition unlearned."""
+        if self._asking is not None:
+            self._act(None, LATE)
+        elif self.waiting is not None:
+            self.dropped += 1
+            self._pending = None
+            self._go_on()
+
+    def asked(self, asker: int, step: int, asker_cell: int | None) -> Answer:
+        """Answer a peer's request; the environment's perception model decides.
+
+        Args:
+            asker: the asking agent's number.
+            step: the time step of the request; 0 from a person, who gets the newest state.
+            asker_cell: where the asker is; None where that is no free cell.
+        """
+        own_step, own_cell = self.newest
+        if step == NO_STEP:
+            return Answer(own_step, own_cell if own_step != NO_STEP else None)
+        if own_step != step or asker_cell is None:
+            return Answer(own_step, None)
+        self.agent.asked(step, asker, asker_cell)
+        draw = self._percepts[asker].at(step)[0]
+        seen = draw < self._probabilities[asker_cell][own_cell]
+        return Answer(own_step, own_cell if seen else None)
+
+    def snapshot(self) -> RobotState:
+        """Return where the robot is: a copy, of the time step `handled`.
+
+        An agent learns only when it works off a state, so this may be asked for at any time.
+        """
+        # What it has chosen at this step, it will choose again.
+        chosen = self._asking is not None or self._pending is not None
+        asks = self._asks_before if chosen else self.asks.values()
+        told = self._learned_last if self._pending is None else self._pending.account.learned
+        return RobotState(
+            self.handled,
+            self._cell,
+            self._transitions,
+            self._episode_start,
+            told,
+            (*asks, self.learned, self.dropped),
+            self.agent.memory(),
+        )
+
+    def account_of(self, step: int) -> Account | None:
+        """Return what the robot said of itself at a time step; None: it is over, or to come."""
+        pending = self._pending
+        return pending.account if pending is not None and pending.step == step else None
+
+    def go_on_from(self, agent: Agent, state: RobotState | None) -> None:
+        """Go on where a robot of the same run was, and forget all that is newer.
+
+        Whatever is under way to it then is of the time that is taken back: listen anew.
+
+        Args:
+            agent: a fresh agent of the run.
+            state: where to go on; None: at the run's beginning.
+        """
+        self.agent = agent
+        self._states.clear()
+        self._reward = self._pending = self._asking = None
+        if state is None:
+            self.newest = (NO_STEP, -1)
+            self.asks = dict.fromkeys(self.asks, 0)
+            self.learned = self.dropped = self._transitions = 0
+            self._handled, self._cell, self._episode_start = BEFORE_ANY_STEP, -1, NO_STEP
+            self._learned_last = False
+            return
+        agent.go_on_from(state.memory)
+        self.newest = (state.step, state.cell)
+        *asks, self.learned, self.dropped = state.counts
+        self.asks = dict(zip(self.asks, asks, strict=True))
+        self._handled, self._cell = state.step, state.cell
+        self._transitions, self._episode_start = state.transitions, state.episode_start
+        self._learned_last = state.learned_last
+
+    def _go_on(self) -> None:
+        """Work off the states that have come, as far as what belongs to them is there."""
+        while self._states:
+            step, cell = self._states[0]
+            pending = self._pending
+            if pending is not None and step == pending.step + 1:
+                if self._reward is None:
+                    return
+                self.agent.learn(
+                    pending.step,
+                    pending.cell,
+                    pending.decision,
+                    pending.action,
+                    pending.perceived,
+                    self._reward,
+                    cell,
+                )
+                self._learned_last = self.agent.learning
+                self.learned += self.agent.learning
+            self._pending = None
+            self._reward = None
+            self._states.popleft()
+            if step == self._handled + 1:
+                self._transitions += 1
+            else:
+                self._episode_start = step
+                self._port.episode(step)
+            before, self._handled, self._cell = self._handled, step, cell
+            if self._checkpoint and before // self._checkpoint < step // self._checkpoint:
+                if before != BEFORE_ANY_STEP:
+                    self._port.checkpoint(step)
+            if not self._states and not self._rests(step, cell):
+                self._choose(step, cell)
+
+    def _repeat(self, step: int, cell: int) -> None:
+        """The world says a state again because it misses the action: say it, or choose it now."""
+        if self._pending is not None and self._pending.step == step:
+            self._port.act(step, self._pending.action, self._pending.account)
+        elif self._asking is None and self._handled == step and cell != self.agent.goal:
+            self._choose(step, cell)
+
+    def _rests(self, step: int, cell: int) -> bool:
+        """Whether no action is due: arrived, end of the episode, or end of the run."""
+        return (
+            cell == self.agent.goal
+            or step - self._episode_start >= self._max_steps
+            or self._transitions >= self._budget
+        )
+
+    def _choose(self, step: int, cell: int) -> None:
+        self._asks_before = tuple(self.asks.values())
+        decision = self.agent.decide(step, cell)
+        self._asking = Asking(step, cell, decision)
+        if decision.peers:
+            self._port.ask(self._asking.peer, step, cell)
+        else:
+            self._act(None, NOBODY_TO_ASK if decision.action == COORDINATE else NOT_ASKED)
+
+    def _act(self, perceived: tuple[int, ...] | None, ended: int) -> None:
+        asking, self._asking = self._asking, None
+        if asking is None:  # nothing is to be decided
+            return
+        step, cell, decision, _ = asking
+        if ended in (ANSWERED, REFUSED, LATE):
+            self.asks[PERCEPT_ENDS[ended]] += 1
+        action = self.agent.act(step, cell, decision, perceived)
+        account = Account(ended, self._learned_last)
+        self._learned_last = False
+        self._pending = Pending(step, cell, decision, action, perceived, account)
+        if action.asked:
+            self._port.percept(step, cell, perceived)
+        self._port.act(step, action, account)

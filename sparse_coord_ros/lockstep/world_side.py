@@ -1,0 +1,289 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The world's side of the lock step, as a state machine without ROS.
+
+A time step is a barrier: the world advances when every robot has acted or its deadline passed.
+"""
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from typing import NamedTuple, Protocol
+
+from sparse_coord_ros.game.game import Game, ResumableGame
+from sparse_coord_ros.game.world import FIRST_STEP, Action, Position, Reward, StepOutcome, World
+from sparse_coord_ros.learn.history import History, HistoryRecorder
+from sparse_coord_ros.learn.run_config import RunConfig
+from sparse_coord_ros.wire import ARRIVED, NOBODY_LEFT, RESET, START, STEPS
+
+
+class WorldPort(Protocol):
+    """What the world can do to the outside."""
+
+    def state(self, robot: int, step: int, cell: int) -> None:
+        """Publish a robot's local state."""
+
+    def reward(self, robot: int, step: int, reward: Reward) -> None:
+        """Publish the reward of a robot's action at a time step."""
+
+    def episode(self, step: int) -> None:
+        """An episode begins at a time step, whose states follow."""
+
+    def checkpoint(self, step: int) -> None:
+        """Save: the robots do so too, when they have worked off their states of this step."""
+
+
+Watcher = Callable[[int, Sequence[int], Sequence[Action | None], StepOutcome, Sequence[int]], None]
+"""Hears of each transition; see `WorldSide`."""
+
+
+class WorldState(NamedTuple):
+    """All that the world needs to go on with the same bits.
+
+    Attributes:
+        step: the time step under which the robots save theirs.
+        position: where the game is; where an episode ended at `step`, at the next one's begin.
+        counts: `episode` and `miscoordinations` of the game, `timeouts`, `left_out`, `stale`.
+        began: why the episode began.
+        absent: robots that nobody waits for.
+        history: the episodes.
+    """
+
+    step: int
+    position: Position
+    counts: tuple[int, int, int, int, int]
+    began: str
+    absent: tuple[int, ...]
+    history: History
+
+
+class WorldSide:
+    """Drives one `World` by messages.
+
+    Args:
+        run: the run.
+        port: what the world can do.
+        game: what is played; the Markov game of the run's scenario where None.
+
+    Attributes:
+        world: the game.
+        timeouts: how often a robot's deadline passed.
+        left_out: number of (robot, step) pairs: transitions made without the robot's action though
+            it had not arrived.
+        began: why the episode began: one of the reasons of `wire`.
+        stale: actions that came too late, or twice.
+        absent: robots that missed a deadline and have not acted since; nobody waits for them.
+        history: gathers the episodes.
+        watcher: None, or called after each transition with its time step, the cells before it,
+            the actions, what it brought, and the cells after it.
+        held: after `go_on_from` and until `start`: what robots do is of the time taken back.
+    """
+
+    def __init__(self, run: RunConfig, port: WorldPort, game: Game | None = None) -> None:
+        self.world: Game = World(run.scenario, run.seed) if game is None else game
+        self.timeouts = 0
+        self.left_out = 0
+        self.began = START
+        self.stale = 0
+        self.absent: set[int] = set()
+        self.history = HistoryRecorder(len(run.scenario.robots))
+        self.watcher: Watcher | None = None
+        self.held = False
+        self._begins = True
+        self._port = port
+        self._budget = run.scenario.steps
+        self._checkpoint = run.checkpoint
+        self._robots = range(len(run.scenario.robots))
+        self._actions: list[Action | None] = [None] * len(self._robots)
+        self._rewards: list[tuple[int, Reward] | None] = [None] * len(self._robots)
+
+    def begin_at(self, step: int, transitions: int) -> int:
+        """After `go_on_from`, leave out what was done since; then call `start`.
+
+        Args:
+            step: the time step at which a new episode is to begin.
+            transitions: made until then.
+
+        Returns:
+            How many of them are left out; none where the step is not after the present one.
+        """
+        world = self.world
+        assert isinstance(world, ResumableGame)
+        if step <= world.step:
+            return 0
+        lost = max(0, transitions - world.transitions)
+        episode, nothing = world.episode, (0,) * len(self._robots)
+        arrived = (False,) * len(self._robots)
+        done = world.transitions + lost
+        world.go_on_from(Position(done, step, False, step, nothing, arrived))
+        world.episode, self.began, self._begins = episode + 1, RESET, True
+        return lost
+
+    @property
+    def finished(self) -> bool:
+        """Whether the step budget is used up."""
+        return self.world.transitions >= self._budget
+
+    @property
+    def complete(self) -> bool:
+        """Whether the barrier is open: all robots that are waited for have acted."""
+        acted = False
+        for k, action in enumerate(self._actions):
+            if action is not None:
+                acted = True
+            elif not self.world.arrived[k] and k not in self.absent:
+                return False
+        return acted
+
+    @property
+    def actions(self) -> tuple[Action | None, ...]:
+        """The joint action as far as it is in; None where a robot has not acted."""
+        return tuple(self._actions)
+
+    def missing(self) -> list[int]:
+        """Return the robots whose actions the world waits for."""
+        return [
+            k
+            for k in self._robots
+            if self._actions[k] is None and not self.world.arrived[k] and k not in self.absent
+        ]
+
+    def start(self) -> None:
+        """Publish the first joint state, also that after `go_on_from`."""
+        self.held = False
+        if self._begins:
+            self._port.episode(self.world.step)
+        self._publish_states()
+
+    def snapshot(self, step: int | None = None) -> WorldState | None:
+        """Return where the world is; None: its game cannot be resumed.
+
+        Args:
+            step: the time step under which the robots save; the present one where None.
+        """
+        world = self.world
+        if not isinstance(world, ResumableGame):
+            return None
+        counts = (world.episode, world.miscoordinations, self.timeouts, self.left_out, self.stale)
+        return WorldState(
+            world.step if step is None else step,
+            world.position(),
+            counts,
+            self.began,
+            tuple(sorted(self.absent)),
+            self.history.history(),
+        )
+
+    def go_on_from(self, state: WorldState | None) -> None:
+        """Go on where the world of the same run was; None: at its beginning. Then call `start`."""
+        world = self.world
+        assert isinstance(world, ResumableGame)
+        nothing = (0,) * len(self._robots), (False,) * len(self._robots)
+        position = Position(0, FIRST_STEP, False, FIRST_STEP, *nothing)
+        counts: tuple[int, ...] = (0,) * 5
+        history, self.began, self.absent = None, START, set()
+        if state is not None:
+            position, counts, history = state.position, state.counts, state.history
+            self.began, self.absent = state.began, set(state.absent)
+        world.go_on_from(position)
+        world.episode, world.miscoordinations, self.timeouts, self.left_out, self.stale = counts
+        self.history = HistoryRecorder(
+            len(self._robots), history=history, under_way=position.under_way
+        )
+        self.held, self._begins = True, not position.under_way
+        self._actions = [None] * len(self._robots)
+        self._rewards = [None] * len(self._robots)
+
+    def action(self, robot: int, step: int, action: Action) -> bool:
+        """Take in a robot's action; return whether the barrier is now open."""
+        if self.held:
+            return False
+        self.absent.discard(robot)
+        if (
+            step != self.world.step
+            or self._actions[robot] is not None
+            or self.world.arrived[robot]
+            or self.finished
+        ):
+            self.stale += 1
+            return False
+        self._actions[robot] = action
+        return self.complete
+
+    def advance(self) -> None:
+        """Make the time step and publish what came of it."""
+        step = self.world.step
+        acted = [k for k in self._robots if self._actions[k] is not None]
+        self.left_out += self.world.arrived.count(False) - len(acted)
+        watcher = self.watcher
+        before = None if watcher is None else tuple(self.world.cells)
+        outcome = self.world.advance(self._actions)
+        self.history.add(self.world.episode, step, self._actions, outcome)
+        if watcher is not None and before is not None:
+            watcher(step, before, self._actions, outcome, tuple(self.world.cells))
+        self._actions = [None] * len(self._robots)
+        self._rewards = [None] * len(self._robots)
+        for k in acted:
+            self._rewards[k] = (step, outcome.rewards[k])
+            self._port.reward(k, step, outcome.rewards[k])
+        self._publish_states()
+        after = self.world.step
+        if not self.finished:
+            if outcome.episode_over:
+                self._begin_episode(ARRIVED if all(self.world.arrived) else STEPS)
+            elif all(self.world.arrived[k] or k in self.absent for k in self._robots):
+                self._begin_episode(NOBODY_LEFT)
+        self._save_where_due(step, after, self.world.step)
+
+    def new_episode(self, began: str = RESET) -> None:
+        """Start an episode, for a reason; actions that wait at the barrier are forgotten."""
+        before = self.world.step
+        self._begin_episode(began)
+        self._save_where_due(before, self.world.step)
+
+    def _begin_episode(self, began: str) -> None:
+        self.began = began
+        self._actions = [None] * len(self._robots)
+        self._rewards = [None] * len(self._robots)
+        self.world.begin_episode()
+        self._port.episode(self.world.step)
+        self._publish_states()
+
+    def expire(self) -> list[int]:
+        """The deadline has passed: leave the missing robots out and return them.
+
+        The others go on: with the next step, or with a new episode where all of them have
+        arrived. Without any other, the world goes on waiting.
+        """
+        missing = self.missing()
+        if missing and len(self.absent.union(missing)) < len(self._robots):
+            self.timeouts += len(missing)
+            self.absent.update(missing)
+            if self.complete:
+                self.advance()
+            else:
+                self.new_episode(NOBODY_LEFT)
+        return missing
+
+    def repeat(self) -> None:
+        """Publish again what robots may have lost; one that has it ignores it.
+
+        Also to those that have arrived: they answer, and a missing robot may be waiting for that.
+        """
+        for k in self._robots:
+            if self._actions[k] is not None:
+                continue
+            reward = self._rewards[k]
+            if reward is not None:
+                self._port.reward(k, *reward)
+            self._port.state(k, self.world.step, self.world.cells[k])
+
+    def _publish_states(self) -> None:
+        for k in self._robots:
+            self._port.state(k, self.world.step, self.world.cells[k])
+
+    def _save_where_due(self, *steps: int) -> None:
+        """Save at the first of the published steps at which the robots do too."""
+        every = self._checkpoint
+        if every and steps[0] // every < steps[-1] // every:
+            due = (step for before, step in pairwise(steps) if before // every < step // every)
+            self._port.checkpoint(next(due))

@@ -1,0 +1,277 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""An episode as an animated GIF: robots move, questions are lines from the asker to the asked."""
+
+import io
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, Rectangle
+from matplotlib.text import Text
+from PIL import Image
+
+from sparse_coord_ros.experiments.report.map_pictures import draw_map
+from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.look.episodes import Ask, Episode
+from sparse_coord_ros.palette import (
+    DOORWAY_COLOUR,
+    OUTCOME_COLOURS,
+    OUTCOME_SIGNS,
+    ROBOT_COLOURS,
+    ink_on,
+    rgb,
+    robot_colour,
+)
+
+DPI = 100
+LONGEST_SIDE, LARGEST_CELL, SMALLEST_CELL = 7.2, 0.72, 0.24
+"""Inches: of the map's longer side, if its cells then keep a size within the other two."""
+
+LEAST_WIDTH = 3.6
+"""Inches that the words below the map need."""
+
+SENTENCES = 3
+"""Questions told in words at a time; of more only the number."""
+
+MOST_STEPS = 300
+"""Steps that a film shows."""
+
+SMOOTH_STEPS = 60
+"""Up to so many steps robots glide; in longer films they jump."""
+
+OUTCOME_LINES = {"answered": "-", "refused": (0, (4, 2)), "failed": (0, (1, 2))}
+TALK, HOLD = 1.6, 4.0
+"""How long a question stands still, and the last frame, in time steps."""
+
+CLOSE = 0.9
+"""Cells between two robots that leave no room for a sign."""
+
+SHARED = 0.27
+"""How far robots that share a cell stand from its centre, in cells."""
+
+
+def film(scenario: Scenario, episode: Episode, *, title: str, rate: float = 2.0) -> bytes:
+    """Return an episode as the bytes of a GIF; the same episode gives the same bytes.
+
+    Args:
+        scenario: the problem.
+        episode: what happened.
+        title: what stands above it.
+        rate: time steps a second.
+    """
+    stage = _Stage(scenario, episode, title)
+    frames: list[Image.Image] = []
+    durations: list[int] = []
+    step_ms = 1000 / rate
+
+    def shoot(step: int, moved: float, asks: Sequence[Ask], milliseconds: float) -> None:
+        frames.append(stage.shoot(step, moved, asks))
+        durations.append(max(20, round(milliseconds / 10) * 10))
+
+    shown = min(episode.length, MOST_STEPS)
+    glide = (0.35, 0.7) if shown <= SMOOTH_STEPS else ()
+    for step in range(shown):
+        if episode.asks[step]:
+            shoot(step, 0.0, episode.asks[step], TALK * step_ms)
+        for moved in glide:
+            shoot(step, moved, (), 0.15 * step_ms)
+        shoot(step, 1.0, (), (0.7 if glide else 1.0) * step_ms)
+    durations[-1] += round(HOLD * step_ms)
+    file = io.BytesIO()
+    first, *others = frames
+    first.save(file, "gif", save_all=True, append_images=others, duration=durations, loop=0)
+    return file.getvalue()
+
+
+class _Stage:
+    """The map, drawn once, and what moves on it, drawn anew for every frame."""
+
+    def __init__(self, scenario: Scenario, episode: Episode, title: str) -> None:
+        self._scenario, self._episode = scenario, episode
+        self._names = [robot.name for robot in scenario.robots]
+        rows, columns = scenario.map.shape
+        cell = min(LARGEST_CELL, LONGEST_SIDE / max(rows, columns))
+        self._cell = cell = max(SMALLEST_CELL, cell)
+        self._spoken = min(SENTENCES, max(map(len, episode.asks), default=0))
+        above, below = 0.32, 0.34 + 0.2 * self._spoken
+        width = max(LEAST_WIDTH, columns * cell + 0.2)
+        height = rows * cell + above + below
+        width, height = round(width * DPI) / DPI, round(height * DPI) / DPI
+        self._figure = figure = Figure(figsize=(width, height), dpi=DPI, facecolor="white")
+        canvas: Any = FigureCanvasAgg(figure)
+        self._canvas = canvas
+        wide, high = columns * cell / width, rows * cell / height
+        self._axes = figure.add_axes(((1 - wide) / 2, below / height, wide, high))
+        draw_map(self._axes, scenario, label_size=max(5.0, 11 * cell), label_height=0.14)
+        for k, robot in enumerate(scenario.robots):
+            row, column = scenario.map.cells[robot.goal]
+            mark = Rectangle((column + 0.18, row + 0.28), 0.64, 0.64, fill=False, linewidth=2)
+            mark.set(edgecolor=robot_colour(k), linestyle=(0, (2, 1.5)))
+            self._axes.add_patch(mark)
+        self._title = title
+        self._lines = [
+            Text(0.01, (below - 0.2 - 0.2 * n) / height, "", fontsize=9, va="center")
+            for n in range(self._spoken + 1)
+        ]
+        self._head = Text(0.5, 1 - 0.5 * above / height, "", fontsize=10, ha="center", va="center")
+        for text in (self._head, *self._lines):
+            text.set_parse_math(False)
+            figure.add_artist(text)
+        self._canvas.draw()
+        self._empty = self._canvas.copy_from_bbox(figure.bbox)
+        self._places = np.array([*scenario.map.cells, (np.nan, np.nan)])[:, ::-1] + 0.5
+        self._palette = _palette()
+
+    def shoot(self, step: int, moved: float, asks: Sequence[Ask]) -> Image.Image:
+        """Return a frame: so much of a time step is over."""
+        places = (1 - moved) * self._standing(step) + moved * self._standing(step + 1)
+        self._canvas.restore_region(self._empty)
+        over = moved == 1.0
+        together = over and bool(self._episode.conflicts[step])
+        for artist in (*self._conflicts(step + 1 if together else None), *self._trails(step)):
+            self._put(artist)
+        for ask in asks:
+            for artist in self._question(ask, places):
+                self._put(artist)
+        for artist in self._robots(places, {ask.asker for ask in asks}):
+            self._put(artist)
+        for ask in asks:
+            for artist in self._sign(ask, places):
+                self._put(artist)
+        self._say(step + over, asks, together)
+        for text in (self._head, *self._lines):
+            self._figure.draw_artist(text)
+        image = Image.frombuffer(
+            "RGBA", self._canvas.get_width_height(), self._canvas.buffer_rgba().tobytes()
+        )
+        return image.convert("RGB").quantize(palette=self._palette, dither=Image.Dither.NONE)
+
+    def _put(self, artist: Artist) -> None:
+        if isinstance(artist, Line2D):
+            self._axes.add_line(artist)
+        else:
+            self._axes.add_artist(artist)
+        self._axes.draw_artist(artist)
+        artist.remove()
+
+    def _standing(self, step: int) -> np.ndarray:
+        """Return where the robots stand, shape (robots, 2); side by side in one cell."""
+        cells = self._episode.cells[step]
+        places: np.ndarray = self._places[cells]
+        shared = Counter(cells.tolist())
+        seen: Counter[int] = Counter()
+        for k, cell in enumerate(cells.tolist()):
+            if shared[cell] > 1:
+                turn = 2 * np.pi * seen[cell] / shared[cell]
+                places[k] += SHARED * np.array([-np.cos(turn), np.sin(turn)])
+                seen[cell] += 1
+        return places
+
+    def _trails(self, step: int) -> list[Artist]:
+        found: list[Artist] = []
+        for k in range(len(self._names)):
+            x, y = self._places[self._episode.cells[: step + 1, k]].T
+            shift = 0.1 * (k - (len(self._names) - 1) / 2) / max(1, len(self._names) - 1)
+            found.append(Line2D(x + shift, y + shift, color=_pale(robot_colour(k)), linewidth=2.5))
+        return found
+
+    def _conflicts(self, step: int | None) -> list[Artist]:
+        if step is None:
+            return []
+        cells, doorways = self._episode.cells[step].tolist(), self._scenario.map.doorways
+        crowded = {x for x in cells if x in doorways}
+        found: list[Artist] = []
+        for x in crowded:
+            row, column = self._scenario.map.cells[x]
+            mark = Rectangle((column, row), 1, 1, facecolor=_pale(DOORWAY_COLOUR), hatch="xx")
+            mark.set(edgecolor=DOORWAY_COLOUR, linewidth=3)
+            found.append(mark)
+        return found
+
+    def _robots(self, places: np.ndarray, askers: set[int]) -> list[Artist]:
+        there = {k: place for k, place in enumerate(places.tolist()) if np.isfinite(place[0])}
+        found: list[Artist] = [
+            Circle(there[k], 0.4, facecolor="white", edgecolor="black", linewidth=2)
+            for k in sorted(askers & set(there))
+        ]
+        for k, (x, y) in there.items():
+            colour = robot_colour(k)
+            disc = Circle((x, y), 0.3, facecolor=colour, edgecolor="black", linewidth=0.8)
+            number = Text(x, y, str(k + 1), color=ink_on(colour), fontweight="bold")
+            number.set(ha="center", va="center_baseline", fontsize=max(6.0, 17 * self._cell))
+            found += [disc, number]
+        return found
+
+    @staticmethod
+    def _question(ask: Ask, places: np.ndarray) -> list[Artist]:
+        """Return the lines from the asker to whom it asks; thin ones to several."""
+        found: list[Artist] = []
+        width = 3.2 if len(ask.peers) == 1 else 1.8
+        for peer in ask.peers:
+            line = Line2D(*np.transpose([places[ask.asker], places[peer]]), linewidth=width)
+            line.set(color=OUTCOME_COLOURS[ask.outcome], linestyle=OUTCOME_LINES[ask.outcome])
+            found.append(line)
+        return found
+
+    def _sign(self, ask: Ask, places: np.ndarray) -> list[Artist]:
+        """Return the sign of how a question ended: nearer to the asked robot.
+
+        Of a question to several it is beside the asker, once: one on each line would hide robots.
+        """
+        colour = OUTCOME_COLOURS[ask.outcome]
+        peer = ask.peers[0] if len(ask.peers) == 1 else ask.asker
+        x, y = 0.45 * places[ask.asker] + 0.55 * places[peer]
+        if len(ask.peers) > 1:
+            x, y = x + 0.38, y - 0.38
+        elif np.hypot(*(places[ask.asker] - places[peer])) < CLOSE:
+            y -= 0.45  # it would hide their numbers
+        if not np.isfinite(x):
+            return []
+        badge = Circle((x, y), 0.22, facecolor="white", edgecolor=colour, linewidth=1.8)
+        sign = Text(x, y, OUTCOME_SIGNS[ask.outcome], color="black", fontweight="bold")
+        sign.set(ha="center", va="center_baseline", fontsize=max(7.0, 17 * self._cell))
+        return [badge, sign]
+
+    def _say(self, step: int, asks: Sequence[Ask], together: bool) -> None:
+        said = [ask.in_words(self._names) for ask in asks]
+        if len(said) > self._spoken:
+            more = len(said) - self._spoken + 1
+            said = [*said[: self._spoken - 1], f"and {more} more ask"]
+        length = self._episode.length
+        at = f"step {step} of {length}"
+        if together:
+            at += ": miscoordination"
+        elif step == length:
+            at += ": all there" if self._episode.arrived.all() else ": not all there"
+        self._head.set_text(self._title)
+        for text, words in zip(self._lines, [at, *said, *[""] * self._spoken], strict=False):
+            text.set_text(words)
+
+
+def _pale(colour: str) -> tuple[float, float, float]:
+    red, green, blue = (0.35 * one + 0.65 for one in rgb(colour))
+    return red, green, blue
+
+
+def _palette() -> Image.Image:
+    """Return an image whose palette has every colour drawn, and mixtures for smooth edges."""
+    colours = [*ROBOT_COLOURS, *OUTCOME_COLOURS.values(), DOORWAY_COLOUR]
+    mixed = [
+        [share * one + (1 - share) * ground for one in rgb(colour)]
+        for colour in colours
+        for share in (1.0, 0.75, 0.5, 0.35, 0.2)
+        for ground in (1.0, 0.25, 0.0)
+    ]
+    mixed += [[grey / 31] * 3 for grey in range(32)]
+    mixed += [list(rgb("#404040")), [0.85] * 3]
+    image = Image.new("P", (1, 1))
+    unique = np.unique(np.round(np.array(mixed) * 255).astype(np.uint8), axis=0)
+    assert len(unique) <= 256
+    image.putpalette(unique.tobytes())
+    return image

@@ -1,0 +1,99 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a page may ask of a source, and how that is checked before it is done."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple, Protocol
+
+from sparse_coord_ros.errors import SettingError, SparseCoordError
+from sparse_coord_ros.game.scenario import load_scenario, scenario_names
+from sparse_coord_ros.game.settings import Setting
+
+HOST, PORT = "127.0.0.1", 8765
+"""Where the page is, unless it is wanted elsewhere."""
+
+PORT_SETTING = Setting("port", int, PORT, "of the page; 0: one that is free", low=0, high=65535)
+
+PAUSE, STEP, RATE, SEEK, RESET, NEXT = "pause", "step", "rate", "seek", "reset", "next"
+"""What a page may ask for: hold or go on; so many time steps on or back; time steps a second (0:
+as fast as it goes); a time step to go to; a new episode; another run."""
+
+
+class Command(NamedTuple):
+    """What a page asks for, checked.
+
+    Attributes:
+        name: one of the above.
+        value: of `pause` a bool; of `step` and `seek` a whole number; of `rate` a number; of
+            `next` a mapping of `scenario` and `penalty`; of `reset` None.
+    """
+
+    name: str
+    value: Any = None
+
+
+class Source(Protocol):
+    """What is shown."""
+
+    def command(self, command: Command) -> None:
+        """Do it soon; what comes of it shows. Called from the server's thread.
+
+        Raises:
+            SparseCoordError: it cannot be done; one line for the page.
+        """
+
+
+def parse_command(data: Mapping[str, Any], allowed: tuple[str, ...]) -> Command:
+    """Return what a page's message asks for.
+
+    Args:
+        data: the message: `do` and `value`.
+        allowed: the commands that the source takes.
+
+    Raises:
+        SettingError: it is none of them, or its value makes no sense.
+    """
+    name, value = data.get("do"), data.get("value")
+    if not isinstance(name, str) or name not in allowed:
+        raise SettingError(
+            f"control {str(name)[:40]!r}: is none here; allowed: {', '.join(allowed) or 'none'}"
+        )
+    if name == PAUSE:
+        if not isinstance(value, bool):
+            raise _bad(name, value, "true or false")
+    elif name in (STEP, SEEK):
+        if isinstance(value, bool) or not isinstance(value, int) or abs(value) > 2**53:
+            raise _bad(name, value, "a whole number")
+        if name == STEP and not 0 < abs(value) <= 1000:
+            raise _bad(name, value, "1 to 1000, or as much back")
+    elif name == RATE:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise _bad(name, value, "a number from 0 to 1e6")
+        if not (value == 0 or 0.001 <= value <= 1e6):
+            raise _bad(name, value, "0 or 0.001 to 1e6")
+        value = float(value)
+    elif name == NEXT:
+        value = _next(value)
+    else:
+        value = None
+    return Command(name, value)
+
+
+def _bad(name: str, value: Any, allowed: str) -> SettingError:
+    return SettingError(f"control {name!r}: value is {str(value)[:40]!r}, allowed: {allowed}")
+
+
+def _next(value: Any) -> dict[str, Any]:
+    """Return a shipped scenario's name and a penalty; no page names a file."""
+    if not isinstance(value, Mapping):
+        raise _bad(NEXT, value, "a scenario and a penalty")
+    scenario, penalty = value.get("scenario"), value.get("penalty")
+    if not isinstance(scenario, str) or scenario not in scenario_names():
+        raise _bad("scenario", scenario, f"one of: {', '.join(scenario_names())}")
+    if isinstance(penalty, bool) or not isinstance(penalty, int | float):
+        raise _bad("penalty", penalty, "a number of at most 0")
+    try:
+        load_scenario(scenario).with_settings({"penalty": penalty})
+    except SparseCoordError as error:
+        raise SettingError(f"control 'next': {error}") from None
+    return {"scenario": scenario, "penalty": float(penalty)}

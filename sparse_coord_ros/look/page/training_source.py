@@ -1,0 +1,120 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A learning run without ROS as the source of the page."""
+
+import queue
+import time
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from sparse_coord_ros.engine.training import LearningRun, Training
+from sparse_coord_ros.learn.agent import Tables
+from sparse_coord_ros.learn.history import History
+from sparse_coord_ros.learn.run_config import RunConfig
+from sparse_coord_ros.learn.simulation import Glimpse
+from sparse_coord_ros.look.page.board import Board
+from sparse_coord_ros.look.page.commands import NEXT, PAUSE, RATE, STEP, Command
+from sparse_coord_ros.look.page.live_source import LiveView, Transition
+from sparse_coord_ros.wire import FINISHED, LEARNING, PAUSED
+
+LOOKS_A_SECOND = 30
+CONTROLS = (PAUSE, STEP, RATE, NEXT)
+
+
+class TrainingView:
+    """Looks at a run; holds it, slows it down, and lets it make single steps as a page asks.
+
+    Args:
+        run: the run.
+        board: where the messages go.
+        title: what the page is called.
+        now: a monotonic clock, in seconds.
+        sleep: waits so many seconds.
+    """
+
+    def __init__(
+        self,
+        run: RunConfig,
+        board: Board,
+        *,
+        title: str,
+        now: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        self.view = LiveView(run, board, source="train", title=title, controls=CONTROLS, now=now)
+        self.view.state = LEARNING
+        self.wants_glimpse = True
+        self._commands: queue.SimpleQueue[Command] = queue.SimpleQueue()
+        self._now, self._sleep = now, sleep
+        self._held = self._stepping = False
+        self._asked: np.ndarray | None = None
+        self._rate = 0.0
+        self._due = now()
+
+    def command(self, command: Command) -> None:
+        """Do what a page asks for when it looks next; called from the server's thread."""
+        self._commands.put(command)
+
+    def look(self, learning: LearningRun, glimpse: Glimpse | None) -> int | None:
+        """Look at the run; as of `engine.training.Watcher`."""
+        if glimpse is not None:
+            self.view.take(
+                Transition(
+                    glimpse.step,
+                    glimpse.cells,
+                    glimpse.actions,
+                    glimpse.after,
+                    None,
+                    glimpse.miscoordination,
+                )
+            )
+        elif self._stepping:  # it could not be made apart
+            self._stepping = False
+            return 1
+        self._stepping = False
+        while not self._commands.empty():
+            self._do(self._commands.get())
+        self.view.state = PAUSED if self._held else LEARNING
+        self._show(learning)
+        if self._held:
+            self.wants_glimpse = self._stepping
+            if not self._stepping:
+                self._sleep(1 / LOOKS_A_SECOND)
+            return 0
+        self.wants_glimpse = self.view.board.watched
+        if not self._rate:
+            return None
+        now = self._now()
+        self._due = max(self._due + 1 / min(self._rate, LOOKS_A_SECOND), now - 0.2)
+        if self._due > now:
+            self._sleep(self._due - now)
+        self.wants_glimpse = True
+        many = round(self._rate / LOOKS_A_SECOND) - 1  # one is made for the glimpse
+        return max(0 if glimpse is not None else 1, many)
+
+    def _do(self, command: Command) -> None:
+        """Do what a page asks for."""
+        if command.name == PAUSE:
+            self._held = bool(command.value)
+        elif command.name == RATE:
+            self._rate, self._due = command.value, self._now()
+        elif command.name == STEP:
+            self._held = self._stepping = True
+
+    def _show(self, learning: LearningRun) -> None:
+        self.view.show(transitions=learning.done, episode=0, rate=self._rate)
+        if self.view.slow_due():
+            self._asked = learning.asked
+            self._show_learned(learning.history, learning.tables)
+
+    def _show_learned(self, history: History, tables: Sequence[Tables]) -> None:
+        step = 0 if self.view.last is None else self.view.last.step
+        by_robot = {k: (step, own) for k, own in enumerate(tables)}
+        self.view.show_learned(history, by_robot, asked=self._asked)
+
+    def end(self, done: Training) -> None:
+        """Show what was learned at the end."""
+        self.view.state = FINISHED
+        self.view.show(transitions=done.transitions, episode=0, rate=self._rate)
+        self._show_learned(done.history, done.tables)

@@ -1,0 +1,100 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A picture of where bodies drove: their paths over the map, in metres."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, Rectangle
+
+from sparse_coord_ros.driving.trials import Drive, Moment
+from sparse_coord_ros.learn.run_config import RunConfig
+from sparse_coord_ros.look.figures import LINES
+from sparse_coord_ros.palette import DOORWAY_COLOUR, WALL_COLOUR, robot_colour
+from sparse_coord_ros.wire.frame import Frame
+
+LONGEST = 10.0
+"""Inches of the picture's longer side, without its key."""
+
+THINNEST = 0.25
+"""Opacity of one of many paths."""
+
+
+def paths_figure(
+    run: RunConfig,
+    driven: Drive,
+    title: str,
+    *,
+    plan: tuple[np.ndarray, tuple[float, float, float, float]] | None = None,
+) -> Figure:
+    """Draw the paths of the episodes that were followed.
+
+    Starts are discs, goals rings, doorways orange; a cross is where two bodies touched, in any
+    episode.
+
+    Args:
+        run: the run.
+        driven: what came of the drive.
+        title: above the picture.
+        plan: a grey image of the building, top row first, and where it lies: (left, right, low,
+            high) in metres; None: the map's walls are drawn.
+    """
+    frame = Frame(run)
+    (rows, columns), side = run.scenario.map.shape, run.resolution
+    left, low = frame.origin
+    width, height = columns * side, rows * side
+    scale = LONGEST / max(width, height)
+    figure = Figure(figsize=(width * scale, height * scale + 0.9), layout="constrained")
+    axes = figure.add_subplot()
+    axes.set_aspect("equal")
+    axes.set_xlim(left, left + width)
+    axes.set_ylim(low, low + height)
+    axes.set_xlabel("x (m)")
+    axes.set_ylabel("y (m)")
+    axes.set_title(title)
+    if plan is None:
+        for row, line in enumerate(run.scenario.map.rows):
+            for column, symbol in enumerate(line):
+                if symbol == "#":
+                    corner = left + column * side, low + (rows - 1 - row) * side
+                    axes.add_patch(Rectangle(corner, side, side, color=WALL_COLOUR, lw=0))
+    else:
+        axes.imshow(plan[0], cmap="gray", vmin=0, vmax=255, extent=plan[1], zorder=0)
+    for cell in run.scenario.map.doorways:
+        x, y = frame.centres[cell]
+        corner = x - side / 2, y - side / 2
+        axes.add_patch(Rectangle(corner, side, side, color=DOORWAY_COLOUR, alpha=0.6, lw=0))
+    episodes = 1 + max((moment.episode for moment in driven.path), default=0)
+    for k, robot in enumerate(run.scenario.robots):
+        colour = robot_colour(k)
+        for path in _paths(driven.path, k):
+            style = LINES[k % len(LINES)]
+            axes.plot(*path.T, color=colour, ls=style, lw=1.2, alpha=max(THINNEST, 1 / episodes))
+        start, goal = frame.centres[robot.start], frame.centres[robot.goal]
+        axes.add_patch(Circle(start, 0.35 * side, color=colour, zorder=3))
+        axes.add_patch(Circle(goal, 0.35 * side, fill=False, edgecolor=colour, lw=2.5, zorder=3))
+    touches = np.array([touch.place for touch in driven.touches]).reshape(-1, 2)
+    axes.plot(*touches.T, "x", color="black", ms=7, mew=2, zorder=4)
+    key = [
+        Line2D([], [], color=robot_colour(k), ls=LINES[k % len(LINES)], label=robot.name)
+        for k, robot in enumerate(run.scenario.robots)
+    ]
+    if len(touches):
+        key.append(Line2D([], [], color="black", marker="x", ls="", label="bodies touched"))
+    figure.legend(handles=key, loc="outside lower center", ncols=min(6, len(key)), frameon=False)
+    return figure
+
+
+def _paths(moments: Sequence[Moment], robot: int) -> list[np.ndarray]:
+    """Return a robot's path in each episode, shape (moments, 2)."""
+    found: list[list[tuple[float, float]]] = []
+    episode: float = math.nan
+    for moment in moments:
+        if moment.episode != episode:
+            found.append([])
+            episode = moment.episode
+        found[-1].append(moment.places[robot])
+    return [np.array(path) for path in found]

@@ -1,0 +1,76 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a robot's tables say it does: its greedy moves, where it asks, what Q^C holds."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.learn.agent import Tables
+from sparse_coord_ros.learn.algorithm import COORDINATE, PRIMITIVES
+from sparse_coord_ros.learn.factors import AdditiveTable
+from sparse_coord_ros.learn.sparse import SparseTable
+
+
+class Policy(NamedTuple):
+    """One robot's greedy policy before any percept.
+
+    Attributes:
+        moves: which of the four moves are greatest in Q*, shape (cells, 4), bool: several where
+            they are equal, none in the goal and where nothing was learned (all entries equal).
+        asks: where COORDINATE is greatest of all five, shape (cells,), bool. Where a percept
+            fails, the robot takes one of `moves`.
+    """
+
+    moves: np.ndarray
+    asks: np.ndarray
+
+
+def policy_of(tables: Tables, goal: int) -> Policy:
+    """Return the greedy policy of a robot's tables; `goal` is its goal cell."""
+    values = np.nan_to_num(tables.q_star, nan=-np.inf)  # a baseline has no COORDINATE
+    moves = values[:, :PRIMITIVES] == values[:, :PRIMITIVES].max(axis=1, keepdims=True)
+    asks = values[:, COORDINATE] >= values.max(axis=1)
+    known = np.isfinite(tables.q_star)
+    low = np.where(known, tables.q_star, np.inf).min(axis=1)
+    high = np.where(known, tables.q_star, -np.inf).max(axis=1)
+    nothing = low == high
+    nothing[goal] = True
+    moves[nothing] = False
+    asks &= ~nothing
+    return Policy(moves, asks)
+
+
+class Sparsity(NamedTuple):
+    """How much of one robot's Q^C was ever learned.
+
+    Attributes:
+        by_cell: joint states with a learned entry, by the own cell, shape (cells,), int64. Of a
+            learner that learns in factors: corrections that are not 0.
+        possible: how many there could be in each cell.
+    """
+
+    by_cell: np.ndarray
+    possible: int
+
+    @property
+    def share(self) -> float:
+        """Share of the joint states."""
+        return float(self.by_cell.sum()) / (self.possible * len(self.by_cell))
+
+
+def sparsity_of(tables: Tables, scenario: Scenario) -> Sparsity:
+    """Return how much of a robot's Q^C was learned: entries that are not what they began with."""
+    cells, table = len(tables.q_star), tables.q_coord
+    if tables.factors is not None:
+        states = tables.factors.states
+        peers = len(scenario.robots) - 1
+        return Sparsity(np.bincount(states[:, 0], minlength=cells), peers * cells + 1)
+    possible = cells ** (scenario.perceived - 1)
+    if isinstance(table, SparseTable):
+        learned = (table.rows != table.unseen).any(axis=1)
+        return Sparsity(np.bincount(table.keys[learned, 0], minlength=cells), possible)
+    assert not isinstance(table, AdditiveTable)  # those have factors
+    learned = (table != scenario.q_coord_init).any(axis=-1)
+    return Sparsity(learned.reshape(cells, -1).sum(axis=1), possible)

@@ -1,0 +1,178 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What is to be shown: a run's directory or a bag, opened into one object."""
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+from sparse_coord_ros.bags.reader import BAG_DIRECTORY
+from sparse_coord_ros.bags.walk import Heard
+from sparse_coord_ros.errors import RunError, SparseCoordError, TablesError
+from sparse_coord_ros.experiments.store import MANIFEST
+from sparse_coord_ros.learn.agent import Tables
+from sparse_coord_ros.learn.evaluation import Trials, check_tables, play
+from sparse_coord_ros.learn.history import HISTORY_FILE, History, load_history
+from sparse_coord_ros.learn.run_config import RUN_FILE, RunConfig, load_run
+from sparse_coord_ros.learn.tables import load_team
+from sparse_coord_ros.runlog.log import RunLog
+from sparse_coord_ros.runlog.tracks import SPOKEN
+from sparse_coord_ros.runlog.window import MOVES, LongLog, open_log
+from sparse_coord_ros.wire import PERCEPT, SERVICE_EVENTS, STATUS
+
+TRIALS = 200
+"""Greedy episodes from which pictures show where robots go and ask."""
+
+Say = Callable[[str], None]
+"""Hears in a few words what takes a while."""
+
+
+def silent(_: str) -> None:
+    """Say nothing."""
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A run to look at; what is not there is read when it is first asked for, and says so then.
+
+    Attributes:
+        path: what was given.
+        directory: the run's directory; None: a bag alone was given.
+        bag: its bag; None: it has none.
+        say: hears what takes a while.
+        heard: hears how much of the bag was read.
+    """
+
+    path: Path
+    directory: Path | None
+    bag: Path | None
+    say: Say = silent
+    heard: Heard | None = None
+
+    @property
+    def name(self) -> str:
+        """What to call it in a legend."""
+        place = self.path.resolve()
+        return place.parent.name if self.directory is None and place.name == "bag" else place.name
+
+    @cached_property
+    def config(self) -> RunConfig:
+        """What the run is; errors as of `load_run` and `read_run`."""
+        return self.recording.run if self.directory is None else load_run(self.directory)
+
+    @cached_property
+    def recording(self) -> LongLog:
+        """The bag, of which nothing is read yet but which run it is of.
+
+        Raises:
+            RunError: it was not recorded.
+            BagError: the bag cannot be read.
+        """
+        if self.bag is None:
+            raise RunError(
+                f"{self.path}: has no bag; 'sparse_coord run' records one, 'train' does not"
+            )
+        return open_log(self.bag)
+
+    @cached_property
+    def log(self) -> RunLog:
+        """The run's log: what robots saw, did and got, and what nodes said; not all else.
+
+        The dialogue is in it only where other things cannot be told without it: in bags of format
+        1, and of robots that learn from being asked. Errors as of `recording`.
+        """
+        recording = self.recording
+        self.say(f"reading {self.bag} ({_size(recording.path)})")
+        topics = [*MOVES, PERCEPT, STATUS]
+        if recording.format == 1 or recording.run.rule.factors is not None:
+            topics.append(SERVICE_EVENTS)
+        log = recording.whole(topics, SPOKEN, self.heard)
+        if log.damage is not None:
+            self.say(f"the bag is damaged ({log.damage}): going on with what is before that")
+        return log
+
+    def with_requests(self, steps: Collection[int]) -> RunLog:
+        """Return the log with the dialogue of at least some time steps."""
+        log, recording = self.log, self.recording
+        if log.requests:
+            return log
+        found = [one for step in sorted(steps) for one in recording.read(step, step).requests]
+        return replace(log, requests=tuple(found))
+
+    @cached_property
+    def tables(self) -> list[Tables]:
+        """The newest tables of every robot.
+
+        Raises:
+            TablesError: some are missing, malformed or do not fit the scenario.
+        """
+        scenario = self.config.scenario
+        if self.directory is not None:
+            tables = load_team(self.directory, scenario)
+        else:
+            newest = [self.recording.tables_before(k) for k in range(len(scenario.robots))]
+            found = [entry.tables for entry in newest if entry is not None]
+            if len(found) < len(newest):
+                missing = [r.name for r, e in zip(scenario.robots, newest, strict=True) if not e]
+                raise TablesError(
+                    f"{self.path}: holds no tables of {', '.join(missing)}; see "
+                    "'sparse_coord info'"
+                )
+            tables = found
+        check_tables(scenario, tables, self.config.learner)
+        return tables
+
+    @cached_property
+    def history(self) -> History:
+        """What happened in each episode: from history.npz, else from the bag.
+
+        Raises:
+            RunError: there is neither.
+        """
+        if self.directory is not None:
+            if (self.directory / HISTORY_FILE).exists() or self.bag is None:
+                return load_history(self.directory)
+        return self.log.history()
+
+    @cached_property
+    def trials(self) -> Trials:
+        """Greedy episodes of what it has learned, always the same ones; errors as of `tables`."""
+        scenario, tables = self.config.scenario, self.tables
+        self.say(f"playing {TRIALS} greedy episodes")
+        return play(scenario, tables, trials=TRIALS, seed=0, learner=self.config.rule)
+
+    def has(self, what: str) -> bool:
+        """Return whether `log`, `tables` or `history` can be read."""
+        try:
+            getattr(self, what)
+        except SparseCoordError:
+            return False
+        return True
+
+
+def _size(bag: Path) -> str:
+    files = [bag] if bag.is_file() else [path for path in bag.rglob("*") if path.is_file()]
+    return f"{sum(path.stat().st_size for path in files) / 1e6:.1f} MB"
+
+
+def is_results(path: Path) -> bool:
+    """Return whether a directory holds results of `sparse_coord reproduce`."""
+    return (path / MANIFEST).is_file()
+
+
+def open_shown(path: Path, say: Say = silent, heard: Heard | None = None) -> Shown:
+    """Open a run's directory or a bag.
+
+    Args:
+        path: a run's directory; a bag's, or its file.
+        say: hears what takes a while.
+        heard: hears how much of the bag was read.
+
+    Raises:
+        RunError, BagError: it is neither; `info` says more of a bag.
+    """
+    if (path / RUN_FILE).is_file():
+        bag = path / BAG_DIRECTORY
+        return Shown(path, path, bag if bag.is_dir() else None, say, heard)
+    return Shown(path, None, path, say, heard)

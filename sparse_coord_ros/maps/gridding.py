@@ -1,0 +1,322 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A floor plan's pixels as cells: what a robot's centre may cross, and where to lay the grid.
+
+A cell is free where its centre is; averaging over a cell's pixels would erase walls or close
+doors. Where the grid lies decides whether a door keeps a row of free centres, so its offset is
+searched. A robot drives straight from centre to centre: what lies between two free centres is
+checked as well.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy import ndimage
+
+from sparse_coord_ros.errors import MapError
+from sparse_coord_ros.maps.image import FloorPlan
+
+SPECK = 0.12
+"""Metres: what is smaller both ways is noise, unless it is wanted."""
+
+OFFSETS = 10
+"""Most offsets that are tried along each axis."""
+
+LOOKS = 4_000_000
+"""Cells that are looked at in the search, of all offsets together."""
+
+MOST_CELLS = 1_000_000
+"""Cells of a grid, walls included."""
+
+DOOR_WORTH = 10
+"""How many free cells a doorway is worth where two offsets keep equally much connected."""
+
+CRUMB = 4
+"""Fewer connected cells are no part of a map, and nothing that a doorway leads to."""
+
+SMALLER = (0.8, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1)
+"""Sizes of cells that are tried for advice, as shares of the one that is too large."""
+
+
+class Layout(NamedTuple):
+    """Where a grid lies, and what its cells are.
+
+    Attributes:
+        top, left: where its upper left corner lies, in pixels; may be outside the image.
+        free: free cells, shape (rows, columns), bool.
+        slips: pairs of adjacent free cells that a wall of a cell's length or more would lie
+            between; such a grid is of no use.
+        score: how good it is: parts of free space that it cuts (negative), cells kept.
+    """
+
+    top: float
+    left: float
+    free: np.ndarray
+    slips: int
+    score: tuple[int, int]
+
+
+@dataclass(frozen=True)
+class Space:
+    """Where a robot's centre may be.
+
+    Attributes:
+        walls: occupied pixels, without specks.
+        blocked: pixels too near to a wall or to unknown space.
+        parts: number of the connected part of each pixel that is not blocked; 0: blocked.
+        past_blocked, past_walls: how many such pixels come before each, along rows and columns.
+    """
+
+    walls: np.ndarray
+    blocked: np.ndarray
+    parts: np.ndarray
+    past_blocked: tuple[np.ndarray, np.ndarray]
+    past_walls: tuple[np.ndarray, np.ndarray]
+
+
+def space_of(plan: FloorPlan, radius: float, speck: float = SPECK) -> Space:
+    """Return where the centre of a robot may be.
+
+    Args:
+        plan: the floor plan.
+        radius: the robot's, in metres.
+        speck: occupied and unknown spots that are smaller both ways are taken for free, in metres.
+    """
+    pixels = int(round(speck / plan.resolution))
+    walls = without_specks(plan.occupied, pixels)
+    # What is neither free nor wall is unknown: specks of noise are filled, rooms never.
+    unfree = without_specks(~(plan.free | (plan.occupied & ~walls)) | walls, pixels)
+    blocked = grown(unfree, radius / plan.resolution)
+    parts = ndimage.label(~blocked, output=np.int32)[0]
+    return Space(walls, blocked, parts, _past(blocked), _past(walls))
+
+
+def without_specks(pixels: np.ndarray, size: int) -> np.ndarray:
+    """Return a picture without the spots that are at most `size` pixels high and wide."""
+    if size < 1:
+        return pixels
+    labels, count = ndimage.label(pixels, structure=np.ones((3, 3), dtype=bool), output=np.int32)
+    keep = np.zeros(count + 1, dtype=bool)
+    for number, (rows, columns) in enumerate(ndimage.find_objects(labels), start=1):
+        keep[number] = max(rows.stop - rows.start, columns.stop - columns.start) > size
+    return keep[labels]
+
+
+def grown(pixels: np.ndarray, radius: float) -> np.ndarray:
+    """Return which pixels lie within a radius (in pixels) of a set one: a dilation by a disc.
+
+    A pass over the picture for each row of the disc; ten times quicker than distances.
+    """
+    reach = int(radius)
+    out = pixels.copy()
+    wide, width = pixels.copy(), 0  # the picture, dilated by `width` along its rows
+    for row in range(reach, -1, -1):
+        needed = int(math.sqrt(radius * radius - row * row))
+        while width < needed:
+            width += 1
+            if width >= pixels.shape[1]:
+                break
+            wide[:, width:] |= pixels[:, :-width]
+            wide[:, :-width] |= pixels[:, width:]
+        if row == 0:
+            out |= wide
+        elif row < pixels.shape[0]:
+            out[row:] |= wide[:-row]
+            out[:-row] |= wide[row:]
+    return out
+
+
+def _past(pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    along_rows = np.cumsum(pixels, axis=1, dtype=np.uint16)
+    along_columns = np.cumsum(pixels, axis=0, dtype=np.uint16)
+    return along_rows, along_columns
+
+
+def _between(past: np.ndarray, axis: int) -> np.ndarray:
+    """Return which neighbours along an axis have something between them, by what came before."""
+    if axis == 1:
+        return np.asarray(past[:, 1:] != past[:, :-1])
+    return np.asarray(past[1:] != past[:-1])
+
+
+def best_layout(space: Space, pixels: float) -> Layout:
+    """Return the grid, of all offsets that are tried, that keeps most of the space connected.
+
+    Args:
+        space: where a robot's centre may be.
+        pixels: the side of a cell, in pixels.
+
+    Raises:
+        MapError: the grid would have too many cells, or none.
+    """
+    height, width = space.blocked.shape
+    cells = (height / pixels) * (width / pixels)
+    if cells > MOST_CELLS:
+        raise MapError(
+            f"the grid would have {cells:,.0f} cells, allowed: up to {MOST_CELLS:,}; choose a "
+            "larger --cell, or cut the map"
+        )
+    tries = min(math.ceil(pixels), OFFSETS, max(2, int(math.sqrt(LOOKS / max(cells, 1.0)))))
+    shifts = [pixels * k / tries for k in range(tries)]
+    found = [_layout(space, pixels, south, east) for south in shifts for east in shifts]
+    return max(found, key=lambda one: (-one.slips, one.score))
+
+
+def _layout(space: Space, pixels: float, down: float, right: float) -> Layout:
+    height, width = space.blocked.shape
+    half = pixels / 2
+    top = down if down < half else down - pixels  # the first centre is the first in the image
+    left = right if right < half else right - pixels
+    rows = np.floor(np.arange(top + half, height, pixels)).astype(np.int64)
+    columns = np.floor(np.arange(left + half, width, pixels)).astype(np.int64)
+    if not len(rows) or not len(columns):
+        return Layout(top, left, np.zeros((len(rows), len(columns)), dtype=bool), 0, (0, 0))
+    at = np.ix_(rows, columns)
+    parts = space.parts[at]
+    free = parts > 0
+    slips = sum(
+        _side_by_side(_apart(free, past[at], axis), axis)
+        for past, axis in zip(space.past_walls, (1, 0), strict=True)
+    )
+    _close(
+        free,
+        [_between(past[at], axis) for past, axis in zip(space.past_blocked, (1, 0), strict=True)],
+    )
+    labels, count = ndimage.label(free)
+    sizes = np.bincount(labels.ravel(), minlength=count + 1)
+    sizes[0] = 0
+    # Of each part of the space its largest part in the grid is kept; all others are cut off.
+    kept = np.zeros(parts.max(initial=0) + 1, dtype=np.int64)
+    which = np.zeros(count + 1, dtype=np.int64)
+    which[labels.ravel()] = parts.ravel()
+    which[0] = 0
+    np.maximum.at(kept, which, sizes)
+    large = sizes >= CRUMB
+    cut = int(large.sum() - (kept[1:] >= CRUMB).sum())
+    doors = int(across(free).max(initial=0))
+    return Layout(top, left, free, slips, (-cut, int(kept[1:].sum()) + DOOR_WORTH * doors))
+
+
+def _pairs(free: np.ndarray, axis: int) -> np.ndarray:
+    """Return which pairs of neighbours along an axis are both free."""
+    if axis == 1:
+        return np.asarray(free[:, :-1] & free[:, 1:])
+    return np.asarray(free[:-1] & free[1:])
+
+
+def _apart(free: np.ndarray, past: np.ndarray, axis: int) -> np.ndarray:
+    """Return which pairs of free neighbours have something between them."""
+    return np.asarray(_pairs(free, axis) & _between(past, axis))
+
+
+def _side_by_side(pairs: np.ndarray, axis: int) -> int:
+    """Count the pairs beside which another one is: what separates both is no spot but a wall."""
+    return int(
+        (pairs[1:] & pairs[:-1]).sum() if axis == 1 else (pairs[:, 1:] & pairs[:, :-1]).sum()
+    )
+
+
+def _close(free: np.ndarray, between: list[np.ndarray]) -> None:
+    """Take from each pair of neighbours that a robot cannot drive between the one worth less.
+
+    That is the one with more such pairs, or else with fewer free neighbours.
+    """
+    while True:
+        bad = np.zeros(free.shape, dtype=np.int64)
+        across_, down = (_pairs(free, axis) & b for axis, b in zip((1, 0), between, strict=True))
+        if not across_.any() and not down.any():
+            return
+        bad[:, :-1] += across_
+        bad[:, 1:] += across_
+        bad[:-1] += down
+        bad[1:] += down
+        padded = np.pad(free, 1)
+        near = padded[:-2, 1:-1] + padded[2:, 1:-1].astype(np.int64)
+        near += padded[1:-1, :-2].astype(np.int64) + padded[1:-1, 2:]
+        cost = 8 * bad - near
+        gone = np.zeros(free.shape, dtype=bool)
+        first = cost[:, :-1] >= cost[:, 1:]
+        gone[:, :-1] |= across_ & first
+        gone[:, 1:] |= across_ & ~first
+        first = cost[:-1] >= cost[1:]
+        gone[:-1] |= down & first
+        gone[1:] |= down & ~first
+        free &= ~gone
+
+
+def across(free: np.ndarray, longest: int = 2) -> np.ndarray:
+    """Return the doorways of a grid, numbered from 1; 0 elsewhere.
+
+    A doorway is a run of at most `longest` free cells, one after the other, that each have walls
+    on two opposite sides, and that lead on at both ends: to `CRUMB` cells or more. Longer runs are
+    corridors.
+    """
+    doors = np.zeros(free.shape, dtype=np.int64)
+    number = 0
+    for turned in (False, True):
+        view, target = (free.T, doors.T) if turned else (free, doors)
+        wall = np.pad(~view, 1, constant_values=True)
+        between = view & wall[:-2, 1:-1] & wall[2:, 1:-1]  # walls north and south: passed east
+        edges = np.diff(np.pad(between, ((0, 0), (1, 1))).astype(np.int8), axis=1)
+        begins, ends = np.argwhere(edges == 1), np.argwhere(edges == -1)
+        columns = view.shape[1]
+        for (row, begin), (_, end) in zip(begins.tolist(), ends.tolist(), strict=True):
+            if end - begin > longest or begin == 0 or end == columns:
+                continue
+            run = {(row, column) for column in range(begin, end)}
+            if _leads_on(view, (row, begin - 1), run) and _leads_on(view, (row, end), run):
+                number += 1
+                target[row, begin:end] = number
+    return doors
+
+
+def two_wide(free: np.ndarray, longest: int = 2) -> list[tuple[int, int]]:
+    """Return a cell of each passage that would be a doorway if it were not two cells wide.
+
+    Arguments as of `across`.
+    """
+    padded = np.pad(free, 2)
+    inner, before = padded[2:-2, 2:-2], across(free, longest)
+    found = []
+    for north_south in (True, False):
+        grid = padded if north_south else padded.T
+        middle = slice(2, -2)
+        pair = grid[middle, middle] & grid[1:-3, middle] & ~grid[:-4, middle] & ~grid[3:-1, middle]
+        narrow = inner & ~(pair if north_south else pair.T)
+        doors = across(narrow, longest)
+        for number in range(1, int(doors.max(initial=0)) + 1):
+            cells = np.argwhere(doors == number)
+            beside = cells + ((1, 0) if north_south else (0, 1))
+            row, column = cells[0].tolist()
+            inside = (beside < free.shape).all()
+            if not before[row, column] and inside and free[tuple(beside.T)].all():
+                found.append((row, column))
+    return sorted(found)
+
+
+def _leads_on(free: np.ndarray, end: tuple[int, int], run: set[tuple[int, int]]) -> bool:
+    """Whether `CRUMB` cells can be reached from the end of a run without going through it."""
+    if not free[end]:
+        return False
+    seen, ahead = {end}, [end]
+    while ahead and len(seen) < CRUMB:
+        row, column = ahead.pop()
+        for near in ((row - 1, column), (row + 1, column), (row, column - 1), (row, column + 1)):
+            inside = 0 <= near[0] < free.shape[0] and 0 <= near[1] < free.shape[1]
+            if inside and free[near] and near not in run and near not in seen:
+                seen.add(near)
+                ahead.append(near)
+    return len(seen) >= CRUMB
+
+
+def smaller_cell(space: Space, pixels: float, resolution: float) -> float | None:
+    """Return a size of cells, in metres, that lets no wall slip between centres; None: none."""
+    for share in SMALLER:
+        side = pixels * share
+        if side < 1:
+            return None
+        if not best_layout(space, side).slips:
+            return float(f"{side * resolution:.2g}")
+    return None

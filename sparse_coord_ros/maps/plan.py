@@ -1,0 +1,379 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""From a floor plan to a map and a scenario: cells, doorways, robots, and settings that fit."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import ndimage
+
+from sparse_coord_ros.errors import MapError, ScenarioError, in_short
+from sparse_coord_ros.game.grid import DOORWAY, FREE, WALL, GridMap
+from sparse_coord_ros.game.scenario import SETTINGS, Scenario, scenario_from_dict
+from sparse_coord_ros.maps.gridding import (
+    CRUMB,
+    SPECK,
+    across,
+    best_layout,
+    smaller_cell,
+    space_of,
+    two_wide,
+)
+from sparse_coord_ros.maps.image import FloorPlan
+
+Place = tuple[float, float]
+"""(x, y) in metres, in the map's frame."""
+
+WALL_THICKNESS = 0.3
+"""Metres of wall that a doorway leads through, unless one says so."""
+
+SHOWN = 6
+"""Most places that a note names."""
+
+FURTHEST_WORTH = 0.3
+"""What arriving is worth at the furthest start, as a share of its worth at the goal."""
+
+FIRST_GUESS = 0.1
+"""Q* at first, as a share of the goal's value: that of the default settings."""
+
+
+@dataclass(frozen=True)
+class Imported:
+    """A floor plan as a map.
+
+    Attributes:
+        grid: the map.
+        doorways: how many doorways it has; one may be several cells long.
+        parts: cells of each part of the free space, largest first; those without a robot are left
+            out of the map where there are robots.
+        notes: what is odd, one line each.
+    """
+
+    grid: GridMap
+    doorways: int
+    parts: tuple[int, ...]
+    notes: tuple[str, ...]
+
+
+def import_map(
+    plan: FloorPlan,
+    *,
+    cell: float,
+    radius: float,
+    robots: Sequence[tuple[Place, Place]] = (),
+    add: Sequence[Place] = (),
+    remove: Sequence[Place] = (),
+    longest: float | None = None,
+    speck: float = SPECK,
+    name: str | None = None,
+) -> Imported:
+    """Make a map of a floor plan.
+
+    Args:
+        plan: the floor plan.
+        cell: the side of a cell, in metres.
+        radius: the robot's, in metres.
+        robots: start and goal of each; parts of the map without any of them become walls.
+        add: places in cells that are to be doorways.
+        remove: places in doorways that are to be none.
+        longest: most metres through a doorway; what is longer is a corridor. Unless one says so:
+            a wall of `WALL_THICKNESS`, the robot's radius on both sides, and a cell.
+        speck: spots smaller than this, in metres, are noise.
+        name: the map's name; that of the floor plan where None.
+
+    Raises:
+        MapError: a number is out of range; the map has no free cell; the cells are so large that
+            a wall lies between two centres; or a place is in no free cell.
+    """
+    _check("--cell", cell, plan.resolution, 1000.0, "metres, at least a pixel")
+    _check("--radius", radius, 0.0, 100.0, "metres")
+    _check("--speck", speck, 0.0, 10.0, "metres")
+    if longest is None:
+        longest = 2 * radius + WALL_THICKNESS + cell
+    _check("--doorway-length", longest, 0.0, 1000.0, "metres")
+    space = space_of(plan, radius, speck)
+    pixels = cell / plan.resolution
+    if not (~space.blocked).any():
+        seen = "no pixel is free" if not plan.free.any() else "no place is wide enough for it"
+        raise MapError(
+            f"map {plan.name}: a robot of radius {radius:g} m finds no room: {seen}; check negate "
+            "and the thresholds in the YAML file, or choose a smaller --radius"
+        )
+    layout = best_layout(space, pixels)
+    if layout.slips:
+        better = smaller_cell(space, pixels, plan.resolution)
+        remedy = "choose a smaller one" if better is None else f"--cell {better:g} would do"
+        raise MapError(
+            f"map {plan.name}: --cell {cell:g} is so large that a wall slips between two cells "
+            f"({layout.slips} times, wherever the grid lies); {remedy}"
+        )
+    free = layout.free
+    if not free.any():
+        raise MapError(
+            f"map {plan.name}: no cell of {cell:g} m has a free centre; choose a smaller --cell"
+        )
+    corner = (
+        plan.origin[0] + layout.left * plan.resolution,
+        plan.origin[1] + (plan.free.shape[0] - layout.top) * plan.resolution - len(free) * cell,
+    )
+    frame = _Frame(free, corner, cell, plan.name)
+    labels, count = ndimage.label(free)
+    sizes = np.bincount(labels.ravel(), minlength=count + 1)[1:]
+    if robots:
+        used = {int(labels[cell]) for pair in _robot_cells(frame, robots) for cell in pair}
+        free &= np.isin(labels, sorted(used))
+    elif count:
+        free &= np.isin(labels, 1 + np.flatnonzero((sizes >= CRUMB) | (sizes == sizes.max())))
+    run = max(1, math.floor(longest / cell + 1e-9))
+    doors, wide = across(free, run), two_wide(free, run)
+    for place in remove:
+        found = doors[frame.cell(place, "--no-doorway")]
+        if not found:
+            raise MapError(
+                f"--no-doorway {_metres(place)}: is in no doorway; the preview shows them"
+            )
+        doors[doors == found] = 0
+    for place in add:
+        where = frame.cell(place, "--doorway")
+        doors[where] = doors[where] or doors.max() + 1
+    # Nothing but walls around the map is of use: a border of one cell stays.
+    rows, columns = (np.flatnonzero(free.any(axis=axis)) for axis in (1, 0))
+    top, bottom = max(0, rows[0] - 1), min(free.shape[0], rows[-1] + 2)
+    left, right = max(0, columns[0] - 1), min(free.shape[1], columns[-1] + 2)
+    symbols = np.where(doors > 0, DOORWAY, np.where(free, FREE, WALL))[top:bottom, left:right]
+    grid = GridMap(
+        name=plan.name if name is None else name,
+        rows=tuple("".join(row) for row in symbols),
+        title=f"{plan.name}: a map of map_server in cells of {cell:g} m",
+        source=f"{plan.name}.yaml, {plan.resolution:g} m a pixel",
+        provenance=f"made by import-map for robots of radius {radius:g} m",
+        resolution=cell,
+        origin=(
+            round(float(corner[0] + left * cell), 6),
+            round(float(corner[1] + (free.shape[0] - bottom) * cell), 6),
+        ),
+    )
+    number = len(np.unique(doors[doors > 0]))
+    parts = tuple(sorted((int(size) for size in sizes if size >= CRUMB), reverse=True))
+    notes = _notes(layout.score[0], number, parts, bool(robots))
+    notes += _wide_notes([frame.centre(place) for place in wide if not doors[place]])
+    return Imported(grid, number, parts, tuple(notes))
+
+
+def _wide_notes(places: list[Place]) -> list[str]:
+    if not places:
+        return []
+    said = " ".join(f"{x:.2f},{y:.2f}" for x, y in places[:SHOWN])
+    more = f" and {len(places) - SHOWN} more" if len(places) > SHOWN else ""
+    many = len(places) > 1
+    return [
+        f"{len(places)} passage{'s are' if many else ' is'} two cells wide, and no doorway"
+        f"{'s' if many else ''}, as two robots pass there side by side: at {said}{more}; where "
+        "they would not, choose a larger --cell, or add both cells with --doorway"
+    ]
+
+
+def _notes(cut: int, doors: int, parts: tuple[int, ...], robots: bool) -> list[str]:
+    notes = []
+    if cut < 0:
+        notes.append(
+            f"{-cut} part{'s are' if cut < -1 else ' is'} cut off although a robot would fit "
+            "through: a smaller --cell may keep the way open"
+        )
+    if len(parts) > 1:
+        left = "those without a robot are walls now" if robots else "all are in the map"
+        notes.append(
+            f"{len(parts)} parts of the map do not connect (cells: "
+            f"{', '.join(map(str, parts[:8]))}{', ...' if len(parts) > 8 else ''}); {left}"
+        )
+    if not doors:
+        notes.append(
+            "no doorway found: robots have nothing to coordinate; doorways are one cell wide, so "
+            "choose a larger --cell, or add one with --doorway"
+        )
+    return notes
+
+
+class _Frame:
+    """Cells of a grid by their places in metres, and back."""
+
+    def __init__(self, free: np.ndarray, corner: Place, side: float, name: str) -> None:
+        self._free, self._corner, self._side, self._name = free.copy(), corner, side, name
+
+    def centre(self, cell: tuple[int, int]) -> Place:
+        """Return (x, y) of the middle of a cell (row, column)."""
+        row, column = cell
+        level = self._free.shape[0] - 1 - row
+        x, y = self._corner
+        return x + (column + 0.5) * self._side, y + (level + 0.5) * self._side
+
+    def cell(self, place: Place, what: str) -> tuple[int, int]:
+        """Return (row, column) of the free cell at a place.
+
+        Raises:
+            MapError: there is none.
+        """
+        height, width = self._free.shape
+        column = math.floor((place[0] - self._corner[0]) / self._side)
+        row = height - 1 - math.floor((place[1] - self._corner[1]) / self._side)
+        inside = 0 <= row < height and 0 <= column < width
+        if inside and self._free[row, column]:
+            return row, column
+        rows, columns = np.nonzero(self._free)
+        x = self._corner[0] + (columns + 0.5) * self._side
+        y = self._corner[1] + (height - rows - 0.5) * self._side
+        near = int(np.hypot(x - place[0], y - place[1]).argmin())
+        problem = "is in no free cell" if inside else "is outside the map"
+        raise MapError(
+            f"{what} at {_metres(place)} {problem} of {self._name}; the nearest free cell is at "
+            f"{x[near]:.2f},{y[near]:.2f}"
+        )
+
+
+def _robot_cells(
+    frame: _Frame, robots: Sequence[tuple[Place, Place]]
+) -> list[tuple[tuple[int, int], tuple[int, int]]]:
+    """Return the cells of each robot's start and goal; MapError where one is not free."""
+    return [
+        (frame.cell(start, f"--start of robot_{k}"), frame.cell(goal, f"--goal of robot_{k}"))
+        for k, (start, goal) in enumerate(robots, start=1)
+    ]
+
+
+def _metres(place: Place) -> str:
+    return f"{place[0]:g},{place[1]:g}"
+
+
+def _check(name: str, value: float, low: float, high: float, unit: str) -> None:
+    if not low <= value <= high:
+        raise MapError(f"{name} is {value:g}, allowed: {low:g} to {high:g} ({unit})")
+
+
+def suggested_settings(
+    grid: GridMap, pairs: Sequence[tuple[int, int]], given: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return settings that fit a map's distances, where the defaults would not.
+
+    A robot needs d / p steps for d cells, p being the probability that a move succeeds. The
+    horizon lies four standard deviations above; episodes of learning are one and a half times the
+    furthest start's way; the discount leaves `FURTHEST_WORTH` of the goal's value there; and the
+    values at first, and the budget, follow from that.
+
+    Args:
+        grid: the map.
+        pairs: start and goal cell of each robot.
+        given: settings that somebody chose; they stay.
+    """
+    values = {**SETTINGS.defaults(), **SETTINGS.parse(dict(given))}
+    p = values["move_success"]
+    ways = [grid.distances_to(goal) for _, goal in pairs]
+    own = max(int(way[start]) for way, (start, _) in zip(ways, pairs, strict=True))
+    furthest = max(int(way.max()) for way in ways)
+    cells = max(int((way >= 0).sum()) for way in ways)
+    found: dict[str, Any] = {}
+    horizon = 1.1 * (own / p + 4 * math.sqrt(own * (1 - p)) / p)
+    found["horizon"] = max(100, _round_up(horizon, 50))
+    found["max_steps"] = max(100, _round_up(1.5 * furthest / p, 50))
+    discount = math.ceil(1000 * FURTHEST_WORTH ** (p / furthest)) / 1000
+    found["discount"] = min(0.999, max(values["discount"], discount))
+    discount = given.get("discount", found["discount"])
+    worth = values["goal_reward"] / (1.0 - float(discount))
+    found["goal_value"] = found["q_coord_init"] = round(worth, 3)
+    found["q_star_init"] = round(FIRST_GUESS * worth, 3)
+    found["steps"] = _budget(cells, furthest / p)
+    default = SETTINGS.defaults()
+    return {k: v for k, v in found.items() if k not in given and v != default[k]}
+
+
+def _budget(cells: int, way: float) -> int:
+    """Return a step budget: every cell's every move, some times over, on ways of that length."""
+    steps = 60.0 * cells * math.sqrt(cells * way) / 5.0
+    return int(min(SETTINGS["steps"].high or math.inf, max(20_000, _round_up(steps, 10_000))))
+
+
+def _round_up(value: float, unit: int) -> int:
+    return unit * math.ceil(value / unit)
+
+
+def scenario_of(
+    imported: Imported, robots: Sequence[tuple[Place, Place]], given: Mapping[str, Any]
+) -> tuple[Scenario, dict[str, Any], list[str]]:
+    """Return a scenario on an imported map.
+
+    Args:
+        imported: the map.
+        robots: start and goal of each robot, in metres.
+        given: settings that somebody chose.
+
+    Returns:
+        The scenario; the settings that were suggested; what is legal but odd, one line each.
+
+    Raises:
+        MapError: a start or a goal is in no free cell.
+        ScenarioError: a robot has no way to its goal.
+        SettingError: a bad setting.
+    """
+    for key in given:
+        if key in ("map", "robots", "name", "paper"):
+            raise ScenarioError(f"--set {key}: is no setting; give it by an option of its own")
+    grid = imported.grid
+    side = grid.resolution or 1.0
+    free = np.array([[sign != WALL for sign in row] for row in grid.rows])
+    frame = _Frame(free, grid.origin, side, grid.name)
+    data = {
+        f"robot_{k}": {"start": list(start), "goal": list(goal)}
+        for k, (start, goal) in enumerate(_robot_cells(frame, robots), start=1)
+    }
+    said = {"name": grid.name, "map": {"name": grid.name, "text": grid.to_text()}, "robots": data}
+    plain = scenario_from_dict({**said, **given}, where=grid.name, name=grid.name)
+    pairs = [(robot.start, robot.goal) for robot in plain.robots]
+    suggested = suggested_settings(grid, pairs, given)
+    return plain.with_settings(suggested), suggested, _oddities(plain.with_settings(suggested))
+
+
+def _oddities(scenario: Scenario) -> list[str]:
+    """Return what is legal but odd about robots on a map."""
+    grid, odd = scenario.map, []
+    starts = [robot.start for robot in scenario.robots]
+    if len(set(starts)) < len(starts):
+        odd.append("two robots start in the same cell: that is no conflict, but hardly possible")
+    goals = [robot.goal for robot in scenario.robots]
+    if len(set(goals)) < len(goals):
+        odd.append("two robots have the same goal: they would stand in each other")
+    for robot in scenario.robots:
+        if robot.goal in grid.doorways:
+            odd.append(
+                f"the goal of {robot.name} is in a doorway: it stays there and is in everybody's "
+                "way"
+            )
+        moves = int(grid.distances_to(robot.goal)[robot.start])
+        if moves / scenario.move_success > scenario.horizon:
+            odd.append(
+                f"the goal of {robot.name} is {moves} cells away, and takes "
+                f"{moves / scenario.move_success:.0f} steps in the mean: more than the horizon of "
+                f"{scenario.horizon}"
+            )
+    if scenario.steps == SETTINGS["steps"].high:
+        odd.append("the step budget is the largest there is: the map may be too large to learn")
+    return odd
+
+
+def parse_place(text: str) -> Place:
+    """Read X,Y in metres.
+
+    Raises:
+        ScenarioError: it is none.
+    """
+    parts = text.split(",")
+    try:
+        x, y = map(float, parts)
+    except ValueError:
+        x = y = math.nan
+    if not (math.isfinite(x) and math.isfinite(y)):
+        raise ScenarioError(
+            f"place {in_short(text)}: write it as X,Y in metres of the map's frame, e.g. 2,-1"
+        )
+    return x, y

@@ -1,0 +1,84 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A picture of an imported map: its cells, doorways and robots over the original."""
+
+import io
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from PIL import Image, ImageColor, ImageDraw
+
+from sparse_coord_ros.files import write_whole
+from sparse_coord_ros.game.grid import DOORWAY, GridMap
+from sparse_coord_ros.game.scenario import Robot
+from sparse_coord_ros.maps.image import FloorPlan
+from sparse_coord_ros.palette import DOORWAY_COLOUR, robot_colour
+
+LARGEST = 1600
+"""Pixels of a preview along its longer side."""
+
+CELL_SIDE = 8
+"""Pixels along the side of a cell, where the picture stays small enough."""
+
+CELL, DOOR = (150, 190, 230, 200), ImageColor.getrgb(DOORWAY_COLOUR)
+UNKNOWN, FREE, OCCUPIED = 200, 255, 0
+"""Shades of grey."""
+
+
+def grey(plan: FloorPlan) -> np.ndarray:
+    """Return a floor plan as a grey picture, shape (rows, columns), uint8, top row first."""
+    shade = np.full(plan.free.shape, UNKNOWN, dtype=np.uint8)
+    shade[plan.free], shade[plan.occupied] = FREE, OCCUPIED
+    return shade
+
+
+def write_preview(
+    path: Path, plan: FloorPlan, grid: GridMap, robots: Sequence[Robot] = ()
+) -> None:
+    """Write a PNG file: the original in grey, free cells blue, doorways orange.
+
+    Robots' starts are discs, their goals rings, in their colours.
+
+    Args:
+        path: the file.
+        plan: the original.
+        grid: the map made of it.
+        robots: those of the scenario.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    side = grid.resolution or 1.0
+    height, width = plan.free.shape
+    shade = grey(plan)
+    wanted = CELL_SIDE * plan.resolution / side  # the scale at which a cell has that side
+    scale = min(max(1.0, wanted), LARGEST / max(height, width))
+    size = max(1, round(width * scale)), max(1, round(height * scale))
+    if scale < 1:
+        picture = Image.fromarray(shade).reduce(max(1, round(1 / scale))).resize(size)
+    else:
+        picture = Image.fromarray(shade).resize(size, Image.Resampling.NEAREST)
+    picture = picture.convert("RGB")
+    draw = ImageDraw.Draw(picture, "RGBA")
+    metre = scale / plan.resolution
+
+    def box(cell: tuple[int, int], share: float) -> list[float]:
+        """Return the corners of the middle share of a cell, in pixels of the picture."""
+        row, column = cell
+        x = grid.origin[0] - plan.origin[0] + (column + 0.5) * side
+        y = grid.origin[1] - plan.origin[1] + (grid.shape[0] - row - 0.5) * side
+        half = share * side * metre / 2
+        x, y = x * metre, size[1] - y * metre
+        return [x - half, y - half, x + half, y + half]
+
+    for cell in grid.cells:
+        door = grid.rows[cell[0]][cell[1]] == DOORWAY
+        draw.rectangle(box(cell, 0.9 if door else 0.7), fill=DOOR if door else CELL)
+    for k, robot in enumerate(robots):
+        colour = robot_colour(k)
+        draw.ellipse(box(grid.cells[robot.start], 1.6), fill=colour)
+        draw.ellipse(box(grid.cells[robot.goal], 1.6), outline=colour, width=3)
+    file = io.BytesIO()
+    picture.save(file, format="PNG", compress_level=3)
+    write_whole(path, file.getvalue())

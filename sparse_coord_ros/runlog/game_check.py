@@ -1,0 +1,369 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The world once more, from the seed and the logged actions: every transition at once.
+
+Each is computed from the logged states before it. As long as nothing differs these are the
+computed ones, so that the first difference is the one that stepping the world would find.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from sparse_coord_ros.game.schedules import exploring_starts
+from sparse_coord_ros.game.streams import MOTION, START
+from sparse_coord_ros.game.world import EPISODE_GAP, FIRST_STEP
+from sparse_coord_ros.runlog.difference import MISSING, Difference
+from sparse_coord_ros.runlog.draws import draws_at
+from sparse_coord_ros.runlog.log import RunLog, merged, miscoordinations
+from sparse_coord_ros.runlog.tracks import THE_CLOCK
+from sparse_coord_ros.wire import (
+    ACTION,
+    ARRIVED,
+    FINISHED,
+    LOCAL_STATE,
+    NOBODY_LEFT,
+    PARTNERS_LABEL,
+    RESET,
+    REWARD,
+    REWARD_LABELS,
+    STATUS,
+    STEPS,
+    STOPPED,
+)
+from sparse_coord_ros.wire import START as RUN_START
+from sparse_coord_ros.wire.frame import Frame
+
+Finding = tuple[int, Callable[[], Difference]]
+"""The row of a difference, and what makes it."""
+
+
+class WorldCheck(NamedTuple):
+    """What came of it.
+
+    Attributes:
+        difference: the first, or None.
+        transitions: steps of the world that agree.
+        left_out: number of (robot, step) that the world made without the robot's action.
+        resets: episodes that began early: by a reset, or as no robot was left to wait for.
+        starts: the first time steps of the episodes.
+        end: the last time step that was computed.
+    """
+
+    difference: Difference | None
+    transitions: int
+    left_out: int
+    resets: int
+    starts: np.ndarray
+    end: int
+
+
+def check_world(log: RunLog, last: int | None) -> WorldCheck:
+    """Compare states, rewards, clock and status with what the world does.
+
+    The log says who acted: the world rewards exactly those. The others that had not arrived were
+    left out; the status says how many.
+
+    Args:
+        log: the log.
+        last: the last time step to check; None: all, and the run's end.
+    """
+    return _Walk(log, last).check()
+
+
+class _Walk:
+    def __init__(self, log: RunLog, last: int | None) -> None:
+        self.log, self.last = log, last
+        self.scenario, self.robots = log.run.scenario, range(len(log.names))
+        self.frame = Frame(log.run)
+        tracks = log.tracks
+        # Steps that only actions or percepts speak of are not the world's.
+        speakers = (*tracks.states, *tracks.rewards, tracks.clock)
+        steps = merged([track.step for track in speakers])
+        steps = steps if last is None else steps[steps <= last]
+        self.steps = steps
+        self.in_log = np.isin(steps, log.step)
+        rows = np.minimum(np.searchsorted(log.step, steps), max(len(log.step) - 1, 0))
+
+        def at(values: np.ndarray, nothing: float) -> np.ndarray:
+            found = np.full((len(steps), *values.shape[1:]), nothing, dtype=values.dtype)
+            found[self.in_log] = values[rows[self.in_log]]
+            return found
+
+        self.cells, self.centred = at(log.cells, -1), at(log.centred, False)
+        self.move, self.asked = at(log.move, -1), at(log.asked, False)
+        self.reward, self.position = at(log.reward, np.nan), at(log.position, np.nan)
+        if self.scenario.referee:
+            self.reward = np.concatenate(
+                [self.reward, at(log.partners, np.nan)[..., None]], axis=2
+            )
+        self.numbers = at(log.numbers, np.nan)
+        self.rewarded = np.stack([track.has(steps) for track in tracks.rewards], axis=1)
+        self.stated = np.stack([track.has(steps) for track in tracks.states], axis=1)
+        self.acted = np.stack([track.has(steps) for track in tracks.actions], axis=1)
+        self.made = np.asarray(self.rewarded.any(axis=1))
+        goals = np.array([robot.goal for robot in self.scenario.robots])
+        self.arrived: np.ndarray = np.equal(self.cells, goals)
+        self.goals = goals
+        # Transitions before each row.
+        self.before = np.concatenate([[0], np.cumsum(self.made)])[:-1]
+        self.finished: np.ndarray = np.greater_equal(self.before, self.scenario.steps)
+        begins = np.concatenate([[True], ~self.made[:-1]])[: len(steps)]
+        begun = np.maximum.accumulate(np.where(begins, np.arange(len(steps)), 0))
+        self.begins, self.begun = begins, begun
+        self.used_up: np.ndarray = np.asarray(steps - steps[begun] >= self.scenario.max_steps)
+        self.over: np.ndarray = np.asarray(self.arrived.all(axis=1) | self.used_up)
+        self.left_out = self.made[:, None] & ~self.rewarded & ~self.arrived
+        counted = np.cumsum(self.left_out.sum(axis=1))
+        self.left_before = np.concatenate([[0], counted])[:-1]
+
+    def check(self) -> WorldCheck:
+        """Return the first difference, and what was there before it."""
+        found = list(self._found()) if len(self.steps) else []
+        place, difference = len(self.steps), None
+        if found:
+            place, make = min(found, key=lambda one: one[0])
+            difference = make()
+        elif self.last is None:
+            difference = self._end()
+        rows = slice(0, place + (difference is None))
+        early = self.begins.copy()
+        early[1:] &= ~self.over[:-1]
+        early[:1] = False
+        end = min(place, len(self.steps) - 1)
+        # Where the first difference is no time step that was not due, its row is one of the run.
+        known = place + (place <= end and not self._gaps()[place])
+        return WorldCheck(
+            difference=difference,
+            transitions=int(self.made[:place].sum()),
+            left_out=int(self.left_out[:place].sum()),
+            resets=int(early[rows].sum()),
+            starts=self.steps[:known][self.begins[:known]],
+            end=int(self.steps[end]) if len(self.steps) else FIRST_STEP,
+        )
+
+    def _found(self) -> Iterator[Finding]:
+        """Yield (row, function that makes the difference) of the first of each kind."""
+        yield from self._first(self._gaps(), self._gap)
+        clock = ~self.log.tracks.clock.has(self.steps)
+        yield from self._first(clock, self._clock)
+        due = self._due_cells()
+        for k in self.robots:
+            wrong = ~self.centred[:, k] | (self.cells[:, k] != due[:, k])
+            yield from self._first(wrong, partial(self._state, k=k, due=due))
+        yield from self._statuses()
+        yield from self._rewards(due)
+
+    @staticmethod
+    def _first(wrong: np.ndarray, make: Callable[[int], Difference]) -> Iterator[Finding]:
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            yield row, partial(make, row)
+
+    # The clock.
+
+    def _gaps(self) -> np.ndarray:
+        """Return at which rows another time step was due, or none."""
+        due = np.empty_like(self.steps)
+        due[:1] = FIRST_STEP
+        due[1:] = self.steps[:-1] + np.where(self.made[:-1], 1, EPISODE_GAP)
+        over = np.zeros(len(self.steps), dtype=bool)
+        over[1:] = self.finished[:-1] & ~self.made[:-1]
+        return np.asarray((self.steps != due) | over)
+
+    def _gap(self, row: int) -> Difference:
+        if row == 0:
+            return self._differ(FIRST_STEP, 0, LOCAL_STATE.name, MISSING, "a state")
+        before, step = int(self.steps[row - 1]), int(self.steps[row])
+        if self.made[row - 1]:
+            return self._differ(before + 1, 0, LOCAL_STATE.name, MISSING, "a state")
+        if self.finished[row - 1]:
+            return Difference(step, None, LOCAL_STATE.name, "there", "the run is over")
+        if step != before + 1:
+            return self._differ(before + EPISODE_GAP, 0, LOCAL_STATE.name, MISSING, "a state")
+        for k in self.robots:
+            if self.acted[row - 1, k]:
+                due = "one: it acted and the world went on"
+                return self._differ(before, k, REWARD.name, MISSING, due)
+        return self._differ(before, 0, ACTION.name, MISSING, "one: the world went on")
+
+    def _clock(self, row: int) -> Difference:
+        return Difference(int(self.steps[row]), None, THE_CLOCK, MISSING, "this step")
+
+    # States.
+
+    def _due_cells(self) -> np.ndarray:
+        """Return in which cells the robots must be, shape (n, K)."""
+        steps, scenario = self.steps, self.scenario
+        next_cell = np.asarray(scenario.map.next_cell)
+        share = exploring_starts(scenario.starts, scenario.steps)
+        share = share[np.clip(steps, 0, len(share) - 1)]
+        due = np.empty_like(self.cells)
+        self.after = np.empty_like(self.cells)
+        for k in self.robots:
+            moves = draws_at(self.log.run.seed, k, MOTION, steps)[:, 0] < scenario.move_success
+            moves &= self.rewarded[:, k] & (self.move[:, k] >= 0)
+            led = next_cell[self.cells[:, k], self.move[:, k]]
+            self.after[:, k] = np.where(moves, led, self.cells[:, k])
+            draws = draws_at(self.log.run.seed, k, START, steps[self.begins])
+            free = np.flatnonzero(scenario.map.distances_to(scenario.robots[k].goal) > 0)
+            drawn = free[(draws[:, 1] * len(free)).astype(np.int64)]
+            due[1:, k] = self.after[:-1, k]
+            start = scenario.robots[k].start
+            due[self.begins, k] = np.where(draws[:, 0] < share[self.begins], drawn, start)
+        return due
+
+    def _state(self, row: int, k: int, due: np.ndarray) -> Difference:
+        logged = MISSING
+        if self.stated[row, k]:
+            logged = self._place(tuple(self.position[row, k].tolist()))
+        computed = self._place(self.frame.centres[due[row, k]])
+        return self._differ(int(self.steps[row]), k, LOCAL_STATE.name, logged, computed)
+
+    def _place(self, position: tuple[float, float]) -> str:
+        cell = self.frame.cell(*position)
+        name = "no free cell" if cell is None else f"cell {cell}"
+        return f"{name} ({position[0]!r}, {position[1]!r})"
+
+    # What the world says of itself.
+
+    def _statuses(self) -> Iterator[Finding]:
+        """Yield the first status that says otherwise than the log counts.
+
+        A reward that is missing looks like a robot that was left out; there it is named.
+        """
+        named = 0
+        for status in self.log.tracks.statuses:
+            row = int(np.searchsorted(self.steps, status.step))
+            if row == len(self.steps) or self.steps[row] != status.step:
+                continue
+            if status.transitions != self.before[row]:
+                logged, due = f"{status.transitions} transitions", f"{self.before[row]}"
+                yield row, partial(self._status, status.step, logged, due)
+                return
+            counted = int(self.left_before[row])
+            said = 0 if status.left_out is None and status.timeouts == 0 else status.left_out
+            pairs = np.argwhere(self.left_out[named:row]) + [named, 0]
+            if said is not None and counted > said and len(pairs):
+                acted = [pair for pair in pairs.tolist() if self.acted[*pair]]
+                odd, k = acted[0] if acted else pairs[0].tolist()
+                yield odd, partial(self._not_left_out, odd, k)
+                return
+            if said is not None and counted != said:
+                logged = f"{said} robots' steps left out"
+                yield row, partial(self._status, status.step, logged, f"{counted}")
+                return
+            reasons = self._reasons(row)
+            if status.began is not None and status.began not in reasons:
+                logged, due = f"episode began: {status.began}", " or ".join(reasons)
+                yield row, partial(self._status, status.step, logged, due)
+                return
+            named = row
+
+    def _reasons(self, row: int) -> tuple[str, ...]:
+        """Return why the episode of a row can have begun."""
+        begun = int(self.begun[row])
+        if begun == 0:
+            return (RUN_START,)
+        if self.arrived[begun - 1].all():
+            return (ARRIVED,)
+        return (STEPS,) if self.used_up[begun - 1] else (RESET, NOBODY_LEFT)
+
+    def _not_left_out(self, row: int, k: int) -> Difference:
+        quantity = REWARD.name if self.acted[row, k] else ACTION.name
+        due = "one, for the world does not say that it left the robot out"
+        return self._differ(int(self.steps[row]), k, quantity, MISSING, due)
+
+    def _status(self, step: int, logged: str, computed: str) -> Difference:
+        return Difference(step, None, STATUS.name, logged, computed)
+
+    # Rewards.
+
+    def _rewards(self, due: np.ndarray) -> Iterator[Finding]:
+        scenario = self.scenario
+        conflict = miscoordinations(scenario, self.after)
+        for k in self.robots:
+            mine = self.rewarded[:, k]
+            none = mine & (self.finished | self.over | self.arrived[:, k])
+            none &= ~self.begins | self.finished  # an episode's first state is not its last
+            yield from self._first(none, partial(self._no_reward, k=k))
+            silent = mine & ~self.acted[:, k]
+            yield from self._first(silent, partial(self._no_action, k=k))
+            odd = mine & self.acted[:, k] & (self.move[:, k] < 0)
+            yield from self._first(odd, partial(self._odd_action, k=k))
+            common = np.where(conflict, scenario.penalties[k], 0.0)
+            individual = np.where(self.after[:, k] == self.goals[k], scenario.goal_reward, 0.0)
+            cost = np.where(self.asked[:, k], -scenario.ask_cost, 0.0)
+            numbers = [individual, common, cost, individual + common + cost]
+            if scenario.referee:
+                numbers.append(self._partners(k))
+            parts = np.stack(numbers, axis=1)
+            logged = np.ascontiguousarray(self.reward[:, k])
+            wrong = mine & (logged.view(np.int64) != parts.view(np.int64)).any(axis=1)
+            yield from self._first(wrong, partial(self._other_reward, k=k, parts=parts))
+
+    def _partners(self, k: int) -> np.ndarray:
+        """Return with whom robot k is in a miscoordination after each step, as of `Reward`."""
+        doorways = sorted(self.scenario.map.doorways)
+        inside = np.isin(self.after, doorways)
+        with_whom = np.zeros(len(self.after))
+        for j in self.robots:
+            if j != k:
+                here = inside[:, k] & inside[:, j]
+                if self.scenario.conflict != "any_doorway":
+                    here &= self.after[:, k] == self.after[:, j]
+                with_whom += np.where(here, 2.0**j, 0.0)
+        return with_whom
+
+    def _no_reward(self, row: int, k: int) -> Difference:
+        logged = f"{tuple(self.reward[row, k].tolist())}"
+        over = self.finished[row] or self.over[row]
+        computed = "none" if over else "none: it has arrived"
+        return self._differ(int(self.steps[row]), k, REWARD.name, logged, computed)
+
+    def _no_action(self, row: int, k: int) -> Difference:
+        due = "one, for it is rewarded"
+        return self._differ(int(self.steps[row]), k, ACTION.name, MISSING, due)
+
+    def _odd_action(self, row: int, k: int) -> Difference:
+        logged = f"(east, north) {tuple(self.numbers[row, k, :2].tolist())}"
+        return self._differ(int(self.steps[row]), k, ACTION.name, logged, "an action")
+
+    def _other_reward(self, row: int, k: int, parts: np.ndarray) -> Difference:
+        logged, computed = _parts(self.reward[row, k].tolist()), _parts(parts[row].tolist())
+        return self._differ(int(self.steps[row]), k, REWARD.name, logged, computed)
+
+    # The end.
+
+    def _end(self) -> Difference | None:
+        """The log must say how the run ended, and end there."""
+        step, finished, transitions = FIRST_STEP, False, 0
+        if len(self.steps):
+            step, transitions = int(self.steps[-1]), int(self.before[-1])
+            finished = bool(self.finished[-1])
+            if self.made[-1]:
+                return self._differ(step + 1, 0, LOCAL_STATE.name, MISSING, "a state")
+            if self.over[-1] and not self.begins[-1] and not finished:
+                due = step + EPISODE_GAP
+                return self._differ(due, 0, LOCAL_STATE.name, MISSING, "a state")
+        statuses = self.log.tracks.statuses
+        end = statuses[-1] if statuses else None
+        if end is None or end.state not in (FINISHED, STOPPED):
+            logged = MISSING if end is None else repr(end.state)
+            return self._status(step, logged, "the end of the run")
+        if end.step != step:
+            return self._status(step, f"step {end.step}", "the last step")
+        if (end.state == FINISHED) != finished:
+            left = self.scenario.steps - transitions
+            return self._status(step, repr(end.state), f"{left} steps of the budget left")
+        return None
+
+    def _differ(self, step: int, k: int, quantity: str, logged: str, computed: str) -> Difference:
+        return Difference(step, self.log.names[k], quantity, logged, computed)
+
+
+def _parts(numbers: Sequence[float]) -> str:
+    labels = (*REWARD_LABELS, PARTNERS_LABEL)
+    return " ".join(f"{label}={n!r}" for label, n in zip(labels, numbers, strict=False))

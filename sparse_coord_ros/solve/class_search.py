@@ -1,0 +1,465 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The search for the class bound: iterated local search, every team evaluated exactly.
+
+A restart begins with random routes and random cells to ask in. It climbs: one robot's choice in
+one cell is changed as long as that makes the team better. The moves after percepts are never
+searched: with everything else fixed they are those of a Markov decision process over joint states,
+and value iteration finds the best. Then a few choices are shaken and it climbs again, until that
+has been in vain for a while. Restart i draws from (seed, i), so a search that was cut off goes on
+where it was.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sparse_coord_ros import __version__
+from sparse_coord_ros.errors import ResultsError
+from sparse_coord_ros.files import write_whole
+from sparse_coord_ros.game.grid import MOVES
+from sparse_coord_ros.game.links import check_up
+from sparse_coord_ros.game.perception import percept_probabilities
+from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.learn.algorithm import ACTIONS
+from sparse_coord_ros.solve import class_loops
+from sparse_coord_ros.solve.class_bound import (
+    LETTERS,
+    ClassBound,
+    RobotPolicy,
+    check_class,
+    game_digest,
+)
+from sparse_coord_ros.solve.class_loops import OPTIONS, Game, Loops, Policy, Space
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+FORMAT = 1
+PATIENCE = 10
+"""A restart ends after as many shakes in vain."""
+
+MOST_SHAKEN = 3
+"""Choices that a shake changes at most."""
+
+AGREE = 1e-5
+"""Restarts whose values differ by less ended at the same one."""
+
+ROUTES = (0.01, 0.5, 3.0)
+"""How much a cell costs at random, on top of 1, where a restart draws its routes."""
+
+ASKED = (0.0, 0.1, 0.3)
+"""Share of cells that a restart begins to ask in."""
+
+DEVIATIONS = 5
+"""Restarts of the search for what one robot alone could gain."""
+
+Progress = Callable[[int, int, float], None]
+"""Called with restarts done, restarts to be done, and the best value so far."""
+
+
+def class_bound(
+    scenario: Scenario,
+    *,
+    restarts: int = 50,
+    seed: int = 0,
+    file: Path | None = None,
+    progress: Progress = lambda done, of, best: None,
+    loops: Loops | None = None,
+) -> ClassBound:
+    """Search for the best team of Algorithm 1's form.
+
+    Args:
+        scenario: a problem of two robots.
+        restarts: how often to begin anew.
+        seed: of every random draw.
+        file: where to keep what was found after each restart, and to go on from.
+        progress: called after each restart.
+        loops: the loops to use; compiled ones where None.
+
+    Raises:
+        SettingError: not two robots.
+        ResultsError: the file is that of another search.
+    """
+    check_class(scenario)
+    loops = class_loops.compiled() if loops is None else loops
+    game = _game(scenario, (0.5, 0.5))
+    both = np.ones(2, dtype=np.bool_)
+    values, best = _kept(file, scenario, seed)
+    found = None if best is None else _from_texts(scenario, best)
+    for i in range(len(values), restarts):
+        policy, value = _restart(scenario, game, loops, both, [seed, i], None)
+        if found is None or value > max(values) + class_loops.BETTER:
+            found = policy
+        values.append(value)
+        if file is not None:
+            _keep(file, scenario, seed, values, _texts(scenario, game, loops, found))
+        progress(len(values), restarts, max(values))
+    assert found is not None
+    top = max(values)
+    robots = _texts(scenario, game, loops, found)
+    return ClassBound(
+        value=top,
+        robots=robots,
+        gains=tuple(_gain(scenario, robots, k, seed, loops) for k in range(2)),
+        restarts=len(values),
+        agreed=sum(value > top - AGREE for value in values),
+        seed=seed,
+        game=game_digest(scenario),
+        version=__version__,
+        date=f"{datetime.now(UTC):%Y-%m-%d}",
+    )
+
+
+def class_value(
+    scenario: Scenario, robots: Sequence[RobotPolicy], *, loops: Loops = class_loops.PLAIN
+) -> float:
+    """Return what a team of these policies is worth, averaged and to infinity."""
+    game = _game(scenario, (0.5, 0.5))
+    nobody = np.zeros(2, dtype=np.bool_)
+    return loops.solve(
+        game, _from_texts(scenario, robots), nobody, _space(scenario, game), -np.inf
+    )
+
+
+def _game(scenario: Scenario, weights: tuple[float, float]) -> Game:
+    """Return the game; the weights say how much each robot's reward counts."""
+    grid = scenario.map
+    cells = len(grid.cells)
+    check_up(scenario.link, "class bound")
+    percept = percept_probabilities(scenario.perception, grid)
+    doors = sorted(grid.doorways)
+    toll = np.zeros((cells, cells))
+    paid = sum(w * p for w, p in zip(weights, scenario.penalties, strict=True))
+    for one in doors:
+        for other in doors if scenario.conflict == "any_doorway" else [one]:
+            toll[one, other] = paid
+    share = np.array(weights)
+    return Game(
+        lead=np.column_stack([grid.next_cell, np.arange(cells)]),
+        starts=np.array([robot.start for robot in scenario.robots]),
+        goals=np.array([robot.goal for robot in scenario.robots]),
+        percept=percept,
+        fails=percept.min(axis=1) < 1.0,
+        toll=toll,
+        prize=share * scenario.goal_reward / (1.0 - scenario.discount),
+        cost=share * scenario.ask_cost,
+        discount=float(scenario.discount),
+        success=float(scenario.move_success),
+    )
+
+
+def _space(scenario: Scenario, game: Game) -> Space:
+    cells = len(scenario.map.cells)
+    gamma, p = game.discount, game.success
+    one, other = (scenario.map.distances_to(robot.goal) for robot in scenario.robots)
+    near = np.argsort((one[:, None] + other[None, :]).ravel(), kind="stable")
+    # Each robot alone: arrival at step T is worth gamma^(T-1), and T is negative binomial.
+    alone = [
+        np.where(far > 0, game.prize[k] * (p / (1.0 - gamma * (1.0 - p))) ** far, 0.0)
+        * gamma ** np.maximum(far - 1.0, 0.0)
+        for k, far in enumerate((one, other))
+    ]
+    goal = scenario.robots[0].goal * cells + scenario.robots[1].goal
+    return Space(
+        value=np.zeros((cells, cells)),
+        kept=np.zeros((cells, cells)),
+        order=np.zeros(cells * cells, dtype=np.int64),
+        stack=np.zeros(cells * cells, dtype=np.int64),
+        tried=np.zeros(cells * cells, dtype=np.int64),
+        inside=np.zeros(cells * cells, dtype=np.bool_),
+        visited=np.zeros((2, cells), dtype=np.bool_),
+        above=alone[0][:, None] + alone[1][None, :],
+        everything=near[near != goal],
+    )
+
+
+def _restart(
+    scenario: Scenario,
+    game: Game,
+    loops: Loops,
+    free: np.ndarray,
+    seed: list[int],
+    fixed: Policy | None,
+) -> tuple[Policy, float]:
+    """Climb from a random team, and again from where shakes lead.
+
+    Args:
+        scenario: the problem.
+        game: whose reward counts.
+        loops: the loops.
+        free: whose choices are searched.
+        seed: of the draws.
+        fixed: what those do whose choices are not searched.
+    """
+    rng = np.random.default_rng(seed)
+    best = _random(scenario, rng)
+    if fixed is not None:
+        for k in np.flatnonzero(~free):
+            for mine, theirs in zip(best, fixed, strict=True):
+                mine[k] = theirs[k]
+    space = _space(scenario, game)
+    trials = np.arange(2 * len(scenario.map.cells) * OPTIONS)
+    top = loops.climb(game, best, free, space, rng.permutation(trials))
+    vain = 0
+    while vain < PATIENCE:
+        vain += 1
+        loops.visit(game, best, space)
+        policy = _shaken(scenario, game, best, space.visited & free[:, None], rng)
+        value = loops.climb(game, policy, free, space, rng.permutation(trials))
+        if value > top + class_loops.BETTER:
+            best, top, vain = policy, value, 0
+    return best, top
+
+
+def _random(scenario: Scenario, rng: np.random.Generator) -> Policy:
+    """Return a team on random routes that asks in random cells."""
+    cells = len(scenario.map.cells)
+    lead = scenario.map.next_cell
+    moves = np.zeros((2, cells), dtype=np.int64)
+    for k, robot in enumerate(scenario.robots):
+        toll = 1.0 + rng.choice(ROUTES) * rng.random(cells)
+        far = np.full(cells, np.inf)
+        far[robot.goal] = 0.0
+        for _ in range(cells):
+            new = np.minimum(far, (toll + far)[lead].min(axis=1))
+            if np.array_equal(new, far):
+                break
+            far = new
+        moves[k] = (toll + far)[lead].argmin(axis=1)
+    asks = rng.random((2, cells)) < rng.choice(ASKED, size=(2, 1))
+    return Policy(moves, asks, np.zeros((2, cells, cells), dtype=np.int64))
+
+
+def _shaken(
+    scenario: Scenario, game: Game, policy: Policy, visited: np.ndarray, rng: np.random.Generator
+) -> Policy:
+    """Return a copy with a few choices changed, where the robots act or next to that."""
+    new = Policy(*(array.copy() for array in policy))
+    near = visited.copy()
+    for k in range(2):
+        near[k, scenario.map.next_cell[visited[k]]] = True
+    places = np.argwhere(near & visited.max(axis=1, keepdims=True))
+    for _ in range(rng.integers(1, MOST_SHAKEN + 1)):
+        k, x = places[rng.integers(len(places))]
+        new.asks[k, x] = rng.random() < 0.5
+        if game.fails[x] or not new.asks[k, x]:
+            new.moves[k, x] = rng.integers(4)
+    return new
+
+
+def _texts(
+    scenario: Scenario, game: Game, loops: Loops, policy: Policy
+) -> tuple[RobotPolicy, RobotPolicy]:
+    """Return the team as texts; a robot that never gets to a cell does not ask there."""
+    new = Policy(*(array.copy() for array in policy))
+    space = _space(scenario, game)
+    both = np.ones(2, dtype=np.bool_)
+    loops.solve(game, new, both, space, -np.inf)
+    loops.visit(game, new, space)
+    new.asks[:] &= space.visited
+    loops.fill(game, new, both, space)
+
+    def robot(k: int) -> RobotPolicy:
+        asked = {
+            str(x): "".join(LETTERS[move] for move in new.seen[k, x])
+            for x in np.flatnonzero(new.asks[k])
+        }
+        return RobotPolicy("".join(LETTERS[move] for move in new.moves[k]), asked)
+
+    return robot(0), robot(1)
+
+
+def _from_texts(scenario: Scenario, robots: Sequence[RobotPolicy]) -> Policy:
+    cells = len(scenario.map.cells)
+    policy = Policy(
+        np.array([[LETTERS.index(letter) for letter in robot.moves] for robot in robots]),
+        np.zeros((2, cells), dtype=np.bool_),
+        np.zeros((2, cells, cells), dtype=np.int64),
+    )
+    for k, robot in enumerate(robots):
+        for x, letters in robot.asks.items():
+            policy.asks[k, int(x)] = True
+            policy.seen[k, int(x)] = [LETTERS.index(letter) for letter in letters]
+    return policy
+
+
+def _gain(
+    scenario: Scenario, robots: Sequence[RobotPolicy], k: int, seed: int, loops: Loops
+) -> float:
+    """Return the most that robot k was found to gain for itself, the other staying as it is."""
+    game = _game(scenario, (1.0, 0.0) if k == 0 else (0.0, 1.0))
+    alone = np.arange(2) == k
+    space = _space(scenario, game)
+    fixed = _from_texts(scenario, robots)
+    now = loops.solve(game, fixed, np.zeros(2, dtype=np.bool_), space, -np.inf)
+    trials = np.arange(2 * len(scenario.map.cells) * OPTIONS)
+    own = Policy(*(array.copy() for array in fixed))
+    best = loops.climb(game, own, alone, _space(scenario, game), trials)
+    for i in range(DEVIATIONS):
+        best = max(best, _restart(scenario, game, loops, alone, [seed, k, i], fixed)[1])
+    return best - now if best > now + class_loops.BETTER else 0.0
+
+
+def _kept(
+    file: Path | None, scenario: Scenario, seed: int
+) -> tuple[list[float], list[RobotPolicy] | None]:
+    """Return the values and the best team of a search that was cut off."""
+    if file is None or not file.exists():
+        return [], None
+    try:
+        data = json.loads(file.read_text(encoding="utf-8"))
+        values = [float(value) for value in data["values"]]
+        best = [RobotPolicy(str(r["moves"]), dict(r["asks"])) for r in data["robots"]]
+        said = (data["format"], data["game"], data["seed"])
+        cells = len(scenario.map.cells)
+        fits = len(best) == 2 and all(
+            len(text) == cells and set(text) <= set(LETTERS)
+            for robot in best
+            for text in (robot.moves, *robot.asks.values())
+        )
+        fits &= all(0 <= int(x) < cells for robot in best for x in robot.asks)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        raise ResultsError(f"{file}: is no search for a class bound; give another file") from None
+    if said != (FORMAT, game_digest(scenario), seed) or not values or not fits:
+        raise ResultsError(
+            f"{file}: is the search of another game or seed (seed {data['seed']}); give another "
+            "file, or the same scenario, settings and seed"
+        )
+    return values, best
+
+
+def _keep(
+    file: Path,
+    scenario: Scenario,
+    seed: int,
+    values: list[float],
+    robots: Sequence[RobotPolicy],
+) -> None:
+    data: dict[str, Any] = {
+        "format": FORMAT,
+        "scenario": scenario.name,
+        "game": game_digest(scenario),
+        "seed": seed,
+        "values": values,
+        "robots": [{"moves": robot.moves, "asks": robot.asks} for robot in robots],
+    }
+    write_whole(file, json.dumps(data, indent=1) + "\n")
+
+
+def in_words(scenario: Scenario, robots: Sequence[RobotPolicy]) -> list[str]:
+    """Return what the team does, a line for each way and each cell to ask in.
+
+    Cells that a robot gets to only because it stepped aside follow its way.
+    """
+    policy = _from_texts(scenario, robots)
+    seen, visited = _peers_seen(scenario, policy)
+    lines = []
+    for k, robot in enumerate(scenario.robots):
+        peer = scenario.robots[1 - k].name
+        usual = policy.moves[k].copy()
+        for x, others in seen[k].items():
+            usual[x] = np.bincount(policy.seen[k, x, others], minlength=4).argmax()
+        way = _way(scenario, robot.start, robot.goal, usual)
+        lines.append(f"{robot.name}: {_route(scenario, way, usual, robot.goal)}")
+        aside = [x for x in np.flatnonzero(visited[k]).tolist() if x not in way]
+        for x, others in sorted(seen[k].items()):
+            text = f"  asks in {_place(scenario, x)}: {ACTIONS[usual[x]]}"
+            for move in range(4):
+                where = [z for z in others if policy.seen[k, x, z] == move]
+                if move != usual[x] and where:
+                    cells = ", ".join(_place(scenario, z) for z in where)
+                    text += f"; {ACTIONS[move]} where {peer} is in {cells}"
+            lines.append(text)
+        if aside:
+            moves = [f"{_place(scenario, x)} {ACTIONS[usual[x]]}" for x in aside]
+            lines.append(f"  off its way: {', '.join(moves)}")
+    return lines
+
+
+def _peers_seen(
+    scenario: Scenario, policy: Policy
+) -> tuple[list[dict[int, list[int]]], np.ndarray]:
+    """Return, of each robot, the peer's cells that it can perceive in each cell to ask in.
+
+    And in which cells it acts, shape (2, cells).
+    """
+    game = _game(scenario, (0.5, 0.5))
+    space = _space(scenario, game)
+    nobody = np.zeros(2, dtype=np.bool_)
+    cells = len(scenario.map.cells)
+    class_loops.visit(game, policy, space)
+    seen: list[dict[int, list[int]]] = [{}, {}]
+    count = class_loops.reach(game, policy, nobody, space)
+    for state in np.sort(space.order[:count]):
+        here = (int(state // cells), int(state % cells))
+        for k in range(2):
+            x, z = here[k], here[1 - k]
+            if x != game.goals[k] and policy.asks[k, x] and game.percept[x, z] > 0.0:
+                seen[k].setdefault(x, []).append(z)
+    return [{x: sorted(others) for x, others in robot.items()} for robot in seen], space.visited
+
+
+def _way(scenario: Scenario, start: int, goal: int, moves: np.ndarray) -> list[int]:
+    way = [start]
+    while way[-1] != goal:
+        x = int(scenario.map.next_cell[way[-1], moves[way[-1]]])
+        if x in way:
+            break
+        way.append(x)
+    return way
+
+
+def _route(scenario: Scenario, way: list[int], moves: np.ndarray, goal: int) -> str:
+    """Return a way in words: its corners, and the moves between them."""
+    text = _place(scenario, way[0])
+    for here, there in zip(way, way[1:], strict=False):
+        if there == way[-1] or moves[there] != moves[here]:
+            text += f" {ACTIONS[moves[here]]} to {_place(scenario, there)}"
+    return text if way[-1] == goal else f"{text}, and no further"
+
+
+def _place(scenario: Scenario, cell: int) -> str:
+    row, column = scenario.map.cells[cell]
+    return f"({row}, {column})"
+
+
+def draw(axes: Axes, scenario: Scenario, bound: ClassBound) -> None:
+    """Draw the team on its map: an arrow a move, a ring where a robot asks first.
+
+    Only cells that the robots get to; under a ring there is an arrow for each move that the robot
+    may choose after the percept.
+    """
+    from matplotlib.patches import Circle
+
+    from sparse_coord_ros.experiments.report.map_pictures import draw_map
+
+    colours = ("#0072B2", "#E69F00")
+    draw_map(axes, scenario, label_size=8, label_height=0.13)
+    policy = _from_texts(scenario, bound.robots)
+    seen, visited = _peers_seen(scenario, policy)
+    for k in range(2):
+        shift = 0.18 * (k - 0.5)
+        for x in np.flatnonzero(visited[k]).tolist():
+            row, column = scenario.map.cells[x]
+            centre = (column + 0.5 + shift, row + 0.5 + shift)
+            moves = {int(policy.moves[k, x])}
+            if x in seen[k]:
+                moves = {int(move) for move in policy.seen[k, x, seen[k][x]]}
+                axes.add_patch(Circle(centre, 0.2, fill=False, color=colours[k], lw=1.6))
+            for move in moves:
+                dr, dc = MOVES[move]
+                axes.annotate(
+                    "",
+                    (centre[0] + 0.3 * dc, centre[1] + 0.3 * dr),
+                    (centre[0] - 0.1 * dc, centre[1] - 0.1 * dr),
+                    arrowprops={"arrowstyle": "->", "color": colours[k], "lw": 1.6},
+                )
+    penalty = f"penalty {scenario.penalty:g}"
+    axes.set_title(f"{scenario.name}, {penalty}: class bound {bound.value:.2f}")

@@ -1,0 +1,93 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The joint finite MDP of a scenario as arrays P and R, for planners that others wrote.
+
+One controller sees the joint state, chooses every robot's move and pays nothing for asking: the
+problem whose value `optimum` computes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.learn.algorithm import PRIMITIVES
+from sparse_coord_ros.solve.optimum import LARGEST, payment, successors
+
+
+@dataclass(frozen=True)
+class JointMDP:
+    """A finite MDP.
+
+    Attributes:
+        P: for each joint action a sparse matrix of SciPy, shape (states, states): the probability
+            of the next state [s, s'].
+        R: expected reward, averaged over the robots, shape (states, actions).
+        discount: gamma.
+        start: number of the scenario's joint start.
+        goal: number of the state in which all have arrived; it is absorbing and pays goal_reward a
+            step.
+        shape: (cells,) * robots: `numpy.unravel_index` gives a state's cells by it.
+        actions: the moves of each joint action, shape (actions, robots): 0 to 3, north, south,
+            east, west.
+    """
+
+    P: tuple[Any, ...]
+    R: np.ndarray
+    discount: float
+    start: int
+    goal: int
+    shape: tuple[int, ...]
+    actions: np.ndarray
+
+
+def joint_mdp(scenario: Scenario) -> JointMDP:
+    """Return the joint MDP of a scenario.
+
+    Raises:
+        SettingError: it has more than 100,000 joint states.
+    """
+    from scipy import sparse
+
+    cells, team = len(scenario.map.cells), len(scenario.robots)
+    states = cells**team
+    if states > LARGEST:
+        raise SettingError(
+            f"scenario {scenario.name}: has {states:,} joint states, allowed for a joint MDP: up "
+            f"to {LARGEST:,}; choose fewer robots or a smaller map"
+        )
+    p = scenario.move_success
+    stays = sparse.identity(cells, format="csr")
+    own = []
+    for k in range(team):
+        moved = successors(scenario, k)
+        ones, here = np.ones(cells), np.arange(cells)
+        leads = [sparse.csr_array((ones, (here, to)), shape=(cells, cells)) for to in moved]
+        own.append([p * one + (1.0 - p) * stays for one in leads])
+    goal = int(np.ravel_multi_index([r.goal for r in scenario.robots], (cells,) * team))
+    start = int(np.ravel_multi_index([r.start for r in scenario.robots], (cells,) * team))
+    paid = payment(scenario).ravel()
+    chosen = list(product(range(PRIMITIVES), repeat=team))
+    transitions, rewards = [], np.empty((states, len(chosen)))
+    for number, moves in enumerate(chosen):
+        matrix = own[0][moves[0]]
+        for k in range(1, team):
+            matrix = sparse.kron(matrix, own[k][moves[k]], format="csr")
+        matrix = sparse.csr_array(matrix)
+        transitions.append(matrix)
+        rewards[:, number] = matrix @ paid
+    rewards[goal] = scenario.goal_reward
+    return JointMDP(
+        tuple(transitions),
+        rewards,
+        scenario.discount,
+        start,
+        goal,
+        (cells,) * team,
+        np.array(chosen),
+    )

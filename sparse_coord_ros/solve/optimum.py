@@ -1,0 +1,133 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The exact joint optimum: value iteration over joint states and joint actions.
+
+The yardstick for Coop.: a single controller that sees the full joint state, chooses the joint
+action and pays nothing for asking. Its value is the average over the robots, as in the paper.
+"""
+
+import hashlib
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sparse_coord_ros.game.scenario import Scenario
+
+LARGEST = 100_000
+"""Largest number of joint states that is solved exactly."""
+
+TOLERANCE = 1e-11
+"""Largest change of a sweep, as a share of the greatest value."""
+
+
+@dataclass(frozen=True)
+class Optimum:
+    """The best value of any joint policy, averaged over the robots.
+
+    Attributes:
+        value: total discounted reward from the scenario's starts.
+        exact: True: the optimum itself; False: an upper bound, each robot alone and unhindered.
+        joint_states: number of joint states of the scenario.
+    """
+
+    value: float
+    exact: bool
+    joint_states: int
+
+
+def joint_optimum(scenario: Scenario) -> Optimum:
+    """Return the joint optimum, or its bound where the joint state space is too large.
+
+    It does not depend on how robots learn: it is computed once for all scenarios that are the
+    same but for that.
+    """
+    cells, team = len(scenario.map.cells), len(scenario.robots)
+    states = cells**team
+    if states > LARGEST:
+        return Optimum(independent_bound(scenario), False, states)
+    leads = [successors(scenario, k) for k in range(team)]
+    paid = payment(scenario)
+    starts, goals = zip(*((robot.start, robot.goal) for robot in scenario.robots), strict=True)
+    numbers = scenario.discount, scenario.move_success, scenario.goal_reward
+    arrays = hashlib.sha256(np.concatenate([paid.ravel(), *map(np.ravel, leads)]).tobytes())
+    key = starts, goals, numbers, paid.shape, arrays.digest()
+    if key not in _solved:
+        _solved[key] = _solve(scenario, leads, paid)
+    return Optimum(_solved[key], True, states)
+
+
+_solved: dict[Hashable, float] = {}
+
+
+def _solve(scenario: Scenario, leads: Sequence[np.ndarray], paid: np.ndarray) -> float:
+    """Return the optimum; arguments as `successors` and `payment` return them."""
+    team = len(scenario.robots)
+    value = np.zeros(paid.shape)
+    goal = tuple(robot.goal for robot in scenario.robots)
+    while True:
+        best = scenario.discount * value + paid  # value of the joint state that a step leads to
+        for k in range(team):
+            best = _own_moves(best, k, leads[k], scenario.move_success)
+        # One axis of actions a robot stands in front of the joint state's axes.
+        best = best.max(axis=tuple(range(team)))
+        # All have arrived: the trial is over, and nobody pays where they stand in one doorway.
+        best[goal] = scenario.goal_reward / (1.0 - scenario.discount)
+        if np.abs(best - value).max() <= TOLERANCE * max(1.0, np.abs(best).max()):
+            break
+        value = best
+    start = tuple(robot.start for robot in scenario.robots)
+    return float(best[start])
+
+
+def independent_bound(scenario: Scenario) -> float:
+    """Return what the robots would be worth without penalties: no policy can be worth more.
+
+    Each robot alone on a shortest path: the time to goal T is negative binomial, and the goal
+    pays goal_reward / (1 - gamma) * gamma^(T-1).
+    """
+    gamma, p = scenario.discount, scenario.move_success
+    worth = [
+        scenario.goal_reward
+        / (1.0 - gamma)
+        * (p / (1.0 - gamma * (1.0 - p))) ** moves
+        * gamma ** (moves - 1)
+        for robot in scenario.robots
+        for moves in [int(scenario.map.distances_to(robot.goal)[robot.start])]
+    ]
+    return float(np.mean(worth))
+
+
+def successors(scenario: Scenario, k: int) -> np.ndarray:
+    """Shape (4, cells): where a successful move leads; an arrived robot stays."""
+    table = scenario.map.next_cell.T.copy()
+    table[:, scenario.robots[k].goal] = scenario.robots[k].goal
+    return table
+
+
+def payment(scenario: Scenario) -> np.ndarray:
+    """Shape (cells,) * robots: average reward of a step that ends in that joint state."""
+    cells, team = len(scenario.map.cells), len(scenario.robots)
+    paid = np.zeros((cells,) * team)
+    states = np.indices(paid.shape)
+    for k, robot in enumerate(scenario.robots):
+        paid += np.where(states[k] == robot.goal, scenario.goal_reward, 0.0)
+    door = np.isin(states, sorted(scenario.map.doorways))
+    if scenario.conflict == "any_doorway":
+        conflict = door.sum(axis=0) > 1
+    else:
+        conflict = np.zeros(paid.shape, dtype=bool)
+        for one in range(team):
+            for other in range(one + 1, team):
+                conflict |= door[one] & (states[one] == states[other])
+    return paid / team + np.where(conflict, sum(scenario.penalties) / team, 0.0)
+
+
+def _own_moves(value: np.ndarray, k: int, successors: np.ndarray, p: float) -> np.ndarray:
+    """Add robot k's axis of actions in front: the expected value over its own move.
+
+    `value` has k action axes, then the axes of the joint state.
+    """
+    axis = 2 * k
+    moved = [p * np.take(value, s, axis=axis) + (1.0 - p) * value for s in successors]
+    return np.stack(moved)

@@ -1,0 +1,211 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Bags cut, flipped and zeroed at random: never an exception, never a silently wrong result."""
+
+import random
+import struct
+from types import SimpleNamespace
+
+import pytest
+from mcap.reader import make_reader
+from rosbags.highlevel import AnyReader
+
+from sparse_coord_ros.bags import BagError, BagWriter, QoS, open_bag
+from sparse_coord_ros.bags.recover import recover
+
+STRING, HEADER = "std_msgs/msg/String", "std_msgs/msg/Header"
+LATCHED = QoS(durability="transient_local", depth=1)
+COMPRESSIONS = ("zstd", "lz4", "none")
+COPIES = 1_002
+
+
+def write_bag(directory, samples, compression, *, rounds=40, chunk_size=600):
+    """Write a bag of several chunks with attachments and metadata between them."""
+    draw = random.Random(3)
+    with BagWriter(directory, compression=compression, chunk_size=chunk_size, name="run") as bag:
+        bag.add_metadata("run", {"seed": "7", "scenario": "cit"})
+        channels = [
+            (bag.add_topic("/chatter", STRING, QoS()), STRING),
+            (bag.add_topic("/claim", HEADER, LATCHED), HEADER),
+        ]
+        for i in range(rounds):
+            channel, type_name = channels[draw.random() < 0.3]
+            bag.write(channel, samples.cdr(type_name, i + 1), 100 * i + 1, 100 * i)
+            if i % 15 == 5:
+                bag.attach(f"tables/{i}.npz", draw.randbytes(60), "application/x-npz", 100 * i)
+    return directory / "run_0.mcap"
+
+
+@pytest.fixture(scope="module")
+def originals(tmp_path_factory, samples):
+    """Return the bags' bytes and content, by compression."""
+    found = {}
+    for compression in COMPRESSIONS:
+        path = write_bag(tmp_path_factory.mktemp("bags") / "run", samples, compression)
+        bag = open_bag(path)
+        assert (bag.finished, bag.damage, bag.message_count) == (True, None, 40)
+        assert bag.compressions == (compression,)
+        found[compression] = SimpleNamespace(
+            data=path.read_bytes(),
+            messages=list(bag.messages()),
+            attachments=list(bag.attachments),
+            topics=dict(bag.topics),
+            data_end=bag.readable_bytes,
+        )
+    return found
+
+
+def damaged(data, draw):
+    """Return data that are cut, or in which bits are flipped or a range is zeroed."""
+    kind = draw.randrange(4)
+    if kind == 0:
+        return data[: draw.randrange(len(data))]
+    changed = bytearray(data)
+    if kind == 1:
+        for _ in range(draw.choice((1, 1, 1, 2, 5))):
+            changed[draw.randrange(len(data))] ^= 1 << draw.randrange(8)
+    elif kind == 2:
+        begin = draw.randrange(len(data))
+        end = min(len(data), begin + draw.choice((1, 4, 8, 50, 500)))
+        changed[begin:end] = bytes(end - begin)
+    else:  # a length or a count, anywhere
+        begin = draw.randrange(len(data) - 8)
+        changed[begin : begin + 8] = struct.pack("<Q", draw.choice((2**64 - 1, 2**40, 2**28, 1)))
+    return bytes(changed)
+
+
+def check_prefix(bag, original):
+    """All that is read is what was written, from the first message on; returns their number."""
+    messages = list(bag.messages())
+    assert messages == original.messages[: len(messages)]
+    assert bag.message_count == len(messages) == sum(bag.counts.values())
+    assert list(bag.attachments) == original.attachments[: len(bag.attachments)]
+    for name, topic in bag.topics.items():
+        assert topic == original.topics[name]
+    return len(messages)
+
+
+def check_recovered(directory, read, attachments, original):
+    """Two independent readers open what was recovered, and find exactly what could be read."""
+    expected = original.messages[:read]
+    with AnyReader([directory]) as reader:
+        assert [
+            (connection.topic, time, bytes(data)) for connection, time, data in reader.messages()
+        ] == [(m.topic, m.log_time_ns, m.data) for m in expected]
+    [path] = directory.glob("*.mcap")
+    with path.open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        found = [
+            (channel.topic, message.data, message.sequence)
+            for _, channel, message in reader.iter_messages(log_time_order=False)
+        ]
+        assert found == [(m.topic, m.data, m.sequence) for m in expected]
+        names = [attachment.name for attachment in reader.iter_attachments()]
+    assert names == [a.name for a in original.attachments[:attachments]]
+    bag = open_bag(directory)
+    assert (bag.finished, bag.damage) == (True, None)
+
+
+@pytest.mark.long
+def test_a_thousand_damaged_bags(tmp_path, originals):
+    """A third of them are unfinished, a third are recovered."""
+    draw = random.Random(1)
+    reported = recovered = 0
+    reads = set()
+    for number in range(COPIES):
+        original = originals[COMPRESSIONS[number % 3]]
+        unfinished = number % 9 < 3
+        data = original.data[: original.data_end] if unfinished else original.data
+        copy = damaged(data, draw)
+        directory = tmp_path / str(number)
+        directory.mkdir()
+        path = directory / ("run_0.mcap.partial" if unfinished else "run_0.mcap")
+        path.write_bytes(copy)
+        try:
+            bag = open_bag(directory)
+        except BagError as error:
+            assert "MCAP" in str(error) and "\n" not in str(error)
+            assert copy[:8] != data[:8]
+            continue
+        read = check_prefix(bag, original)
+        reads.add(read)
+        if bag.damage is not None:
+            reported += 1
+            assert bag.damage.startswith("byte ") and "\n" not in bag.damage
+            assert int(bag.damage.split()[1].rstrip(":")) <= len(copy)
+        elif unfinished and copy != data:
+            # Nothing but the end, or the texts of header and metadata, have no checksum yet.
+            assert read == 40 or data.startswith(copy)
+        else:
+            assert copy == data and read == 40
+        if number % 9 in (0, 1, 2, 6) and (bag.topics or bag.metadata or bag.attachments):
+            recovery = recover(directory)
+            assert recovery.complete == bag.whole
+            check_recovered(directory, read, len(bag.attachments), original)
+            if bag.damage is not None:
+                assert recovery.kept.read_bytes() == copy
+            recovered += 1
+    assert reported > 850 and recovered > 300
+    assert len(reads) > 4
+
+
+@pytest.fixture(scope="module")
+def tiny(tmp_path_factory, samples):
+    """Return a tiny bag of three chunks."""
+    path = tmp_path_factory.mktemp("tiny") / "run"
+    with BagWriter(path, compression="none", chunk_size=1) as bag:
+        bag.attach("a", b"1", "text/plain")
+        channel = bag.add_topic("/a", STRING, QoS())
+        for i in range(3):
+            bag.write(channel, samples.cdr(STRING), i, i)
+    bag = open_bag(path)
+    return SimpleNamespace(
+        data=bag.path.read_bytes(),
+        messages=list(bag.messages()),
+        attachments=list(bag.attachments),
+        topics=bag.topics,
+    )
+
+
+@pytest.mark.long
+def test_cut_at_every_byte(tmp_path, tiny):
+    """More bytes never give less; only the whole file is whole, and cuts are told from kills."""
+    before = 0
+    clean = []
+    for ending in ("", ".partial"):
+        path = tmp_path / f"run_0.mcap{ending}"
+        for size in range(len(tiny.data)):
+            path.write_bytes(tiny.data[:size])
+            if size < 8:
+                with pytest.raises(BagError, match="is not an MCAP file"):
+                    open_bag(path)
+                continue
+            bag = open_bag(path)
+            assert not bag.finished
+            read = check_prefix(bag, tiny)
+            assert before <= read or size == 8
+            before = read
+            if bag.damage is None:
+                clean.append((size, read))
+                assert ending
+        assert before == 3
+    # After the header, the attachment, three chunks and their indexes, rosbag2's metadata, the end
+    # of the data.
+    assert [read for _, read in clean] == [0, 0, 1, 1, 2, 2, 3, 3, 3, 3]
+
+
+def test_every_flipped_byte_is_found(tmp_path, tiny):
+    """One flipped bit anywhere is reported, at or after its place or in the record it is in."""
+    draw = random.Random(2)
+    path = tmp_path / "run_0.mcap"
+    for place in range(len(tiny.data)):
+        copy = bytearray(tiny.data)
+        copy[place] ^= 1 << draw.randrange(8)
+        path.write_bytes(copy)
+        if place < 8:
+            with pytest.raises(BagError, match="is not an MCAP file"):
+                open_bag(path)
+            continue
+        bag = open_bag(path)
+        assert bag.damage is not None, place
+        check_prefix(bag, tiny)

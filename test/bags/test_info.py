@@ -1,0 +1,74 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`sparse_coord info` of bags that were recovered, are being recorded, or hold large files."""
+
+import json
+
+import pytest
+
+from sparse_coord_ros.bags import Attachments, BagWriter, QoS
+from sparse_coord_ros.bags.recover import recover
+from sparse_coord_ros.cli.main import main
+
+STRING = "std_msgs/msg/String"
+
+
+@pytest.fixture
+def recording(tmp_path, samples):
+    """Return the writer of a bag `out/bag` that is being recorded."""
+    writer = BagWriter(tmp_path / "out" / "bag")
+    writer.write(writer.add_topic("/a", STRING, QoS()), samples.cdr(STRING), 1, 1)
+    writer.attach("big.bin", bytes(12_345), "application/octet-stream")
+    writer.flush()
+    yield writer
+    writer.close()
+
+
+@pytest.fixture
+def info(tmp_path, capsys):
+    """Return a function that runs `info` on that run's directory and returns what it prints."""
+
+    def run(*arguments):
+        assert main(["info", str(tmp_path / "out"), *arguments]) == 0
+        return capsys.readouterr().out
+
+    return run
+
+
+def test_a_bag_that_is_being_recorded_is_not_to_be_recovered(recording, info):
+    head = info().splitlines()[0]
+    assert "being recorded" in head and "recover" not in head
+    assert json.loads(info("--json"))["recording"]
+    recording.abandon()
+    assert "unfinished (never closed; 'recover' restores it)" in info().splitlines()[0]
+    assert not json.loads(info("--json"))["recording"]
+
+
+def test_a_recovered_bag_is_told_in_one_line(tmp_path, recording, info):
+    recording.abandon()
+    assert "recovered from" not in info()
+    recover(tmp_path / "out")
+    assert info().splitlines()[1] == "recovered from a broken bag, complete"
+    told = json.loads(info("--json"))
+    assert told["recovered"] == {"complete": "true", "damage": "", "lost_bytes": "0"}
+
+
+def test_attachments_are_measured_without_being_read(recording, info, monkeypatch):
+    def read(self, item):
+        raise AssertionError("read")
+
+    recording.close()
+    monkeypatch.setattr(Attachments, "__getitem__", read)
+    assert json.loads(info("--json"))["attachments"] == [
+        {"name": "big.bin", "type": "application/octet-stream", "bytes": 12_345}
+    ]
+
+
+@pytest.mark.parametrize("verb", ["info", "verify", "explain", "replay", "recover"])
+def test_an_empty_name_is_not_this_directory(verb, capsys):
+    """As of a shell's variable that is not set."""
+    with pytest.raises(SystemExit) as ended:
+        main([verb, ""])
+    assert ended.value.code == 2
+    line = capsys.readouterr().err
+    assert line.startswith("error: argument BAG: is empty: give a bag's directory or its file;")

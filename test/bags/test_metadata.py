@@ -1,0 +1,156 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The texts of metadata.yaml and of the QoS profiles, letter by letter as rosbag2 writes them."""
+
+import pytest
+import yaml
+from rosbags.interfaces import QosDurability, QosHistory, QosReliability
+from rosbags.rosbag2.metadata import parse_qos
+
+from sparse_coord_ros.bags import (
+    BagError,
+    QoS,
+    TopicSummary,
+    bag_information,
+    metadata_yaml,
+    offered_qos_profiles,
+)
+from sparse_coord_ros.bags.metadata import FileSummary
+
+LATCHED = QoS(durability="transient_local", depth=1)
+
+LATCHED_TEXT = """\
+- history: keep_last
+  depth: 1
+  reliability: reliable
+  durability: transient_local
+  deadline:
+    sec: 9223372036
+    nsec: 854775807
+  lifespan:
+    sec: 9223372036
+    nsec: 854775807
+  liveliness: automatic
+  liveliness_lease_duration:
+    sec: 9223372036
+    nsec: 854775807
+  avoid_ros_namespace_conventions: false"""
+
+METADATA_TEXT = """\
+rosbag2_bagfile_information:
+  version: 9
+  storage_identifier: mcap
+  duration:
+    nanoseconds: 250
+  starting_time:
+    nanoseconds_since_epoch: 1000
+  message_count: 3
+  topics_with_message_count:
+    - topic_metadata:
+        name: /map
+        type: nav_msgs/msg/OccupancyGrid
+        serialization_format: cdr
+        offered_qos_profiles:
+          - history: keep_last
+            depth: 1
+            reliability: reliable
+            durability: transient_local
+            deadline:
+              sec: 9223372036
+              nsec: 854775807
+            lifespan:
+              sec: 9223372036
+              nsec: 854775807
+            liveliness: automatic
+            liveliness_lease_duration:
+              sec: 9223372036
+              nsec: 854775807
+            avoid_ros_namespace_conventions: false
+        type_description_hash: RIHS01_ab
+      message_count: 3
+  compression_format: ""
+  compression_mode: ""
+  relative_file_paths:
+    - run_0.mcap
+  files:
+    - path: run_0.mcap
+      starting_time:
+        nanoseconds_since_epoch: 1000
+      duration:
+        nanoseconds: 250
+      message_count: 3
+  custom_data: ~
+  ros_distro: jazzy"""
+
+
+def test_metadata_is_version_9_as_jazzy_writes_it():
+    """Keys, order, layout and empty values."""
+    topic = TopicSummary("/map", "nav_msgs/msg/OccupancyGrid", 3, (LATCHED,), "RIHS01_ab")
+    information = bag_information([FileSummary("run_0.mcap", 3, 1000, 1250)], [topic])
+    assert metadata_yaml(information) == METADATA_TEXT
+
+
+def test_bag_without_messages_starts_at_the_largest_time():
+    """rosbag2's convention; a topic nobody published on is still listed."""
+    topic = TopicSummary("/chatter", "std_msgs/msg/String", 0)
+    information = bag_information([FileSummary("a_0.mcap", 0, 2**63 - 1, 0)], [topic])
+    assert information["starting_time"] == {"nanoseconds_since_epoch": 2**63 - 1}
+    assert information["duration"] == {"nanoseconds": 0}
+    assert information["files"][0]["message_count"] == information["message_count"] == 0
+    assert 'type_description_hash: ""' in metadata_yaml(information)
+    none = bag_information([FileSummary("a_0.mcap", 0, 0, 0)], [])
+    assert yaml.safe_load(metadata_yaml(none))["rosbag2_bagfile_information"] == none
+
+
+def test_an_empty_file_has_no_say_in_when_a_bag_begins():
+    files = [FileSummary("a_0.mcap", 0, 0, 0), FileSummary("a_1.mcap", 2, 500, 900)]
+    information = bag_information(files, [])
+    assert information["starting_time"] == {"nanoseconds_since_epoch": 500}
+    assert information["duration"] == {"nanoseconds": 400}
+
+
+def test_custom_data_and_distribution_are_kept():
+    """Texts that look like numbers stay texts."""
+    information = bag_information(
+        [FileSummary("a_0.mcap", 0, 0, 0)], [], custom_data={"seed": "7"}, ros_distro="x"
+    )
+    read = yaml.safe_load(metadata_yaml(information))["rosbag2_bagfile_information"]
+    assert read["custom_data"] == {"seed": "7"}
+    assert read["ros_distro"] == "x"
+
+
+def test_qos_text_is_a_yaml_sequence_of_policies_by_name():
+    """The version 9 text, one entry a publisher."""
+    assert offered_qos_profiles([LATCHED]) == LATCHED_TEXT
+    assert offered_qos_profiles([LATCHED, LATCHED]) == f"{LATCHED_TEXT}\n{LATCHED_TEXT}"
+    assert offered_qos_profiles([]) == "[]"
+
+
+def test_rosbags_reads_the_profiles():
+    """An independent reader finds the policies that were written."""
+    profiles = [QoS(), LATCHED, QoS(reliability="best_effort", history="keep_all", depth=0)]
+    plain, latched, fast = parse_qos(offered_qos_profiles(profiles))
+    assert (plain.reliability, plain.durability) == (
+        QosReliability.RELIABLE,
+        QosDurability.VOLATILE,
+    )
+    assert (plain.history, plain.depth) == (QosHistory.KEEP_LAST, 10)
+    assert (latched.durability, latched.depth) == (QosDurability.TRANSIENT_LOCAL, 1)
+    assert (fast.reliability, fast.history) == (QosReliability.BEST_EFFORT, QosHistory.KEEP_ALL)
+
+
+@pytest.mark.parametrize(
+    ("policy", "value", "allowed"),
+    [
+        ("reliability", "sure", "reliable, best_effort"),
+        ("durability", "latched", "volatile, transient_local"),
+        ("history", 1, "keep_last, keep_all"),
+        ("depth", -1, "0 or more"),
+        ("depth", 2.5, "0 or more"),
+        ("depth", True, "0 or more"),
+    ],
+)
+def test_unknown_policies_are_refused(policy, value, allowed):
+    """The error names policy, value and what is allowed."""
+    with pytest.raises(BagError, match=f"QoS {policy} is {value!r}.*{allowed}"):
+        QoS(**{policy: value})

@@ -1,0 +1,356 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Order, time steps, kept topics and deadlines of playing, against a clock that tests turn."""
+
+import random
+
+import pytest
+
+from sparse_coord_ros.bags.playback import BURST, Playback
+from sparse_coord_ros.bags.playlist import Playlist
+from sparse_coord_ros.bags.reader import Message
+from sparse_coord_ros.bags.topics import BagTopic
+from sparse_coord_ros.errors import BagError
+from sparse_coord_ros.wire import CLOCK
+
+MS = 1_000_000
+TOPICS = ("/a", "/b", "/clock", "/map")
+
+
+def type_of(name):
+    return CLOCK.type_name if name.endswith("/clock") else "std_msgs/msg/String"
+
+
+class Log:
+    """A bag of (topic, log time in ms) in memory; the data says the place in the file."""
+
+    path = "log"
+
+    def __init__(self, *entries, start_ns=0):
+        self.entries = [
+            Message(topic, str(place).encode(), start_ns + round(at * MS), 0, 0)
+            for place, (topic, at) in enumerate(entries)
+        ]
+        self.read = 0
+        names = sorted({one.topic for one in self.entries})
+        self.topics = {name: BagTopic(name, type_of(name), "") for name in names}
+        self.counts = {name: sum(m.topic == name for m in self.entries) for name in self.topics}
+
+    def messages(self, topics=None):
+        for message in self.entries:
+            if topics is None or message.topic in topics:
+                self.read += 1
+                yield message
+
+
+def places(messages):
+    return [int(message.data) for message in messages]
+
+
+def rest(playlist):
+    taken = []
+    while playlist.next_ns is not None:
+        taken.append(playlist.take())
+    return taken
+
+
+def run_log(steps, step_ms=100):
+    """Return a bag like the recorder's: a map each 10 steps, a clock each, two topics."""
+    entries = []
+    for step in range(steps):
+        if step % 10 == 0:
+            entries.append(("/map", step * step_ms))
+        entries += [(topic, step * step_ms) for topic in ("/clock", "/a", "/b")]
+    return Log(*entries)
+
+
+class Stage:
+    """A playback, its clock and what it has published."""
+
+    def __init__(self, log, *, kept=("/map", "/clock"), topics=TOPICS, **options):
+        self.now = 5_000_000_000
+        self.out = []
+        self.times = []
+        self.publish_takes = 0
+        self.playback = Playback(
+            Playlist(log, topics, kept),
+            self._publish,
+            lambda: self.now,
+            on_time=self.times.append,
+            **options,
+        )
+        self.playback.seek(0)
+
+    def _publish(self, message):
+        self.now += self.publish_takes
+        self.out.append((self.now, message))
+
+    def run(self, ms=float("inf"), late=0):
+        """Play so long; every wait lasts `late` longer than asked for."""
+        until = self.now + ms * MS
+        while (wait := self.playback.play()) is not None and self.now + wait <= until:
+            self.now += wait + (late if wait else 0)
+        if until != float("inf"):
+            self.now = max(self.now, until)
+
+    def taken(self):
+        """Return the places in the file of what was published since the last call."""
+        found = places(message for _, message in self.out)
+        self.out.clear()
+        return found
+
+
+def test_messages_come_by_log_time_and_of_equal_times_as_in_the_file():
+    log = Log(("/a", 5), ("/b", 5), ("/a", 3), ("/b", 9), ("/a", 5), ("/b", 0), ("/a", 9))
+    assert places(rest(Playlist(log, TOPICS))) == [5, 2, 0, 1, 4, 3, 6]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_any_order_in_the_file_any_seek(seed):
+    draw = random.Random(seed)
+    log = Log(*[(draw.choice(TOPICS), draw.randrange(50)) for _ in range(draw.randrange(1, 200))])
+    wanted = sorted(log.entries, key=lambda message: message.log_time_ns)
+    playlist = Playlist(log, TOPICS, ("/map", "/clock"))
+    assert len(playlist) == len(wanted)
+    assert rest(playlist) == wanted
+    for _ in range(20):
+        at = draw.randrange(-5, 60) * MS
+        before = [m for m in wanted if m.log_time_ns < at]
+        lasts = {m.topic: m for m in before if m.topic in ("/map", "/clock")}
+        assert playlist.seek(at) == sorted(lasts.values(), key=before.index)
+        part = wanted[len(before) :][: draw.randrange(200)]
+        for message in part:
+            playlist.prepare()
+            assert playlist.take() == message
+    rest(playlist)
+    assert not playlist._waiting, "nothing is kept for ever"
+
+
+def test_only_chosen_topics_are_read():
+    log = run_log(20)
+    playlist = Playlist(log, ("/a", "/clock"), ("/map", "/clock"))
+    assert {message.topic for message in rest(playlist)} == {"/a", "/clock"}
+    assert [m.topic for m in playlist.seek(500 * MS)] == ["/clock"]
+
+
+def test_nothing_is_read_ahead():
+    log = run_log(1000)
+    playlist = Playlist(log, TOPICS)
+    log.read = 0
+    for _ in range(7):
+        playlist.take()
+    assert log.read == 7
+
+
+def test_a_playlist_without_messages_is_refused():
+    with pytest.raises(BagError, match="^bag log: no message to play on /b, /c$"):
+        Playlist(run_log(0), ("/c", "/b"))
+
+
+def test_a_bag_that_loses_its_end_while_it_is_played_is_an_error():
+    log = run_log(5)
+    playlist = Playlist(log, TOPICS)
+    del log.entries[10:]
+    for _ in range(10):
+        playlist.take()
+    with pytest.raises(BagError, match="has changed while it was played"):
+        playlist.take()
+
+
+def test_times_beyond_a_signed_integer_come_last():
+    log = Log(("/a", 0), ("/b", 0), ("/a", 7))
+    log.entries[1] = log.entries[1]._replace(log_time_ns=2**64 - 1)
+    assert places(rest(Playlist(log, TOPICS))) == [0, 2, 1]
+
+
+def test_a_time_step_ends_before_the_next_clock():
+    log = Log(("/a", 1), ("/clock", 2), ("/a", 2), ("/b", 3), ("/a", 4), ("/clock", 5), ("/b", 6))
+    stage = Stage(log, paused=True)
+    steps = [stage.taken()]
+    while stage.playback.step():
+        steps.append(stage.taken())
+        stage.taken()
+    assert steps == [[], [0], [1, 2, 3, 4], [5, 6]]
+
+
+def test_without_a_clock_a_time_step_has_one_log_time():
+    log = Log(("/a", 1), ("/b", 1), ("/a", 2), ("/b", 4), ("/a", 4))
+    stage = Stage(log, paused=True)
+    steps = []
+    while stage.playback.step():
+        steps.append((stage.taken(), stage.playback.position_ns // MS))
+    assert steps == [([0, 1], 1), ([2], 2), ([3, 4], 4)]
+    assert not stage.playback.done
+
+
+@pytest.mark.parametrize("rate", [0.25, 1.0, 8.0])
+def test_deadlines_are_absolute(rate):
+    """Waits that end late and slow publishing delay a message, but none after it."""
+    stage = Stage(run_log(50), rate=rate)
+    begin = stage.now
+    stage.publish_takes = 10_000
+    stage.run(late=3 * MS)
+    assert stage.playback.done
+    assert stage.taken() == list(range(155))
+    stage = Stage(run_log(50), rate=rate)
+    begin = stage.now
+    stage.publish_takes = 10_000
+    stage.run(late=3 * MS)
+    for at, message in stage.out[4:]:
+        late = at - begin - message.log_time_ns / rate
+        assert 3 * MS <= late < 3 * MS + 5 * 10_000
+    error = stage.playback.timing_error
+    assert error.messages == 155 - 4, "all but those shown at the start"
+    assert error.median_ms == pytest.approx(3.02, abs=0.011)
+    assert error.worst_ms == pytest.approx(3.04)
+
+
+def test_a_late_player_catches_up_in_bursts():
+    stage = Stage(run_log(1000))
+    stage.now += 90_000 * MS
+    stage.taken()
+    assert stage.playback.play() == 0
+    assert len(stage.taken()) == BURST
+    stage.run(ms=0)
+    assert stage.playback.position_ns == 90_000 * MS
+    assert stage.playback.timing_error.worst_ms == 90_000 - 100
+
+
+def test_pause_holds_time_and_resume_goes_on_from_there():
+    stage = Stage(run_log(100))
+    stage.run(ms=250)
+    assert stage.taken() == list(range(10))
+    stage.playback.pause(True)
+    assert stage.playback.play() is None
+    stage.now += 10_000 * MS
+    assert stage.playback.position_ns == 250 * MS
+    assert stage.playback.play() is None
+    stage.playback.pause(False)
+    assert stage.playback.play() == 50 * MS
+    stage.run(ms=49)
+    assert stage.taken() == []
+    stage.run(ms=1)
+    assert stage.taken() == [10, 11, 12]
+    stage.playback.pause(False)
+    assert stage.playback.play() == 100 * MS, "going on twice changes nothing"
+
+
+def test_a_new_rate_counts_from_now_on():
+    stage = Stage(run_log(100))
+    stage.run(ms=150)
+    stage.playback.set_rate(10.0)
+    stage.taken()
+    assert stage.playback.play() == 5 * MS
+    stage.run(ms=15)
+    assert stage.playback.position_ns == 300 * MS
+    assert len(stage.taken()) == 6
+    stage.playback.pause(True)
+    stage.playback.set_rate(0.5)
+    stage.playback.pause(False)
+    assert stage.playback.play() == 200 * MS
+
+
+def test_a_step_pauses_and_playing_goes_on_after_it():
+    stage = Stage(run_log(100))
+    stage.run(ms=150)
+    stage.taken()
+    assert stage.playback.step()
+    assert stage.playback.paused
+    assert stage.taken() == [7, 8, 9]
+    assert stage.playback.position_ns == 200 * MS
+    stage.now += 5_000 * MS
+    stage.playback.pause(False)
+    assert stage.playback.play() == 100 * MS
+
+
+@pytest.mark.parametrize("paused", [False, True])
+@pytest.mark.parametrize("before", [0, 4_500])
+def test_a_seek_makes_kept_topics_current_and_shows_its_own_time(paused, before):
+    """Forward and backward: map and clock, then all of exactly that time, paused or not."""
+    log = run_log(100)
+    stage = Stage(log)
+    stage.run(ms=before)
+    stage.playback.pause(paused)
+    stage.taken()
+    stage.playback.seek(2_550 * MS)
+    shown = [log.entries[place] for place in stage.taken()]
+    assert [(m.topic, m.log_time_ns // MS) for m in shown] == [("/map", 2000), ("/clock", 2500)]
+    stage.playback.seek(2_600 * MS)
+    shown = [log.entries[place] for place in stage.taken()]
+    assert [(m.topic, m.log_time_ns // MS) for m in shown] == [
+        ("/map", 2000),
+        ("/clock", 2500),
+        ("/clock", 2600),
+        ("/a", 2600),
+        ("/b", 2600),
+    ]
+    assert stage.playback.position_ns == 2_600 * MS
+    assert stage.playback.play() == (None if paused else 100 * MS)
+    assert stage.taken() == []
+
+
+def test_the_time_is_told_at_a_seek_and_before_the_messages_of_each_log_time():
+    stage = Stage(Log(("/a", 0), ("/b", 0), ("/a", 10), ("/b", 25)))
+    stage.run()
+    assert [at // MS for at in dict.fromkeys(stage.times)] == [0, 10, 25]
+    stage.times.clear()
+    stage.playback.seek(17 * MS)
+    assert stage.times == [17 * MS]
+
+
+def test_a_seek_after_the_end_plays_again():
+    stage = Stage(run_log(10))
+    stage.run()
+    assert stage.playback.done
+    stage.taken()
+    stage.playback.seek(800 * MS)
+    assert not stage.playback.done
+    stage.run()
+    assert stage.playback.done
+    assert stage.taken()[-6:] == [25, 26, 27, 28, 29, 30]
+
+
+def test_a_loop_begins_again_one_step_after_the_end_without_drift():
+    stage = Stage(run_log(10), loop=True)
+    begin = stage.now
+    stage.run(ms=10_049, late=2 * MS)
+    out = [(at, int(message.data)) for at, message in stage.out]
+    assert [place for _, place in out] == list(range(31)) * 10 + [0, 1, 2, 3]
+    firsts = [at for at, place in out if place == 0]
+    late = [round((at - begin) / MS) - 1000 * n for n, at in enumerate(firsts)]
+    assert late == [0] + [2] * 10
+    assert not stage.playback.done
+
+
+def test_a_loop_of_a_single_time_does_not_spin():
+    stage = Stage(Log(("/a", 3), ("/b", 3)), loop=True)
+    stage.taken()
+    stage.run(ms=2_500)
+    assert stage.taken() == [0, 1] * 2 + [0, 1] or stage.taken() == []
+    assert stage.playback.play() > 100 * MS
+
+
+def test_steps_at_the_end_stop_or_loop():
+    stage = Stage(run_log(3), paused=True)
+    assert [stage.playback.step() for _ in range(4)] == [True, True, False, False]
+    assert not stage.playback.done, "seeking back is still possible"
+    stage.playback.pause(False)
+    assert stage.playback.play() is None
+    assert stage.playback.done
+    stage = Stage(run_log(3), paused=True, loop=True)
+    stage.taken()
+    assert [stage.playback.step() for _ in range(3)] == [True] * 3
+    assert stage.taken() == [4, 5, 6, 7, 8, 9, 0, 1, 2, 3]
+    assert stage.playback.position_ns == 0
+
+
+def test_log_times_of_the_wall_clock_lose_no_nanosecond():
+    start = 1_800_000_000_123_456_789
+    log = Log(("/a", 0), ("/a", 0.000001), ("/a", 0.000003), start_ns=start)
+    stage = Stage(log, rate=0.01)
+    stage.playback.seek(start)
+    begin = stage.now
+    stage.out.clear()
+    stage.run()
+    assert [at - begin for at, _ in stage.out] == [100, 300]
+    assert stage.playback.position_ns == start + 3

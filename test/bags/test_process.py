@@ -1,0 +1,103 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The writer in a process of its own: what it says when that process fails."""
+
+import fcntl
+import os
+import re
+import resource
+import signal
+import socket
+import sys
+
+import pytest
+
+from sparse_coord_ros.bags import BagError, QoS, open_bag
+from sparse_coord_ros.bags.process import BagProcess
+
+STRING = "std_msgs/msg/String"
+
+
+@pytest.fixture
+def many_files():
+    """Allow more open files than `select` can count."""
+    before = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if before[1] not in (resource.RLIM_INFINITY,) and before[1] < 1200:
+        pytest.skip("the system allows no 1200 open files")
+    resource.setrlimit(resource.RLIMIT_NOFILE, (max(before[0], 1200), before[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_NOFILE, before)
+
+
+def test_a_bag_is_written_among_a_thousand_open_files(tmp_path, samples, monkeypatch, many_files):
+    made = socket.socketpair
+
+    def far():
+        pair = made()
+        numbers = [fcntl.fcntl(one, fcntl.F_DUPFD_CLOEXEC, 1100) for one in pair]
+        for one in pair:
+            one.close()
+        return tuple(socket.socket(fileno=number) for number in numbers)
+
+    monkeypatch.setattr(socket, "socketpair", far)
+    writer = BagProcess(tmp_path / "run")
+    assert writer._socket.fileno() > 1023
+    channel = writer.add_topic("/a", STRING, QoS())
+    for i in range(3):
+        writer.write(channel, samples.cdr(STRING), i, i)
+        writer.flush()
+    writer.close()
+    assert (open_bag(tmp_path / "run").message_count, writer.message_count) == (3, 3)
+
+
+@pytest.mark.parametrize(
+    ("program", "words"),
+    [
+        ("/bin/false", "has ended before it had begun it; nothing is recorded: see what it says"),
+        ("/nowhere/python", "No such file or directory; nothing is recorded"),
+    ],
+)
+def test_a_writer_that_does_not_start_is_not_said_to_leave_a_bag(
+    tmp_path, monkeypatch, program, words
+):
+    monkeypatch.setattr(sys, "executable", program)
+    with pytest.raises(BagError, match=re.escape(words)) as caught:
+        BagProcess(tmp_path / "run")
+    assert "recover" not in str(caught.value)
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_bag_that_cannot_be_made_is_one_error_and_no_traceback(tmp_path, capfd):
+    with pytest.raises(BagError, match="exists: choose another name"):
+        BagProcess(tmp_path)
+    assert capfd.readouterr().err == ""
+
+
+def test_a_writer_that_is_killed_leaves_a_bag_to_recover(tmp_path, samples):
+    writer = BagProcess(tmp_path / "run")
+    channel = writer.add_topic("/a", STRING, QoS())
+    writer.write(channel, samples.cdr(STRING), 1, 1)
+    writer.flush()
+    writer.add_topic("/b", STRING, QoS())  # answered: what came before is written
+    writer._process.kill()
+    with pytest.raises(BagError, match=r"has ended; .* unfinished: 'sparse_coord recover' fin"):
+        writer.add_topic("/c", STRING, QoS())
+    with pytest.raises(BagError, match="has ended"):
+        writer.close()
+    assert writer._process.returncode is not None
+    assert open_bag(tmp_path / "run").message_count == 1
+
+
+def test_all_that_was_handed_over_is_written_when_the_parent_is_gone(tmp_path, samples):
+    """However far behind the writer was: what waits in the socket survives."""
+    writer = BagProcess(tmp_path / "run")
+    channel = writer.add_topic("/a", STRING, QoS())
+    os.kill(writer._process.pid, signal.SIGSTOP)
+    for i in range(30):
+        writer.write(channel, samples.cdr(STRING), i, i)
+        if i % 10 == 9:
+            writer.flush()
+    writer._socket.close()
+    os.kill(writer._process.pid, signal.SIGCONT)
+    assert writer._process.wait(10) == 0
+    assert open_bag(tmp_path / "run").message_count == 30

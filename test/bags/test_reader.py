@@ -1,0 +1,558 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the reader says of finished, unfinished, foreign and hostile bags."""
+
+import errno
+import io
+import os
+import struct
+import tracemalloc
+import zlib
+
+import lz4.frame
+import pytest
+import yaml
+import zstandard
+from mcap.records import Chunk
+from mcap.writer import CompressionType, Writer
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as RosbagsWriter
+
+from sparse_coord_ros.bags import (
+    Attachment,
+    BagError,
+    BagTopic,
+    BagWriter,
+    Message,
+    QoS,
+    open_bag,
+    schema_text,
+    type_hash,
+)
+from sparse_coord_ros.bags.records import LARGEST_RECORD, Damage, chunk_content
+
+STRING = "std_msgs/msg/String"
+LATCHED = QoS(durability="transient_local", depth=1)
+
+
+@pytest.fixture
+def bag(tmp_path, samples):
+    """Return a bag that is being written, with 20 messages of two topics handed over."""
+    writer = BagWriter(tmp_path / "run", chunk_size=300)
+    writer.add_metadata("run", {"seed": "7"})
+    a, b = writer.add_topic("/a", STRING, QoS()), writer.add_topic("/b", STRING, LATCHED)
+    for i in range(20):
+        writer.write(b if i % 4 == 0 else a, samples.cdr(STRING, i), 1_000 - i, i)
+    writer.attach("map.txt", b"#", "text/plain", 3)
+    writer.flush()
+    yield writer
+    writer.close()
+
+
+def test_everything_that_was_written_is_read(tmp_path, bag, samples):
+    """Of an unfinished bag too; finishing it changes only that it is finished."""
+    writer = bag
+    for finished in (False, True):
+        bag = open_bag(tmp_path / "run")
+        assert (bag.finished, bag.damage, bag.whole, bag.lost_bytes) == (finished, None, True, 0)
+        text, digest = schema_text(STRING), type_hash(STRING)
+        assert bag.topics == {
+            "/a": BagTopic("/a", STRING, text, (QoS(),), digest),
+            "/b": BagTopic("/b", STRING, text, (LATCHED,), digest),
+        }
+        expected = [
+            Message(
+                "/b" if i % 4 == 0 else "/a",
+                samples.cdr(STRING, i),
+                1_000 - i,
+                i,
+                i // 4 if i % 4 == 0 else i - i // 4 - 1,
+            )
+            for i in range(20)
+        ]
+        assert list(bag.messages()) == expected
+        assert list(bag.messages({"/b", "/nope"})) == expected[::4]
+        assert list(bag.messages([])) == []
+        assert (bag.counts, bag.message_count) == ({"/a": 15, "/b": 5}, 20)
+        assert bag.sizes["/b"] == sum(len(m.data) for m in expected[::4])
+        assert (bag.start_ns, bag.end_ns) == (981, 1_000)
+        assert bag.metadata["run"] == {"seed": "7"}
+        assert bag.attachments.names == ("map.txt",)
+        assert list(bag.attachments) == [Attachment("map.txt", "text/plain", b"#", 3)]
+        assert bag.attachments[-1:] == tuple(bag.attachments)
+        assert bag.compressions == ("zstd",)
+        assert bag.file_bytes == bag.path.stat().st_size
+        writer.close()
+
+
+def test_a_missing_metadata_yaml_does_not_matter(tmp_path, bag):
+    """A file that is finished is finished, alone and before it got its name too."""
+    bag.close()
+    file = tmp_path / "run" / "run_0.mcap"
+    (tmp_path / "run" / "metadata.yaml").unlink()
+    for path in (tmp_path / "run", file, file.rename(f"{file}.partial"), tmp_path / "run"):
+        if path.exists():
+            found = open_bag(path)
+            assert (found.finished, found.damage, found.message_count) == (True, None, 20)
+
+
+def test_topics_without_messages_are_there(tmp_path):
+    """Those that no chunk has are in the summary."""
+    with BagWriter(tmp_path / "run") as writer:
+        writer.add_topic("/a", STRING, QoS())
+    bag = open_bag(tmp_path / "run")
+    assert (bag.counts, bag.message_count, bag.start_ns, bag.end_ns) == ({"/a": 0}, 0, 0, 0)
+    assert (bag.damage, list(bag.messages()), bag.compressions) == (None, [], ())
+
+
+def test_nothing_to_read_is_one_line(tmp_path):
+    """No file, an empty directory, several files, no MCAP, something that is no file."""
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "text.mcap").write_text("not at all a bag\n" * 9)
+    (tmp_path / "two").mkdir()
+    for name in ("a_0.mcap", "b_1.mcap"):
+        (tmp_path / "two" / name).write_text("")
+    os.mkfifo(tmp_path / "pipe")
+    for path, message in {
+        "none": "cannot read .*none: No such file or directory",
+        "empty": "empty is not a bag: it has no .mcap file",
+        "two": "two has 2 .mcap files: name one",
+        "text.mcap": "text.mcap is not an MCAP file",
+        "pipe": "cannot read .*pipe: it is not a file",
+    }.items():
+        with pytest.raises(BagError, match=message):
+            open_bag(tmp_path / path)
+
+
+def test_file_that_changes_while_it_is_read(tmp_path, bag):
+    """Messages and attachments end in BagError, not in garbage."""
+    bag.close()
+    found = open_bag(tmp_path / "run")
+    assert len(list(found.messages())) == 20
+    os.truncate(found.path, found.file_bytes // 3)
+    with pytest.raises(BagError, match="run_0.mcap has changed while it was read: byte "):
+        list(found.messages())
+    os.truncate(found.path, 100)
+    with pytest.raises(BagError, match="has changed while it was read"):
+        _ = found.attachments[0]
+
+
+def test_memory_does_not_grow_with_the_bag(tmp_path):
+    """Ten times as many messages take a little more for a few lists, if anything."""
+    peaks = []
+    for rounds in (2_000, 20_000):
+        with BagWriter(tmp_path / str(rounds), chunk_size=20_000) as writer:
+            channel = writer.add_topic("/a", STRING, QoS())
+            for i in range(rounds):
+                writer.write(channel, bytes(50), i, i)
+        tracemalloc.start()
+        bag = open_bag(tmp_path / str(rounds))
+        assert sum(1 for _ in bag.messages()) == rounds
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < peaks[0] + 100_000
+
+
+@pytest.mark.parametrize("chunked", [True, False])
+@pytest.mark.parametrize("crcs", [True, False])
+def test_files_by_the_mcap_library_are_read(tmp_path, samples, chunked, crcs):
+    """Its own defaults: no checksum of the data; chunks are an option, and old QoS spellings."""
+    qos = "- history: 3\n  depth: 0\n  reliability: 2\n  durability: 1\n"
+    with (tmp_path / "a.mcap").open("wb") as stream:
+        writer = Writer(
+            stream,
+            compression=CompressionType.LZ4,
+            use_chunking=chunked,
+            enable_crcs=crcs,
+        )
+        writer.start(profile="ros2")
+        schema = writer.register_schema(STRING, "ros2msg", b"string data")
+        for topic in ("/a", "/b"):
+            channel = writer.register_channel(
+                topic, "cdr", schema, {"offered_qos_profiles": qos if topic == "/a" else ""}
+            )
+            writer.add_message(channel, 9, samples.cdr(STRING), 8, sequence=77)
+        writer.finish()
+    bag = open_bag(tmp_path / "a.mcap")
+    assert (bag.finished, bag.damage, bag.counts) == (True, None, {"/a": 1, "/b": 1})
+    assert [tuple(m) for m in bag.messages(["/a"])] == [("/a", samples.cdr(STRING), 9, 8, 77)]
+    profile = QoS("best_effort", "transient_local", "keep_last", 0)
+    assert bag.topics["/a"] == BagTopic("/a", STRING, "string data", (profile,), "")
+    assert bag.topics["/b"].qos == ()
+
+
+def test_bags_by_rosbags_are_read(tmp_path, samples):
+    """An independent writer of rosbag2's layout."""
+    with RosbagsWriter(tmp_path / "run", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection("/a", STRING, typestore=samples.typestore)
+        for i in range(50):
+            writer.write(connection, i, samples.cdr(STRING, i))
+    bag = open_bag(tmp_path / "run")
+    assert (bag.finished, bag.damage, bag.counts) == (True, None, {"/a": 50})
+    assert [(m.log_time_ns, m.data) for m in bag.messages()] == [
+        (i, samples.cdr(STRING, i)) for i in range(50)
+    ]
+    assert bag.topics["/a"].type_name == STRING
+
+
+def hostile_file(path, metadata=None, encoding="cdr", data=b"\0" * 4, time=1):
+    """Write a file that MCAP allows, but no recorder writes."""
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start(profile="ros2")
+        schema = writer.register_schema(STRING, "ros2msg", b"string data")
+        writer.add_message(writer.register_channel("/good", "cdr", schema), 1, data, 1)
+        writer.flush()
+        channel = writer.register_channel("/bad", encoding, schema, metadata or {})
+        writer.add_message(channel, time, data, 1)
+        writer.finish()
+    return path
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"metadata": {"offered_qos_profiles": "{["}}, "topic '/bad': its QoS profiles cannot"),
+        ({"metadata": {"offered_qos_profiles": "7"}}, "topic '/bad': its QoS profiles cannot"),
+        ({"metadata": {"offered_qos_profiles": "- x"}}, "topic '/bad': its QoS profiles cannot"),
+        ({"metadata": {"offered_qos_profiles": "[" * 9_999}}, "topic '/bad': its QoS profiles"),
+        ({"metadata": {"offered_qos_profiles": "- {depth: -1}"}}, "topic '/bad': QoS depth is -1"),
+        ({"time": 2**64 - 1}, "a message with an impossible time"),
+    ],
+)
+def test_what_cannot_be_understood_ends_the_readable_part(tmp_path, options, message):
+    """Its checksum is right, and what was before it is read."""
+    bag = open_bag(hostile_file(tmp_path / "a.mcap", **options))
+    assert message in bag.damage
+    assert bag.damage.startswith(f"byte {bag.readable_bytes}: ")
+    assert [m.topic for m in bag.messages()] == ["/good"]
+    assert (bag.finished, bag.whole) == (True, False)
+    assert bag.lost_bytes == bag.file_bytes - bag.readable_bytes
+
+
+def test_files_of_others_than_ros_2_are_refused_not_called_damaged(tmp_path):
+    path = hostile_file(tmp_path / "a.mcap", encoding="json")
+    with pytest.raises(BagError) as caught:
+        open_bag(path)
+    assert str(caught.value) == (
+        f"{path}: this MCAP file is no ROS 2 bag: topic '/bad' is encoded as 'json', not cdr"
+    )
+
+
+def test_several_metadata_records_of_one_name_are_all_there(tmp_path):
+    with BagWriter(tmp_path / "run") as writer:
+        for seed in "78":
+            writer.add_metadata("run", {"seed": seed})
+            writer.add_metadata(f"other {seed}", {})
+    bag = open_bag(tmp_path / "run")
+    records = [(name, dict(texts)) for name, texts in bag.metadata_records]
+    assert records[:-1] == [
+        ("run", {"seed": "7"}),
+        ("other 7", {}),
+        ("run", {"seed": "8"}),
+        ("other 8", {}),
+    ]
+    assert list(bag.metadata) == ["run", "other 7", "other 8", "rosbag2"]
+    assert (bag.metadata["run"], bag.recovered) == ({"seed": "7"}, None)
+
+
+def test_the_directory_of_a_run_stands_for_its_bag(tmp_path, bag):
+    """`run` prints that directory; a bag in the directory itself comes first."""
+    bag.close()
+    run = tmp_path / "runs"
+    run.mkdir()
+    inner = (tmp_path / "run").rename(run / "bag")
+    assert open_bag(run).path == inner / "run_0.mcap"
+    (run / "own.mcap").write_bytes((inner / "run_0.mcap").read_bytes())
+    assert open_bag(run).path == run / "own.mcap"
+    (inner / "run_0.mcap").unlink()
+    (run / "own.mcap").unlink()
+    with pytest.raises(BagError, match="runs is not a bag: it has no .mcap file"):
+        open_bag(run)
+
+
+def test_files_that_cannot_be_read_are_closed(tmp_path, bag, monkeypatch):
+    """Whatever fails, no descriptor is left behind."""
+    (tmp_path / "text.mcap").write_text("no bag")
+    os.mkfifo(tmp_path / "pipe")
+
+    class BadDisk(io.BufferedReader):
+        def read(self, size=-1):
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    def bad_file(path):
+        return BadDisk(io.FileIO(path))
+
+    before = len(os.listdir("/proc/self/fd"))
+    for name in ("text.mcap", "pipe", "run"):
+        with monkeypatch.context() as patch:
+            if name == "run":
+                patch.setattr("sparse_coord_ros.bags.reader.open_to_read", bad_file)
+            with pytest.raises(BagError) as caught:
+                open_bag(tmp_path / name)
+        assert len(os.listdir("/proc/self/fd")) == before, name
+    assert str(caught.value).endswith("run_0.mcap.partial: Input/output error")
+
+
+@pytest.mark.parametrize("compression", ["zstd", "lz4", ""])
+@pytest.mark.parametrize("stated", [0, 10, LARGEST_RECORD, LARGEST_RECORD + 1, 2**63])
+def test_chunk_that_does_not_hold_what_it_says(compression, stated):
+    """A bomb is not unpacked: no more than stated, nothing implausible."""
+    data = {
+        "zstd": zstandard.compress(bytes(1_000_000)),
+        "lz4": lz4.frame.compress(bytes(1_000_000)),
+        "": b"12345",
+    }[compression]
+    chunk = Chunk(compression, data, 0, 0, 0, stated)
+    with pytest.raises(Damage, match="^byte 7: a chunk "):
+        chunk_content(chunk, 7, crc_required=False)
+
+
+def test_zstd_frame_without_a_size_is_read():
+    """Streaming writers leave it out."""
+    compressor = zstandard.ZstdCompressor(write_content_size=False)
+    chunk = Chunk("zstd", compressor.compress(b"abc" * 99), 0, 0, zlib.crc32(b"abc" * 99), 297)
+    assert chunk_content(chunk, 0, crc_required=True) == b"abc" * 99
+
+
+@pytest.mark.parametrize("length", [2**64 - 1, 2**62, 2**31, 10_000])
+def test_huge_lengths_take_no_memory(tmp_path, length):
+    """Neither a record's nor those inside an attachment."""
+    start = b"\x89MCAP0\r\n" + struct.pack("<BQII", 1, 8, 0, 0)
+    for name, record in {
+        "chunk": struct.pack("<BQ", 6, length) + bytes(99),
+        "attachment": struct.pack("<BQQQI", 9, 99, 0, 0, min(length, 2**32 - 1)) + bytes(99),
+        "data": struct.pack("<BQQQIIQ", 9, 99, 0, 0, 0, 0, length) + bytes(99),
+        "content": struct.pack("<BQQQQIIQ", 6, 99, 0, 0, 0, 0, 0, length) + bytes(99),
+        "texts": struct.pack("<BQII", 12, 99, 0, min(length, 2**32 - 1)) + bytes(99),
+    }.items():
+        path = tmp_path / f"{name}.mcap"
+        path.write_bytes(start + record)
+        bag = open_bag(path)
+        assert bag.damage.startswith(f"byte {len(start)}: a")
+        assert (bag.message_count, bag.readable_bytes) == (0, len(start))
+
+
+def test_summary_that_disagrees_is_damage(tmp_path, bag):
+    """Its checksum is right, but one message's count was changed."""
+    bag.close()
+    path = tmp_path / "run" / "run_0.mcap"
+    data = bytearray(path.read_bytes())
+    start = open_bag(path).readable_bytes + 13
+    place = data.index(struct.pack("<BQ", 11, 46 + 20), start) + 9
+    assert data[place : place + 8] == struct.pack("<Q", 20)
+    data[place] = 19
+    end = len(data) - 8 - 4
+    data[end : end + 4] = struct.pack("<I", zlib.crc32(data[start:end]))
+    path.write_bytes(data)
+    found = open_bag(path)
+    assert found.damage == f"byte {start}: the summary says 19 messages, but there are 20"
+    assert (found.whole, len(list(found.messages()))) == (True, 20)
+
+
+def test_times_of_a_bag_whose_chunks_are_out_of_order(tmp_path, samples):
+    """The earliest and the latest of all messages, wherever they lie."""
+    with BagWriter(tmp_path / "run", chunk_size=1) as writer:
+        channel = writer.add_topic("/a", STRING, QoS())
+        for at in (50, 90, 20, 70, 40):
+            writer.write(channel, samples.cdr(STRING, 0), at, at)
+    found = open_bag(tmp_path / "run")
+    assert (found.damage, found.start_ns, found.end_ns) == (None, 20, 90)
+    said = yaml.safe_load((tmp_path / "run" / "metadata.yaml").read_text())
+    said = said["rosbag2_bagfile_information"]
+    assert said["starting_time"]["nanoseconds_since_epoch"] == 20
+    assert said["duration"]["nanoseconds"] == 70
+
+
+def test_a_message_index_without_its_chunk(tmp_path, samples):
+    """Even one without entries, which fits any chunk."""
+    writer = BagWriter(tmp_path / "run")
+    channel = writer.add_topic("/a", STRING, QoS())
+    writer.write(channel, samples.cdr(STRING, 0), 1, 1)
+    writer.flush()
+    writer.add_metadata("between", {})
+    writer.abandon()
+    file = tmp_path / "run" / "run_0.mcap.partial"
+    assert open_bag(file).damage is None
+    body = struct.pack("<HI", channel, 0)
+    with file.open("ab") as stream:
+        stream.write(struct.pack("<BQ", 0x07, len(body)) + body)
+    assert "a message index that is not that of the chunk before it" in open_bag(file).damage
+
+
+def places_of(data, wanted):
+    """Return (begin, end) of each record of one kind in the bytes of a file."""
+    found, place = [], 8
+    while place < len(data) - 8:
+        opcode, length = struct.unpack_from("<BQ", data, place)
+        if opcode == wanted:
+            found.append((place, place + 9 + length))
+        place += 9 + length
+    return found
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_a_chunk_without_its_message_index(tmp_path, bag, which):
+    """Of an unfinished bag, whose end does not say what there must be."""
+    file = tmp_path / "run" / "run_0.mcap.partial"
+    data = file.read_bytes()
+    begin, end = places_of(data, 0x07)[which]
+    changed = tmp_path / "changed.mcap.partial"
+    changed.write_bytes(data[:begin] + data[end:])
+    assert "1 message indexes of a chunk are missing" in open_bag(changed).damage
+
+
+def test_a_zeroed_checksum_among_others(tmp_path):
+    """Another library's file with checksums: that of a chunk cannot be left out by zeroing it."""
+    stream = io.BytesIO()
+    writer = Writer(stream, chunk_size=1, compression=CompressionType.NONE)
+    writer.start("ros2", "another library")
+    schema = writer.register_schema(STRING, "ros2msg", b"string data")
+    channel = writer.register_channel("/a", "cdr", schema)
+    for at in range(3):
+        writer.add_message(channel, at, bytes([0, 1, 0, 0, at]), at)
+    writer.finish()
+    data = bytearray(stream.getvalue())
+    file = tmp_path / "other.mcap"
+    file.write_bytes(data)
+    assert open_bag(file).damage is None
+    begin, _ = places_of(data, 0x06)[1]
+    assert struct.unpack_from("<I", data, begin + 9 + 24)[0] != 0
+    struct.pack_into("<I", data, begin + 9 + 24, 0)
+    file.write_bytes(data)
+    assert "the checksum of the chunk is" in open_bag(file).damage
+
+
+@pytest.mark.parametrize(
+    ("kind", "place", "what"),
+    [
+        (0x06, 9 + 24, "the chunk"),
+        (0x09, -4, "attachment 'map.txt'"),
+        (0x0F, -4, "the data before"),
+        (0x02, -4, "the summary"),
+    ],
+)
+def test_every_checksum_of_an_own_bag_is_there(tmp_path, bag, kind, place, what):
+    """0 says elsewhere that there is none."""
+    bag.close()
+    file = tmp_path / "run" / "run_0.mcap"
+    data = bytearray(file.read_bytes())
+    begin, end = places_of(data, kind)[0]
+    at = begin + place if place > 0 else end + place
+    assert struct.unpack_from("<I", data, at)[0] != 0
+    struct.pack_into("<I", data, at, 0)
+    file.write_bytes(data)
+    assert f"the checksum of {what} is" in open_bag(file).damage
+
+
+def test_a_changed_byte_of_an_attachment(tmp_path, bag):
+    """Of an unfinished bag, whose end does not say what the data are."""
+    file = tmp_path / "run" / "run_0.mcap.partial"
+    data = bytearray(file.read_bytes())
+    _, end = places_of(data, 0x09)[0]
+    assert data[end - 5 : end - 4] == b"#"
+    data[end - 5] = ord(".")
+    changed = tmp_path / "changed.mcap.partial"
+    changed.write_bytes(data)
+    assert "the checksum of attachment 'map.txt' is" in open_bag(changed).damage
+
+
+@pytest.mark.parametrize("place", [9, 17])
+def test_a_chunk_that_says_other_times(tmp_path, bag, place):
+    file = tmp_path / "run" / "run_0.mcap.partial"
+    data = bytearray(file.read_bytes())
+    begin, _ = places_of(data, 0x06)[0]
+    data[begin + place] ^= 1
+    changed = tmp_path / "changed.mcap.partial"
+    changed.write_bytes(data)
+    assert "a chunk whose times are not those of its messages" in open_bag(changed).damage
+
+
+def sealed(data):
+    """Return a file whose summary has been changed, with the checksum that fits it."""
+    data = bytearray(data)
+    footer, end = places_of(data, 0x02)[0]
+    (start,) = struct.unpack_from("<Q", data, footer + 9)
+    struct.pack_into("<I", data, end - 4, zlib.crc32(data[start : end - 4]))
+    return data
+
+
+@pytest.mark.parametrize(
+    ("kind", "place", "problem"),
+    [
+        (0x0B, 0, "the summary says 21 messages, but there are 20"),
+        (0x0B, 8, "schemas, but there are 1"),
+        (0x0B, 10, "channels, but there are 2"),
+        (0x0B, 14, "attachments, but there are 1"),
+        (0x0B, 18, "metadata records, but there are 2"),
+        (0x0B, 22, "chunks, but there are"),
+        (0x0B, 26, "the summary says 980 ns as first time, but there are 981"),
+        (0x0B, 34, "the summary says 1001 ns as last time, but there are 1000"),
+        (0x0B, 48, "messages in its channels, but there are"),
+        (0x08, 0, "the summary's chunk index is not that of the data"),
+        (0x0A, 16, "the summary's attachment index is not that of the data"),
+        (0x0D, 8, "the summary's metadata index is not that of the data"),
+        (0x0E, 1, "the summary's schema records are elsewhere"),
+        (0x02, 8, "a footer that does not say where the summary is"),
+    ],
+)
+def test_a_summary_that_says_otherwise_than_the_data(tmp_path, bag, kind, place, problem):
+    """Its checksum holds: each thing that it says is compared with what is there."""
+    bag.close()
+    file = tmp_path / "run" / "run_0.mcap"
+    data = bytearray(file.read_bytes())
+    begin, _ = places_of(data, kind)[0]
+    data[begin + 9 + place] ^= 1
+    file.write_bytes(sealed(data))
+    assert problem in open_bag(file).damage
+
+
+def test_a_summary_that_leaves_a_channel_out(tmp_path, bag):
+    bag.close()
+    file = tmp_path / "run" / "run_0.mcap"
+    data = bytearray(file.read_bytes())
+    begin, end = places_of(data, 0x04)[-1]
+    footer, _ = places_of(data, 0x02)[0]
+    (offsets,) = struct.unpack_from("<Q", data, footer + 17)
+    struct.pack_into("<Q", data, footer + 17, offsets - (end - begin))
+    file.write_bytes(sealed(data[:begin] + data[end:]))
+    assert "the summary does not repeat every channel" in open_bag(file).damage
+
+
+def test_something_after_the_end(tmp_path, bag):
+    bag.close()
+    file = tmp_path / "run" / "run_0.mcap"
+    data = file.read_bytes()
+    for changed in (data + b"x", data[:-1], data[:-1] + b"x"):
+        file.write_bytes(changed)
+        assert "the file does not end with MCAP's magic bytes" in open_bag(file).damage
+
+
+def test_a_topic_with_a_second_type(tmp_path):
+    """A topic has one type, in whichever chunk or channel of it."""
+    stream = io.BytesIO()
+    writer = Writer(stream, chunk_size=1, compression=CompressionType.NONE)
+    writer.start("ros2", "another library")
+    for number, kind in enumerate((STRING, "std_msgs/msg/Bool")):
+        schema = writer.register_schema(kind, "ros2msg", b"bool data")
+        channel = writer.register_channel("/a", "cdr", schema)
+        writer.add_message(channel, number, bytes(5), number)
+    writer.finish()
+    (tmp_path / "other.mcap").write_bytes(stream.getvalue())
+    bag = open_bag(tmp_path / "other.mcap")
+    assert "topic '/a' has a second type" in bag.damage
+    assert bag.counts == {"/a": 1}
+
+
+def test_parts_put_chunks_together(tmp_path, samples):
+    with BagWriter(tmp_path / "run", chunk_size=1) as writer:
+        channel = writer.add_topic("/a", STRING, QoS())
+        for at in range(9):
+            writer.write(channel, samples.cdr(STRING, at), at, at)
+    found = open_bag(tmp_path / "run")
+    one, several = list(found.parts(10**6)), list(found.parts())
+    assert (len(one), len(several)) == (1, 9)
+    assert one[0].heads["log_ns"].tolist() == list(range(9))
+    data = [samples.cdr(STRING, at) for at in range(9)]
+    for begin, expected in zip(one[0].begins.tolist(), data, strict=True):
+        assert one[0].content[begin : begin + len(expected)] == expected

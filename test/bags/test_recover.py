@@ -1,0 +1,380 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Recovering: in place, beside a file, after a kill, on a full disk; exit codes."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+import yaml
+from mcap.reader import make_reader
+from mcap_ros2.reader import read_ros2_messages
+from rosbags.highlevel import AnyReader
+
+from sparse_coord_ros.bags import BagError, BagTopic, BagWriter, QoS, open_bag
+from sparse_coord_ros.bags.recover import recover
+from sparse_coord_ros.cli.main import main
+
+STRING = "std_msgs/msg/String"
+
+
+def write_bag(directory, samples, *, finish, compression="lz4", messages=20):
+    """Write a bag with an attachment and metadata; abandon it unless it is to be finished."""
+    writer = BagWriter(directory, compression=compression, chunk_size=300)
+    writer.add_metadata("run", {"seed": "7"})
+    channel = writer.add_topic("/a", STRING, QoS(durability="transient_local"))
+    for i in range(messages):
+        writer.write(channel, samples.cdr(STRING, i), i, i)
+    writer.attach("map.txt", b"#", "text/plain", 3)
+    writer.close() if finish else writer.abandon()
+    return directory
+
+
+def names(directory):
+    return sorted(path.name for path in directory.iterdir())
+
+
+def run(capsys, *arguments):
+    """Run the verb; returns exit code and what was printed."""
+    code = main(["recover", *map(str, arguments)])
+    printed = capsys.readouterr()
+    assert "Traceback" not in printed.err
+    return code, (printed.out + printed.err).strip()
+
+
+def check_whole(directory, samples, messages):
+    """Whole for this reader, rosbags and mcap, with these many messages."""
+    bag = open_bag(directory)
+    assert (bag.finished, bag.damage, bag.message_count) == (True, None, messages)
+    assert bag.metadata["run"] == {"seed": "7"}
+    assert bag.topics["/a"].qos == (QoS(durability="transient_local"),)
+    with AnyReader([directory]) as reader:
+        found = [(time, bytes(data)) for _, time, data in reader.messages()]
+    assert found == [(i, samples.cdr(STRING, i)) for i in range(messages)]
+    with bag.path.open("rb") as stream:
+        assert make_reader(stream).get_summary().statistics.message_count == messages
+    decoded = [m.ros_msg.data for m in read_ros2_messages(bag.path)]
+    assert decoded == [samples.message(STRING, i).data for i in range(messages)]
+    text = (directory / "metadata.yaml").read_text()
+    information = yaml.safe_load(text)["rosbag2_bagfile_information"]
+    assert information["relative_file_paths"] == [bag.path.name]
+    assert information == yaml.safe_load(bag.metadata["rosbag2"]["serialized_metadata"])
+    return bag
+
+
+def test_whole_bag_is_left_alone(tmp_path, samples, capsys):
+    bag = write_bag(tmp_path / "run", samples, finish=True)
+    before = {p.name: (p.read_bytes(), p.stat().st_mtime_ns) for p in bag.iterdir()}
+    for path in (bag, bag / "run_0.mcap"):
+        content = "20 messages of 1 topics, 1 attachments, 0.0 s"
+        assert run(capsys, path) == (0, f"{path} is whole: {content}")
+    assert {p.name: (p.read_bytes(), p.stat().st_mtime_ns) for p in bag.iterdir()} == before
+
+
+def test_unfinished_bag_is_finished(tmp_path, samples, capsys):
+    """Nothing was lost: exit code 0; the original is kept, compression and all content too."""
+    bag = write_bag(tmp_path / "run", samples, finish=False)
+    original = (bag / "run_0.mcap.partial").read_bytes()
+    code, printed = run(capsys, bag, "--json")
+    assert code == 0
+    assert json.loads(printed) == {
+        "bag": str(bag),
+        "changed": True,
+        "complete": True,
+        "damage": None,
+        "lost_bytes": 0,
+        "recovered": None,
+        "messages": 20,
+        "topics": 1,
+        "attachments": 1,
+        "original": f"{bag}/run_0.mcap.partial.damaged",
+    }
+    assert names(bag) == ["metadata.yaml", "run_0.mcap", "run_0.mcap.partial.damaged"]
+    assert (bag / "run_0.mcap.partial.damaged").read_bytes() == original
+    found = check_whole(bag, samples, 20)
+    assert found.compressions == ("lz4",)
+    assert [tuple(a) for a in found.attachments] == [("map.txt", "text/plain", b"#", 3)]
+    code, printed = run(capsys, bag)
+    assert code == 0
+    assert printed.splitlines()[1:] == ["recovered from a broken bag, complete"]
+
+
+def test_what_was_recovered_says_so_for_good(tmp_path, samples, capsys):
+    """Complete or not; a later recovery does not make it complete again."""
+    assert open_bag(write_bag(tmp_path / "good", samples, finish=True)).recovered is None
+    bag = write_bag(tmp_path / "run", samples, finish=False)
+    recover(bag)
+    complete = {"complete": "true", "damage": "", "lost_bytes": "0"}
+    assert open_bag(bag).recovered == complete
+    assert open_bag(bag).metadata_records[0] == ("recovered", complete)
+    file = bag / "run_0.mcap"
+    os.truncate(file, open_bag(bag).readable_bytes - 200)
+    cut = open_bag(bag)
+    assert cut.recovered == complete and not cut.whole
+    recover(bag)
+    lost = {"complete": "false", "damage": cut.damage, "lost_bytes": str(cut.lost_bytes)}
+    assert open_bag(bag).recovered == lost
+    before = file.read_bytes()
+    code, printed = run(capsys, bag)
+    assert (code, file.read_bytes()) == (0, before)
+    whole, told = printed.splitlines()
+    assert whole.startswith(f"{bag} is whole: ")
+    assert told == (
+        f"recovered from a broken bag, a part of it is lost ({cut.lost_bytes} bytes); damage at "
+        f"{cut.damage}"
+    )
+    assert json.loads(run(capsys, bag, "--json")[1])["recovered"] == lost
+    with file.open("r+b") as stream:  # only the index: nothing more is lost
+        stream.seek(-60, os.SEEK_END)
+        stream.write(bytes(20))
+    index = open_bag(bag)
+    assert index.whole
+    code, printed = run(capsys, bag)
+    assert (code, f"before, it was {told}" in printed.splitlines()) == (0, True)
+    twice = open_bag(bag)
+    damage = f"{cut.damage}; {index.damage}"
+    assert twice.recovered == {**lost, "damage": damage}
+    assert [name for name, _ in twice.metadata_records] == ["recovered", "run", "rosbag2"]
+    os.truncate(file, open_bag(bag).readable_bytes - 100)
+    more = open_bag(bag).lost_bytes
+    recover(bag)
+    assert more and open_bag(bag).recovered["lost_bytes"] == str(cut.lost_bytes + more)
+
+
+def test_all_metadata_records_of_one_name_are_carried_over(tmp_path):
+    """What contradicts itself does so still."""
+    writer = BagWriter(tmp_path / "run")
+    for seed in "78":
+        writer.add_metadata("run", {"seed": seed})
+    writer.abandon()
+    recover(tmp_path / "run")
+    records = open_bag(tmp_path / "run").metadata_records
+    assert [texts["seed"] for name, texts in records if name == "run"] == ["7", "8"]
+
+
+def test_the_directory_of_a_run_stands_for_its_bag(tmp_path, samples, capsys):
+    out = tmp_path / "out"
+    bag = write_bag(out / "bag", samples, finish=False)
+    code, printed = run(capsys, out)
+    assert (code, printed.startswith(f"{bag} is whole again")) == (0, True)
+    assert names(out) == ["bag"]
+    check_whole(bag, samples, 20)
+
+
+def test_a_pipe_is_refused_at_once(tmp_path, capsys):
+    os.mkfifo(tmp_path / "pipe")
+    code, printed = run(capsys, tmp_path / "pipe")
+    assert (code, printed) == (2, f"error: cannot read {tmp_path}/pipe: it is not a file")
+
+
+def test_cut_bag_loses_its_tail(tmp_path, samples, capsys):
+    """Exit code 1 with how much; a second disaster does not overwrite the first original."""
+    bag = write_bag(tmp_path / "run", samples, finish=True)
+    file = bag / "run_0.mcap"
+    for number, ending in enumerate((".damaged", ".damaged2")):
+        chunks = open_bag(bag).readable_bytes
+        os.truncate(file, chunks // 2 + number)
+        cut, read = file.read_bytes(), open_bag(bag)
+        assert 0 < read.message_count < 20
+        code, printed = run(capsys, bag)
+        assert code == 1
+        lines = printed.splitlines()
+        assert lines[0].startswith(
+            f"{bag} holds what could be read: {read.message_count} messages of 1 to"
+        )
+        assert lines[1] == f"damage at {read.damage}"
+        assert lines[2] == (f"lost: what was in the last {read.lost_bytes} of {len(cut)} bytes")
+        assert [line[:24] for line in lines[3:-1]] == ["before, it was recovered"] * number
+        assert lines[-1] == f"the original is {file}{ending}"
+        assert (bag / f"run_0.mcap{ending}").read_bytes() == cut
+        assert (bag / f"metadata.yaml{ending}").exists()
+        check_whole(bag, samples, read.message_count)
+
+
+def test_damaged_index_loses_nothing(tmp_path, samples, capsys):
+    """The data are whole: exit code 0."""
+    bag = write_bag(tmp_path / "run", samples, finish=True)
+    with (bag / "run_0.mcap").open("r+b") as file:
+        file.seek(-60, os.SEEK_END)
+        file.write(bytes(20))
+    assert open_bag(bag).damage
+    code, printed = run(capsys, bag)
+    assert (code, "damage at byte" in printed, "lost" in printed) == (0, True, False)
+    check_whole(bag, samples, 20)
+
+
+def test_changed_metadata_are_told_from_lost_messages(tmp_path, samples, capsys):
+    bag = write_bag(tmp_path / "run", samples, finish=True)
+    file = bag / "run_0.mcap"
+    file.write_bytes(file.read_bytes().replace(b"seed", b"sEed", 1))
+    code, printed = run(capsys, bag)
+    assert (code, "every message is there, but metadata may be wrong" in printed) == (1, True)
+    assert open_bag(bag).message_count == 20
+
+
+@pytest.mark.parametrize(
+    "state", ["no metadata.yaml", "bad metadata.yaml", "other metadata.yaml", "no name"]
+)
+def test_finished_file_gets_what_is_missing(tmp_path, samples, capsys, state):
+    """A recorder that was killed while it closed the bag: the file itself stays as it is."""
+    bag = write_bag(tmp_path / "run", samples, finish=True)
+    original = (bag / "run_0.mcap").read_bytes()
+    metadata = (bag / "metadata.yaml").read_text()
+    (bag / "metadata.yaml").unlink()
+    if state == "bad metadata.yaml":
+        (bag / "metadata.yaml").write_text("{[")
+    if state == "other metadata.yaml":  # of more messages than there are
+        assert "message_count: 20" in metadata
+        changed = metadata.replace("message_count: 20", "message_count: 21")
+        (bag / "metadata.yaml").write_text(changed)
+    if state == "no name":
+        (bag / "run_0.mcap").rename(bag / "run_0.mcap.partial")
+    assert run(capsys, bag)[0] == 0
+    kept = ["metadata.yaml.damaged"] if state.split()[0] in ("bad", "other") else []
+    assert names(bag) == ["metadata.yaml", *kept, "run_0.mcap"]
+    assert (bag / "run_0.mcap").read_bytes() == original
+    assert (bag / "metadata.yaml").read_text() == metadata
+    check_whole(bag, samples, 20)
+
+
+def test_file_by_its_name_gives_a_bag_beside_it(tmp_path, samples, capsys):
+    file = write_bag(tmp_path / "run", samples, finish=False) / "run_0.mcap.partial"
+    loose = file.rename(tmp_path / "loose_0.mcap.partial")
+    original = loose.read_bytes()
+    code, printed = run(capsys, loose)
+    assert (code, f"the original is {loose}" in printed) == (0, True)
+    check_whole(tmp_path / "loose_0_recovered", samples, 20)
+    assert names(tmp_path) == ["loose_0.mcap.partial", "loose_0_recovered", "run"]
+    assert names(tmp_path / "loose_0_recovered") == ["loose_0.mcap", "metadata.yaml"]
+    assert loose.read_bytes() == original
+    code, printed = run(capsys, loose)
+    assert code == 2
+    assert printed == (
+        f"error: {tmp_path}/loose_0_recovered exists, nothing is overwritten: move it away"
+    )
+
+
+def test_nothing_readable(tmp_path, capsys):
+    """Exit code 2 and one line; nothing is written."""
+    (tmp_path / "run").mkdir()
+    file = tmp_path / "run" / "run_0.mcap"
+    for data, message in {
+        b"": "is not an MCAP file",
+        b"\x89MCAP0\r\n": "holds nothing to recover: byte 8",
+        b"\x89MCAP0\r\n" + bytes(500): "holds nothing to recover: byte 8",
+    }.items():
+        file.write_bytes(data)
+        code, printed = run(capsys, tmp_path / "run")
+        assert (code, message in printed, "\n" in printed) == (2, True, False)
+    assert run(capsys, tmp_path / "none")[0] == 2
+    assert names(tmp_path / "run") == ["run_0.mcap"]
+
+
+def test_sequence_numbers_and_foreign_types_are_carried_over(tmp_path):
+    """A gap in the original is a gap still; no definition needs to be installed."""
+    topic = BagTopic(
+        "/a", "own_msgs/msg/Own", "int8 x", (QoS(), QoS(depth=1)), "RIHS01_ab", "ros2idl"
+    )
+    writer = BagWriter(tmp_path / "run")
+    channel = writer.add_known_topic(topic)
+    for sequence in (5, 7, 6):
+        writer.write(channel, b"\0\1\0\0x", 1, 2, sequence)
+    with pytest.raises(BagError, match="/a is in the bag already"):
+        writer.add_known_topic(topic)
+    writer.abandon()
+    assert recover(tmp_path / "run").complete
+    bag = open_bag(tmp_path / "run")
+    assert bag.topics == {"/a": topic}
+    assert [message.sequence for message in bag.messages()] == [5, 7, 6]
+
+
+def test_bag_that_is_being_recorded_is_refused(tmp_path, samples):
+    """Its recorder would go on writing into what was kept."""
+    writer = BagWriter(tmp_path / "run")
+    writer.write(writer.add_topic("/a", STRING, QoS()), samples.cdr(STRING), 0, 0)
+    writer.flush()
+    with pytest.raises(BagError, match="run_0.mcap.partial is being recorded: stop its recorder"):
+        recover(tmp_path / "run")
+    assert names(tmp_path / "run") == ["run_0.mcap.partial"]
+    writer.close()
+    assert not recover(tmp_path / "run").changed
+
+
+def test_full_disk_changes_nothing(tmp_path, samples, monkeypatch):
+    bag = write_bag(tmp_path / "run", samples, finish=False)
+
+    class FullDisk(BagWriter):
+        def close(self):
+            raise BagError("cannot write: No space left on device")
+
+    monkeypatch.setattr(sys.modules[recover.__module__], "BagWriter", FullDisk)
+    with pytest.raises(BagError, match="No space left"):
+        recover(bag)
+    assert names(bag) == ["run_0.mcap.partial"]
+    assert open_bag(bag).message_count == 20
+
+
+def test_a_copy_that_lacks_something_takes_no_place(tmp_path, samples, monkeypatch):
+    bag = write_bag(tmp_path / "run", samples, finish=False)
+    before = {path.name: path.read_bytes() for path in bag.iterdir()}
+    write = BagWriter.write
+
+    def forgetful(writer, channel, data, log_ns, *more):
+        if log_ns != 13:
+            write(writer, channel, data, log_ns, *more)
+
+    monkeypatch.setattr(BagWriter, "write", forgetful)
+    with pytest.raises(BagError, match="does not read back"):
+        recover(bag)
+    assert {path.name: path.read_bytes() for path in bag.iterdir()} == before
+
+
+def test_flushed_messages_survive_a_kill(tmp_path, samples):
+    """A process that is killed between flushes loses what came after the last one, no more."""
+    script = (
+        "import sys; from pathlib import Path\n"
+        "from sparse_coord_ros.bags import BagWriter, QoS\n"
+        "assert 'rclpy' not in sys.modules\n"
+        "bag = BagWriter(Path(sys.argv[1])); data = bytes.fromhex(sys.argv[2])\n"
+        "bag.add_metadata('run', {'seed': '7'})\n"
+        "channel = bag.add_topic('/a', 'std_msgs/msg/String', QoS(durability='transient_local'))\n"
+        "for i in range(250):\n"
+        "    bag.write(channel, data, i, i)\n"
+        "    if i % 100 == 99: bag.flush()\n"
+        "print('flushed', flush=True)\n"
+        "sys.stdin.read()\n"
+    )
+    bag = tmp_path / "run"
+    data = samples.cdr(STRING)
+    with subprocess.Popen(
+        [sys.executable, "-c", script, bag, data.hex()],
+        env={**os.environ, "PYTHONPATH": ":".join(filter(None, sys.path))},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as process:
+        try:
+            assert process.stdout.readline() == "flushed\n"
+        finally:
+            process.kill()
+    assert process.returncode == -signal.SIGKILL
+    assert names(bag) == ["run_0.mcap.partial"]
+    found = open_bag(bag)
+    assert (found.finished, found.damage) == (False, None)
+    assert [(m.log_time_ns, m.data) for m in found.messages()] == [(i, data) for i in range(200)]
+    assert recover(bag).complete
+    with AnyReader([bag]) as reader:
+        assert [time for _, time, _ in reader.messages()] == list(range(200))
+
+
+def test_a_file_of_another_name_leaves_one_bag(tmp_path, samples, capsys):
+    bag = write_bag(tmp_path / "run", samples, finish=True)
+    (bag / "run_0.mcap").rename(bag / "other.mcap")
+    os.truncate(bag / "other.mcap", (bag / "other.mcap").stat().st_size - 9)
+    assert run(capsys, bag)[0] in (0, 1)
+    assert names(bag) == ["metadata.yaml", "metadata.yaml.damaged", "other.mcap.damaged"] + [
+        f"{open_bag(bag).path.name}"
+    ]

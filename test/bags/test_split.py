@@ -1,0 +1,204 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Bags of several files: by size and time, continued after a crash; every reader reads them."""
+
+import json
+
+import pytest
+import yaml
+from rosbags.highlevel import AnyReader
+
+from sparse_coord_ros.bags import BagError, BagWriter, QoS, open_bag
+from sparse_coord_ros.bags.metadata import ROLLED_BACK
+from sparse_coord_ros.bags.playlist import Playlist
+from sparse_coord_ros.bags.recover import continued, recover
+from sparse_coord_ros.cli.main import main
+
+STRING = "std_msgs/msg/String"
+
+
+def begin(directory, samples, times=range(30), **options):
+    writer = BagWriter(directory, chunk_size=200, **options)
+    channels = [writer.add_topic(f"/{name}", STRING, QoS()) for name in "ab"]
+    write(writer, channels, samples, times)
+    return writer, channels
+
+
+def write(writer, channels, samples, times):
+    for time in times:
+        writer.write(channels[time % 2], samples.cdr(STRING, time), time, time)
+
+
+def by_rosbags(directory):
+    with AnyReader([directory]) as reader:
+        return [(c.topic, time) for c, time, _ in reader.messages()]
+
+
+def said(bag):
+    return [(message.topic, message.log_time_ns) for message in bag.messages()]
+
+
+@pytest.mark.parametrize("limit", [{"max_bytes": 1500}, {"max_ns": 10}])
+def test_files_by_size_and_time(tmp_path, samples, limit):
+    begin(tmp_path / "bag", samples, **limit)[0].close()
+    bag = open_bag(tmp_path / "bag")
+    assert len(bag.files) > 1
+    assert [file.path.name for file in bag.files] == [
+        f"bag_{number}.mcap" for number in range(len(bag.files))
+    ]
+    assert (bag.finished, bag.damage, bag.whole, bag.message_count) == (True, None, True, 30)
+    assert said(bag) == by_rosbags(tmp_path / "bag") == [(f"/{'ab'[i % 2]}", i) for i in range(30)]
+    assert [message.sequence for message in bag.messages({"/a"})] == list(range(15))
+    assert len(Playlist(bag, ["/a", "/b"])) == 30
+    information = yaml.safe_load((tmp_path / "bag" / "metadata.yaml").read_text())
+    information = information["rosbag2_bagfile_information"]
+    assert information["relative_file_paths"] == [file.path.name for file in bag.files]
+    counts = [file["message_count"] for file in information["files"]]
+    assert sum(counts) == information["message_count"] == 30
+    topics = information["topics_with_message_count"]
+    assert [topic["message_count"] for topic in topics] == [15, 15]
+    assert bag.files[1].continued == {"why": "split"}
+
+
+def test_a_file_of_so_long_ends_before_the_message_that_is_so_much_later(tmp_path, samples):
+    begin(tmp_path / "bag", samples, range(25), max_ns=10)[0].close()
+    files = open_bag(tmp_path / "bag").files
+    assert [(file.start_ns, file.end_ns) for file in files] == [(0, 9), (10, 19), (20, 24)]
+
+
+def test_what_is_counted_over_several_files(tmp_path, samples):
+    """Bytes go on with every file; times may be in any order; numbers may be those of another."""
+    writer, [a, b] = begin(tmp_path / "bag", samples)
+    before = writer.bytes_written
+    writer.begin_file({"why": "split"})
+    assert writer.bytes_written > before
+    for sequence, time in enumerate((50, 40, 60)):
+        writer.write(b, samples.cdr(STRING), time, time, sequence=100 + sequence)
+    writer.close()
+    bag = open_bag(tmp_path / "bag")
+    assert [m.sequence for m in bag.messages({"/b"})] == [*range(15), 100, 101, 102]
+    information = yaml.safe_load((tmp_path / "bag" / "metadata.yaml").read_text())
+    last = information["rosbag2_bagfile_information"]["files"][1]
+    assert last["starting_time"]["nanoseconds_since_epoch"] == 40
+    assert last["duration"]["nanoseconds"] == 20
+
+
+def test_a_damaged_original_is_kept_beside_the_bag_that_goes_on(tmp_path, samples):
+    """What is lost cannot be had from the mended file: nobody removes the original."""
+    for name, cut in (("whole", 0), ("damaged", 150)):
+        directory = tmp_path / name
+        begin(directory, samples)[0].abandon()
+        [file] = directory.iterdir()
+        data = bytearray(file.read_bytes())
+        if cut:
+            data[-cut:] = bytes(cut)
+            file.write_bytes(data)
+        assert continued(directory) is not None
+        originals = [path for path in directory.iterdir() if ".damaged" in path.name]
+        assert [path.read_bytes() for path in originals] == ([bytes(data)] if cut else [])
+
+
+def test_files_come_by_their_numbers_and_finished_ones_first(tmp_path, samples):
+    directory = tmp_path / "bag"
+    writer, channels = begin(directory, samples, range(1))
+    for number in range(1, 12):
+        writer.begin_file({"why": "split"})
+        write(writer, channels, samples, [number])
+    writer.close()
+    assert [time for _, time in said(open_bag(directory))] == list(range(12))
+    data = (directory / "bag_3.mcap").read_bytes()
+    (directory / "bag_3.mcap.partial").write_bytes(data[: len(data) // 2])
+    bag = open_bag(directory)
+    assert bag.files[3].path.name == "bag_3.mcap" and bag.message_count == 12
+
+
+@pytest.mark.parametrize("last", [False, True])
+def test_only_a_last_file_that_was_recovered_makes_a_bag_recovered(tmp_path, samples, last):
+    """What was lost at the end of one before is a gap between files, and is called so."""
+    note = {"complete": "false", "damage": "", "lost_bytes": "9"}
+    writer, channels = begin(tmp_path / "bag", samples, range(3))
+    if not last:
+        writer.add_metadata("recovered", note)
+    writer.begin_file({"why": "restarted"})
+    if last:
+        writer.add_metadata("recovered", note)
+    write(writer, channels, samples, range(3, 6))
+    writer.close()
+    assert open_bag(tmp_path / "bag").recovered == (note if last else None)
+
+
+def test_a_topic_that_says_nothing_any_more_is_still_counted(tmp_path, samples):
+    directory = tmp_path / "bag"
+    begin(directory, samples)[0].close()
+    with BagWriter(directory, earlier=continued(directory)) as writer:
+        channel = writer.add_topic("/a", STRING, QoS())
+        writer.write(channel, samples.cdr(STRING), 30, 30)
+    text = (directory / "metadata.yaml").read_text()
+    topics = yaml.safe_load(text)["rosbag2_bagfile_information"]["topics_with_message_count"]
+    counts = {one["topic_metadata"]["name"]: one["message_count"] for one in topics}
+    assert counts == {"/a": 16, "/b": 15}
+
+
+def test_a_killed_recorder_goes_on_in_the_next_file(tmp_path, samples):
+    directory = tmp_path / "bag"
+    begin(directory, samples)[0].abandon()
+    earlier = continued(directory)
+    assert (earlier.number, earlier.name, earlier.end_ns) == (1, "bag", 29)
+    writer, _ = begin(directory, samples, range(30, 40), earlier=earlier)
+    writer.close()
+    bag = open_bag(directory)
+    assert said(bag) == by_rosbags(directory) == [(f"/{'ab'[i % 2]}", i) for i in range(40)]
+    assert bag.files[1].continued == {"why": "restarted"}
+    assert [message.sequence for message in bag.messages({"/b"})] == list(range(20))
+    assert sorted(path.name for path in directory.iterdir()) == [
+        "bag_0.mcap",
+        "bag_1.mcap",
+        "metadata.yaml",
+    ]
+
+
+def test_recover_mends_every_file(tmp_path, samples, capsys):
+    directory = tmp_path / "bag"
+    writer, _ = begin(directory, samples, max_ns=10)
+    writer.abandon()
+    (directory / "bag_1.mcap").rename(directory / "bag_1.mcap.partial")
+    data = (directory / "bag_1.mcap.partial").read_bytes()
+    (directory / "bag_1.mcap.partial").write_bytes(data[:-100])
+    assert open_bag(directory).message_count == 30
+    recovery = recover(directory)
+    assert recovery.changed
+    assert said(open_bag(directory)) == by_rosbags(directory)
+    assert len(said(open_bag(directory))) == 30
+    assert not recover(directory).changed
+    assert main(["info", str(directory), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["files"] == ["bag_0.mcap", "bag_1.mcap", "bag_2.mcap"]
+
+
+def test_a_bag_that_never_began_is_moved_aside(tmp_path):
+    directory = tmp_path / "bag"
+    BagWriter(directory).abandon()
+    assert continued(directory) is None
+    assert not directory.exists()
+    assert (tmp_path / "bag.damaged").exists()
+    assert continued(tmp_path / "none") is None
+
+
+def test_a_bag_that_is_being_recorded_is_left_alone(tmp_path, samples):
+    writer, channels = begin(tmp_path / "bag", samples)
+    writer.flush()
+    with pytest.raises(BagError, match="is being recorded"):
+        continued(tmp_path / "bag")
+    write(writer, channels, samples, [30])
+    writer.close()
+
+
+def test_a_file_that_takes_the_run_back(tmp_path, samples):
+    writer, channels = begin(tmp_path / "bag", samples)
+    writer.begin_file({"why": ROLLED_BACK, "step": "3", "first": "3"})
+    write(writer, channels, samples, [7, 8])
+    writer.close()
+    bag = open_bag(tmp_path / "bag")
+    assert bag.files[0].continued is None
+    assert bag.files[1].continued == {"why": ROLLED_BACK, "step": "3", "first": "3"}
+    assert said(bag)[-2:] == [("/b", 7), ("/a", 8)]

@@ -1,0 +1,469 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Bags read back by two independent readers, rosbags and mcap with mcap_ros2."""
+
+import errno
+import json
+import os
+import resource
+import subprocess
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+import yaml
+from mcap.reader import NonSeekingReader, SeekingReader, make_reader
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import QosDurability
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from sparse_coord_ros import __version__
+from sparse_coord_ros.bags import (
+    BagError,
+    BagWriter,
+    QoS,
+    offered_qos_profiles,
+    open_bag,
+    schema_text,
+    type_hash,
+)
+from sparse_coord_ros.errors import SparseCoordError
+
+TYPES = (
+    "geometry_msgs/msg/PoseStamped",
+    "sensor_msgs/msg/JointState",
+    "nav_msgs/msg/Path",
+    "nav_msgs/msg/OccupancyGrid",
+    "visualization_msgs/msg/MarkerArray",
+    "diagnostic_msgs/msg/DiagnosticArray",
+    "diagnostic_msgs/msg/DiagnosticStatus",
+    "std_msgs/msg/String",
+    "rosgraph_msgs/msg/Clock",
+    "rcl_interfaces/msg/Log",
+    "rcl_interfaces/msg/ParameterEvent",
+)
+EVENT_TYPE = "nav_msgs/srv/GetPlan_Event"
+EVENT_TOPIC = "/robot1/active_perception/_service_event"
+# rosbags files a service's types below `msg`.
+EVENT_TYPE_OF_ROSBAGS = "nav_msgs/srv/msg/GetPlan_Event"
+LATCHED = QoS(durability="transient_local", depth=1)
+STRING = "std_msgs/msg/String"
+
+
+def topic_of(type_name):
+    """Return the topic that a type is recorded on here."""
+    return "/" + type_name.rsplit("/", 1)[1].lower()
+
+
+def write_all_types(directory, samples, rounds=3, **options):
+    """Write a bag with messages of every type, a metadata record and an attachment."""
+    with BagWriter(directory, **options) as bag:
+        channels = {
+            name: bag.add_topic(topic_of(name), name, LATCHED if "Grid" in name else QoS())
+            for name in TYPES
+        }
+        bag.add_metadata("run", {"seed": "7", "scenario": "cit"})
+        for step in range(rounds):
+            for place, (name, channel) in enumerate(channels.items()):
+                time_ns = step * 1_000 + place
+                bag.write(channel, samples.cdr(name, step + 1), 10_000 + time_ns, 5_000 + time_ns)
+        bag.attach("scenario.yaml", b"map: cit\n", "application/yaml")
+    return directory
+
+
+@pytest.fixture(scope="module")
+def bag_directory(tmp_path_factory, samples):
+    """Return a finished bag with messages of every type."""
+    return write_all_types(tmp_path_factory.mktemp("bags") / "run", samples)
+
+
+def mcap_reader(directory, **options):
+    """Return mcap's indexed reader of a bag, checking all CRCs."""
+    path = directory / f"{directory.name}_0.mcap"
+    return SeekingReader(path.open("rb"), validate_crcs=True, **options)
+
+
+@pytest.mark.parametrize("type_name", TYPES)
+def test_every_message_decodes_with_both_readers(bag_directory, samples, type_name):
+    """Fields equal what went in, by both decoders; log times and order are kept."""
+    topic = topic_of(type_name)
+    with AnyReader([bag_directory]) as reader:
+        [connection] = [c for c in reader.connections if c.topic == topic]
+        rosbags_found = [
+            (time, reader.deserialize(data, connection.msgtype))
+            for _, time, data in reader.messages([connection])
+        ]
+    mcap_found = [
+        (message.log_time, decoded)
+        for _, _, message, decoded in mcap_reader(
+            bag_directory, decoder_factories=[DecoderFactory()]
+        ).iter_decoded_messages(topics=[topic])
+    ]
+    first = 10_000 + TYPES.index(type_name)
+    for found in (rosbags_found, mcap_found):
+        assert [time for time, _ in found] == [first, first + 1_000, first + 2_000]
+        for seed, (_, message) in enumerate(found, start=1):
+            assert samples.same(samples.message(type_name, seed), message)
+
+
+def test_channels_carry_schema_hash_and_qos(bag_directory):
+    """What rosbag2 and Foxglove need stands in the file itself."""
+    reader = mcap_reader(bag_directory)
+    header, summary = reader.get_header(), reader.get_summary()
+    assert (header.profile, header.library) == ("ros2", f"sparse_coord_ros {__version__}")
+    assert {s.name: s.data.decode() for s in summary.schemas.values()} == {
+        name: schema_text(name) for name in TYPES
+    }
+    assert {s.encoding for s in summary.schemas.values()} == {"ros2msg"}
+    for channel in summary.channels.values():
+        name = summary.schemas[channel.schema_id].name
+        assert channel.topic == topic_of(name)
+        assert channel.message_encoding == "cdr"
+        assert channel.metadata == {
+            "offered_qos_profiles": offered_qos_profiles([LATCHED if "Grid" in name else QoS()]),
+            "topic_type_hash": type_hash(name),
+        }
+
+
+def test_latched_topic_keeps_its_durability(bag_directory):
+    """A replayed map has to be latched again."""
+    with AnyReader([bag_directory]) as reader:
+        durabilities = {
+            c.topic: c.ext.offered_qos_profiles[0].durability for c in reader.connections
+        }
+    assert durabilities.pop("/occupancygrid") == QosDurability.TRANSIENT_LOCAL
+    assert set(durabilities.values()) == {QosDurability.VOLATILE}
+
+
+def test_file_is_complete(bag_directory):
+    """Statistics, indexes, sequence numbers, CRCs, metadata and attachment."""
+    reader = mcap_reader(bag_directory)
+    summary = reader.get_summary()
+    statistics = summary.statistics
+    assert statistics.message_count == 33
+    assert (statistics.channel_count, statistics.schema_count) == (11, 11)
+    assert (statistics.message_start_time, statistics.message_end_time) == (10_000, 12_010)
+    assert all(index.message_index_offsets for index in summary.chunk_indexes)
+    sequences = {}
+    for _, channel, message in reader.iter_messages():
+        sequences.setdefault(channel.topic, []).append(message.sequence)
+        assert message.publish_time == message.log_time - 5_000
+    assert set(map(tuple, sequences.values())) == {(0, 1, 2)}
+    records = {record.name: record.metadata for record in reader.iter_metadata()}
+    assert records["run"] == {"seed": "7", "scenario": "cit"}
+    [attachment] = reader.iter_attachments()
+    assert (attachment.name, attachment.data) == ("scenario.yaml", b"map: cit\n")
+    assert (attachment.media_type, attachment.log_time) == ("application/yaml", 0)
+    with (bag_directory / "run_0.mcap").open("rb") as stream:
+        scanned = list(NonSeekingReader(stream, validate_crcs=True).iter_messages())
+    assert len(scanned) == 33
+
+
+def test_metadata_yaml_describes_the_bag(bag_directory):
+    """Counts and times are the file's; the same text stands in the file."""
+    text = (bag_directory / "metadata.yaml").read_text()
+    information = yaml.safe_load(text)["rosbag2_bagfile_information"]
+    assert information["version"] == 9
+    assert information["message_count"] == 33
+    assert information["starting_time"] == {"nanoseconds_since_epoch": 10_000}
+    assert information["duration"] == {"nanoseconds": 2_010}
+    assert information["relative_file_paths"] == ["run_0.mcap"]
+    assert [t["message_count"] for t in information["topics_with_message_count"]] == [3] * 11
+    topics = [t["topic_metadata"] for t in information["topics_with_message_count"]]
+    assert {t["name"]: t["type_description_hash"] for t in topics} == {
+        topic_of(name): type_hash(name) for name in TYPES
+    }
+    records = {r.name: r.metadata for r in mcap_reader(bag_directory).iter_metadata()}
+    assert yaml.safe_load(records["rosbag2"]["serialized_metadata"]) == information
+
+
+def test_service_events_are_kept_and_decode(tmp_path, samples):
+    """A service event channel has a usable schema and does not spoil the bag for rosbags."""
+    event_store = get_typestore(Stores.EMPTY)
+    event_store.register(get_types_from_msg(schema_text(EVENT_TYPE), EVENT_TYPE))
+    events = type(samples)(event_store)
+    with BagWriter(tmp_path / "events") as bag:
+        channel = bag.add_topic(EVENT_TOPIC, EVENT_TYPE, QoS())
+        bag.write(channel, events.cdr(EVENT_TYPE_OF_ROSBAGS), 1, 1)
+        bag.write(bag.add_topic("/chatter", STRING, QoS()), samples.cdr(STRING), 2, 2)
+    summary = mcap_reader(tmp_path / "events").get_summary()
+    [channel] = [c for c in summary.channels.values() if c.topic == EVENT_TOPIC]
+    schema = summary.schemas[channel.schema_id]
+    assert (schema.name, schema.encoding) == (EVENT_TYPE, "ros2msg")
+    assert schema.data.decode() == schema_text(EVENT_TYPE)
+    with AnyReader([tmp_path / "events"]) as reader:
+        (event, _, data), (text, _, text_data) = reader.messages()
+        assert (event.topic, event.msgtype, event.digest) == (EVENT_TOPIC, EVENT_TYPE, "")
+        decoded = reader.deserialize(data, EVENT_TYPE_OF_ROSBAGS)
+        assert events.same(events.message(EVENT_TYPE_OF_ROSBAGS), decoded)
+        assert samples.same(samples.message(STRING), reader.deserialize(text_data, text.msgtype))
+
+
+@pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
+def test_same_calls_give_same_bytes(tmp_path, samples, compression):
+    """Neither clock nor process leaves a trace."""
+    options = {"compression": compression, "chunk_size": 2_000}
+    one = write_all_types(tmp_path / "a" / "run", samples, rounds=9, **options)
+    two = write_all_types(tmp_path / "b" / "run", samples, rounds=9, **options)
+    assert sorted(p.name for p in one.iterdir()) == ["metadata.yaml", "run_0.mcap"]
+    for path in one.iterdir():
+        assert path.read_bytes() == (two / path.name).read_bytes()
+    summary = mcap_reader(one).get_summary()
+    assert len(summary.chunk_indexes) > 3
+    assert {i.compression for i in summary.chunk_indexes} == {compression.replace("none", "")}
+    assert len(list(mcap_reader(one).iter_messages())) == 99
+
+
+@pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
+def test_doctor_finds_nothing(tmp_path, samples, compression):
+    """A third reader of MCAP, made to find fault with files."""
+    doctor = Path(sys.executable).with_name("pymcap-cli")
+    if not doctor.exists():
+        pytest.skip("pymcap-cli is not installed")
+    options = {"compression": compression, "chunk_size": 2_000}
+    directory = write_all_types(tmp_path / "run", samples, rounds=9, **options)
+    done = subprocess.run(
+        [doctor, "doctor", "--format", "jsonl", directory / "run_0.mcap"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.returncode == 0, done.stdout
+    found = [json.loads(line) for line in done.stdout.splitlines()]
+    codes = {line["code"] for line in found if "code" in line}
+    assert codes <= {"SMALL_CHUNKS", "NO_COMPRESSION"}, done.stdout
+
+
+def test_existing_directory_is_refused_and_untouched(bag_directory):
+    """Nothing is ever overwritten, not even a directory without a bag."""
+    before = {path.name: path.read_bytes() for path in bag_directory.iterdir()}
+    with pytest.raises(BagError, match=f"{bag_directory} exists: choose another name"):
+        BagWriter(bag_directory)
+    assert {path.name: path.read_bytes() for path in bag_directory.iterdir()} == before
+    assert issubclass(BagError, SparseCoordError)
+
+
+def test_directory_that_cannot_be_made_is_named(tmp_path):
+    """A file in the way is no directory."""
+    (tmp_path / "file").write_text("")
+    with pytest.raises(BagError, match=r"cannot make the bag .*/file/run/run_0\.mcap: Not a dir"):
+        BagWriter(tmp_path / "file" / "run")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"compression": "gzip"}, "compression is 'gzip': give one of zstd, lz4, none"),
+        ({"chunk_size": 0}, "chunk_size is 0: give a number of bytes, 1 to 67108864"),
+        ({"name": "a/b"}, "bag name is 'a/b': give a file name"),
+        ({"name": ""}, "bag name is ''"),
+        ({"chunk_size": 10**9}, "chunk_size is 1000000000: give a number of bytes"),
+        ({"chunk_size": True}, "chunk_size is True: give a number of bytes"),
+    ],
+)
+def test_bad_options_are_refused_before_anything_is_made(tmp_path, options, message):
+    """The error names the option, its value and what is allowed."""
+    with pytest.raises(BagError, match=message):
+        BagWriter(tmp_path / "run", **options)
+    assert not (tmp_path / "run").exists()
+
+
+def test_name_replaces_the_directory_name(tmp_path):
+    """An empty bag with a name of its own opens too."""
+    with BagWriter(tmp_path / "run", name="team") as bag:
+        bag.add_topic("/chatter", STRING, QoS())
+    assert (tmp_path / "run" / "team_0.mcap").is_file()
+    with AnyReader([tmp_path / "run"]) as reader:
+        assert (reader.message_count, list(reader.topics)) == (0, ["/chatter"])
+
+
+def test_topics_are_registered_once(tmp_path):
+    """Asking again gives the same channel; another type or profile is refused."""
+    with BagWriter(tmp_path / "run") as bag:
+        first = bag.add_topic("/a", STRING, QoS())
+        assert bag.add_topic("/a", STRING, QoS()) == first
+        assert bag.add_topic("/b", STRING, LATCHED) != first
+        with pytest.raises(BagError, match="/a is in the bag as std_msgs/msg/String with"):
+            bag.add_topic("/a", "nav_msgs/msg/Path", QoS())
+        with pytest.raises(BagError, match="one type and one profile a topic"):
+            bag.add_topic("/a", STRING, LATCHED)
+        with pytest.raises(BagError, match="'a' is not a full name"):
+            bag.add_topic("a", STRING, QoS())
+        with pytest.raises(BagError, match="no definition of nav_msgs/msg/Nope"):
+            bag.add_topic("/c", "nav_msgs/msg/Nope", QoS())
+    statistics = mcap_reader(tmp_path / "run").get_summary().statistics
+    assert (statistics.channel_count, statistics.schema_count) == (2, 1)
+
+
+def test_bad_messages_are_refused_and_leave_the_bag_whole(tmp_path, samples):
+    """An unknown channel, a time out of range, metadata that is no text."""
+    with BagWriter(tmp_path / "run") as bag:
+        channel = bag.add_topic("/a", STRING, QoS())
+        with pytest.raises(BagError, match="channel 9 is not in .*run_0.mcap.partial"):
+            bag.write(9, b"", 0, 0)
+        for times in ((-1, 0), (0, -1), (2**63, 0)):
+            with pytest.raises(BagError, match="give nanoseconds from 0 to 9223372036854775807"):
+                bag.write(channel, b"", *times)
+        with pytest.raises(BagError, match="metadata run: 'seed' is 7: give texts only"):
+            bag.add_metadata("run", {"seed": 7})
+        bag.write(channel, samples.cdr(STRING), 2**63 - 1, 0)
+        bag.write(channel, samples.cdr(STRING), 0, 2**63 - 1)
+        assert bag.message_count == 2
+    with AnyReader([tmp_path / "run"]) as reader:
+        assert [time for _, time, _ in reader.messages()] == [0, 2**63 - 1]
+
+
+def test_closed_bag_takes_nothing_more(tmp_path):
+    """A second close does nothing."""
+    bag = BagWriter(tmp_path / "run")
+    channel = bag.add_topic("/a", STRING, QoS())
+    bag.close()
+    bag.close()
+    bag.abandon()
+    size = bag.bytes_written
+    for call in (
+        lambda: bag.write(channel, b"", 0, 0),
+        lambda: bag.add_topic("/b", STRING, QoS()),
+        lambda: bag.add_metadata("a", {}),
+        lambda: bag.attach("a", b"", "text/plain"),
+        bag.flush,
+    ):
+        with pytest.raises(BagError, match="run_0.mcap is closed: open a new one"):
+            call()
+    assert bag.bytes_written == size == (tmp_path / "run" / "run_0.mcap").stat().st_size
+
+
+def unfinished_times(directory):
+    """Return the log times in an unfinished bag's file, the only one in its directory."""
+    [path] = directory.iterdir()
+    assert path.name == f"{directory.name}_0.mcap.partial"
+    bag = open_bag(directory)
+    assert (bag.path, bag.finished, bag.damage) == (path, False, None)
+    return [message.log_time_ns for message in bag.messages()]
+
+
+def test_full_chunks_are_in_the_file_at_once(tmp_path, samples):
+    """Without any flush at most the last chunk is missing."""
+    bag = BagWriter(tmp_path / "run", chunk_size=1_000)
+    channel = bag.add_topic("/a", STRING, QoS())
+    for i in range(500):
+        bag.write(channel, samples.cdr(STRING), i, i)
+    assert bag.bytes_written == (tmp_path / "run" / "run_0.mcap.partial").stat().st_size
+    assert 480 < len(unfinished_times(tmp_path / "run")) < 500
+    bag.close()
+    assert len(list(mcap_reader(tmp_path / "run").iter_messages())) == 500
+
+
+def test_file_gets_its_name_when_it_is_whole(tmp_path):
+    """A finished file of that name, come from elsewhere, is not overwritten."""
+    with BagWriter(tmp_path / "run"):
+        assert [p.name for p in (tmp_path / "run").iterdir()] == ["run_0.mcap.partial"]
+    names = ["metadata.yaml", "run_0.mcap"]
+    assert sorted(p.name for p in (tmp_path / "run").iterdir()) == names
+    bag = BagWriter(tmp_path / "other")
+    (tmp_path / "other" / "other_0.mcap").write_text("precious")
+    with pytest.raises(BagError, match=r"cannot finish .*partial as other_0.mcap: File exists"):
+        bag.close()
+    assert (tmp_path / "other" / "other_0.mcap").read_text() == "precious"
+    assert open_bag(tmp_path / "other" / "other_0.mcap.partial").finished
+
+
+def test_exception_abandons_the_bag_with_all_its_messages(tmp_path, samples):
+    """A broken run must not look whole; what it wrote is there all the same."""
+    with pytest.raises(RuntimeError), BagWriter(tmp_path / "run") as bag:
+        channel = bag.add_topic("/a", STRING, QoS())
+        for i in range(3):
+            bag.write(channel, samples.cdr(STRING), i, i)
+        raise RuntimeError
+    assert unfinished_times(tmp_path / "run") == [0, 1, 2]
+    with pytest.raises(BagError, match="is closed"):
+        bag.flush()
+
+
+@contextmanager
+def small_disk():
+    """Let no file of this process grow beyond 50,000 bytes; pytest's own output may be longer."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def test_full_disk_is_a_clear_error_and_stays_one(tmp_path):
+    """The first failure names file, size and cause; the file ends with its last whole chunk."""
+    bag = BagWriter(tmp_path / "run", compression="none", chunk_size=10_000)
+    channel = bag.add_topic("/a", STRING, QoS())
+    message = "cannot write .*run_0.mcap.partial beyond 50000 bytes: File too large; .* make room"
+    with small_disk(), pytest.raises(BagError, match=message) as caught:
+        for i in range(1_000):
+            bag.write(channel, bytes(100), i, i)
+    assert caught.value.__cause__.errno == errno.EFBIG
+    for call in (lambda: bag.write(channel, b"", 0, 0), bag.flush, bag.close):
+        with pytest.raises(BagError, match=message):
+            call()
+    bag.close()
+    times = unfinished_times(tmp_path / "run")
+    assert 200 < len(times) < 400
+    assert times == list(range(len(times)))
+
+
+@pytest.mark.parametrize("room", [*range(0, 60, 7), 400, 1_000, 1_400, 1_700])
+def test_disk_full_while_closing_leaves_every_message(tmp_path, samples, monkeypatch, room):
+    """Wherever in the last records it happens: all that was flushed can be read."""
+    bag = BagWriter(tmp_path / "run")
+    channel = bag.add_topic("/a", STRING, QoS())
+    for i in range(10):
+        bag.write(channel, samples.cdr(STRING), i, i)
+    bag.flush()
+    file = Disk(bag._file._file, room)
+    monkeypatch.setattr(bag._file, "_file", file)
+    with pytest.raises(BagError, match="No space left on device"):
+        bag.close()
+    assert unfinished_times(tmp_path / "run") == list(range(10))
+
+
+class Disk:
+    """A file on a disk that has room for so many bytes more."""
+
+    def __init__(self, file, room):
+        self._file, self._room = file, room
+
+    def write(self, data):
+        if not self._room:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        written = self._file.write(data[: self._room])
+        self._room -= written
+        return written
+
+    def __getattr__(self, name):
+        return getattr(self._file, name)
+
+
+def test_metadata_yaml_that_cannot_be_written_is_an_error(tmp_path):
+    """The MCAP file is whole by then and can be read alone."""
+    bag = BagWriter(tmp_path / "run")
+    (tmp_path / "run" / "metadata.yaml").mkdir()
+    with pytest.raises(BagError, match="cannot write .*metadata.yaml: Is a directory"):
+        bag.close()
+    with (tmp_path / "run" / "run_0.mcap").open("rb") as stream:
+        assert make_reader(stream).get_summary().statistics.message_count == 0
+    assert sorted(p.name for p in (tmp_path / "run").iterdir()) == ["metadata.yaml", "run_0.mcap"]
+
+
+def test_the_disk_has_file_names_and_metadata(tmp_path, samples, monkeypatch):
+    """A finished bag survives a power cut: the file, `metadata.yaml`, and both names."""
+    synced = []
+    real = os.fsync
+
+    def fsync(descriptor):
+        synced.append(os.path.basename(os.readlink(f"/proc/self/fd/{descriptor}")))
+        real(descriptor)
+
+    monkeypatch.setattr(os, "fsync", fsync)
+    with BagWriter(tmp_path / "run") as writer:
+        writer.write(writer.add_topic("/a", STRING, QoS()), samples.cdr(STRING), 1, 1)
+    assert synced == ["run_0.mcap.partial", "run", "metadata.yaml.partial", "run"]

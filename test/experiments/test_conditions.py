@@ -1,0 +1,147 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Cells and experiments as data."""
+
+import pytest
+
+from sparse_coord_ros.errors import ScenarioError, SettingError
+from sparse_coord_ros.experiments.catalogue import LARGE, NAMES, SMALL, experiment
+from sparse_coord_ros.experiments.conditions import make_condition, parse_id
+from sparse_coord_ros.game.scenario import load_scenario
+
+
+def test_an_id_reads_back_as_the_same_cell():
+    for name in NAMES:
+        for cell in experiment(name).conditions:
+            assert parse_id(cell.id) == (cell, None)
+            assert parse_id(f"{cell.id}/17") == (cell, 17)
+
+
+def test_the_issue_s_example():
+    cell, number = parse_id("env2-4r/coop/penalty=-20/3")
+    assert (cell.name, cell.learner, number) == ("env2-4r", "coop", 3)
+    assert cell.scenario == load_scenario("env2-4r")
+
+
+@pytest.mark.parametrize(
+    ("text", "canonical"),
+    [
+        ("env1/coop/penalty=-20.0", "env1/coop/penalty=-20"),
+        ("env1/coop/penalty=-0.0", "env1/coop/penalty=0"),
+        ("env1/coop/steps=10000", "env1/coop/penalty=-20"),
+        ("env1/coop/steps=1e5,penalty=-100", "env1/coop/penalty=-100,steps=100000"),
+        ("env1/indiv/steps=100000,penalty=-100", "env1/indiv/penalty=-100,steps=100000"),
+        ("cit/coop/steps=100000,penalty=-100", "cit/coop/penalty=-100"),
+        (
+            "env1/coop/perception=probability:0.50,ask_cost=2",
+            "env1/coop/penalty=-20,ask_cost=2,perception=probability:0.5",
+        ),
+    ],
+)
+def test_a_cell_has_one_id(text, canonical):
+    assert parse_id(text)[0].id == canonical
+
+
+@pytest.mark.parametrize(
+    ("text", "error", "words"),
+    [
+        ("env7/coop/penalty=-20", ScenarioError, "env7.*env1"),
+        ("env1/cop/penalty=-20", SettingError, "'cop'.*did you mean 'coop'"),
+        ("env1/coop/penalty=20", SettingError, "penalty.*to 0"),
+        ("env1/coop/penaltie=-20", SettingError, "did you mean 'penalty'"),
+        ("env1/coop/penalty", SettingError, "key=value"),
+        ("env1/coop/penalty=-1,penalty=-2", SettingError, "a setting is there twice"),
+        ("env1/coop", SettingError, "scenario/learner/settings"),
+        ("coop/3", SettingError, "scenario/learner/settings"),
+        ("env1/coop/penalty=-20/" + "9" * 5000, SettingError, "1 to 9 digits"),
+        ("env1/coop/penalty=-20/\u0663", SettingError, "1 to 9 digits"),
+        ("../config/env1/coop/penalty=-20", ScenarioError, "no such scenario"),
+        ("./env1/coop/penalty=-20", ScenarioError, "no such scenario"),
+        ("../coop/penalty=-20", ScenarioError, "no such scenario"),
+        ("env1/coop/horizon=1000000000", SettingError, "horizon.*to 1000000"),
+        ("env1/coop/max_steps=1000000000", SettingError, "max_steps.*to 1000000"),
+    ],
+)
+def test_bad_ids(text, error, words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(error, match=words) as caught:
+        parse_id(text)
+    assert len(str(caught.value)) < 1000
+
+
+ROBOTS = "robots:\n  a: {start: 1, goal: 2}\n  b: {start: 2, goal: 1}\n"
+
+
+@pytest.fixture
+def file(tmp_path, monkeypatch):
+    """Return a maker of scenario files in an empty folder, which becomes the current one."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.txt").write_text("title: mine\n---\n1..D..2\n")
+
+    def write(path, more=""):
+        (tmp_path / path).parent.mkdir(exist_ok=True)
+        (tmp_path / path).write_text(f"map: {tmp_path}/mine.txt\n{ROBOTS}{more}")
+        return tmp_path / path
+
+    return write
+
+
+def test_a_scenario_file_can_be_a_cell(file):
+    path = file("mine.yaml")
+    for typed in (path, "mine.yaml", "./mine.yaml", f"../{path.parent.name}/mine.yaml"):
+        cell, number = parse_id(f"{typed}/coop/penalty=-5/0")
+        assert (cell.scenario.name, cell.scenario.penalty, number) == ("mine", -5, 0)
+        assert cell.id == "mine/coop/penalty=-5"
+        assert cell.name == str(typed)
+
+
+def test_a_file_with_the_name_of_a_shipped_scenario(file):
+    for path, more in (("env1.yaml", ""), ("other.yaml", "name: env1\n")):
+        with pytest.raises(ScenarioError, match=f"{path}.*'env1'.*field 'name', or rename"):
+            parse_id(f"{file(path, more)}/coop/penalty=-5")
+    cell, _ = parse_id(f"{file('env1.yaml', 'name: my_env1')}/coop/penalty=-5")
+    assert cell.id == "my_env1/coop/penalty=-5"
+
+
+def test_a_file_beside_does_not_hide_a_shipped_scenario(file):
+    file("env1")
+    cell, _ = parse_id("env1/coop/penalty=-20")
+    assert len(cell.scenario.map.cells) == 21
+
+
+@pytest.mark.parametrize("name", [".", "..", "../../x", "/tmp/x", "a/b"])
+def test_a_name_that_leads_elsewhere_is_refused(file, name):
+    with pytest.raises(ScenarioError, match="field 'name'"):
+        parse_id(f"{file('mine.yaml', f'name: {name}')}/coop/penalty=-5")
+
+
+def test_every_cell_of_every_experiment_loads():
+    for name in NAMES:
+        cells = experiment(name).conditions
+        assert cells
+        for cell in cells:
+            assert cell.scenario.name == cell.name
+
+
+def test_the_paper_s_cells():
+    for name, scenarios, steps in (("table1", SMALL, 10**4), ("table3", LARGE, 10**5)):
+        cells = experiment(name).conditions
+        assert {cell.name for cell in cells} == set(scenarios)
+        assert {cell.learner for cell in cells} == {"indiv", "noncoop", "coop", "factored"}
+        assert {cell.scenario.steps for cell in cells} == {steps}
+        assert {cell.scenario.penalty for cell in cells} == {-20}
+    assert experiment("table2").conditions == experiment("table1").conditions
+    paper = [c for c in experiment("figure4").conditions if "steps=" not in c.id]
+    assert len(paper) == 9 * 4 * 6
+    assert {cell.scenario.penalty for cell in paper} >= {0, -0.1, -1, -10, -100}
+
+
+def test_the_learning_protocol_is_the_same_for_all_nine_scenarios():
+    protocols = set()
+    for name in SMALL + LARGE:
+        s = make_condition(name, "coop", {}).scenario
+        protocols.add(
+            (s.starts, s.step_size, s.epsilon, s.q_star_init, s.q_coord_init, s.goal_value)
+            + (s.max_steps, s.discount, s.ask_cost)
+        )
+    assert len(protocols) == 1

@@ -1,0 +1,345 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Results directories: resumed, never mixed."""
+
+import errno
+import json
+import math
+import os
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import yaml
+
+from sparse_coord_ros.engine.batch import Run, run_batch
+from sparse_coord_ros.errors import ResultsError, SettingError
+from sparse_coord_ros.experiments import store as module
+from sparse_coord_ros.experiments.conditions import make_condition
+from sparse_coord_ros.experiments.store import Plan, collect, open_results, sample
+from sparse_coord_ros.game.scenario import scenario_from_dict
+from sparse_coord_ros.learn.agent import initial_tables
+from sparse_coord_ros.learn.evaluation import Trials
+
+CELL = make_condition("env1", "coop", {"penalty": -20})
+OLD = Path(__file__).parents[1] / "fixtures/0.1.0"
+PLAN = Plan(seed=5, runs=3, trials=4)
+CELL_FILE = "map: env1\nrobots: {a: {start: 1, goal: 2}, b: {start: 2, goal: 1}}\n"
+
+
+def made_up(seed):
+    """Return a run with made-up trials of two robots."""
+    draw = np.random.default_rng(seed)
+    shape = (PLAN.trials, 2)
+    asked = np.zeros((2, 21), dtype=np.int64)
+    asked[0, 3] = 8 + seed
+    arrived = np.ones(shape, dtype=bool)
+    arrived[0, 1] = seed != 6
+    stays = np.zeros((2, 21), dtype=np.int64)
+    stays[1, 4] = 20 + seed
+    trials = Trials(
+        reward=draw.normal(120, 10, shape),
+        time_to_goal=draw.normal(10, 1, shape),
+        asks=draw.normal(1, 0.1, shape),
+        arrived=arrived,
+        miscoordinations=draw.normal(0.4, 0.1, PLAN.trials),
+        asked=asked,
+        stays=stays,
+    )
+    tables = [initial_tables(CELL.scenario)] * 2
+    return Run(seed, tables, np.array([40, 60 + seed]), trials)
+
+
+@pytest.fixture
+def result():
+    return collect(CELL, PLAN.trials, (sample(made_up(seed)) for seed in PLAN.seeds))
+
+
+def test_mean_spread_and_standard_error(result):
+    rewards = np.stack([made_up(seed).trials.reward for seed in PLAN.seeds])
+    measure = result.measure("reward")
+    assert measure.mean == pytest.approx(rewards.mean())
+    assert measure.spread == pytest.approx(rewards.std())
+    runs = rewards.mean(axis=(1, 2))
+    assert measure.standard_error == pytest.approx(runs.std(ddof=1) / math.sqrt(3))
+    conflicts = np.stack([made_up(seed).trials.miscoordinations for seed in PLAN.seeds])
+    assert result.measure("miscoordinations").spread == pytest.approx(conflicts.std())
+
+
+def test_arrival_sparsity_and_where_robots_asked(result):
+    assert result.not_arrived == [0, 1, 0]
+    assert result.arrived == pytest.approx(11 / 12)
+    assert result.failed_teams == 1
+    assert result.visited_share == pytest.approx(np.mean([52.5, 53, 53.5]) / 21**2)
+    assert result.visited_bytes == pytest.approx(53 * 32)
+    assert result.asked[0][3] == pytest.approx((13 + 14 + 15) / 12)
+    assert np.array(result.asked).shape == (2, 21)
+    assert result.stays[1][4] == pytest.approx((25 + 26 + 27) / 12)
+    assert np.array(result.stays).sum() == result.stays[1][4]
+    assert result.optimum == pytest.approx(121.89, abs=0.01)
+    assert result.optimum_exact
+    assert result.reference["reward"] == pytest.approx(119.68, abs=0.01)
+
+
+def test_each_robot_has_its_own_means(result):
+    trials = [made_up(seed).trials for seed in PLAN.seeds]
+    for name in ("reward", "asks"):
+        values = np.concatenate([getattr(one, name) for one in trials])
+        assert result.robot_means[name] == pytest.approx(values.mean(axis=0))
+        assert np.mean(result.robot_means[name]) == pytest.approx(result.measure(name).mean)
+    assert result.to_dict()["robot_means"] == result.robot_means
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "row"),
+    [("crowd-3r", {"peers": "all"}, 32 + 3 * 4), ("crowd-3r", {}, 32), ("env1", {}, 32)],
+)
+def test_the_bytes_of_a_sparse_table_include_its_keys(name, settings, row):
+    cell = make_condition(name, "coop", {"steps": 300, **settings})
+    runs = list(run_batch(cell.scenario, "coop", [1, 2], trials=2, jobs=1))
+    result = collect(cell, 2, map(sample, runs))
+    assert result.row_bytes == row
+    assert result.joint_states == len(cell.scenario.map.cells) ** cell.scenario.perceived
+    if cell.scenario.sparse:
+        sizes = [table.q_coord.nbytes for run in runs for table in run.tables]
+        assert result.visited_bytes == pytest.approx(np.mean(sizes))
+
+
+def test_a_result_reads_back_and_the_directory_is_gone_on_with(tmp_path, result):
+    with open_results(tmp_path / "r", PLAN) as results:
+        assert results.load(CELL) is None
+        results.save(CELL, result)
+    with open_results(tmp_path / "r", PLAN) as results:
+        assert results.load(CELL) == result
+
+
+@pytest.mark.parametrize(
+    ("plan", "words"),
+    [
+        (Plan(6, 3, 4), "seed 5, this is seed 6"),
+        (Plan(5, 2, 4), "runs 3, this is runs 2"),
+        (Plan(5, 3, 9), "trials 4, this is trials 9"),
+    ],
+)
+def test_other_plans_are_refused(tmp_path, plan, words):
+    with open_results(tmp_path, PLAN):
+        pass
+    with pytest.raises(ResultsError, match=words), open_results(tmp_path, plan):
+        pass
+
+
+def test_a_newer_format_is_refused(tmp_path, result):
+    with open_results(tmp_path, PLAN) as results:
+        results.save(CELL, result)
+        path = results.path(CELL)
+        path.write_text(path.read_text().replace('"format": 2', '"format": 3'))
+        with pytest.raises(ResultsError, match="format 3, this version reads formats up to 2"):
+            results.load(CELL)
+        assert path.exists()
+    manifest = tmp_path / "results.json"
+    manifest.write_text(manifest.read_text().replace('"format": 2', '"format": 3'))
+    with pytest.raises(ResultsError, match="format 3.*update"), open_results(tmp_path, PLAN):
+        pass
+
+
+def test_another_version_of_the_software_goes_on(tmp_path, result, monkeypatch):
+    with open_results(tmp_path, PLAN) as results:
+        results.save(CELL, result)
+    monkeypatch.setattr(module, "__version__", "99.0")
+    with open_results(tmp_path, PLAN) as results:
+        assert results.load(CELL) == result
+
+
+def test_results_of_version_0_1_0_are_gone_on_with(tmp_path):
+    shutil.copytree(OLD / "results", tmp_path / "r")
+    plan = Plan(seed=0, runs=3, trials=20)
+    settings = {"penalty": -20, "steps": 300}
+    conditions = [
+        make_condition("env1", "coop", settings),
+        make_condition("env2-4r", "noncoop", {**settings, "perception": "range:2"}),
+    ]
+    with open_results(tmp_path / "r", plan) as results:
+        for one in conditions:
+            old = results.load(one)
+            runs = run_batch(one.scenario, one.learner, plan.seeds, trials=plan.trials)
+            new = collect(one, plan.trials, map(sample, runs))
+            assert old.digest != new.digest
+            assert replace(old, digest=new.digest, exact=new.exact) == new
+        other = make_condition("env1", "coop", {**settings, "discount": 0.9})
+        results.path(conditions[0]).rename(results.path(other))
+        with pytest.raises(ResultsError, match="nothing is mixed"):
+            results.load(other)
+    assert json.loads((tmp_path / "r/results.json").read_text())["format"] == 2
+
+
+def test_the_digest_covers_what_affects_the_computation_and_no_more():
+    def digest(text, learner="coop", **settings):
+        scenario = scenario_from_dict(yaml.safe_load(text), where="here", name="mine")
+        return module.digest(SimpleNamespace(learner=learner, scenario=scenario))
+
+    text = yaml.safe_dump(CELL.scenario.to_dict())
+    same = digest(text)
+    assert digest(text.replace("certain", "doubtful")) == same
+    assert digest(text.replace("119.5", "119.4")) == same
+    assert digest(text.replace("name: env1", "name: other")) == same
+    assert digest(text, "noncoop") != same
+    assert digest(text.replace("penalty: -20.0", "penalty: -20.5")) != same
+    assert digest(text.replace("1.#.2", "..#12")) != same
+
+
+def test_another_protocol_is_refused_and_nothing_is_lost(tmp_path, result, monkeypatch):
+    with open_results(tmp_path, PLAN) as results:
+        results.save(CELL, result)
+        before = results.path(CELL).read_bytes()
+        monkeypatch.setattr(module, "_digest", lambda said: "0" * 16)
+        with pytest.raises(ResultsError, match="nothing is mixed"):
+            results.load(CELL)
+        assert results.path(CELL).read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    "damage", [b"", b"{", b"[]", b"[" * 100_000, b"null", b"\xff\xfe", b'{"id": 3}']
+)
+def test_a_damaged_result_is_put_aside_and_open_again(tmp_path, result, damage):
+    with open_results(tmp_path, PLAN) as results:
+        results.save(CELL, result)
+        path = results.path(CELL)
+        path.write_bytes(damage)
+        assert results.load(CELL) is None
+        assert path.with_name(path.name + ".broken").read_bytes() == damage
+        results.save(CELL, result)
+        assert results.load(CELL) == result
+
+
+@pytest.mark.parametrize("field", ["means", "robot_means", "not_arrived", "row_bytes", "stays"])
+def test_a_result_with_a_part_missing_is_put_aside(tmp_path, result, field):
+    with open_results(tmp_path, PLAN) as results:
+        results.save(CELL, result)
+        path = results.path(CELL)
+        data = json.loads(path.read_text())
+        del data[field]
+        path.write_text(json.dumps(data))
+        assert results.load(CELL) is None
+
+
+@pytest.mark.parametrize("damage", ["", "[1]", "{", "[" * 100_000])
+def test_a_damaged_manifest_is_an_error(tmp_path, damage):
+    (tmp_path / "results.json").write_text(damage)
+    with pytest.raises(ResultsError, match="not readable as JSON"), open_results(tmp_path, PLAN):
+        pass
+
+
+def test_a_directory_of_something_else_is_left_alone(tmp_path):
+    (tmp_path / "thesis.tex").write_text("dear to me")
+    with pytest.raises(ResultsError, match="holds other files"), open_results(tmp_path, PLAN):
+        pass
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+def test_an_interrupted_first_call_leaves_nothing_in_the_way(tmp_path):
+    (tmp_path / "results.json.partial").write_text('{"form')
+    with open_results(tmp_path, PLAN) as results:
+        assert results.load(CELL) is None
+    assert [path.name for path in tmp_path.iterdir()] == ["results.json"]
+
+
+@pytest.mark.parametrize("when", ["open", "replace"])
+@pytest.mark.parametrize(
+    ("number", "words"),
+    [
+        (errno.ENOSPC, "No space left on device.*make room and call again"),
+        (errno.EACCES, "Permission denied.*another --out"),
+    ],
+)
+def test_what_cannot_be_written_leaves_no_part(tmp_path, monkeypatch, result, when, number, words):
+    with open_results(tmp_path, PLAN) as results:
+        path = results.path(CELL)
+
+        real = Path.open
+
+        def refuse(first, *mode, **__):
+            if when == "open":
+                real(first, *mode).close()  # a full disk takes the name and not what is in it
+            raise OSError(number, os.strerror(number))
+
+        monkeypatch.setattr(os if when == "replace" else Path, when, refuse)
+        with pytest.raises(ResultsError, match=f"{path}: cannot be written.*{words}"):
+            results.save(CELL, result)
+        monkeypatch.undo()
+        assert list(path.parent.iterdir()) == []
+        results.save(CELL, result)
+        assert results.load(CELL) == result
+
+
+def test_too_many_settings_for_a_file_name(tmp_path):
+    settings = {"step_size": f"floored:0.{'5' * 15}:0.{'1' * 15}:0.{'1' * 16}"}
+    settings |= {"starts": f"exploring:0.{'9' * 15}:0.{'2' * 15}:0.{'7' * 15}"}
+    settings |= {"epsilon": f"linear:0.{'9' * 15}:0.{'2' * 15}:0.{'7' * 15}"}
+    settings |= {"perception": f"probability:0.{'3' * 15}", "discount": f"0.{'7' * 15}"}
+    cell = make_condition("env1", "coop", settings)
+    with open_results(tmp_path, PLAN) as results:
+        assert len(cell.id) > 255
+        with pytest.raises(ResultsError, match="File name too long.*fewer settings") as caught:
+            results.load(cell)
+        assert len(str(caught.value)) < 600
+    assert not (tmp_path / "cells").exists()
+
+
+def test_a_name_that_the_file_system_finds_too_long(tmp_path):
+    with pytest.raises(ResultsError, match="File name too long.*fewer settings") as caught:
+        module.write_result(tmp_path / f"{'x' * 5000}.json", "text")
+    assert len(str(caught.value)) < 600
+
+
+def test_paths_stay_in_the_directory(tmp_path):
+    file = tmp_path / "elsewhere/mine.yaml"
+    file.parent.mkdir()
+    file.write_text(CELL_FILE)
+    directory = tmp_path / "r"
+    with open_results(directory, PLAN) as results:
+        for typed in (file, tmp_path / "r/../elsewhere/mine.yaml"):
+            cell = make_condition(str(typed), "coop", {"penalty": -5})
+            assert results.path(cell) == directory / "cells/mine/coop/penalty=-5.json"
+            assert results.run_folder(cell, 3) == directory / "runs/mine/coop/penalty=-5/3"
+        with pytest.raises(AssertionError):
+            results.path(SimpleNamespace(id="../../x/coop/penalty=-5"))
+        with pytest.raises(AssertionError):
+            results.path(SimpleNamespace(id="/x/coop/penalty=-5"))
+
+
+def test_different_files_of_one_name_are_not_mixed(tmp_path, result):
+    cells = []
+    for folder, steps in (("a", 100), ("b", 200)):
+        (tmp_path / folder).mkdir()
+        file = tmp_path / folder / "mine.yaml"
+        file.write_text(f"{CELL_FILE}steps: {steps}\n")
+        cells.append(make_condition(str(file), "coop", {}))
+    with open_results(tmp_path / "r", PLAN) as results:
+        results.save(cells[0], replace(result, id=cells[0].id, digest=module.digest(cells[0])))
+        assert results.load(cells[0]) is not None
+        with pytest.raises(ResultsError, match="another scenario"):
+            results.load(cells[1])
+
+
+def test_the_last_run_s_seed_is_below_2_to_the_63():
+    assert Plan(2**63 - 3, 3, 4).seeds[-1] == 2**63 - 1
+    with pytest.raises(SettingError, match="setting seed.*3 runs"):
+        Plan(2**63 - 2, 3, 4)
+
+
+def test_a_file_as_directory(tmp_path):
+    (tmp_path / "f").write_text("")
+    with pytest.raises(ResultsError, match="cannot be used"), open_results(tmp_path / "f", PLAN):
+        pass
+
+
+def test_one_process_at_a_time(tmp_path):
+    with (
+        open_results(tmp_path, PLAN),
+        pytest.raises(ResultsError, match="another process"),
+        open_results(tmp_path, PLAN),
+    ):
+        pass

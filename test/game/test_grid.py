@@ -1,0 +1,149 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Maps: the shipped ones are those of the study, and malformed ones are refused with a reason."""
+
+import hashlib
+
+import numpy as np
+import pytest
+
+from sparse_coord_ros.errors import MapError
+from sparse_coord_ros.game.grid import UNREACHABLE, load_map, map_names, parse_map
+
+# name: cells, doorways, starts, digest of the rows (a difference means that the map changed).
+MAPS = {
+    "env1": (21, [(2, 2)], {1: (0, 0), 2: (0, 4)}, "23b4a2f6aa5db123"),
+    "env2": (
+        36,
+        [(2, 3), (3, 2), (3, 4), (4, 3)],
+        {1: (0, 1), 2: (0, 5), 3: (6, 5), 4: (6, 1)},
+        "3f61e7619d8b4260",
+    ),
+    "isr": (43, [(7, 1), (7, 5)], {1: (7, 0), 2: (7, 6)}, "76786d4d40601941"),
+    "pentagon": (52, [(4, 7), (4, 9)], {1: (3, 7), 2: (4, 10)}, "6d241537b19fc0d6"),
+    "mit": (49, [(2, 1), (2, 15)], {1: (2, 0), 2: (2, 16)}, "7811241549ff7efd"),
+    "cit": (70, [(1, 4), (4, 6)], {1: (0, 3), 2: (5, 8)}, "775cb92ecbf4ffcd"),
+    "suny": (74, [(4, 21), (7, 18)], {1: (3, 22), 2: (8, 17)}, "3d84912815ab0999"),
+    "cmu": (133, [(5, 16), (5, 17)], {1: (6, 3), 2: (6, 32)}, "ea76c91e89e5dbee"),
+    "crowd": (
+        59,
+        [(1, 4), (3, 4), (5, 4)],
+        {
+            **{1: (0, 2), 2: (0, 6), 3: (6, 0), 4: (6, 6)},
+            **{5: (0, 0), 6: (0, 8), 7: (6, 2), 8: (6, 8)},
+        },
+        "4df2d3c171bae37a",
+    ),
+}
+
+
+def refusal(text):
+    """Return the one line with which a map's text is refused."""
+    with pytest.raises(MapError) as error:
+        parse_map(text, name="m", where="m.txt")
+    assert "\n" not in str(error.value)
+    return str(error.value)
+
+
+def test_every_shipped_map_is_in_the_list():
+    assert map_names() == sorted(MAPS)
+
+
+@pytest.mark.parametrize("name", MAPS)
+def test_shipped_map(name):
+    cells, doorways, starts, digest = MAPS[name]
+    grid = load_map(name)
+    assert grid.name == name
+    assert len(grid.cells) == cells
+    assert [grid.cells[x] for x in sorted(grid.doorways)] == doorways
+    assert {digit: grid.cells[x] for digit, x in grid.starts.items()} == starts
+    assert hashlib.sha256("\n".join(grid.rows).encode()).hexdigest()[:16] == digest
+    assert grid.title
+    assert grid.source
+    assert "[source]" in grid.provenance or "[chosen]" in grid.provenance
+
+
+@pytest.mark.parametrize("name", MAPS)
+def test_map_round_trip(name):
+    grid = load_map(name)
+    assert parse_map(grid.to_text(), name=name, where="text") == grid
+
+
+def test_cells_are_numbered_row_by_row():
+    grid = parse_map("---\n#1.\nD#.\n", name="m", where="m.txt")
+    assert grid.shape == (2, 3)
+    assert grid.cells == ((0, 1), (0, 2), (1, 0), (1, 2))
+    assert [grid.number[position] for position in grid.cells] == [0, 1, 2, 3]
+    assert grid.doorways == {2}
+    assert grid.starts == {1: 0}
+
+
+def test_moves_are_north_south_east_west_and_walls_and_borders_stop_them():
+    grid = parse_map("---\n..#\n...\n", name="m", where="m.txt")
+    # Cells: 0 (0,0), 1 (0,1), 2 (1,0), 3 (1,1), 4 (1,2).
+    expected = [[0, 2, 1, 0], [1, 3, 1, 0], [0, 2, 3, 2], [1, 3, 4, 2], [4, 4, 4, 3]]
+    assert grid.next_cell.tolist() == expected
+
+
+@pytest.mark.parametrize("name", MAPS)
+def test_moves_are_reversible(name):
+    table = load_map(name).next_cell
+    back = [1, 0, 3, 2]
+    for x, row in enumerate(table):
+        for a, y in enumerate(row):
+            assert y == x or table[y, back[a]] == x
+
+
+def test_distances():
+    grid = parse_map("---\n...#.\n.#.#.\n", name="m", where="m.txt")
+    # Cells: 0 1 2 . 3 / 4 . 5 . 6; the right column is cut off.
+    assert grid.distances_to(5).tolist() == [3, 2, 1, UNREACHABLE, 4, 0, UNREACHABLE]
+    assert grid.distances_to(5).dtype == np.int64
+
+
+def test_header_is_optional_and_line_ends_do_not_matter():
+    assert parse_map("---\r\n1.\r\n..\r\n\r\n", name="m", where="m.txt").rows == ("1.", "..")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", ["m.txt", "no line '---'", "title, source, provenance"]),
+        ("title: x\n---\n", ["m.txt", "no grid", "'#' wall"]),
+        ("---\n...\n..\n", ["m.txt, line 3", "2 symbols", "first row has 3", "fill with '#'"]),
+        ("---\n..\n\n..\n", ["m.txt, line 3", "0 symbols"]),
+        ("a: b\n---\n..\n", ["m.txt", "unknown header key 'a'", "allowed: title"]),
+        ("titel: b\n---\n..\n", ["unknown header key 'titel'", "did you mean 'title'"]),
+        ("title: b\n---\n..\n.x\n", ["line 4, column 2", "unknown symbol 'x'", "'D' doorway"]),
+        ("---\n.0\n", ["line 2, column 2", "unknown symbol '0'", "'1' to '9' start"]),
+        ("---\n1.\n.1\n", ["line 3", "start 1 is there twice", "first in line 2", "by '.'"]),
+        ("---\n##\n##\n", ["no free cell", "mark free cells with '.'"]),
+        ("title: [\n---\n..\n", ["m.txt", "header is not YAML", "line 1"]),
+        ("- 1\n---\n..\n", ["m.txt", "'key: value'", "title"]),
+    ],
+)
+def test_malformed_map(text, words):
+    message = refusal(text)
+    assert [word for word in words if word not in message] == []
+
+
+def test_unknown_map_names_the_nearest():
+    with pytest.raises(MapError, match=r"map 'pentagone': .*did you mean 'pentagon'.*one of: cit"):
+        load_map("pentagone")
+
+
+def test_map_beside_the_scenario_comes_first(tmp_path, monkeypatch):
+    (tmp_path / "here").mkdir()
+    (tmp_path / "beside").mkdir()
+    (tmp_path / "here" / "m.txt").write_text("---\n.\n")
+    (tmp_path / "beside" / "m.txt").write_text("---\n..\n")
+    monkeypatch.chdir(tmp_path / "here")
+    assert load_map("m.txt").rows == (".",)
+    assert load_map("m.txt", beside=tmp_path / "beside").rows == ("..",)
+
+
+def test_map_that_is_not_text(tmp_path):
+    path = tmp_path / "m.txt"
+    path.write_bytes(b"title: \xe9\n---\n..\n")
+    with pytest.raises(MapError, match="m.txt: cannot be read as UTF-8"):
+        load_map(str(path))

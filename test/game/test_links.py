@@ -1,0 +1,83 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Links that fail on purpose: seeded, the same in every way of running."""
+
+import numpy as np
+import pytest
+
+from sparse_coord_ros.engine.batch import CompiledTeam
+from sparse_coord_ros.engine.compiled import PLAIN
+from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.game.links import LINKS, LOST, PERIOD, PerceptStream, link_of
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.game.streams import EVALUATION, PERCEPT, Stream
+from sparse_coord_ros.learn.learners import learner_of
+from sparse_coord_ros.learn.simulation import learn
+from sparse_coord_ros.solve.exact import evaluate_exact
+
+FAILING = ["lost:0.3", "bursts:0.05:0.2", "dead:150"]
+
+
+def test_a_link_that_is_up_changes_no_draw():
+    plain, stream = Stream(3, 1, PERCEPT), PerceptStream(LINKS.parse("up"), 3, 1)
+    assert [stream.at(step) for step in range(600)] == [plain.at(step) for step in range(600)]
+
+
+@pytest.mark.parametrize("text", FAILING)
+def test_a_percept_is_lost_while_the_link_is_down(text):
+    spec = LINKS.parse(text)
+    plain, stream, link = Stream(3, 1, PERCEPT), PerceptStream(spec, 3, 1), link_of(spec, 3, 1)
+    for step in (0, 700, 3, PERIOD + 5, 149, 150):  # in any order
+        expected = [LOST] if link.down([step])[0] else plain.at(step)
+        assert stream.at(step) == expected
+
+
+def test_how_often_links_are_down():
+    assert link_of(LINKS.parse("lost:0.3"), 0, 0).pattern.mean() == pytest.approx(0.3, abs=0.01)
+    bursts = link_of(LINKS.parse("bursts:0.05:0.2"), 0, 0).pattern
+    assert bursts.mean() == pytest.approx(0.05 / 0.25, abs=0.02)
+    ends = np.flatnonzero(bursts[:-1] & ~bursts[1:])
+    assert bursts.sum() / len(ends) == pytest.approx(5.0, abs=0.3), "steps of a burst"
+    assert list(link_of(LINKS.parse("dead:7"), 0, 0).down(range(6, 9))) == [False, True, True]
+
+
+def test_each_robot_and_phase_has_a_link_of_its_own():
+    spec = LINKS.parse("lost:0.5")
+    patterns = [link_of(spec, 4, k, phase).pattern for k in (0, 1) for phase in (0, EVALUATION)]
+    patterns.append(link_of(spec, 5, 0).pattern)
+    for i, one in enumerate(patterns):
+        for other in patterns[:i]:
+            assert 0.45 < (one == other).mean() < 0.55
+
+
+@pytest.mark.parametrize("text", ["lost:2", "lost", "bursts:0.1", "dead:-1", "down"])
+def test_what_is_no_link_is_refused(text):
+    with pytest.raises(SettingError, match="link"):
+        load_scenario("env1", link=text)
+
+
+@pytest.mark.parametrize("text", FAILING)
+def test_the_factored_learner_is_compiled_with_the_same_bits(text):
+    scenario = learner_of("factored").with_defaults(
+        load_scenario("env1", link=text, steps=500, epsilon="constant:0.8")
+    )
+    plain, up = (
+        learn(one, "factored", 5) for one in (scenario, scenario.with_settings({"link": "up"}))
+    )
+    numbers = CompiledTeam(scenario, "factored", PLAIN).learn(5)
+    for k, tables in enumerate(plain):
+        assert numbers.q_star[k].tobytes() == tables.q_star.tobytes()
+    pairs = zip(plain, up, strict=True)
+    assert any(one.q_star.tobytes() != other.q_star.tobytes() for one, other in pairs)
+
+
+def test_the_digest_of_older_results_stays():
+    scenario = load_scenario("env1")
+    assert "link" not in scenario.computation()
+    assert "link" in load_scenario("env1", link="lost:0.1").computation()
+
+
+def test_exact_evaluation_knows_no_time():
+    scenario = load_scenario("env1", link="lost:0.1", steps=10)
+    with pytest.raises(SettingError, match="exact evaluation: setting link is 'lost:0.1'"):
+        evaluate_exact(scenario, learn(scenario, "coop", 0))

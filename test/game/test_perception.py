@@ -1,0 +1,122 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Perception models: constants, range, and line of sight against an independent definition."""
+
+import numpy as np
+import pytest
+
+from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.game.grid import load_map, parse_map
+from sparse_coord_ros.game.perception import MODELS, PERCEPTION, percept_probabilities
+from sparse_coord_ros.game.scenario import scenario_from_dict
+from sparse_coord_ros.learn.run_config import make_run
+
+
+def matrix(spec, grid):
+    return percept_probabilities(PERCEPTION.parse(spec), grid)
+
+
+def test_every_model_that_can_be_named_exists():
+    assert set(MODELS.names) == {"always", "never", "probability", "line_of_sight", "range"}
+    for name, model in MODELS.registered.items():
+        assert name in PERCEPTION.usage
+        assert callable(model)
+
+
+@pytest.mark.parametrize(
+    ("spec", "value"), [("always", 1.0), ("never", 0.0), ("probability:0.7", 0.7)]
+)
+def test_constants(spec, value):
+    probabilities = matrix(spec, load_map("env1"))
+    assert probabilities.shape == (21, 21)
+    assert probabilities.dtype == np.float64
+    assert (probabilities == value).all()
+
+
+def test_range_is_straight_through_walls_and_includes_its_limit():
+    grid = parse_map("---\n.#.\n###\n..#\n", name="m", where="m.txt")
+    # Cells: 0 (0,0), 1 (0,2), 2 (2,0), 3 (2,1).
+    assert matrix("range:2", grid).tolist() == [
+        [1, 1, 1, 0],
+        [1, 1, 0, 0],
+        [1, 0, 1, 1],
+        [0, 0, 1, 1],
+    ]
+
+
+def test_line_of_sight_in_env1_goes_through_the_doorway_only():
+    grid = load_map("env1")
+    seen = matrix("line_of_sight", grid)
+    sees = lambda a, b: seen[grid.number[a], grid.number[b]]  # noqa: E731
+    assert sees((2, 0), (2, 4)) == 1
+    assert sees((0, 0), (4, 4)) == 1  # the diagonal crosses the doorway, and corners with a way
+    assert sees((0, 0), (0, 4)) == 0
+    assert sees((0, 0), (4, 1)) == 1
+    assert sees((0, 1), (4, 3)) == 0
+    assert sees((1, 1), (3, 3)) == 1
+
+
+def test_line_of_sight_does_not_pass_between_two_walls_that_touch():
+    grid = parse_map("---\n.#\n#.\n", name="m", where="m.txt")
+    assert matrix("line_of_sight", grid).tolist() == [[1, 0], [0, 1]]
+
+
+def crosses_a_wall(grid, one, other):
+    """Whether a wall cell's inside is cut by the line, or two walls touch where it passes.
+
+    By the signs of the cross products of a cell's corners, in exact integers (twice the scale).
+    """
+    (r0, c0), (r1, c1) = one, other
+    free = grid.number
+    for r in range(min(r0, r1), max(r0, r1) + 1):
+        for c in range(min(c0, c1), max(c0, c1) + 1):
+            sides = [
+                (r1 - r0) * (2 * (c - c0) + dc) - (c1 - c0) * (2 * (r - r0) + dr)
+                for dr in (-1, 1)
+                for dc in (-1, 1)
+            ]
+            if min(sides) < 0 < max(sides) and (r, c) not in free:
+                return True
+            # The line passes the corner between this cell and the one right below or above it.
+            for dr in (-1, 1):
+                at_corner = (r1 - r0) * (2 * (c - c0) + 1) == (c1 - c0) * (2 * (r - r0) + dr)
+                inside = c + 1 <= max(c0, c1) and min(r0, r1) <= r + dr <= max(r0, r1)
+                through = (r1 - r0) * dr * (c1 - c0) > 0  # leads from this cell to the diagonal
+                beside = ((r + dr, c), (r, c + 1))
+                if at_corner and inside and through and not any(p in free for p in beside):
+                    return True
+    return False
+
+
+@pytest.mark.parametrize("name", ["env1", "env2", "isr", "pentagon"])
+def test_line_of_sight_for_all_pairs(name):
+    grid = load_map(name)
+    seen = matrix("line_of_sight", grid)
+    expected = [
+        [not crosses_a_wall(grid, one, other) for other in grid.cells] for one in grid.cells
+    ]
+    assert seen.astype(bool).tolist() == expected
+    assert 0 < seen.mean() < 1
+
+
+def test_a_map_too_large_to_learn_is_refused_before_a_run():
+    side = 160
+    text = "title: hall\n---\n" + "\n".join(
+        ["1" + "." * (side - 2) + "2", *["." * side] * (side - 1)]
+    )
+    data = {"map": {"name": "hall", "text": text}, "robots": {"x": {"start": 1, "goal": 2}}}
+    scenario = scenario_from_dict(data, where="hall.yaml", name="hall")
+    with pytest.raises(SettingError, match="map hall has 25600 cells, allowed .* at most 23170"):
+        make_run(scenario, {})
+
+
+@pytest.mark.parametrize(
+    ("text", "allowed"),
+    [
+        ("range:-1", "of at least 0"),
+        ("probability:2", "from 0 to 1"),
+    ],
+)
+def test_numbers_out_of_range_say_what_is_allowed(text, allowed):
+    with pytest.raises(SettingError, match=f"allowed: a number {allowed}$"):
+        PERCEPTION.parse(text)

@@ -1,0 +1,345 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Learners and perception models of the user's own: how they are found, named and blamed."""
+
+import importlib.metadata
+import pickle
+import sys
+
+import numpy as np
+import pytest
+
+import sparse_coord_ros as sc
+from sparse_coord_ros.engine.batch import run_batch
+from sparse_coord_ros.errors import PluginError, SettingError
+from sparse_coord_ros.game import plugins
+from sparse_coord_ros.game.perception import MODELS
+from sparse_coord_ros.learn.learners import LEARNERS, learner_of
+from sparse_coord_ros.learn.run_config import make_run, run_from_yaml
+from sparse_coord_ros.learn.simulation import learn, tables_equal
+
+MODULE = """
+import numpy as np
+import sparse_coord_ros as sc
+
+class Team(sc.Learner):
+    name = "team_of_tests"
+    def weights(self, scenario):
+        return 1, len(scenario.robots), 1
+
+class Heir(Team):
+    pass
+
+class Parts:
+    class Inner(sc.Learner):
+        pass
+
+class Twice(sc.Agent):
+    def learn(self, *args):
+        super().learn(*args)
+        super().learn(*args)
+
+class Eager(sc.Learner):
+    def agent(self, scenario, number, seed, **more):
+        return Twice(scenario, number, seed, **more)
+
+class Failing(sc.Agent):
+    def learn(self, step, *args):
+        if step > 20:
+            return {}["learned"]
+
+class Broken(sc.Learner):
+    def agent(self, scenario, number, seed, **more):
+        return Failing(scenario, number, seed, **more)
+
+class Weightless(sc.Learner):
+    def weights(self, scenario):
+        return {"common": 2}
+
+class Nobody(sc.Learner):
+    def agent(self, scenario, number, seed, **more):
+        return "an agent"
+
+class Odd(sc.Learner):
+    def tables(self, scenario):
+        return scenario.no_such_setting
+
+class Unmade(sc.Learner):
+    def __init__(self):
+        self.more = {}["more"]
+
+class Needy(sc.Learner):
+    def __init__(self, more):
+        self.more = more
+
+class Leaving(sc.Learner):
+    def weights(self, scenario):
+        raise SystemExit(3)
+
+class Greedy(sc.Learner):
+    def agent(self, scenario, number, seed, **more):
+        raise MemoryError
+
+class NoLearner:
+    pass
+
+def leave(grid):
+    raise SystemExit("no fog here")
+
+def fog(grid, p):
+    return np.full((len(grid.cells),) * 2, p)
+
+def divide(grid):
+    return fog(grid, 1 / 0)
+
+def text(grid):
+    return "seen"
+
+def flat(grid):
+    return np.ones(len(grid.cells))
+
+sc.register_learner(Team)
+sc.register_perception("fog_of_tests", fog)
+number = 7
+"""
+
+
+def line(text):
+    """Return where a text stands in the module."""
+    return f"(their_code.py, line {MODULE[: MODULE.index(text)].count(chr(10)) + 1})"
+
+
+@pytest.fixture
+def module(tmp_path, monkeypatch):
+    """Name of a module with code of the user's own, in the current directory."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "their_code.py").write_text(MODULE)
+    (tmp_path / "their_package").mkdir()
+    (tmp_path / "their_package/within.py").write_text(MODULE.replace("_of_tests", "_within"))
+    before = [(registry, dict(registry._known)) for registry in (LEARNERS, MODELS)]
+    yield "their_code"
+    for registry, known in before:
+        registry._known = known
+    for name in ("their_code", "their_package", "their_package.within"):
+        sys.modules.pop(name, None)
+
+
+@pytest.fixture
+def small():
+    return sc.load_scenario("env1", steps=60)
+
+
+def refusal(function, *arguments, **more):
+    """Return the one line with which a call is refused."""
+    with pytest.raises(sc.SparseCoordError) as caught:
+        function(*arguments, **more)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def test_whoever_reads_a_run_later_finds_its_learner_and_its_model(module, small):
+    learner = learner_of(f"{module}:Team")
+    assert learner is learner_of("their_code:Team")
+    assert type(learner) is type(learner_of("team_of_tests"))
+    scenario = small.with_settings(perception="fog_of_tests:0.5")
+    run = make_run(scenario, {"learner": "team_of_tests"})
+    assert (run.learner, str(scenario.perception)) == ("their_code:Team", "their_code:fog:0.5")
+    assert scenario == small.with_settings(perception="their_code:fog:0.50")
+    again = run_from_yaml(run.to_yaml(), where="run.yaml")
+    assert again.scenario == scenario
+    assert again.rule.weights(scenario) == (1, 2, 1)
+
+
+def test_names_are_not_inherited(module, small):
+    heir, parent = learner_of(f"{module}:Heir"), learner_of(f"{module}:Team")
+    assert (heir.label, heir.name) == ("their_code:Heir", None)
+    assert heir.weights(small) == parent.weights(small)
+
+    class Mine(type(learner_of("coop"))):
+        pass
+
+    assert Mine.title == ""
+    message = refusal(learner_of, Mine)
+    assert "Mine: other processes cannot find it" in message
+    Mine.name = "mine_of_tests"
+    assert learner_of(Mine).label == "mine_of_tests"
+    assert make_run(small, {"learner": "mine_of_tests"}).learner == "mine_of_tests"
+
+
+@pytest.mark.parametrize("path", ["their_package.within:Team", "their_code:Parts.Inner"])
+def test_a_path_may_have_dots(module, path):
+    assert learner_of(path).label == path
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("nowhere:Team", ["learner 'nowhere:Team' is not there", "nowhere", "PYTHONPATH"]),
+        ("their_code:Missing", ["is not there", "Missing"]),
+        ("their_code:NoLearner", ["'their_code:NoLearner': is no learner", "subclass"]),
+        ("their_code:number", ["is no learner"]),
+        ("their code:Team", ["unknown learner", "coop, noncoop, indiv"]),
+        ("team", ["unknown learner 'team'"]),
+    ],
+)
+def test_what_is_no_learner_is_said_in_one_line(module, name, words):
+    message = refusal(learner_of, name)
+    assert [word for word in words if word not in message] == []
+
+
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [
+        ("class Team(:\n", "SyntaxError: invalid syntax (their_fault.py, line 1)"),
+        ("\n1 / 0\n", "ZeroDivisionError: division by zero (their_fault.py, line 2)"),
+        ("import nowhere", "ModuleNotFoundError: No module named 'nowhere' (their_fault.py, line"),
+        ("raise SystemExit(0)", "SystemExit: 0 (their_fault.py, line 1)"),
+        ("raise MemoryError", "MemoryError (their_fault.py, line 1)"),
+    ],
+)
+def test_a_module_that_fails_is_blamed(module, tmp_path, code, words):
+    (tmp_path / "their_fault.py").write_text(code)
+    message = refusal(learner_of, "their_fault:Team")
+    assert message.startswith(f"learner 'their_fault:Team': its module failed: {words}")
+    assert message.endswith("; mend it, and call again")
+    assert "learner 'their_package.no:Team' is not there" in refusal(
+        learner_of, "their_package.no:Team"
+    )
+
+
+def test_names_that_collide(module):
+    class Mine(sc.Learner):
+        name = "coop"
+
+    assert "'coop': is taken by this package's own" in refusal(sc.register_learner, Mine)
+    message = refusal(sc.register_perception, "range", lambda grid: None)
+    assert "'range': is taken" in message
+    assert "must be a subclass" in refusal(sc.register_learner, "coop")
+    assert "'a b': allowed: letters" in refusal(sc.register_perception, "a b", lambda grid: None)
+    assert "is no function" in refusal(sc.register_perception, "seven", 7)
+    assert learner_of("coop").title == "Coop."
+
+    class Other(sc.Learner):
+        name = "mine_of_tests"
+
+    class Another(sc.Learner):
+        name = "mine_of_tests"
+
+    for own in (Other, Another):  # as a notebook's cell does that is run twice
+        assert sc.register_learner(own) is learner_of("mine_of_tests")
+        assert type(learner_of(own)) is own
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("Broken", ["failed while learning: KeyError: 'learned'", line('["learned"]')]),
+        ("Weightless", ["its weights are {'common': 2}, allowed: three numbers"]),
+        ("Nobody", ["'an agent' is no agent, must be a sparse_coord_ros.Agent"]),
+        ("Unmade", ["failed while being made: KeyError: 'more'", line('["more"]')]),
+        ("Needy", ["failed while being made: TypeError", "'more'"]),
+        ("Leaving", ["failed while making its weights: SystemExit: 3", line("SystemExit(3)")]),
+        ("Greedy", ["failed while making its agent: MemoryError", line("raise MemoryError")]),
+        ("Odd", ["failed while making its tables: AttributeError", line("no_such")]),
+    ],
+)
+@pytest.mark.parametrize("in_processes", [False, True])
+def test_a_learner_that_fails_is_blamed(module, small, name, words, in_processes):
+    def batch(scenario, learner, seed):
+        seeds = [seed, seed + 1]
+        return list(run_batch(scenario, learner, seeds, trials=1, jobs=2, engine="python"))
+
+    message = refusal(batch if in_processes else learn, small, f"their_code:{name}", 1)
+    assert f"learner 'their_code:{name}'" in message
+    assert [word for word in words if word not in message] == []
+
+
+def test_the_traceback_stays_available(module, small):
+    with pytest.raises(PluginError) as caught:
+        learn(small, "their_code:Broken", 1)
+    assert isinstance(caught.value.__cause__, KeyError)
+    with pytest.raises(PluginError) as caught:
+        list(run_batch(small, "their_code:Broken", [1, 2], trials=0, engine="python", jobs=2))
+    assert 'return {}["learned"]' in str(caught.value.__cause__)
+
+
+@pytest.mark.parametrize(
+    ("model", "words"),
+    [
+        (
+            "their_code:divide",
+            ["failed while it looked at map env1: ZeroDivisionError", line("1 / 0")],
+        ),
+        ("their_code:leave", ["SystemExit: no fog here", line('SystemExit("no fog')]),
+        ("their_code:text", ["returned 'seen'", "(21, 21)"]),
+        ("their_code:flat", ["returned an array of shape (21,) with values from 1 to 1"]),
+        ("their_code:fog:2", ["with values from 2 to 2", "from 0 to 1"]),
+        ("their_code:number", ["is no function"]),
+        ("their_code:fog", ["has 0 numbers, 'their_code:fog' takes 1"]),
+        ("nowhere:fog", ["perception model 'nowhere:fog' is not there"]),
+    ],
+)
+def test_a_model_that_fails_is_blamed(module, small, model, words):
+    def use():
+        learn(small.with_settings(perception=model), "coop", 1)
+
+    message = refusal(use)
+    assert model.removesuffix(":2") in message
+    assert [word for word in words if word not in message] == []
+
+
+def test_agents_of_ones_own_learn_in_plain_python_only(module, small):
+    eager = learner_of(f"{module}:Eager")
+    assert not eager.compiled
+    assert "no compiled form" in refusal(
+        lambda: list(run_batch(small, eager, [1], trials=0, engine="numba"))
+    )
+    [run] = run_batch(small, eager, [1], trials=0)
+    assert tables_equal(run.tables, learn(small, eager, 1))
+    assert not tables_equal(run.tables, learn(small, "coop", 1))
+
+
+def test_weights_are_compiled_with_the_same_bits(module):
+    scenario = sc.load_scenario("env1", steps=3000)
+    plain, fast = (
+        next(iter(run_batch(scenario, f"{module}:Team", [3], trials=2, engine=engine)))
+        for engine in ("python", "numba")
+    )
+    assert tables_equal(plain.tables, fast.tables)
+    assert not tables_equal(plain.tables, learn(scenario, "coop", 3))
+    assert np.array_equal(plain.trials.reward, fast.trials.reward)
+
+
+def test_a_learner_goes_to_other_processes(module):
+    learner = learner_of(f"{module}:Team")
+    assert type(pickle.loads(pickle.dumps(learner))) is type(learner)
+
+
+def test_entry_points_of_installed_packages(module, small, monkeypatch):
+    groups = {
+        "sparse_coord_ros.learners": ["alert", "their_code:Heir"],
+        "sparse_coord_ros.perception": ["mist", "their_code:fog"],
+    }
+
+    def installed(*, group):
+        return [importlib.metadata.EntryPoint(*groups[group], group)]
+
+    sys.path.append(".")
+    try:
+        monkeypatch.setattr(plugins, "entry_points", installed)
+        assert "alert" in LEARNERS.names
+        assert type(learner_of("alert")).__name__ == "Heir"
+        scenario = small.with_settings(perception="mist:0.25")
+        assert str(scenario.perception) == "mist:0.25"
+        groups["sparse_coord_ros.learners"] = ["lost", "nowhere:Team"]
+        assert "learner 'lost' is not there" in refusal(learner_of, "lost")
+    finally:
+        sys.path.remove(".")
+
+
+def test_errors_are_not_wrapped_twice(module):
+    with (
+        pytest.raises(SettingError, match="^of mine$"),
+        plugins.failing_as("learner 'x'", "learning"),
+    ):
+        raise SettingError("of mine")

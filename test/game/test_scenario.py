@@ -1,0 +1,435 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Scenarios: the shipped ones are those of the study, malformed ones are refused with a reason."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from sparse_coord_ros.errors import MapError, ScenarioError, SettingError
+from sparse_coord_ros.game.scenario import (
+    SETTINGS,
+    load_scenario,
+    parse_yaml,
+    scenario_from_dict,
+    scenario_names,
+)
+from sparse_coord_ros.game.specs import Spec
+from sparse_coord_ros.learn.run_config import make_run
+
+# name: map, shortest path from start to goal, learning steps, goals of robot_1, robot_2, ...
+SCENARIOS = {
+    "env1": ("env1", 8, 10_000, [(4, 4), (4, 0)]),
+    "env2-2r": ("env2", 10, 10_000, [(6, 5), (6, 1)]),
+    "env2-4r": ("env2", 10, 10_000, [(6, 5), (6, 1), (0, 1), (0, 5)]),
+    "isr": ("isr", 6, 100_000, [(7, 6), (7, 0)]),
+    "pentagon": ("pentagon", 4, 100_000, [(4, 10), (3, 7)]),
+    "mit": ("mit", 18, 100_000, [(2, 16), (2, 0)]),
+    "cit": ("cit", 10, 100_000, [(5, 8), (0, 3)]),
+    "suny": ("suny", 10, 100_000, [(8, 17), (3, 22)]),
+    "cmu": ("cmu", 31, 100_000, [(6, 32), (6, 3)]),
+}
+
+# Robots, goals of robot_1, robot_2, ..., and lengths of their shortest paths, all on one map.
+CROWD_GOALS = [(6, 6), (6, 0), (6, 8), (0, 2), (0, 8), (0, 0), (0, 6), (6, 2)]
+CROWD_LENGTHS = [10, 12, 10, 10, 10, 10, 10, 8]
+CROWD = {f"crowd-{robots}r": robots for robots in (2, 3, 4, 6, 8)}
+
+# The paper's Tables 1 and 2: reward; time to goal; miscoordinations.
+SMALL = {
+    "env1": {
+        "indiv": ([119.5, 12.5], [10.02, 1.57], [0.40, 0.52]),
+        "noncoop": ([119.3, 12.2], [10.02, 1.58], [0.41, 0.54]),
+        "coop": ([126.3, 10.1], [9.94, 1.57], [0.00, 0.00]),
+    },
+    "env2-2r": {
+        "indiv": ([103.3, 26.3], [12.45, 1.68], [0.12, 0.33]),
+        "noncoop": ([102.3, 11.4], [12.45, 1.77], [0.12, 0.33]),
+        "coop": ([110.9, 9.6], [12.51, 1.72], [0.00, 0.00]),
+    },
+    "env2-4r": {
+        "indiv": ([102.1, 13.6], [12.46, 1.75], [0.47, 0.59]),
+        "noncoop": ([104.1, 12.4], [12.49, 1.74], [0.49, 0.59]),
+        "coop": ([111.2, 9.7], [12.49, 1.77], [0.00, 0.00]),
+    },
+}
+# The paper's Table 3: reward of Indiv., Non-coop., Coop.
+LARGE = {
+    "cit": ([111.2, 9.9], [111.1, 9.9], [111.3, 9.9]),
+    "cmu": ([27.4, 5.8], [27.1, 4.6], [27.5, 4.6]),
+    "isr": ([143.5, 10.0], [143.4, 9.8], [143.6, 9.9]),
+    "mit": ([66.7, 7.9], [66.6, 7.9], [66.7, 7.9]),
+    "pentagon": ([161.1, 12.3], [160.8, 12.6], [163.0, 9.1]),
+    "suny": ([111.2, 9.7], [111.3, 9.8], [111.4, 9.8]),
+}
+MEASURES = ("reward", "time_to_goal", "miscoordinations")
+PAPER = {
+    **{
+        name: {learner: dict(zip(MEASURES, row, strict=True)) for learner, row in rows.items()}
+        for name, rows in SMALL.items()
+    },
+    **{
+        name: {
+            learner: {"reward": pair}
+            for learner, pair in zip(("indiv", "noncoop", "coop"), rows, strict=True)
+        }
+        for name, rows in LARGE.items()
+    },
+}
+
+ROBOTS = "map: env1\nrobots:\n  {}: {{start: 1, goal: 2}}\n"
+
+
+@pytest.fixture
+def data():
+    """Return the plain data of a good scenario, to be spoiled."""
+    return load_scenario("env1").to_dict()
+
+
+def refusal(data, error=ScenarioError):
+    """Return the one line with which a scenario's data is refused."""
+    with pytest.raises(error) as refused:
+        scenario_from_dict(data, where="f.yaml", name="f")
+    assert "\n" not in str(refused.value)
+    return str(refused.value)
+
+
+def test_every_shipped_scenario_is_in_the_list():
+    assert scenario_names() == sorted([*SCENARIOS, *CROWD])
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_shipped_scenario(name):
+    grid, length, steps, goals = SCENARIOS[name]
+    scenario = load_scenario(name)
+    cells = scenario.map.cells
+    assert scenario.name == name
+    assert scenario.map.name == grid
+    assert [robot.name for robot in scenario.robots] == [
+        f"robot_{k + 1}" for k in range(len(goals))
+    ]
+    assert [cells[robot.goal] for robot in scenario.robots] == goals
+    for k, robot in enumerate(scenario.robots, start=1):
+        assert robot.start == scenario.map.starts[k]
+        assert scenario.map.distances_to(robot.goal)[robot.start] == length
+    assert scenario.steps == steps
+
+
+@pytest.mark.parametrize("name", CROWD)
+def test_shipped_crowd(name):
+    """The first robots of one crowd, each on its way to the other room."""
+    scenario, robots = load_scenario(name), CROWD[name]
+    cells = scenario.map.cells
+    assert scenario.map.name == "crowd"
+    assert "designed for this project" in scenario.map.provenance
+    assert [robot.name for robot in scenario.robots] == [f"robot_{k + 1}" for k in range(robots)]
+    assert [robot.start for robot in scenario.robots] == [
+        scenario.map.starts[k + 1] for k in range(robots)
+    ]
+    assert [cells[robot.goal] for robot in scenario.robots] == CROWD_GOALS[:robots]
+    assert [
+        scenario.map.distances_to(robot.goal)[robot.start] for robot in scenario.robots
+    ] == CROWD_LENGTHS[:robots]
+    for robot in scenario.robots:
+        assert (cells[robot.start][1] < 4) != (cells[robot.goal][1] < 4)
+    assert scenario.steps == 100_000
+    assert scenario.paper == {}
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_paper_rows(name):
+    assert load_scenario(name).paper == PAPER[name]
+
+
+@pytest.mark.parametrize("name", [*SCENARIOS, *CROWD])
+def test_the_game_is_the_paper_s(name):
+    scenario = load_scenario(name)
+    assert scenario.discount == 0.95
+    assert scenario.move_success == 0.8
+    assert scenario.goal_reward == 10.0
+    assert scenario.penalty == -20.0
+    assert scenario.ask_cost == 1.0
+    assert scenario.conflict == "same_cell"
+    assert scenario.peers == "one"
+    assert scenario.penalties == (-20.0,) * len(scenario.robots)
+    assert scenario.goal_value == pytest.approx(scenario.goal_reward / (1 - scenario.discount))
+
+
+@pytest.mark.parametrize("name", [*SCENARIOS, *CROWD])
+def test_round_trip_through_yaml(name):
+    factors = [f"{k / 7!r}" for k in range(len(load_scenario(name).robots))]
+    scenario = load_scenario(name).with_settings(
+        {
+            "perception": "probability:0.123456789012345",
+            "penalty": -1e-7,
+            "starts": "mixed:0.1",
+            "common_reward": ":".join(["each", *factors]),
+            "peers": "all",
+        }
+    )
+    text = yaml.safe_dump(scenario.to_dict())
+    again = scenario_from_dict(yaml.safe_load(text), where="text", name="other")
+    assert again == scenario
+    assert again.paper == scenario.paper
+    assert again.perception.numbers == (0.123456789012345,)
+
+
+def test_the_documentation_lists_the_settings():
+    rows = [
+        f"| {name} | {setting.default} | {setting.allowed} | {setting.help} |"
+        for name, setting in SETTINGS.items()
+    ]
+    text = (Path(__file__).parents[2] / "docs" / "interface.md").read_text()
+    assert "\n".join(["|---|---|---|---|", *rows, ""]) in text, "\n".join(rows)
+
+
+@pytest.mark.parametrize(
+    ("common_reward", "penalties"),
+    [
+        ("same", (-30.0, -30.0, -30.0)),
+        ("each:1:1:1", (-30.0, -30.0, -30.0)),
+        ("each:0:0.5:2", (0.0, -15.0, -60.0)),
+    ],
+)
+def test_each_robot_has_its_own_penalty(common_reward, penalties):
+    settings = {"penalty": -30, "common_reward": common_reward}
+    assert load_scenario("crowd-3r").with_settings(settings).penalties == penalties
+
+
+def test_the_same_penalty_for_all_is_the_penalty_itself():
+    """Not a product of it, which could differ in the last bit."""
+    penalty = -0.1 - 0.2
+    scenario = load_scenario("crowd-8r").with_settings({"penalty": penalty})
+    assert scenario.penalties == (penalty,) * 8
+
+
+@pytest.mark.parametrize(
+    ("name", "peers", "perceived"),
+    [
+        ("env1", "one", 2),
+        ("env1", "all", 2),
+        ("crowd-8r", "one", 2),
+        ("crowd-3r", "all", 3),
+        ("crowd-8r", "all", 8),
+    ],
+)
+def test_how_many_local_states_q_coord_is_over(name, peers, perceived):
+    scenario = load_scenario(name).with_settings({"peers": peers})
+    assert scenario.perceived == perceived
+    assert scenario.sparse == (perceived > 2)
+
+
+def test_a_robot_alone_still_has_a_table_over_pairs(make):
+    scenario = make(robots={"a": (1, 2)}, peers="all")
+    assert (scenario.perceived, scenario.sparse) == (2, False)
+
+
+def test_too_many_joint_states_to_be_numbered():
+    data = load_scenario("crowd-8r").to_dict()
+    cells = load_scenario("crowd-8r").map.cells
+    for k in range(3):
+        data["robots"][f"more_{k}"] = {"start": list(cells[k]), "goal": list(cells[-1])}
+    scenario = scenario_from_dict({**data, "peers": "all"}, where="f.yaml", name="f")
+    with pytest.raises(SettingError, match="peers: value is 'all'.*59.11; use 'one', fewer"):
+        make_run(scenario, {})
+    assert make_run(scenario, {"learner": "factored"}).scenario.peers == "all"
+
+
+def test_settings_change_a_copy_only():
+    scenario = load_scenario("env1")
+    changed = scenario.with_settings({"penalty": "-100", "perception": "range:2", "steps": 5})
+    assert (changed.penalty, changed.perception, changed.steps) == (
+        -100.0,
+        Spec("range", (2.0,)),
+        5,
+    )
+    assert scenario.penalty == -20.0
+    assert (
+        changed.with_settings({"penalty": -20, "perception": "always", "steps": 10_000})
+        == scenario
+    )
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"penalti": "-5"}, ["unknown setting 'penalti'", "did you mean 'penalty'", "goal_value"]),
+        ({"penalty": "5"}, ["setting penalty", "'5'", "from -1e+09 to 0"]),
+        ({"penalty": "low"}, ["setting penalty", "'low'", "a number"]),
+        ({"discount": "1"}, ["setting discount", "'1'", "from 0 to 0.999"]),
+        ({"move_success": 0}, ["setting move_success", "from 0.01 to 1"]),
+        ({"steps": "0"}, ["setting steps", "'0'", "whole number from 1 to 10000000"]),
+        ({"steps": 1.5}, ["setting steps", "1.5", "whole number"]),
+        ({"conflict": "door"}, ["setting conflict", "'door'", "same_cell or any_doorway"]),
+        ({"perception": "lineofsight"}, ["setting perception", "did you mean 'line_of_sight'"]),
+        ({"perception": "probability"}, ["'probability' takes 1", "probability:P"]),
+        ({"starts": "mixed:2"}, ["setting starts", "p_random", "'2'", "from 0 to 1"]),
+        ({"step_size": "0.1"}, ["setting step_size", "'0.1'", "constant:ALPHA"]),
+        ({"epsilon": "linear:1:x:0.5"}, ["setting epsilon", "last", "'x'"]),
+        ({"peers": "two"}, ["setting peers", "'two'", "one or all"]),
+        (
+            {"common_reward": "each:1"},
+            [
+                "setting common_reward: 'each:1' has 1 factor, scenario env1",
+                "2 robots and needs 2",
+            ],
+        ),
+        ({"common_reward": "each:1:2:3.5"}, ["'each:1:2:3.5' has 3 factors", "needs 2"]),
+        (
+            {"common_reward": "each"},
+            ["'each' has 0 numbers", "takes 1 or more", "each:FACTOR:..."],
+        ),
+        ({"common_reward": "each:1:-1"}, ["setting common_reward: factor is '-1'", "from 0"]),
+        ({"common_reward": "same:1"}, ["'same:1' has 1 number", "takes 0"]),
+        ({"common_reward": "0.5"}, ["unknown value '0.5'", "same, each:FACTOR:..."]),
+    ],
+)
+def test_bad_settings(values, words):
+    with pytest.raises(SettingError) as error:
+        load_scenario("env1").with_settings(values)
+    message = str(error.value)
+    assert "\n" not in message
+    assert [word for word in words if word not in message] == []
+
+
+def test_every_setting_has_a_help_line_and_a_default_in_range():
+    defaults = SETTINGS.defaults()
+    for name, setting in SETTINGS.items():
+        assert setting.help
+        assert setting.parse(defaults[name]) == defaults[name]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"penaltyy": 3}, ["f.yaml", "unknown field 'penaltyy'", "did you mean 'penalty'"]),
+        ({"penalty": 3}, ["f.yaml", "setting penalty", "from -1e+09 to 0"]),
+        ({"common_reward": "each:1:2:3"}, ["f.yaml: setting common_reward", "needs 2; give each"]),
+        ({"map": 5}, ["f.yaml", "field 'map' is 5", "name or path"]),
+        ({"robots": {}}, ["f.yaml", "no robot", "e.g. robot_1"]),
+        ({"robots": [{"a": 1}]}, ["'robots' is list, not a mapping", "one line a robot"]),
+        ({"robots": None}, ["f.yaml", "no robot"]),
+        ({"robots": {"r": {"start": 1}}}, ["robot r", "must be {start: ..., goal: ...}"]),
+        ({"robots": {"r 1": {"start": 1, "goal": 2}}}, ["'r 1' is no ROS name", "letters"]),
+        ({"robots": {"r": {"start": 7, "goal": 1}}}, ["robot r: start is 7", "[1, 2]"]),
+        ({"robots": {"r": {"start": [0, 2], "goal": 1}}}, ["robot r: start [0, 2] is a wall"]),
+        (
+            {"robots": {"r": {"start": 1, "goal": [0, 5]}}},
+            ["robot r: goal [0, 5] is outside the 5 x 5 grid", "choose a free cell"],
+        ),
+        ({"robots": {"r": {"start": [-1, 0], "goal": 1}}}, ["start [-1, 0] is outside"]),
+        ({"robots": {"r": {"start": "a", "goal": 1}}}, ["start is 'a'", "start digit"]),
+        ({"robots": {"r": {"start": True, "goal": 1}}}, ["start is True", "start digit"]),
+        (
+            {"robots": {"r": {"start": 1, "goal": [0, 0]}}},
+            ["start and goal are the same cell, [0, 0]"],
+        ),
+        ({"robots": {"r" * 101: {"start": 1, "goal": 2}}}, ["101 letters", "at most 100"]),
+        ({"paper": {"best": {}}}, ["paper", "unknown learner 'best'", "indiv, noncoop, coop"]),
+        ({"paper": {"coop": {"speed": [1, 2]}}}, ["paper: coop: speed", "time_to_goal"]),
+        ({"paper": {"coop": {"reward": 3}}}, ["reward is 3", "[mean, spread]"]),
+    ],
+)
+def test_bad_fields(data, change, words):
+    message = refusal({**data, **change})
+    assert [word for word in words if word not in message] == []
+
+
+def test_missing_map_field(data):
+    del data["map"]
+    assert "field 'map' is missing" in refusal(data)
+
+
+def test_unknown_map(data):
+    message = refusal({**data, "map": "env3"}, MapError)
+    assert "f.yaml: map 'env3'" in message
+    assert "did you mean 'env2'" in message
+
+
+def test_malformed_map_inside_a_scenario(data):
+    data["map"] = {"name": "m", "text": "---\n1.\n.\n"}
+    assert "f.yaml (map), line 3" in refusal(data, MapError)
+
+
+def test_unreachable_goal(make):
+    with pytest.raises(ScenarioError) as error:
+        make("1#2\n.#.")
+    for words in ("drawn.yaml", "robot robot_1", "goal 2", "start 1", "cannot be reached"):
+        assert words in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "near"), [("env11", "env1"), ("env2-3r", "env2-"), ("pentagn", "pentagon")]
+)
+def test_unknown_scenario_names_the_nearest(name, near):
+    with pytest.raises(ScenarioError) as error:
+        load_scenario(name)
+    for words in (f"scenario '{name}'", f"did you mean '{near}", "one of: cit, cmu", "path"):
+        assert words in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("map: env1\nrobots: {r: {start: 1\nsteps: 3\n", ["f.yaml, line 3", "not YAML", "mend"]),
+        ("map: env1\n\tsteps: 3\n", ["f.yaml, line 2, column 1", "\\t", "not YAML"]),
+        ("map: !!python/object:os.system x\n", ["f.yaml, line 1", "not YAML"]),
+        ("name: 2020-13-45\n", ["f.yaml", "not YAML", "month"]),
+        ("- 1\n", ["f.yaml", "must be 'key: value' lines", "list"]),
+        ("", ["f.yaml", "must be 'key: value' lines"]),
+        ("map: " + "[" * 10_000, ["f.yaml: not readable as YAML", "nested too deeply"]),
+    ],
+)
+def test_malformed_yaml(tmp_path, text, words):
+    path = tmp_path / "f.yaml"
+    path.write_text(text)
+    with pytest.raises(ScenarioError) as error:
+        load_scenario(str(path))
+    message = str(error.value)
+    assert "\n" not in message
+    assert [word for word in words if word not in message] == []
+
+
+def test_scenario_file_names_itself_and_finds_the_map_beside_it(tmp_path):
+    (tmp_path / "mine.txt").write_text("title: mine\n---\n1.2\n")
+    (tmp_path / "both.yaml").write_text(
+        "map: mine.txt\nrobots: {a: {start: 1, goal: 2}}\nperception: range:1\n"
+    )
+    scenario = load_scenario(str(tmp_path / "both.yaml"))
+    assert scenario.name == "both"
+    assert scenario.map.title == "mine"
+    assert scenario.perception == Spec("range", (1.0,))
+    assert scenario.steps == SETTINGS["steps"].default
+
+
+def test_not_utf8(tmp_path):
+    path = tmp_path / "f.yaml"
+    path.write_bytes(b"name: \xe9\n")
+    with pytest.raises(ScenarioError, match="f.yaml: cannot be read as UTF-8"):
+        load_scenario(str(path))
+
+
+def test_parse_yaml_returns_plain_data():
+    assert parse_yaml("a: {b: [1, x]}", where="t") == {"a": {"b": [1, "x"]}}
+
+
+@pytest.mark.parametrize(
+    "text, words",
+    [
+        ("map: env1\nsteps: 5\nsteps: 6\n", ["line 3", "'steps' is there twice"]),
+        (
+            ROBOTS.format("robot_1") + "  robot_1: {start: 2, goal: 1}\n",
+            ["'robot_1' is there twice"],
+        ),
+        (ROBOTS.format("recorder"), ["robot name 'recorder' is that of another node"]),
+        (ROBOTS.format("robot_1") + "name: ../x\n", ["field 'name' is '../x'", "rename"]),
+        (ROBOTS.format("r") + "paper: {coop: {reward: [a, b]}}\n", ["reward is ['a', 'b']"]),
+    ],
+)
+def test_names_and_keys_that_mislead(tmp_path, text, words):
+    path = tmp_path / "own.yaml"
+    path.write_text(text)
+    with pytest.raises(ScenarioError) as error:
+        load_scenario(str(path))
+    assert [word for word in words if word not in str(error.value)] == []

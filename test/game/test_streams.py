@@ -1,0 +1,88 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Random streams: functions of seed, agent, role, phase and step, equal to NumPy's own PCG64."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from sparse_coord_ros.game import streams
+from sparse_coord_ros.game.streams import (
+    BLOCK,
+    DRAWS,
+    EVALUATION,
+    LEARNING,
+    MOTION,
+    PERCEPT,
+    POLICY,
+    START,
+    Stream,
+)
+
+ROLES = (POLICY, MOTION, PERCEPT, START)
+
+
+def test_numbers_that_key_the_streams_never_change():
+    """Renumbering would silently change every result."""
+    assert (LEARNING, EVALUATION) == (0, 1)
+    assert ROLES == (0, 1, 2, 3)
+    assert DRAWS == {0: 5, 1: 1, 2: 1, 3: 2, 4: 1, 5: 2}
+    columns = ("EXPLORE", "EXPLORED_ACTION", "TIE", "PRIMITIVE_TIE", "PEER")
+    assert [getattr(streams, name) for name in columns] == [0, 1, 2, 3, 4]
+
+
+@pytest.mark.parametrize("role", ROLES)
+def test_a_fixed_number_of_draws_a_step(role):
+    stream = Stream(7, 0, role)
+    for step in (0, 1, BLOCK - 1, BLOCK, 12345):
+        draws = stream.at(step)
+        assert len(draws) == DRAWS[role]
+        assert all(0.0 <= draw < 1.0 for draw in draws)
+
+
+@pytest.mark.parametrize("role", ROLES)
+def test_order_does_not_matter(role):
+    steps = [500, 3, BLOCK, 3, 10_000, BLOCK - 1, 500, 0]
+    one, other = Stream(7, 1, role), Stream(7, 1, role)
+    forward = {step: one.at(step) for step in steps}
+    backward = {step: other.at(step) for step in reversed(steps)}
+    assert forward == backward
+    assert forward[3] != forward[500]
+
+
+def test_reading_a_step_twice_gives_the_same_draws():
+    stream = Stream(7, 1, POLICY)
+    assert stream.at(3) == stream.at(3)
+
+
+@pytest.mark.parametrize("role", ROLES)
+@pytest.mark.parametrize("phase", [LEARNING, EVALUATION])
+@pytest.mark.parametrize("step", [0, 1, 255, 256, 1000, 99_999])
+def test_equals_a_fresh_numpy_generator(role, phase, step):
+    bits = np.random.PCG64(np.random.SeedSequence(2**40 + 1, spawn_key=(phase, 3, role)))
+    bits.advance(step * DRAWS[role])
+    expected = np.random.Generator(bits).random(DRAWS[role]).tolist()
+    assert Stream(2**40 + 1, 3, role, phase).at(step) == expected
+
+
+def test_consecutive_steps_share_no_draw():
+    draws = list(itertools.chain.from_iterable(Stream(0, 0, POLICY).at(t) for t in range(600)))
+    assert len(set(draws)) == 600 * DRAWS[POLICY]
+
+
+def test_seeds_agents_roles_and_phases_differ():
+    first = {
+        Stream(seed, agent, role, phase).at(9)[0]
+        for seed in (0, 1, 2)
+        for agent in (0, 1, 2)
+        for role in ROLES
+        for phase in (LEARNING, EVALUATION)
+    }
+    assert len(first) == 3 * 3 * 4 * 2
+
+
+def test_draws_are_uniform():
+    draws = np.array([Stream(5, 0, MOTION).at(t)[0] for t in range(2000)])
+    counts = np.histogram(draws, bins=10, range=(0, 1))[0]
+    assert ((counts - 200) ** 2 / 200).sum() < 27.9  # chi squared, 9 degrees, 0.1 %

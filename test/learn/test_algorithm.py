@@ -1,0 +1,112 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Choices and update of Algorithm 1, by exact enumeration and by hand."""
+
+import math
+from collections import Counter
+
+import pytest
+
+from sparse_coord_ros.learn.algorithm import (
+    ACTIONS,
+    COORDINATE,
+    PRIMITIVES,
+    epsilon_greedy,
+    greatest,
+    greedy,
+    updated,
+)
+
+N = 60
+DRAWS = [(i + 0.5) / N for i in range(N)]
+"""A uniform grid of draws: frequencies over it are exact probabilities (60 divides by 1 to 5)."""
+
+LARGEST_DRAW = 1.0 - 2.0**-53
+
+
+def frequencies(choose):
+    return {action: count / N for action, count in Counter(map(choose, DRAWS)).items()}
+
+
+def test_actions():
+    assert ACTIONS == ("north", "south", "east", "west", "coordinate")
+    assert (PRIMITIVES, COORDINATE) == (4, 4)
+
+
+@pytest.mark.parametrize(
+    ("values", "count", "maxima"),
+    [
+        ([1, 2, 3, 4, 5], 5, [4]),
+        ([5, 4, 3, 2, 1], 5, [0]),
+        ([1, 2, 3, 4, 5], 4, [3]),
+        ([7, 0, 7, 0, 9], 4, [0, 2]),
+        ([7, 0, 7, 0, 7], 5, [0, 2, 4]),
+        ([0, 1, 1, 1, 1], 5, [1, 2, 3, 4]),
+        ([-1, -1, -1, -1, -1], 5, [0, 1, 2, 3, 4]),
+        ([0, 0, 0, 0, math.nan], 4, [0, 1, 2, 3]),
+        ([1, 3, 2, 3, math.nan], 4, [1, 3]),
+        ([0.1 + 0.2, 0.3, 0, 0, 0], 5, [0]),  # exact maxima: the next float below is no tie
+        ([-math.inf, -math.inf, -5, -math.inf, 0], 4, [2]),
+    ],
+)
+def test_greedy_is_uniform_among_the_exact_maxima(values, count, maxima):
+    expected = {action: 1 / len(maxima) for action in maxima}
+    assert frequencies(lambda tie: greedy(values, count, tie)) == expected
+
+
+@pytest.mark.parametrize("ties", [1, 2, 3, 4, 5])
+def test_greedy_at_the_ends_of_the_draw(ties):
+    values = [0.0] * ties + [-1.0] * (5 - ties)
+    assert greedy(values, 5, 0.0) == 0
+    assert greedy(values, 5, LARGEST_DRAW) == ties - 1
+
+
+@pytest.mark.parametrize("count", [4, 5])
+@pytest.mark.parametrize("epsilon", [0.0, 0.25, 0.5, 1.0])
+def test_epsilon_greedy(count, epsilon):
+    values = [1.0, 2.0, 2.0, 0.0, 2.0]
+    maxima = [a for a in range(count) if values[a] == 2.0]
+    coarse = [(i + 0.5) / 20 for i in range(20)]  # every epsilon is a multiple of 1/20
+    counted = Counter(
+        epsilon_greedy(values, count, epsilon, explore, action, t)
+        for explore in coarse
+        for action in coarse
+        for t in DRAWS
+    )
+    for action in range(count):
+        share = epsilon / count + (1 - epsilon) * (action in maxima) / len(maxima)
+        assert counted[action] / (20 * 20 * N) == pytest.approx(share, abs=1e-12)
+    assert set(counted) <= set(range(count))
+
+
+def test_epsilon_zero_never_explores_and_one_always_does():
+    values = [0.0, 9.0, 0.0, 0.0, 0.0]
+    assert epsilon_greedy(values, 5, 0.0, 0.0, 0.99, 0.5) == 1
+    assert epsilon_greedy(values, 5, 1.0, LARGEST_DRAW, 0.0, 0.5) == 0
+    assert epsilon_greedy(values, 5, 1.0, LARGEST_DRAW, LARGEST_DRAW, 0.5) == 4
+
+
+@pytest.mark.parametrize(
+    ("values", "count", "maximum"),
+    [
+        ([1.0, 4.0, 2.0, 3.0, 5.0], 5, 5.0),
+        ([1.0, 4.0, 2.0, 3.0, 5.0], 4, 4.0),
+        ([-3.0, -2.0, -4.0, -9.0, math.nan], 4, -2.0),
+        ([7.0, 4.0, 2.0, 3.0, 5.0], 5, 7.0),
+    ],
+)
+def test_greatest(values, count, maximum):
+    assert greatest(values, count) == maximum
+
+
+@pytest.mark.parametrize(
+    ("value", "alpha", "reward", "discount", "bootstrap", "expected"),
+    [
+        (10.0, 0.5, 4.0, 0.5, 20.0, 12.0),  # 0.5 * 10 + 0.5 * (4 + 0.5 * 20)
+        (10.0, 0.25, -20.0, 0.95, 100.0, 26.25),  # 7.5 + 0.25 * (-20 + 95)
+        (10.0, 1.0, -1.0, 0.95, 0.0, -1.0),
+        (10.0, 0.0, 99.0, 0.95, 99.0, 10.0),
+    ],
+)
+def test_ql_update_by_hand(value, alpha, reward, discount, bootstrap, expected):
+    assert updated(value, alpha, reward, discount, bootstrap) == pytest.approx(expected, rel=1e-15)

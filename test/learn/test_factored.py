@@ -1,0 +1,312 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The factored learner's rule, equation by equation, and the settings credit and referee."""
+
+import numpy as np
+import pytest
+
+from sparse_coord_ros.errors import SettingError, TablesError
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.game.streams import PERCEPT, Stream
+from sparse_coord_ros.game.world import Action, Reward, RewardWeights, World
+from sparse_coord_ros.learn.agent import NOBODY, Decision
+from sparse_coord_ros.learn.algorithm import COORDINATE, EAST, NORTH, SOUTH
+from sparse_coord_ros.learn.evaluation import play
+from sparse_coord_ros.learn.factored import FactoredAgent
+from sparse_coord_ros.learn.factors import UNSEEN, FactorRule, keys_of, rows_at_most, states_of
+from sparse_coord_ros.learn.learners import Factored, learner_of
+from sparse_coord_ros.learn.run_config import make_run
+from sparse_coord_ros.learn.simulation import learn
+from sparse_coord_ros.learn.tables import pack_tables, unpack_tables
+
+ASK = Decision(COORDINATE, (1,))
+ALPHA = 0.25
+"""Every step size here, where the rule has not a greater one."""
+
+
+def scenario(name="env1", **settings):
+    chosen = {"step_size": f"constant:{ALPHA}", "q_coord_init": 40, **settings}
+    return learner_of("factored").with_defaults(load_scenario(name).with_settings(chosen))
+
+
+def agent(rule=None, weights=None, number=0, **settings):
+    rule = rule or FactorRule(replays=0)
+    weights = weights or RewardWeights(1.0, 1.0, 1.0)
+    return FactoredAgent(scenario(**settings), number, 3, rule=rule, weights=weights)
+
+
+def paid(common=0.0, individual=0.0, cost=0.0, **more):
+    return Reward(individual, common, cost, individual + common + cost, **more)
+
+
+def moved(one, step, cell, move, to, reward):
+    action = Action(move, False, NOBODY, False)
+    one.learn(step, cell, Decision(move), action, None, reward, to)
+
+
+def asked(one, step, cell, move, to, reward, perceived):
+    action = Action(move, True, 1, perceived is not None)
+    one.learn(step, cell, ASK, action, perceived, reward, to)
+
+
+def test_initial_tables():
+    tables = learner_of("factored").tables(scenario(ask_cost=3))
+    assert (tables.q_star[:, :4] == 40).all() and (tables.q_star[:, 4] == 37).all()
+    assert (tables.q_coord == 40).all() and tables.q_coord.shape == (21, 21, 4)
+    assert len(tables.factors.states) == 0
+
+
+def test_u_learns_from_the_individual_part_alone_and_r_bar_from_the_common_one():
+    one = agent()
+    moved(one, 1, 2, EAST, 3, paid(common=-20.0, individual=7.0))
+    factors = one.tables.factors
+    assert factors.individual[2, EAST] == 40 + ALPHA * (7 + 0.95 * 40 - 40)
+    assert factors.common[2, EAST] == -20 / 2  # a' is 1 / (n + 1) while that is more
+    assert one.tables.q_star[2, EAST] == factors.individual[2, EAST] - 10
+    assert len(factors.states) == 0  # nobody was perceived
+    for step in range(2, 6):
+        moved(one, step, 2, EAST, 3, paid())
+    assert one.tables.factors.common[2, EAST] == pytest.approx(-10 * (2 / 3) * (3 / 4) ** 3)
+
+
+def test_the_goal_bootstraps_on_its_value():
+    one = agent(goal_value=100)
+    moved(one, 1, 2, EAST, one.goal, paid(individual=10.0))
+    assert one.tables.factors.individual[2, EAST] == 40 + ALPHA * (10 + 95 - 40)
+
+
+def test_a_percept_teaches_rho_w_and_r_bar_but_not_by_the_move_itself():
+    one = agent()
+    asked(one, 1, 2, SOUTH, 3, paid(common=-20.0, cost=-1.0), (5,))
+    u, r_bar, w, states, rho = one.tables.factors
+    assert states.tolist() == [[2, 1, 5]]
+    assert rho.tolist() == [[0, -20 * ALPHA, 0, 0]]
+    assert u[2, SOUTH] == 40 + ALPHA * (0.95 * 40 - 40)  # no cost of asking, no r^C in U
+    # The other moves are as good as before: the percept was worth nothing.
+    assert w[2] == 0
+    assert r_bar[2].tolist() == [0, ALPHA * rho[0, SOUTH], 0, 0]
+    assert one.tables.q_star[2, COORDINATE] == u[2].max() - 1 + w[2]
+    assert one.tables.q_coord[2, 5].tolist() == (u[2] + rho[0]).tolist()
+    assert one.tables.q_coord[2, 6].tolist() == u[2].tolist()
+
+
+def test_w_is_what_a_percept_changes_in_the_best_move():
+    one = agent()
+    for move in range(4):
+        asked(one, 1 + move, 2, move, 3, paid(common=-20.0), (5,))
+    u, _, w, _, rho = one.tables.factors
+    # By the last percept every move was known to be bad.
+    assert w[2] == ALPHA * ((u[2] + rho[0]).max() - u[2].max()) < 0
+
+
+def test_by_count_the_first_steps_of_rho_are_smaller_than_those_of_u():
+    one = agent(step_size="floored:0.5:0:0")
+    asked(one, 1, 2, SOUTH, 3, paid(common=-20.0), (5,))
+    factors = one.tables.factors
+    assert factors.corrections[0, SOUTH] == -20 * 2.0**-0.5
+    assert factors.individual[2, SOUTH] == 0.95 * 40
+
+
+def test_a_failed_percept_has_a_row_of_its_own():
+    one = agent()
+    asked(one, 1, 2, SOUTH, 3, paid(common=-20.0), None)
+    factors = one.tables.factors
+    assert factors.states.tolist() == [[2, UNSEEN, UNSEEN]]
+    assert one.values_asking(2, None)[SOUTH] == factors.individual[2, SOUTH] - 20 * ALPHA
+    assert one.values_asking(2, (5,))[SOUTH] == factors.individual[2, SOUTH]
+
+
+def test_only_after_a_failed_percept_the_move_is_explored():
+    one = agent(epsilon="constant:1")
+    moves = {one.act(step, 2, ASK, None).move for step in range(60)}
+    assert moves == {0, 1, 2, 3}
+    asked(one, 1, 2, SOUTH, 3, paid(common=-20.0), (5,))
+    for move in (NORTH, EAST):
+        asked(one, 2, 2, move, 3, paid(common=-20.0), (5,))
+    assert {one.act(step, 2, ASK, (5,)).move for step in range(60)} == {3}
+
+
+def test_who_is_asked_learns_rho_if_its_own_percept_would_have_succeeded():
+    problem = scenario(perception="probability:0.5")
+    rule = FactorRule(replays=0)
+    draws = Stream(3, 0, PERCEPT)
+    learned = []
+    for step in range(1, 40):
+        one = FactoredAgent(problem, 0, 3, rule=rule)
+        one.asked(step, 1, 6)
+        one.asked(step + 1, 1, 7)  # the next step's request may come before this one's reward
+        moved(one, step, 2, EAST, 3, paid(common=-20.0))
+        learned.append(len(one.tables.factors.states) == 1)
+        assert learned[-1] == (draws.at(step)[0] < 0.5)
+        if learned[-1]:
+            assert one.tables.factors.states.tolist() == [[2, 1, 6]]
+        assert one.tables.factors.common[2, EAST] < 0  # it had asked nobody itself
+    assert 0 < sum(learned) < len(learned)
+
+
+def test_replays_make_u_what_the_own_model_says():
+    one = agent(FactorRule(replays=5))
+    moved(one, 1, 2, EAST, 3, paid())
+    moved(one, 2, 2, EAST, 2, paid())  # it stayed where it was: half of the moves succeed
+    u = one.tables.factors.individual
+    assert u[2, EAST] == 0.5 * (0.95 * 40) + 0.5 * (0.95 * 40)  # other moves in 2 are still at 40
+    moved(one, 3, 3, EAST, one.goal, paid(individual=10.0))
+    assert one.tables.factors.individual[3, EAST] == 10 + 0.95 * 200
+
+
+def test_credit_weighs_the_common_part():
+    one = agent(weights=RewardWeights(1.0, 3.0, 1.0))
+    moved(one, 1, 2, EAST, 3, paid(common=-20.0))
+    assert one.tables.factors.common[2, EAST] == -30
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "weight"),
+    [
+        ("env1", {}, 1),
+        ("env1", {"credit": "team"}, 2),
+        ("env2-4r", {"credit": "team"}, 4),
+        ("env2-4r", {"credit": "team", "common_reward": "each:1:0:2:1"}, 3),
+        ("env2-4r", {"credit": 2.5}, 2.5),
+        ("env2-4r", {"credit": "weight:0"}, 0),
+    ],
+)
+@pytest.mark.parametrize("learner", ["coop", "noncoop", "factored"])
+def test_credit_of_every_learner(name, settings, weight, learner):
+    chosen = load_scenario(name).with_settings(settings)
+    assert learner_of(learner).weights(chosen) == RewardWeights(1.0, weight, 1.0)
+
+
+def test_credit_own_is_neutral_and_a_bad_one_is_named():
+    plain = load_scenario("env1")
+    assert plain.with_settings({"credit": "own"}).computation() == plain.computation()
+    assert plain.with_settings({"credit": 2}).computation() != plain.computation()
+    assert plain.with_settings({"referee": False}).computation() == plain.computation()
+    with pytest.raises(SettingError, match="credit.*'ours'.*own, team, weight:W"):
+        plain.with_settings({"credit": "ours"})
+    with pytest.raises(SettingError, match="credit: w is '-1'.*from 0"):
+        plain.with_settings({"credit": -1})
+
+
+# More than two robots.
+
+
+def test_defaults_with_more_than_two_robots():
+    run = make_run(load_scenario("env2-4r"), {"learner": "factored"})
+    assert (run.scenario.peers, run.scenario.referee) == ("all", True)
+    assert not make_run(load_scenario("env1"), {"learner": "factored"}).scenario.referee
+    assert not make_run(load_scenario("env2-4r"), {}).scenario.referee
+    with pytest.raises(SettingError, match="peers: value is 'one'.*peers=all"):
+        learn(load_scenario("env2-4r"), "factored", 0)
+
+
+def test_the_referee_says_who_was_with_whom():
+    problem = scenario("env2-4r")
+    world = World(problem, 0)
+    first, second = sorted(problem.map.doorways)[:2]
+    world.cells = [first, second, first, second]
+    world._next_cell = [[x] * 4 for x in range(len(problem.map.cells))]
+    stay = [Action(0, False, NOBODY, False)] * 4
+    assert [r.partners for r in world.advance(stay).rewards] == [4, 8, 1, 2]
+    world.cells = [first, second, first, 0]
+    rewards = world.advance(stay).rewards
+    assert [r.partners for r in rewards] == [4, 0, 1, 0]
+    assert [r.common for r in rewards] == [-20.0] * 4
+
+
+def test_a_robot_learns_only_from_its_own_miscoordination_by_the_peer_in_the_doorway():
+    one = agent(name="env2-4r")
+    ask = Decision(COORDINATE, (1, 2, 3))
+    seen = (5, 6, 7)
+    action = Action(EAST, True, NOBODY, True)
+    one.learn(1, 2, ask, action, seen, paid(common=-20.0, partners=0b0100), 3)
+    factors = one.tables.factors
+    assert factors.states.tolist() == [[2, 2, 6]]
+    assert factors.corrections.tolist() == [[0, 0, -20 * ALPHA, 0]]
+    assert one.tables.q_coord[2, 5, 6, 7, EAST] == factors.individual[2, EAST] - 20 * ALPHA
+    assert one.tables.q_coord[2, 5, 5, 7].tolist() == factors.individual[2].tolist()
+    other = agent(name="env2-4r")
+    moved(other, 1, 2, EAST, 3, paid(common=-20.0, partners=0))
+    assert (other.tables.factors.common == 0).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "number", "right_of_way", "counted"),
+    [
+        ("env2-4r", 0, True, []),
+        ("env2-4r", 2, True, [0, 1]),
+        ("env2-4r", 2, False, [0, 1, 3]),
+        ("env1", 0, True, [1]),
+    ],
+)
+def test_of_several_robots_in_one_cell_the_higher_numbers_give_way(
+    name, number, right_of_way, counted
+):
+    """They see the same: were it not so, each would wait for the others for ever."""
+    rule = FactorRule(right_of_way=right_of_way)
+    one = agent(rule, name=name, number=number)
+    peers = [j for j in range(one._robots) if j != number]
+    for j in peers:
+        one._rho[one._key(2, j, 2)] = [0.0, -(10.0**j), 0.0, 0.0]
+        one._rho[one._key(2, j, 7)] = [0.0, -7.0, 0.0, 0.0]
+    expected = [0.0, -sum(10.0**j for j in counted), 0.0, 0.0]
+    assert one.correction(2, (2,) * len(peers)) == expected
+    assert one.correction(2, (7,) * len(peers)) == [0.0, -7.0 * len(peers), 0.0, 0.0]
+    if right_of_way:
+        row = one.tables.q_coord[(2, *(2 for _ in peers))]
+        assert (row - one.tables.factors.individual[2]).tolist() == expected
+
+
+def test_numbers_of_rows():
+    cells, robots = 7, 4
+    states = [[x, j, z] for x in range(cells) for j in range(robots) for z in range(cells)]
+    states += [[x, UNSEEN, UNSEEN] for x in range(cells)]
+    keys = keys_of(np.array(states, dtype=np.int32), cells, robots)
+    assert len(set(keys.tolist())) == len(states)
+    assert (np.diff(keys) > 0).all()
+    assert states_of(keys, cells, robots).tolist() == states
+    assert rows_at_most(cells, robots) == len(states) - cells * cells  # nobody is its own peer
+
+
+# Files.
+
+
+def test_tables_of_another_kind_are_refused():
+    problem = scenario()
+    coop = [learner_of("coop").tables(problem)] * 2
+    own = [learner_of("factored").tables(problem)] * 2
+    with pytest.raises(TablesError, match="does not learn in factors, the learner is factored"):
+        play(problem, coop, trials=2, seed=0, learner="factored")
+    with pytest.raises(TablesError, match="learns in factors, the learner is coop"):
+        play(problem, own, trials=2, seed=0, learner="coop")
+
+
+@pytest.mark.parametrize(
+    ("name", "array"),
+    [
+        ("rho_states_1", np.array([[2, 2, 99]], dtype=np.int32)),
+        ("rho_1", np.zeros((3, 4))),
+        ("u_1", np.zeros((21, 5))),
+        ("w_1", np.zeros(20)),
+    ],
+)
+def test_malformed_factors_are_refused(tmp_path, name, array):
+    one = agent()
+    asked(one, 1, 2, SOUTH, 3, paid(common=-20.0), (5,))
+    path = tmp_path / "tables.npz"
+    path.write_bytes(pack_tables({1: one.tables}))
+    with np.load(path) as file:
+        arrays = {**file, name: array}
+    np.savez(path, **arrays)
+    with pytest.raises(TablesError, match="cannot be read as tables"):
+        unpack_tables(path.read_bytes(), [1], where="here")
+
+
+def test_learning_goes_on_from_tables():
+    problem = scenario(steps=1500, penalty=-60, epsilon="constant:0.6", max_steps=20)
+    tables = learn(problem, "factored", 0)
+    one = Factored().agent(problem, 0, 9, tables=tables[0])
+    assert one.tables.factors.corrections.tobytes() == tables[0].factors.corrections.tobytes()
+    greedy = Factored().agent(problem, 0, 9, tables=tables[0], learning=False)
+    moved(greedy, 1, 2, EAST, 3, paid(common=-20.0))
+    assert greedy.tables.factors.common.tobytes() == tables[0].factors.common.tobytes()

@@ -1,0 +1,198 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The learning history: what goes into a row, curves, data frames and files."""
+
+import builtins
+
+import numpy as np
+import pytest
+
+from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.game.world import Action, Reward, StepOutcome
+from sparse_coord_ros.learn.history import (
+    HISTORY_FILE,
+    HistoryRecorder,
+    concatenated,
+    load_history,
+    no_history,
+)
+
+MOVE, ASK = Action(0, False, -1, False), Action(1, True, 1, True)
+
+
+def reward(individual=0.0, common=0.0, cost=0.0):
+    return Reward(individual, common, cost, individual + common + cost)
+
+
+def outcome(*rewards, met=False, arrived=(), over=False):
+    return StepOutcome(rewards, met, arrived, over)
+
+
+def recorded():
+    """Two robots, three episodes: 0 and 2 with transitions, 1 without, 3 cut off."""
+    recorder = HistoryRecorder(2)
+    recorder.add(0, 1, [MOVE, ASK], outcome(reward(), reward(cost=-1.0)))
+    met = outcome(reward(common=-5.0), reward(10.0, -5.0), met=True, arrived=(1,))
+    recorder.add(0, 2, [MOVE, MOVE], met)
+    later = outcome(reward(10.0, -5.0), reward(0.0, -5.0), met=True, arrived=(0,), over=True)
+    recorder.add(0, 3, [MOVE, None], later)
+    recorder.add(2, 8, [ASK, ASK], outcome(reward(cost=-1.0), reward(cost=-1.0), over=True))
+    recorder.add(3, 11, [None, MOVE], outcome(reward(), reward()))
+    return recorder
+
+
+def test_what_is_counted():
+    history = recorded().history()
+    assert (history.episodes, history.robots) == (3, 2)
+    assert history.first_step.tolist() == [1, 8, 11]
+    assert history.length.tolist() == [3, 1, 1]
+    # Robot 2 pays for the first meeting; at the second it has arrived and receives nothing.
+    assert history.reward.tolist() == [[0.0, 4.0], [-1.0, -1.0], [0.0, 0.0]]
+    assert history.miscoordinations.tolist() == [2, 0, 0]
+    assert history.asks.tolist() == [[0, 1], [1, 1], [0, 0]]
+    assert history.arrived.tolist() == [[True, True], [False, False], [False, False]]
+    assert history.present.all()
+
+
+def test_asking_for_it_in_between_changes_nothing():
+    recorder, whole = HistoryRecorder(1), HistoryRecorder(1)
+    for episode in range(300):
+        for step in range(1 + episode % 3):
+            what = (episode, 10 * episode + step, [ASK], outcome(reward(0.1, -0.2), met=True))
+            recorder.add(*what)
+            whole.add(*what)
+            before = recorder.history()
+            assert before.length.sum() == before.miscoordinations.sum()
+    assert recorder.history().same_bits(whole.history())
+    assert whole.history().episodes == 300
+    assert before.length[-1] == 3
+
+
+def test_going_on_with_an_episode_and_after_one():
+    expected = recorded()
+    for under_way in (True, False):
+        recorder = HistoryRecorder(2, history=recorded().history(), under_way=under_way)
+        what = (12, [MOVE, MOVE], outcome(reward(10.0), reward(), arrived=(0,)))
+        recorder.add(0, *what)
+        recorder.add(1, 15, *what[1:])
+        if under_way:
+            expected.add(3, *what)
+            expected.add(4, 15, *what[1:])
+            assert recorder.history().same_bits(expected.history())
+        assert recorder.history().episodes == (4 if under_way else 5)
+
+
+def test_only_members_are_present():
+    recorder = HistoryRecorder(3, members=[1])
+    recorder.add(0, 1, [None, ASK, None], outcome(reward(), reward(cost=-1.0), reward()))
+    history = recorder.history()
+    assert history.present.tolist() == [[False, True, False]]
+    assert history.asks.tolist() == [[0, 1, 0]]
+
+
+def test_curves():
+    history = recorded().history()
+    steps, lengths = history.curve("length")
+    assert (steps.tolist(), lengths.tolist()) == ([1, 8, 11], [3, 1, 1])
+    steps, rewards = history.curve("reward", 2)
+    assert (steps.tolist(), rewards.tolist()) == ([8, 11], [0.5, -0.5])
+    assert history.curve("reward", 3, robot=2)[1].tolist() == [1.0]
+    assert history.curve("arrived", 99)[1].tolist() == [1 / 3]
+    assert history.curve("miscoordinations", robot=1)[1].tolist() == [2, 0, 0]
+    for arguments in (("speed",), ("asks", 0)):
+        with pytest.raises(RunError, match="history: "):
+            history.curve(*arguments)
+    for robot in (0, 3):
+        with pytest.raises(RunError, match="no robot"):
+            history.curve("asks", robot=robot)
+
+
+def test_curves_of_robots_that_learned_alone():
+    parts = []
+    for k in range(2):
+        recorder = HistoryRecorder(2, members=[k])
+        for episode in range(3):
+            actions = [ASK if robot == k else None for robot in range(2)]
+            told = outcome(reward(cost=-1.0 - k), reward(cost=-1.0 - k))
+            recorder.add(episode, 1 + 10 * episode + k, actions, told)
+        parts.append(recorder.history())
+    history = concatenated(parts)
+    assert history.curve("reward", robot=2)[1].tolist() == [-2.0] * 3
+    steps, rewards = history.curve("reward")
+    assert steps.tolist() == [1, 2, 11, 12, 21, 22]
+    assert rewards.tolist() == [-1.0, -2.0] * 3
+    frame = history.to_pandas()
+    assert frame["robot"].tolist() == [1, 1, 1, 2, 2, 2]
+
+
+def test_data_frame():
+    frame = recorded().history().to_pandas(["a", "b"])
+    assert len(frame) == 6
+    row = frame[(frame.episode == 0) & (frame.robot == "b")].iloc[0]
+    assert row.to_dict() == {
+        "episode": 0,
+        "first_step": 1,
+        "length": 3,
+        "robot": "b",
+        "reward": 4.0,
+        "asks": 1,
+        "arrived": True,
+        "miscoordinations": 2,
+    }
+
+
+def test_without_pandas(monkeypatch):
+    real = builtins.__import__
+
+    def missing(name, *arguments, **keywords):
+        if name == "pandas":
+            raise ImportError("no pandas here")
+        return real(name, *arguments, **keywords)
+
+    monkeypatch.setattr(builtins, "__import__", missing)
+    with pytest.raises(RunError, match="pip install pandas"):
+        recorded().history().to_pandas()
+
+
+def test_file(tmp_path):
+    history = recorded().history()
+    history.save(tmp_path)
+    found = load_history(tmp_path)
+    assert found.same_bits(history)
+    assert [array.dtype for array in found.arrays().values()] == [
+        array.dtype for array in history.arrays().values()
+    ]
+    other = recorded()
+    other.add(3, 12, [MOVE, None], outcome(reward(), reward()))
+    assert not other.history().same_bits(history)
+    HistoryRecorder(4).history().save(tmp_path)
+    assert (load_history(tmp_path).episodes, load_history(tmp_path).robots) == (0, 4)
+
+
+def test_files_that_are_none(tmp_path):
+    with pytest.raises(RunError, match=r"has no history\.npz"):
+        load_history(tmp_path)
+    history = recorded().history()
+    file = tmp_path / HISTORY_FILE
+    arrays = history.arrays()
+    np.savez(file, format=np.int64(2), **arrays)
+    with pytest.raises(RunError, match="is in format 2, this version reads formats up to 1"):
+        load_history(tmp_path)
+    bad = [
+        {**arrays, "length": history.length[:-1]},
+        {**arrays, "asks": history.asks.astype(float)},
+        {**arrays, "reward": history.reward[:, :1]},
+        {name: array for name, array in arrays.items() if name != "arrived"},
+    ]
+    for broken in bad:
+        np.savez(file, format=np.int64(1), **broken)
+        with pytest.raises(RunError, match="cannot be read as a learning history"):
+            load_history(tmp_path)
+    file.write_bytes(b"PK")
+    with pytest.raises(RunError, match="cannot be read as a learning history"):
+        load_history(tmp_path)
+
+
+def test_histories_of_other_teams_differ_before_the_first_episode():
+    assert no_history(2).same_bits(no_history(2))
+    assert not no_history(2).same_bits(no_history(3))

@@ -1,0 +1,158 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Learners as objects: what each of them says of itself, and the user's own."""
+
+import pytest
+
+from sparse_coord_ros.engine.batch import run_batch
+from sparse_coord_ros.errors import PluginError, SettingError
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.game.world import SUM_OF_PARTS, Action, Reward, RewardWeights
+from sparse_coord_ros.learn.agent import NOBODY, Agent, Decision
+from sparse_coord_ros.learn.learners import LEARNERS, Learner, learner_of, register_learner
+from sparse_coord_ros.learn.run_config import make_run, run_from_yaml
+from sparse_coord_ros.learn.simulation import learn, tables_equal
+
+SHORT = {"steps": 3000, "penalty": -40}
+
+
+class Heavy(Learner):
+    """Weighs r^C five times."""
+
+    title = "Heavy"
+
+    def weights(self, scenario):
+        return RewardWeights(1.0, 5.0, 1.0)
+
+
+class Plain(Learner):
+    """Algorithm 1 by agents of its own: it has no compiled form."""
+
+    def agent(self, *arguments, **settings):
+        return Slow(*arguments, **settings)
+
+
+class Slow(Agent):
+    """An agent that learns from nothing but penalties."""
+
+    def learn(self, step, cell, decision, action, perceived, reward, next_cell):
+        if reward.common:
+            super().learn(step, cell, decision, action, perceived, reward, next_cell)
+
+
+class Eager(Learner):
+    """A learner with defaults of its own."""
+
+    defaults = {"epsilon": "constant:0.5", "steps": 123}
+
+
+@pytest.fixture(autouse=True)
+def forget():
+    """Forget what a test has registered."""
+    before = dict(LEARNERS._known)
+    yield
+    LEARNERS._known.clear()
+    LEARNERS._known.update(before)
+
+
+def test_the_papers_three_and_the_factored_one():
+    expected = {
+        "coop": ("Coop.", True, False),
+        "noncoop": ("Non-coop.", False, False),
+        "indiv": ("Indiv.", False, True),
+        "factored": ("Factored", True, False),
+    }
+    shipped = {name: LEARNERS.registered[name] for name in expected}  # tests register others
+    assert expected == {n: (one.title, one.asks, one.alone) for n, one in shipped.items()}
+    for name, one in shipped.items():
+        assert one.label == name
+        assert one.compiled
+        assert one.weights(load_scenario("env1")) == SUM_OF_PARTS
+
+
+@pytest.mark.parametrize("engine", ["numba", "python"])
+def test_weights_count_in_every_engine(engine):
+    scenario = load_scenario("env1").with_settings(SHORT)
+    [run] = run_batch(scenario, Heavy, [3], trials=0, engine=engine, jobs=1)
+    # r^C that weighs five times is a penalty that is five times as high.
+    five = scenario.with_settings({"penalty": 5 * scenario.penalty})
+    assert tables_equal(run.tables, learn(five, "coop", 3))
+    assert not tables_equal(run.tables, learn(scenario, "coop", 3))
+
+
+def test_a_learner_with_agents_of_its_own_is_never_compiled():
+    scenario = load_scenario("env1").with_settings(SHORT)
+    assert not Plain().compiled
+    [run] = run_batch(scenario, Plain, [3], trials=5, jobs=1)
+    assert tables_equal(run.tables, learn(scenario, Plain, 3))
+    assert not tables_equal(run.tables, learn(scenario, "coop", 3))
+    with pytest.raises(SettingError, match="no compiled form"):
+        list(run_batch(scenario, Plain, [3], trials=0, engine="numba"))
+
+
+def test_a_learner_is_named_by_its_module_in_files():
+    run = make_run(load_scenario("env1"), {"learner": learner_of(Heavy)})
+    assert run.learner == f"{__name__}:Heavy"
+    assert run_from_yaml(run.to_yaml(), where="here").rule is learner_of(Heavy)
+
+
+def test_registered_by_name():
+    class Named(Heavy):
+        name = "named"
+
+    register_learner(Named)
+    assert learner_of("named").label == "named"
+    assert "named" in LEARNERS.names
+    with pytest.raises(SettingError, match="is no learner; it must be a subclass"):
+        register_learner(int)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        (
+            "cop",
+            "unknown learner 'cop' .did you mean 'coop'.*coop, noncoop, indiv, factored, .*or",
+        ),
+        ("no_such_module:Thing", "learner 'no_such_module:Thing' is not there .*install it"),
+        ("json:Thing", "is not there .*has no attribute 'Thing'"),
+        ("json:dumps", "is no learner"),
+        ("", "unknown learner ''"),
+    ],
+)
+def test_names_of_no_learner(name, words):
+    with pytest.raises(SettingError, match=words) as caught:
+        learner_of(name)
+    assert "\n" not in str(caught.value)
+
+
+def test_with_defaults_of_ones_own_that_fails():
+    class Wrong(Learner):
+        name = "wrong"
+
+        def with_defaults(self, scenario):
+            return 1 / 0 if scenario.penalty < -50 else None
+
+    scenario = load_scenario("env1")
+    with pytest.raises(SettingError, match="its with_defaults returns None, no Scenario"):
+        Wrong().with_defaults(scenario)
+    with pytest.raises(PluginError, match="failed while making its with_defaults: ZeroDivision"):
+        Wrong().with_defaults(scenario.with_settings(penalty=-100))
+
+
+def test_defaults_of_a_learner_hold_where_nobody_chose():
+    scenario = load_scenario("env1").with_settings({"steps": 50})
+    run = make_run(scenario, {"learner": learner_of(Eager)})
+    assert (str(run.scenario.epsilon), run.scenario.steps) == ("constant:0.5", 50)
+    assert "epsilon: constant:0.5" in run.to_yaml()
+    assert str(make_run(scenario, {}).scenario.epsilon) == "linear:0.15:0.02:0.8"
+    again = run_from_yaml(run.to_yaml().replace("constant:0.5", "constant:0.25"), where="here")
+    assert str(again.scenario.epsilon) == "constant:0.25"
+
+
+def test_an_agent_learns_from_the_parts_by_their_weights():
+    scenario = load_scenario("env1").with_settings({"step_size": "constant:1", "discount": 0})
+    agent = Heavy().agent(scenario, 0, 0)
+    reward = Reward(individual=7.0, common=-2.0, ask_cost=-0.5, total=4.5)
+    agent.learn(1, 2, Decision(0), Action(0, False, NOBODY, False), None, reward, 3)
+    assert agent.tables.q_star[2, 0] == 7.0 - 5 * 2.0 - 0.5

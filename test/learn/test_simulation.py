@@ -1,0 +1,323 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Learning runs: against a second implementation, against themselves, against golden tables."""
+
+import hashlib
+import math
+from collections import defaultdict
+
+import numpy as np
+import pytest
+
+from sparse_coord_ros.game.perception import MODELS, percept_probabilities
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.game.schedules import exploration, step_sizes
+from sparse_coord_ros.learn.agent import Tables
+from sparse_coord_ros.learn.simulation import Learning, learn, tables_equal
+from sparse_coord_ros.learn.sparse import SparseTable
+
+# Everything that the learning protocol leaves open, so that new defaults change no expectation.
+PROTOCOL = {
+    "starts": "random",
+    "step_size": "power:0.6",
+    "epsilon": "linear:1:0.05:0.8",
+    "q_star_init": 30,
+    "q_coord_init": 200,
+    "goal_value": 200,
+    "max_steps": 1000,
+    "perception": "always",
+}
+
+
+def problem(name, **settings):
+    return load_scenario(name).with_settings({**PROTOCOL, **settings})
+
+
+class Reference:
+    """The whole of learning written a second time, in one place, from the paper and DESIGN.
+
+    It shares the map, the perception matrix and the schedules with the package, nothing else.
+    """
+
+    def __init__(self, scenario, learner, seed):
+        self.scenario, self.learner, self.seed = scenario, learner, seed
+        self.columns = 5 if learner == "coop" else 4
+        self.epsilons = exploration(scenario.epsilon, scenario.steps)
+        self.alphas, self.floor = step_sizes(scenario.step_size, scenario.steps)
+        self.see = percept_probabilities(scenario.perception, scenario.map)
+        self.doors = scenario.map.doorways
+        self.next_cell = scenario.map.next_cell
+        cells = len(scenario.map.cells)
+        self.tables = []  # Q^C as {(own cell, *peer cells, action): value}
+        for _ in scenario.robots:
+            q_star = np.full((cells, 5), scenario.q_star_init)
+            q_star[:, self.columns :] = np.nan
+            self.tables.append((q_star, defaultdict(lambda: scenario.q_coord_init)))
+
+    def run(self):
+        everyone = list(range(len(self.scenario.robots)))
+        for members in [[k] for k in everyone] if self.learner == "indiv" else [everyone]:
+            self.learn_together(members)
+        return [Tables(q_star, self.as_table(q_coord)) for q_star, q_coord in self.tables]
+
+    def as_table(self, q_coord):
+        """Return Q^C as the package keeps it."""
+        scenario, robots = self.scenario, len(self.scenario.robots)
+        cells = len(scenario.map.cells)
+        if scenario.peers == "one" or robots == 2:
+            table = np.full((cells, cells, 4), scenario.q_coord_init)
+            for entry, value in q_coord.items():
+                table[entry] = value
+            return table
+        states = sorted({entry[:-1] for entry in q_coord})
+        rows = np.array([[q_coord[(*state, move)] for move in range(4)] for state in states])
+        keys = np.array(states, dtype=np.int32).reshape(-1, robots)
+        return SparseTable(cells, robots, scenario.q_coord_init, keys, rows.reshape(-1, 4))
+
+    def draws(self, agent, role, width):
+        """Return the first draws of a stream in one piece, shape (time steps, width)."""
+        sequence = np.random.SeedSequence(self.seed, spawn_key=(0, agent, role))
+        return np.random.Generator(np.random.PCG64(sequence)).random((9 * self.horizon, width))
+
+    def exploring(self, t):
+        """Return the probability of an exploring start at time step t."""
+        kind, numbers = self.scenario.starts.kind, self.scenario.starts.numbers
+        if kind != "exploring":
+            return {"fixed": 0, "random": 1}.get(kind, sum(numbers))
+        first, last, fraction = numbers
+        return first + (last - first) * min(1.0, t / (fraction * self.scenario.steps))
+
+    @property
+    def horizon(self):
+        return self.scenario.steps + 10
+
+    def learn_together(self, members):
+        scenario, robots = self.scenario, self.scenario.robots
+        policy = {k: self.draws(k, 0, 5) for k in members}
+        motion = {k: self.draws(k, 1, 1) for k in members}
+        percept = {k: self.draws(k, 2, 1) for k in members}
+        start = {k: self.draws(k, 3, 2) for k in members}
+        counts = [({}, {}) for _ in robots]
+        t, made = 1, 0
+        while True:
+            begun, x, active = t, {}, set(members)
+            for k in members:
+                x[k] = robots[k].start
+                if start[k][t, 0] < self.exploring(t):
+                    distance = scenario.map.distances_to(robots[k].goal)
+                    free = [c for c in range(len(distance)) if distance[c] > 0]
+                    x[k] = free[math.floor(start[k][t, 1] * len(free))]
+            while active and t - begun < scenario.max_steps:
+                chosen = {k: self.choose(k, t, x, policy[k][t], percept[k][t, 0]) for k in active}
+                y = dict(x)
+                for k in active:
+                    if motion[k][t, 0] < scenario.move_success:
+                        y[k] = int(self.next_cell[x[k], chosen[k][1]])
+                inside = [y[k] for k in members if y[k] in self.doors]
+                if scenario.conflict == "same_cell":
+                    conflict = len(inside) != len(set(inside))
+                else:
+                    conflict = len(inside) >= 2
+                for k in sorted(active):
+                    action, move, seen = chosen[k]
+                    reward = scenario.goal_reward if y[k] == robots[k].goal else 0.0
+                    reward += self.factor(k) * scenario.penalty if conflict else 0.0
+                    reward += -scenario.ask_cost if action == 4 else 0.0
+                    q_star, q_coord = self.tables[k]
+                    value = float(np.max(q_star[y[k], : self.columns]))
+                    if y[k] == robots[k].goal:
+                        value = scenario.goal_value
+                    if seen is not None:
+                        entry = (x[k], *seen, move)
+                        self.update(q_coord, counts[k][1], entry, t, reward, value)
+                    self.update(q_star, counts[k][0], (x[k], action), t, reward, value)
+                active = {k for k in active if y[k] != robots[k].goal}
+                x, t, made = y, t + 1, made + 1
+                if made == scenario.steps:
+                    return
+            t += 2
+
+    def choose(self, k, t, x, draws, percept):
+        """Return A_k(t), the primitive action and the perceived cells (or None)."""
+        q_star, q_coord = self.tables[k]
+        if draws[0] < self.epsilons[min(t, self.scenario.steps)]:
+            action = math.floor(draws[1] * self.columns)
+        else:
+            action = self.greedy(q_star[x[k], : self.columns], draws[2])
+        if action != 4:
+            return action, action, None
+        peers = [other for other in range(len(self.scenario.robots)) if other != k]
+        if self.scenario.peers == "one":
+            peers = [peers[math.floor(draws[4] * len(peers))]]
+        seen = [x[peer] for peer in peers]
+        if percept < min(self.see[x[k], cell] for cell in seen):
+            row = [q_coord.get((x[k], *seen, a), self.scenario.q_coord_init) for a in range(4)]
+            return 4, self.greedy(np.array(row), draws[3]), seen
+        return 4, self.greedy(q_star[x[k], :4], draws[3]), None
+
+    def factor(self, k):
+        """Return robot k's part of the penalty."""
+        _, *factors = str(self.scenario.common_reward).split(":")
+        return float(factors[k]) if factors else 1.0
+
+    @staticmethod
+    def greedy(row, tie):
+        best = np.flatnonzero(row == np.max(row))
+        return int(best[math.floor(tie * len(best))])
+
+    def update(self, table, counts, entry, t, reward, value):
+        counts[entry] = counts.get(entry, 0) + 1
+        alpha = max(
+            float(self.alphas[counts[entry]]), float(self.floor[min(t, self.scenario.steps)])
+        )
+        target = reward + self.scenario.discount * value
+        table[entry] = (1.0 - alpha) * float(table[entry]) + alpha * target
+
+
+@pytest.mark.parametrize(
+    ("name", "learner", "settings"),
+    [
+        ("env1", "coop", {}),
+        ("env1", "noncoop", {}),
+        ("env1", "indiv", {}),
+        ("env1", "coop", {"goal_value": 0, "starts": "fixed", "step_size": "constant:0.1"}),
+        ("env1", "coop", {"max_steps": 7, "epsilon": "constant:0.5", "penalty": -100}),
+        ("env1", "coop", {"perception": "never", "q_star_init": 0, "ask_cost": 0}),
+        ("env2-2r", "coop", {"perception": "range:2", "starts": "mixed:0.5"}),
+        (
+            "env2-4r",
+            "coop",
+            {"starts": "exploring:0.9:0.2:0.5", "step_size": "floored:0.7:0.3:0.1"},
+        ),
+        ("env2-4r", "coop", {"perception": "probability:0.7"}),
+        ("env2-4r", "noncoop", {"conflict": "any_doorway"}),
+        ("env2-4r", "coop", {"common_reward": "each:0:1:0.5:3", "penalty": -100}),
+        ("env2-2r", "coop", {"peers": "all", "perception": "probability:0.7"}),
+        ("crowd-3r", "coop", {"peers": "all"}),
+        ("crowd-3r", "noncoop", {"peers": "all"}),
+        ("env2-4r", "coop", {"peers": "all", "perception": "range:4", "conflict": "any_doorway"}),
+        ("isr", "coop", {"perception": "line_of_sight", "move_success": 1}),
+    ],
+)
+def test_equals_a_second_implementation(name, learner, settings):
+    scenario = problem(name, steps=600, **settings)
+    assert tables_equal(learn(scenario, learner, 5), Reference(scenario, learner, 5).run())
+
+
+def test_perception_is_looked_up_from_the_asker_to_the_asked(monkeypatch):
+    """The shipped models are symmetric; one that is not tells the two apart."""
+    one_way = lambda grid: np.triu(np.ones((len(grid.cells), len(grid.cells))))  # noqa: E731
+    monkeypatch.setitem(MODELS._known, "never", one_way)
+    scenario = problem("env1", steps=600, perception="never")
+    assert tables_equal(learn(scenario, "coop", 5), Reference(scenario, "coop", 5).run())
+
+
+def test_with_two_robots_all_peers_are_the_one_peer():
+    settings = {"steps": 600, "perception": "probability:0.7"}
+    one, both = (learn(problem("env1", peers=p, **settings), "coop", 5) for p in ("one", "all"))
+    assert tables_equal(one, both)
+
+
+# sha256 over the bytes of every q_star and q_coord, after 500 steps of env1 with seed 4: percepts
+# succeed and fail, robots arrive, meet in the doorway and run out of steps. No powers occur, so
+# the bits are the same on every machine. If a digest differs, a rule has changed: the order of
+# draws, the game, the choice or the update. Change it only on purpose, and say so.
+GOLDEN = {
+    "coop": "0fa357deeb91c2482f6ad4d538814571e91570c07a29e6ea8894a71ddcbae992",
+    "noncoop": "e754d93fe5e8559fde4298bf3c706f2231a0be519629f426f88a2bcb88d48664",
+    "indiv": "d0d953af88dcaa91c279c1ce34541f690944a5826fb2c74510950065d16d6c06",
+}
+GOLDEN_SETTINGS = {
+    "steps": 500,
+    "max_steps": 40,
+    "step_size": "constant:0.1",
+    "perception": "probability:0.7",
+}
+
+
+@pytest.mark.parametrize("learner", GOLDEN)
+def test_golden_tables(learner):
+    digest = hashlib.sha256()
+    for tables in learn(problem("env1", **GOLDEN_SETTINGS), learner, 4):
+        digest.update(tables.q_star.tobytes() + tables.q_coord.tobytes())
+    assert digest.hexdigest() == GOLDEN[learner]
+
+
+@pytest.mark.parametrize("learner", ["coop", "noncoop", "indiv"])
+def test_same_seed_same_bits_other_seed_other_bits(learner):
+    scenario = problem("env1", steps=300)
+    first = learn(scenario, learner, 1)
+    assert tables_equal(first, learn(scenario, learner, 1))
+    assert not tables_equal(first, learn(scenario, learner, 2))
+
+
+@pytest.mark.parametrize("learner", ["noncoop", "indiv"])
+def test_baselines_learn_no_coordination(learner):
+    scenario = problem("env1", steps=2000)
+    for tables in learn(scenario, learner, 1):
+        assert np.isnan(tables.q_star[:, 4]).all()
+        assert np.isfinite(tables.q_star[:, :4]).all()
+        assert (tables.q_star[:, :4] != 30).sum() > 40
+        assert (tables.q_coord == 200).all()
+
+
+def test_indiv_never_meets_anybody():
+    """No penalty is ever paid, so no penalty can change what is learned."""
+    cheap, dear = (problem("env1", steps=1500, penalty=p) for p in (0, -1000))
+    assert tables_equal(learn(cheap, "indiv", 1), learn(dear, "indiv", 1))
+    assert not tables_equal(learn(cheap, "noncoop", 1), learn(dear, "noncoop", 1))
+
+
+def test_progress_reaches_the_budget():
+    seen = []
+    scenario = problem("env1", steps=200)
+    learn(scenario, "indiv", 1, progress=lambda done, budget: seen.append((done, budget)))
+    assert seen[-1] == (400, 400)
+    assert [done for done, _ in seen] == sorted(done for done, _ in seen)
+    assert 50 <= len(seen) <= 200
+
+
+def test_tables_equal_compares_bits():
+    def pair(value):
+        return Tables(np.array([[value]]), np.array([[[1.0]]]))
+
+    nan, other_nan = np.float64("nan"), -np.float64("nan")
+    assert tables_equal([pair(nan)], [pair(nan)])
+    assert not tables_equal([pair(nan)], [pair(other_nan)])
+    assert not tables_equal([pair(0.0)], [pair(-0.0)])
+    assert not tables_equal([pair(1.0)], [pair(1.0 + 2**-52)])
+    assert not tables_equal([pair(1.0)], [pair(1.0), pair(1.0)])
+
+
+def test_tables_equal_compares_the_rows_of_sparse_tables():
+    def pair(value=1.0, key=(0, 1, 2), unseen=200.0):
+        table = SparseTable(3, 3, unseen)
+        table[(*key, 3)] = value
+        return Tables(np.zeros((3, 5)), table)
+
+    assert tables_equal([pair()], [pair()])
+    assert tables_equal([pair(np.nan)], [pair(np.nan)])
+    assert not tables_equal([pair()], [pair(1.0 + 2**-52)])
+    assert not tables_equal([pair(0.0)], [pair(-0.0)])
+    assert not tables_equal([pair()], [pair(key=(0, 2, 1))])
+    assert not tables_equal([pair()], [pair(unseen=0.0)])
+    dense = Tables(np.zeros((3, 5)), np.full((3, 3, 4), 200.0))
+    assert not tables_equal([pair()], [dense])
+    assert not tables_equal([dense], [pair()])
+
+
+@pytest.mark.parametrize("learner", ["coop", "indiv"])
+def test_a_run_that_goes_on_anywhere_is_the_same_run(learner):
+    """In the middle of an episode and between two, with starts that it must not draw again."""
+    scenario = problem("env1", steps=60, max_steps=7, ask_cost=0, q_star_init=200)
+    whole = Learning(scenario, learner, 3)
+    whole.advance(scenario.steps)
+    for done in range(1, scenario.steps, 2):
+        begun = Learning(scenario, learner, 3)
+        begun.advance(done)
+        rest = Learning(scenario, learner, 3, begun.state())
+        assert rest.done == done
+        rest.advance(scenario.steps)
+        assert tables_equal(rest.tables, whole.tables)
+        assert rest.history.same_bits(whole.history)
+        assert rest.visited.tolist() == whole.visited.tolist()

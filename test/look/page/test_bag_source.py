@@ -1,0 +1,201 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A bag on the board: every value is the log's; played, held, stepped, sought, followed."""
+
+import json
+import shutil
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from sparse_coord_ros.bags import BagWriter, open_bag
+from sparse_coord_ros.bags.reader import bag_file
+from sparse_coord_ros.errors import BagError, SparseCoordError
+from sparse_coord_ros.look.page.bag_source import BagSource, moment_of
+from sparse_coord_ros.look.page.board import Board
+from sparse_coord_ros.look.page.commands import PAUSE, RATE, SEEK, STEP, Command
+from sparse_coord_ros.runlog import read_run
+from sparse_coord_ros.runlog.explain import explain
+from sparse_coord_ros.runlog.words import in_words
+
+
+class Player:
+    """A source with a clock of its own."""
+
+    def __init__(self, bag):
+        self.now, self.board = 0.0, Board()
+        self.source = BagSource(bag, self.board, now=lambda: self.now)
+        self.source.tick()
+
+    def do(self, name, value=None, seconds=0.0):
+        self.source.command(Command(name, value))
+        return self.after(seconds)
+
+    def after(self, seconds):
+        self.now += seconds
+        self.source.tick()
+        return self.board.get("frame")
+
+
+@pytest.fixture
+def player(bag):
+    made = Player(bag)
+    yield made
+    made.source.log.close()
+
+
+def test_each_value_shown_is_the_log_s(player, bag):
+    log = read_run(bag)
+    for row in (0, 5, 100, 333, len(log.step) - 2):
+        frame = player.do(SEEK, int(log.step[row]))
+        assert frame["step"] == log.step[row]
+        assert frame["cells"] == log.cells[row].tolist()
+        acting = log.move[row] >= 0
+        assert [m is not None for m in frame["moves"]] == acting.tolist()
+        assert [a["robot"] for a in frame["asks"]] == np.flatnonzero(log.asked[row]).tolist()
+        for ask in frame["asks"]:
+            assert (ask["outcome"] == "answered") == log.perceived[row, ask["robot"]]
+        totals = [None if r is None else r[3] for r in frame["rewards"]]
+        assert totals == [None if np.isnan(r) else r for r in log.reward[row, :, 3]]
+    json.dumps(player.board.get("tables"), allow_nan=False)
+
+
+def test_the_words_begin_as_explain_tells_them(player, bag):
+    log = read_run(bag)
+    step = int(log.step[np.flatnonzero(log.asked[:, 0] & log.perceived[:, 0])[3]])
+    player.do(SEEK, step)
+    said = player.board.get("dialogue")["entries"][-1]
+    due = list(in_words(log, explain(log, said["robot"], step)))
+    assert said["step"] == step and due[0].endswith(said["lines"][0])
+    assert due[1].strip().startswith(said["lines"][1])
+    assert due[3].strip().startswith(said["lines"][2])
+    assert due[4].strip() == said["lines"][3]
+
+
+def test_curves_and_evaluation_are_those_of_the_log(player, bag):
+    player.source._read_through()
+    curves, history = player.board.get("curves"), read_run(bag).history()
+    assert curves["episodes"] == history.episodes and curves["read"] == 1.0
+    assert curves["totals"]["asks"] == history.asks.sum(axis=0).tolist()
+    assert curves["totals"]["reward"] == history.reward.sum(axis=0).tolist()
+    assert curves["length"] == history.length.tolist()  # so few that each is a point
+    evaluation = player.board.get("evaluation")
+    assert evaluation["how"] == "exact" and evaluation["optimum"] > evaluation["reward"]["mean"]
+    player.do(SEEK, 10**9)
+    assert np.array(player.board.get("asked")["robots"]).sum() == history.asks.sum()
+
+
+def test_playing_holding_stepping_seeking(player):
+    log = player.source._around(1)
+    player.do(RATE, 10.0)
+    assert player.after(1.0)["step"] in (10, 11)
+    frame = player.do(PAUSE, True)
+    assert frame["state"] == "paused" and player.after(5.0)["step"] == frame["step"]
+    row = int(np.searchsorted(log.step, frame["step"]))
+    assert player.do(STEP, 1)["step"] == log.step[row + 1]
+    assert player.do(STEP, -1)["step"] == log.step[row]
+    assert player.do(SEEK, -5)["step"] == player.source.first
+    assert player.do(STEP, -1)["step"] == player.source.first
+    assert player.do(SEEK, 10**12)["step"] == player.source.log.last_step
+    assert player.do(STEP, 1)["state"] == "ended"
+    assert player.do(PAUSE, False)["step"] == player.source.first  # again from the start
+    player.do(RATE, 0.0)
+    assert player.after(0.1)["state"] == "ended"
+
+
+def test_a_bag_that_grows_is_followed(bag, tmp_path, monkeypatch):
+    data = bag_file(bag).read_bytes()
+    path = tmp_path / "grows.mcap.partial"
+    path.write_bytes(data[: len(data) // 2])
+    monkeypatch.setattr("sparse_coord_ros.look.page.bag_source.being_recorded", lambda path: True)
+    player = Player(path)
+    before = player.after(0.1)
+    assert before["state"] == "following" and "follows" in player.board.get("notice")["text"]
+    assert before["step"] == player.source.log.last_step
+    with path.open("ab") as file:
+        file.write(data[len(data) // 2 :])
+    player.source.look()
+    assert player.after(0.1)["step"] == read_run(bag).step[-1] > before["step"]
+    assert not player.source.growing and player.board.get("notice")["text"] == ""
+    player.source.log.close()
+
+
+@pytest.mark.parametrize(("recorded_now", "words"), [(True, "try again soon"), (False, "info'")])
+def test_a_bag_without_a_message_yet(tmp_path, monkeypatch, recorded_now, words):
+    nothing = SimpleNamespace(empty=True, run=None, damage=None, path=tmp_path, close=bool)
+    monkeypatch.setattr("sparse_coord_ros.look.page.bag_source.open_log", lambda path: nothing)
+    monkeypatch.setattr(
+        "sparse_coord_ros.look.page.bag_source.being_recorded", lambda path: recorded_now
+    )
+    with pytest.raises(BagError, match=words):
+        BagSource(tmp_path, Board())
+
+
+def test_what_is_damaged_unfinished_or_no_bag(bag, tmp_path):
+    data = bytearray(bag_file(bag).read_bytes())
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(data[: len(data) // 2])
+    player = Player(cut)
+    assert "never closed" in player.board.get("notice")["text"]
+    place = player.source.log.walk.chunks[-1]
+    player.source.log.close()
+    data[place.offset + 200 : place.offset + 264] = bytes(64)
+    cut.write_bytes(data)
+    player = Player(cut)
+    player.source._read_through()
+    assert "damaged: " in player.board.get("notice")["text"]
+    player.source.log.close()
+    empty = tmp_path / "empty.mcap"
+    empty.touch()
+    with pytest.raises(BagError, match="does not begin like one"):
+        BagSource(empty, Board())
+    empty.write_bytes(data[:60])
+    with pytest.raises(SparseCoordError, match="holds no run"):
+        BagSource(empty, Board())
+    copy = tmp_path / "copy"
+    shutil.copytree(bag, copy)
+    player = Player(copy)
+    shutil.rmtree(copy)
+    assert player.do(SEEK, 500)["step"] > 490
+    player.source.log.close()
+
+
+def test_a_bag_of_version_0_1_0(recorded):
+    old = Path(__file__).parents[1] / "fixtures/0.1.0/honest/bag"
+    log = read_run(old)
+    row = int(np.flatnonzero(log.asked.any(axis=1))[0]) if log.asked.any() else 3
+    moment = moment_of(log, row)
+    assert moment.step == log.step[row] and len(moment.cells) == len(log.names)
+    player = Player(old)
+    player.source._read_through()
+    assert player.board.get("curves")["episodes"] == log.history().episodes
+    player.source.log.close()
+
+
+def test_a_bag_of_several_files(bag, tmp_path):
+    source = open_bag(bag)
+    with BagWriter(tmp_path / "split", max_bytes=40_000) as new:
+        for name, texts in source.metadata.items():
+            if name != "rosbag2":
+                new.add_metadata(name, texts)
+        channels = {
+            topic.name: new.add_topic(topic.name, topic.type_name, topic.qos[0])
+            for topic in source.topics.values()
+        }
+        for one in source.attachments:
+            new.attach(one.name, one.data, one.media_type, one.log_time_ns)
+        for one in source.messages():
+            new.write(channels[one.topic], one.data, one.log_time_ns, one.publish_time_ns)
+    player, log = Player(tmp_path / "split"), read_run(bag)
+    assert len(list(player.source.log.path.glob("*.mcap"))) > 1
+    row = 400
+    frame = player.do(SEEK, int(log.step[row]))
+    assert frame["cells"] == log.cells[row].tolist()
+    assert player.do(STEP, 1)["cells"] == log.cells[row + 1].tolist()
+    player.source._read_through()
+    assert player.board.get("curves")["length"] == log.history().length.tolist()
+    assert player.board.get("tables")["robots"][0]["step"] > 0
+    assert player.board.get("evaluation")["how"] == "exact"
+    player.source.log.close()

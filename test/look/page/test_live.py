@@ -1,0 +1,93 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a team that learns now puts on the board, and how seldom what is costly."""
+
+import numpy as np
+import pytest
+
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.game.world import Action, Reward, StepOutcome
+from sparse_coord_ros.learn.history import History, HistoryRecorder, no_history
+from sparse_coord_ros.learn.run_config import make_run
+from sparse_coord_ros.look.page import live_source as live
+from sparse_coord_ros.look.page import messages as frames
+from sparse_coord_ros.look.page.board import Board
+from sparse_coord_ros.look.page.live_source import LiveView, Transition
+
+
+@pytest.fixture
+def view():
+    run = make_run(load_scenario("env1"), {})
+    made = LiveView(run, Board(), source="live", title="", controls=(), now=lambda: made.time)
+    made.time = 100.0
+    return made
+
+
+def ask(view, step):
+    """Let robot 1 ask robot 2 at a time step."""
+    actions = (Action(0, True, 1, True), Action(1, False, -1, False))
+    view.take(Transition(step, (3, 4), actions, (3, 5), None, False))
+    view.show(transitions=step, episode=0)
+
+
+def last_said(view):
+    entries = view.board.get("dialogue")["entries"]
+    return entries[-1]["step"] if entries else None
+
+
+def test_words_come_no_quicker_than_anybody_reads_and_none_is_lost(view):
+    ask(view, 1)
+    assert last_said(view) == 1  # at once, after silence
+    for step in range(2, 6):
+        view.time += 0.9 * live.WORDS_SECONDS / 4
+        ask(view, step)
+        assert view.board.get("frame")["step"] == step and last_said(view) == 1
+    view.time += live.WORDS_SECONDS
+    view.show(transitions=5, episode=0)  # nothing is new
+    assert [entry["step"] for entry in view.board.get("dialogue")["entries"]] == [1, 2, 3, 4, 5]
+    ask(view, 6)
+    assert last_said(view) == 5
+    view.show_learned(no_history(2), None)  # the end of a run
+    assert last_said(view) == 6
+
+
+@pytest.mark.parametrize(("took", "pause"), [(0.001, 1.0), (0.05, 5.0)])
+def test_what_takes_long_comes_seldom(view, monkeypatch, took, pause):
+    def slow_message(history):
+        view.time += took
+        return {"type": "curves"}
+
+    monkeypatch.setattr(frames, "curves_message", slow_message)
+    assert not view.slow_due()  # nobody looks
+    view.board.page_came()
+    assert view.slow_due()
+    view.show_learned(no_history(2), None)
+    view.time += 0.99 * pause
+    assert not view.slow_due()
+    view.time += 0.02 * pause
+    assert view.slow_due()
+
+
+def test_numbers_have_four_digits_and_json_knows_each():
+    found = frames._plain(np.array([[1.00001, np.nan], [-np.inf, 2 / 3]]))
+    assert found == [[1.0, None], [None, 0.6667]]
+    assert frames._plain(np.array([1.5, 2.0])) == [1.5, 2.0]
+
+
+def test_curves_of_a_long_run_are_means_and_take_no_copy_of_it():
+    """Of robots that learned alone, whose episodes come one robot after the other, too."""
+    recorder = HistoryRecorder(2)
+    outcome = StepOutcome((Reward(-1.0, 0.0, 0.0, -1.0),) * 2, False, (0,), False)
+    for episode in range(1000):
+        actions = (Action(1, episode % 2 == 0, 1, False), Action(1, False, -1, False))
+        recorder.add(episode, 3 * episode, actions, outcome)
+    history = recorder.look()
+    assert history.same_bits(recorder.history())
+    assert not history.length.flags.owndata and recorder.history().length.flags.owndata
+    message = frames.curves_message(history)
+    assert message["window"] == 5 and len(message["length"]) == 200
+    assert message["step"] == list(range(0, 3000, 15)) and message["totals"]["asks"] == [500, 0]
+    assert message["asks"] == [[0.6, 0.4] * 100, [0.0] * 200]
+    parts = [{name: array[half::2] for name, array in history.arrays().items()} for half in (1, 0)]
+    mixed = History(**{name: np.concatenate([p[name] for p in parts]) for name in parts[0]})
+    assert frames.curves_message(mixed) == message

@@ -1,0 +1,269 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The server refuses what is not its own page's, survives odd messages, and waits for nobody."""
+
+import asyncio
+import json
+import socket
+import sys
+import time
+
+import aiohttp
+import pytest
+from aiohttp.test_utils import TestClient, TestServer
+
+from sparse_coord_ros.cli.main import main
+from sparse_coord_ros.errors import RunError, SettingError
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.run_config import make_run
+from sparse_coord_ros.look.page import messages as frames
+from sparse_coord_ros.look.page import server
+from sparse_coord_ros.look.page.board import Board
+from sparse_coord_ros.look.page.commands import (
+    NEXT,
+    PAUSE,
+    RATE,
+    SEEK,
+    STEP,
+    Command,
+    parse_command,
+)
+from sparse_coord_ros.look.page.server import FILES, LARGEST_MESSAGE, Page, Server
+
+ALL = (PAUSE, STEP, RATE, SEEK, NEXT)
+
+
+class Told:
+    """A source that remembers what it was told."""
+
+    def __init__(self):
+        self.commands = []
+
+    def command(self, command):
+        if command.name == STEP:
+            raise RunError("there is no next step")
+        self.commands.append(command)
+
+
+def board():
+    made = Board()
+    run = make_run(load_scenario("env1"), {})
+    made.put(frames.run_message(run, source="bag", title="a bag", controls=ALL))
+    return made
+
+
+def serving(test, *, host="127.0.0.1"):
+    """Run a coroutine with a client of a page, the page and its source."""
+
+    async def run():
+        page = Page(board(), host=host, token="secret")
+        page.source = Told()
+        async with TestClient(TestServer(page.app)) as client:
+            await test(client, page)
+
+    asyncio.run(run())
+
+
+async def next_of(stream, kind):
+    while True:
+        message = json.loads((await stream.receive(timeout=5)).data)
+        if message["type"] == kind:
+            return message
+
+
+def test_fixed_files_and_nothing_else():
+    async def test(client, page):
+        for route, (name, kind) in FILES.items():
+            answer = await client.get(route)
+            assert (answer.status, answer.content_type) == (200, kind), name
+            assert "default-src 'none'" in answer.headers["Content-Security-Policy"]
+            text = await answer.text()
+            assert page.token not in text
+            assert "http" not in text.replace("http://www.w3.org/2000/svg", "").replace(
+                "https:", ""
+            ), f"{name} fetches something"
+        for path in ("/etc/passwd", "/page/../server.py", "/page.js/", "/%2e%2e/setup.py"):
+            assert (await client.get(path)).status == 404, path
+        assert (await client.post("/", data=b"x")).status == 405
+
+    serving(test)
+
+
+def test_other_hosts_and_origins_are_refused():
+    async def test(client, page):
+        port = client.port
+        for name in ("127.0.0.1", "localhost", "[::1]"):
+            answer = await client.get("/", headers={"Host": f"{name}:{port}"})
+            assert answer.status == 200, name
+        for name in ("evil.example", f"evil.example:{port}", "10.0.0.7", "", "a b", "[::"):
+            assert (await client.get("/", headers={"Host": name})).status == 403, name
+        for origin in ("http://evil.example", "null", f"http://127.0.0.1:{port + 1}", "http://["):
+            for path in ("/", "/ws"):
+                answer = await client.get(path, headers={"Origin": origin})
+                assert answer.status == 403, (origin, path)
+            with pytest.raises(aiohttp.WSServerHandshakeError):
+                await client.ws_connect("/ws", headers={"Origin": origin})
+        answer = await client.get("/", headers={"Sec-Fetch-Site": "cross-site"})
+        assert answer.status == 403
+        own = {"Origin": f"http://127.0.0.1:{port}", "Host": f"127.0.0.1:{port}"}
+        async with client.ws_connect("/ws", headers=own) as stream:
+            assert (await next_of(stream, "run"))["scenario"] == "env1"
+
+    serving(test)
+
+
+def test_an_address_for_other_machines_is_called_by_addresses_not_by_foreign_names():
+    page = Page(Board(), host="0.0.0.0")
+    assert page.allowed("192.168.1.4:8765") and page.allowed("localhost:8765")
+    assert page.allowed(socket.gethostname()) and not page.allowed("evil.example:8765")
+
+
+def test_controls_need_the_token_and_make_sense():
+    async def test(client, page):
+        async with client.ws_connect("/ws") as stream:
+            await next_of(stream, "run")
+
+            async def say(data):
+                await stream.send_str(data if isinstance(data, str) else json.dumps(data))
+                message = json.loads((await stream.receive(timeout=5)).data)
+                while message["type"] not in ("error", "done", "hello"):
+                    message = json.loads((await stream.receive(timeout=5)).data)
+                return message
+
+            for token in ({}, {"token": ""}, {"token": "wrong"}, {"token": 7}, {"token": "ü"}):
+                answer = await say({"do": PAUSE, "value": True, **token})
+                assert answer["type"] == "error" and "address" in answer["text"], token
+            odd = ("", "x", "[]", "null", "{", '{"token": NaN}', "[" * 3000, '"a"', "1e999")
+            for text in odd:
+                assert (await say(text))["type"] == "error", text
+            own = {"token": "secret"}
+            for data in (
+                {"do": "reset"},  # this source has none
+                {"do": "exec", "value": "ls"},
+                {"do": ["pause"]},
+                {"do": PAUSE, "value": "yes"},
+                {"do": RATE, "value": -1},
+                {"do": RATE, "value": 1e999},
+                {"do": RATE, "value": 10**400},
+                {"do": SEEK, "value": 1.5},
+                {"do": SEEK, "value": 10**40},
+                {"do": STEP, "value": 0},
+                {"do": NEXT, "value": {"scenario": "/etc/passwd", "penalty": -1}},
+                {"do": NEXT, "value": {"scenario": "env1", "penalty": 5}},
+                {"do": NEXT, "value": {"scenario": "env1", "penalty": "x"}},
+                {"do": STEP, "value": 1},  # the source refuses
+            ):
+                assert (await say({**own, **data}))["type"] == "error", data
+            assert page.source.commands == []
+            assert (await say({**own, "do": "hello"}))["control"] is True
+            for command in (Command(PAUSE, True), Command(RATE, 5.0), Command(SEEK, 3)):
+                said = await say({**own, "do": command.name, "value": command.value})
+                assert said["type"] == "done"
+                assert page.source.commands[-1] == command
+
+    serving(test)
+
+
+def test_bytes_huge_and_endless_messages_end_one_page_not_the_server():
+    async def test(client, page):
+        async with client.ws_connect("/ws") as stream:
+            await stream.send_bytes(b"\0\1")
+            assert "bytes" in (await next_of(stream, "error"))["text"]
+            await stream.send_str("x" * (LARGEST_MESSAGE + 1))
+            while (message := await stream.receive(timeout=5)).type is aiohttp.WSMsgType.TEXT:
+                pass
+            assert message.type in (aiohttp.WSMsgType.CLOSE, aiohttp.WSMsgType.CLOSED)
+        async with client.ws_connect("/ws") as stream:
+            for _ in range(server.ODD_MESSAGES + 1):
+                await stream.send_str("x")
+            while (message := await stream.receive(timeout=5)).type is aiohttp.WSMsgType.TEXT:
+                pass
+            assert stream.close_code == 1008
+        async with client.ws_connect("/ws") as stream:
+            await next_of(stream, "run")
+        assert (await client.get("/")).status == 200
+
+    serving(test)
+
+
+def test_pages_beyond_the_most_are_sent_away(monkeypatch):
+    monkeypatch.setattr(server, "MOST_PAGES", 2)
+
+    async def test(client, page):
+        async with client.ws_connect("/ws", compress=15) as one, client.ws_connect("/ws"):
+            assert not one.compress  # a team in this process would pay for it
+            assert page.board.watched
+            with pytest.raises(aiohttp.WSServerHandshakeError, match="503"):
+                await client.ws_connect("/ws")
+
+    serving(test)
+
+
+def test_a_slow_page_gets_the_newest_and_nobody_waits_for_it():
+    async def test(client, page):
+        slow = await client.ws_connect("/ws")
+        slow_transport = slow._conn.transport
+        slow_transport.pause_reading()  # it stops reading altogether
+        async with client.ws_connect("/ws") as quick:
+            began, text = time.monotonic(), "x" * 200_000
+            for number in range(60):
+                page.board.put({"type": "frame", "step": number, "text": text})
+                await asyncio.sleep(0.005)
+            assert time.monotonic() - began < 5
+            while (await next_of(quick, "frame"))["step"] != 59:
+                pass
+        slow_transport.resume_reading()
+        steps = [(await next_of(slow, "frame"))["step"]]
+        while steps[-1] != 59:
+            steps.append((await next_of(slow, "frame"))["step"])
+        assert len(steps) < 45  # it missed some
+        await slow.close()
+
+    serving(test)
+
+
+def test_the_server_has_a_thread_and_a_port_of_its_own():
+    one = Server(board(), port=0)
+    try:
+        assert one.address == f"http://127.0.0.1:{one.port}/#{one.page.token}"
+        with pytest.raises(RunError, match=rf"--port is {one.port}: .* --port 0 takes a free one"):
+            Server(board(), port=one.port)
+        with pytest.raises(RunError, match="--host is '203.0.113.9'"):
+            Server(board(), host="203.0.113.9", port=0)
+    finally:
+        one.close()
+    again = Server(board(), port=one.port)
+    again.close()
+
+
+def test_a_page_s_wish_is_checked_before_the_source_hears_it():
+    with pytest.raises(SettingError, match="'seek'.*is none here"):
+        parse_command({"do": SEEK, "value": 3}, (PAUSE,))
+    found = parse_command({"do": NEXT, "value": {"scenario": "isr", "penalty": -5}}, (NEXT,))
+    assert found.value == {"scenario": "isr", "penalty": -5.0}
+
+
+def test_an_address_is_told_only_where_there_is_something_to_see(tmp_path, capsys):
+    """A taken port leaves no directory behind, and a bag that is none no address."""
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = str(taken.getsockname()[1])
+        for verb in ("train", "run"):
+            out = tmp_path / verb
+            command = [verb, "env1", "--steps", "10", "--watch", "--port", port, "--out", str(out)]
+            assert main(command) == 2 and not out.exists()
+            assert "--port 0 takes a free one" in capsys.readouterr().err
+    assert main(["watch", str(tmp_path), "--port", "0"]) == 2
+    [line] = capsys.readouterr().err.splitlines()
+    assert line.startswith("error: ") and "is not a bag" in line
+
+
+@pytest.mark.parametrize("verb", ["watch", "watch BAG", "train env1 --watch", "run env1 --watch"])
+def test_without_aiohttp_one_line_says_what_to_install(verb, bag, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "aiohttp", None)
+    monkeypatch.delitem(sys.modules, "sparse_coord_ros.look.page.server")
+    assert main(verb.replace("BAG", str(bag)).split()) == 2
+    [line] = capsys.readouterr().err.splitlines()
+    assert line.startswith("error: the page needs the Python package aiohttp")
+    assert line.endswith("sudo apt install python3-aiohttp")

@@ -1,0 +1,151 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A run without ROS, looked at: the same bits, held, slowed down, stepped through."""
+
+import signal
+
+import numpy as np
+import pytest
+
+from sparse_coord_ros.engine.batch import CompiledLearning, CompiledTeam
+from sparse_coord_ros.engine.compiled import PLAIN
+from sparse_coord_ros.engine.training import train
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.game.world import Action
+from sparse_coord_ros.learn.algorithm import COORDINATE
+from sparse_coord_ros.learn.run_config import make_run
+from sparse_coord_ros.learn.simulation import Learning, tables_equal
+from sparse_coord_ros.look.page.board import Board
+from sparse_coord_ros.look.page.commands import PAUSE, RATE, STEP, Command
+from sparse_coord_ros.look.page.training_source import TrainingView
+
+OFTEN = {"q_star_init": 100, "ask_cost": 0, "epsilon": "constant:0.3", "steps": 300}
+
+
+def scenario(name="env1", **settings):
+    return load_scenario(name).with_settings({**OFTEN, **settings})
+
+
+@pytest.mark.parametrize(
+    ("name", "learner", "settings"),
+    [
+        ("env1", "coop", {"perception": "probability:0.5"}),
+        ("env2-4r", "coop", {}),
+        ("crowd-3r", "factored", {"perception": "probability:0.5", "peers": "all"}),
+        ("env1", "indiv", {}),
+    ],
+)
+def test_both_engines_show_the_same_transitions(name, learner, settings):
+    problem = scenario(name, **settings)
+    plain = Learning(problem, learner, 3)
+    compiled = CompiledLearning(CompiledTeam(problem, learner, PLAIN), 3)
+    asked = np.zeros_like(plain.asked)
+    for _ in range(60):
+        for engine in (plain, compiled):
+            engine.advance(engine.done + 2)
+        seen, other = plain.glimpse(), compiled.glimpse()
+        assert seen == other and plain.done == compiled.done
+        assert all(isinstance(one, Action | None) for one in seen.actions)
+    assert np.array_equal(plain.asked, compiled.asked)
+    if learner == "coop":
+        assert plain.asked.sum() == plain.history.asks.sum() > 10
+    assert asked.shape == (len(problem.robots), len(problem.map.cells))
+    assert tables_equal(plain.tables, compiled.tables)
+
+
+class Clock:
+    """Time that passes when somebody sleeps."""
+
+    def __init__(self):
+        self.now, self.then = 0.0, {}
+
+    def __call__(self):
+        return self.now
+
+    def sleep(self, seconds):
+        self.now += seconds
+        for at in sorted(self.then):
+            if at <= self.now:
+                self.then.pop(at)()
+
+
+@pytest.mark.parametrize("every", [0, 50])
+def test_looking_changes_no_bit_and_shows_what_there_is(every):
+    problem, board, clock = scenario(), Board(), Clock()
+    board.page_came()
+    view = TrainingView(make_run(problem, {}), board, title="", now=clock, sleep=clock.sleep)
+    view.command(Command(RATE, 100.0))
+    steps = set()
+
+    def progress(done, budget):
+        steps.add(board.get("frame") and board.get("frame")["step"])
+
+    done = train(
+        problem,
+        "coop",
+        0,
+        engine="python",
+        evaluate_every=every,
+        trials=2,
+        watcher=view,
+        progress=progress,
+    )
+    view.end(done)
+    alone = train(problem, "coop", 0, engine="python", evaluate_every=every, trials=2)
+    assert tables_equal(done.tables, alone.tables) and done.history.same_bits(alone.history)
+    assert [n for n, _ in done.evaluations] == [n for n, _ in alone.evaluations]
+    assert 2.5 < clock.now < 3.6  # 300 steps, 100 a second
+    assert len(steps) > 60
+    frame, curves = board.get("frame"), board.get("curves")
+    assert frame["state"] == "finished" and frame["transitions"] == 300
+    assert curves["length"] == alone.history.length.tolist()
+    assert board.get("tables")["robots"][1]["q_star"][0][COORDINATE] is not None
+    assert np.array(board.get("asked")["robots"]).sum() > 0
+
+
+def test_holding_and_stepping():
+    problem, board, clock = scenario(steps=40), Board(), Clock()
+    view = TrainingView(make_run(problem, {}), board, title="", now=clock, sleep=clock.sleep)
+    view.command(Command(PAUSE, True))
+    held = []
+
+    def note(then=None):
+        held.append((board.get("frame")["state"], board.get("frame")["transitions"]))
+        if then is not None:
+            view.command(then)
+
+    clock.then = {
+        1.0: lambda: note(Command(STEP, 1)),
+        2.0: lambda: note(Command(STEP, 1)),
+        3.0: lambda: note(Command(PAUSE, False)),
+    }
+    done = train(problem, "coop", 0, engine="python", watcher=view)
+    assert done.finished
+    first = held[0][1]
+    assert held == [("paused", first), ("paused", first + 1), ("paused", first + 2)]
+
+
+def test_the_last_step_is_made_though_it_cannot_be_shown_apart():
+    problem, clock = scenario(steps=1), Clock()
+    for command in (Command(STEP, 1), Command(RATE, 5.0)):
+        view = TrainingView(make_run(problem, {}), Board(), title="", now=clock, sleep=clock.sleep)
+        view.command(command)
+        assert train(problem, "coop", 0, engine="python", watcher=view).transitions == 1
+
+
+def test_an_interrupt_in_the_last_moment_loses_nothing(tmp_path):
+    problem = scenario(steps=30)
+
+    class Impatient:
+        wants_glimpse = False
+
+        def look(self, learning, glimpse):
+            if learning.done == 0:
+                signal.raise_signal(signal.SIGINT)
+            return
+
+    checkpoint = tmp_path / "checkpoint.npz"
+    with pytest.raises(KeyboardInterrupt):
+        train(problem, "coop", 0, engine="python", watcher=Impatient(), checkpoint=checkpoint)
+    done = train(problem, "coop", 0, engine="python", checkpoint=checkpoint, resume=True)
+    assert tables_equal(done.tables, train(problem, "coop", 0, engine="python").tables)

@@ -1,0 +1,146 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A stretch of a log is what the whole log has there; a walk needs no end and survives damage."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+from sparse_coord_ros import wire
+from sparse_coord_ros.bags import walk
+from sparse_coord_ros.bags.reader import bag_file
+from sparse_coord_ros.bags.records import HEAD
+from sparse_coord_ros.bags.walk import Walk
+from sparse_coord_ros.errors import BagError
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.history import concatenated
+from sparse_coord_ros.learn.run_config import make_run
+from sparse_coord_ros.learn.simulation import tables_equal
+from sparse_coord_ros.runlog import read_run, window
+from sparse_coord_ros.runlog.tracks import SPOKEN
+from sparse_coord_ros.runlog.window import LongLog
+
+ARRAYS = ("step", "cells", "action", "move", "peer", "asked", "perceived", "percept")
+
+
+def test_a_stretch_is_what_the_whole_log_has_there(bag):
+    whole, log = read_run(bag), LongLog(bag)
+    assert len(log.walk.chunks) > 2
+    for first, last in ((1, 30), (200, 290), (560, 10_000)):
+        part, due = log.read(first, last), whole.between(first, last)
+        for name in ARRAYS:
+            assert np.array_equal(getattr(part, name), getattr(due, name)), name
+        assert part.reward.tobytes() == due.reward.tobytes()
+        assert [r.step for r in part.requests] == [r.step for r in due.requests]
+    around = log.around(300)
+    assert around.step[0] < 300 < around.step[-1]
+    log.close()
+
+
+@pytest.mark.parametrize("size", [1, 20_000, 10**9])
+def test_the_history_stretch_by_stretch_is_that_of_the_log(bag, monkeypatch, size):
+    monkeypatch.setattr(window, "STRETCH_BYTES", size)
+    whole, log = read_run(bag), LongLog(bag)
+    parts = list(log.episodes())
+    assert len(parts) >= 3 or size > 1
+    assert concatenated([part.history for part in parts]).same_bits(whole.history())
+    asked = sum(part.asked for part in parts)
+    assert np.array_equal(asked.sum(axis=1), whole.asked.sum(axis=0))
+    log.close()
+
+
+def test_what_was_said_at_time_0_is_found_at_once(tmp_path, monkeypatch, recordings):
+    """A recorder flushes the run before the first time step: into a chunk of the time 0."""
+
+    class Flushed(recordings.Recording):
+        def mark(self):
+            super().mark()
+            self.bag.flush()
+
+    run = make_run(load_scenario("env1").with_settings({"steps": 400}), {"seed": 7})
+    Flushed(tmp_path / "bag", run)
+    read = []
+    content = walk.chunk_content
+
+    def counted(*given, **options):
+        read.append(given)
+        return content(*given, **options)
+
+    monkeypatch.setattr(walk, "chunk_content", counted)
+    log = LongLog(tmp_path / "bag")
+    assert log.walk.chunks[0].end_ns == 0 and len(log.walk.chunks) > len(read) + 2
+    assert next(log.walk.bag().messages(["/run"])).data
+    assert not log.empty and log.begin().step[0] == 1
+    log.close()
+
+
+@pytest.mark.parametrize("also", [(), SPOKEN])
+def test_the_whole_log_as_far_as_some_topics_tell(bag, also):
+    """Read once, without a look at every byte; the rest of it is empty, not wrong."""
+    due, log, shares = read_run(bag), LongLog(bag), []
+    found = log.whole((*window.MOVES, wire.STATUS), also, shares.append)
+    for name in ("step", "cells", "action", "asked", "perceived", "reward", "numbers"):
+        assert getattr(found, name).tobytes() == getattr(due, name).tobytes(), name
+    assert found.history().same_bits(due.history())
+    assert found.tracks.statuses == due.tracks.statuses and not found.requests
+    assert tables_equal(list(found.tables.values()), list(due.tables.values()))
+    assert set(found.tracks.spoken) == set(also)
+    assert shares == sorted(shares) and 0 < shares[0] and shares[-1] == 1
+    log.close()
+
+
+def test_tables_before_a_step(bag):
+    log = LongLog(bag)
+    steps = log.table_steps()[0]
+    assert steps[0] == 0 and len(steps) >= 3
+    found = log.tables_before(0, steps[1] - 1)
+    assert found.step == 0 and log.tables_before(0, steps[1]).step == steps[1]
+    assert log.tables_before(1, -1) is None
+    log.close()
+
+
+def test_a_file_that_grows_is_walked_on(bag, tmp_path):
+    data = bag_file(bag).read_bytes()
+    path = tmp_path / "grows.mcap.partial"
+    path.write_bytes(data[: len(data) // 2])
+    grows = Walk(path)
+    before = len(grows.chunks)
+    assert before and not grows.finished and grows.damage is None and not grows.extend()
+    with path.open("ab") as file:
+        file.write(data[len(data) // 2 :])
+    path.rename(tmp_path / "grows.mcap")  # as its recorder does
+    assert grows.extend() and grows.finished and len(grows.chunks) > before
+    assert [place[:2] for place in grows.chunks] == [place[:2] for place in Walk(bag).chunks]
+    grows.close()
+
+
+def test_a_walk_reads_a_removed_file_and_says_where_one_is_damaged(bag, tmp_path):
+    copy = tmp_path / "copy"
+    shutil.copytree(bag, copy)
+    log = LongLog(copy)
+    shutil.rmtree(copy)
+    assert len(log.read(1, 50).step) > 30
+    log.close()
+    data = bytearray(bag_file(bag).read_bytes())
+    path = tmp_path / "damaged.mcap"
+    middle = Walk(bag).chunks[2].offset + 200
+    data[middle : middle + 64] = bytes(64)
+    path.write_bytes(data)
+    log = LongLog(path)
+    parts = list(log.episodes())
+    assert log.walk.damage.startswith(f"byte {middle - 200}: ")
+    whole = read_run(path)  # reads as far
+    history = concatenated([part.history for part in parts])
+    assert history.same_bits(whole.history()) and len(log.around(10**6).step)
+    log.close()
+    assert len(log.walk.chunks) == 2, "what cannot be read is no chunk any more"
+    path.write_bytes(data[:middle])
+    cut = Walk(path)
+    assert not cut.finished and len(cut.chunks) == 2
+    second = cut.chunks[1]
+    path.write_bytes(data[: second.offset + HEAD.size + second.length])  # it ends with the file
+    assert len(Walk(path).chunks) == 2
+    path.write_bytes(b"no bag")
+    with pytest.raises(BagError, match="is not an MCAP file"):
+        Walk(path)

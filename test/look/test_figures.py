@@ -1,0 +1,199 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the pictures show, read from the figures' own artists; what `plot` writes and refuses."""
+
+import json
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.collections import EllipseCollection
+from matplotlib.quiver import Quiver
+
+from sparse_coord_ros.cli.main import main
+from sparse_coord_ros.errors import BagError, SettingError
+from sparse_coord_ros.look import figures
+from sparse_coord_ros.look.episodes import outcomes
+from sparse_coord_ros.look.policy import policy_of
+from sparse_coord_ros.look.results import ResultsShown
+from sparse_coord_ros.look.sources import open_shown
+from sparse_coord_ros.palette import OUTCOME_COLOURS
+
+OLD = Path(__file__).parents[1] / "fixtures/0.1.0"
+
+
+def all_axes(figure):
+    return [one for part in figure.subfigs for one in part.axes]
+
+
+def texts(figure):
+    return [axes.get_title() for axes in all_axes(figure)]
+
+
+def test_arrows_and_rings_are_the_policy(trained):
+    shown = open_shown(trained)
+    [axes, *_] = all_axes(figures.runs_figure([shown], ["policy"]))
+    policies = [
+        policy_of(t, r.goal)
+        for t, r in zip(shown.tables, shown.config.scenario.robots, strict=True)
+    ]
+    arrows = [one for one in axes.collections if isinstance(one, Quiver)]
+    assert sum(one.N for one in arrows) == sum(p.moves.sum() for p in policies)
+    rings = [one for one in axes.collections if isinstance(one, EllipseCollection)]
+    assert sum(len(one.get_offsets()) for one in rings) == sum(p.asks.sum() for p in policies)
+    vivid = sum(one.N for one in arrows if one.get_alpha() == 1)
+    reached = [s > 0 for s in shown.trials.stays]
+    assert vivid == sum(p.moves[r].sum() for p, r in zip(policies, reached, strict=True))
+    full = [one for one in arrows if (one.get_facecolor()[0, :3] < 1).any()]
+    assert sum(one.N for one in full) == policies[0].moves.sum()  # the second robot's are hollow
+
+
+def test_curves_are_the_history(trained):
+    shown = open_shown(trained)
+    figure = figures.runs_figure([shown], ["curves"])
+    length, reward, *_ = all_axes(figure)
+    dots, mean = length.lines
+    np.testing.assert_array_equal(dots.get_ydata(), shown.history.length)
+    window = int(mean.get_label().removeprefix("mean of "))
+    np.testing.assert_array_equal(mean.get_ydata(), shown.history.curve("length", window)[1])
+    assert [line.get_label() for line in reward.lines] == ["robot_1", "robot_2"]
+    assert len({line.get_linestyle() for line in reward.lines}) == 2
+
+
+def test_long_curves_are_thinned():
+    steps, values = figures._thinned(np.arange(5000), np.arange(5000.0))
+    assert len(steps) <= figures.MOST_POINTS and steps[0] == 0 and values[-1] == 4999
+
+
+def test_percepts_are_the_log(bag):
+    shown = open_shown(bag)
+    figure = figures.runs_figure([shown], ["percepts"])
+    axes = all_axes(figure)[0]
+    _, labels = axes.get_legend_handles_labels()
+    found = outcomes(shown.log)
+    assert labels == [f"{n} ({f.sum()})" for n, f in found.items() if f.any()] and len(labels) == 2
+    hatches = [container[0].get_hatch() for container in axes.containers]
+    assert len(set(hatches)) == 2  # told apart without colour
+    assert set(figures.HATCHES) == set(OUTCOME_COLOURS)
+
+
+def test_runs_side_by_side(trained, bag):
+    runs = [open_shown(trained), open_shown(bag)]
+    figure = figures.runs_figure(runs, ["policy", "length"])
+    assert texts(figure)[:2] == ["trained: greedy moves", "talk: greedy moves"]
+    curve = all_axes(figure)[2]
+    assert [line.get_label() for line in curve.lines] == ["trained", "talk"]
+    assert figures.names_of([runs[1], runs[1]]) == [str(bag)] * 2
+
+
+def test_what_a_source_has(trained, bag):
+    every = ["policy", "asks", "sparsity", "curves"]
+    assert figures.parse_whats(None, [open_shown(trained)]) == every
+    assert figures.parse_whats(None, [open_shown(bag)]) == [*every, "percepts"]
+    assert figures.parse_whats(None, [open_shown(OLD / "train_noncoop")]) == ["policy"]
+    assert "percepts" in figures.parse_whats(None, [open_shown(OLD / "honest")])
+    with pytest.raises(SettingError, match=r"--what 'polcy': .*did you mean 'policy'"):
+        figures.parse_whats("curves,polcy", [])
+
+
+def test_dollars_in_names_are_no_formula(bag, tmp_path):
+    place = tmp_path / "$x_{$_$y$" / "bag"
+    shutil.copytree(bag, place)
+    runs = [open_shown(place), open_shown(bag)]
+    figure = figures.runs_figure(runs, ["length"])
+    figure.canvas.draw()
+    assert all_axes(figure)[0].lines[0].get_label() == r"\$x_{\$_\$y\$"
+
+
+def test_the_pictures_of_results(tmp_path):
+    before = {p: p.read_bytes() for p in (OLD / "results").rglob("*") if p.is_file()}
+    shown = ResultsShown(OLD / "results")
+    assert shown.whats == ["conditions", "asks"]
+    assert len(shown.figure("conditions").axes) == 6
+    with pytest.raises(SettingError, match="these results have conditions, asks"):
+        shown.figure("table1")
+    out = tmp_path / "r.png"
+    arguments = ["plot", str(OLD / "results"), "--what", "asks", "--dpi", "30", "--out", str(out)]
+    assert main(arguments) == 0 and out.exists()
+    assert before == {p: p.read_bytes() for p in (OLD / "results").rglob("*") if p.is_file()}
+
+
+@pytest.mark.parametrize(
+    ("ending", "begins"), [("png", b"\x89PNG"), ("svg", b"<?xml"), ("PDF", b"%PDF")]
+)
+def test_plot_writes_each_kind_the_same_bytes_each_time(trained, tmp_path, capsys, ending, begins):
+    files = [tmp_path / f"{n}.{ending}" for n in ("ab" if ending == "svg" else "a")]
+    for file in files:
+        arguments = ["plot", str(trained), "--what", "length", "--out", str(file), "--json"]
+        assert main([*arguments, "--dpi", "40"]) == 0
+        out, err = capsys.readouterr()
+        said = json.loads(out)
+        assert said == {"file": str(file), "bytes": file.stat().st_size, "what": "length"}
+        assert "drawing length ..." in err
+    assert files[0].read_bytes() == files[-1].read_bytes()
+    assert files[0].read_bytes().startswith(begins)
+
+
+def said(capsys, *arguments):
+    assert main(["plot", *map(str, arguments)]) == 2
+    error = capsys.readouterr().err.splitlines()
+    assert error[-1].startswith("error: ") and "Traceback" not in "".join(error)
+    return error[-1]
+
+
+def test_bad_input_is_one_line(trained, bag, tmp_path, capsys):
+    out = tmp_path / "x.png"
+    for bad, words in (
+        ("x.gif", "allowed: a name that ends in .png, .svg, .pdf"),
+        ("none/x.png", "there is no folder"),
+        ("x.png/y.png", "there is no folder"),
+        ("y" * 250 + ".png", "shorter"),
+    ):
+        assert words in said(capsys, trained, "--out", tmp_path / bad)
+    (tmp_path / "d.png").mkdir()
+    assert "is a folder" in said(capsys, trained, "--out", tmp_path / "d.png")
+    assert "has no bag" in said(capsys, trained, "--what", "percepts", "--out", out)
+    assert "--what ''" in said(capsys, trained, "--what", "", "--out", out)
+    assert "setting dpi" in said(capsys, trained, "--dpi", "1e9", "--out", out)
+    assert "not a bag" in said(capsys, tmp_path, "--out", out)
+    assert "plot it alone" in said(capsys, OLD / "results", trained, "--out", out)
+    assert "at most 8" in said(capsys, *[trained] * 9, "--out", out)
+    (tmp_path / "e").mkdir()
+    (tmp_path / "e/results.json").write_text("{}")
+    assert "no results.json of this software" in said(capsys, tmp_path / "e", "--out", out)
+    (tmp_path / "e/results.json").write_text('{"format": 2, "seed": 0, "runs": 2, "trials": 2}')
+    assert "holds no result yet" in said(capsys, tmp_path / "e", "--out", out)
+    (tmp_path / "e/cells/env1/coop").mkdir(parents=True)
+    (tmp_path / "e/cells/env1/coop/penalty=-20.json").write_text("[")
+    assert "cannot be read as a result" in said(capsys, tmp_path / "e", "--out", out)
+    assert not out.exists()
+
+
+@pytest.mark.parametrize("size", [0, 1, 500, 20_000])
+def test_a_damaged_bag_is_plotted_as_far_as_it_goes_or_says_what_info_says(
+    bag, tmp_path, capsys, size
+):
+    file = tmp_path / "cut.mcap"
+    file.write_bytes((bag / "bag_0.mcap").read_bytes()[:size])
+    out = tmp_path / "x.png"
+    if main(["plot", str(file), "--what", "length", "--dpi", "30", "--out", str(out)]) == 0:
+        assert out.exists() and size == 20_000
+        return
+    ours = capsys.readouterr().err.splitlines()[-1]
+    try:
+        open_shown(file).log  # noqa: B018
+    except BagError as error:
+        assert ours == f"error: {error}"
+
+
+def test_a_missing_package_is_one_line(trained, tmp_path, capsys, monkeypatch):
+    for name in [
+        n for n in sys.modules if n.startswith(("sparse_coord_ros.look.fig", "matplotlib"))
+    ]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    monkeypatch.delitem(sys.modules, "sparse_coord_ros.experiments.report.charts", raising=False)
+    words = "pictures need the Python package matplotlib (import of matplotlib halted"
+    assert words in said(capsys, trained, "--out", tmp_path / "x.png")

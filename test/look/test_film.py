@@ -1,0 +1,184 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a film shows, read from its pixels; what `animate` makes and refuses."""
+
+import io
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from sparse_coord_ros.cli.main import main
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.look import film as films
+from sparse_coord_ros.look.episodes import Ask, Episode
+from sparse_coord_ros.look.film import film
+from sparse_coord_ros.palette import (
+    ANSWERED,
+    DOORWAY_COLOUR,
+    FAILED,
+    OUTCOME_COLOURS,
+    OUTCOME_SIGNS,
+    REFUSED,
+    ROBOT_COLOURS,
+    rgb,
+)
+
+OLD = Path(__file__).parents[1] / "fixtures/0.1.0"
+ENV1 = load_scenario("env1")
+[DOOR] = ENV1.map.doorways
+
+
+def episode(cells, asks=(), conflicts=()):
+    steps = len(cells) - 1
+    return Episode(
+        number=0,
+        of=1,
+        greedy=True,
+        first_step=1,
+        cells=np.array(cells),
+        asks=tuple(asks) or ((),) * steps,
+        conflicts=np.array(conflicts or [False] * steps),
+        reward=np.zeros(len(cells[0])),
+        arrived=np.zeros(len(cells[0]), dtype=bool),
+    )
+
+
+def frames(data):
+    image = Image.open(io.BytesIO(data))
+    found = []
+    for number in range(image.n_frames):
+        image.seek(number)
+        found.append((np.asarray(image.convert("RGB")).astype(int), image.info["duration"]))
+    return found
+
+
+def near(picture, colour, tolerance=10):
+    """Return where a picture has a colour."""
+    return (np.abs(picture - np.array(rgb(colour)) * 255) <= tolerance).all(axis=-1)
+
+
+def test_robots_move_from_cell_to_cell():
+    [(west, _), *_, (east, last)] = frames(film(ENV1, episode([[0, 3], [1, 3]]), title="t"))
+    blue, orange = (np.argwhere(near(one, ROBOT_COLOURS[0])) for one in (west, east))
+    assert 20 < (orange - orange.min(axis=0)).mean() and orange[:, 1].mean() > blue[:, 1].mean()
+    assert last > 2000  # the last frame stands still
+    moving = episode([[0, 3], [1, 3], [1, 7], [1, 7]])
+    assert sum(ms for _, ms in frames(film(ENV1, moving, title="t"))) == 3 * 510 + 2000
+
+
+def test_outcomes_differ_in_colour_line_and_sign():
+    made = {}
+    [(quiet, _), *_] = frames(film(ENV1, episode([[9, 11], [10, 11]]), title="t"))
+    for outcome in (ANSWERED, REFUSED, FAILED):
+        asks = [(Ask(0, (1,), outcome, 1),)]
+        [(picture, stands), *_] = frames(film(ENV1, episode([[9, 11], [10, 11]], asks), title="t"))
+        colour = OUTCOME_COLOURS[outcome]
+        made[outcome] = near(picture, colour).sum() - near(quiet, colour).sum()
+        assert stands == 800
+    assert made[ANSWERED] > made[REFUSED] > made[FAILED] > 50  # ever less of a line
+    assert len(set(OUTCOME_SIGNS.values())) == len(set(films.OUTCOME_LINES.values())) == 3
+
+
+def test_a_miscoordination_is_marked():
+    pictures = [
+        frames(film(ENV1, episode([[9, 11], [DOOR, DOOR]], conflicts=[c]), title="t"))[-1][0]
+        for c in (False, True)
+    ]
+    quiet, marked = (near(one, DOORWAY_COLOUR).sum() for one in pictures)
+    assert marked > 1.5 * quiet
+    assert all(near(pictures[1], colour).sum() > 100 for colour in ROBOT_COLOURS[:2])
+
+
+def test_words_below_the_map():
+    asks = [tuple(Ask(k, tuple(j for j in range(8) if j != k), REFUSED, 0) for k in range(6))]
+    crowd = load_scenario("crowd-8r")
+    cells = [[robot.start for robot in crowd.robots]] * 2
+    stage = films._Stage(crowd, episode(cells, asks), "a $x$ & <b>")
+    stage.shoot(0, 0.0, asks[0])
+    said = [text.get_text() for text in (stage._head, *stage._lines)]
+    assert said == [
+        "a $x$ & <b>",
+        "step 0 of 1",
+        "robot_1 asks all others: refused, goes north",
+        "robot_2 asks all others: refused, goes north",
+        "and 4 more ask",
+    ]
+    assert Ask(0, (), FAILED, 2).in_words(["a"]) == "a asks nobody: no answer, goes east"
+
+
+def test_many_questions_to_all_hide_no_robot():
+    crowd = load_scenario("crowd-8r")
+    places = [35, 36, 37, 38, 39, 40, 57, 20]  # a throng round the doorways
+    asks = [tuple(Ask(k, tuple(j for j in range(8) if j != k), ANSWERED, 0) for k in range(6))]
+    [(quiet, _), *_] = frames(film(crowd, episode([places] * 2), title="t"))
+    [(picture, _), *_] = frames(film(crowd, episode([places] * 2, asks), title="t"))
+    for colour in ROBOT_COLOURS:
+        assert near(picture, colour).sum() > 0.6 * near(quiet, colour).sum()
+
+
+def test_a_state_that_the_log_lacks_and_long_episodes(monkeypatch):
+    monkeypatch.setattr(films, "MOST_STEPS", 8)
+    monkeypatch.setattr(films, "SMOOTH_STEPS", 5)
+    lost = episode([[0, -1], [1, 3]], [(Ask(0, (1,), FAILED, 2),)])
+    assert len(frames(film(ENV1, lost, title="t"))) == 4
+    long = frames(film(ENV1, episode([[0, 3]] * 12), title="t", rate=20))
+    assert sum(ms for _, ms in long) == 8 * 50 + 200
+
+
+def test_every_colour_is_in_the_palette():
+    palette = np.array(films._palette().getpalette()).reshape(-1, 3)
+    for colour in (*ROBOT_COLOURS, *OUTCOME_COLOURS.values(), DOORWAY_COLOUR):
+        assert np.abs(palette - np.array(rgb(colour)) * 255).max(axis=1).min() <= 1
+
+
+def test_animate_a_bag_and_a_run_without_one(bag, trained, tmp_path, capsys):
+    for source, greedy in ((bag, False), (trained, True)):
+        out = tmp_path / f"{source.name}.gif"
+        arguments = ["animate", str(source), "--episode", "best", "--out", str(out), "--json"]
+        assert main(arguments) == 0
+        told = json.loads(capsys.readouterr().out)
+        assert told["greedy"] is greedy and told["arrived"] and 7 < told["steps"] < 40
+        assert out.read_bytes().startswith(b"GIF89a") and told["bytes"] < 1_000_000
+    again = tmp_path / "again.gif"
+    assert main(["animate", str(trained), "--episode", "best", "--out", str(again)]) == 0
+    assert again.read_bytes() == (tmp_path / "trained.gif").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["{bag}", "--episode", "first"], "give the number of an episode"),
+        (["{bag}", "--episode", "99999"], "there are"),
+        (["{trained}", "--episode", "100"], "there are 100"),
+        (["{trained}", "--rate", "0"], "rate"),
+        (["{trained}", "--seed", "-1"], "seed"),
+        (["{results}"], "holds results, which have no episodes"),
+        (["{none}"], "cannot read"),
+        (["{old}", "--greedy", "--episode", "100"], "allowed: 0 to 99"),
+    ],
+)
+def test_bad_input_is_one_line(bag, trained, tmp_path, capsys, arguments, words):
+    places = {"bag": bag, "trained": trained, "results": OLD / "results", "old": OLD / "honest"}
+    given = [text.format(**places, none=tmp_path / "none") for text in arguments]
+    out = tmp_path / "x.gif"
+    assert main(["animate", *given, "--out", str(out)]) == 2
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert error.startswith("error: ") and words in error and not out.exists()
+
+
+def test_a_bag_without_an_episode(bag, monkeypatch, tmp_path, capsys):
+    from sparse_coord_ros.runlog.log import RunLog
+
+    whole = RunLog.history
+
+    def none(self):
+        found = whole(self)
+        return replace(found, **{name: array[:0] for name, array in found.arrays().items()})
+
+    monkeypatch.setattr(RunLog, "history", none)
+    assert main(["animate", str(bag), "--out", str(tmp_path / "x.gif")]) == 2
+    assert "holds no episode to show" in capsys.readouterr().err

@@ -1,0 +1,65 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+import numpy as np
+import pytest
+
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.agent import Tables, initial_tables
+from sparse_coord_ros.learn.learners import learner_of
+from sparse_coord_ros.learn.simulation import learn
+from sparse_coord_ros.look.policy import policy_of, sparsity_of
+from sparse_coord_ros.palette import ROBOT_COLOURS, ink_on, rgb
+
+ENV1 = load_scenario("env1")
+
+
+def test_greedy_moves_and_asks():
+    q_star, q_coord = initial_tables(ENV1)[:2]
+    q_star[3] = [1, 5, 5, 2, 4]
+    q_star[4] = [1, 2, 3, 4, 9]
+    q_star[5] = [9, 9, 9, 9, 9]  # nothing was learned here
+    q_star[6] = [1, 2, 3, 4, 4]  # as good to ask as to go west
+    policy = policy_of(Tables(q_star, q_coord), goal=7)
+    assert policy.moves[3].tolist() == [False, True, True, False]
+    assert policy.moves[4].tolist() == [False, False, False, True]
+    assert not policy.moves[[5, 7]].any()
+    assert np.flatnonzero(policy.asks).tolist() == [4, 6]
+
+
+def test_a_baseline_never_asks_and_its_goal_has_no_move():
+    tables = learn(ENV1.with_settings(steps=300), "noncoop", 1)
+    for robot, table in zip(ENV1.robots, tables, strict=True):
+        policy = policy_of(table, robot.goal)
+        assert not policy.asks.any() and not policy.moves[robot.goal].any()
+        assert policy.moves.any()
+
+
+@pytest.mark.parametrize(
+    ("name", "learner", "settings"),
+    [
+        ("env1", "coop", {}),
+        ("crowd-3r", "coop", {"peers": "all"}),
+        ("env1", "factored", {}),
+        ("crowd-3r", "factored", {}),
+    ],
+)
+def test_learned_joint_states(name, learner, settings):
+    rule = learner_of(learner)
+    asking = {"q_star_init": 100, "ask_cost": 0, "steps": 3000, "penalty": -100, **settings}
+    scenario = rule.with_defaults(load_scenario(name).with_settings(asking))
+    before = sparsity_of(rule.tables(scenario), scenario)
+    assert before.by_cell.sum() == 0 and before.share == 0
+    after = sparsity_of(learn(scenario, learner, 1)[0], scenario)
+    assert 0 < after.share < 0.6
+    assert after.by_cell.shape == (len(scenario.map.cells),)
+
+
+def test_eight_colours_each_with_a_legible_number():
+    assert len(set(ROBOT_COLOURS)) == 8
+
+    def luminance(colour):
+        return sum(w * c**2.2 for w, c in zip((0.2126, 0.7152, 0.0722), rgb(colour), strict=True))
+
+    for colour in ROBOT_COLOURS:
+        low, high = sorted([luminance(colour), luminance(ink_on(colour))])
+        assert (high + 0.05) / (low + 0.05) >= 4.5  # WCAG 2, AA

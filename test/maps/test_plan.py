@@ -1,0 +1,279 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""From floor plans whose doorways are known to maps: doors open, walls closed, robots in place."""
+
+import math
+
+import numpy as np
+import pytest
+
+from sparse_coord_ros.errors import MapError, ScenarioError
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.run_config import make_run, run_from_yaml
+from sparse_coord_ros.maps.gridding import grown, without_specks
+from sparse_coord_ros.maps.image import FloorPlan, doorway_places, read_floor_plan
+from sparse_coord_ros.maps.plan import import_map, parse_place, scenario_of
+from sparse_coord_ros.maps.preview import write_preview
+from sparse_coord_ros.wire.frame import Frame
+from tools.floor_plans import Drawing, matched, scanned, write
+
+CORNERS = (-9.0, -6.0), (9.0, 6.0)
+
+
+def plan_of(drawing, origin=(0.0, 0.0)):
+    """Return a drawing as it would be read."""
+    pixels = drawing.pixels
+    return FloorPlan("drawn", pixels > 250, pixels < 100, 0.05, origin)
+
+
+def rooms(thick=0.2, wide=0.9):
+    """Return two rooms with a doorway between them."""
+    drawing = Drawing(6.0, 4.0, thick=thick)
+    drawing.outline()
+    drawing.wall(3.0, 0, 3.0, 4.0)
+    drawing.door(3.0, 1.7, wide=wide, north=False)
+    return drawing
+
+
+@pytest.mark.parametrize(
+    ("name", "cells", "odd"),
+    [("office", 937, 0), ("warehouse", 2527, 0), ("slam_office", 866, 0), ("slam_flat", 314, 2)],
+)
+def test_every_doorway_is_found(tmp_path, name, cells, odd):
+    """Of the flat's two more, one lies between a table and a chair, one beside a door."""
+    true = write(name, tmp_path)
+    done = import_map(read_floor_plan(tmp_path / f"{name}.yaml"), cell=0.5, radius=0.2)
+    found, false = matched(true, doorway_places(done.grid, 0.5))
+    assert (found, false) == (len(true), odd)
+    assert abs(len(done.grid.cells) - cells) <= 5
+    assert done.parts == (len(done.grid.cells),)
+    assert done.notes == ()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("name", "found", "odd"), [("slam_clinic", 26, 12), ("slam_school", 7, 24)]
+)
+def test_maps_that_no_tuning_has_seen(tmp_path, name, found, odd):
+    """All that is missed is two cells wide, and named; all that is odd lies beside furniture."""
+    true = write(name, tmp_path)
+    done = import_map(read_floor_plan(tmp_path / f"{name}.yaml"), cell=0.5, radius=0.2)
+    assert matched(true, doorway_places(done.grid, 0.5)) == (found, odd)
+    assert "passages are two cells wide" in done.notes[0]
+
+
+@pytest.mark.parametrize("north", [False, True])
+def test_a_passage_of_two_cells_is_no_doorway_but_named(north):
+    drawing = rooms(wide=1.5)
+    plan = plan_of(drawing)
+    if north:
+        plan = FloorPlan("drawn", plan.free.T.copy(), plan.occupied.T.copy(), 0.05, (0.0, 0.0))
+    done = import_map(plan, cell=0.5, radius=0.2)
+    (note,) = [note for note in done.notes if "two cells wide" in note]
+    x, y = map(float, note.partition(" at ")[2].partition(";")[0].split(","))
+    assert done.doorways == 0
+    assert math.dist((x, y), (2.3, 3.0) if north else (3.0, 1.7)) < 1.0
+    both = [(x, y), (x + 0.5, y) if north else (x, y - 0.5)]
+    again = import_map(plan, cell=0.5, radius=0.2, add=both)
+    assert len(again.grid.doorways) == 2
+
+
+def test_cells_lie_where_the_pixels_are_free(tmp_path):
+    """Every cell's centre, and the way to each neighbour, keeps the radius from every wall."""
+    write("slam_flat", tmp_path)
+    plan = read_floor_plan(tmp_path / "slam_flat.yaml")
+    grid = import_map(plan, cell=0.5, radius=0.2, speck=0.0).grid
+    taken = grown(~plan.free, 4.0)
+    rows = plan.free.shape[0]
+    for row, column in grid.cells:
+        x = (grid.origin[0] - plan.origin[0] + (column + 0.5) * 0.5) / 0.05
+        y = rows - (grid.origin[1] - plan.origin[1] + (grid.shape[0] - row - 0.5) * 0.5) / 0.05
+        i, j = math.floor(y + 1e-3), math.floor(x + 1e-3)
+        assert not taken[i, j]
+        if (row, column + 1) in grid.number:
+            assert not taken[i, j : j + 10].any()
+        if (row + 1, column) in grid.number:
+            assert not taken[i : i + 10, j].any()
+
+
+def test_large_cells_are_refused_with_a_size_that_does():
+    drawing = rooms(thick=0.1)
+    drawing.wall(1.9, 0, 1.9, 4.0)  # no grid of such cells has a centre in both walls
+    plan = plan_of(drawing)
+    with pytest.raises(MapError, match=r"--cell 0.8 is so large .*--cell 0\.\d+ would do") as no:
+        import_map(plan, cell=0.8, radius=0.05)
+    better = float(str(no.value).split("--cell ")[-1].split()[0])
+    assert import_map(plan, cell=better, radius=0.05).grid
+
+
+@pytest.mark.parametrize("cell", [0.25, 0.3, 0.37, 0.5])
+def test_walls_stay_closed_and_doors_open(cell):
+    done = import_map(plan_of(rooms()), cell=cell, radius=0.2)
+    assert len(done.parts) == 1  # the door is open
+    shut = rooms()
+    shut.wall(3.0, 0, 3.0, 4.0)
+    done = import_map(plan_of(shut), cell=cell, radius=0.2)
+    assert len(done.parts) == 2  # the wall is closed
+    assert "2 parts of the map do not connect" in done.notes[0]
+
+
+def test_corridors_and_pockets_are_no_doorways():
+    drawing = Drawing(8.0, 4.0)
+    drawing.outline()
+    drawing.fill(2.5, 0, 5.5, 1.6)
+    drawing.fill(2.5, 2.5, 5.5, 4.0)  # between them a way of 3 m, one cell wide
+    drawing.fill(7.0, 0.9, 8.0, 3.0)
+    drawing.fill(7.0, 0, 7.2, 0.9)
+    assert import_map(plan_of(drawing), cell=0.5, radius=0.2).doorways == 0
+    assert import_map(plan_of(drawing), cell=0.5, radius=0.2, longest=4.0).doorways == 1
+
+
+def test_doorways_by_hand():
+    plan = plan_of(rooms(), (10.0, -5.0))
+    none = import_map(plan, cell=0.5, radius=0.2, remove=[(13.0, -3.3)])
+    assert none.doorways == 0
+    assert any("no doorway found" in note for note in none.notes)
+    two = import_map(plan, cell=0.5, radius=0.2, add=[(11.5, -3.3)])
+    assert two.doorways == 2
+    with pytest.raises(MapError, match="--no-doorway 11.5,-3.3: is in no doorway"):
+        import_map(plan, cell=0.5, radius=0.2, remove=[(11.5, -3.3)])
+    with pytest.raises(
+        MapError, match="--doorway at 0,0 is outside the map of drawn; the nearest"
+    ):
+        import_map(plan, cell=0.5, radius=0.2, add=[(0.0, 0.0)])
+
+
+def test_parts_without_a_robot_are_left_out():
+    drawing = rooms()
+    drawing.wall(3.0, 0, 3.0, 4.0)
+    both = import_map(plan_of(drawing), cell=0.5, radius=0.2)
+    left = import_map(plan_of(drawing), cell=0.5, radius=0.2, robots=[((1.0, 1.0), (2.0, 3.0))])
+    assert len(left.grid.cells) == both.parts[0]
+    assert "those without a robot are walls now" in left.notes[0]
+    apart = import_map(plan_of(drawing), cell=0.5, radius=0.2, robots=[((1.0, 1.0), (5.0, 3.0))])
+    with pytest.raises(ScenarioError, match=r"robot_1: its goal .* cannot be reached"):
+        scenario_of(apart, [((1.0, 1.0), (5.0, 3.0))], {})
+
+
+@pytest.mark.parametrize(
+    ("pixels", "values", "words"),
+    [
+        (np.full((40, 40), 0, np.uint8), {}, "no pixel is free"),
+        (np.full((40, 40), 254, np.uint8), {"radius": 50.0}, None),
+        (np.full((40, 40), 254, np.uint8), {"cell": 0.01}, "--cell is 0.01, allowed: 0.05"),
+        (np.full((40, 40), 254, np.uint8), {"radius": -1.0}, "--radius is -1, allowed"),
+        (np.full((40, 40), 254, np.uint8), {"cell": 50.0}, None),
+        (np.full((1, 1), 254, np.uint8), {}, None),
+    ],
+)
+def test_odd_maps(pixels, values, words):
+    drawing = Drawing(1.0, 1.0)
+    drawing.pixels = pixels
+    values = {"cell": 0.5, "radius": 0.2, **values}
+    if words is None:  # no wall anywhere, however large the robot: whatever grid there is, is free
+        assert import_map(plan_of(drawing), **values).grid.cells
+        return
+    with pytest.raises(MapError, match=words):
+        import_map(plan_of(drawing), **values)
+
+
+def test_starts_in_walls_and_no_places():
+    done = import_map(plan_of(rooms()), cell=0.5, radius=0.2)
+    with pytest.raises(MapError, match=r"--start of robot_1 at 3,3 is in no free cell .* nearest"):
+        scenario_of(done, [((3.0, 3.0), (5.0, 3.0))], {})
+    for text in ("1", "1,2,3", "a,b", "nan,1", "", "1;2"):
+        with pytest.raises(ScenarioError, match="write it as X,Y"):
+            parse_place(text)
+
+
+def test_what_is_odd_is_said():
+    done = import_map(plan_of(rooms()), cell=0.5, radius=0.2)
+    here, there, door = (1.0, 1.0), (5.0, 3.0), (3.0, 1.7)
+    *_, odd = scenario_of(done, [(here, there), (here, there)], {"horizon": "5"})
+    assert [line.split(":")[0] for line in odd[:2]] == [
+        "two robots start in the same cell",
+        "two robots have the same goal",
+    ]
+    assert "more than the horizon of 5" in odd[2]
+    *_, odd = scenario_of(done, [(here, door)], {})
+    assert "the goal of robot_1 is in a doorway" in odd[0]
+    *_, odd = scenario_of(done, [(here, there)], {})
+    assert odd == []
+
+
+def test_suggestions_follow_the_distances(tmp_path):
+    write("office", tmp_path)
+    done = import_map(read_floor_plan(tmp_path / "office.yaml"), cell=0.5, radius=0.2)
+    robots = [CORNERS, CORNERS[::-1]]
+    scenario, suggested, _ = scenario_of(done, robots, {})
+    assert suggested["discount"] == 0.986
+    assert suggested["goal_value"] == suggested["q_coord_init"]
+    assert suggested["goal_value"] == pytest.approx(10 / 0.014, abs=1e-3)
+    assert suggested["max_steps"] == 150
+    assert 2_000_000 < suggested["steps"] < 5_000_000
+    assert scenario.steps == suggested["steps"]
+    chosen, suggested, _ = scenario_of(done, robots, {"discount": "0.99", "steps": "1000"})
+    assert chosen.goal_value == pytest.approx(1000.0)
+    assert chosen.steps == 1000
+    assert "discount" not in suggested
+    small = import_map(plan_of(rooms()), cell=0.5, radius=0.2)
+    _, suggested, _ = scenario_of(small, [((1.0, 1.0), (5.0, 3.0))], {})
+    assert set(suggested) == {"steps"}  # the defaults fit a small map
+
+
+def test_poses_lie_on_the_real_map(tmp_path):
+    """The frame of a run, its text and the map's text keep where the cells are."""
+    write("office", tmp_path)
+    done = import_map(read_floor_plan(tmp_path / "office.yaml"), cell=0.5, radius=0.2)
+    scenario, *_ = scenario_of(done, [CORNERS], {})
+    run = run_from_yaml(make_run(scenario, {}).to_yaml(), where="text")
+    assert run.resolution == 0.5
+    frame = Frame(run)
+    x, y = frame.centres[run.scenario.robots[0].start]
+    assert math.dist((x, y), CORNERS[0]) <= math.hypot(0.25, 0.25)
+    for cell, place in enumerate(frame.centres):
+        assert frame.cell(*place) == frame.cell(place[0] + 0.24, place[1] - 0.24) == cell
+    assert frame.cell(-100.0, 0.0) is None
+    assert make_run(scenario, {"resolution": 2.0}).resolution == 2.0
+    assert make_run(load_scenario("env1"), {}).resolution == 1.0
+
+
+def test_specks():
+    picture = np.zeros((9, 9), dtype=bool)
+    picture[1, 1] = picture[1:3, 4:6] = picture[5:9, 5] = True
+    assert without_specks(picture, 1).sum() == 8
+    assert without_specks(picture, 2).sum() == 4
+    assert without_specks(picture, 0) is picture
+
+
+@pytest.mark.parametrize("radius", [0.0, 0.9, 1.0, 2.5, 4.0, 30.0])
+def test_growing_is_a_dilation_by_a_disc(radius):
+    picture = np.random.default_rng(3).random((23, 17)) < 0.02
+    rows, columns = np.indices(picture.shape)
+    near = np.zeros_like(picture)
+    for row, column in np.argwhere(picture):
+        near |= (rows - row) ** 2 + (columns - column) ** 2 <= radius**2
+    assert np.array_equal(grown(picture, radius), near)
+
+
+def test_a_turned_scan_keeps_its_doorways():
+    """The truth of the test maps is right: a door's middle is free, and walls are beside it."""
+    made = scanned(rooms(), 3.0, 5)
+    (x, y), rows = made.doors[0], len(made.pixels)
+    row, column = rows - round(y / 0.05), round(x / 0.05)
+    assert made.pixels[row, column] > 250
+    assert (made.pixels[row - 16 : row - 6, column - 3 : column + 4] < 100).any()
+    assert (made.pixels[row + 6 : row + 16, column - 3 : column + 4] < 100).any()
+
+
+def test_preview(tmp_path):
+    from PIL import Image
+
+    plan = plan_of(rooms())
+    done = import_map(plan, cell=0.5, radius=0.2)
+    scenario, *_ = scenario_of(done, [((1.0, 1.0), (5.0, 3.0))], {})
+    write_preview(tmp_path / "p.png", plan, done.grid, scenario.robots)
+    picture = Image.open(tmp_path / "p.png").convert("RGB")
+    assert picture.size == (120, 80)
+    found = {picture.getpixel((x, y)) for x in range(120) for y in range(80)}
+    assert {(0xD5, 0x5E, 0x00), (0x00, 0x72, 0xB2), (0, 0, 0), (255, 255, 255)} <= found

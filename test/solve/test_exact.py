@@ -1,0 +1,353 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Exact evaluation: beside many trials, by hand, closed forms, and what it refuses."""
+
+import math
+
+import numpy as np
+import pytest
+
+from sparse_coord_ros.engine.batch import run_batch
+from sparse_coord_ros.errors import SettingError, TablesError
+from sparse_coord_ros.game.scenario import load_scenario, scenario_from_dict
+from sparse_coord_ros.learn.agent import Agent, Tables
+from sparse_coord_ros.learn.algorithm import COORDINATE
+from sparse_coord_ros.learn.evaluation import evaluate, play
+from sparse_coord_ros.learn.learners import Learner, learner_of
+from sparse_coord_ros.learn.simulation import learn
+from sparse_coord_ros.solve import exact
+from sparse_coord_ros.solve.exact import evaluate_exact, exact_means
+
+GAMMA = 0.95
+TRIALS = 3000
+ROOMS = "1..D...\n.#.#.#.\n...D..2"
+
+
+def made(grid=ROOMS, robots=None, **settings):
+    robots = robots or {"a": (1, 2), "b": (2, 1)}
+    data = {
+        "map": {"name": "drawn", "text": f"title: drawn\n---\n{grid}\n"},
+        "robots": {name: {"start": s, "goal": g} for name, (s, g) in robots.items()},
+        **settings,
+    }
+    return scenario_from_dict(data, where="drawn.yaml", name="drawn")
+
+
+def walking(scenario, coordinate=np.nan):
+    """Return tables of robots on shortest paths; `coordinate` is the value of asking."""
+    tables = []
+    for robot in scenario.robots:
+        worth = -scenario.map.distances_to(robot.goal)[scenario.map.next_cell].astype(float)
+        q_star = np.column_stack([worth, np.full(len(worth), coordinate)])
+        tables.append(Tables(q_star, np.repeat(worth[:, None, :], len(worth), axis=1)))
+    return tables
+
+
+def undecided(scenario, seed=1):
+    """Return tables with ties everywhere, between asking and moving too, leaning to the goal."""
+    rng = np.random.default_rng(seed)
+    cells = len(scenario.map.cells)
+    tables = []
+    for robot in scenario.robots:
+        near = -scenario.map.distances_to(robot.goal)[scenario.map.next_cell].astype(float)
+        q_star = np.column_stack([near, near.max(axis=1)])
+        q_star[:, :4] += rng.integers(0, 2, size=(cells, 4))
+        q_star[:, 4] = q_star[:, :4].max(axis=1) - (rng.random(cells) < 0.3)
+        q_coord = near[:, None, :] + rng.integers(0, 3, size=(cells, cells, 4))
+        tables.append(Tables(q_star, q_coord))
+    return tables
+
+
+def misses(scenario, tables, found, *, learner=None, seed=5):
+    """Return what the exact evaluation says otherwise than trials do, by more than 4 errors.
+
+    Every measure of every robot, its square, where robots act and ask, and who arrives.
+    """
+    trials = play(scenario, tables, trials=TRIALS, seed=seed, learner=learner)
+    said = []
+
+    def compare(what, exactly, samples):
+        error = samples.std(ddof=1) / math.sqrt(len(samples))
+        if abs(exactly - samples.mean()) > 4 * error + 1e-9:
+            said.append(f"{what}: {exactly} by the chain, {samples.mean()} ± {error} in trials")
+
+    for k in range(len(tables)):
+        compare(f"reward of robot {k}", found.robots[k], trials.reward[:, k])
+    for name in ("reward", "time_to_goal", "asks", "miscoordinations"):
+        samples = getattr(trials, name).reshape(TRIALS, -1)
+        measure = getattr(found, name)
+        compare(name, measure.mean, samples.mean(axis=1))
+        square = measure.spread**2 + measure.mean**2
+        compare(f"square of {name}", square, (samples**2).mean(axis=1))
+    share, likely = trials.arrived.all(axis=1).mean(), found.all_arrived
+    if abs(likely - share) > 4 * math.sqrt(likely * (1 - likely) / TRIALS) + 1 / TRIALS:
+        said.append(f"arrival: {likely} by the chain, {share} of trials")
+    for name in ("asked", "stays"):
+        there = getattr(trials, name) / TRIALS
+        gap = np.abs(getattr(found, name) - there)
+        if (gap > 0.02 + 0.1 * there).any():
+            said.append(f"{name}: differs by up to {gap.max()}")
+    return said
+
+
+CASES = {
+    "plain": {},
+    "failing": {"perception": "probability:0.5"},
+    "blind": {"perception": "never"},
+    "sight": {"perception": "line_of_sight"},
+    "near": {"perception": "range:2", "ask_cost": 3},
+    "uneven": {"common_reward": "each:0.5:2", "penalty": -7},
+    "any doorway": {"conflict": "any_doorway", "penalty": -50},
+    "short": {"horizon": 12},
+    "slow": {"move_success": 0.4, "discount": 0.8, "goal_reward": 3},
+    "all": {"peers": "all"},
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_trials_say_the_same(case):
+    scenario = made(**CASES[case])
+    tables = undecided(scenario)
+    assert misses(scenario, tables, evaluate_exact(scenario, tables)) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "learner", "settings"),
+    [
+        ("env1", "coop", {"penalty": -100}),
+        ("env2-2r", "noncoop", {}),
+        ("isr", "indiv", {}),
+        ("env2-2r", "coop", {"perception": "probability:0.5", "horizon": 30}),
+    ],
+)
+def test_learned_teams(name, learner, settings):
+    scenario = load_scenario(name).with_settings({"steps": 3000, **settings})
+    tables = learn(scenario, learner, 1)
+    found = evaluate_exact(scenario, tables, learner=learner)
+    assert misses(scenario, tables, found, learner=learner) == []
+
+
+CHANGES = {
+    "perception": ({}, "always", "range:1"),
+    "ask_cost": ({"goal_reward": 0}, 1, 1.3),
+    "penalty": ({"goal_reward": 0, "ask_cost": 0}, -20, -30),
+    "common_reward": ({"goal_reward": 0, "ask_cost": 0}, "same", "each:0.5:1.5"),
+    "conflict": ({}, "same_cell", "any_doorway"),
+    "move_success": ({}, 0.8, 0.78),
+    "discount": ({}, 0.95, 0.945),
+    "goal_reward": ({}, 10, 12),
+    "horizon": ({}, 15, 16),
+}
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_the_comparison_notices_another_rule(name):
+    others, *values = CHANGES[name]
+    here, there = (made(**{"horizon": 15, **others, name: value}) for value in values)
+    tables = undecided(here)
+    assert misses(here, tables, evaluate_exact(there, tables)) != []
+
+
+def first_of_the_best(values):
+    best = np.zeros_like(values)
+    np.put_along_axis(best, values.argmax(axis=-1)[..., None], 1.0, axis=-1)
+    return best
+
+
+def arrived_robots_pay_nothing(scenario, source, target, asked, goal):
+    paid = PAYMENTS(scenario, source, target, asked, goal)
+    cells = len(scenario.map.cells)
+    before = np.array(np.unravel_index(source, (cells, cells)))
+    for k, robot in enumerate(scenario.robots):
+        paid[k, before[k] == robot.goal] = 0.0
+    return paid
+
+
+PAYMENTS = exact._payments
+
+
+def test_the_comparison_notices_ties_broken_otherwise(monkeypatch):
+    scenario = made()
+    tables = undecided(scenario)
+    monkeypatch.setattr(exact, "_greedy", first_of_the_best)
+    assert misses(scenario, tables, evaluate_exact(scenario, tables)) != []
+
+
+def test_the_comparison_notices_who_pays(monkeypatch):
+    scenario = made(".D1\n..2", {"a": (1, [0, 1]), "b": (2, [0, 0])}, ask_cost=0)
+    tables = undecided(scenario)
+    assert misses(scenario, tables, evaluate_exact(scenario, tables)) == []
+    monkeypatch.setattr(exact, "_payments", arrived_robots_pay_nothing)
+    assert misses(scenario, tables, evaluate_exact(scenario, tables)) != []
+
+
+@pytest.mark.parametrize("horizon", [7, 1000])
+def test_one_robot_is_negative_binomial(horizon):
+    scenario = made("1.....", {"a": (1, [0, 5])}, horizon=horizon)
+    tables = walking(scenario)
+    found = evaluate_exact(scenario, tables)
+    moves, p = 5, 0.8
+    times = np.arange(moves, min(horizon, 400) + 1)
+    chance = np.array(
+        [math.comb(t - 1, moves - 1) * p**moves * (1 - p) ** (t - moves) for t in times]
+    )
+    late = max(0.0, 1 - chance.sum())
+    mean = chance @ times + late * horizon
+    worth = 200 * GAMMA ** (times - 1.0)
+    assert found.time_to_goal.mean == pytest.approx(mean, rel=1e-12)
+    assert found.time_to_goal.spread == pytest.approx(
+        math.sqrt(chance @ times**2 + late * horizon**2 - mean**2), rel=1e-9
+    )
+    assert found.reward.mean == pytest.approx(chance @ worth, rel=1e-12)
+    assert found.reward.spread == pytest.approx(
+        math.sqrt(chance @ worth**2 - (chance @ worth) ** 2), rel=1e-9
+    )
+    assert found.all_arrived == pytest.approx(1 - late, rel=1e-12)
+    assert (found.miscoordinations.mean, found.asks.mean) == (0, 0)
+    if horizon == 1000:
+        factor = p / (1 - GAMMA * (1 - p))
+        assert found.reward.mean == pytest.approx(200 * factor**5 * GAMMA**4, rel=1e-12)
+        assert found.time_to_goal.spread == pytest.approx(math.sqrt(5 * 0.2) / 0.8, rel=1e-9)
+
+
+def test_one_robot_that_asks_nobody():
+    scenario = made("1..", {"a": (1, [0, 2])}, move_success=1)
+    tables = walking(scenario, coordinate=9.0)
+    tables[0].q_coord[:] = [1, 0, 0, 0]  # north: a wall; nobody is perceived, so it is not used
+    found = evaluate_exact(scenario, tables)
+    assert found.reward.mean == pytest.approx(200 * GAMMA - 1 - GAMMA, rel=1e-12)
+    assert found.asks.mean == 2
+
+
+def test_sure_moves_by_hand():
+    """Both enter the doorway of 1..D..2 at step 3 and arrive at step 6."""
+    scenario = made("1..D..2", move_success=1)
+    found = evaluate_exact(scenario, walking(scenario))
+    assert found.reward.mean == pytest.approx(200 * GAMMA**5 - 20 * GAMMA**2, rel=1e-12)
+    assert found.reward.spread == pytest.approx(0, abs=1e-4)
+    assert found.reward.standard_error == 0
+    assert (found.miscoordinations.mean, found.time_to_goal.mean) == (1, 6)
+    assert found.joint_states == 6
+    assert found.stays.tolist() == [[1] * 6 + [0], [0] + [1] * 6]
+
+
+def test_the_step_of_the_last_arrival_counts():
+    """Both goals are the doorway's cell: the step that ends in it is a miscoordination."""
+    scenario = made("1D2", {"a": (1, [0, 1]), "b": (2, [0, 1])}, move_success=1)
+    found = evaluate_exact(scenario, walking(scenario))
+    assert found.reward.mean == pytest.approx(200 - 20, rel=1e-12)
+    assert (found.miscoordinations.mean, found.all_arrived) == (1, 1)
+
+
+def test_a_team_that_never_arrives():
+    scenario = made("1..D..2", horizon=37)
+    tables = walking(scenario)
+    for pair in tables:
+        pair.q_star[:, 0] = 1.0  # north, into the wall, for ever
+    found = evaluate_exact(scenario, tables)
+    assert (found.time_to_goal.mean, found.time_to_goal.spread) == (37, 0)
+    assert (found.reward.mean, found.all_arrived, found.joint_states) == (0, 0, 1)
+    assert found.stays.sum() == 74
+
+
+def test_half_a_team_that_never_arrives():
+    scenario = made("1..D..2", horizon=37, move_success=1)
+    tables = walking(scenario)
+    tables[0].q_star[:, 0] = 1.0
+    found = evaluate_exact(scenario, tables)
+    assert found.robots == (0, pytest.approx(200 * GAMMA**5))
+    assert (found.time_to_goal.mean, found.time_to_goal.spread) == ((37 + 6) / 2, (37 - 6) / 2)
+    assert found.all_arrived == 0
+
+
+def test_shortest_paths_have_their_known_values():
+    for name, reward, met in (("env1", 119.68, 0.4115), ("pentagon", 160.98, 0.1222)):
+        scenario = load_scenario(name)
+        found = evaluate_exact(scenario, walking(scenario))
+        assert found.reward.mean == pytest.approx(reward, abs=0.005)
+        assert found.miscoordinations.mean == pytest.approx(met, abs=0.0001)
+
+
+def test_a_very_long_horizon_ends_when_nothing_changes():
+    short, long = (made(horizon=horizon) for horizon in (3000, 1_000_000))
+    tables = walking(short)
+    assert evaluate_exact(short, tables).to_dict() == evaluate_exact(long, tables).to_dict()
+
+
+def test_larger_teams_are_refused():
+    scenario = load_scenario("env2-4r")
+    with pytest.raises(SettingError, match="env2-4r has 4 robots, allowed: 1 or 2; .* by trials"):
+        evaluate_exact(scenario, walking(scenario))
+
+
+def test_tables_that_do_not_fit_are_refused():
+    with pytest.raises(TablesError, match="q_star_1 has shape"):
+        evaluate_exact(load_scenario("env1"), walking(load_scenario("isr")))
+
+
+class Timid(Agent):
+    def act(self, step, cell, decision, perceived):
+        return super().act(step, cell, decision, None)
+
+
+class Stubborn(Agent):
+    def coordinate(self, step, cell, perceived):
+        return 0
+
+
+class Silent(Agent):
+    def values(self, cell):
+        values = super().values(cell)
+        values[COORDINATE] = float("-inf")
+        return values
+
+
+def own(kind):
+    class Shy(Learner):
+        def agent(self, scenario, number, seed, **options):
+            return kind(scenario, number, seed, **options)
+
+    return Shy()
+
+
+@pytest.mark.parametrize("kind", [Timid, Stubborn])
+def test_a_learner_that_acts_by_a_rule_of_its_own_is_refused(kind):
+    scenario = made()
+    learner = own(kind)
+    learner.name = "shy"
+    with pytest.raises(SettingError, match="learner shy acts by a rule of its own"):
+        evaluate_exact(scenario, undecided(scenario), learner=learner)
+
+
+def test_a_learner_whose_values_are_its_own_is_evaluated_by_them():
+    scenario = made()
+    learner = own(Silent)
+    learner.name = "silent"
+    tables = undecided(scenario)
+    assert evaluate_exact(scenario, tables).asks.mean > 0
+    found = evaluate_exact(scenario, tables, learner=learner)
+    assert found.asks.mean == 0
+    played = evaluate(scenario, tables, trials=400, seed=1, learner=learner)
+    assert abs(found.reward.mean - played.reward.mean) < 4 * played.reward.standard_error
+
+
+@pytest.mark.parametrize(
+    ("name", "learner", "settings"),
+    [
+        ("env1", "factored", {"perception": "probability:0.6", "common_reward": "each:1:0.5"}),
+        ("env2-2r", "coop", {"conflict": "any_doorway", "move_success": 0.7}),
+        ("env2-2r", "noncoop", {"steps": 300}),
+    ],
+)
+def test_means_of_a_batch_are_the_exact_ones(name, learner, settings):
+    scenario = load_scenario(name).with_settings({"steps": 3000, "penalty": -100, **settings})
+    scenario = learner_of(learner).with_defaults(scenario)
+    for engine in ("numba", "python"):
+        [run] = run_batch(scenario, learner, [7], trials=2, engine=engine, jobs=1)
+        exact, means = evaluate_exact(scenario, run.tables, learner=learner), run.exact
+        assert means.reward == pytest.approx(exact.robots, abs=1e-10)
+        assert means.time_to_goal.mean() == pytest.approx(exact.time_to_goal.mean, abs=1e-10)
+        assert means.asks.mean() == pytest.approx(exact.asks.mean, abs=1e-12)
+        assert means.miscoordinations == pytest.approx(exact.miscoordinations.mean, abs=1e-12)
+        assert means.arrived == pytest.approx(exact.all_arrived, abs=1e-12)
+    assert exact_means(load_scenario("env2-4r"), [], learner_of("coop")) is None

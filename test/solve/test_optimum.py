@@ -1,0 +1,170 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The exact joint optimum: the study's values, maps solved by hand, bounds."""
+
+import pytest
+
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.solve import optimum
+from sparse_coord_ros.solve.optimum import independent_bound, joint_optimum
+from sparse_coord_ros.solve.reference import shortest_path_reference
+
+GAMMA = 0.95
+
+# Exact joint optimum at penalty -20, joint states.
+EXACT = {
+    "env1": (121.89, 21**2),
+    "env2-2r": (111.02, 36**2),
+    "isr": (143.56, 43**2),
+    "pentagon": (161.31, 52**2),
+    "cit": (111.21, 70**2),
+    "mit": (66.87, 49**2),
+    "suny": (111.32, 74**2),
+    "cmu": (28.36, 133**2),
+}
+
+
+@pytest.mark.parametrize("name", EXACT)
+def test_exact_values(name):
+    value, states = EXACT[name]
+    optimum = joint_optimum(load_scenario(name))
+    assert optimum.exact
+    assert optimum.joint_states == states
+    assert optimum.value == pytest.approx(value, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    "settings", [{}, {"goal_value": 0}, {"ask_cost": 50, "perception": "never"}]
+)
+def test_env1_at_minus_100_whatever_learning_and_asking_are_like(settings):
+    scenario = load_scenario("env1").with_settings({"penalty": -100, **settings})
+    assert joint_optimum(scenario).value == pytest.approx(120.6, abs=0.1)
+
+
+def test_it_is_computed_once_for_what_differs_only_in_learning(monkeypatch):
+    scenario, solved = load_scenario("env1").with_settings({"penalty": -33}), []
+    solve = optimum._solve
+    monkeypatch.setattr(optimum, "_solved", {})
+    monkeypatch.setattr(optimum, "_solve", lambda *game: solved.append(1) or solve(*game))
+    same = [{}, {"steps": 7}, {"ask_cost": 9}, {"perception": "never"}]
+    other = [{"penalty": -34}, {"discount": 0.9}, {"move_success": 1}, {"goal_reward": 9}]
+    found = [joint_optimum(scenario.with_settings(one)).value for one in same + other]
+    assert len(solved) == 1 + len(other)
+    assert len(set(found[: len(same)])) == 1
+    assert len(set(found)) == 1 + len(other)
+    assert found[-1] == joint_optimum(scenario.with_settings({"goal_reward": 9})).value
+
+
+@pytest.mark.parametrize("name", ["env1", "env2-2r", "isr", "pentagon", "mit"])
+def test_without_penalty_it_is_the_bound(name):
+    scenario = load_scenario(name).with_settings({"penalty": 0})
+    assert joint_optimum(scenario).value == pytest.approx(independent_bound(scenario), abs=1e-6)
+
+
+@pytest.mark.parametrize("name", ["env1", "pentagon"])
+def test_the_optimum_falls_with_the_penalty_and_stays_below_the_bound(name):
+    scenario = load_scenario(name)
+    values = [
+        joint_optimum(scenario.with_settings({"penalty": penalty})).value
+        for penalty in (0, -1, -20, -100)
+    ]
+    assert values == sorted(values, reverse=True)
+    assert len(set(values)) == 4
+    assert values[0] <= independent_bound(scenario) + 1e-6
+
+
+def test_too_many_joint_states_give_the_bound():
+    scenario = load_scenario("env2-4r")
+    optimum = joint_optimum(scenario)
+    assert not optimum.exact
+    assert optimum.joint_states == 36**4
+    assert optimum.value == independent_bound(scenario) == pytest.approx(111.32, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("penalty", "value"),
+    [
+        (0, 200 * GAMMA),
+        (-1, 200 * GAMMA - 1),  # cheaper to meet in the doorway of 1D2 than to wait
+        (-20, 100 * (GAMMA + GAMMA**2)),  # one robot waits a step
+        (-1000, 100 * (GAMMA + GAMMA**2)),
+    ],
+)
+def test_one_doorway_by_hand(make, penalty, value):
+    optimum = joint_optimum(make("1D2", move_success=1, penalty=penalty))
+    assert optimum.value == pytest.approx(value, abs=1e-6)
+    assert optimum.exact
+
+
+@pytest.mark.parametrize(
+    ("penalty", "factors", "value"),
+    [
+        (-20, "0:0", 200 * GAMMA),
+        (-1, "3:1", 200 * GAMMA - 2),  # what the two pay together, a robot
+        (-2, "0:1", 200 * GAMMA - 1),
+        (-20, "0:1", 100 * (GAMMA + GAMMA**2)),
+    ],
+)
+def test_robots_that_pay_differently_by_hand(make, penalty, factors, value):
+    scenario = make("1D2", move_success=1, penalty=penalty, common_reward=f"each:{factors}")
+    assert joint_optimum(scenario).value == pytest.approx(value, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("conflict", "value"),
+    [
+        ("same_cell", 200 * GAMMA**2),  # they pass each other between two doorways
+        ("any_doorway", 100 * (GAMMA**2 + GAMMA**4)),  # one waits until the other is through
+    ],
+)
+def test_two_doorways_by_hand(make, conflict, value):
+    scenario = make("1DD2", move_success=1, conflict=conflict)
+    assert joint_optimum(scenario).value == pytest.approx(value, abs=1e-6)
+
+
+def test_three_robots_by_hand(make):
+    """An arrived robot pays the penalty too, so the two others do not meet."""
+    robots = {"a": ([0, 0], [0, 2]), "b": ([0, 2], [0, 0]), "c": ([1, 0], [1, 1])}
+    scenario = make(".D.\n..#", robots, move_success=1)
+    expected = (200 * GAMMA + 200 * GAMMA**2 + 200) / 3
+    assert joint_optimum(scenario).value == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("conflict", "grid", "goals"),
+    [("same_cell", "1D2", ([0, 1], [0, 1])), ("any_doorway", "1DD2", ([0, 2], [0, 1]))],
+)
+@pytest.mark.parametrize("move_success", [1, 0.8])
+def test_robots_that_have_all_arrived_in_a_doorway_pay_no_more(
+    make, conflict, grid, goals, move_success
+):
+    robots = {"a": (1, goals[0]), "b": (2, goals[1])}
+    scenario = make(grid, robots, conflict=conflict, move_success=move_success)
+    optimum, reference = joint_optimum(scenario), shortest_path_reference(scenario)
+    assert optimum.value >= reference.reward - 1e-9
+    if move_success == 1 and conflict == "same_cell":
+        assert reference.reward == pytest.approx(200 - 20)  # one step ends with both in there
+        # Better: the second comes later, and the penalty then is worth less; it is paid once.
+        later = max(100 + (100 - 20) * GAMMA**wait for wait in range(400))
+        assert optimum.value == pytest.approx(max(later, 180), abs=1e-6)
+
+
+def test_unsure_moves_by_hand(make):
+    """One move of one robot: 200 p / (1 - gamma (1 - p))."""
+    scenario = make("12", {"a": (1, 2)}, move_success=0.8)
+    expected = 200 * 0.8 / (1 - GAMMA * 0.2)
+    assert joint_optimum(scenario).value == pytest.approx(expected, abs=1e-6)
+    assert independent_bound(scenario) == pytest.approx(expected, rel=1e-12)
+
+
+def test_the_goal_is_absorbing_where_no_wall_holds_the_robot(make):
+    scenario = make("...\n...\n...", {"a": ([0, 1], [1, 1])}, move_success=1)
+    assert joint_optimum(scenario).value == pytest.approx(200, abs=1e-6)
+
+
+@pytest.mark.parametrize(("grid", "value"), [("12", 8.0), ("1.2", 0.0)])
+def test_discount_zero(make, grid, value):
+    """Only the first step counts: 10 p where the goal is one move away."""
+    scenario = make(grid, discount=0)
+    assert joint_optimum(scenario).value == pytest.approx(value)
+    assert independent_bound(scenario) == pytest.approx(value)

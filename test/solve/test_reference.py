@@ -1,0 +1,223 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The exact worth of shortest paths: golden values, hand-made chains, joint chain, trials."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.agent import Tables
+from sparse_coord_ros.learn.evaluation import evaluate
+from sparse_coord_ros.solve.optimum import independent_bound
+from sparse_coord_ros.solve.reference import TURNINGS, shortest_path_reference
+
+GAMMA = 0.95
+
+# Ties at random: reward at penalty -20 and -100, miscoordinations of a trial.
+RANDOM = {
+    "cit": (111.175895976, 110.580073971, 0.010416929),
+    "cmu": (27.018655219, 18.263873170, 0.280366500),
+    "env1": (119.683290112, 92.597648245, 0.411506509),
+    "env2-2r": (107.512646565, 92.263826912, 0.247149391),
+    "env2-4r": (94.454097676, 26.971082469, 1.098280978),
+    "isr": (143.550513619, 143.189347530, 0.005626286),
+    "mit": (66.868366113, 66.868366113, 0.0),
+    "pentagon": (160.981706020, 152.258029729, 0.122170782),
+    "suny": (111.321697781, 111.309082993, 0.000231289),
+}
+
+# All keep right, where that differs.
+SAME = {
+    "env2-2r": (109.475295041, 102.077069293, 0.123454454),
+    "env2-4r": (104.112479861, 75.262993392, 0.481593295),
+    "suny": (111.324851478, 111.324851478, 0.0),
+}
+
+# Independently computed for the study (its facts): reward at -20, to the digits given there.
+STUDY = {
+    "env1": 119.68,
+    "env2-2r": 107.5,
+    "env2-4r": 94.5,
+    "pentagon": 161.0,
+    "cmu": 27.0,
+    "isr": 143.5,
+    "cit": 111.2,
+    "mit": 66.9,
+    "suny": 111.3,
+}
+
+# Two 3 x 3 rooms joined by two doorways; the ways of two robots cross, with ties.
+ROOMS = "1..#..3\n...D..2\n..#D..4"
+
+
+@pytest.mark.parametrize("turning", TURNINGS)
+@pytest.mark.parametrize("name", RANDOM)
+def test_golden_values(name, turning):
+    at_20, at_100, steps = {**RANDOM, **SAME}[name] if turning == "same" else RANDOM[name]
+    scenario = load_scenario(name)
+    reference = shortest_path_reference(scenario, turning=turning)
+    assert reference.reward == pytest.approx(at_20, abs=2e-9)
+    assert reference.miscoordinations == pytest.approx(steps, abs=2e-9)
+    dearer = shortest_path_reference(scenario.with_settings({"penalty": -100}), turning=turning)
+    assert dearer.reward == pytest.approx(at_100, abs=2e-9)
+    assert dearer.miscoordinations == reference.miscoordinations
+
+
+@pytest.mark.parametrize("name", STUDY)
+def test_values_of_the_study(name):
+    assert shortest_path_reference(load_scenario(name)).reward == pytest.approx(
+        STUDY[name], abs=0.051
+    )
+
+
+@pytest.mark.parametrize("name", RANDOM)
+def test_time_to_goal(name):
+    moves = {"env1": 8, "env2-2r": 10, "env2-4r": 10, "isr": 6, "pentagon": 4, "mit": 18}
+    moves |= {"cit": 10, "suny": 10, "cmu": 31}
+    reference = shortest_path_reference(load_scenario(name))
+    assert reference.time_to_goal == pytest.approx(moves[name] / 0.8, rel=1e-12)
+
+
+@pytest.mark.parametrize("name", ["env1", "env2-4r", "pentagon", "cmu"])
+def test_without_penalty_it_is_the_bound(name):
+    scenario = load_scenario(name).with_settings({"penalty": 0})
+    assert shortest_path_reference(scenario).reward == independent_bound(scenario)
+
+
+def test_one_doorway_by_hand(make):
+    """Both in the doorway after step 1, both through after step 2."""
+    reference = shortest_path_reference(make("1D2", move_success=1))
+    assert reference.reward == pytest.approx(200 * GAMMA - 20, abs=1e-9)
+    assert (reference.time_to_goal, reference.miscoordinations) == (2, 1)
+
+
+@pytest.mark.parametrize(
+    ("grid", "conflict", "steps"),
+    [("1DD2", "same_cell", 0), ("1DD2", "any_doorway", 2), ("1D.D2", "any_doorway", 2)],
+)
+def test_two_doorways_by_hand(make, grid, conflict, steps):
+    reference = shortest_path_reference(make(grid, move_success=1, conflict=conflict))
+    assert reference.miscoordinations == pytest.approx(steps, abs=1e-12)
+
+
+def test_a_step_with_two_meetings_counts_once(make):
+    grid = "1D2\n###\n3D4"
+    robots = {"a": (1, 2), "b": (2, 1), "c": (3, 4), "d": (4, 3)}
+    reference = shortest_path_reference(make(grid, robots, move_success=1))
+    assert reference.miscoordinations == pytest.approx(1, abs=1e-12)
+
+
+def test_no_doorway_and_one_robot(make):
+    assert shortest_path_reference(make("1..2")).miscoordinations == 0
+    alone = make("1.D.2", {"a": (1, 2)}, conflict="any_doorway")
+    assert shortest_path_reference(alone).miscoordinations == 0
+
+
+def test_keeping_right_by_hand(make):
+    """Two robots around a pillar: never on the same side, or in half of the trials."""
+    scenario = make(".D.\n1#2\n.D.", move_success=1)
+    assert shortest_path_reference(scenario, turning="same").miscoordinations == 0
+    assert shortest_path_reference(scenario).miscoordinations == pytest.approx(0.5, abs=1e-12)
+
+
+def test_unequal_shares_of_the_penalty(make):
+    """r^C of one robot is -40, of the other 0: on average as if both paid -20."""
+    scenario = make("1D2", move_success=1, common_reward="each:2:0")
+    reference = shortest_path_reference(scenario)
+    assert reference.reward == pytest.approx(200 * GAMMA - 20, abs=1e-9)
+
+
+def test_unknown_turning(make):
+    with pytest.raises(ValueError, match="turning is 'left', allowed: random, same"):
+        shortest_path_reference(make(), turning="left")
+
+
+@pytest.mark.parametrize("conflict", ["same_cell", "any_doorway"])
+@pytest.mark.parametrize(
+    ("grid", "robots"),
+    [
+        (ROOMS, {"a": (1, 2), "b": (2, 1)}),
+        (ROOMS, {"a": (1, 3), "b": (4, 1), "c": (2, [1, 0])}),
+        ("1.D.2", {"a": (1, [0, 2]), "b": (2, [0, 2])}),  # both goals are the doorway
+        ("1.D.2.3", {"a": (1, [0, 2]), "b": (2, [0, 2]), "c": (3, 1)}),
+    ],
+)
+def test_equals_the_joint_markov_chain(make, conflict, grid, robots):
+    """All joint states with their probabilities, carried forward as a trial goes."""
+    scenario = make(grid, robots, conflict=conflict, horizon=9, penalty=-7)
+    reference = shortest_path_reference(scenario)
+    reward, steps = joint_chain(scenario)
+    assert reference.reward == pytest.approx(reward, abs=1e-9)
+    assert reference.miscoordinations == pytest.approx(steps, abs=1e-9)
+
+
+def joint_chain(scenario):
+    """Return the discounted reward and the miscoordinations within the horizon, by brute force."""
+    grid, team = scenario.map, scenario.robots
+    goals = tuple(robot.goal for robot in team)
+    reward = steps = 0.0
+    states = {tuple(robot.start for robot in team): 1.0}
+    for t in range(150):
+        following = {}
+        for state, probability in states.items():
+            ways = [successors(scenario, k, x) for k, x in enumerate(state)]
+            for joint in itertools.product(*ways):
+                after = tuple(y for y, _ in joint)
+                share = probability * math.prod(p for _, p in joint)
+                doors = [y for y in after if y in grid.doorways]
+                crowd = len(doors) > (1 if scenario.conflict == "any_doorway" else len(set(doors)))
+                arrivals = sum(
+                    y == goal != x for x, y, goal in zip(state, after, goals, strict=True)
+                )
+                paid = arrivals * scenario.goal_reward / (1 - scenario.discount) / len(team)
+                reward += scenario.discount**t * share * (paid + crowd * scenario.penalty)
+                steps += share * crowd * (t < scenario.horizon)
+                if after != goals:
+                    following[after] = following.get(after, 0.0) + share
+        states = {state: p for state, p in following.items() if p > 1e-15}
+    return reward, steps
+
+
+def successors(scenario, k, x):
+    distance = scenario.map.distances_to(scenario.robots[k].goal)
+    if distance[x] == 0:
+        return [(x, 1.0)]
+    nearer = [int(y) for y in scenario.map.next_cell[x] if distance[y] < distance[x]]
+    p = scenario.move_success
+    return [(x, 1 - p), *((y, p / len(nearer)) for y in nearer)]
+
+
+@pytest.mark.parametrize(
+    ("name", "settings"),
+    [
+        ("env1", {}),
+        ("env2-4r", {}),
+        ("env2-4r", {"conflict": "any_doorway", "penalty": -3}),
+    ],
+)
+def test_equals_greedy_trials(name, settings):
+    """Tables that know the distances, with exact ties, played by the evaluation."""
+    scenario = load_scenario(name).with_settings(settings)
+    cells = len(scenario.map.cells)
+    tables = []
+    for robot in scenario.robots:
+        distance = scenario.map.distances_to(robot.goal)
+        q_star = np.full((cells, 5), np.nan)
+        q_star[:, :4] = -distance[scenario.map.next_cell]
+        tables.append(Tables(q_star, np.zeros((cells, cells, 4))))
+    played = evaluate(scenario, tables, trials=1500, seed=3)
+    reference = shortest_path_reference(scenario)
+    assert played.not_arrived == 0
+    for measure in ("reward", "time_to_goal", "miscoordinations"):
+        found = getattr(played, measure)
+        assert abs(found.mean - getattr(reference, measure)) < 4 * found.standard_error, measure
+
+
+@pytest.mark.parametrize("settings", [{"discount": 0}, {"discount": 0.999, "move_success": 0.01}])
+def test_extreme_settings_are_finite(make, settings):
+    reference = shortest_path_reference(make(ROOMS, **settings))
+    assert math.isfinite(reference.reward)
+    assert 0 <= reference.miscoordinations <= 100

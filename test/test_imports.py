@@ -1,0 +1,139 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The ROS-free parts import, and work, where ROS is not installed; imports point down only."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from sparse_coord_ros.bags import BagWriter
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.run_config import make_run
+
+WITHOUT_ROS = """
+import importlib, pkgutil, sys
+ROS = ("rclpy", "rcl_interfaces", "std_msgs", "std_srvs", "geometry_msgs", "nav_msgs",
+       "sensor_msgs", "visualization_msgs", "diagnostic_msgs", "rosgraph_msgs",
+       "builtin_interfaces", "ament_index_python", "launch", "launch_ros")
+for name in ROS:
+    sys.modules[name] = None  # importing it raises ImportError
+
+def load(package):
+    module = importlib.import_module(f"sparse_coord_ros.{package}")
+    names = [m.name for m in pkgutil.walk_packages(module.__path__, module.__name__ + ".")]
+    for name in names:
+        importlib.import_module(name)
+    return names
+"""
+
+
+def python(code):
+    """Run code in a fresh interpreter without ROS and return what it printed."""
+    done = subprocess.run(
+        [sys.executable, "-c", WITHOUT_ROS + code],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.mark.parametrize(
+    ("package", "modules", "may_use"),
+    [
+        ("core", 14, {"core"}),
+        ("lockstep", 2, {"core", "lockstep"}),
+        ("recording", 5, {"core", "recording"}),
+        ("runlog", 10, {"core", "engine", "recording", "runlog"}),
+        ("watch", 6, {"core", "engine", "recording", "runlog", "view", "watch"}),
+        ("engine", 17, {"core", "engine"}),
+        ("driving", 6, {"core", "driving", "lockstep"}),
+        ("floorplan", 4, {"core", "floorplan"}),
+        ("doctor", 5, {"core", "doctor"}),
+        (
+            *("view", 3),
+            {"core", "driving", "engine", "lockstep", "recording", "runlog", "view"},
+        ),
+    ],
+)
+def test_imports_without_ros_and_nothing_from_above(package, modules, may_use):
+    out = python(
+        f"print(len(load({package!r})))\n"
+        "used = {n.split('.')[1] for n in sys.modules if n.startswith('sparse_coord_ros.')}\n"
+        "print(*used - {'errors', 'files'})"
+    )
+    count, used = out.splitlines()
+    assert int(count) >= modules
+    assert set(used.split()) <= may_use
+
+
+def test_core_needs_numpy_and_yaml_only():
+    out = python(
+        "before = {n.split('.')[0] for n in sys.modules}  # site hooks\n"
+        "load('core')\n"
+        "known = sys.stdlib_module_names | {'sparse_coord_ros'}\n"
+        "used = {n.split('.')[0] for n, m in sys.modules.items() if getattr(m, '__file__', '')}\n"
+        "print(*sorted(n for n in used - known - before if n[0] != '_'))"
+    )
+    assert out.split() == ["numpy", "yaml"]
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["maps"], ["optimum", "env1"]])
+def test_help_and_small_verbs_start_fast(arguments):
+    out = python(
+        "from sparse_coord_ros.cli.main import main\n"
+        "try:\n"
+        f"    main({arguments!r})\n"
+        "except SystemExit:\n"
+        "    pass\n"
+        "heavy = ('argcomplete', 'numba', 'matplotlib',\n"
+        "    'sparse_coord_ros.engine', 'sparse_coord_ros.bench')\n"
+        "print([n for n in heavy if n in sys.modules])"
+    )
+    assert out.splitlines()[-1] == "[]"
+
+
+def test_the_doctor_without_ros():
+    out = python(
+        "from sparse_coord_ros.cli.main import main\n"
+        "from sparse_coord_ros.doctor import middleware\n"
+        "middleware.round_trip = lambda changes=None: {'missing': 'no rclpy'}\n"
+        "assert main(['doctor']) == 0"
+    )
+    assert "is not there (no rclpy)" in out
+
+
+@pytest.mark.parametrize("verb", ["bench", "reproduce"])
+def test_help_of_the_large_verbs_compiles_and_draws_nothing(verb):
+    out = python(
+        "from sparse_coord_ros.cli.main import main\n"
+        "try:\n"
+        f"    main([{verb!r}, '--help'])\n"
+        "except SystemExit:\n"
+        "    pass\n"
+        "print([n for n in ('numba', 'matplotlib') if n in sys.modules])"
+    )
+    assert out.splitlines()[-1] == "[]"
+
+
+def test_command_line_without_ros(tmp_path):
+    (tmp_path / "text").write_text("no bag")
+    with BagWriter(tmp_path / "bag") as bag:
+        bag.add_metadata("sparse_coord_ros", {"seed": "1"})
+        bag.attach("run.yaml", make_run(load_scenario("env1"), {}).to_yaml().encode(), "")
+    out = python(
+        "from sparse_coord_ros.cli.main import main\n"
+        "assert main(['maps', 'env1']) == 0\n"
+        "assert main(['optimum', 'env1']) == 0\n"
+        "assert main(['run', 'env1', '--out', '/nonexistent/out']) == 2\n"
+        f"for verb, code in dict(info=0, verify=1, explain=0, recover=0).items():\n"
+        f"    assert main([verb, {str(tmp_path / 'bag')!r}]) == code, verb\n"
+        f"    assert main([verb, {str(tmp_path / 'text')!r}]) == 2, verb\n"
+        "assert not [n for n in sys.modules if n.startswith('sparse_coord_ros.nodes')]"
+    )
+    for words in ("21 cells", "121.89", "env1, coop, seed 0", "differs: ", "no COORDINATE"):
+        assert words in out
