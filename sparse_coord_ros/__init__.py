@@ -15,6 +15,8 @@ first used:
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from sparse_coord_ros.version import __version__ as __version__
+
 if TYPE_CHECKING:
     from sparse_coord_ros.api import Runs as Runs
     from sparse_coord_ros.api import SavedRun as SavedRun
@@ -54,8 +56,6 @@ if TYPE_CHECKING:
     from sparse_coord_ros.solve.class_bound import shipped_class_bound as shipped_class_bound
     from sparse_coord_ros.solve.exact import ExactEvaluation as ExactEvaluation
     from sparse_coord_ros.solve.joint_mdp import JointMDP as JointMDP
-
-__version__ = "0.2.0"
 
 _PLACES = {
     # Scenarios

@@ -48,6 +48,8 @@ def pytest_addoption(parser):
 def pytest_configure(config):
     """Keep compiled loops for all processes of this test run, and no longer.
 
+    Where the caller names a folder for them (`SPARSE_COORD_CACHE`), they stay there.
+
     Tests that are started in the background, or under nohup, begin with signals ignored, and so do
     their subprocesses: here they are as in a terminal.
     """
@@ -56,5 +58,5 @@ def pytest_configure(config):
     if not hasattr(config, "workerinput"):
         folder = tempfile.TemporaryDirectory(prefix="sparse_coord_kept_")
         config.add_cleanup(folder.cleanup)
-        os.environ[FOLDER_VARIABLE] = folder.name
+        os.environ.setdefault(FOLDER_VARIABLE, folder.name)
         os.environ["HYPOTHESIS_STORAGE_DIRECTORY"] = f"{folder.name}/hypothesis"

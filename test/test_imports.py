@@ -2,15 +2,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """The ROS-free parts import, and work, where ROS is not installed; imports point down only."""
 
+import ast
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
+import sparse_coord_ros
 from sparse_coord_ros.bags import BagWriter
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.run_config import make_run
+
+PACKAGE = Path(sparse_coord_ros.__file__).parent
 
 WITHOUT_ROS = """
 import importlib, pkgutil, sys
@@ -42,39 +47,51 @@ def python(code):
     return done.stdout
 
 
-@pytest.mark.parametrize(
-    ("package", "modules", "may_use"),
-    [
-        ("core", 14, {"core"}),
-        ("lockstep", 2, {"core", "lockstep"}),
-        ("recording", 5, {"core", "recording"}),
-        ("runlog", 10, {"core", "engine", "recording", "runlog"}),
-        ("watch", 6, {"core", "engine", "recording", "runlog", "view", "watch"}),
-        ("engine", 17, {"core", "engine"}),
-        ("driving", 6, {"core", "driving", "lockstep"}),
-        ("floorplan", 4, {"core", "floorplan"}),
-        ("doctor", 5, {"core", "doctor"}),
-        (
-            *("view", 3),
-            {"core", "driving", "engine", "lockstep", "recording", "runlog", "view"},
-        ),
-    ],
+LEVELS = (
+    {"version", "errors", "files", "share", "palette", "dataframes", "kept", "compiling"},
+    {"game"},
+    {"learn"},
+    {"wire", "solve"},
+    {"engine", "lockstep", "bags"},
+    {"experiments", "driving", "runlog", "maps"},
+    {"look"},
 )
-def test_imports_without_ros_and_nothing_from_above(package, modules, may_use):
-    out = python(
-        f"print(len(load({package!r})))\n"
-        "used = {n.split('.')[1] for n in sys.modules if n.startswith('sparse_coord_ros.')}\n"
-        "print(*used - {'errors', 'files'})"
-    )
-    count, used = out.splitlines()
-    assert int(count) >= modules
-    assert set(used.split()) <= may_use
+"""Packages and modules by how far up they stand: imports point down only."""
 
 
-def test_core_needs_numpy_and_yaml_only():
+def test_no_import_points_up():
+    """Nor to a neighbour of the same level, but for a package's own modules and the ground."""
+    level = {name: number for number, names in enumerate(LEVELS) for name in names}
+    upwards = set()
+    for path in PACKAGE.rglob("*.py"):
+        here = path.relative_to(PACKAGE).with_suffix("").parts[0]
+        for there in imported(path):
+            known = here in level and there != here
+            if known and level.get(there, len(LEVELS)) >= max(level[here], 1):
+                upwards.add(f"{here} -> {there}")
+    assert upwards == set()
+
+
+@pytest.mark.parametrize("package", sorted(set().union(*LEVELS[1:])))
+def test_imports_without_ros(package):
+    assert int(python(f"print(len(load({package!r})))")) > 1
+
+
+def imported(path):
+    """Return which packages and modules of ours a file names, wherever in it."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        names = []
+        if isinstance(node, ast.ImportFrom) and node.module == PACKAGE.name:
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module.startswith(PACKAGE.name + "."):
+            names = [node.module.split(".")[1]]
+        yield from names
+
+
+def test_learning_needs_numpy_and_yaml_only():
     out = python(
         "before = {n.split('.')[0] for n in sys.modules}  # site hooks\n"
-        "load('core')\n"
+        "load('learn')\n"
         "known = sys.stdlib_module_names | {'sparse_coord_ros'}\n"
         "used = {n.split('.')[0] for n, m in sys.modules.items() if getattr(m, '__file__', '')}\n"
         "print(*sorted(n for n in used - known - before if n[0] != '_'))"

@@ -9,7 +9,7 @@ import sys
 import pytest
 
 from sparse_coord_ros import kept
-from sparse_coord_ros.engine.compiled import has_numba
+from sparse_coord_ros.compiling import has_numba
 
 pytestmark = pytest.mark.skipif(not has_numba(), reason="numba is not installed")
 

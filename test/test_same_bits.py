@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sparse_coord_ros.compiling import has_numba
 from sparse_coord_ros.engine.batch import run_batch
-from sparse_coord_ros.engine.compiled import has_numba
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.tables import pack_tables
 

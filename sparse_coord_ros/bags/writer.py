@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 from mcap.writer import Writer
 
-from sparse_coord_ros import __version__
 from sparse_coord_ros.bags.layout import chunk_compression, create_bag_file, write_text
 from sparse_coord_ros.bags.metadata import (
     CONTINUED_RECORD,
@@ -26,6 +25,7 @@ from sparse_coord_ros.bags.records import LARGEST_RECORD, LATEST_NS
 from sparse_coord_ros.bags.schemas import schema_text, type_hash
 from sparse_coord_ros.bags.topics import BagTopic
 from sparse_coord_ros.errors import BagError
+from sparse_coord_ros.version import __version__
 
 DEFAULT_CHUNK_SIZE = 256 * 1024
 """Bytes of uncompressed messages in a chunk: what a killed process loses at most."""

@@ -15,8 +15,8 @@ from functools import partial
 from pathlib import Path
 from typing import Protocol
 
+from sparse_coord_ros.compiling import has_numba
 from sparse_coord_ros.engine.batch import run_batch
-from sparse_coord_ros.engine.compiled import has_numba
 from sparse_coord_ros.engine.processes import in_processes
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.game.scenario import Scenario, load_scenario

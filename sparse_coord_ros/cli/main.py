@@ -11,9 +11,9 @@ import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 
-from sparse_coord_ros import __version__
 from sparse_coord_ros.cli.verbs import MOVED, VERBS, Parser
 from sparse_coord_ros.errors import EXIT_BAD_INPUT, SettingError, SparseCoordError
+from sparse_coord_ros.version import __version__
 
 INTERRUPTED = 130
 

@@ -14,8 +14,8 @@ from tqdm import tqdm
 
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.evaluate import Evaluated, result_table, worth
+from sparse_coord_ros.compiling import has_numba
 from sparse_coord_ros.engine.batch import ENGINES, is_prepared, prepare
-from sparse_coord_ros.engine.compiled import has_numba
 from sparse_coord_ros.engine.run_checkpoint import CHECKPOINT_FILE, MEASURES
 from sparse_coord_ros.engine.training import (
     EVERY,

@@ -11,9 +11,9 @@ from pathlib import Path
 
 from packaging.requirements import Requirement
 
-from sparse_coord_ros import __version__
 from sparse_coord_ros.doctor.findings import FINE, HINT, WRONG, Finding
 from sparse_coord_ros.share import PACKAGE, share_folder
+from sparse_coord_ros.version import __version__
 
 OLDEST_PYTHON = (3, 11)
 

@@ -15,9 +15,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sparse_coord_ros.compiling import compile_once, has_numba, is_compiled
 from sparse_coord_ros.engine import kernels
 from sparse_coord_ros.engine.cluster import Cluster
-from sparse_coord_ros.engine.compiled import Loops, compile_once, compiled, has_numba, is_compiled
+from sparse_coord_ros.engine.compiled import Loops, compiled
 from sparse_coord_ros.engine.generator import jump_table, source_of
 from sparse_coord_ros.engine.processes import in_processes
 from sparse_coord_ros.errors import SettingError

@@ -12,7 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.engine.compiled import compile_once, has_numba, jitted
+from sparse_coord_ros.compiling import compile_once, has_numba
+from sparse_coord_ros.engine.compiled import jitted
 from sparse_coord_ros.game.streams import BLIND_ACTION, BLIND_EXPLORE
 from sparse_coord_ros.kept import is_kept
 from sparse_coord_ros.learn.algorithm import (

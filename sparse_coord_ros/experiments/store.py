@@ -20,7 +20,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros import __version__
 from sparse_coord_ros.engine.batch import Run
 from sparse_coord_ros.errors import ResultsError, SettingError, newer_format
 from sparse_coord_ros.experiments.conditions import Condition, parse_id
@@ -34,6 +33,7 @@ from sparse_coord_ros.learn.learners import learner_of
 from sparse_coord_ros.learn.sparse import SparseTable, dense_nbytes
 from sparse_coord_ros.solve.optimum import joint_optimum
 from sparse_coord_ros.solve.reference import shortest_path_reference
+from sparse_coord_ros.version import __version__
 
 FORMAT = 2
 """Number of the format of a results directory and its files. Format 1 is that of 0.1.0."""

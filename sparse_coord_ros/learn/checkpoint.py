@@ -8,8 +8,8 @@ of the names). A file that does not fit its digest, its run or the version is re
 
 For robot k from 1: `q_star_k`, `star_updates_k`, `states_k`, `values_k`, `updates_k`: the fields
 of `learn.agent.Memory`; `factors_..._k`: those of `learn.factors.FactorMemory`, where there are
-any. Of G games: `transitions`, `step`, `under_way`, `episode_start`, each of shape (G,), `cells` and
-`arrived`, (G, K): the fields of `game.world.Position`.
+any. Of G games: `transitions`, `step`, `under_way`, `episode_start`, each of shape (G,), `cells`
+and `arrived`, (G, K): the fields of `game.world.Position`.
 """
 
 import hashlib
@@ -19,11 +19,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from sparse_coord_ros import __version__
 from sparse_coord_ros.errors import RunError, newer_format
 from sparse_coord_ros.game.world import Position
 from sparse_coord_ros.learn.agent import Memory
 from sparse_coord_ros.learn.factors import FactorMemory
+from sparse_coord_ros.version import __version__
 
 FORMAT = 1
 

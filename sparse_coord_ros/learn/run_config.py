@@ -18,7 +18,6 @@ from typing import Any
 
 import yaml
 
-from sparse_coord_ros import __version__
 from sparse_coord_ros.errors import RunError, SettingError, did_you_mean, newer_format
 from sparse_coord_ros.game.grid import RESOLUTIONS
 from sparse_coord_ros.game.perception import check_percepts
@@ -26,6 +25,7 @@ from sparse_coord_ros.game.scenario import Scenario, parse_yaml, scenario_from_d
 from sparse_coord_ros.game.settings import Setting, SettingTable
 from sparse_coord_ros.game.specs import Form
 from sparse_coord_ros.learn.learners import LEARNERS, Learner, learner_of
+from sparse_coord_ros.version import __version__
 
 RUN_FILE, SCENARIO_FILE, MAP_FILE = "run.yaml", "scenario.yaml", "map.txt"
 """The files that say what a run is: in its directory the first, in its bag all."""

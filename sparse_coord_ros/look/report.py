@@ -9,7 +9,6 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from sparse_coord_ros import __version__
 from sparse_coord_ros.engine.training import train
 from sparse_coord_ros.errors import SparseCoordError
 from sparse_coord_ros.experiments.report.entries import Entry
@@ -30,6 +29,7 @@ from sparse_coord_ros.runlog.words import in_words
 from sparse_coord_ros.solve.exact import evaluate_best
 from sparse_coord_ros.solve.reference import shortest_path_reference
 from sparse_coord_ros.solve.yardsticks import yardsticks
+from sparse_coord_ros.version import __version__
 from sparse_coord_ros.wire import DIAGNOSTICS, ROSOUT
 
 TRIALS = 1000

@@ -12,7 +12,6 @@ from typing import Any
 import yaml
 from rclpy.node import Node
 
-from sparse_coord_ros import __version__
 from sparse_coord_ros.errors import BagError, RunError, os_error_text
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.learn.agent import Tables
@@ -28,6 +27,7 @@ from sparse_coord_ros.learn.tables import (
 )
 from sparse_coord_ros.lockstep.checkpoints import CHECKPOINTS, remove_checkpoints
 from sparse_coord_ros.nodes.parameters import run_from_parameters
+from sparse_coord_ros.version import __version__
 
 SUMMARY_FILE = "summary.yaml"
 

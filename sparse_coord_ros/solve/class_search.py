@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sparse_coord_ros import __version__
 from sparse_coord_ros.errors import ResultsError
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.grid import MOVES
@@ -37,6 +36,7 @@ from sparse_coord_ros.solve.class_bound import (
     game_digest,
 )
 from sparse_coord_ros.solve.class_loops import OPTIONS, Game, Loops, Policy, Space
+from sparse_coord_ros.version import __version__
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

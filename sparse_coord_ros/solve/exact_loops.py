@@ -139,7 +139,7 @@ def outcome(pair: Pair, k: int, x: int, z: int, outcome: int) -> float:
 @functools.cache
 def compiled() -> Callable[..., Any]:
     """Return `carry`, compiled by numba where it is installed (when it is first called)."""
-    from sparse_coord_ros.engine.compiled import has_numba
+    from sparse_coord_ros.compiling import has_numba
 
     if not has_numba():
         return carry

@@ -19,7 +19,6 @@ from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from sparse_coord_ros import __version__
 from sparse_coord_ros.bags import (
     BagError,
     BagWriter,
@@ -30,6 +29,7 @@ from sparse_coord_ros.bags import (
     type_hash,
 )
 from sparse_coord_ros.errors import SparseCoordError
+from sparse_coord_ros.version import __version__
 
 TYPES = (
     "geometry_msgs/msg/PoseStamped",

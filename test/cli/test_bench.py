@@ -10,7 +10,7 @@ import pytest
 import sparse_coord_ros.bench as package
 from sparse_coord_ros.bench import batch
 from sparse_coord_ros.cli import bench
-from sparse_coord_ros.engine.compiled import has_numba
+from sparse_coord_ros.compiling import has_numba
 
 SHORT = ("--steps", 100, "--runs", 2, "--repeats", 1)
 

@@ -5,7 +5,7 @@
 import numpy as np
 import pytest
 
-from sparse_coord_ros.engine.compiled import has_numba
+from sparse_coord_ros.compiling import has_numba
 from sparse_coord_ros.game.streams import DRAWS, MOTION, POLICY, Stream
 from sparse_coord_ros.game.world import RewardWeights
 from sparse_coord_ros.learn.agent import Agent

@@ -8,7 +8,7 @@ import json
 import numpy as np
 import pytest
 
-from sparse_coord_ros.engine.compiled import has_numba
+from sparse_coord_ros.compiling import has_numba
 from sparse_coord_ros.errors import ResultsError, SettingError
 from sparse_coord_ros.game.scenario import load_scenario, scenario_from_dict
 from sparse_coord_ros.solve import class_loops, class_search

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from sparse_coord_ros.bench import batch
+from sparse_coord_ros.compiling import has_numba
 from sparse_coord_ros.engine.batch import make_problem
-from sparse_coord_ros.engine.compiled import has_numba
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.learners import learner_of

@@ -4,12 +4,12 @@
 
 from collections.abc import Sequence
 
-from sparse_coord_ros import __version__
 from sparse_coord_ros.experiments.catalogue import CLOSE, CLOSED, SPARSE
 from sparse_coord_ros.experiments.report.text import to_markdown
 from sparse_coord_ros.experiments.store import Plan
 from sparse_coord_ros.game.scenario import SETTINGS as SCENARIO_SETTINGS
 from sparse_coord_ros.learn.learners import learner_of
+from sparse_coord_ros.version import __version__
 from tools.study.factored import JUDGED
 from tools.study.search import (
     COOP,

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from sparse_coord_ros import __version__
 from sparse_coord_ros.experiments.catalogue import NAMES, Experiment
 from sparse_coord_ros.experiments.report import paper, sweeps
 from sparse_coord_ros.experiments.report.analysis import AGREE, NEAR
@@ -15,6 +14,7 @@ from sparse_coord_ros.experiments.report.entries import Entry, entries_of, to_cs
 from sparse_coord_ros.experiments.report.section import Section
 from sparse_coord_ros.experiments.report.text import TEXTS, Row, percent, shared, to_markdown
 from sparse_coord_ros.experiments.store import ConditionResult, Plan, write_result
+from sparse_coord_ros.version import __version__
 
 SECTIONS: Mapping[str, Callable[[Sequence[Entry]], Section]] = {
     "table1": paper.reward_section,

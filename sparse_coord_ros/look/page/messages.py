@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from sparse_coord_ros import __version__
 from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.algorithm import ACTIONS
 from sparse_coord_ros.learn.history import History
@@ -28,6 +27,7 @@ from sparse_coord_ros.palette import (
     REFUSED,
     robot_colour,
 )
+from sparse_coord_ros.version import __version__
 
 FORMAT = 1
 """Number of the messages' format, in the message `run`."""

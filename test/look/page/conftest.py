@@ -10,7 +10,7 @@ import pytest
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.run_config import make_run
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 _spec = importlib.util.spec_from_file_location("recordings", ROOT / "test/runlog/conftest.py")
 _recordings = importlib.util.module_from_spec(_spec)
 _spec.loader.exec_module(_recordings)

@@ -163,7 +163,7 @@ def test_what_is_damaged_unfinished_or_no_bag(bag, tmp_path):
 
 
 def test_a_bag_of_version_0_1_0(recorded):
-    old = Path(__file__).parents[1] / "fixtures/0.1.0/honest/bag"
+    old = Path(__file__).parents[2] / "fixtures/0.1.0/honest/bag"
     log = read_run(old)
     row = int(np.flatnonzero(log.asked.any(axis=1))[0]) if log.asked.any() else 3
     moment = moment_of(log, row)

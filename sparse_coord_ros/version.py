@@ -1,0 +1,5 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The version of this software, which whatever it writes says."""
+
+__version__ = "0.2.0"
