@@ -15,7 +15,7 @@ import numpy as np
 
 from sparse_coord_ros.driving.ground import Ground, Pose
 from sparse_coord_ros.driving.steering import STOP, Command
-from sparse_coord_ros.lockstep.bodies import BEGIN, Errand
+from sparse_coord_ros.lockstep.bodies import BEGIN, Goals
 
 BODIES = 2
 """The phase of the bodies' random draws, beside those of `game.streams`: nothing shares them."""
@@ -134,7 +134,7 @@ def _arc(pose: Pose, ahead: float, turn: float, seconds: float) -> Pose:
 class Arena:
     """The bodies of a team.
 
-    In step with the drivers, time passes by a tick with each errand, and then whenever each body
+    In step with the drivers, time passes by a tick with all goals, and then whenever each body
     that is under way has been told what to do next; it stands still otherwise. So what happens
     depends on the seed alone, not on how long anybody takes. Else time passes whenever `tick` is
     called, as on a real floor.
@@ -175,21 +175,21 @@ class Arena:
             self.bodies[robot].put(*self.ground.place(robot, cell))
         self._touching = set(self._touching_now())
 
-    def send(self, errand: Errand) -> bool:
+    def send(self, goals: Goals) -> bool:
         """Take in what bodies are told; return whether that is new, and time has passed."""
-        if errand.number == self._number:
+        if goals.number == self._number:
             return False
-        self._number = errand.number
+        self._number = goals.number
         # A simulator that was started again: drivers wait for poses newer than what they know.
-        self.ticks = max(self.ticks, round((errand.since - BEGIN) / self.period))
+        self.ticks = max(self.ticks, round((goals.since - BEGIN) / self.period))
         self._told.clear()
         self._under_way = set()
         for body in self.bodies:
             body.command = STOP
-        if errand.place:
-            self.put({course.robot: course.end for course in errand.courses})
+        if goals.place:
+            self.put({goal.robot: goal.end for goal in goals.bodies})
         else:
-            self._under_way = {course.robot for course in errand.courses}
+            self._under_way = {goal.robot for goal in goals.bodies}
         self.tick()
         return True
 
@@ -199,7 +199,7 @@ class Arena:
         return self._under_way - self._told.keys() or set(range(len(self.bodies)))
 
     def reached(self, robot: int, number: int) -> bool:
-        """Take in that a body's errand is over; return whether time has passed."""
+        """Take in that a body has ended its goal; return whether time has passed."""
         if number != self._number or robot not in self._under_way:
             return False
         self._under_way.discard(robot)

@@ -1,12 +1,12 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""One body's driver as a state machine: errands and poses in, commands and reports out."""
+"""One body's driver as a state machine: goals and poses in, commands and reports out."""
 
 import math
 
 from sparse_coord_ros.driving.ground import Ground, Pose
 from sparse_coord_ros.driving.steering import STOP, Command, Limits, distance, steer
-from sparse_coord_ros.lockstep.bodies import LOST, Course, Errand, Reached
+from sparse_coord_ros.lockstep.bodies import LOST, BodyGoal, Goals, Reached
 
 SLACK = 1e-6
 """Seconds: stamps are whole nanoseconds."""
@@ -41,8 +41,8 @@ class Driver:
 
     def __init__(self, ground: Ground, limits: Limits, robot: int) -> None:
         self._ground, self._limits, self._robot = ground, limits, robot
-        self._errand: Errand | None = None
-        self._course: Course | None = None
+        self._goals: Goals | None = None
+        self._goal: BodyGoal | None = None
         self._way: list[tuple[float, float]] | None = None
         self._began: float | None = None
         self._seconds: float | None = None
@@ -55,21 +55,21 @@ class Driver:
 
     @property
     def busy(self) -> bool:
-        """Whether an errand is under way."""
-        return self._course is not None
+        """Whether the body is under way to a goal."""
+        return self._goal is not None
 
     @property
     def _unheard(self) -> bool:
         """Whether the simulator of the body stands still, as if it had missed the last command."""
         return self._repeats > 0 and self._repeats % REPEATS == 0
 
-    def take(self, errand: Errand) -> None:
-        """Take an errand; one that is under way is given up. Then ask what is `next`."""
-        if self._errand is not None and errand.number == self._errand.number:
+    def take(self, goals: Goals) -> None:
+        """Take goals; those before them are given up. Then ask what is `next`."""
+        if self._goals is not None and goals.number == self._goals.number:
             return
-        self._errand = errand
-        mine = [course for course in errand.courses if course.robot == self._robot]
-        self._course = mine[0] if mine else None
+        self._goals = goals
+        mine = [goal for goal in goals.bodies if goal.robot == self._robot]
+        self._goal = mine[0] if mine else None
         self._way = self._began = self._answered = self._ended = None
 
     def sees(self, seconds: float, pose: Pose) -> None:
@@ -86,47 +86,47 @@ class Driver:
         self._seconds, self.pose = seconds, pose
 
     def next(self) -> tuple[Command | None, Reached | None]:
-        """Return what the body is to do now, and how the errand ended if it has.
+        """Return what the body is to do now, and how its goal ended if it has.
 
         None for both where there is nothing to do, or nothing new was seen since. Where the same
         pose comes again and again, the last answer was lost, and is given again.
         """
-        course, errand, pose, now = self._course, self._errand, self.pose, self._seconds
-        if course is None:
+        goal, goals, pose, now = self._goal, self._goals, self.pose, self._seconds
+        if goal is None:
             return None, self._ended if self._unheard else None
-        if errand is None or pose is None or now is None:
+        if goals is None or pose is None or now is None:
             return None, None
-        if 0.0 <= errand.since - now + SLACK <= BACK and self._repeats < REPEATS:
+        if 0.0 <= goals.since - now + SLACK <= BACK and self._repeats < REPEATS:
             return None, None  # a newer pose is to come
-        if errand.place:
-            place = self._ground.place(self._robot, course.end)
+        if goals.place:
+            place = self._ground.place(self._robot, goal.end)
             close = distance(pose, place) <= self._ground.side / 2
-            if not (close or self._ground.inside(course.end, pose.x, pose.y)):
+            if not (close or self._ground.inside(goal.end, pose.x, pose.y)):
                 return None, None  # whoever puts it there is not done
-            return None, self._end(errand, pose, now, there=True)
+            return None, self._end(goals, pose, now, there=True)
         if now == self._answered and not self._unheard:
             return None, None
         self._answered = now
         if self._began is None:
             self._began = now
         if self._way is None:
-            self._way = self._find_way(course, pose)
+            self._way = self._find_way(goal, pose)
         way, near = self._way, self._limits.near
         while len(way) > 1 and distance(pose, way[0]) <= near:
             way.pop(0)
         if distance(pose, way[0]) <= near:
-            return STOP, self._end(errand, pose, now, there=True)
+            return STOP, self._end(goals, pose, now, there=True)
         if now - self._began >= self._limits.seconds - SLACK:
-            return STOP, self._end(errand, pose, now, there=False)
+            return STOP, self._end(goals, pose, now, there=False)
         return steer(pose, way[0], self._limits), None
 
-    def _end(self, errand: Errand, pose: Pose, now: float, *, there: bool) -> Reached:
+    def _end(self, goals: Goals, pose: Pose, now: float, *, there: bool) -> Reached:
         cell = self._ground.cell(pose.x, pose.y)
         took = 0.0 if self._began is None else now - self._began
-        self._course = None
+        self._goal = None
         self._ended = Reached(
             self._robot,
-            errand.number,
+            goals.number,
             LOST if cell is None else cell,
             there,
             round(took, 9),
@@ -134,23 +134,23 @@ class Driver:
         )
         return self._ended
 
-    def _find_way(self, course: Course, pose: Pose) -> list[tuple[float, float]]:
+    def _find_way(self, goal: BodyGoal, pose: Pose) -> list[tuple[float, float]]:
         """Return the places to pass, the goal last: through free cells, wherever the body is."""
         ground, robot = self._ground, self._robot
-        goal = ground.place(robot, course.end)
+        target = ground.place(robot, goal.end)
         here = ground.cell(pose.x, pose.y)
-        if here is None or here == course.end:
-            return [goal]
+        if here is None or here == goal.end:
+            return [target]
         grid = ground.grid
-        if course.end in grid.next_cell[here].tolist():
+        if goal.end in grid.next_cell[here].tolist():
             place = ground.place(robot, here)
-            astray = _off_line(pose, place, goal) > ASTRAY * ground.side
-            return [place, goal] if astray else [goal]
-        ways = grid.distances_to(course.end)
+            astray = _off_line(pose, place, target) > ASTRAY * ground.side
+            return [place, target] if astray else [target]
+        ways = grid.distances_to(goal.end)
         if ways[here] < 0:
-            return [goal]
+            return [target]
         cells = [here]
-        while cells[-1] != course.end:
+        while cells[-1] != goal.end:
             cells.append(min(grid.next_cell[cells[-1]].tolist(), key=lambda x: int(ways[x])))
         return [ground.place(robot, cell) for cell in cells]
 

@@ -20,7 +20,7 @@ from sparse_coord_ros.game.streams import EVALUATION
 from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.evaluation import greedy_team
 from sparse_coord_ros.learn.run_config import RunConfig
-from sparse_coord_ros.lockstep.bodies import BodiesSide, BodyWorld, Errand
+from sparse_coord_ros.lockstep.bodies import BodiesSide, BodyWorld, Goals
 
 DRIVER_SETTINGS = SettingTable(
     [
@@ -178,21 +178,21 @@ class Floor:
         self.drivers = [Driver(ground, limits, k) for k in range(robots)]
         self.moves = 0
         self.on_tick: Callable[[], None] | None = None
-        self._errands: list[Errand] = []
+        self._goals: list[Goals] = []
 
-    def send(self, errand: Errand) -> None:
+    def send(self, goals: Goals) -> None:
         """Take in what bodies are told."""
-        self._errands.append(errand)
-        self.moves += 0 if errand.place else len(errand.courses)
+        self._goals.append(goals)
+        self.moves += 0 if goals.place else len(goals.bodies)
 
     def drive(self) -> None:
         """Let the bodies drive until all are there."""
-        while self._errands:
-            errand = self._errands.pop(0)
-            if self.arena.send(errand):
+        while self._goals:
+            goals = self._goals.pop(0)
+            if self.arena.send(goals):
                 self._look()
             for driver in self.drivers:
-                driver.take(errand)
+                driver.take(goals)
             going = True
             while going:
                 going = self._answer()

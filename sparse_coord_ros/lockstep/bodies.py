@@ -21,10 +21,10 @@ LOST = -1
 """In place of a cell: the body is in none."""
 
 BEGIN = 1.0
-"""Seconds at which simulated time begins. A pose of this time may be older than any errand."""
+"""Seconds at which simulated time begins. A pose of this time may be older than any goals."""
 
 
-class Course(NamedTuple):
+class BodyGoal(NamedTuple):
     """Where one body is to go.
 
     Attributes:
@@ -38,31 +38,31 @@ class Course(NamedTuple):
     end: int
 
 
-class Errand(NamedTuple):
+class Goals(NamedTuple):
     """What bodies are told at once.
 
     Attributes:
-        number: counts from 1; reports on an older errand are ignored.
+        number: counts from 1; reports on older goals are ignored.
         step: the time step.
         place: an episode begins: bodies may get there in any way, and take their time.
         since: the time of the newest pose that was reported on before, by the clock of the poses.
-            Drivers act only on newer ones: by then the simulator of the bodies knows the errand.
-        courses: of the bodies that are told something, in the robots' order.
+            Drivers act only on newer ones: by then the simulator of the bodies knows the goals.
+        bodies: the goals of the bodies that are told something, in the robots' order.
     """
 
     number: int
     step: int
     place: bool
     since: float
-    courses: tuple[Course, ...]
+    bodies: tuple[BodyGoal, ...]
 
 
 class Reached(NamedTuple):
-    """How one body's errand ended.
+    """How one body's goal ended.
 
     Attributes:
         robot: whose body, from 0.
-        number: the errand's.
+        number: that of the goals.
         cell: the free cell that the body is in; `LOST` where it is in none.
         there: whether it came where it was to go.
         seconds: how long it took, by the clock of its poses.
@@ -80,7 +80,7 @@ class Reached(NamedTuple):
 class BodiesPort(Protocol):
     """What the world can do to bodies."""
 
-    def send(self, errand: Errand) -> None:
+    def send(self, goals: Goals) -> None:
         """Tell the bodies."""
 
 
@@ -143,8 +143,8 @@ class BodiesSide:
         self._step: int | None = None
         self._expected: list[int] | None = None
         self._placing = False
-        self._ahead: list[tuple[Course, ...]] = []
-        self._under_way: dict[int, Course] = {}
+        self._ahead: list[tuple[BodyGoal, ...]] = []
+        self._under_way: dict[int, BodyGoal] = {}
         self._number = 0
         self._longest = 0.0
         self._since = BEGIN
@@ -175,27 +175,27 @@ class BodiesSide:
             left = self._expected
             self._expected = world.there = list(world.cells)
             if left != world.there:  # an episode begins, or goes on after a break
-                here = tuple(Course(k, cell, cell) for k, cell in enumerate(world.cells))
+                here = tuple(BodyGoal(k, cell, cell) for k, cell in enumerate(world.cells))
                 self._send(here, place=True)
-            courses = [
-                Course(k, world.cells[k], world.wanted(k, action.move))
+            goals = [
+                BodyGoal(k, world.cells[k], world.wanted(k, action.move))
                 for k, action in enumerate(actions)
                 if action is not None and not world.arrived[k]
             ]
-            self._ahead += waves(courses, world.scenario.map.doorways)
+            self._ahead += waves(goals, world.scenario.map.doorways)
         self._go_on()
         return not self._under_way
 
     def reached(self, said: Reached) -> bool:
         """Take in where a body is; return whether the world may go on."""
-        course = self._under_way.get(said.robot)
-        if course is None or said.number != self._number:
+        goal = self._under_way.get(said.robot)
+        if goal is None or said.number != self._number:
             return False
         del self._under_way[said.robot]
         self._since = max(self._since, said.stamp)
         if not self._placing:
             self._longest = max(self._longest, said.seconds)
-            self._settle(course, said.cell)
+            self._settle(goal, said.cell)
         self._go_on()
         return not self._under_way
 
@@ -207,10 +207,10 @@ class BodiesSide:
         self._go_on()
         return late
 
-    def _settle(self, course: Course, cell: int) -> None:
-        self.failed += cell != course.end
+    def _settle(self, goal: BodyGoal, cell: int) -> None:
+        self.failed += cell != goal.end
         self.lost += cell == LOST
-        self._world.there[course.robot] = course.start if cell == LOST else cell
+        self._world.there[goal.robot] = goal.start if cell == LOST else cell
 
     def _go_on(self) -> None:
         """Send those that come next when all others are there."""
@@ -220,30 +220,30 @@ class BodiesSide:
                 return
             self._send(self._ahead.pop(0))
 
-    def _send(self, courses: tuple[Course, ...], *, place: bool = False) -> None:
+    def _send(self, goals: tuple[BodyGoal, ...], *, place: bool = False) -> None:
         self._number += 1
         self._placing = place
-        self._under_way = {course.robot: course for course in courses}
-        self._port.send(Errand(self._number, self._world.step, place, self._since, courses))
+        self._under_way = {goal.robot: goal for goal in goals}
+        self._port.send(Goals(self._number, self._world.step, place, self._since, goals))
 
 
-def waves(courses: Sequence[Course], doorways: frozenset[int]) -> list[tuple[Course, ...]]:
-    """Return the courses in the order in which bodies can drive them; a body that stays has none.
+def waves(goals: Sequence[BodyGoal], doorways: frozenset[int]) -> list[tuple[BodyGoal, ...]]:
+    """Return the goals in the order in which bodies can drive them; a body that stays has none.
 
     A body enters a cell when the one that leaves it is out. Of several that want to enter only one
     goes, those out of doorways first. Where bodies change places, those out of doorways go first;
     where there are none, all go.
     """
     ahead = sorted(
-        (course for course in courses if course.end != course.start),
-        key=lambda course: (course.start not in doorways, course.robot),
+        (goal for goal in goals if goal.end != goal.start),
+        key=lambda goal: (goal.start not in doorways, goal.robot),
     )
     found = []
     while ahead:
-        leaving = {course.start for course in ahead}
+        leaving = {goal.start for goal in ahead}
         out = [c for c in ahead if c.start in doorways and c.end not in doorways]
         ready = [c for c in ahead if c.end not in leaving] or out or ahead
-        first = {course.end: course for course in reversed(ready)}.values()
+        first = {goal.end: goal for goal in reversed(ready)}.values()
         found.append(tuple(sorted(first)))
-        ahead = [course for course in ahead if course not in first]
+        ahead = [goal for goal in ahead if goal not in first]
     return found

@@ -25,13 +25,13 @@ from sparse_coord_ros.driving.ground import Ground, Pose
 from sparse_coord_ros.driving.steering import Command
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.learn.run_config import RunConfig
-from sparse_coord_ros.lockstep.bodies import BEGIN, Errand, Reached
+from sparse_coord_ros.lockstep.bodies import BEGIN, Goals, Reached
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.follower import Follower
 from sparse_coord_ros.nodes.messages import (
     CLOCK_LAYOUT,
     Converter,
-    read_errand,
+    read_goals,
     read_reached,
     status,
     typed,
@@ -101,8 +101,8 @@ class BodyNode(Follower):
         self._pose_publishers = [self.announce(interface.POSE, name) for name in names]
         self._odometry_publishers = [self.announce(interface.ODOMETRY, name) for name in names]
         convert = Converter(run)
-        read = typed(interface.ERRAND, functools.partial(read_errand, convert, names))
-        self.intake.listen(interface.ERRAND, self._on_errand, read=read)
+        read = typed(interface.BODY_GOALS, functools.partial(read_goals, convert, names))
+        self.intake.listen(interface.BODY_GOALS, self._on_goals, read=read)
         for k, name in enumerate(names):
             take = functools.partial(self._on_command, k)
             read = typed(interface.CMD_VEL, read_command)
@@ -113,14 +113,14 @@ class BodyNode(Follower):
             self.create_timer(self.values["period"] / self.values["body_rate"], self._on_time)
         self._say(arena, look=True)
 
-    def _on_errand(self, errand: Errand) -> None:
+    def _on_goals(self, goals: Goals) -> None:
         if self.arena is None:
             return
         if self.values["body_rate"] == 0:
-            if self.arena.send(errand):
+            if self.arena.send(goals):
                 self._say(self.arena, look=True)
-        elif errand.place:
-            self.arena.put({course.robot: course.end for course in errand.courses})
+        elif goals.place:
+            self.arena.put({goal.robot: goal.end for goal in goals.bodies})
 
     def _on_command(self, robot: int, command: Command) -> None:
         if self.arena is None:

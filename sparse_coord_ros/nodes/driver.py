@@ -20,11 +20,11 @@ from sparse_coord_ros.driving.transforms import Tree, yaw_of
 from sparse_coord_ros.driving.trials import limits_of
 from sparse_coord_ros.errors import RunError, SettingError, did_you_mean
 from sparse_coord_ros.learn.run_config import RunConfig
-from sparse_coord_ros.lockstep.bodies import Errand
+from sparse_coord_ros.lockstep.bodies import Goals
 from sparse_coord_ros.lockstep.waiting import Reminder
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.follower import Follower
-from sparse_coord_ros.nodes.messages import Converter, reached_message, read_errand, typed
+from sparse_coord_ros.nodes.messages import Converter, reached_message, read_goals, typed
 from sparse_coord_ros.nodes.parameters import DRIVER_PARAMETERS, TF
 from sparse_coord_ros.nodes.spin import run_node, wait_for_readers
 
@@ -92,7 +92,7 @@ class DriverNode(Follower):
         self._cmd_vel = self.create_publisher(topic.type, topic.of(self._robot), topic.qos)
 
     def begin(self, run: RunConfig) -> None:
-        """Begin with a run: hear errands and poses."""
+        """Begin with a run: hear goals and poses."""
         names = [robot.name for robot in run.scenario.robots]
         if self._robot not in names:
             raise RunError(
@@ -103,8 +103,10 @@ class DriverNode(Follower):
         number = names.index(self._robot)
         self.driver = Driver(ground, limits_of(self.values, ground.side), number)
         self._convert = Converter(run)
-        read = functools.partial(read_errand, self._convert, names)
-        self.intake.listen(interface.ERRAND, self._on_errand, read=typed(interface.ERRAND, read))
+        read = functools.partial(read_goals, self._convert, names)
+        self.intake.listen(
+            interface.BODY_GOALS, self._on_goals, read=typed(interface.BODY_GOALS, read)
+        )
         if self.values["pose_type"] == TF:
             self._hear_transforms()
         else:
@@ -170,14 +172,14 @@ class DriverNode(Follower):
             self.driver.sees(seconds, pose)
             self._drive(self.driver)
 
-    def _on_errand(self, errand: Errand) -> None:
+    def _on_goals(self, goals: Goals) -> None:
         if self.driver is not None:
-            self._step = errand.step
-            self.driver.take(errand)
+            self._step = goals.step
+            self.driver.take(goals)
             self._drive(self.driver)
 
     def _drive(self, driver: Driver) -> None:
-        """Command what is to be done now, and report where the errand is over."""
+        """Command what is to be done now, and report where the goal is over."""
         command, reached = driver.next()
         if command is not None:
             self._command(command)

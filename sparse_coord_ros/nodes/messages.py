@@ -21,7 +21,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.world import Action, Reward
 from sparse_coord_ros.learn.run_config import RunConfig, run_from_yaml
-from sparse_coord_ros.lockstep.bodies import LOST, Course, Errand, Reached
+from sparse_coord_ros.lockstep.bodies import LOST, BodyGoal, Goals, Reached
 from sparse_coord_ros.lockstep.rollback import NO_ORDER, Order, Progress
 from sparse_coord_ros.nodes.cdr import FixedLayout
 from sparse_coord_ros.nodes.interface import RosTopic
@@ -29,10 +29,10 @@ from sparse_coord_ros.palette import DOORWAY_COLOUR, rgb, robot_colour
 from sparse_coord_ros.wire import (
     ACCOUNT_LABELS,
     ACTION_LABELS,
+    BODY_GOALS_LABELS,
     CLAIM_RANKS,
-    COURSE_LABELS,
     DOORWAYS,
-    ERRAND_LABELS,
+    GOAL_LABELS,
     GOALS,
     MAP_FRAME,
     PARTNERS_LABEL,
@@ -357,17 +357,17 @@ def read_progress(message: DiagnosticStatus) -> Progress:
     )
 
 
-def errand_message(convert: Converter, errand: Errand, names: Sequence[str]) -> JointState:
+def goals_message(convert: Converter, goals: Goals, names: Sequence[str]) -> JointState:
     """Return what bodies are told as a message; names of the robots."""
-    labels = list(ERRAND_LABELS)
-    numbers = [float(errand.number), float(errand.place), errand.since]
-    for robot, *cells in errand.courses:
-        labels += [f"{names[robot]}/{label}" for label in COURSE_LABELS]
+    labels = list(BODY_GOALS_LABELS)
+    numbers = [float(goals.number), float(goals.place), goals.since]
+    for robot, *cells in goals.bodies:
+        labels += [f"{names[robot]}/{label}" for label in GOAL_LABELS]
         numbers += map(float, cells)
-    return JointState(header=convert.header(errand.step), name=labels, position=numbers)
+    return JointState(header=convert.header(goals.step), name=labels, position=numbers)
 
 
-def read_errand(convert: Converter, names: Sequence[str], message: JointState) -> Errand:
+def read_goals(convert: Converter, names: Sequence[str], message: JointState) -> Goals:
     """Return what bodies are told.
 
     Raises:
@@ -377,14 +377,14 @@ def read_errand(convert: Converter, names: Sequence[str], message: JointState) -
     said = _by_label(message)
     number, place = _whole(said, "number", 1, 2**53), _whole(said, "place", 0, 1)
     cells = len(convert.grid.cells)
-    courses = []
+    goals = []
     for k, name in enumerate(names):
-        if f"{name}/{COURSE_LABELS[0]}" in said:
-            ends = [_whole(said, f"{name}/{label}", 0, cells - 1) for label in COURSE_LABELS]
-            courses.append(Course(k, *ends))
+        if f"{name}/{GOAL_LABELS[0]}" in said:
+            ends = [_whole(said, f"{name}/{label}", 0, cells - 1) for label in GOAL_LABELS]
+            goals.append(BodyGoal(k, *ends))
     stamp = message.header.stamp
     step = convert.checked_step(stamp.sec, stamp.nanosec)
-    return Errand(number, step, bool(place), _time(said, "since"), tuple(courses))
+    return Goals(number, step, bool(place), _time(said, "since"), tuple(goals))
 
 
 def reached_message(convert: Converter, step: int, reached: Reached) -> JointState:

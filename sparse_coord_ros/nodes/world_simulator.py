@@ -24,7 +24,7 @@ from sparse_coord_ros.game.world import Action, Reward
 from sparse_coord_ros.learn.history import HISTORY_FILE
 from sparse_coord_ros.learn.run_config import RUN_FILE
 from sparse_coord_ros.learn.tables import TEAM_FILE, robot_file
-from sparse_coord_ros.lockstep.bodies import BodiesSide, BodyWorld, Errand, Reached
+from sparse_coord_ros.lockstep.bodies import BodiesSide, BodyWorld, Goals, Reached
 from sparse_coord_ros.lockstep.checkpoints import Checkpoints
 from sparse_coord_ros.lockstep.rollback import NO_ORDER, ROLL_CALL, Progress, WorldRollback
 from sparse_coord_ros.lockstep.waiting import Reminder
@@ -36,7 +36,7 @@ from sparse_coord_ros.nodes.intake import Intake
 from sparse_coord_ros.nodes.messages import (
     CLOCK_LAYOUT,
     Converter,
-    errand_message,
+    goals_message,
     order_text,
     read_claim,
     read_progress,
@@ -186,10 +186,10 @@ class WorldSimulator(ParameterNode):
             with saving(self):
                 self._checkpoints.save_world(state)
 
-    def send(self, errand: Errand) -> None:
+    def send(self, goals: Goals) -> None:
         """Tell the bodies where to go."""
         self._bodies_heard = time.monotonic()
-        self._errand_publisher.publish(errand_message(self._convert, errand, self._names))
+        self._goals_publisher.publish(goals_message(self._convert, goals, self._names))
 
     # Incoming.
 
@@ -698,7 +698,7 @@ class WorldSimulator(ParameterNode):
         ]
         self._reached_subscriptions = []
         if self._bodies is not None:
-            self._errand_publisher = self.announce(interface.ERRAND)
+            self._goals_publisher = self.announce(interface.BODY_GOALS)
             self._reached_subscriptions = [
                 self.intake.listen(
                     interface.REACHED,

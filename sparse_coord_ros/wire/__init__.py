@@ -96,11 +96,11 @@ SERVICE_EVENTS = Topic(
 )
 """What rclpy publishes of the requests to a robot and of its answers."""
 
-ERRAND = Topic("errand", "sensor_msgs/msg/JointState", TEAM, LATCHED, stamped=True)
+BODY_GOALS = Topic("goals", "sensor_msgs/msg/JointState", TEAM, LATCHED, stamped=True)
 """Where bodies are to go, of a world with bodies; see `lockstep.bodies`."""
 
 REACHED = Topic("reached", "sensor_msgs/msg/JointState", ROBOT, EVENT, stamped=True)
-"""Of a robot's driver: where the body is when its errand is over."""
+"""Of a robot's driver: where the body is when its goal is over."""
 
 POSE = Topic("pose", "geometry_msgs/msg/PoseStamped", ROBOT, STEP, stamped=True)
 ODOMETRY = Topic("odom", "nav_msgs/msg/Odometry", ROBOT, STEP, stamped=True)
@@ -142,9 +142,9 @@ with which the robot was in the miscoordination."""
 ACTION_LABELS = ("east", "north", "coordinate", "peer", "perceived")
 """What the numbers of an action are called in its message."""
 
-ERRAND_LABELS = ("number", "place", "since")
-COURSE_LABELS = ("from", "to")
-"""What the numbers of an errand are called in its message: first its own, then for each robot that
+BODY_GOALS_LABELS = ("number", "place", "since")
+GOAL_LABELS = ("from", "to")
+"""What the numbers of goals are called in its message: first of all, then for each robot that
 it tells something the cells, below the robot's name: `robot_1/from`, `robot_1/to`."""
 
 REACHED_LABELS = ("number", "cell", "there", "seconds", "stamp")

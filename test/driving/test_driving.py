@@ -18,7 +18,7 @@ from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.evaluation import play
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.learn.simulation import learn
-from sparse_coord_ros.lockstep.bodies import LOST, Course, Errand
+from sparse_coord_ros.lockstep.bodies import LOST, BodyGoal, Goals
 
 RUN = make_run(load_scenario("env1"), {})
 CELLS = RUN.scenario.map.number
@@ -133,13 +133,13 @@ def seen(driver, seconds, x, y, yaw=0.0):
     return driver.next()
 
 
-def errand(start, end, number=1, *, place=False, since=-9.0):
-    return Errand(number, 5, place, since, (Course(0, start, end),))
+def goals(start, end, number=1, *, place=False, since=-9.0):
+    return Goals(number, 5, place, since, (BodyGoal(0, start, end),))
 
 
 def test_a_driver_drives_stops_and_reports(ground):
     driver = Driver(ground, LIMITS, 0)
-    driver.take(errand(CELLS[0, 0], CELLS[1, 0]))
+    driver.take(goals(CELLS[0, 0], CELLS[1, 0]))
     assert driver.next() == (None, None)  # no pose yet
     command, reached = seen(driver, 10.0, 0.7, 4.7)
     assert command.turn < 0 and reached is None and driver.busy
@@ -157,7 +157,7 @@ def test_a_driver_drives_stops_and_reports(ground):
 )
 def test_when_time_is_over_the_cell_of_the_pose_counts(ground, x, y, cell):
     driver = Driver(ground, LIMITS, 0)
-    driver.take(errand(CELLS[0, 0], CELLS[1, 0]))
+    driver.take(goals(CELLS[0, 0], CELLS[1, 0]))
     seen(driver, 0.0, 0.7, 4.7)
     assert seen(driver, LIMITS.seconds - 0.1, x, y)[1] is None
     _, reached = seen(driver, LIMITS.seconds, x, y)
@@ -170,7 +170,7 @@ def test_a_driver_in_a_foreign_cell_goes_round_the_walls(ground):
     body, goal = arena.bodies[0], CELLS[0, 3]
     body.put(*ground.place(0, CELLS[0, 1]))
     driver = Driver(ground, Limits(0.5, 1.5, 0.05, 100.0), 0)
-    driver.take(errand(CELLS[1, 3], goal))
+    driver.take(goals(CELLS[1, 3], goal))
     visited, reached = set(), None
     while reached is None:
         command, reached = seen(driver, arena.seconds, *body.pose)
@@ -182,7 +182,7 @@ def test_a_driver_in_a_foreign_cell_goes_round_the_walls(ground):
 
 def test_a_driver_off_its_line_goes_back_to_it_first(ground):
     driver = Driver(ground, LIMITS, 0)
-    driver.take(errand(CELLS[0, 0], CELLS[1, 0]))
+    driver.take(goals(CELLS[0, 0], CELLS[1, 0]))
     command, _ = seen(driver, 0.0, 0.2, 4.7, yaw=0.0)
     assert command.turn > 0 and command.ahead > 0  # east and north first, not south
 
@@ -199,7 +199,7 @@ def test_what_is_no_pose_or_an_older_one_is_ignored(ground):
 
 def test_placing_waits_for_whoever_does_it(ground):
     driver = Driver(ground, LIMITS, 0)
-    driver.take(errand(CELLS[0, 0], CELLS[0, 0], place=True))
+    driver.take(goals(CELLS[0, 0], CELLS[0, 0], place=True))
     for k in range(5):
         assert seen(driver, 100.0 * k, 4.5, 4.5) == (None, None)
     command, reached = seen(driver, 900.0, 0.6, 4.4)
@@ -209,34 +209,34 @@ def test_placing_waits_for_whoever_does_it(ground):
 def test_in_step_time_passes_when_all_that_drive_are_told(ground):
     arena = Arena(ground, 2, 1, SURE, 0.1)
     move = Command(0.1, 0.0)
-    assert not arena.told(0, move)  # too early: no errand, and forgotten
-    assert arena.send(errand(CELLS[0, 0], CELLS[1, 0])) and arena.ticks == 1
-    assert not arena.send(errand(CELLS[0, 0], CELLS[1, 0]))  # the same again
+    assert not arena.told(0, move)  # too early: no goal, and forgotten
+    assert arena.send(goals(CELLS[0, 0], CELLS[1, 0])) and arena.ticks == 1
+    assert not arena.send(goals(CELLS[0, 0], CELLS[1, 0]))  # the same again
     assert arena.told(0, move) and arena.ticks == 2
-    assert arena.send(Errand(2, 5, False, 0.0, (Course(0, 0, 1), Course(1, 4, 5))))
+    assert arena.send(Goals(2, 5, False, 0.0, (BodyGoal(0, 0, 1), BodyGoal(1, 4, 5))))
     assert not arena.told(0, move) and arena.told(1, move) and arena.ticks == 4
     assert not arena.told(0, Command(0.0, 0.0)) and not arena.told(1, move)
     assert arena.reached(0, 2) and arena.ticks == 5  # the other one need not wait
     assert not arena.reached(0, 1)
 
 
-def test_a_driver_waits_for_a_pose_that_follows_its_errand(ground):
-    """A pose that was under way when the errand was sent is of the time before."""
+def test_a_driver_waits_for_a_pose_that_follows_its_goal(ground):
+    """A pose that was under way when the goal was sent is of the time before."""
     driver = Driver(ground, LIMITS, 0)
     driver.sees(7.0, Pose(0.7, 4.7, 0.0))
-    driver.take(errand(CELLS[0, 0], CELLS[1, 0], since=7.1))
+    driver.take(goals(CELLS[0, 0], CELLS[1, 0], since=7.1))
     assert driver.next() == (None, None)
     assert seen(driver, 7.1, 0.7, 4.7) == (None, None)
     assert seen(driver, 7.2, 0.7, 4.7)[0] is not None
-    driver.take(errand(CELLS[0, 0], CELLS[1, 0], number=3, since=7.2))
+    driver.take(goals(CELLS[0, 0], CELLS[1, 0], number=3, since=7.2))
     assert [seen(driver, 7.2, 0.7, 4.7)[0] is not None for _ in range(6)].count(True) == 1
-    driver.take(errand(CELLS[0, 0], CELLS[1, 0], number=2, since=99.0))  # of another clock
+    driver.take(goals(CELLS[0, 0], CELLS[1, 0], number=2, since=99.0))  # of another clock
     assert driver.next()[0] is not None
 
 
 def test_a_driver_says_again_what_a_body_that_stands_still_did_not_hear(ground):
     driver = Driver(ground, LIMITS, 0)
-    driver.take(errand(CELLS[0, 0], CELLS[1, 0]))
+    driver.take(goals(CELLS[0, 0], CELLS[1, 0]))
     first = seen(driver, 7.2, 0.7, 4.7)
     said = [seen(driver, 7.2, 0.7, 4.7) for _ in range(8)]
     assert first[0] is not None
@@ -249,17 +249,17 @@ def test_a_driver_says_again_what_a_body_that_stands_still_did_not_hear(ground):
 
 def test_a_simulator_that_comes_back_goes_on_with_the_teams_time(ground):
     arena = Arena(ground, 2, 1, SURE, 0.1)
-    arena.send(errand(CELLS[0, 0], CELLS[1, 0], number=70, since=42.0))
+    arena.send(goals(CELLS[0, 0], CELLS[1, 0], number=70, since=42.0))
     assert arena.seconds == pytest.approx(42.1)
-    arena.send(errand(CELLS[0, 0], CELLS[1, 0], number=71, since=41.0))
+    arena.send(goals(CELLS[0, 0], CELLS[1, 0], number=71, since=41.0))
     assert arena.seconds == pytest.approx(42.2)
 
 
 def test_a_simulator_says_for_whom_it_stands_still(ground):
     arena = Arena(ground, 2, 1, SURE, 0.1)
     assert arena.waits_for == {0, 1}
-    courses = [Course(k, CELLS[0, 0], CELLS[1, 0]) for k in (0, 1)]
-    arena.send(Errand(1, 1, False, 7.0, tuple(courses)))
+    goals = [BodyGoal(k, CELLS[0, 0], CELLS[1, 0]) for k in (0, 1)]
+    arena.send(Goals(1, 1, False, 7.0, tuple(goals)))
     arena.told(1, Command(0.1, 0.0))
     assert arena.waits_for == {0}
 

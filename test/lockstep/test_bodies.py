@@ -11,9 +11,9 @@ from sparse_coord_ros.lockstep.bodies import (
     BEGIN,
     LOST,
     BodiesSide,
+    BodyGoal,
     BodyWorld,
-    Course,
-    Errand,
+    Goals,
     Reached,
     waves,
 )
@@ -23,13 +23,13 @@ NORTH, SOUTH, EAST, WEST = range(4)
 
 
 class Port:
-    """Keeps the errands."""
+    """Keeps the goals."""
 
     def __init__(self):
-        self.errands = []
+        self.goals = []
 
-    def send(self, errand):
-        self.errands.append(errand)
+    def send(self, goals):
+        self.goals.append(goals)
 
 
 def go(move):
@@ -44,11 +44,11 @@ def made():
     return world, BodiesSide(world, port), port
 
 
-def arrive(side, errand, **cells):
-    """Let the bodies of an errand report; `robot_K` says where one ends instead."""
-    for course in errand.courses:
-        cell = cells.get(f"robot_{course.robot + 1}", course.end)
-        side.reached(Reached(course.robot, errand.number, cell, cell == course.end, 1.5, 2.5))
+def arrive(side, goals, **cells):
+    """Let the bodies of goals report; `robot_K` says where one ends instead."""
+    for goal in goals.bodies:
+        cell = cells.get(f"robot_{goal.robot + 1}", goal.end)
+        side.reached(Reached(goal.robot, goals.number, cell, cell == goal.end, 1.5, 2.5))
 
 
 def test_bodies_are_placed_first_and_then_sent_and_then_the_step_is_made(made):
@@ -56,32 +56,32 @@ def test_bodies_are_placed_first_and_then_sent_and_then_the_step_is_made(made):
     actions = (go(SOUTH), go(SOUTH))
     starts = list(world.cells)
     assert not side.made(actions) and not side.made(actions)
-    (placed,) = port.errands
-    assert placed == Errand(
-        1, 1, True, BEGIN, tuple(Course(k, c, c) for k, c in enumerate(starts))
+    (placed,) = port.goals
+    assert placed == Goals(
+        1, 1, True, BEGIN, tuple(BodyGoal(k, c, c) for k, c in enumerate(starts))
     )
     assert side.placing and side.waiting == [0, 1]
     assert not side.reached(Reached(0, 1, starts[0], True, 0.0, 0.0))
     assert not side.reached(Reached(1, 1, starts[1], True, 0.0, 0.0))  # now they are sent
-    sent = port.errands[1]
+    sent = port.goals[1]
     south = [int(world.scenario.map.next_cell[c, SOUTH]) for c in starts]
-    assert sent.courses == tuple(Course(k, starts[k], south[k]) for k in (0, 1))
+    assert sent.bodies == tuple(BodyGoal(k, starts[k], south[k]) for k in (0, 1))
     assert not sent.place and not side.made(actions) and sent.since == BEGIN
     arrive(side, sent)
     assert side.made(actions) and side.seconds == 1.5
     world.advance(actions)
     assert world.cells == south
     assert not side.made(actions)
-    assert len(port.errands) == 3 and not port.errands[2].place  # the same episode
-    assert port.errands[2].since == 2.5
+    assert len(port.goals) == 3 and not port.goals[2].place  # the same episode
+    assert port.goals[2].since == 2.5
 
 
 def test_where_the_poses_say_it_is_counts(made):
     world, side, port = made
     actions = (go(SOUTH), go(SOUTH))
     side.made(actions)
-    arrive(side, port.errands[0])
-    arrive(side, port.errands[1], robot_1=world.cells[0], robot_2=LOST)
+    arrive(side, port.goals[0])
+    arrive(side, port.goals[1], robot_1=world.cells[0], robot_2=LOST)
     before = list(world.cells)
     assert side.made(actions)
     world.advance(actions)
@@ -93,7 +93,7 @@ def test_who_does_not_report_has_not_moved(made):
     world, side, port = made
     actions = (go(SOUTH), go(SOUTH))
     side.made(actions)
-    arrive(side, port.errands[0])
+    arrive(side, port.goals[0])
     before = list(world.cells)
     side.reached(Reached(0, 2, LOST, False, 9.0, 0.0))
     assert side.give_up() == [1]
@@ -106,7 +106,7 @@ def test_reports_of_older_errands_count_for_nothing(made):
     _, side, port = made
     actions = (go(SOUTH), go(SOUTH))
     side.made(actions)
-    arrive(side, port.errands[0])
+    arrive(side, port.goals[0])
     assert not side.reached(Reached(0, 1, 3, True, 1.0, 0.0))
     assert not side.reached(Reached(5, 2, 3, True, 1.0, 0.0))
     assert side.waiting == [0, 1]
@@ -115,15 +115,15 @@ def test_reports_of_older_errands_count_for_nothing(made):
 def test_a_new_episode_places_them_again_even_in_the_middle_of_a_move(made):
     world, side, port = made
     side.made((go(SOUTH), go(SOUTH)))
-    arrive(side, port.errands[0])
-    arrive(side, port.errands[1])
+    arrive(side, port.goals[0])
+    arrive(side, port.goals[1])
     side.made((go(SOUTH), go(SOUTH)))
     world.advance((go(SOUTH), go(SOUTH)))
     side.made((go(SOUTH), go(SOUTH)))
     world.begin_episode()
     assert not side.made((go(SOUTH), go(SOUTH)))
-    assert port.errands[-1].place
-    assert [course.end for course in port.errands[-1].courses] == world.cells
+    assert port.goals[-1].place
+    assert [goal.end for goal in port.goals[-1].bodies] == world.cells
 
 
 def test_who_slips_is_sent_nowhere():
@@ -132,8 +132,8 @@ def test_who_slips_is_sent_nowhere():
     side = BodiesSide(world, port)
     actions = (go(SOUTH), go(SOUTH))
     side.made(actions)
-    arrive(side, port.errands[0])
-    assert len(port.errands) == 1 and side.made(actions)
+    arrive(side, port.goals[0])
+    assert len(port.goals) == 1 and side.made(actions)
     assert BodyWorld(scenario, 1, slips=False).wanted(0, SOUTH) != world.cells[0]
 
 
@@ -141,7 +141,7 @@ A, B, C, DOOR = 1, 2, 3, 9
 
 
 @pytest.mark.parametrize(
-    ("courses", "order"),
+    ("goals", "order"),
     [
         ([(A, A), (B, B)], []),
         ([(A, B), (B, C)], [[1], [0]]),  # one behind the other
@@ -154,9 +154,9 @@ A, B, C, DOOR = 1, 2, 3, 9
         ([(A, B), (B, C), (C, A)], [[0, 1, 2]]),
     ],
 )
-def test_the_order_in_which_bodies_set_out(courses, order):
-    found = waves([Course(k, *ends) for k, ends in enumerate(courses)], frozenset({DOOR}))
-    assert [[course.robot for course in wave] for wave in found] == order
+def test_the_order_in_which_bodies_set_out(goals, order):
+    found = waves([BodyGoal(k, *ends) for k, ends in enumerate(goals)], frozenset({DOOR}))
+    assert [[goal.robot for goal in wave] for wave in found] == order
 
 
 class Silent:
@@ -188,7 +188,7 @@ def test_bodies_that_get_there_play_the_grid_s_game():
                 barrier.action(k, world.step, action)
         assert barrier.actions == tuple(actions)
         while not side.made(barrier.actions):
-            arrive(side, port.errands[-1])
+            arrive(side, port.goals[-1])
         outcome = grid.advance(actions)
         team.learn(choices, grid, outcome)
         barrier.advance()

@@ -16,14 +16,14 @@ from sparse_coord_ros.driving.ground import Pose
 from sparse_coord_ros.errors import RunError, SettingError
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.lockstep.bodies import Course, Errand, Reached
+from sparse_coord_ros.lockstep.bodies import BodyGoal, Goals, Reached
 from sparse_coord_ros.nodes.body import BodyNode, read_command
 from sparse_coord_ros.nodes.driver import DriverNode
 from sparse_coord_ros.nodes.messages import (
     Converter,
-    errand_message,
+    goals_message,
     reached_message,
-    read_errand,
+    read_goals,
     read_reached,
 )
 from sparse_coord_ros.nodes.outputs import gather
@@ -221,8 +221,8 @@ def test_at_their_own_speed(bench, tmp_path):
 def test_errands_and_reports_travel(own_domain):
     run = make_run(load_scenario("env1"), {})
     convert, names = Converter(run), [robot.name for robot in run.scenario.robots]
-    errand = Errand(3, 17, False, 4.5, (Course(1, 4, 5),))
-    assert read_errand(convert, names, errand_message(convert, errand, names)) == errand
+    goals = Goals(3, 17, False, 4.5, (BodyGoal(1, 4, 5),))
+    assert read_goals(convert, names, goals_message(convert, goals, names)) == goals
     for reached in (Reached(0, 3, 5, True, 1.25, 0.0), Reached(0, 3, -1, False, 9.0, 0.0)):
         assert read_reached(convert, 0, reached_message(convert, 17, reached)) == reached
 
@@ -259,15 +259,15 @@ def test_bad_speeds_are_refused(speed):
 def test_bad_errands_are_refused():
     run = make_run(load_scenario("env1"), {})
     convert, names = Converter(run), ["robot_1", "robot_2"]
-    message = errand_message(convert, Errand(1, 2, True, 0.0, (Course(0, 1, 1),)), names)
+    message = goals_message(convert, Goals(1, 2, True, 0.0, (BodyGoal(0, 1, 1),)), names)
     message.position[-1] = 999.0
     with pytest.raises(ValueError, match="robot_1/to"):
-        read_errand(convert, names, message)
-    message = errand_message(convert, Errand(1, 2, True, 1e300, (Course(0, 1, 1),)), names)
+        read_goals(convert, names, message)
+    message = goals_message(convert, Goals(1, 2, True, 1e300, (BodyGoal(0, 1, 1),)), names)
     with pytest.raises(ValueError, match="since is 1e\\+300"):
-        read_errand(convert, names, message)
+        read_goals(convert, names, message)
     with pytest.raises(ValueError, match="labels"):
-        read_errand(convert, names, JointState(header=message.header, name=["a"], position=[]))
+        read_goals(convert, names, JointState(header=message.header, name=["a"], position=[]))
 
 
 @pytest.mark.parametrize(
@@ -362,7 +362,7 @@ def test_a_body_whose_poses_stop_is_stopped(bench):
     poses.publish(pose)
     bench.spin_until(lambda: driver.driver.pose is not None, "the pose is there")
     world.send(
-        Errand(1, 1, False, 0.0, (Course(0, 0, int(world.run.scenario.map.next_cell[0, 1])),))
+        Goals(1, 1, False, 0.0, (BodyGoal(0, 0, int(world.run.scenario.map.next_cell[0, 1])),))
     )
     bench.spin_until(lambda: len(commands) >= 2, "it drives and is stopped")
     assert commands[0].angular.z or commands[0].linear.x
