@@ -136,10 +136,10 @@ def _class_bound(options: argparse.Namespace, scenario: Scenario) -> int:
 def _draw(path: Path, scenario: Scenario, bound: ClassBound) -> None:
     from matplotlib.figure import Figure
 
-    from sparse_coord_ros.solve.class_search import draw
+    from sparse_coord_ros.experiments.report.map_pictures import draw_team
 
     rows, columns = scenario.map.shape
     size = (max(4.0, 0.6 * columns), max(3.0, 0.6 * rows))
     figure = Figure(figsize=size, layout="constrained")
-    draw(figure.subplots(), scenario, bound)
+    draw_team(figure.subplots(), scenario, bound)
     figure.savefig(path, dpi=110)

@@ -32,7 +32,7 @@ OUTSIDE_SWEEPS = 1
 longer than they spare."""
 
 
-class Game(NamedTuple):
+class WeightedGame(NamedTuple):
     """The game of two robots, and whose reward counts how much.
 
     Attributes:
@@ -60,7 +60,7 @@ class Game(NamedTuple):
     success: float
 
 
-class Policy(NamedTuple):
+class ClassTeam(NamedTuple):
     """A team of Algorithm 1's form.
 
     Attributes:
@@ -75,7 +75,7 @@ class Policy(NamedTuple):
     seen: np.ndarray
 
 
-class Space(NamedTuple):
+class Workspace(NamedTuple):
     """What the loops write to.
 
     Attributes:
@@ -102,7 +102,7 @@ class Space(NamedTuple):
 
 
 def can_do(
-    game: Game, policy: Policy, free: np.ndarray, k: int, x: int, z: int, outcome: int
+    game: WeightedGame, policy: ClassTeam, free: np.ndarray, k: int, x: int, z: int, outcome: int
 ) -> bool:
     """Whether robot k in cell x, the peer in z, may end a step by that move (or staying)."""
     if outcome == STAY:
@@ -116,7 +116,7 @@ def can_do(
     return bool(game.percept[x, z] > 0.0 and (free[k] or policy.seen[k, x, z] == outcome))
 
 
-def reach(game: Game, policy: Policy, free: np.ndarray, space: Space) -> int:
+def reach(game: WeightedGame, policy: ClassTeam, free: np.ndarray, space: Workspace) -> int:
     """Write the joint states that the team can get into to `order`, successors first.
 
     Args:
@@ -162,7 +162,7 @@ def reach(game: Game, policy: Policy, free: np.ndarray, space: Space) -> int:
 
 
 def pair(
-    game: Game, value: np.ndarray, x: int, y: int, one: int, other: int
+    game: WeightedGame, value: np.ndarray, x: int, y: int, one: int, other: int
 ) -> tuple[float, float]:
     """Return what a pair of moves brings, without what staying in (x, y) brings later.
 
@@ -190,7 +190,7 @@ def pair(
 
 
 def best_at(
-    game: Game, policy: Policy, free: np.ndarray, value: np.ndarray, x: int, y: int
+    game: WeightedGame, policy: ClassTeam, free: np.ndarray, value: np.ndarray, x: int, y: int
 ) -> float:
     """Return the value of a joint state; choose the moves after a percept of who is free."""
     asks0 = x != game.goals[0] and policy.asks[0, x]
@@ -231,7 +231,9 @@ def best_at(
     return best
 
 
-def solve(game: Game, policy: Policy, free: np.ndarray, space: Space, target: float) -> float:
+def solve(
+    game: WeightedGame, policy: ClassTeam, free: np.ndarray, space: Workspace, target: float
+) -> float:
     """Return the team's value from the starts, the moves after percepts chosen at best.
 
     Args:
@@ -246,8 +248,8 @@ def solve(game: Game, policy: Policy, free: np.ndarray, space: Space, target: fl
 
 
 def sweep(
-    game: Game,
-    policy: Policy,
+    game: WeightedGame,
+    policy: ClassTeam,
     free: np.ndarray,
     value: np.ndarray,
     order: np.ndarray,
@@ -271,7 +273,7 @@ def sweep(
     return float(value[x0, y0])
 
 
-def visit(game: Game, policy: Policy, space: Space) -> None:
+def visit(game: WeightedGame, policy: ClassTeam, space: Workspace) -> None:
     """Write to `visited` and `inside` where the team gets, its moves after percepts given."""
     cells = game.lead.shape[0]
     free = np.zeros(2, dtype=np.bool_)
@@ -286,12 +288,12 @@ def visit(game: Game, policy: Policy, space: Space) -> None:
             space.visited[1, y] = True
 
 
-def fill(game: Game, policy: Policy, free: np.ndarray, space: Space) -> None:
+def fill(game: WeightedGame, policy: ClassTeam, free: np.ndarray, space: Workspace) -> None:
     """Compute every joint state, also where the team never gets."""
     sweep(game, policy, free, space.value, space.everything, -np.inf)
 
 
-def surround(game: Game, policy: Policy, free: np.ndarray, space: Space) -> None:
+def surround(game: WeightedGame, policy: ClassTeam, free: np.ndarray, space: Workspace) -> None:
     """Write where the team gets, and what the joint states elsewhere are worth at most."""
     visit(game, policy, space)
     cells = game.lead.shape[0]
@@ -305,7 +307,9 @@ def surround(game: Game, policy: Policy, free: np.ndarray, space: Space) -> None
     sweep(game, policy, free, space.value, space.order[:count], -np.inf, OUTSIDE_SWEEPS)
 
 
-def promising(game: Game, policy: Policy, free: np.ndarray, space: Space, k: int, x: int) -> bool:
+def promising(
+    game: WeightedGame, policy: ClassTeam, free: np.ndarray, space: Workspace, k: int, x: int
+) -> bool:
     """Whether a new choice of robot k in cell x beats the team's value for some peer's cell.
 
     If a step of it, before all goes on as it was, is better nowhere, the new team is not better.
@@ -320,7 +324,9 @@ def promising(game: Game, policy: Policy, free: np.ndarray, space: Space, k: int
     return False
 
 
-def climb(game: Game, policy: Policy, free: np.ndarray, space: Space, trials: np.ndarray) -> float:
+def climb(
+    game: WeightedGame, policy: ClassTeam, free: np.ndarray, space: Workspace, trials: np.ndarray
+) -> float:
     """Change one robot's choice in one cell as long as that makes the team better.
 
     Args:
@@ -367,7 +373,7 @@ def climb(game: Game, policy: Policy, free: np.ndarray, space: Space, trials: np
     return best
 
 
-class Loops(NamedTuple):
+class SearchLoops(NamedTuple):
     """The loops that the search calls."""
 
     solve: Callable[..., float]
@@ -376,7 +382,7 @@ class Loops(NamedTuple):
     fill: Callable[..., None]
 
 
-PLAIN = Loops(solve, visit, climb, fill)
+PLAIN = SearchLoops(solve, visit, climb, fill)
 """The loops as plain Python: slow, for tests and where numba is missing."""
 
 CALLED: tuple[Callable[..., Any], ...] = (
@@ -393,7 +399,7 @@ CALLED: tuple[Callable[..., Any], ...] = (
 
 
 @functools.cache
-def compiled() -> Loops:
+def compiled() -> SearchLoops:
     """Return the loops compiled by numba, or as plain Python where it is not installed."""
     try:
         import numba
@@ -402,4 +408,4 @@ def compiled() -> Loops:
     for function in CALLED:
         numba.extending.register_jitable(function)
     made: list[Any] = [numba.njit(nogil=True)(loop) for loop in PLAIN]
-    return Loops(*made)
+    return SearchLoops(*made)

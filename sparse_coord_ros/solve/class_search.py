@@ -16,13 +16,12 @@ import json
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from sparse_coord_ros.errors import ResultsError
 from sparse_coord_ros.files import write_whole
-from sparse_coord_ros.game.grid import MOVES
 from sparse_coord_ros.game.links import check_up
 from sparse_coord_ros.game.perception import percept_probabilities
 from sparse_coord_ros.game.scenario import Scenario
@@ -35,11 +34,14 @@ from sparse_coord_ros.solve.class_bound import (
     check_class,
     game_digest,
 )
-from sparse_coord_ros.solve.class_loops import OPTIONS, Game, Loops, Policy, Space
+from sparse_coord_ros.solve.class_loops import (
+    OPTIONS,
+    ClassTeam,
+    SearchLoops,
+    WeightedGame,
+    Workspace,
+)
 from sparse_coord_ros.version import __version__
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 FORMAT = 1
 PATIENCE = 10
@@ -71,7 +73,7 @@ def class_bound(
     seed: int = 0,
     file: Path | None = None,
     progress: Progress = lambda done, of, best: None,
-    loops: Loops | None = None,
+    loops: SearchLoops | None = None,
 ) -> ClassBound:
     """Search for the best team of Algorithm 1's form.
 
@@ -118,7 +120,7 @@ def class_bound(
 
 
 def class_value(
-    scenario: Scenario, robots: Sequence[RobotPolicy], *, loops: Loops = class_loops.PLAIN
+    scenario: Scenario, robots: Sequence[RobotPolicy], *, loops: SearchLoops = class_loops.PLAIN
 ) -> float:
     """Return what a team of these policies is worth, averaged and to infinity."""
     game = _game(scenario, (0.5, 0.5))
@@ -128,7 +130,7 @@ def class_value(
     )
 
 
-def _game(scenario: Scenario, weights: tuple[float, float]) -> Game:
+def _game(scenario: Scenario, weights: tuple[float, float]) -> WeightedGame:
     """Return the game; the weights say how much each robot's reward counts."""
     grid = scenario.map
     cells = len(grid.cells)
@@ -141,7 +143,7 @@ def _game(scenario: Scenario, weights: tuple[float, float]) -> Game:
         for other in doors if scenario.conflict == "any_doorway" else [one]:
             toll[one, other] = paid
     share = np.array(weights)
-    return Game(
+    return WeightedGame(
         lead=np.column_stack([grid.next_cell, np.arange(cells)]),
         starts=np.array([robot.start for robot in scenario.robots]),
         goals=np.array([robot.goal for robot in scenario.robots]),
@@ -155,7 +157,7 @@ def _game(scenario: Scenario, weights: tuple[float, float]) -> Game:
     )
 
 
-def _space(scenario: Scenario, game: Game) -> Space:
+def _space(scenario: Scenario, game: WeightedGame) -> Workspace:
     cells = len(scenario.map.cells)
     gamma, p = game.discount, game.success
     one, other = (scenario.map.distances_to(robot.goal) for robot in scenario.robots)
@@ -167,7 +169,7 @@ def _space(scenario: Scenario, game: Game) -> Space:
         for k, far in enumerate((one, other))
     ]
     goal = scenario.robots[0].goal * cells + scenario.robots[1].goal
-    return Space(
+    return Workspace(
         value=np.zeros((cells, cells)),
         kept=np.zeros((cells, cells)),
         order=np.zeros(cells * cells, dtype=np.int64),
@@ -182,12 +184,12 @@ def _space(scenario: Scenario, game: Game) -> Space:
 
 def _restart(
     scenario: Scenario,
-    game: Game,
-    loops: Loops,
+    game: WeightedGame,
+    loops: SearchLoops,
     free: np.ndarray,
     seed: list[int],
-    fixed: Policy | None,
-) -> tuple[Policy, float]:
+    fixed: ClassTeam | None,
+) -> tuple[ClassTeam, float]:
     """Climb from a random team, and again from where shakes lead.
 
     Args:
@@ -218,7 +220,7 @@ def _restart(
     return best, top
 
 
-def _random(scenario: Scenario, rng: np.random.Generator) -> Policy:
+def _random(scenario: Scenario, rng: np.random.Generator) -> ClassTeam:
     """Return a team on random routes that asks in random cells."""
     cells = len(scenario.map.cells)
     lead = scenario.map.next_cell
@@ -234,14 +236,18 @@ def _random(scenario: Scenario, rng: np.random.Generator) -> Policy:
             far = new
         moves[k] = (toll + far)[lead].argmin(axis=1)
     asks = rng.random((2, cells)) < rng.choice(ASKED, size=(2, 1))
-    return Policy(moves, asks, np.zeros((2, cells, cells), dtype=np.int64))
+    return ClassTeam(moves, asks, np.zeros((2, cells, cells), dtype=np.int64))
 
 
 def _shaken(
-    scenario: Scenario, game: Game, policy: Policy, visited: np.ndarray, rng: np.random.Generator
-) -> Policy:
+    scenario: Scenario,
+    game: WeightedGame,
+    policy: ClassTeam,
+    visited: np.ndarray,
+    rng: np.random.Generator,
+) -> ClassTeam:
     """Return a copy with a few choices changed, where the robots act or next to that."""
-    new = Policy(*(array.copy() for array in policy))
+    new = ClassTeam(*(array.copy() for array in policy))
     near = visited.copy()
     for k in range(2):
         near[k, scenario.map.next_cell[visited[k]]] = True
@@ -255,10 +261,10 @@ def _shaken(
 
 
 def _texts(
-    scenario: Scenario, game: Game, loops: Loops, policy: Policy
+    scenario: Scenario, game: WeightedGame, loops: SearchLoops, policy: ClassTeam
 ) -> tuple[RobotPolicy, RobotPolicy]:
     """Return the team as texts; a robot that never gets to a cell does not ask there."""
-    new = Policy(*(array.copy() for array in policy))
+    new = ClassTeam(*(array.copy() for array in policy))
     space = _space(scenario, game)
     both = np.ones(2, dtype=np.bool_)
     loops.solve(game, new, both, space, -np.inf)
@@ -276,9 +282,9 @@ def _texts(
     return robot(0), robot(1)
 
 
-def _from_texts(scenario: Scenario, robots: Sequence[RobotPolicy]) -> Policy:
+def _from_texts(scenario: Scenario, robots: Sequence[RobotPolicy]) -> ClassTeam:
     cells = len(scenario.map.cells)
-    policy = Policy(
+    policy = ClassTeam(
         np.array([[LETTERS.index(letter) for letter in robot.moves] for robot in robots]),
         np.zeros((2, cells), dtype=np.bool_),
         np.zeros((2, cells, cells), dtype=np.int64),
@@ -291,7 +297,7 @@ def _from_texts(scenario: Scenario, robots: Sequence[RobotPolicy]) -> Policy:
 
 
 def _gain(
-    scenario: Scenario, robots: Sequence[RobotPolicy], k: int, seed: int, loops: Loops
+    scenario: Scenario, robots: Sequence[RobotPolicy], k: int, seed: int, loops: SearchLoops
 ) -> float:
     """Return the most that robot k was found to gain for itself, the other staying as it is."""
     game = _game(scenario, (1.0, 0.0) if k == 0 else (0.0, 1.0))
@@ -300,7 +306,7 @@ def _gain(
     fixed = _from_texts(scenario, robots)
     now = loops.solve(game, fixed, np.zeros(2, dtype=np.bool_), space, -np.inf)
     trials = np.arange(2 * len(scenario.map.cells) * OPTIONS)
-    own = Policy(*(array.copy() for array in fixed))
+    own = ClassTeam(*(array.copy() for array in fixed))
     best = loops.climb(game, own, alone, _space(scenario, game), trials)
     for i in range(DEVIATIONS):
         best = max(best, _restart(scenario, game, loops, alone, [seed, k, i], fixed)[1])
@@ -353,13 +359,46 @@ def _keep(
     write_whole(file, json.dumps(data, indent=1) + "\n")
 
 
+class Acting(NamedTuple):
+    """What a team does where it gets to.
+
+    Attributes:
+        team: its choices.
+        visited: whether a robot acts in a cell, shape (2, cells).
+        seen: of each robot, the peer's cells that it can perceive in each cell where it asks.
+    """
+
+    team: ClassTeam
+    visited: np.ndarray
+    seen: list[dict[int, list[int]]]
+
+
+def acting(scenario: Scenario, robots: Sequence[RobotPolicy]) -> Acting:
+    """Return what a team does, without the cells and percepts that it never gets to."""
+    team = _from_texts(scenario, robots)
+    game = _game(scenario, (0.5, 0.5))
+    space = _space(scenario, game)
+    nobody = np.zeros(2, dtype=np.bool_)
+    cells = len(scenario.map.cells)
+    class_loops.visit(game, team, space)
+    seen: list[dict[int, list[int]]] = [{}, {}]
+    count = class_loops.reach(game, team, nobody, space)
+    for state in np.sort(space.order[:count]):
+        here = (int(state // cells), int(state % cells))
+        for k in range(2):
+            x, z = here[k], here[1 - k]
+            if x != game.goals[k] and team.asks[k, x] and game.percept[x, z] > 0.0:
+                seen[k].setdefault(x, []).append(z)
+    ordered = [{x: sorted(others) for x, others in robot.items()} for robot in seen]
+    return Acting(team, space.visited, ordered)
+
+
 def in_words(scenario: Scenario, robots: Sequence[RobotPolicy]) -> list[str]:
     """Return what the team does, a line for each way and each cell to ask in.
 
     Cells that a robot gets to only because it stepped aside follow its way.
     """
-    policy = _from_texts(scenario, robots)
-    seen, visited = _peers_seen(scenario, policy)
+    policy, visited, seen = acting(scenario, robots)
     lines = []
     for k, robot in enumerate(scenario.robots):
         peer = scenario.robots[1 - k].name
@@ -381,29 +420,6 @@ def in_words(scenario: Scenario, robots: Sequence[RobotPolicy]) -> list[str]:
             moves = [f"{_place(scenario, x)} {ACTIONS[usual[x]]}" for x in aside]
             lines.append(f"  off its way: {', '.join(moves)}")
     return lines
-
-
-def _peers_seen(
-    scenario: Scenario, policy: Policy
-) -> tuple[list[dict[int, list[int]]], np.ndarray]:
-    """Return, of each robot, the peer's cells that it can perceive in each cell to ask in.
-
-    And in which cells it acts, shape (2, cells).
-    """
-    game = _game(scenario, (0.5, 0.5))
-    space = _space(scenario, game)
-    nobody = np.zeros(2, dtype=np.bool_)
-    cells = len(scenario.map.cells)
-    class_loops.visit(game, policy, space)
-    seen: list[dict[int, list[int]]] = [{}, {}]
-    count = class_loops.reach(game, policy, nobody, space)
-    for state in np.sort(space.order[:count]):
-        here = (int(state // cells), int(state % cells))
-        for k in range(2):
-            x, z = here[k], here[1 - k]
-            if x != game.goals[k] and policy.asks[k, x] and game.percept[x, z] > 0.0:
-                seen[k].setdefault(x, []).append(z)
-    return [{x: sorted(others) for x, others in robot.items()} for robot in seen], space.visited
 
 
 def _way(scenario: Scenario, start: int, goal: int, moves: np.ndarray) -> list[int]:
@@ -428,38 +444,3 @@ def _route(scenario: Scenario, way: list[int], moves: np.ndarray, goal: int) -> 
 def _place(scenario: Scenario, cell: int) -> str:
     row, column = scenario.map.cells[cell]
     return f"({row}, {column})"
-
-
-def draw(axes: Axes, scenario: Scenario, bound: ClassBound) -> None:
-    """Draw the team on its map: an arrow a move, a ring where a robot asks first.
-
-    Only cells that the robots get to; under a ring there is an arrow for each move that the robot
-    may choose after the percept.
-    """
-    from matplotlib.patches import Circle
-
-    from sparse_coord_ros.experiments.report.map_pictures import draw_map
-
-    colours = ("#0072B2", "#E69F00")
-    draw_map(axes, scenario, label_size=8, label_height=0.13)
-    policy = _from_texts(scenario, bound.robots)
-    seen, visited = _peers_seen(scenario, policy)
-    for k in range(2):
-        shift = 0.18 * (k - 0.5)
-        for x in np.flatnonzero(visited[k]).tolist():
-            row, column = scenario.map.cells[x]
-            centre = (column + 0.5 + shift, row + 0.5 + shift)
-            moves = {int(policy.moves[k, x])}
-            if x in seen[k]:
-                moves = {int(move) for move in policy.seen[k, x, seen[k][x]]}
-                axes.add_patch(Circle(centre, 0.2, fill=False, color=colours[k], lw=1.6))
-            for move in moves:
-                dr, dc = MOVES[move]
-                axes.annotate(
-                    "",
-                    (centre[0] + 0.3 * dc, centre[1] + 0.3 * dr),
-                    (centre[0] - 0.1 * dc, centre[1] - 0.1 * dr),
-                    arrowprops={"arrowstyle": "->", "color": colours[k], "lw": 1.6},
-                )
-    penalty = f"penalty {scenario.penalty:g}"
-    axes.set_title(f"{scenario.name}, {penalty}: class bound {bound.value:.2f}")

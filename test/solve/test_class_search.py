@@ -44,7 +44,7 @@ def every_team(scenario):
         (k, x) for k, robot in enumerate(scenario.robots) for x in range(cells) if x != robot.goal
     ]
     for choice in itertools.product((0, 2, 3, 8), repeat=len(places)):  # north is staying
-        policy = class_loops.Policy(
+        policy = class_loops.ClassTeam(
             np.zeros((2, cells), dtype=np.int64),
             np.zeros((2, cells), dtype=bool),
             np.zeros((2, cells, cells), dtype=np.int64),
@@ -208,6 +208,8 @@ def test_only_two_robots():
 def test_words_and_picture_show_what_the_team_does(tmp_path):
     from matplotlib.figure import Figure
 
+    from sparse_coord_ros.experiments.report.map_pictures import draw_team
+
     scenario = made("1.D.2\n..#..", {"a": (1, 2), "b": (2, 1)})
     # Robot a steps south where b is in the doorway or behind it; b walks straight on.
     cells = {position: x for x, position in enumerate(scenario.map.cells)}
@@ -230,7 +232,7 @@ def test_words_and_picture_show_what_the_team_does(tmp_path):
     figure = Figure()
     axes = figure.subplots()
     found = class_bound(scenario, restarts=1, loops=LOOPS)
-    class_search.draw(axes, scenario, found)
+    draw_team(axes, scenario, found)
     assert f"class bound {found.value:.2f}" in axes.get_title()
     figure.savefig(tmp_path / "team.png")
     assert (tmp_path / "team.png").stat().st_size > 1000
