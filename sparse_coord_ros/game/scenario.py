@@ -8,16 +8,16 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 
 from sparse_coord_ros.errors import MapError, ScenarioError, SettingError, did_you_mean
-from sparse_coord_ros.game.grid import UNREACHABLE, GridMap, load_map, parse_map
+from sparse_coord_ros.game.grid import MOVES, UNREACHABLE, GridMap, load_map, parse_map
 from sparse_coord_ros.game.links import LINKS
 from sparse_coord_ros.game.perception import PERCEPTION
 from sparse_coord_ros.game.schedules import EPSILON, STARTS, STEP_SIZE
 from sparse_coord_ros.game.settings import Setting, SettingTable
 from sparse_coord_ros.game.specs import Number, Spec, SpecFamily
-from sparse_coord_ros.learn.sparse import dense_nbytes
 from sparse_coord_ros.share import share_file, share_names
 
 COMMON_REWARD = SpecFamily(
@@ -333,6 +333,11 @@ class Scenario:
             "robots": [[robot.start, robot.goal] for robot in self.robots],
             **SETTINGS.effective({name: getattr(self, name) for name in SETTINGS}),
         }
+
+
+def dense_nbytes(cells: int, agents: int) -> int:
+    """Return the bytes of Q^C as an array: a float64 for each joint state and move."""
+    return int(cells**agents * len(MOVES) * np.dtype(np.float64).itemsize)
 
 
 RESERVED_NAMES = ("world_simulator", "recorder", "team")

@@ -16,11 +16,6 @@ FIRST_ROWS = 16
 """Rows of a table that grows from nothing; it doubles when they are used up."""
 
 
-def dense_nbytes(cells: int, agents: int) -> int:
-    """Return the bytes of Q^C as an array: four float64 for each joint state of the agents."""
-    return int(cells**agents * PRIMITIVES * np.dtype(np.float64).itemsize)
-
-
 class SparseTable:
     """A table that reads like an array of shape `shape`, float64, with few rows.
 

@@ -5,7 +5,8 @@
 import numpy as np
 import pytest
 
-from sparse_coord_ros.learn.sparse import SparseTable, dense_nbytes
+from sparse_coord_ros.game.scenario import dense_nbytes
+from sparse_coord_ros.learn.sparse import SparseTable
 
 
 def test_reads_like_a_dense_table_whatever_is_set():

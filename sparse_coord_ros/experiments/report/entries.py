@@ -13,11 +13,10 @@ import pandas as pd
 from sparse_coord_ros.experiments.catalogue import Experiment
 from sparse_coord_ros.experiments.conditions import Condition
 from sparse_coord_ros.experiments.store import BY_ROBOT, SUMS, ConditionResult
-from sparse_coord_ros.game.scenario import SETTINGS, Scenario
+from sparse_coord_ros.game.scenario import SETTINGS, Scenario, dense_nbytes
 from sparse_coord_ros.game.specs import Spec
 from sparse_coord_ros.learn.evaluation import Measure
 from sparse_coord_ros.learn.learners import learner_of
-from sparse_coord_ros.learn.sparse import dense_nbytes
 from sparse_coord_ros.solve.best_team import shipped_best_team
 from sparse_coord_ros.solve.class_bound import shipped_class_bound
 
