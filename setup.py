@@ -28,6 +28,8 @@ setup(
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        # `ros2 run` finds the nodes here; a pip installation puts none of these names on the PATH.
+        (f"lib/{PACKAGE}", sorted(glob("scripts/*"))),
         (f"share/{PACKAGE}", ["package.xml"]),
         (
             f"share/{PACKAGE}/config",
@@ -85,17 +87,5 @@ setup(
         "docs": ["sphinx", "myst-parser", "furo", "sphinx-argparse>=0.5"],
         "coverage": ["pytest-cov"],
     },
-    entry_points={
-        "console_scripts": [
-            "world_simulator = sparse_coord_ros.executables:world_simulator",
-            "robot = sparse_coord_ros.executables:robot",
-            "recorder = sparse_coord_ros.executables:recorder",
-            "team = sparse_coord_ros.executables:team",
-            "watch = sparse_coord_ros.executables:watch",
-            "driver = sparse_coord_ros.executables:driver",
-            "body = sparse_coord_ros.executables:body",
-            "player = sparse_coord_ros.executables:player",
-            "sparse_coord = sparse_coord_ros.executables:sparse_coord",
-        ]
-    },
+    entry_points={"console_scripts": ["sparse_coord = sparse_coord_ros.executables:sparse_coord"]},
 )

@@ -1,6 +1,10 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Entry points: they mind signals before the long imports of ROS and NumPy begin."""
+"""Entry points: they mind signals before the long imports of ROS and NumPy begin.
+
+A node is started by `ros2 run sparse_coord_ros robot`, or without the command `ros2` by
+`python -m sparse_coord_ros.executables robot`; both take the same `--ros-args`.
+"""
 
 import importlib
 import os
@@ -9,54 +13,25 @@ import sys
 
 STOPPED, INTERRUPTED = 0, 130
 
-
-def world_simulator() -> int:
-    """Run the node `world_simulator`."""
-    return _start("sparse_coord_ros.nodes.world_simulator", STOPPED)
-
-
-def robot() -> int:
-    """Run the node `robot`."""
-    return _start("sparse_coord_ros.nodes.robot", STOPPED)
-
-
-def recorder() -> int:
-    """Run the node `recorder`."""
-    return _start("sparse_coord_ros.nodes.recorder", STOPPED)
-
-
-def team() -> int:
-    """Run the executable `team`."""
-    return _start("sparse_coord_ros.nodes.team", STOPPED)
-
-
-def player() -> int:
-    """Run the node `player`."""
-    return _start("sparse_coord_ros.nodes.player", STOPPED)
-
-
-def driver() -> int:
-    """Run the node `driver`."""
-    return _start("sparse_coord_ros.nodes.driver", STOPPED)
-
-
-def body() -> int:
-    """Run the node `body`."""
-    return _start("sparse_coord_ros.nodes.body", STOPPED)
-
-
-def watch() -> int:
-    """Run the node `watch`."""
-    return _start("sparse_coord_ros.nodes.watch", STOPPED)
+COMMAND_LINE = "sparse_coord"
+NODES = ("world_simulator", "robot", "recorder", "team", "watch", "driver", "body", "player")
+"""Executables; each is the module of its name in `sparse_coord_ros.nodes`."""
 
 
 def sparse_coord() -> int:
     """Run the command line."""
-    return _start("sparse_coord_ros.cli.main", INTERRUPTED)
+    return main(COMMAND_LINE)
 
 
-def _start(module: str, code: int) -> int:
-    """Import a module and run its `main`; a signal that comes before ends with `code`."""
+def main(name: str) -> int:
+    """Run an executable; a signal that comes while it is imported ends the process.
+
+    Args:
+        name: one of `NODES`, or `COMMAND_LINE`.
+    """
+    is_node = name != COMMAND_LINE
+    module = f"sparse_coord_ros.nodes.{name}" if is_node else "sparse_coord_ros.cli.main"
+    code = STOPPED if is_node else INTERRUPTED
     before = {
         number: signal.signal(number, lambda *_: os._exit(code))
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -64,11 +39,14 @@ def _start(module: str, code: int) -> int:
     }
     signal.pthread_sigmask(signal.SIG_UNBLOCK, before)  # whoever started this may hold them back
     run = importlib.import_module(module).main
-    if module.endswith("cli.main"):  # its verbs that run no nodes are interrupted as Python does
+    if not is_node:  # its verbs that run no nodes are interrupted as Python does
         for number, handler in before.items():
             signal.signal(number, handler)
     return run()
 
 
 if __name__ == "__main__":
-    sys.exit(globals()[sys.argv.pop(1)]())
+    known = (COMMAND_LINE, *NODES)
+    if len(sys.argv) < 2 or sys.argv[1] not in known:
+        sys.exit(f"error: give the name of an executable: {', '.join(known)}")
+    sys.exit(main(sys.argv.pop(1)))

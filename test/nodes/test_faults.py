@@ -213,7 +213,7 @@ def test_a_signal_while_modules_are_imported(name, code, number):
         "import os, sys, time; import sparse_coord_ros.executables as e\n"
         "e.importlib.import_module = lambda module: "
         f"(os.kill(os.getpid(), {int(number)}), time.sleep(9))\n"
-        f"sys.exit(e.{name}())"
+        f"sys.exit(e.main({name!r}))"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert (done.returncode, done.stdout, done.stderr) == (code, "", "")
