@@ -1,4 +1,4 @@
-# `make demo` and `make test` install what they need, ROS 2 included, into .venv.
+# Each target installs what it needs, ROS 2 included, into .venv.
 VENV := .venv
 BIN := $(VENV)/bin
 RUN := runs/demo_$(shell date +%Y%m%d_%H%M%S)
@@ -9,62 +9,59 @@ export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 .PHONY: demo test check-long reproduce study lint types docs coverage bench clean
 
 # The same doorway twice: by the paper's learner, and by the factored one.
-demo: $(VENV)/installed
+demo: $(VENV)/runs
 	$(BIN)/sparse_coord run env1 --penalty -100 --steps 20000 --seed 1 --out $(RUN)
 	@echo
 	$(BIN)/sparse_coord run env1 --penalty -100 --steps 20000 --seed 1 --learner factored --out $(RUN)_factored
 	@echo
-	@$(BIN)/sparse_coord evaluate $(RUN) --exact
-	@echo
-	@$(BIN)/sparse_coord evaluate $(RUN)_factored --exact
+	@$(BIN)/sparse_coord evaluate $(RUN) $(RUN)_factored
 	@echo
 	@echo "watch them in the browser: $(BIN)/sparse_coord watch $(RUN)"
 
-test: $(VENV)/installed
+test: $(VENV)/tests
 	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile
 
 # What takes minutes: every command of the documentation, long runs, fuzzing.
-check-long: $(VENV)/installed
+check-long: $(VENV)/tests
 	$(BIN)/python -m pytest -m long -n auto --maxprocesses 2 --dist loadfile --timeout 1800
 
 # Every experiment: tables, figures and the text of docs/reproduction.md, into results/.
-reproduce: $(VENV)/installed
+reproduce: $(VENV)/runs
 	$(BIN)/sparse_coord reproduce --out results
 
 # The search for the learning protocol: the text of docs/protocol.md, into study/.
-study: $(VENV)/installed
+study: $(VENV)/runs
 	$(BIN)/python -m tools.study --out study
 
-lint: $(VENV)/installed
+lint: $(VENV)/tests
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 
-types: $(VENV)/installed
+types: $(VENV)/tests
 	$(BIN)/mypy
 
 # The documentation with the reference of the Python API, as pages in docs/_build/html.
-docs: $(VENV)/installed
+docs: $(VENV)/tests
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[docs]'
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build/html
 	@echo docs/_build/html/index.html
 
 # Which lines the tests run.
-coverage: $(VENV)/installed
+coverage: $(VENV)/tests
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[coverage]'
 	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile --cov=sparse_coord_ros --cov-report=term:skip-covered
 
 # Live runs beside bare rclpy nodes, the batch engine beside a plain C loop.
-bench: $(VENV)/installed
-	$(BIN)/sparse_coord bench live
-	@echo
-	$(BIN)/python -m tools.c_loop
+bench: $(VENV)/runs
+	$(BIN)/python -m tools.bench
 
 clean:
 	rm -rf $(VENV) docs/_build .coverage .mypy_cache build install log .pytest_cache .ruff_cache *.egg-info
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # Where ROS 2 is there already (rclpy imports), the environment uses it; elsewhere ROS 2 comes from PyPI.
-$(VENV)/installed: setup.py pyproject.toml Makefile
+# Python compiles each module when it is imported first: pip would compile all of them.
+define install
 	@command -v $(PYTHON) >/dev/null || \
 	  { echo "$(PYTHON) is missing. Install it: sudo apt install python3 python3-venv"; exit 2; }
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -72,11 +69,18 @@ $(VENV)/installed: setup.py pyproject.toml Makefile
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || \
 	  { echo "python3-venv is missing. Install it: sudo apt install python3-venv"; exit 2; }
 	@echo "installing into $(VENV) ..."
-	@$(PYTHON) -m venv --clear --system-site-packages $(VENV)
-	@if $(BIN)/python -c 'import rclpy' 2>/dev/null; then \
-	  $(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[fast,test,lint]'; \
+	@[ -x $(BIN)/pip ] || if $(PYTHON) -c 'import rclpy' 2>/dev/null; then \
+	  $(PYTHON) -m venv --clear --system-site-packages $(VENV); \
 	else \
-	  $(PYTHON) -m venv --clear $(VENV) && \
-	  $(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[ros,fast,test,lint]'; \
+	  $(PYTHON) -m venv --clear $(VENV); \
 	fi
+	@if $(BIN)/python -c 'import rclpy' 2>/dev/null; then ros=; else ros=ros,; fi; \
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -e ".[$${ros}$(EXTRAS)]"
 	@touch $@
+endef
+
+$(VENV)/runs: EXTRAS := fast
+$(VENV)/tests: EXTRAS := fast,test,lint
+
+$(VENV)/runs $(VENV)/tests: setup.py pyproject.toml Makefile
+	$(install)
