@@ -1,3 +1,3 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The ROS 2 nodes: thin adapters between messages and the state machines of `protocol`."""
+"""The ROS 2 nodes: adapters between messages and the state machines of `lockstep`."""

@@ -24,12 +24,12 @@ from sparse_coord_ros.driving.arena import ELSEWHERE, IN_DOORWAY, Arena, Noise
 from sparse_coord_ros.driving.ground import Ground, Pose
 from sparse_coord_ros.driving.steering import Command
 from sparse_coord_ros.errors import RunError
-from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.lockstep.bodies import BEGIN, Goals, Reached
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.follower import Follower
 from sparse_coord_ros.nodes.messages import (
     CLOCK_LAYOUT,
+    Announced,
     Converter,
     read_goals,
     read_reached,
@@ -88,8 +88,9 @@ class BodyNode(Follower):
                 f"parameter paths: value is {self.values['paths']!r}, allowed: a file .npz"
             )
 
-    def begin(self, run: RunConfig) -> None:
+    def begin(self, announced: Announced) -> None:
         """Put the bodies at the scenario's starts."""
+        run = announced.run
         names = [robot.name for robot in run.scenario.robots]
         self._names = names
         ground = Ground(run, self.values["radius"])

@@ -19,12 +19,17 @@ from sparse_coord_ros.driving.steering import STOP, Command
 from sparse_coord_ros.driving.transforms import Tree, yaw_of
 from sparse_coord_ros.driving.trials import limits_of
 from sparse_coord_ros.errors import RunError, SettingError, did_you_mean
-from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.lockstep.bodies import Goals
 from sparse_coord_ros.lockstep.waiting import Reminder
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.follower import Follower
-from sparse_coord_ros.nodes.messages import Converter, reached_message, read_goals, typed
+from sparse_coord_ros.nodes.messages import (
+    Announced,
+    Converter,
+    reached_message,
+    read_goals,
+    typed,
+)
 from sparse_coord_ros.nodes.parameters import DRIVER_PARAMETERS, TF
 from sparse_coord_ros.nodes.spin import run_node, wait_for_readers
 
@@ -91,8 +96,9 @@ class DriverNode(Follower):
         topic = interface.CMD_VEL
         self._cmd_vel = self.create_publisher(topic.type, topic.of(self._robot), topic.qos)
 
-    def begin(self, run: RunConfig) -> None:
+    def begin(self, announced: Announced) -> None:
         """Begin with a run: hear goals and poses."""
+        run = announced.run
         names = [robot.name for robot in run.scenario.robots]
         if self._robot not in names:
             raise RunError(
@@ -213,6 +219,10 @@ class DriverNode(Follower):
                 f"no pose of {self._robot} for {limit:g} s (pose_timeout): its body is stopped",
                 throttle_duration_sec=5.0,
             )
+
+    def may_stop(self) -> bool:
+        """Stop at once: the body is driving."""
+        return True
 
     def finish(self, *, interrupted: bool) -> None:
         """Stop the body."""

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A node that goes along with a world's run: begins when it is announced, and ends with it."""
+"""A node that follows a run: it begins when a world announces one, and ends with it."""
 
 import time
 from collections.abc import Mapping
@@ -9,33 +9,46 @@ from typing import Any
 from rclpy.context import Context
 
 from sparse_coord_ros.game.settings import SettingTable
-from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.lockstep.waiting import WorldPresence
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.intake import Intake
 from sparse_coord_ros.nodes.messages import Announced, Said, read_run, read_status, typed
 from sparse_coord_ros.nodes.parameters import ParameterNode
+from sparse_coord_ros.nodes.tap import Tap
 
 TICK_SECONDS = 0.02
 REPORT_SECONDS = 1.0
+STOP_SECONDS = 1.0
+"""How long a node that gets a signal waits for the world's last word: both may get it."""
 
 
 class Follower(ParameterNode):
-    """Hears a run and its world.
+    """Hears the world's `run` and `status`, and calls what a subclass overrides.
+
+    In this order: `may_begin` until it is true, `begin` once, then with every tick `go_on`, every
+    second `report`, with every status of the run's world `world_said`. After the run's end the
+    node is `done` as soon as `all_done` says so. A world that is silent for the parameter
+    `world_timeout` is lost: `lost` ends the node.
 
     Args:
         name: the node's name unless the command line remaps it.
-        table: its parameters; `world_timeout` and `startup_timeout` are among them.
+        table: its parameters; without `world_timeout` the world is waited for for ever.
         context: the ROS context.
         namespace: the team's namespace.
         values: parameters given by the program; None: by the command line.
+        tap: the way to a recorder in the same process.
 
     Attributes:
         intake: its subscriptions.
+        announced: the run, once it is announced.
+        status: what the world said last.
+        presence: whether the run's world is there; None: the node has not begun.
 
     Raises:
         SparseCoordError: a bad parameter, no world simulator.
     """
+
+    tick_seconds = TICK_SECONDS
 
     def __init__(
         self,
@@ -45,65 +58,115 @@ class Follower(ParameterNode):
         context: Context,
         namespace: str = "",
         values: Mapping[str, Any] | None = None,
+        tap: Tap | None = None,
     ) -> None:
-        super().__init__(name, table, context=context, namespace=namespace, values=values)
+        super().__init__(name, table, context=context, namespace=namespace, values=values, tap=tap)
         self.intake = Intake(self)
-        self._watch: WorldPresence | None = None
-        self._announced: Announced | None = None
-        self._status: Said | None = None
+        self.announced: Announced | None = None
+        self.status: Said | None = None
+        self.presence: WorldPresence | None = None
         self._reported = time.monotonic()
+        self._stopping: float | None = None
         self.intake.listen(interface.RUN, self._on_run, read=typed(interface.RUN, read_run))
         read = typed(interface.STATUS, read_status)
         self.intake.listen(interface.STATUS, self._on_status, read=read)
-        self.create_timer(TICK_SECONDS, self._tick)
+        self.create_timer(self.tick_seconds, self._tick)
 
-    def begin(self, run: RunConfig) -> None:
+    def may_begin(self, now: float) -> bool:
+        """Whether the node is ready for a run; asked with every tick until it begins."""
+        return True
+
+    def wait(self) -> None:
+        """Wait for a run to be announced; called with every tick until one is."""
+        self.check_startup_time()
+
+    def begin(self, announced: Announced) -> None:
         """Begin with a run."""
 
+    def world_said(self, said: Said) -> None:
+        """Take in a status of the run's world, also the last one before the node began."""
+
     def go_on(self, now: float) -> None:
-        """Do what is due at a time; called every `TICK_SECONDS`."""
+        """Do what is due; called with every tick."""
 
     def report(self) -> None:
-        """Say how it goes; called every `REPORT_SECONDS`."""
+        """Say how it goes; called every second."""
+
+    def all_done(self, now: float) -> bool:
+        """Whether nothing is left to do after the run's end."""
+        return True
+
+    def another_run(self, announced: Announced) -> None:
+        """Another run was announced: stay with the present one."""
+        assert self.presence is not None
+        self.presence.another_run()
+        self.get_logger().warning(
+            "another world simulator has begun a run; this node stays with the run that it is in, "
+            "and ends when the world of that is gone"
+        )
+
+    def lost(self, why: str) -> None:
+        """The run's world is gone: save what there is, and end."""
+        self.get_logger().warning(f"{why}: this node saves what it has and ends")
+        self.done = True
+
+    def may_stop(self) -> bool:
+        """Whether all is done up to the step at which the world stopped, or it does not stop."""
+        now = time.monotonic()
+        self._stopping = self._stopping or now
+        if self.presence is None or self.done:
+            return True
+        if self.presence.end is not None:
+            return self.all_done(now)
+        return now - self._stopping > STOP_SECONDS
 
     def _on_run(self, announced: Announced) -> None:
-        if self._watch is None:
-            self._announced = announced
-        elif self._announced is not None and announced.run.id != self._announced.run.id:
-            self._watch.another_run()
+        if self.presence is None or self.announced is None:
+            self.announced = announced
+        elif announced.run.id != self.announced.run.id:
+            self.another_run(announced)
 
     def _on_status(self, said: Said) -> None:
-        if self._watch is None:
-            self._status = said
+        self.status = said
+        if self.presence is None:
             return
         try:
-            self._watch.hear(*said[:4], time.monotonic())
+            self.presence.hear(*said[:4], time.monotonic())
         except ValueError as error:
             self.intake.drop(interface.STATUS.name, error)
+        else:
+            self.world_said(said)
 
     def _tick(self) -> None:
         now = time.monotonic()
-        if self._announced is None:
-            self.check_startup_time()
+        if self.presence is None:
+            ready = self.may_begin(now)
+            if self.announced is None:
+                self.wait()
+            elif ready:
+                self._begin(self.announced, now)
             return
-        if self._watch is None:
-            run = self._announced.run
-            patience = self.values["world_timeout"]
-            self._watch = WorldPresence(run.id, run.scenario.steps, patience, now)
-            self.begin(run)
-            if self._status is not None:
-                self._on_status(self._status)
         self.go_on(now)
-        if self._watch.end is not None:
-            self.done = True
-        if now - self._reported < REPORT_SECONDS:
-            return
-        self._reported = now
-        self.report()
-        missed = self._watch.to_say(now)
+        if now - self._reported >= REPORT_SECONDS:
+            self._reported = now
+            self.report()
+        if self.presence.end is not None:
+            self.done = self.done or self.all_done(now)
+        else:
+            self.look_for_the_world(now)
+
+    def look_for_the_world(self, now: float) -> None:
+        """Say where the run's world is silent; called with every tick before the run's end."""
+        assert self.presence is not None
+        missed, gone = self.presence.to_say(now), self.presence.given_up(now)
         if missed:
             self.get_logger().warning(missed)
-        gone = self._watch.given_up(now)
         if gone:
-            self.get_logger().warning(f"{gone}: this node ends")
-            self.done = True
+            self.lost(gone)
+
+    def _begin(self, announced: Announced, now: float) -> None:
+        run, patience = announced.run, self.values.get("world_timeout", 0.0)
+        self.presence = WorldPresence(run.id, run.scenario.steps, patience, now)
+        self.begin(announced)
+        if self.status is not None:
+            self._on_status(self.status)

@@ -15,16 +15,21 @@ from sparse_coord_ros import wire
 from sparse_coord_ros.errors import RunError, TablesError, did_you_mean, os_error_text
 from sparse_coord_ros.game.world import Action, Reward
 from sparse_coord_ros.learn.agent import Agent, Tables
-from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.learn.tables import TEAM_FILE, pack_tables, robot_file, write_tables
 from sparse_coord_ros.lockstep.checkpoints import Checkpoints
 from sparse_coord_ros.lockstep.gate import StepGate
 from sparse_coord_ros.lockstep.robot_side import NO_STEP, Answer, RobotSide
 from sparse_coord_ros.lockstep.rollback import ROLL_CALL, Order, RobotRollback
-from sparse_coord_ros.lockstep.waiting import Deadline, Reminder
+from sparse_coord_ros.lockstep.waiting import Deadline, Reminder, WorldPresence
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.episode_messages import CoordinationMapLayout
-from sparse_coord_ros.nodes.messages import Converter, progress_message, status, tables_message
+from sparse_coord_ros.nodes.messages import (
+    Announced,
+    Converter,
+    progress_message,
+    status,
+    tables_message,
+)
 from sparse_coord_ros.nodes.outputs import begin_with, open_output, save_somewhere, saving
 from sparse_coord_ros.nodes.peers import Clients, Peer, introspect
 from sparse_coord_ros.wire import RECORDER, WORLD
@@ -42,7 +47,8 @@ class Member:
 
     Args:
         node: the robot's node.
-        run: the run; text: its `run.yaml`, as it was announced.
+        announced: the run.
+        presence: whether its world is there.
         clients: those of the robots of this process.
 
     Attributes:
@@ -53,8 +59,11 @@ class Member:
         SparseCoordError: the scenario has no such robot, or the tables to begin with do not fit.
     """
 
-    def __init__(self, node: "RobotNode", run: RunConfig, text: str, clients: Clients) -> None:
-        self._node, self.run, self._text = node, run, text
+    def __init__(
+        self, node: "RobotNode", announced: Announced, presence: WorldPresence, clients: Clients
+    ) -> None:
+        self._node, self._presence = node, presence
+        self.run, self._text = run, text = announced
         self._names = [robot.name for robot in run.scenario.robots]
         number = self._number()
         self._convert = Converter(run)
@@ -194,7 +203,6 @@ class Member:
         if not self.joined:  # it went back, and is yet to listen anew
             return
         step, cell = said
-        watch = self._node.watch
         if not self._gate.passes(step):
             self._kept = said
             self._drop(
@@ -203,7 +211,7 @@ class Member:
                 "that it is so far",
             )
             return
-        if watch is not None and watch.sees(step):
+        if self._presence.sees(step):
             self._node.intake.drop(interface.STATUS.name, "the run was said to be over")
         if self._unsaid:  # no order to go back has come: it goes on from its own checkpoint
             self._unsaid = False

@@ -3,32 +3,26 @@
 """The robot node: one agent of Algorithm 1, which knows of its peers only what they answer."""
 
 import sys
-import time
 from collections.abc import Mapping
 from typing import Any
 
 from rclpy.context import Context
 
-from sparse_coord_ros.lockstep.waiting import WorldPresence
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.claim import Claim
-from sparse_coord_ros.nodes.intake import Intake
+from sparse_coord_ros.nodes.follower import Follower
 from sparse_coord_ros.nodes.member import Member
-from sparse_coord_ros.nodes.messages import Announced, Said, read_run, read_status, typed
-from sparse_coord_ros.nodes.parameters import ROBOT_PARAMETERS, ParameterNode
+from sparse_coord_ros.nodes.messages import Announced, Said
+from sparse_coord_ros.nodes.parameters import ROBOT_PARAMETERS
 from sparse_coord_ros.nodes.peers import Clients
 from sparse_coord_ros.nodes.spin import run_node, wait_for_readers
 from sparse_coord_ros.nodes.tap import Tap
 
-TICK_SECONDS = 0.02
-REPORT_SECONDS = 1.0
-STOP_SECONDS = 1.0
-"""How long a robot that gets a signal waits for the world's last status: both may get it."""
 LAST_WORDS_SECONDS = 2.0
 """How long a robot waits for its last reward after the run's end."""
 
 
-class RobotNode(ParameterNode):
+class RobotNode(Follower):
     """Holds Q*_k and Q^C_k, acts and learns; the node's name is the robot's name.
 
     Args:
@@ -43,8 +37,6 @@ class RobotNode(ParameterNode):
         name: the robot's name.
         member: its part in the run, which says what it does by the publishers here; None: the run
             is not known yet.
-        watch: whether the world of its run is there; None: likewise.
-        intake: its subscriptions.
         claim: its claim to its name.
 
     Raises:
@@ -68,94 +60,53 @@ class RobotNode(ParameterNode):
             name, ROBOT_PARAMETERS, context=context, namespace=namespace, values=values, tap=tap
         )
         self.name = self.get_name()
-        self._shared_clients = Clients() if clients is None else clients
-        self.watch: WorldPresence | None = None
-        self.intake = Intake(self)
+        self._peer_clients = Clients() if clients is None else clients
         self.claim = Claim(self, self.intake)
-        self._announced: Announced | None = None
-        self._status: Said | None = None
-        self._stopping: float | None = None
-        self._reported = time.monotonic()
         self.action_publisher = self.announce(interface.ACTION, self.name)
         self.percept_publisher = self.announce(interface.PERCEPT, self.name)
         self.map_publisher = self.announce(interface.COORDINATION_MAP, self.name)
         self.tables_publisher = self.announce(interface.TABLES, self.name)
         self.progress_publisher = self.announce(interface.PROGRESS, self.name)
         self.diagnostics_publisher = self.announce(interface.DIAGNOSTICS)
-        self.intake.listen(interface.RUN, self._on_run, read=typed(interface.RUN, read_run))
-        read = typed(interface.STATUS, read_status)
-        self.intake.listen(interface.STATUS, self._on_status, read=read)
-        self.create_timer(TICK_SECONDS, self._tick)
 
-    def _on_run(self, announced: Announced) -> None:
-        before = self._announced
-        if self.watch is None:
-            self._announced = announced
-        elif before is not None and announced.run.id != before.run.id:
-            self.watch.another_run()
-            self.get_logger().warning(
-                "another world simulator has begun a run; this robot stays with the run that it "
-                "is in, and ends when the world of that is gone"
-            )
-
-    def _on_status(self, said: Said) -> None:
-        if self.watch is None or self.member is None:
-            self._status = said  # perhaps the world's last word
-            return
-        try:
-            self.watch.hear(*said[:4], time.monotonic())
-        except ValueError as error:
-            self.intake.drop(interface.STATUS.name, error)
-            return
-        self.member.obey(said.order)
-        self.member.world_said(said.step)
-
-    def _tick(self) -> None:
-        now = time.monotonic()
+    def may_begin(self, now: float) -> bool:
+        """Whether nobody who had the name before has been heard in time."""
         if now - self.born < self.values["claim_window"]:
-            return
+            return False
         self.claim.hold()
-        if self._announced is None:
-            self.check_startup_time()
+        return True
+
+    def begin(self, announced: Announced) -> None:
+        """Become a member of the team."""
+        assert self.presence is not None
+        self.member = Member(self, announced, self.presence, self._peer_clients)
+
+    def world_said(self, said: Said) -> None:
+        """Take in what the world says: an order, and how far it is."""
+        if self.member is not None:
+            self.member.obey(said.order)
+            self.member.world_said(said.step)
+
+    def go_on(self, now: float) -> None:
+        """Join the run, then keep its deadlines."""
+        if self.member is None or self.presence is None:
             return
-        if self.member is None or self.watch is None:
-            run, patience = self._announced.run, self.values["world_timeout"]
-            self.watch = WorldPresence(run.id, run.scenario.steps, patience, now)
-            self.member = Member(self, run, self._announced.text, self._shared_clients)
-            if self._status is not None:
-                self._on_status(self._status)
-        self._go_on(self.member, self.watch, now)
+        if not self.member.joined:
+            self.member.join_when_ready(now)
+        elif self.presence.end is None:
+            self.member.watch_the_deadline(now)
 
-    def _go_on(self, member: Member, watch: WorldPresence, now: float) -> None:
-        if not member.joined:
-            member.join_when_ready(now)
-        elif watch.end is None:
-            member.watch_the_deadline(now)
-        elif member.has_learned(watch.end) or now - watch.ended > LAST_WORDS_SECONDS:
-            self.done = True
-        if now - self._reported >= REPORT_SECONDS:
-            self._reported = now
-            member.report()
-            missed = watch.to_say(now)
-            if missed:
-                self.get_logger().warning(missed)
-            gone = watch.given_up(now)
-            if gone:
-                self.get_logger().warning(f"{gone}: this robot saves and ends")
-                self.done = True
+    def report(self) -> None:
+        """Publish how learning goes."""
+        if self.member is not None:
+            self.member.report()
 
-    def may_stop(self) -> bool:
-        """Whether all is learned up to the step at which the world stopped, or it does not.
-
-        World and robots often get the same signal: then all save what is of one time step.
-        """
-        now = time.monotonic()
-        self._stopping = self._stopping or now
-        if self.member is None or self.watch is None or self.done or not self.member.joined:
-            return True
-        if self.watch.end is not None and self.member.has_learned(self.watch.end):
-            return True
-        return now - self._stopping > STOP_SECONDS
+    def all_done(self, now: float) -> bool:
+        """Whether all is learned that happened, or what is missing has had its time to come."""
+        assert self.member is not None and self.presence is not None
+        end, ended = self.presence.end, self.presence.ended
+        learned = self.member.joined and end is not None and self.member.has_learned(end)
+        return learned or now - ended > LAST_WORDS_SECONDS
 
     def destroy_node(self) -> None:
         """As `Node`'s; others may have its checkpoints then."""

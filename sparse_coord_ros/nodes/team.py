@@ -114,13 +114,12 @@ def run_team(
             robots.append(RobotNode(name=robot.name, values=own, clients=clients, **place))
             nodes.append(robots[-1])
         if page is not None:
-            from sparse_coord_ros.nodes.watch import WatchNode
+            from sparse_coord_ros.nodes.watch import InsideWatch
 
             nodes.append(
-                WatchNode(
+                InsideWatch(
                     context=context,
                     namespace=namespace,
-                    values={},
                     server=page,
                     title=str(out),
                     world=world,

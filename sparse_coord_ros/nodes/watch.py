@@ -20,6 +20,7 @@ from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from rclpy.context import Context
+from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from sparse_coord_ros import wire
@@ -27,6 +28,7 @@ from sparse_coord_ros.game.settings import Setting, SettingTable
 from sparse_coord_ros.game.world import FIRST_STEP, Action, Reward, StepOutcome
 from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.history import HistoryRecorder
+from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.learn.tables import unpack_robot
 from sparse_coord_ros.look.page.commands import (
     HOST,
@@ -40,13 +42,12 @@ from sparse_coord_ros.look.page.commands import (
 )
 from sparse_coord_ros.look.page.live_source import LiveView, Transition
 from sparse_coord_ros.nodes import interface
+from sparse_coord_ros.nodes.follower import Follower
 from sparse_coord_ros.nodes.intake import Intake
 from sparse_coord_ros.nodes.messages import (
     Announced,
     Converter,
     Said,
-    read_run,
-    read_status,
     read_tables_message,
     typed,
 )
@@ -60,7 +61,9 @@ if TYPE_CHECKING:
     from sparse_coord_ros.nodes.robot import RobotNode
     from sparse_coord_ros.nodes.world_simulator import WorldSimulator
 
-TICK_SECONDS = 1 / 20
+PAGE_SECONDS = 1 / 20
+"""Between two looks at what there is to show."""
+
 GONE_SECONDS = 4.0
 """After so long without a word the world is called gone; it says its status every second."""
 
@@ -79,207 +82,39 @@ WATCH_PARAMETERS = SettingTable(
 )
 
 
-class WatchNode(ParameterNode):
-    """Shows the team that is there, and the next one after it.
+class Controls:
+    """What a page asks for: calls of the world's services.
 
     Args:
-        context: the ROS context.
-        namespace: the team's namespace.
-        values: parameters given by the program; None: by the command line.
-        server: the page's server; None: one of its own.
-        title: what the page is called; empty: the topics' namespace.
-        world, robots: the team's nodes where they are in this process.
+        node: calls.
 
-    Raises:
-        SparseCoordError: a bad parameter, a taken port.
+    Attributes:
+        view: says how it went; None: no run is shown.
+        rate: the world's rate as far as it is known.
     """
 
-    def __init__(
-        self,
-        *,
-        context: Context,
-        namespace: str = "",
-        values: Mapping[str, Any] | None = None,
-        server: "Server | None" = None,
-        title: str = "",
-        world: "WorldSimulator | None" = None,
-        robots: "Sequence[RobotNode]" = (),
-    ) -> None:
-        super().__init__(
-            "watch", WATCH_PARAMETERS, context=context, namespace=namespace, values=values
-        )
-        self._own: Server | None = None
-        try:
-            if server is None:
-                server = self._own = _serve(self)
-        except BaseException:
-            self.destroy_node()
-            raise
-        self.server = server
-        self._title = title or f"team in {self.get_namespace()}"
-        self._world, self._robots = world, robots
-        self._intake = Intake(self)
+    def __init__(self, node: Node) -> None:
         self.view: LiveView | None = None
+        self.rate = 0.0
         self._commands: queue.SimpleQueue[Command] = queue.SimpleQueue()
-        self._run_id = ""
-        self._heard: float | None = None
-        self._transitions = 0
-        self._rate = 0.0 if world is None else world.values["rate"]
-        self._team: _Heard | None = None
-        self._calls = {
-            PAUSE: self.create_client(SetBool, f"{WORLD}/pause"),
-            RESET: self.create_client(Trigger, f"{WORLD}/reset"),
-            STEP: self.create_client(Trigger, f"{WORLD}/step"),
-            RATE: self.create_client(SetParameters, f"{WORLD}/set_parameters"),
+        self._clients = {
+            PAUSE: node.create_client(SetBool, f"{WORLD}/pause"),
+            RESET: node.create_client(Trigger, f"{WORLD}/reset"),
+            STEP: node.create_client(Trigger, f"{WORLD}/step"),
+            RATE: node.create_client(SetParameters, f"{WORLD}/set_parameters"),
         }
-        if world is not None:
-            controls = (*CONTROLS, NEXT)
-            self.view = LiveView(
-                world.run, server.board, source="live", title=self._title, controls=controls
-            )
-            world.lockstep.watcher = self._on_transition
-        else:
-            self._intake.listen(interface.RUN, self._on_run, read=typed(interface.RUN, read_run))
-            read = typed(interface.STATUS, read_status)
-            self._intake.listen(interface.STATUS, self._on_status, read=read)
-        server.show(self)
-        self.create_timer(TICK_SECONDS, self._tick)
 
     def command(self, command: Command) -> None:
-        """Do what a page asks for, with the next tick; called from the server's thread."""
+        """Do what a page asks for, with the node's next tick; called from the server's thread."""
         self._commands.put(command)
 
-    # A team in this process.
-
-    def _on_transition(
-        self,
-        step: int,
-        cells: Sequence[int],
-        actions: Sequence[Action | None],
-        outcome: StepOutcome,
-        after: Sequence[int],
-    ) -> None:
-        """Hear of each transition, from the world's side of the lock step."""
-        ends: Sequence[int | None] = ()
-        if any(action is not None and action.asked and not action.perceived for action in actions):
-            ends = [_end_of(robot, step) for robot in self._robots]
-        assert self.view is not None
-        self.view.take(
-            Transition(step, cells, actions, after, outcome.rewards, outcome.miscoordination, ends)
-        )
-
-    # A team elsewhere.
-
-    def _on_run(self, said: Announced) -> None:
-        """Show the run that is announced; another one takes the place of the one before."""
-        run = said.run
-        if self._team is not None:
-            if run.id and run.id == self._run_id:
-                return
-            self._team.leave()
-        self._run_id, self._heard = run.id, time.monotonic()
-        self._transitions = 0
-        self.view = LiveView(
-            run, self.server.board, source="live", title=self._title, controls=CONTROLS
-        )
-        self._team = _Heard(self, self._intake, run, self.view)
-        self.get_logger().info(f"{run.scenario.name}: {len(run.scenario.robots)} robots")
-
-    def _on_status(self, said: Said) -> None:
-        if self.view is None or said.run != self._run_id:
-            return
-        self._heard, self._transitions = time.monotonic(), said.transitions
-        if self.view.state == "gone":
-            self.view.notice("")
-        self.view.state = said.state
-        if self._team is not None:
-            self._team.compare(said)
-
-    # The course of things.
-
-    def _tick(self) -> None:
+    def call(self) -> None:
+        """Make the calls that are due."""
         while not self._commands.empty():
             self._do(self._commands.get())
-        view = self.view
-        if view is None:
-            self._wait()
-            return
-        world = self._world
-        if world is not None:
-            self._rate = world.values["rate"]
-            game = world.lockstep.world
-            view.state = world.doing
-            view.show(
-                transitions=game.transitions,
-                episode=game.episode,
-                rate=self._rate,
-                still=list(game.cells),
-            )
-            if view.slow_due():
-                self.show_learned()
-            self.done = world.done
-        elif self._team is not None:
-            self._look_for_the_world(view)
-            team = self._team
-            team.tick()
-            made = max(self._transitions, team.seen) if team.whole else self._transitions
-            view.show(transitions=made, episode=team.episode, rate=self._rate)
-            if view.slow_due():
-                view.show_learned(team.history.look(), team.tables, team.rings)
-
-    def _wait(self) -> None:
-        """Say that there is no team yet."""
-        board = self.server.board
-        if board.get("notice") is None:
-            where = self.resolve_topic_name(interface.RUN.name)
-            board.put(
-                {
-                    "type": "notice",
-                    "level": "info",
-                    "text": f"waiting for a team: no world simulator is on {where} yet",
-                }
-            )
-
-    def _look_for_the_world(self, view: LiveView) -> None:
-        over = view.state in (wire.FINISHED, wire.STOPPED, "gone")
-        silent = self._heard is None or time.monotonic() - self._heard > GONE_SECONDS
-        if silent and not over and not self.count_publishers(interface.STATUS.name):
-            view.state = "gone"
-            view.notice("the world is gone; the page waits for the next team")
-
-    def show_learned(self) -> None:
-        """Show what the team in this process has learned so far."""
-        if self._world is None or self.view is None:
-            return
-        tables: dict[int, tuple[int, Tables]] = {}
-        for k, robot in enumerate(self._robots):
-            if robot.member is not None:
-                side = robot.member.lockstep
-                tables[k] = (side.handled, side.agent.tables)
-        self.view.show_learned(self._world.lockstep.history.look(), tables)
-
-    def finish(self, *, interrupted: bool) -> None:
-        """Show the end of a team in this process."""
-        world = self._world
-        if world is not None and self.view is not None:
-            world.lockstep.watcher = None
-            self.view.state = wire.STOPPED if interrupted else wire.FINISHED
-            game = world.lockstep.world
-            self.view.show(transitions=game.transitions, episode=game.episode, rate=self._rate)
-            self.show_learned()
-            self.server.show(None)
-
-    def destroy_node(self) -> None:
-        """Close one's own server, and destroy the node."""
-        if self._own is not None:
-            self._own.close()
-            self._own = None
-        super().destroy_node()
-
-    # Controls.
 
     def _do(self, command: Command) -> None:
-        client = self._calls.get(command.name)
+        client = self._clients.get(command.name)
         if client is None or self.view is None:
             return
         if not client.service_is_ready():
@@ -305,16 +140,217 @@ class WatchNode(ParameterNode):
             result = response.results[0]
             success, text = result.successful, result.reason
             if success:
-                self._rate = command.value
+                self.rate = command.value
         else:
             success, text = response.success, response.message
         self.view.notice("" if success else f"{command.name}: {text}")
+
+
+class InsideWatch(ParameterNode):
+    """Shows a team in this process.
+
+    Args:
+        context: the ROS context.
+        namespace: the team's namespace.
+        server: the page's server.
+        title: what the page is called.
+        world, robots: the team's nodes.
+    """
+
+    def __init__(
+        self,
+        *,
+        context: Context,
+        namespace: str,
+        server: "Server",
+        title: str,
+        world: "WorldSimulator",
+        robots: "Sequence[RobotNode]",
+    ) -> None:
+        super().__init__(
+            "watch", WATCH_PARAMETERS, context=context, namespace=namespace, values={}
+        )
+        self._server, self._world, self._robots = server, world, robots
+        self._controls = Controls(self)
+        self._controls.view = self._view = LiveView(
+            world.run, server.board, source="live", title=title, controls=(*CONTROLS, NEXT)
+        )
+        world.lockstep.watcher = self._on_transition
+        server.show(self._controls)
+        self.create_timer(PAGE_SECONDS, self._tick)
+
+    def _on_transition(
+        self,
+        step: int,
+        cells: Sequence[int],
+        actions: Sequence[Action | None],
+        outcome: StepOutcome,
+        after: Sequence[int],
+    ) -> None:
+        """Hear of each transition, from the world's side of the lock step."""
+        ends: Sequence[int | None] = ()
+        if any(action is not None and action.asked and not action.perceived for action in actions):
+            ends = [_end_of(robot, step) for robot in self._robots]
+        self._view.take(
+            Transition(step, cells, actions, after, outcome.rewards, outcome.miscoordination, ends)
+        )
+
+    def _tick(self) -> None:
+        self._controls.call()
+        self._show(self._world.doing)
+        if self._view.slow_due():
+            self._show_learned()
+        self.done = self._world.done
+
+    def _show(self, state: str) -> None:
+        world, self._view.state = self._world.lockstep.world, state
+        self._view.show(
+            transitions=world.transitions,
+            episode=world.episode,
+            rate=self._world.values["rate"],
+            still=list(world.cells),
+        )
+
+    def _show_learned(self) -> None:
+        tables: dict[int, tuple[int, Tables]] = {}
+        for k, robot in enumerate(self._robots):
+            if robot.member is not None:
+                side = robot.member.lockstep
+                tables[k] = (side.handled, side.agent.tables)
+        self._view.show_learned(self._world.lockstep.history.look(), tables)
+
+    def finish(self, *, interrupted: bool) -> None:
+        """Show the end."""
+        self._world.lockstep.watcher = None
+        self._show(wire.STOPPED if interrupted else wire.FINISHED)
+        self._show_learned()
+        self._server.show(None)
+
+
+class WatchNode(Follower):
+    """Shows the team that is there, and the next one after it.
+
+    Args:
+        context: the ROS context.
+        namespace: the team's namespace.
+        values: parameters given by the program; None: by the command line.
+        server: the page's server; None: one of its own.
+
+    Attributes:
+        server: the page's server.
+        controls: what the page asks for.
+        team: what is heard of the team; None: there is none yet.
+
+    Raises:
+        SparseCoordError: a bad parameter, a taken port.
+    """
+
+    tick_seconds = PAGE_SECONDS
+
+    def __init__(
+        self,
+        *,
+        context: Context,
+        namespace: str = "",
+        values: Mapping[str, Any] | None = None,
+        server: "Server | None" = None,
+    ) -> None:
+        super().__init__(
+            "watch", WATCH_PARAMETERS, context=context, namespace=namespace, values=values
+        )
+        self._own: Server | None = None
+        try:
+            if server is None:
+                server = self._own = _serve(self)
+        except BaseException:
+            self.destroy_node()
+            raise
+        self.server = server
+        self.controls = Controls(self)
+        self.team: _Heard | None = None
+        self._heard: float | None = None
+        self._transitions = 0
+        server.show(self.controls)
+
+    def wait(self) -> None:
+        """Say that there is no team yet."""
+        self.controls.call()
+        board = self.server.board
+        if board.get("notice") is None:
+            where = self.resolve_topic_name(interface.RUN.name)
+            text = f"waiting for a team: no world simulator is on {where} yet"
+            board.put({"type": "notice", "level": "info", "text": text})
+
+    def begin(self, announced: Announced) -> None:
+        """Show the run that is announced."""
+        run = announced.run
+        self._heard, self._transitions = time.monotonic(), 0
+        title = f"team in {self.get_namespace()}"
+        view = LiveView(run, self.server.board, source="live", title=title, controls=CONTROLS)
+        self.controls.view = view
+        self.team = _Heard(self, self.intake, run, view)
+        self.get_logger().info(f"{run.scenario.name}: {len(run.scenario.robots)} robots")
+
+    def another_run(self, announced: Announced) -> None:
+        """Let another run take the place of the one that is shown."""
+        if self.team is not None:
+            self.team.leave()
+        self.announced, self.presence = announced, None
+
+    def world_said(self, said: Said) -> None:
+        """Show the world's state, and compare what was heard with what it has done."""
+        if self.team is None:
+            return
+        self._heard, self._transitions = time.monotonic(), said.transitions
+        view = self.team.view
+        if view.state == "gone":
+            view.notice("")
+        view.state = said.state
+        self.team.compare(said)
+
+    def go_on(self, now: float) -> None:
+        """Show what has happened."""
+        self.controls.call()
+        team = self.team
+        if team is None:
+            return
+        team.tick()
+        made = max(self._transitions, team.seen) if team.whole else self._transitions
+        team.view.show(transitions=made, episode=team.episode, rate=self.controls.rate)
+        if team.view.slow_due():
+            team.view.show_learned(team.history.look(), team.tables, team.rings)
+
+    def look_for_the_world(self, now: float) -> None:
+        """Say where the world is gone; the page waits for the next team."""
+        assert self.team is not None
+        view = self.team.view
+        over = view.state in (wire.FINISHED, wire.STOPPED, "gone")
+        silent = self._heard is None or now - self._heard > GONE_SECONDS
+        if silent and not over and not self.count_publishers(interface.STATUS.name):
+            view.state = "gone"
+            view.notice("the world is gone; the page waits for the next team")
+
+    def all_done(self, now: float) -> bool:
+        """Whether there is no next team to wait for: there may always be one."""
+        return False
+
+    def may_stop(self) -> bool:
+        """Stop at once: there is nothing to save."""
+        return True
+
+    def destroy_node(self) -> None:
+        """Close one's own server, and destroy the node."""
+        if self._own is not None:
+            self._own.close()
+            self._own = None
+        super().destroy_node()
 
 
 class _Heard:
     """What is heard of one run's team by its topics.
 
     Attributes:
+        view: shows it.
         history: the episodes that were heard.
         seen: transitions heard; episode: number of the newest one.
         without: (robot, step) pairs of them without the robot's action, though it had not arrived.
@@ -323,8 +359,8 @@ class _Heard:
         rings: of each robot where it asks, by its newest coordination map.
     """
 
-    def __init__(self, node: WatchNode, intake: Intake, run, view: LiveView) -> None:
-        self._node, self._view, self._run = node, view, run
+    def __init__(self, node: Node, intake: Intake, run: RunConfig, view: LiveView) -> None:
+        self.view, self._node, self._run = view, node, run
         self._convert = Converter(run)
         self._goals = [robot.goal for robot in run.scenario.robots]
         self._doorways = run.scenario.map.doorways
@@ -445,7 +481,7 @@ class _Heard:
         """Say, for as long as the run is shown, that the curves are not those of the run."""
         if self.whole:
             self.whole = False
-            self._view.lack(text)
+            self.view.lack(text)
 
     def _forget(self, until: int) -> None:
         """Forget all that was heard of time steps up to one."""
@@ -474,7 +510,7 @@ class _Heard:
             self.episode, step, actions, StepOutcome(tuple(told), met, arrived, False)
         )
         self.seen += 1
-        self._view.take(
+        self.view.take(
             Transition(
                 step,
                 cells,

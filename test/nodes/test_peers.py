@@ -135,14 +135,12 @@ def test_a_robot_leaves_when_all_is_learned(waiting, newest, done):
 def test_a_robot_whose_last_reward_does_not_come_leaves_after_a_while():
     """It has some seconds from the first time that it hears of the run's end."""
     member = SimpleNamespace(joined=True, has_learned=lambda step: False)
-    robot = SimpleNamespace(_reported=1e9, done=False)
     watch = WorldPresence("this", 9, 0.0, 0.0)
     watch.hear("this", "finished", 9, 9, 1.0)
     watch.hear("this", "finished", 9, 9, 2.0)
-    RobotNode._go_on(robot, member, watch, 1.0 + LAST_WORDS_SECONDS)
-    assert not robot.done
-    RobotNode._go_on(robot, member, watch, 1.0 + LAST_WORDS_SECONDS + 0.1)
-    assert robot.done
+    robot = SimpleNamespace(member=member, presence=watch)
+    assert not RobotNode.all_done(robot, 1.0 + LAST_WORDS_SECONDS)
+    assert RobotNode.all_done(robot, 1.0 + LAST_WORDS_SECONDS + 0.1)
 
 
 def test_the_deadline_of_what_is_waited_for():
