@@ -30,8 +30,7 @@ def add_parser(verbs) -> None:
 def execute(options: argparse.Namespace) -> int:
     """Run the verb."""
     from sparse_coord_ros.runlog import read_run
-    from sparse_coord_ros.runlog.explain import coordinations, explain
-    from sparse_coord_ros.runlog.words import in_words
+    from sparse_coord_ros.runlog.explain import coordinations, explain, in_words
 
     if not re.fullmatch("[0-9]{1,18}", options.step):
         raise RunError(f"--step is {options.step[:40]!r}: give a time step, a whole number from 0")

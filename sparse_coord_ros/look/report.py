@@ -23,9 +23,8 @@ from sparse_coord_ros.look.results import ResultsShown
 from sparse_coord_ros.look.sources import TRIALS as PLAYED_EPISODES
 from sparse_coord_ros.look.sources import Shown
 from sparse_coord_ros.palette import ANSWERED
-from sparse_coord_ros.runlog.explain import explained
+from sparse_coord_ros.runlog.explain import explained, in_words
 from sparse_coord_ros.runlog.log import RunLog
-from sparse_coord_ros.runlog.words import in_words
 from sparse_coord_ros.solve.exact import evaluate_best
 from sparse_coord_ros.solve.reference import shortest_path_reference
 from sparse_coord_ros.solve.yardsticks import yardsticks

@@ -6,14 +6,15 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from sparse_coord_ros.game.world import Action
 from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.simulation import tables_equal
 from sparse_coord_ros.runlog.attached import RecordedTables
 from sparse_coord_ros.runlog.dialogue import heard, times_asked_again
 from sparse_coord_ros.runlog.difference import MISSING, Difference, first_entry
-from sparse_coord_ros.runlog.follower import Follower, said_otherwise
 from sparse_coord_ros.runlog.log import RunLog
-from sparse_coord_ros.runlog.story import due_numbers, tell
+from sparse_coord_ros.runlog.replay import Replay, fresh_agent
+from sparse_coord_ros.runlog.trajectory import due_numbers, trajectory_of
 from sparse_coord_ros.wire import (
     ACCOUNT_LABELS,
     ACTION,
@@ -26,7 +27,7 @@ from sparse_coord_ros.wire import (
     TABLES,
     tables_attachment,
 )
-from sparse_coord_ros.wire.frame import Frame
+from sparse_coord_ros.wire.frame import Frame, action_numbers
 from sparse_coord_ros.wire.occupancy import OCCUPIED, OccupancyData
 
 
@@ -53,11 +54,10 @@ class AgentCheck:
         k: the robot's number.
         starts: the first time steps of the episodes.
         last: the last time step to check; None: all.
-        compiled: as of `engine.rerun.loop`.
 
     Attributes:
         name: the robot's.
-        story: what the log says that it did.
+        trajectory: what the log says that it did.
         recorded: its recorded tables.
         state: the world's last state; None where the log breaks off, or says none.
         choices, updates, compared: actions, updates and tables that agree, after `differences`.
@@ -69,17 +69,14 @@ class AgentCheck:
         k: int,
         starts: np.ndarray,
         last: int | None,
-        *,
-        compiled: bool | None = None,
     ) -> None:
         self.log, self.k, self.last = log, k, last
         self.name = log.names[k]
-        self.story = tell(log, k)
+        self.trajectory = trajectory_of(log, k)
         self.choices = self.updates = self.compared = 0
         self.recorded = [entry for entry in log.all_tables if entry.robot == k]
         statuses = log.tracks.statuses
         self.state = statuses[-1].state if last is None and statuses else None
-        self._compiled = compiled
         self._grids = OccupancyData(Frame(log.run))
         self._starts = starts
 
@@ -88,7 +85,7 @@ class AgentCheck:
         """Whether it can have been killed: the run was stopped, or went on without it."""
         if self.state == STOPPED:
             return True
-        log, rows = self.log, self.log.step > self.story.step.max(initial=-1)
+        log, rows = self.log, self.log.step > self.trajectory.step.max(initial=-1)
         rewarded = ~np.isnan(log.reward[rows, :, 0])
         goal = log.run.scenario.robots[self.k].goal
         return bool(
@@ -98,8 +95,8 @@ class AgentCheck:
     @property
     def unlearned(self) -> int:
         """Transitions that the world made with it and that it has not learned from."""
-        rewarded = ~np.isnan(self.log.reward[self.story.row, self.k, 0])
-        done = (rewarded & ~self.story.learned)[: self.choices]
+        rewarded = ~np.isnan(self.log.reward[self.trajectory.row, self.k, 0])
+        done = (rewarded & ~self.trajectory.learned)[: self.choices]
         return 0 if self.log.run.greedy else int(done.sum())
 
     def differences(self) -> Iterator[Difference]:
@@ -114,12 +111,12 @@ class AgentCheck:
         begun, difference = first_tables(self.log, self.k)
         if difference is not None or begun is None:  # that there are none is said elsewhere
             return difference
-        log, story = self.log, self.story
-        limit = len(story.step)
+        log, trajectory = self.log, self.trajectory
+        limit = len(trajectory.step)
         if self.last is not None:
-            limit = int(np.searchsorted(story.step, self.last, side="right"))
+            limit = int(np.searchsorted(trajectory.step, self.last, side="right"))
         odd = self._odd_numbers(limit)
-        follower = Follower(log, self.k, story, begun, compiled=self._compiled)
+        replay = Replay(log, trajectory, fresh_agent(log, self.k, begun))
         stops = sorted([*self._table_stops(), *self._map_stops()], key=lambda stop: stop[:2])
         states = log.tracks.states[self.k].step
         for step, _, what in stops:
@@ -128,40 +125,40 @@ class AgentCheck:
             if isinstance(what, RecordedTables) and step > states.max(initial=0):
                 end = int(states.max(initial=0))
                 return self._differ(step, TABLES.name, "there", f"the log ends at step {end}")
-            to = int(np.searchsorted(story.step, step))
+            to = int(np.searchsorted(trajectory.step, step))
             if odd is not None and to > odd[0]:
                 break
-            if not follower.advance(to):
+            if not replay.advance(to):
                 break
             if isinstance(what, RecordedTables):
-                difference = self._compare_tables(what, follower, to)
+                difference = self._compare_tables(what, replay, to)
             else:
-                difference = self._compare_map(step, what, follower)
+                difference = self._compare_map(step, what, replay)
             if difference is not None:
-                return self._counted(follower, difference)
-        follower.advance(limit if odd is None else odd[0])
-        if follower.other is not None:
-            logged = log.numbers[story.row[follower.reached], self.k]
-            step = int(story.step[follower.reached])
-            said = said_otherwise(logged, follower.other)
-            return self._counted(follower, self._differ(step, ACTION.name, *said))
-        return self._counted(follower, None if odd is None else odd[1])
+                return self._counted(replay, difference)
+        replay.advance(limit if odd is None else odd[0])
+        if replay.other is not None:
+            logged = log.numbers[trajectory.row[replay.reached], self.k]
+            step = int(trajectory.step[replay.reached])
+            said = said_otherwise(logged, replay.other)
+            return self._counted(replay, self._differ(step, ACTION.name, *said))
+        return self._counted(replay, None if odd is None else odd[1])
 
-    def _counted(self, follower: Follower, difference: Difference | None) -> Difference | None:
-        self.choices = follower.reached
-        self.updates = int(self.story.learned[: follower.reached].sum()) * (
+    def _counted(self, replay: Replay, difference: Difference | None) -> Difference | None:
+        self.choices = replay.reached
+        self.updates = int(self.trajectory.learned[: replay.reached].sum()) * (
             not self.log.run.greedy
         )
         return difference
 
     def _odd_numbers(self, limit: int) -> tuple[int, Difference] | None:
         """Return the first action whose numbers cannot be, whatever is learned."""
-        story, log = self.story, self.log
-        numbers = log.numbers[story.row[:limit], self.k]
-        due = due_numbers(story)[:limit]
+        trajectory, log = self.trajectory, self.log
+        numbers = log.numbers[trajectory.row[:limit], self.k]
+        due = due_numbers(trajectory)[:limit]
         said = numbers[:, : len(ACTION_LABELS)]
         wrong = (said.copy().view(np.int64) != due.view(np.int64)).any(axis=1)
-        able = np.concatenate([[False], story.told[:-1]])[:limit] & (not log.run.greedy)
+        able = np.concatenate([[False], trajectory.told[:-1]])[:limit] & (not log.run.greedy)
         account = numbers[:, len(ACTION_LABELS) + ACCOUNT_LABELS.index("learned")]
         lies = np.zeros(limit, dtype=bool)
         if log.tracks.format > 1:
@@ -169,7 +166,7 @@ class AgentCheck:
         if not (wrong | lies).any():
             return None
         i = int(np.argmax(wrong | lies))
-        step = int(story.step[i])
+        step = int(trajectory.step[i])
         if wrong[i]:
             return i, self._differ(step, ACTION.name, *said_otherwise(numbers[i], due[i]))
         allowed = "0 or 1" if able[i] else "0: there was nothing to learn from"
@@ -181,15 +178,13 @@ class AgentCheck:
         for place, entry in enumerate(self.recorded):
             yield entry.step, place, entry
 
-    def _compare_tables(
-        self, entry: RecordedTables, follower: Follower, to: int
-    ) -> Difference | None:
+    def _compare_tables(self, entry: RecordedTables, replay: Replay, to: int) -> Difference | None:
         self.compared += 1
-        tables = follower.tables()
+        tables = replay.agent.tables
         if not tables_equal([entry.tables], [tables]):
             return self._differ(entry.step, *first_entry(entry.tables, tables))
         # Of the last tables: what was asked at their very step may have ended.
-        there = to < len(self.story.step) and self.story.step[to] == entry.step
+        there = to < len(self.trajectory.step) and self.trajectory.step[to] == entry.step
         ends = [to, to + 1] if entry is self.recorded[-1] and there else [to]
         found = [self._odd_count(entry, to, end) for end in ends]
         odd = [one for one in found if one is not None]
@@ -197,13 +192,13 @@ class AgentCheck:
 
     def _odd_count(self, entry: RecordedTables, to: int, end: int) -> tuple[str, str, str] | None:
         """Return (quantity, logged, computed) of the first number that cannot be."""
-        log, story = self.log, self.story
+        log, trajectory = self.log, self.trajectory
         if log.tracks.format == 1:
             return None
         place = len(ACTION_LABELS) + ACCOUNT_LABELS.index(PERCEPT.name)
-        ended = log.numbers[story.row[:end], self.k, place]
+        ended = log.numbers[trajectory.row[:end], self.k, place]
         due = {name: int((ended == code).sum()) for code, name in enumerate(PERCEPT_ENDS)}
-        learned = int(story.learned[:to].sum())
+        learned = int(trajectory.learned[:to].sum())
         mine = [r for r in log.requests if r.asker == self.k and r.step < entry.step + end - to]
         # What was sent again as no answer came is the same request.
         mine = [r for r in heard(mine) if r.answer is not None]
@@ -237,7 +232,7 @@ class AgentCheck:
             due += states[1:][crossed & handled[1:]].tolist()
         # A robot's last tables are of a state that it has acted on, or of one after it: it may
         # have missed those that came when it was stopped.
-        acted = int(self.story.step.max(initial=0))
+        acted = int(self.trajectory.step.max(initial=0))
         end = int(states.max(initial=0))
         newest = max((step for step in steps if step <= end), default=0)
         if self.state in (FINISHED, STOPPED) and newest < acted:
@@ -254,18 +249,11 @@ class AgentCheck:
 
     def _due_maps(self) -> np.ndarray:
         """Return the starts of episodes that the robot has shown: where it acted."""
-        return self._starts[np.isin(self._starts, self.story.step)]
+        return self._starts[np.isin(self._starts, self.trajectory.step)]
 
     def _map_stops(self) -> Iterator[tuple[int, int, bytes | None]]:
-        """Yield step, place and what is shown; None where the robot has no such state."""
+        """Yield step, place and the data of each; None where the robot has no such state."""
         steps, rows = self.log.tracks.coordination_maps[self.k]
-        data = rows["data"]
-        shown = data[:, self._grids.places]
-        flags = (shown == OCCUPIED).astype(np.uint8)
-        walls = np.ones(data.shape[1], dtype=bool)
-        walls[self._grids.places] = False
-        right = ((shown == OCCUPIED) | (shown == 0)).all(axis=1)
-        right &= (data[:, walls] == -1).all(axis=1)
         known = (steps == 0) | np.isin(steps, self.log.tracks.states[self.k].step)
         wanted = np.ones(len(steps), dtype=bool)
         if self.log.tracks.format == 1:
@@ -275,17 +263,22 @@ class AgentCheck:
             first = np.concatenate([[True], np.diff(steps) > 0])
             wanted = first & np.array([step in due for step in steps.tolist()], dtype=bool)
         for place in np.flatnonzero(wanted).tolist():
-            what = flags[place].tobytes() if known[place] and right[place] else None
-            yield int(steps[place]), 1_000_000 + place, what
+            shown = rows["data"][place].tobytes() if known[place] else None
+            yield int(steps[place]), 1_000_000 + place, shown
 
-    def _compare_map(
-        self, step: int, shown: bytes | None, follower: Follower
-    ) -> Difference | None:
-        due = follower.shows
+    def _compare_map(self, step: int, shown: bytes | None, replay: Replay) -> Difference | None:
+        due = self._grids.coordination(replay.agent.tables)
         if shown == due:
             return None
-        logged = "there, or with walls elsewhere" if shown is None else _cells(shown)
-        return self._differ(step, COORDINATION_MAP.name, logged, _cells(due))
+        computed = self._cells(due)
+        logged = "there" if shown is None else self._cells(shown)
+        if logged == computed:
+            logged += ", with other values elsewhere"
+        return self._differ(step, COORDINATION_MAP.name, logged, computed)
+
+    def _cells(self, data: bytes) -> str:
+        shown = np.frombuffer(data, dtype=np.int8)[self._grids.places] == OCCUPIED
+        return f"COORDINATE in cells {np.flatnonzero(shown).tolist()}"
 
     def _missing_maps(self) -> Iterator[Difference]:
         """Yield the coordination maps that ought to be in the log and are not.
@@ -303,5 +296,12 @@ class AgentCheck:
         return Difference(step, self.name, quantity, logged, computed)
 
 
-def _cells(flags: bytes) -> str:
-    return f"COORDINATE in cells {[cell for cell, flag in enumerate(flags) if flag]}"
+def said_otherwise(logged: np.ndarray, computed: Action | np.ndarray) -> tuple[str, str]:
+    """Return in which numbers an action differs, as (logged, computed)."""
+    due = computed.tolist() if isinstance(computed, np.ndarray) else action_numbers(computed)
+    pairs = zip(ACTION_LABELS, logged.tolist(), due, strict=False)
+    odd = [(name, a, b) for name, a, b in pairs if repr(a) != repr(b)]
+    return (
+        " ".join(f"{name}={a:g}" for name, a, _ in odd),
+        " ".join(f"{name}={b:g}" for name, _, b in odd),
+    )

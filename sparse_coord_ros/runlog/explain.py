@@ -8,15 +8,18 @@ from typing import NamedTuple
 import numpy as np
 
 from sparse_coord_ros.game.world import Action
-from sparse_coord_ros.learn.agent import NOBODY
-from sparse_coord_ros.learn.algorithm import COORDINATE
+from sparse_coord_ros.learn.agent import NOBODY, Tables
+from sparse_coord_ros.learn.algorithm import ACTIONS, COORDINATE, PRIMITIVES
+from sparse_coord_ros.learn.factored import FactoredAgent
+from sparse_coord_ros.learn.factors import UNSEEN
 from sparse_coord_ros.runlog.agents import first_tables
 from sparse_coord_ros.runlog.dialogue import Request
-from sparse_coord_ros.runlog.follower import Follower
-from sparse_coord_ros.runlog.log import NONE, RunLog
+from sparse_coord_ros.runlog.log import RunLog
 from sparse_coord_ros.runlog.percepts import ENDED
-from sparse_coord_ros.runlog.story import Story, tell
+from sparse_coord_ros.runlog.replay import Replay, fresh_agent
+from sparse_coord_ros.runlog.trajectory import Trajectory, trajectory_of
 from sparse_coord_ros.wire import ANSWERED, LATE, PERCEPT_ENDS, REFUSED
+from sparse_coord_ros.wire.frame import Frame
 
 
 class Update(NamedTuple):
@@ -86,67 +89,71 @@ def explain(log: RunLog, robot: int, step: int) -> Coordination | None:
 
 def explained(log: RunLog, robot: int, steps: Sequence[int]) -> Iterator[Coordination | None]:
     """Yield the same of several time steps, ascending; the log is followed once for all."""
-    story = tell(log, robot)
+    trajectory = trajectory_of(log, robot)
     begun, odd = first_tables(log, robot)
     doubt = None if odd is None else f"{odd}"
     if begun is None:
         doubt = f"the log does not hold the tables that {log.names[robot]} began with"
         begun = log.run.rule.tables(log.run.scenario)
-    follower = Follower(log, robot, story, begun)
+    replay = Replay(log, trajectory, fresh_agent(log, robot, begun))
     for step in steps:
-        place = int(np.searchsorted(story.step, step))
-        here = story.step[place : place + 1] == step
-        if not here.any() or story.action[place] != COORDINATE:
+        place = int(np.searchsorted(trajectory.step, step))
+        here = trajectory.step[place : place + 1] == step
+        if not here.any() or trajectory.action[place] != COORDINATE:
             yield None
             continue
-        unknown = log.tracks.format == 1 and not story.told[:place].all()
+        unknown = log.tracks.format == 1 and not trajectory.told[:place].all()
         left_out = (
             "the robot was left out before, and a bag of format 1 does not say what it learned"
         )
         yield _coordination(
-            log, robot, story, follower, place, doubt or (left_out if unknown else None)
+            log, robot, trajectory, replay, place, doubt or (left_out if unknown else None)
         )
 
 
 def _coordination(
-    log: RunLog, robot: int, story: Story, follower: Follower, place: int, doubt: str | None
+    log: RunLog, robot: int, trajectory: Trajectory, replay: Replay, place: int, doubt: str | None
 ) -> Coordination:
-    """Follow a robot to an action that is COORDINATE, and over it."""
-    step = int(story.step[place])
-    agrees = follower.advance(place)
-    values = follower.values(place)
-    seen = tuple(story.seen[place].tolist())
-    perceived = seen if seen and NONE not in seen else None
-    entries = _entries(story, place, perceived)
-    before = [follower.entry(*state, action=a) for state, a in entries]
-    rho = follower.corrections(place)
-    agrees = agrees and follower.advance(place + 1)
+    """Replay a robot up to an action that is COORDINATE, and over it."""
+    step, cell = int(trajectory.step[place]), int(trajectory.cell[place])
+    move = int(trajectory.move[place])
+    perceived = trajectory.perceived_at(place)
+    agrees = replay.advance(place)
+    agent = replay.agent
+    values = agent.values_asking(cell, perceived)[:PRIMITIVES]
+    before = _entries(agent.tables, cell, perceived, move)
+    rho: dict[tuple[int, int], float] = {}
+    if isinstance(agent, FactoredAgent):
+        replay.hear(step)
+        rho = agent.corrections(step, cell, perceived, move)
+    agrees = agrees and replay.advance(place + 1)
     update = None
-    if story.learned[place] and agrees:
-        after = [follower.entry(*state, action=a) for state, a in entries]
-        changes = [
-            ((*state, a), b, c) for (state, a), b, c in zip(entries, before, after, strict=True)
-        ]
+    if trajectory.learned[place] and agrees:
+        after = _entries(agent.tables, cell, perceived, move)
+        star, *coord = [(*pair, after[pair[0]]) for pair in before.items()]
+        learned = {}
+        if isinstance(agent, FactoredAgent):
+            learned = agent.corrections(step, cell, perceived, move)
         update = Update(
-            int(story.next_cell[place]),
-            float(story.reward[place, -1]),
-            changes[0],
-            changes[1] if perceived is not None else None,
-            tuple((*who, rho[who], after) for who, after in follower.corrections(place).items()),
+            int(trajectory.next_cell[place]),
+            float(trajectory.reward[place, -1]),
+            star,
+            coord[0] if coord else None,
+            tuple((*who, rho[who], value) for who, value in learned.items()),
         )
-    computed = follower.other
-    move = int(story.move[place]) if computed is None else computed.move
-    peers = tuple(story.peers[place].tolist())
+    peers = tuple(trajectory.peers[place].tolist())
     requests = tuple(r for r in log.requests if (r.asker, r.step) == (robot, step))
+    computed = move if replay.other is None else replay.other.move
+    asked = peers[0] if len(peers) == 1 else NOBODY
     return Coordination(
         step=step,
         robot=robot,
-        cell=int(story.cell[place]),
+        cell=cell,
         peers=peers,
         requests=requests,
-        outcome=_outcome(log, robot, story, place, perceived, requests),
+        outcome=_outcome(log, robot, trajectory, place, perceived, requests),
         perceived=perceived,
-        action=Action(move, True, peers[0] if len(peers) == 1 else NOBODY, perceived is not None),
+        action=Action(computed, True, asked, perceived is not None),
         q_values=tuple(values),
         update=update,
         agrees=agrees,
@@ -155,30 +162,101 @@ def _coordination(
 
 
 def _entries(
-    story: Story, place: int, perceived: tuple[int, ...] | None
-) -> list[tuple[tuple[int, ...], int]]:
-    """Return which entries of Q* and, where it perceived, of Q^C an action changes."""
-    cell = int(story.cell[place])
-    entries: list[tuple[tuple[int, ...], int]] = [((cell,), COORDINATE)]
+    tables: Tables, cell: int, perceived: tuple[int, ...] | None, move: int
+) -> dict[tuple[int, ...], float]:
+    """Return the entries of Q* and, where it perceived, of Q^C that COORDINATE changes."""
+    entries: dict[tuple[int, ...], float] = {
+        (cell, COORDINATE): float(tables.q_star[cell, COORDINATE])
+    }
     if perceived is not None:
-        entries.append(((cell, *perceived), int(story.move[place])))
+        entry = (cell, *perceived, move)
+        entries[entry] = float(tables.q_coord[entry])
     return entries
 
 
 def _outcome(
     log: RunLog,
     robot: int,
-    story: Story,
+    trajectory: Trajectory,
     place: int,
     perceived: tuple[int, ...] | None,
     requests: tuple[Request, ...],
 ) -> str:
     """Return how the percept ended: as the robot says, in bags of format 1 by the dialogue."""
     if log.tracks.format > 1:
-        code = log.numbers[story.row[place], robot, ENDED]
+        code = log.numbers[trajectory.row[place], robot, ENDED]
         return PERCEPT_ENDS[int(code)] if code in range(len(PERCEPT_ENDS)) else f"percept={code:g}"
     if perceived is not None:
         return PERCEPT_ENDS[ANSWERED]
     last = requests[-1].answer if requests else None
-    late = last is None or last[0] < int(story.step[place])
+    late = last is None or last[0] < int(trajectory.step[place])
     return PERCEPT_ENDS[LATE if late else REFUSED]
+
+
+def _cell(log: RunLog, cell: int) -> str:
+    row, column = log.run.scenario.map.cells[cell]
+    return f"cell {cell} [{row}, {column}]"
+
+
+def in_words(log: RunLog, one: Coordination) -> Iterator[str]:
+    """Yield the lines that tell of a COORDINATE: question, answer, move, what was learned."""
+    name = log.names[one.robot]
+    peers = ", ".join(log.names[peer] for peer in one.peers) or "nobody"
+    yield f"step {one.step}: {name} in {_cell(log, one.cell)} chooses COORDINATE"
+    if one.doubt is not None:
+        yield f"  (the numbers may be wrong: {one.doubt}; see 'sparse_coord verify')"
+    if not one.requests:
+        yield f"  was to ask {peers}; no request is in the log"
+    for request in one.requests:
+        yield f"  asks {log.names[request.peer]}: {_answer(log, one, request)}"
+    source = f"Q*[{one.cell}]"
+    if one.perceived is not None:
+        yield f"  perceives {', '.join(_cell(log, cell) for cell in one.perceived)}"
+        source = f"Q^C[{', '.join(map(str, (one.cell, *one.perceived)))}]"
+    else:
+        yield f"  perceives nothing ({one.outcome})"
+        if log.run.rule.factors is not None:
+            source = f"U + rho[{one.cell}; failed percept]"
+    values = ", ".join(f"{a} {v:.6g}" for a, v in zip(ACTIONS, one.q_values, strict=False))
+    yield f"  goes {ACTIONS[one.action.move]} by {source}: {values}"
+    if not one.agrees:
+        yield "  (the log says another action; see 'sparse_coord verify')"
+    yield from _learned(log, one)
+
+
+def _answer(log: RunLog, one: Coordination, request: Request) -> str:
+    if request.answer is None:
+        return "no answer is in the log"
+    took = "" if request.seconds is None else f", after {request.seconds * 1e3:.3f} ms"
+    step, position = request.answer
+    if step < one.step:
+        return f"not there yet (at step {step}){took}"
+    if step > one.step:
+        return f"has gone on (to step {step}){took}"
+    if position is None:
+        return f"refused{took}"
+    cell = Frame(log.run).cell(*position)
+    if cell is None:
+        return f"answers {position}, which is no free cell{took}"
+    return f"answers {_cell(log, cell)}{took}"
+
+
+def _learned(log: RunLog, one: Coordination) -> Iterator[str]:
+    update = one.update
+    if update is None:
+        yield "  learns nothing from it: no reward came in time, or the next action was another"
+        return
+    yield f"  reward {update.reward:g}, to {_cell(log, update.next_cell)}"
+    if log.run.greedy:
+        yield "  learns nothing: the run is greedy"
+        return
+    for table, changed in (("Q^C", update.coord), ("Q*", update.star)):
+        if changed is None:
+            yield "  Q^C stays as it is: nothing was perceived"
+            continue
+        (*state, action), before, after = changed
+        yield f"  {table}[{', '.join(map(str, state))}; {ACTIONS[action]}] {before!r} -> {after!r}"
+    for peer, place, before, after in update.corrections:
+        where = "failed percept" if peer == UNSEEN else f"{log.names[peer]} in {place}"
+        move = ACTIONS[one.action.move]
+        yield f"  correction rho[{one.cell}; {where}; {move}] {before!r} -> {after!r}"

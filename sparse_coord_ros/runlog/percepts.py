@@ -12,7 +12,7 @@ from sparse_coord_ros.runlog.dialogue import EVENT_NAMES, RETURNED, Request, hea
 from sparse_coord_ros.runlog.difference import DIALOGUE, MISSING, Difference
 from sparse_coord_ros.runlog.draws import percept_draws
 from sparse_coord_ros.runlog.log import NONE, RunLog
-from sparse_coord_ros.runlog.story import tell
+from sparse_coord_ros.runlog.trajectory import trajectory_of
 from sparse_coord_ros.wire import (
     ACCOUNT_LABELS,
     ACTION,
@@ -85,19 +85,21 @@ class _Judge:
         for step in asked[~np.isin(asked, percepts.step)].tolist():
             if step <= self.last:
                 yield Difference(step, name, PERCEPT.name, MISSING, "one")
-        story = tell(log, k)
-        codes = log.numbers[story.row, k, ENDED]
-        coordinates = log.asked[story.row, k]
+        trajectory = trajectory_of(log, k)
+        codes = log.numbers[trajectory.row, k, ENDED]
+        coordinates = log.asked[trajectory.row, k]
         if log.tracks.format > 1:
-            lies = (codes != NOT_ASKED) & ~coordinates & (story.step <= self.last)
-            for step, code in zip(story.step[lies].tolist(), codes[lies].tolist(), strict=True):
+            lies = (codes != NOT_ASKED) & ~coordinates & (trajectory.step <= self.last)
+            for step, code in zip(
+                trajectory.step[lies].tolist(), codes[lies].tolist(), strict=True
+            ):
                 yield self._code(step, k, code, PERCEPT_ENDS[NOT_ASKED])
         places = dict(zip(percepts.step.tolist(), range(len(percepts.step)), strict=True))
-        for i in np.flatnonzero(coordinates & (story.step <= self.last)).tolist():
-            step = int(story.step[i])
+        for i in np.flatnonzero(coordinates & (trajectory.step <= self.last)).tolist():
+            step = int(trajectory.step[i])
             if step in places:
                 row = percepts.rows[places[step]]
-                peers = story.peers[i].tolist()
+                peers = trajectory.peers[i].tolist()
                 yield from self._percept(k, step, row, peers, float(codes[i]))
 
     def _percept(

@@ -94,13 +94,11 @@ class Verification:
         return found[0] if found else None
 
 
-def verify(path: Path, *, compiled: bool | None = None) -> Verification:
+def verify(path: Path) -> Verification:
     """Compute a recorded run again from its seed and its log, and compare.
 
     Args:
         path: as of `read_run`.
-        compiled: whether to follow the agents by compiled loops; None: where numba is installed
-            and the log is long enough. The result is the same.
 
     Raises:
         BagError: nothing can be read, or the bag holds no run, or is of a newer format.
@@ -115,9 +113,7 @@ def verify(path: Path, *, compiled: bool | None = None) -> Verification:
     world = check_world(log, last)
     differences += [] if world.difference is None else [world.difference]
     differences += check_world_maps(log, world.starts, world.end, last)
-    agents = [
-        AgentCheck(log, k, world.starts, last, compiled=compiled) for k in range(len(log.names))
-    ]
+    agents = [AgentCheck(log, k, world.starts, last) for k in range(len(log.names))]
     for agent in agents:
         differences += agent.differences()
     found = sorted(dict.fromkeys(differences), key=lambda one: one.rank)

@@ -23,9 +23,8 @@ from sparse_coord_ros.look.html import Page
 from sparse_coord_ros.look.report import _spoken, results_report, run_report
 from sparse_coord_ros.look.results import ResultsShown
 from sparse_coord_ros.look.sources import open_shown
-from sparse_coord_ros.runlog.explain import explain
+from sparse_coord_ros.runlog.explain import explain, in_words
 from sparse_coord_ros.runlog.log import read_run
-from sparse_coord_ros.runlog.words import in_words
 from sparse_coord_ros.solve.exact import evaluate_exact
 
 OLD = Path(__file__).parents[1] / "fixtures/0.1.0"

@@ -11,7 +11,7 @@ from sparse_coord_ros.learn.factors import UNSEEN
 from sparse_coord_ros.learn.simulation import learn, tables_equal
 from sparse_coord_ros.runlog import read_run, verify
 from sparse_coord_ros.runlog.explain import coordinations, explain
-from sparse_coord_ros.runlog.story import askers
+from sparse_coord_ros.runlog.trajectory import heard_askers
 
 EXPLORING = {
     "steps": 900,
@@ -76,7 +76,7 @@ def test_explained(logged, robots):
 
 def test_who_asked_is_in_the_dialogue(logged):
     log = read_run(logged[4].bag)
-    heard = [askers(log, k) for k in range(4)]
+    heard = [heard_askers(log, k) for k in range(4)]
     assert all(heard)
     for k, of in enumerate(heard):
         for step, who in of.items():

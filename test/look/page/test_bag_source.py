@@ -17,8 +17,7 @@ from sparse_coord_ros.look.page.bag_source import BagSource, moment_of
 from sparse_coord_ros.look.page.board import Board
 from sparse_coord_ros.look.page.commands import PAUSE, RATE, SEEK, STEP, Command
 from sparse_coord_ros.runlog import read_run
-from sparse_coord_ros.runlog.explain import explain
-from sparse_coord_ros.runlog.words import in_words
+from sparse_coord_ros.runlog.explain import explain, in_words
 
 
 class Player:

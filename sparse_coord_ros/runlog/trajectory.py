@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""One robot's actions as its log tells them."""
+"""One robot's trajectory: its actions, percepts and rewards, as the log tells them."""
 
 from typing import NamedTuple
 
@@ -14,8 +14,8 @@ from sparse_coord_ros.wire import ACCOUNT_LABELS, ACTION_LABELS
 from sparse_coord_ros.wire.frame import EAST_NORTH, Frame
 
 
-class Story(NamedTuple):
-    """One robot's actions in the log, and what came of them; n actions, K robots.
+class Trajectory(NamedTuple):
+    """One robot's actions in the log, and what came of them; n actions.
 
     Attributes:
         row: which time step of the log, shape (n,).
@@ -49,14 +49,14 @@ class Story(NamedTuple):
         asked &= (self.seen != NONE).all(axis=1)
         return asked
 
-    def seen_at(self, i: int) -> tuple[int, ...] | None:
+    def perceived_at(self, i: int) -> tuple[int, ...] | None:
         """Return the cells in which it perceived its peers at an action; None where not."""
         seen = tuple(self.seen[i].tolist())
         return seen if seen and NONE not in seen else None
 
 
-def tell(log: RunLog, k: int) -> Story:
-    """Return robot k's story: what the log says, up to an action or a state that makes no sense.
+def trajectory_of(log: RunLog, k: int) -> Trajectory:
+    """Return robot k's trajectory, up to an action or a state that makes no sense.
 
     Whether it has learned from an action its next one says; from the last one the numbers beside
     the tables. Where nothing says so (format 1), it has where reward and both states are there.
@@ -86,7 +86,7 @@ def tell(log: RunLog, k: int) -> Story:
             np.isin(step, right)[:, None], log.percept[rows[:, None], k, peers], NONE
         ).astype(np.int64)
         seen[(seen == NONE).any(axis=1)] = NONE
-    return Story(
+    return Trajectory(
         row=rows,
         step=step,
         cell=log.cells[rows, k].astype(np.int64),
@@ -111,19 +111,19 @@ def _peers(log: RunLog, k: int, step: np.ndarray) -> np.ndarray:
     return others[(draws * len(others)).astype(np.int64)][:, None]
 
 
-def due_numbers(story: Story) -> np.ndarray:
+def due_numbers(trajectory: Trajectory) -> np.ndarray:
     """Return the numbers of the logged actions as they must be, by `ACTION_LABELS`."""
-    asked = story.action == COORDINATE
-    numbers = np.zeros((len(story.step), len(ACTION_LABELS)))
-    numbers[:, :2] = np.array(EAST_NORTH)[story.move]
+    asked = trajectory.action == COORDINATE
+    numbers = np.zeros((len(trajectory.step), len(ACTION_LABELS)))
+    numbers[:, :2] = np.array(EAST_NORTH)[trajectory.move]
     numbers[:, 2] = asked
-    if story.peers.shape[1] == 1:
-        numbers[:, 3] = np.where(asked, story.peers[:, 0] + 1, 0)
-    numbers[:, 4] = asked & (story.seen != NONE).all(axis=1) & (story.seen.shape[1] > 0)
+    if trajectory.peers.shape[1] == 1:
+        numbers[:, 3] = np.where(asked, trajectory.peers[:, 0] + 1, 0)
+    numbers[:, 4] = asked & (trajectory.seen != NONE).all(axis=1) & (trajectory.seen.shape[1] > 0)
     return numbers
 
 
-def askers(log: RunLog, k: int) -> dict[int, list[tuple[int, int]]]:
+def heard_askers(log: RunLog, k: int) -> dict[int, list[tuple[int, int]]]:
     """Return who asked robot k at which time step, and from which cell: those that it heard."""
     frame = Frame(log.run)
     heard: dict[int, list[tuple[int, int]]] = {}
