@@ -107,8 +107,7 @@ def test_help_and_small_verbs_start_fast(arguments):
         f"    main({arguments!r})\n"
         "except SystemExit:\n"
         "    pass\n"
-        "heavy = ('argcomplete', 'numba', 'matplotlib',\n"
-        "    'sparse_coord_ros.engine', 'sparse_coord_ros.bench')\n"
+        "heavy = ('argcomplete', 'numba', 'matplotlib', 'sparse_coord_ros.engine')\n"
         "print([n for n in heavy if n in sys.modules])"
     )
     assert out.splitlines()[-1] == "[]"
@@ -117,19 +116,18 @@ def test_help_and_small_verbs_start_fast(arguments):
 def test_the_doctor_without_ros():
     out = python(
         "from sparse_coord_ros.cli.main import main\n"
-        "from sparse_coord_ros.doctor import middleware\n"
-        "middleware.round_trip = lambda changes=None: {'missing': 'no rclpy'}\n"
+        "from sparse_coord_ros.doctor import round_trip\n"
+        "round_trip.round_trip = lambda changes=None: {'missing': 'no rclpy'}\n"
         "assert main(['doctor']) == 0"
     )
     assert "is not there (no rclpy)" in out
 
 
-@pytest.mark.parametrize("verb", ["bench", "reproduce"])
-def test_help_of_the_large_verbs_compiles_and_draws_nothing(verb):
+def test_help_of_the_largest_verb_compiles_and_draws_nothing():
     out = python(
         "from sparse_coord_ros.cli.main import main\n"
         "try:\n"
-        f"    main([{verb!r}, '--help'])\n"
+        "    main(['reproduce', '--help'])\n"
         "except SystemExit:\n"
         "    pass\n"
         "print([n for n in ('numba', 'matplotlib') if n in sys.modules])"

@@ -48,17 +48,13 @@ def execute(options: argparse.Namespace) -> int:
 
 def findings() -> Iterator[Finding]:
     """Look at everything, one thing after the other."""
-    from sparse_coord_ros.doctor import installation, middleware, network, places
+    from sparse_coord_ros.doctor import environment, installation, round_trip
 
     yield from installation.installation()
     yield from installation.compiler()
-    yield from places.places()
-    yield from network.environment()
-    yield from network.interfaces()
-    yield from network.ports(network.domain())
-    yield from network.surroundings()
-    yield from places.shared_memory()
-    yield from middleware.middleware()
+    yield from environment.discovery()
+    yield from environment.shared_memory()
+    yield from round_trip.findings()
 
 
 def _clean() -> int:

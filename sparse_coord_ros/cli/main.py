@@ -11,13 +11,13 @@ import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 
-from sparse_coord_ros.cli.verbs import MOVED, VERBS, Parser
-from sparse_coord_ros.errors import EXIT_BAD_INPUT, SettingError, SparseCoordError
+from sparse_coord_ros.cli.verbs import VERBS, Parser
+from sparse_coord_ros.errors import EXIT_BAD_INPUT, SparseCoordError
 from sparse_coord_ros.version import __version__
 
 INTERRUPTED = 130
 
-WITH_NODES = ("run", "replay", "bench")
+WITH_NODES = ("run", "replay")
 """Verbs that run ROS nodes, which say good-bye at a signal by themselves."""
 
 LONGEST_NAME = 300
@@ -46,15 +46,14 @@ def make_parser(chosen: str | None = None) -> argparse.ArgumentParser:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one verb and return the exit code."""
-    if "_ARGCOMPLETE" in os.environ:
-        from sparse_coord_ros.cli.completion import complete
+    if "_ARGCOMPLETE" in os.environ:  # a shell's Tab key: `register-python-argcomplete`
+        import argcomplete
 
-        complete(make_parser)
+        line = os.environ["COMP_LINE"][: int(os.environ["COMP_POINT"])]
+        argcomplete.autocomplete(make_parser(_verb_of(line.split()[1:])))
     arguments = sys.argv[1:] if arguments is None else list(arguments)
-    verb = next((text for text in arguments if not text.startswith("-")), None)
+    verb = _verb_of(arguments)
     try:
-        if verb is not None and verb in MOVED:
-            raise SettingError(MOVED[verb])
         options = make_parser(verb).parse_args(arguments)
         with nullcontext() if verb in WITH_NODES else _terminated_like_interrupted():
             return options.execute(options)
@@ -79,6 +78,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # impatience brings no traceback at the exit
         print("interrupted", file=sys.stderr, flush=True)
         return INTERRUPTED
+
+
+def _verb_of(words: Sequence[str]) -> str | None:
+    return next((word for word in words if not word.startswith("-")), None)
 
 
 def _in_words(error: OSError) -> str:

@@ -5,7 +5,7 @@
 import argparse
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -56,14 +56,20 @@ def _bag(text: str) -> Path:
 
 def add_scenario(parser: argparse.ArgumentParser, *, optional: bool = False) -> None:
     """Add SCENARIO and the options that change it."""
-    parser.add_argument(
+    scenario = parser.add_argument(
         "scenario",
         nargs="?" if optional else None,
         metavar="SCENARIO",
         help=f"path of a scenario file, or one of: {', '.join(scenario_names())}",
     )
+    completed_by(scenario, scenario_names)
     parser.add_argument("--penalty", help="r^C of a miscoordination, e.g. -20")
     add_set(parser, "change a scenario setting, e.g. perception=probability:0.7; may be repeated")
+
+
+def completed_by(option: argparse.Action, names: Callable[[], Iterable[str]]) -> None:
+    """Let the Tab key offer names for an option's value; argcomplete calls its `completer`."""
+    setattr(option, "completer", lambda **_: names())  # noqa: B010 - argcomplete's way
 
 
 def add_set(parser: argparse.ArgumentParser, help: str) -> None:
@@ -90,11 +96,12 @@ def add_learning(parser: argparse.ArgumentParser) -> None:
 def add_learner(parser: argparse.ArgumentParser) -> None:
     """Add --learner."""
     known = [f"{name}: {learner.summary}" for name, learner in LEARNERS.registered.items()]
-    parser.add_argument(
+    learner = parser.add_argument(
         "--learner",
         default="coop",
         help=f"{'; '.join(known)}; or one of your own as module:Class (default: coop)",
     )
+    completed_by(learner, lambda: LEARNERS.names)
 
 
 def add_page(parser: argparse.ArgumentParser) -> None:

@@ -30,17 +30,9 @@ VERBS: Mapping[str, str] = {
     "plot": "draw policies, ask maps, learning curves, sparsity and percepts of runs, or results",
     "animate": "make a film (GIF) of an episode: robots move, ask and are answered",
     "report": "tell all of a run, or of results, in one HTML file: pictures, worth, faults",
-    "completion": "print what your shell needs to complete sparse_coord with the Tab key",
     "reproduce": "reproduce the paper's tables and figures, and go beyond them",
-    "bench": "measure the speed of env1: live, beside bare rclpy nodes passing the same messages, "
-    "and the batch engine",
 }
 """Every verb and what it does; `sparse_coord_ros.cli.<verb>` is imported where it is chosen."""
-
-MOVED: Mapping[str, str] = {
-    "study": "'study' is not a verb any more: run 'make study' in a checkout of the repository"
-}
-"""What to say of verbs that there were once."""
 
 
 class Parser(argparse.ArgumentParser):

@@ -13,7 +13,7 @@ import pytest
 import sparse_coord_ros
 from sparse_coord_ros.cli import main as module
 
-VERBS = ("run", "train", "evaluate", "optimum", "maps", "reproduce", "bench")
+VERBS = ("run", "train", "evaluate", "optimum", "maps", "reproduce")
 
 
 def test_version(sparse_coord):
@@ -49,10 +49,6 @@ def test_usage_errors(sparse_coord, folder, arguments, words):
     assert (code, out) == (2, "")
     assert words in err.splitlines()[-1]
     assert list(folder.iterdir()) == []
-
-
-def test_a_verb_that_moved_says_where_to(refused):
-    assert "'make study' in a checkout" in refused("study", "--out", "s")
 
 
 def test_interrupted(sparse_coord, monkeypatch):
@@ -115,3 +111,21 @@ def test_help_does_not_wait_for_numpy():
     subprocess.run(
         [sys.executable, "-c", f"{code}; assert 'numpy' not in sys.modules"], check=True
     )
+
+
+@pytest.mark.parametrize(
+    ("line", "answer"),
+    [
+        ("sparse_coord tr", ["train"]),
+        ("sparse_coord train env2", ["env2-2r", "env2-4r"]),
+        ("sparse_coord train env1 --learner f", ["factored"]),
+    ],
+)
+def test_the_tab_key(tmp_path, line, answer):
+    """What argcomplete's code in a shell asks, and how it is answered."""
+    asked = {"_ARGCOMPLETE": "1", "_ARGCOMPLETE_IFS": " ", "COMP_LINE": line}
+    asked |= {"COMP_POINT": str(len(line)), "_ARGCOMPLETE_STDOUT_FILENAME": str(tmp_path / "said")}
+    command = [sys.executable, "-m", "sparse_coord_ros.executables", "sparse_coord"]
+    path = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    subprocess.run(command, env={**os.environ, **path, **asked}, cwd=tmp_path, timeout=60)
+    assert (tmp_path / "said").read_text().split() == answer

@@ -6,7 +6,6 @@ import ctypes
 import shutil
 import subprocess
 import tempfile
-import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -14,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from sparse_coord_ros.bench.batch import LEARNER, agent_steps_rate
 from sparse_coord_ros.engine.batch import make_problem
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.game.scenario import Scenario
@@ -98,7 +96,6 @@ class CLoop:
         RunError: there is no C compiler, or it fails.
     """
 
-    name = "plain C loop"
     roles = (POLICY, MOTION, PERCEPT, START)
     """The streams that it draws from, in its order."""
 
@@ -106,7 +103,7 @@ class CLoop:
         self.scenario = scenario
         kinds = [ctypes.POINTER(_Problem), *[ctypes.c_void_p] * 3]
         self._learn_run = _compiled_loop(SOURCE, "learn_run", kinds)
-        self._arrays, self._problem = _problem(scenario, learner_of(LEARNER))
+        self._arrays, self._problem = _problem(scenario, learner_of("coop"))
 
     def sources(self, seed: int) -> np.ndarray:
         """Return the random generators of a run.
@@ -120,16 +117,11 @@ class CLoop:
                 words += [divmod(state[part], 2**64) for part in ("state", "inc")]
         return np.array(words, dtype=np.uint64).reshape(-1, len(self.roles), 4)
 
-    def rate(self, runs: int, threads: int) -> float:
-        """Learn some runs and return the agent-steps a second.
-
-        Seeding is on the clock, as it is for the engine.
-        """
-        started = time.perf_counter()
+    def learn_runs(self, runs: int, threads: int) -> None:
+        """Learn runs of the seeds from 0; they are seeded here, as the engine seeds its own."""
         with ThreadPoolExecutor(threads) as pool:
             for _ in pool.map(lambda seed: self.learn(self.sources(seed)), range(runs)):
                 pass
-        return agent_steps_rate(self.scenario, runs, started)
 
     def learn(self, sources: np.ndarray) -> list[Tables]:
         """Learn once and return the tables of every robot.

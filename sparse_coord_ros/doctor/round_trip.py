@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Do two processes find each other over ROS 2 and hear each other?
 
-Two children are started (`python -m sparse_coord_ros.doctor.middleware echo NAME`, and `ask`): a
+Two children are started (`python -m sparse_coord_ros.doctor.round_trip echo NAME`, and `ask`): a
 crash or a hang in the middleware is then a finding, and no end of the doctor.
 """
 
@@ -43,7 +43,7 @@ OTHER_WAYS: tuple[tuple[str, str, str], ...] = (
 """What to try where nobody answers, and what it means where that helps."""
 
 
-def middleware() -> Iterator[Finding]:
+def findings() -> Iterator[Finding]:
     """Try rclpy, the middleware, and a round trip between two processes."""
     said = round_trip()
     if "missing" in said:

@@ -144,7 +144,7 @@ def one_process(steps: int) -> float:
 
 def separate_processes(steps: int) -> float:
     """Return the bare steps a second with every node in its own process."""
-    command = [sys.executable, "-m", "sparse_coord_ros.bench.ceiling"]
+    command = [sys.executable, "-m", "tools.bench.ceiling"]
     robots = [
         subprocess.Popen([*command, "robot", str(number)], stdin=subprocess.PIPE, env=one_host())
         for number in range(len(ROBOTS))

@@ -1,0 +1,95 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Steps a second of live runs, beside bare rclpy nodes that pass the same messages."""
+
+import statistics
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from sparse_coord_ros.cli import live
+from sparse_coord_ros.cli.options import format_table
+from sparse_coord_ros.game.buildings import Building, building_text
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.simulation import learn
+from tools.bench import ceiling
+
+SCENARIO = "env1"
+TEAMS = (2, 4, 8, 16, 32)
+"""Robots of the teams whose speed is measured, each on the same generated building."""
+
+ONE, MANY = "one process", "processes"
+BARE, LEARNING, RECORDING = ", bare rclpy nodes", ", learning", ", learning and recording"
+
+
+def measure(steps: int, repeats: int) -> dict[str, list[float]]:
+    """Return steps a second of each way to run env1, one figure a repeat."""
+    ways: dict[str, Callable[[], float]] = {
+        "without ROS (train)": lambda: _simulated(steps),
+        ONE + BARE: lambda: ceiling.one_process(steps),
+        ONE + LEARNING: lambda: _live(steps, record=False),
+        ONE + RECORDING: lambda: _live(steps, record=True),
+        MANY + BARE: lambda: ceiling.separate_processes(steps),
+        MANY + LEARNING: lambda: _live(steps, record=False, processes=True),
+        MANY + RECORDING: lambda: _live(steps, record=True, processes=True),
+    }
+    found: dict[str, list[float]] = {name: [] for name in ways}
+    for _ in range(repeats):
+        for name, way in ways.items():
+            found[name].append(way())
+    return found
+
+
+def measure_teams(steps: int, repeats: int) -> dict[int, list[float]]:
+    """Return steps a second of teams in one process, without recording, by their robots."""
+    found: dict[int, list[float]] = {robots: [] for robots in TEAMS}
+    with tempfile.TemporaryDirectory(prefix="sparse_coord_bench_") as folder:
+        for _ in range(repeats):
+            for robots in TEAMS:
+                file = Path(folder) / f"building_{robots}.yaml"
+                file.write_text(building_text(Building(rooms=4, robots=robots)))
+                few = max(100, steps * TEAMS[0] // robots // 2)
+                found[robots].append(_live(few, record=False, scenario=str(file)))
+    return found
+
+
+def table(found: dict[str, list[float]]) -> str:
+    """Return the table of what `measure` found."""
+    rows = []
+    for name, rates in found.items():
+        bare = found.get(name.split(",")[0] + BARE)
+        median = statistics.median(rates)
+        share = f"{median / statistics.median(bare):.0%}" if bare else "-"
+        rows.append([name, f"{median:.0f}", f"{min(rates):.0f} to {max(rates):.0f}", share])
+    head = [f"{SCENARIO}, 2 robots, events executor", "steps/s", "range", "of bare nodes"]
+    return format_table(head, rows)
+
+
+def teams_table(found: dict[int, list[float]]) -> str:
+    """Return the table of what `measure_teams` found."""
+    rows = []
+    for robots, rates in found.items():
+        median = statistics.median(rates)
+        spread = f"{min(rates):.0f} to {max(rates):.0f}"
+        rows.append([str(robots), f"{median:.0f}", spread, f"{median * robots:.0f}"])
+    head = ["robots in one process, learning", "steps/s", "range", "agent-steps/s"]
+    return format_table(head, rows)
+
+
+def _simulated(steps: int) -> float:
+    scenario = load_scenario(SCENARIO).with_settings({"steps": steps})
+    started = time.perf_counter()
+    learn(scenario, "coop", 0)
+    return steps / (time.perf_counter() - started)
+
+
+def _live(steps: int, *, record: bool, processes: bool = False, scenario: str = SCENARIO) -> float:
+    with tempfile.TemporaryDirectory(prefix="sparse_coord_bench_") as folder:
+        values = {
+            "scenario": scenario,
+            "set": [f"steps={steps}"],
+            "out": str(Path(folder) / "run"),
+            "record": record,
+        }
+        return live.run(values, processes=processes, quiet=True)["steps_per_second"]
