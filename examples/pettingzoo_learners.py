@@ -14,9 +14,9 @@ from open_spiel.python.algorithms.tabular_qlearner import QLearner
 from open_spiel.python.rl_environment import StepType, TimeStep
 
 import sparse_coord_ros as sc
+from sparse_coord_ros.game.actions import COORDINATE
 from sparse_coord_ros.pettingzoo_env import parallel_env
 
-COORDINATE = 4
 MEASURES = ("reward", "miscoordinations", "asks", "arrived")
 STEP_SIZE = 0.1
 EPSILON = (0.15, 0.02, 0.8)  # from, to, over which part of the steps: as our learners

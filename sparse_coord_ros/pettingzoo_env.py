@@ -19,13 +19,13 @@ from typing import Any, ClassVar
 import numpy as np
 
 from sparse_coord_ros.errors import RunError, SettingError
+from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.grid import WALL
 from sparse_coord_ros.game.links import PerceptStream
-from sparse_coord_ros.game.perception import probability_rows
+from sparse_coord_ros.game.perception import asked_peers, probability_rows, succeeds
 from sparse_coord_ros.game.scenario import Scenario, loaded
 from sparse_coord_ros.game.streams import EVALUATION, LEARNING, PEER, POLICY, Stream
 from sparse_coord_ros.game.world import Action, World
-from sparse_coord_ros.learn.algorithm import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.palette import DOORWAY_COLOUR, WALL_COLOUR, rgb, robot_colour
 
 try:
@@ -264,11 +264,8 @@ class SparseCoordEnv(ParallelEnv):
         return mask
 
     def _peers(self, world: World, k: int) -> tuple[int, ...]:
-        others = tuple(j for j in range(len(self.possible_agents)) if j != k)
-        if self.scenario.peers == "all" or not others:
-            return others
         draw = self._peer_draws[k].at(world.step)[PEER]
-        return (others[int(draw * len(others))],)
+        return asked_peers(self.scenario.peers, k, len(self.possible_agents), draw)
 
     def _perceived(self, world: World, k: int, peers: tuple[int, ...]) -> tuple[int, ...] | None:
         """Return the cells of the asked peers; None unless the percept of each succeeds."""
@@ -277,7 +274,7 @@ class SparseCoordEnv(ParallelEnv):
         draw = self._percept_draws[k].at(world.step)[0]
         chances = self._probabilities[world.cells[k]]
         cells = tuple(world.cells[peer] for peer in peers)
-        return None if any(draw >= chances[cell] for cell in cells) else cells
+        return cells if all(succeeds(draw, chances[cell]) for cell in cells) else None
 
     def _observations(self) -> dict[str, Any]:
         return {name: self._observation(self._number[name]) for name in self.agents}

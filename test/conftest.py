@@ -8,6 +8,7 @@ import tempfile
 
 import pytest
 
+from sparse_coord_ros.game.scenario import scenario_from_dict
 from sparse_coord_ros.kept import FOLDER_VARIABLE
 
 DOMAIN_ID = 1 + os.getpid() % 100
@@ -60,3 +61,22 @@ def pytest_configure(config):
         config.add_cleanup(folder.cleanup)
         os.environ.setdefault(FOLDER_VARIABLE, folder.name)
         os.environ["HYPOTHESIS_STORAGE_DIRECTORY"] = f"{folder.name}/hypothesis"
+
+
+CORRIDOR = "1..D..2"
+
+
+@pytest.fixture
+def make():
+    """Return a maker of scenarios from the rows of a map, robots as {name: (start, goal)}."""
+
+    def maker(grid=CORRIDOR, robots=None, **settings):
+        robots = robots or {"robot_1": (1, 2), "robot_2": (2, 1)}
+        data = {
+            "map": {"name": "drawn", "text": f"title: drawn\n---\n{grid}\n"},
+            "robots": {name: {"start": s, "goal": g} for name, (s, g) in robots.items()},
+            **settings,
+        }
+        return scenario_from_dict(data, where="drawn.yaml", name="drawn")
+
+    return maker

@@ -8,7 +8,7 @@ from typing import Any
 
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.errors import RunError, did_you_mean
-from sparse_coord_ros.learn.algorithm import ACTIONS
+from sparse_coord_ros.game.actions import ACTIONS
 
 
 def add_parser(verbs) -> None:

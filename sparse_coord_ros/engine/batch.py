@@ -8,6 +8,7 @@ without it `learn.simulation` and `learn.evaluation` run in processes. Where the
 closed, as by Ctrl-C, neither goes on for longer than a block of time steps.
 """
 
+import functools
 import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -22,8 +23,10 @@ from sparse_coord_ros.engine.compiled import Loops, compiled
 from sparse_coord_ros.engine.generator import jump_table, source_of
 from sparse_coord_ros.engine.processes import in_processes
 from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.links import UP, link_of
-from sparse_coord_ros.game.perception import percept_probabilities
+from sparse_coord_ros.game.miscoordination import meeting_places, miscoordinated
+from sparse_coord_ros.game.perception import drawn_peer, percept_probabilities
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.schedules import exploration, exploring_starts, step_sizes
 from sparse_coord_ros.game.streams import (
@@ -42,7 +45,6 @@ from sparse_coord_ros.game.streams import (
 from sparse_coord_ros.game.world import EPISODE_GAP, FIRST_STEP, UNKNOWN_PARTNERS, Action, Position
 from sparse_coord_ros.kept import is_kept
 from sparse_coord_ros.learn.agent import NOBODY, Memory, Tables, initial_tables
-from sparse_coord_ros.learn.algorithm import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.learn.evaluation import Trials, play
 from sparse_coord_ros.learn.factors import (
     FactorMemory,
@@ -638,8 +640,7 @@ class CompiledLearning:
         robots = len(scenario.robots)
         if asked and robots > 1 and scenario.peers != "all":
             draw = Stream(self._seed, k, POLICY).at(step)[PEER]
-            peer = int(draw * (robots - 1))
-            peer += peer >= k
+            peer = drawn_peer(k, robots, draw)
         failed = kernels.NO_ROW if self.learners.factored is None else kernels.FAILED
         perceived = asked and int(chosen.rows[k]) != failed
         return Action(int(chosen.moves[k]), asked, peer, perceived)
@@ -649,10 +650,7 @@ class CompiledLearning:
         scenario = self._team.scenario
         if self._team.learner.alone:
             return False
-        inside = [cell for cell in cells if cell in scenario.map.doorways]
-        if scenario.conflict == "any_doorway":
-            return len(inside) > 1
-        return len(set(inside)) < len(inside)
+        return bool(miscoordinated(meeting_places(scenario)[list(cells)]))
 
     @property
     def asked(self) -> np.ndarray:
@@ -701,9 +699,9 @@ class CompiledLearning:
 
 
 def _updated(counts: np.ndarray) -> np.ndarray:
-    """Return which rows have a count (four int32) that is not 0: two words of 64 bits each."""
-    words = counts.view(np.int64)
-    updated: np.ndarray = (words[..., 0] | words[..., 1]) != 0
+    """Return which rows have a count that is not 0, shape of `counts` but for the last axis."""
+    words = counts.view(np.int64)  # two int32 each: half as many to look at
+    updated: np.ndarray = functools.reduce(np.bitwise_or, np.moveaxis(words, -1, 0)) != 0
     return updated
 
 
@@ -778,8 +776,6 @@ def make_problem(
     grid, robots = scenario.map, scenario.robots
     cells = len(grid.cells)
     rule = learner.factors or FactorRule()
-    doorway = np.zeros(cells, dtype=np.bool_)
-    doorway[sorted(grid.doorways)] = True
     free = [np.flatnonzero(grid.distances_to(robot.goal) > 0) for robot in robots]
     start_cells = np.zeros((len(robots), max(map(len, free))), dtype=np.int64)
     for k, choices in enumerate(free):
@@ -793,10 +789,9 @@ def make_problem(
         starts=np.array([robot.start for robot in robots]),
         goals=np.array([robot.goal for robot in robots]),
         next_cell=np.ascontiguousarray(grid.next_cell, dtype=np.int64),
-        doorway=doorway,
+        places=meeting_places(scenario),
         percept=percept_probabilities(scenario.perception, grid),
         all_peers=scenario.peers == "all",
-        any_doorway=scenario.conflict == "any_doorway",
         penalties=np.array(scenario.penalties),
         start_cells=start_cells,
         start_counts=np.array([len(choices) for choices in free]),

@@ -9,9 +9,13 @@ from typing import Any, NamedTuple
 from sparse_coord_ros import kept
 from sparse_coord_ros.compiling import accepted, numba
 from sparse_coord_ros.engine import generator, kernels
+from sparse_coord_ros.game import miscoordination, perception
 from sparse_coord_ros.learn import algorithm, factors
 
 CALLED = (
+    miscoordination.together,
+    perception.drawn_peer,
+    perception.succeeds,
     algorithm.greedy,
     algorithm.greatest,
     algorithm.step_size,

@@ -12,7 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from sparse_coord_ros.engine.generator import MOST, jumped, uniform
+from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.links import LOST
+from sparse_coord_ros.game.miscoordination import NOWHERE, together
+from sparse_coord_ros.game.perception import drawn_peer, succeeds
 from sparse_coord_ros.game.streams import (
     BLIND,
     BLIND_ACTION,
@@ -30,16 +33,7 @@ from sparse_coord_ros.game.streams import (
     TIE,
 )
 from sparse_coord_ros.game.world import EPISODE_GAP
-from sparse_coord_ros.learn.algorithm import (
-    ACTIONS,
-    COORDINATE,
-    PRIMITIVES,
-    greatest,
-    greedy,
-    step_size,
-    updated,
-    weighed,
-)
+from sparse_coord_ros.learn.algorithm import greatest, greedy, step_size, updated, weighed
 from sparse_coord_ros.learn.factors import (
     Own,
     Terms,
@@ -81,10 +75,9 @@ class CompiledScenario(NamedTuple):
         starts: start cell [k].
         goals: goal cell [k].
         next_cell: where a move leads [x, action].
-        doorway: whether a cell is one [x].
+        places: meeting place of each cell, as of `game.miscoordination` [x].
         percept: probability that a percept succeeds [x, cell of the peer].
         all_peers: whether COORDINATE perceives every peer (footnote 3), or one drawn at random.
-        any_doorway: whether two robots in any doorways are a miscoordination.
         penalties: r^C of a miscoordination [k].
         start_cells: cells where an exploring start can be [k, number].
         start_counts: how many they are [k].
@@ -93,7 +86,7 @@ class CompiledScenario(NamedTuple):
         alpha_by_count: step size [number of the entry's update].
         alpha_by_step: least step size [time step].
         discounts: gamma to the power of [steps].
-        actions: 5 with COORDINATE, 4 for the baselines.
+        actions: how many there are: all, or only the moves for the baselines.
         weights: how much the individual and the common part of a reward and the cost of asking
             count while learning [3].
         budget: transitions to learn from.
@@ -114,10 +107,9 @@ class CompiledScenario(NamedTuple):
     starts: np.ndarray
     goals: np.ndarray
     next_cell: np.ndarray
-    doorway: np.ndarray
+    places: np.ndarray
     percept: np.ndarray
     all_peers: bool
-    any_doorway: bool
     penalties: np.ndarray
     start_cells: np.ndarray
     start_counts: np.ndarray
@@ -208,7 +200,7 @@ class Choices(NamedTuple):
 
     Attributes:
         cells: the cell that it was in.
-        actions: A_k(t), 0 to 4.
+        actions: A_k(t), as of `game.actions`.
         moves: the primitive action that it became.
         rows: the row of Q^C that was perceived, or `NO_ROW`.
     """
@@ -357,23 +349,20 @@ def perceived_row(
     """Return the row of Q^C that robot k's COORDINATE perceives, or `NO_ROW`."""
     cells = game.cells
     x = cells[k]
-    size = len(problem.doorway)
+    size = len(problem.places)
     team = len(cells)
     draw = percept_draw(draws, k, step)
     if problem.all_peers:
         key = x
         for peer in range(team):
             if peer != k:
-                if draw >= problem.percept[x, cells[peer]]:
+                if not succeeds(draw, problem.percept[x, cells[peer]]):
                     return NO_ROW
                 key = key * size + cells[peer]
     else:
-        peer = 0
-        if team > 2:
-            peer = int(drawn(draws, POLICY, k, step, PEER) * (team - 1))
-        if peer >= k:
-            peer += 1
-        if draw >= problem.percept[x, cells[peer]]:
+        which = drawn(draws, POLICY, k, step, PEER) if team > 2 else 0.0
+        peer = drawn_peer(k, team, which)
+        if not succeeds(draw, problem.percept[x, cells[peer]]):
             return NO_ROW
         key = x * size + cells[peer]
     return row_to_learn(learners, k, key)
@@ -420,7 +409,7 @@ def coordinate(
     for peer in range(len(game.cells)):
         if peer != k:
             factored.askers[peer] |= 1 << k
-            if draw >= problem.percept[x, game.cells[peer]]:
+            if not succeeds(draw, problem.percept[x, game.cells[peer]]):
                 seen = FAILED
                 break
     choice.rows[k] = seen
@@ -526,11 +515,10 @@ def move(problem: CompiledScenario, game: Game, choice: Choices, draws: Draws, s
         if not game.arrived[k] and drawn(draws, MOTION, k, step, 0) < problem.move_success:
             cells[k] = problem.next_cell[cells[k], choice.moves[k]]
     for i in range(len(members)):
-        here = cells[members[i]]
-        if problem.doorway[here]:
+        place = problem.places[cells[members[i]]]
+        if place != NOWHERE:
             for j in range(i):
-                there = cells[members[j]]
-                if there == here or (problem.any_doorway and problem.doorway[there]):
+                if together(place, problem.places[cells[members[j]]]):
                     return True
     return False
 
@@ -540,10 +528,10 @@ def find_partners(problem: CompiledScenario, game: Game, partners: np.ndarray) -
     cells = game.cells
     for k in problem.members:
         partners[k] = 0
-        if problem.doorway[cells[k]]:
+        place = problem.places[cells[k]]
+        if place != NOWHERE:
             for j in problem.members:
-                here = cells[j] == cells[k] or problem.any_doorway
-                if j != k and problem.doorway[cells[j]] and here:
+                if j != k and together(place, problem.places[cells[j]]):
                     partners[k] |= 1 << j
 
 
@@ -630,7 +618,7 @@ def learn_factors(
             z = choice.cells[peer]
             known = seen == PERCEIVED
             if not known and problem.share and (factored.askers[k] >> peer) & 1:
-                known = percept_draw(draws, k, step) < problem.percept[x, z]
+                known = succeeds(percept_draw(draws, k, step), problem.percept[x, z])
             if known and peer != k:
                 share = common if (partners >> peer) & 1 else 0.0
                 key = key_of(x, peer, z, size, team)

@@ -24,9 +24,9 @@ from sparse_coord_ros.engine.batch import Run
 from sparse_coord_ros.errors import ResultsError, SettingError, newer_format
 from sparse_coord_ros.experiments.conditions import Condition, parse_id
 from sparse_coord_ros.files import PARTIAL, take_lock, write_whole
+from sparse_coord_ros.game.actions import PRIMITIVES
 from sparse_coord_ros.game.scenario import SETTINGS, Scenario, dense_nbytes
 from sparse_coord_ros.game.settings import Setting
-from sparse_coord_ros.learn.algorithm import PRIMITIVES
 from sparse_coord_ros.learn.evaluation import Measure
 from sparse_coord_ros.learn.factors import rows_at_most
 from sparse_coord_ros.learn.learners import learner_of

@@ -18,10 +18,8 @@ import numpy as np
 import yaml
 
 from sparse_coord_ros.errors import MapError, did_you_mean, in_short
+from sparse_coord_ros.game.actions import DIRECTIONS
 from sparse_coord_ros.share import share_file, share_names
-
-MOVES = ((-1, 0), (1, 0), (0, 1), (0, -1))
-"""(row, column) change of the primitive actions north, south, east, west."""
 
 WALL, FREE, DOORWAY = "#", ".", "D"
 SYMBOLS = "'#' wall, '.' free, 'D' doorway, '1' to '9' start"
@@ -96,10 +94,10 @@ class GridMap:
 
     @cached_property
     def next_cell(self) -> np.ndarray:
-        """Shape (cells, 4), int64: where a successful move leads; into a wall means staying."""
-        table = np.empty((len(self.cells), len(MOVES)), dtype=np.int64)
+        """Shape (cells, moves), int64: where a successful move leads; a wall: the cell itself."""
+        table = np.empty((len(self.cells), len(DIRECTIONS)), dtype=np.int64)
         for x, (r, c) in enumerate(self.cells):
-            for a, (dr, dc) in enumerate(MOVES):
+            for a, (dr, dc) in enumerate(DIRECTIONS):
                 table[x, a] = self.number.get((r + dr, c + dc), x)
         return table
 

@@ -171,6 +171,36 @@ def percept_probabilities(model: Spec, grid: GridMap) -> np.ndarray:
     return matrix
 
 
+def succeeds(draw: Any, probability: Any) -> Any:
+    """Return whether a percept succeeds: numbers or arrays of them; the loops compile it.
+
+    Args:
+        draw: the asker's draw of the time step, from `game.links.PerceptStream`.
+        probability: that of the two robots' cells, from `percept_probabilities`.
+    """
+    return draw < probability
+
+
+def asked_peers(peers: str, number: int, robots: int, draw: float) -> tuple[int, ...]:
+    """Return whom a robot asks by COORDINATE, in ascending order (paper, Section 3.2; footnote 3).
+
+    Args:
+        peers: the setting: "one" or "all".
+        number: the robot, from 0.
+        robots: how many there are.
+        draw: its draw `streams.PEER` of the time step, in [0, 1).
+    """
+    if peers == "all" or robots == 1:
+        return (*range(number), *range(number + 1, robots))
+    return (drawn_peer(number, robots, draw),)
+
+
+def drawn_peer(number: int, robots: int, draw: float) -> int:
+    """Return the one peer that a robot asks; arguments as of `asked_peers`. Loops compile it."""
+    peer = int(draw * (robots - 1))
+    return peer + 1 if peer >= number else peer
+
+
 def probability_rows(model: Spec, grid: GridMap) -> Sequence[Sequence[float]]:
     """Return `percept_probabilities` to look up entry by entry.
 

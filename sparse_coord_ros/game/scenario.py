@@ -12,7 +12,8 @@ import numpy as np
 import yaml
 
 from sparse_coord_ros.errors import MapError, ScenarioError, SettingError, did_you_mean
-from sparse_coord_ros.game.grid import MOVES, UNREACHABLE, GridMap, load_map, parse_map
+from sparse_coord_ros.game.actions import PRIMITIVES
+from sparse_coord_ros.game.grid import UNREACHABLE, GridMap, load_map, parse_map
 from sparse_coord_ros.game.links import LINKS
 from sparse_coord_ros.game.perception import PERCEPTION
 from sparse_coord_ros.game.schedules import EPSILON, STARTS, STEP_SIZE
@@ -337,7 +338,7 @@ class Scenario:
 
 def dense_nbytes(cells: int, agents: int) -> int:
     """Return the bytes of Q^C as an array: a float64 for each joint state and move."""
-    return int(cells**agents * len(MOVES) * np.dtype(np.float64).itemsize)
+    return int(cells**agents * PRIMITIVES * np.dtype(np.float64).itemsize)
 
 
 RESERVED_NAMES = ("world_simulator", "recorder", "team")

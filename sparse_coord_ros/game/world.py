@@ -8,6 +8,12 @@ The world simulator node, the simulation without ROS and the evaluation all step
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from sparse_coord_ros.game.miscoordination import (
+    NOWHERE,
+    meeting_places,
+    miscoordinated,
+    partners_of,
+)
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.schedules import exploring_starts
 from sparse_coord_ros.game.streams import LEARNING, MOTION, START, Stream
@@ -58,7 +64,7 @@ class Action(NamedTuple):
     """What an agent does at a time step.
 
     Attributes:
-        move: the primitive action, 0 to 3 (the hatted A_k(t) of Algorithm 1 after COORDINATE).
+        move: the primitive action (the hatted A_k(t) of Algorithm 1 after COORDINATE).
         asked: whether the agent chose COORDINATE.
         peer: the agent whose local state it asked for; -1 where it asked nobody or several.
         perceived: whether the percept (of every agent that was asked) succeeded.
@@ -146,14 +152,13 @@ class World:
         numbers = range(len(scenario.robots))
         self._goals = [robot.goal for robot in scenario.robots]
         self._next_cell = scenario.map.next_cell.tolist()
-        self._doorways = scenario.map.doorways
+        self._places = meeting_places(scenario).tolist()
         self._motion = [Stream(seed, k, MOTION, phase) for k in numbers]
         self._start = [Stream(seed, k, START, phase) for k in numbers]
         self._exploring = None
         if phase == LEARNING:
             self._exploring = exploring_starts(scenario.starts, scenario.steps)
         self._random_cells: dict[int, list[int]] = {}
-        self._any_doorway = scenario.conflict == "any_doorway"
         self._penalties = scenario.penalties
         self._begin_here()
 
@@ -208,16 +213,17 @@ class World:
             cells[k] = self.led(k, action.move)
             if cells[k] == goals[k]:
                 arrivals.append(k)
-        miscoordination = self.in_conflict()
-        partners = self._partners() if scenario.referee else None
+        places = [self._places[x] if k in self.agents else NOWHERE for k, x in enumerate(cells)]
+        inside = [place for place in places if place != NOWHERE]
+        miscoordination = len(inside) > 1 and miscoordinated(inside)
         rewards = []
         for k, action in enumerate(actions):
             common = self._penalties[k] if miscoordination else 0.0
             individual = scenario.goal_reward if k in arrivals else 0.0
             cost = -scenario.ask_cost if action is not None and action.asked else 0.0
-            with_whom = UNKNOWN_PARTNERS if partners is None else partners[k]
+            partners = partners_of(k, places) if scenario.referee else UNKNOWN_PARTNERS
             total = individual + common + cost
-            rewards.append(Reward(individual, common, cost, total, with_whom))
+            rewards.append(Reward(individual, common, cost, total, partners))
         for k in arrivals:
             self.arrived[k] = True
         self.step += 1
@@ -232,23 +238,6 @@ class World:
         if self._motion[k].at(self.step)[0] < self.scenario.move_success:
             cell = self._next_cell[cell][move]
         return cell
-
-    def in_conflict(self) -> bool:
-        """Whether the joint state is a miscoordination: r^C falls on every agent."""
-        occupied = [self.cells[k] for k in self.agents if self.cells[k] in self._doorways]
-        if self._any_doorway:
-            return len(occupied) > 1
-        return len(set(occupied)) < len(occupied)
-
-    def _partners(self) -> list[int]:
-        """Return with whom each agent is in a miscoordination, as of `Reward.partners`."""
-        partners = [0] * len(self.cells)
-        inside = [k for k in self.agents if self.cells[k] in self._doorways]
-        for k in inside:
-            for j in inside:
-                if j != k and (self._any_doorway or self.cells[j] == self.cells[k]):
-                    partners[k] |= 1 << j
-        return partners
 
     def _place(self) -> None:
         """Draw exploring starts where the protocol asks for them; never the goal itself."""

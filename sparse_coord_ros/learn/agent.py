@@ -12,6 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
+from sparse_coord_ros.game.perception import asked_peers
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.schedules import exploration, step_sizes
 from sparse_coord_ros.game.streams import (
@@ -26,9 +28,6 @@ from sparse_coord_ros.game.streams import (
 )
 from sparse_coord_ros.game.world import SUM_OF_PARTS, Action, Reward, RewardWeights
 from sparse_coord_ros.learn.algorithm import (
-    ACTIONS,
-    COORDINATE,
-    PRIMITIVES,
     epsilon_greedy,
     greatest,
     greedy,
@@ -116,7 +115,7 @@ class Decision(NamedTuple):
     """An agent's choice at a time step, before active perception.
 
     Attributes:
-        action: A_k(t), 0 to 4.
+        action: A_k(t), as of `game.actions`.
         peers: the agents to ask where the action is COORDINATE, in ascending order; else none.
     """
 
@@ -159,7 +158,7 @@ class Agent:
         self._tables = initial_tables(scenario, asks=asks) if tables is None else tables
         self._weights = weights
         self._peers = tuple(k for k in range(len(scenario.robots)) if k != number)
-        self._asks_all = scenario.peers == "all"
+        self._asks_whom = scenario.peers
         self._draws = Stream(seed, number, POLICY, phase)
         budget = scenario.steps if learning else 0
         self._epsilon = exploration(scenario.epsilon, budget)
@@ -212,9 +211,8 @@ class Agent:
         )
         if action != COORDINATE:
             return Decision(action)
-        if self._asks_all or not self._peers:
-            return Decision(action, self._peers)
-        return Decision(action, (self._peers[int(draws[PEER] * len(self._peers))],))
+        robots = len(self._peers) + 1
+        return Decision(action, asked_peers(self._asks_whom, self.number, robots, draws[PEER]))
 
     def act(
         self, step: int, cell: int, decision: Decision, perceived: tuple[int, ...] | None

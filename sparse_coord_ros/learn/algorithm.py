@@ -3,8 +3,8 @@
 """Algorithm 1 of Melo & Veloso (AAMAS 2009): its choices and its update, once for every user.
 
 Plain functions over NumPy arrays: the robot node, the simulation without ROS and whatever checks
-them call these same objects. Q* has shape (cells, 5), Q^C four columns for each joint
-state; for the baselines, which know no COORDINATE, Q* uses its first four columns.
+them call these same objects. Q* has a column for each action, Q^C one for each move; for the
+baselines, which know no COORDINATE, Q* uses the columns of the moves only.
 """
 
 from collections.abc import Sequence
@@ -14,11 +14,6 @@ import numpy as np
 
 Values: TypeAlias = Sequence[float] | np.ndarray
 """One row of a table: the values of the actions, in their order."""
-
-NORTH, SOUTH, EAST, WEST, COORDINATE = range(5)
-ACTIONS = ("north", "south", "east", "west", "coordinate")
-PRIMITIVES = 4
-"""Number of primitive actions; COORDINATE comes after them."""
 
 
 def greedy(values: Values, count: int, tie: float) -> int:
@@ -59,7 +54,7 @@ def epsilon_greedy(
 
     Args:
         values: Q*(x, .).
-        count: 5 with COORDINATE, 4 for the baselines.
+        count: all actions, or only the moves for the baselines.
         epsilon: probability of a uniformly drawn action.
         explore: draw in [0, 1): below epsilon the agent explores.
         explored_action: draw in [0, 1) that picks the explored action.

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from sparse_coord_ros.errors import TablesError
+from sparse_coord_ros.game.actions import ACTIONS, PRIMITIVES
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.settings import Setting
 from sparse_coord_ros.game.streams import EVALUATION
@@ -192,7 +193,7 @@ def check_tables(
             None: whoever learned them.
     """
     cells = len(scenario.map.cells)
-    coord_shape = (cells,) * scenario.perceived + (4,)
+    coord_shape = (cells,) * scenario.perceived + (PRIMITIVES,)
     if len(tables) != len(scenario.robots):
         raise TablesError(
             f"tables of {len(tables)} robots for scenario {scenario.name}, which has "
@@ -200,7 +201,7 @@ def check_tables(
         )
     for k, table in enumerate(tables, start=1):
         for name, array, shape in (
-            (f"q_star_{k}", table.q_star, (cells, 5)),
+            (f"q_star_{k}", table.q_star, (cells, len(ACTIONS))),
             (f"q_coord_{k}", table.q_coord, coord_shape),
         ):
             if array.shape != shape:

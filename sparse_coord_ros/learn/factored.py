@@ -5,8 +5,9 @@
 import numpy as np
 
 from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.game.actions import COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.links import PerceptStream
-from sparse_coord_ros.game.perception import percept_probabilities
+from sparse_coord_ros.game.perception import percept_probabilities, succeeds
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.streams import (
     BLIND,
@@ -18,7 +19,6 @@ from sparse_coord_ros.game.streams import (
 )
 from sparse_coord_ros.game.world import SUM_OF_PARTS, Action, Reward, RewardWeights
 from sparse_coord_ros.learn.agent import Agent, Decision, Memory, Tables
-from sparse_coord_ros.learn.algorithm import COORDINATE, PRIMITIVES
 from sparse_coord_ros.learn.factors import (
     UNSEEN,
     FactorMemory,
@@ -291,7 +291,7 @@ class FactoredAgent(Agent):
         draw = self._percepts.at(step)[0]
         probabilities = self._probabilities[cell]
         askers = sorted(self._askers[step].items())
-        return {peer: place for peer, place in askers if draw < probabilities[place]}
+        return {peer: place for peer, place in askers if succeeds(draw, probabilities[place])}
 
     def _key(self, cell: int, peer: int, place: int) -> int:
         return key_of(cell, peer, place, self._cells, self._robots)

@@ -17,14 +17,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.learn.algorithm import (
-    ACTIONS,
-    COORDINATE,
-    PRIMITIVES,
-    Values,
-    greatest,
-    step_size,
-)
+from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
+from sparse_coord_ros.learn.algorithm import Values, greatest, step_size
 
 UNSEEN = -1
 """In place of a peer and its cell: the percept failed."""

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sparse_coord_ros.game.links import PerceptStream
-from sparse_coord_ros.game.perception import probability_rows
+from sparse_coord_ros.game.perception import probability_rows, succeeds
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.streams import LEARNING
 from sparse_coord_ros.game.world import Action, Position, StepOutcome, World
@@ -80,7 +80,7 @@ class Team:
         probabilities = self._probabilities[world.cells[k]]
         for peer, cell in zip(decision.peers, peer_cells, strict=True):
             self._of[peer].asked(world.step, k, world.cells[k])
-            if draw >= probabilities[cell]:
+            if not succeeds(draw, probabilities[cell]):
                 return None
         return peer_cells
 

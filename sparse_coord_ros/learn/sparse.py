@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from sparse_coord_ros.learn.algorithm import PRIMITIVES
+from sparse_coord_ros.game.actions import PRIMITIVES
 
 FIRST_ROWS = 16
 """Rows of a table that grows from nothing; it doubles when they are used up."""

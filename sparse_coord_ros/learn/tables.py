@@ -23,9 +23,9 @@ import numpy as np
 
 from sparse_coord_ros.errors import TablesError, newer_format
 from sparse_coord_ros.files import write_whole
+from sparse_coord_ros.game.actions import PRIMITIVES
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.learn.agent import Tables
-from sparse_coord_ros.learn.algorithm import PRIMITIVES
 from sparse_coord_ros.learn.factors import AdditiveTable, Factors, coordination_table
 from sparse_coord_ros.learn.sparse import SparseTable
 

@@ -10,11 +10,11 @@ say, never on when they come.
 from collections import deque
 from typing import NamedTuple, Protocol
 
+from sparse_coord_ros.game.actions import COORDINATE
 from sparse_coord_ros.game.links import PerceptStream
-from sparse_coord_ros.game.perception import probability_rows
+from sparse_coord_ros.game.perception import probability_rows, succeeds
 from sparse_coord_ros.game.world import Action, Reward
 from sparse_coord_ros.learn.agent import Agent, Decision, Memory
-from sparse_coord_ros.learn.algorithm import COORDINATE
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.wire import ANSWERED, LATE, NOBODY_TO_ASK, NOT_ASKED, PERCEPT_ENDS, REFUSED
 from sparse_coord_ros.wire.frame import Account
@@ -256,7 +256,7 @@ class RobotSide:
             return Answer(own_step, None)
         self.agent.asked(step, asker, asker_cell)
         draw = self._percepts[asker].at(step)[0]
-        seen = draw < self._probabilities[asker_cell][own_cell]
+        seen = succeeds(draw, self._probabilities[asker_cell][own_cell])
         return Answer(own_step, own_cell if seen else None)
 
     def snapshot(self) -> RobotState:

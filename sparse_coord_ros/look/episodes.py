@@ -13,16 +13,17 @@ from typing import NamedTuple
 import numpy as np
 
 from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.game.actions import ACTIONS
+from sparse_coord_ros.game.miscoordination import miscoordinations
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.streams import EVALUATION
 from sparse_coord_ros.game.world import World
 from sparse_coord_ros.learn.agent import NOBODY, Tables
-from sparse_coord_ros.learn.algorithm import ACTIONS
 from sparse_coord_ros.learn.evaluation import greedy_team
 from sparse_coord_ros.learn.learners import Learner
 from sparse_coord_ros.learn.simulation import Team
 from sparse_coord_ros.palette import ANSWERED, FAILED, REFUSED
-from sparse_coord_ros.runlog.log import RunLog, miscoordinations
+from sparse_coord_ros.runlog.log import RunLog
 from sparse_coord_ros.runlog.percepts import ENDED
 from sparse_coord_ros.wire import REFUSED as NOT_PERCEIVED
 

@@ -19,7 +19,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from sparse_coord_ros.errors import SettingError, did_you_mean
 from sparse_coord_ros.experiments.report.map_pictures import COLOUR_MAP, draw_map
-from sparse_coord_ros.game.grid import MOVES
+from sparse_coord_ros.game.actions import DIRECTIONS
 from sparse_coord_ros.look.episodes import outcomes
 from sparse_coord_ros.look.policy import policy_of, sparsity_of
 from sparse_coord_ros.look.sources import TRIALS, Shown
@@ -189,7 +189,7 @@ def draw_policy(axes: Axes, shown: Shown, robots: Sequence[int], title: str) -> 
         side = 0.0 if alone else place - (len(robots) - 1) / 2
         x, move = np.nonzero(policy.moves)
         rows, columns = np.array(scenario.map.cells).T
-        south, east = np.array(MOVES).T
+        south, east = np.array(DIRECTIONS).T
         centre = columns + 0.5 + 0.4 * side, rows + 0.6 + 0.2 * side
         reached = stays[k] > 0
         for there, alpha in ((True, 1.0), (False, 0.3)):

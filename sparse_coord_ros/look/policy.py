@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sparse_coord_ros.game.actions import COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.learn.agent import Tables
-from sparse_coord_ros.learn.algorithm import COORDINATE, PRIMITIVES
 from sparse_coord_ros.learn.factors import AdditiveTable
 from sparse_coord_ros.learn.sparse import SparseTable
 

@@ -24,6 +24,8 @@ from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from sparse_coord_ros import wire
+from sparse_coord_ros.game.actions import ACTIONS
+from sparse_coord_ros.game.miscoordination import meeting_places, miscoordinated
 from sparse_coord_ros.game.settings import Setting, SettingTable
 from sparse_coord_ros.game.world import FIRST_STEP, Action, Reward, StepOutcome
 from sparse_coord_ros.learn.agent import Tables
@@ -363,8 +365,7 @@ class _Heard:
         self.view, self._node, self._run = view, node, run
         self._convert = Converter(run)
         self._goals = [robot.goal for robot in run.scenario.robots]
-        self._doorways = run.scenario.map.doorways
-        self._any_doorway = run.scenario.conflict == "any_doorway"
+        self._places = meeting_places(run.scenario).tolist()
         robots = len(self._goals)
         self.history = HistoryRecorder(robots)
         self.seen = self.episode = self.without = 0
@@ -501,8 +502,7 @@ class _Heard:
         after = [self._states[step + 1][k] for k in range(self._robots)]
         actions = [said[k][0] if k in acted else None for k in range(self._robots)]
         ends = [_percept(said[k][1]) if k in acted else None for k in range(self._robots)]
-        inside = [cell for cell in after if cell in self._doorways]
-        met = len(inside) > 1 if self._any_doorway else len(set(inside)) < len(inside)
+        met = miscoordinated([self._places[cell] for cell in after])
         told = [rewards.get(k, Reward(0.0, 0.0, 0.0, 0.0)) for k in range(self._robots)]
         arrived = tuple(k for k in range(self._robots) if after[k] == self._goals[k])
         self._begin_where_due(step)
@@ -526,7 +526,7 @@ class _Heard:
         data, step, _ = said
         with contextlib.suppress(Exception):  # anybody can publish anything
             tables, _ = unpack_robot(data, k + 1, where=interface.TABLES.name)
-            if tables.q_star.shape == (len(self._run.scenario.map.cells), 5):
+            if tables.q_star.shape == (len(self._run.scenario.map.cells), len(ACTIONS)):
                 if k not in self.tables or step >= self.tables[k][0]:
                     self.tables[k] = (step, tables)
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 from sparse_coord_ros.bags.metadata import RESTARTED
 from sparse_coord_ros.bags.reader import Bag
 from sparse_coord_ros.errors import TablesError
+from sparse_coord_ros.game.actions import ACTIONS, PRIMITIVES
 from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.learn.tables import unpack_robot
@@ -51,7 +52,7 @@ def read_tables(
     scenario = run.scenario
     names = [robot.name for robot in scenario.robots]
     cells = len(scenario.map.cells)
-    due = (cells, 5), (cells,) * scenario.perceived + (4,)
+    due = (cells, len(ACTIONS)), (cells,) * scenario.perceived + (PRIMITIVES,)
     seen: dict[tuple[str, bytes], int] = {}
     files = {file.path: place for place, file in enumerate(bag.files)}
     for place, name in enumerate(bag.attachments.names):

@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.world import Action
 from sparse_coord_ros.learn.agent import NOBODY, Tables
-from sparse_coord_ros.learn.algorithm import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.learn.factored import FactoredAgent
 from sparse_coord_ros.learn.factors import UNSEEN
 from sparse_coord_ros.runlog.agents import first_tables

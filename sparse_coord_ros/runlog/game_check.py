@@ -12,12 +12,18 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sparse_coord_ros.game.miscoordination import (
+    NOWHERE,
+    meeting_places,
+    miscoordinations,
+    partners_of,
+)
 from sparse_coord_ros.game.schedules import exploring_starts
 from sparse_coord_ros.game.streams import MOTION, START
 from sparse_coord_ros.game.world import EPISODE_GAP, FIRST_STEP
 from sparse_coord_ros.runlog.difference import MISSING, Difference
 from sparse_coord_ros.runlog.draws import draws_at
-from sparse_coord_ros.runlog.log import RunLog, merged, miscoordinations
+from sparse_coord_ros.runlog.log import RunLog, merged
 from sparse_coord_ros.runlog.tracks import THE_CLOCK
 from sparse_coord_ros.wire import (
     ACTION,
@@ -306,16 +312,9 @@ class _Walk:
 
     def _partners(self, k: int) -> np.ndarray:
         """Return with whom robot k is in a miscoordination after each step, as of `Reward`."""
-        doorways = sorted(self.scenario.map.doorways)
-        inside = np.isin(self.after, doorways)
-        with_whom = np.zeros(len(self.after))
-        for j in self.robots:
-            if j != k:
-                here = inside[:, k] & inside[:, j]
-                if self.scenario.conflict != "any_doorway":
-                    here &= self.after[:, k] == self.after[:, j]
-                with_whom += np.where(here, 2.0**j, 0.0)
-        return with_whom
+        places = np.where(self.after < 0, NOWHERE, meeting_places(self.scenario)[self.after])
+        partners: np.ndarray = np.zeros(len(self.after)) + partners_of(k, places.T)
+        return partners
 
     def _no_reward(self, row: int, k: int) -> Difference:
         logged = f"{tuple(self.reward[row, k].tolist())}"

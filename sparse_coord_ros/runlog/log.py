@@ -13,9 +13,9 @@ import numpy as np
 
 from sparse_coord_ros.bags.reader import Bag
 from sparse_coord_ros.dataframes import data_frame
-from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.game.actions import ACTIONS, COORDINATE
+from sparse_coord_ros.game.miscoordination import miscoordinations
 from sparse_coord_ros.learn.agent import NOBODY, Tables
-from sparse_coord_ros.learn.algorithm import ACTIONS, COORDINATE
 from sparse_coord_ros.learn.history import History
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.runlog.attached import RecordedTables
@@ -187,16 +187,6 @@ class RunLog:
             arrived=total((after == goals).astype(np.int64)) > 0,
             present=np.ones((len(found), len(self.names)), dtype=bool),
         )
-
-
-def miscoordinations(scenario: Scenario, cells: np.ndarray) -> np.ndarray:
-    """Return which joint states, shape (T, K), are miscoordinations: shape (T,), bool."""
-    doorways = np.isin(cells, sorted(scenario.map.doorways))
-    if scenario.conflict == "any_doorway":
-        return np.asarray(doorways.sum(axis=1) > 1)
-    apart = -1 - np.arange(cells.shape[1])  # those outside doorways meet nobody
-    occupied = np.sort(np.where(doorways, cells, apart), axis=1)
-    return np.asarray((np.diff(occupied, axis=1) == 0).any(axis=1))
 
 
 def cell_numbers(frame: Frame, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

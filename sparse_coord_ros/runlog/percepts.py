@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from sparse_coord_ros.game.perception import percept_probabilities
+from sparse_coord_ros.game.perception import percept_probabilities, succeeds
 from sparse_coord_ros.runlog.dialogue import EVENT_NAMES, RETURNED, Request, heard
 from sparse_coord_ros.runlog.difference import DIALOGUE, MISSING, Difference
 from sparse_coord_ros.runlog.draws import percept_draws
@@ -118,7 +118,7 @@ class _Judge:
         if len(cells) < len(known):
             return  # the world's check names the missing state
         draw = self.draws[k][step]
-        sees = [draw < self.probabilities[here][cell] for cell in cells]
+        sees = [succeeds(draw, self.probabilities[here][cell]) for cell in cells]
         due = [
             (peer, centres[cell] if seen else None)
             for peer, cell, seen in zip(peers, cells, sees, strict=True)
@@ -204,7 +204,7 @@ class _Judge:
             yield Difference(step, who, quantity, logged, f"{self.frame.centres[here]}")
         elif request.answer is not None and here is not None and there is not None:
             at, where = request.answer
-            sees = self.draws[request.asker][step] < self.probabilities[here][there]
+            sees = succeeds(self.draws[request.asker][step], self.probabilities[here][there])
             due = self.frame.centres[there] if sees and at == step else None
             if where != due:
                 computed = "a refusal" if due is None else f"the answer {due}"

@@ -6,8 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sparse_coord_ros.game.actions import COORDINATE
+from sparse_coord_ros.game.perception import asked_peers
 from sparse_coord_ros.game.streams import PEER, POLICY
-from sparse_coord_ros.learn.algorithm import COORDINATE
 from sparse_coord_ros.runlog.draws import draws_at
 from sparse_coord_ros.runlog.log import NONE, RunLog
 from sparse_coord_ros.wire import ACCOUNT_LABELS, ACTION_LABELS
@@ -104,11 +105,11 @@ def trajectory_of(log: RunLog, k: int) -> Trajectory:
 
 def _peers(log: RunLog, k: int, step: np.ndarray) -> np.ndarray:
     """Return whom robot k asks at some time steps if it chooses COORDINATE."""
-    others = np.array([other for other in range(len(log.names)) if other != k], dtype=np.int64)
-    if log.run.scenario.peers == "all" or not len(others):
-        return np.tile(others, (len(step), 1))
+    peers, robots = log.run.scenario.peers, len(log.names)
     draws = draws_at(log.run.seed, k, POLICY, step)[:, PEER]
-    return others[(draws * len(others)).astype(np.int64)][:, None]
+    asked = [asked_peers(peers, k, robots, draw) for draw in draws.tolist()]
+    width = len(asked_peers(peers, k, robots, 0.0))
+    return np.array(asked, dtype=np.int64).reshape(len(step), width)
 
 
 def due_numbers(trajectory: Trajectory) -> np.ndarray:

@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 
 from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.scenario import Scenario, loaded
 from sparse_coord_ros.game.settings import Setting
 from sparse_coord_ros.learn.agent import Tables
-from sparse_coord_ros.learn.algorithm import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.share import shipped_json
 
 WARNING = "a lower bound of what the best team of this form is worth: the search may miss it"

@@ -14,12 +14,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-STAY = 4
-"""The move of a robot that has arrived, and the outcome of a move that fails."""
+from sparse_coord_ros.game.actions import PRIMITIVES, STAY
 
-OPTIONS = 9
-"""What a robot can do in a cell: 0 to 3 a move without asking, 4 to 7 ask with that move where the
-percept fails, 8 ask with the present one."""
+OUTCOMES = PRIMITIVES + 1
+"""What a step can come to: each move, and `STAY`: a move failed, or the robot has arrived."""
+
+ASK_AS_NOW = 2 * PRIMITIVES
+OPTIONS = ASK_AS_NOW + 1
+"""What a robot can do in a cell, by number: make a move without asking; then ask, with that move
+where the percept fails; `ASK_AS_NOW`: ask, with the present move there."""
 
 MOST_SWEEPS = 20_000
 CLOSE = 1e-9
@@ -36,7 +39,7 @@ class WeightedGame(NamedTuple):
     """The game of two robots, and whose reward counts how much.
 
     Attributes:
-        lead: where a successful move leads; the fifth column is the cell itself; (cells, 5).
+        lead: where a successful move leads, and `STAY`; (cells, moves + 1).
         starts: start cell of each robot; (2,).
         goals: goal cell of each robot; (2,).
         percept: probability that a percept succeeds; (cells, cells), asker first.
@@ -140,8 +143,8 @@ def reach(game: WeightedGame, policy: ClassTeam, free: np.ndarray, space: Worksp
         x, y = state // cells, state % cells
         index = space.tried[state]
         found = -1
-        while index < 25 and found < 0:
-            one, other = index // 5, index % 5
+        while index < OUTCOMES * OUTCOMES and found < 0:
+            one, other = index // OUTCOMES, index % OUTCOMES
             index += 1
             if can_do(game, policy, free, 0, x, y, one) and can_do(
                 game, policy, free, 1, y, x, other
@@ -200,13 +203,13 @@ def best_at(
     sees0 = game.percept[x, y] if asks0 else 0.0
     sees1 = game.percept[y, x] if asks1 else 0.0
     cost = (game.cost[0] if asks0 else 0.0) + (game.cost[1] if asks1 else 0.0)
-    many0 = 4 if sees0 > 0.0 and free[0] else 1
-    many1 = 4 if sees1 > 0.0 and free[1] else 1
+    many0 = PRIMITIVES if sees0 > 0.0 and free[0] else 1
+    many1 = PRIMITIVES if sees1 > 0.0 and free[1] else 1
     best, best0, best1 = -np.inf, 0, 0
     for i in range(many0):
-        seen0 = i if many0 == 4 else policy.seen[0, x, y]
+        seen0 = i if many0 > 1 else policy.seen[0, x, y]
         for j in range(many1):
-            seen1 = j if many1 == 4 else policy.seen[1, y, x]
+            seen1 = j if many1 > 1 else policy.seen[1, y, x]
             gain, stay = 0.0, 0.0
             for a in range(2):
                 p = sees0 if a == 0 else 1.0 - sees0
@@ -224,9 +227,9 @@ def best_at(
             worth = (gain - cost) / (1.0 - game.discount * stay)
             if worth > best + 1e-12:
                 best, best0, best1 = worth, i, j
-    if many0 == 4:
+    if many0 > 1:
         policy.seen[0, x, y] = best0
-    if many1 == 4:
+    if many1 > 1:
         policy.seen[1, y, x] = best1
     return best
 
@@ -351,9 +354,9 @@ def climb(
         if not free[k] or not space.visited[k, x]:
             continue
         old_move, old_asks = policy.moves[k, x], policy.asks[k, x]
-        asks = option >= 4
-        move = old_move if option == 8 else option % 4
-        if asks and (option == 8) == game.fails[x]:
+        asks = option >= PRIMITIVES
+        move = old_move if option == ASK_AS_NOW else option % PRIMITIVES
+        if asks and (option == ASK_AS_NOW) == game.fails[x]:
             continue
         if asks == old_asks and move == old_move:
             continue

@@ -22,10 +22,11 @@ import numpy as np
 
 from sparse_coord_ros.errors import ResultsError
 from sparse_coord_ros.files import write_whole
+from sparse_coord_ros.game.actions import ACTIONS, PRIMITIVES
 from sparse_coord_ros.game.links import check_up
+from sparse_coord_ros.game.miscoordination import meeting_places, together
 from sparse_coord_ros.game.perception import percept_probabilities
 from sparse_coord_ros.game.scenario import Scenario
-from sparse_coord_ros.learn.algorithm import ACTIONS
 from sparse_coord_ros.solve import class_loops
 from sparse_coord_ros.solve.class_bound import (
     LETTERS,
@@ -136,12 +137,9 @@ def _game(scenario: Scenario, weights: tuple[float, float]) -> WeightedGame:
     cells = len(grid.cells)
     check_up(scenario.link, "class bound")
     percept = percept_probabilities(scenario.perception, grid)
-    doors = sorted(grid.doorways)
-    toll = np.zeros((cells, cells))
+    places = meeting_places(scenario)
     paid = sum(w * p for w, p in zip(weights, scenario.penalties, strict=True))
-    for one in doors:
-        for other in doors if scenario.conflict == "any_doorway" else [one]:
-            toll[one, other] = paid
+    toll = np.where(together(places[:, None], places[None, :]), paid, 0.0)
     share = np.array(weights)
     return WeightedGame(
         lead=np.column_stack([grid.next_cell, np.arange(cells)]),
@@ -410,7 +408,7 @@ def in_words(scenario: Scenario, robots: Sequence[RobotPolicy]) -> list[str]:
         aside = [x for x in np.flatnonzero(visited[k]).tolist() if x not in way]
         for x, others in sorted(seen[k].items()):
             text = f"  asks in {_place(scenario, x)}: {ACTIONS[usual[x]]}"
-            for move in range(4):
+            for move in range(PRIMITIVES):
                 where = [z for z in others if policy.seen[k, x, z] == move]
                 if move != usual[x] and where:
                     cells = ", ".join(_place(scenario, z) for z in where)

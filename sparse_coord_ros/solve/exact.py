@@ -17,13 +17,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.game.actions import COORDINATE, PRIMITIVES, STAY
 from sparse_coord_ros.game.links import check_up
+from sparse_coord_ros.game.miscoordination import meeting_places, together
 from sparse_coord_ros.game.perception import percept_probabilities
 from sparse_coord_ros.game.plugins import is_shipped
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.streams import EVALUATION
 from sparse_coord_ros.learn.agent import Tables
-from sparse_coord_ros.learn.algorithm import COORDINATE, PRIMITIVES
 from sparse_coord_ros.learn.evaluation import (
     Evaluation,
     Measure,
@@ -45,10 +46,8 @@ CHOOSING = ("decide", "act", "coordinate", "values_asking")
 """How an agent chooses, beside its `values`: an agent of the user's own that changes one of these
 acts by a rule that its tables do not say."""
 
-STAY = PRIMITIVES
-"""The outcome of a step in which a robot does not leave its cell; 0 to 3 are the moves."""
-
 OUTCOMES = PRIMITIVES + 1
+"""What a step can come to: each move, and `STAY`."""
 
 
 @dataclass(frozen=True)
@@ -206,11 +205,9 @@ def exact_means(
 
 def _meetings(scenario: Scenario) -> np.ndarray:
     """Return whether a step that ends in two cells is a miscoordination, shape (cells, cells)."""
-    cells = len(scenario.map.cells)
-    door = np.zeros(cells, dtype=bool)
-    door[sorted(scenario.map.doorways)] = True
-    both: np.ndarray = door[:, None] & door[None, :]
-    return both & np.eye(cells, dtype=bool) if scenario.conflict == "same_cell" else both
+    places = meeting_places(scenario)
+    meets: np.ndarray = together(places[:, None], places[None, :])
+    return meets
 
 
 class _Chain(NamedTuple):

@@ -11,18 +11,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-MOVES = 4
-"""The outcomes of a step are the four moves, and the robot stays."""
+from sparse_coord_ros.game.actions import PRIMITIVES, STAY
 
 
 class Pair(NamedTuple):
     """Two robots that act greedily.
 
     Attributes:
-        lead: where a move leads; the fifth column is the cell itself; (cells, 5).
+        lead: where each move leads, and `STAY`; (cells, moves + 1).
         start: the joint state that they start in: first robot's cell * cells + second robot's.
         goals: goal cell of each robot; (2,).
-        moves: probability of each move, whether asked or not; (2, own cell, peer's cell, 4).
+        moves: probability of each move, whether asked or not; (2, own cell,
+            peer's cell, moves).
         asks: probability of asking; (2, cells).
         meets: whether a step that ends in these cells is a miscoordination; (cells, cells).
         penalties: r^C of each robot; (2,).
@@ -94,12 +94,12 @@ def carry(
                 sums[TIME, 1] += p
                 sums[ASKS, 1] += p * pair.asks[1, z]
                 sums[REWARD, 1] -= factor * p * pair.asks[1, z] * pair.cost
-            for a in range(MOVES + 1):
+            for a in range(PRIMITIVES + 1):
                 first = p * outcome(pair, 0, x, z, a)
                 if first == 0.0:
                     continue
                 y = pair.lead[x, a]
-                for b in range(MOVES + 1):
+                for b in range(PRIMITIVES + 1):
                     q = first * outcome(pair, 1, z, x, b)
                     if q == 0.0:
                         continue
@@ -131,7 +131,7 @@ def carry(
 def outcome(pair: Pair, k: int, x: int, z: int, outcome: int) -> float:
     """Return how likely robot k's step from x, its peer in z, is one move, or that it stays."""
     arrived = x == pair.goals[k]
-    if outcome < MOVES:
+    if outcome != STAY:
         return 0.0 if arrived else pair.success * pair.moves[k, x, z, outcome]
     return 1.0 if arrived else 1.0 - pair.success
 

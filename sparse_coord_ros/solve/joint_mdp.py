@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.game.actions import PRIMITIVES
 from sparse_coord_ros.game.scenario import Scenario
-from sparse_coord_ros.learn.algorithm import PRIMITIVES
 from sparse_coord_ros.solve.optimum import LARGEST, payment, successors
 
 
@@ -33,8 +33,8 @@ class JointMDP:
         goal: number of the state in which all have arrived; it is absorbing and pays goal_reward a
             step.
         shape: (cells,) * robots: `numpy.unravel_index` gives a state's cells by it.
-        actions: the moves of each joint action, shape (actions, robots): 0 to 3, north, south,
-            east, west.
+        actions: the moves of each joint action, shape (actions, robots), as of
+            `game.actions`.
     """
 
     P: tuple[Any, ...]

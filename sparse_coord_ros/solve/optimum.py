@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sparse_coord_ros.game.miscoordination import meeting_places, miscoordinated
 from sparse_coord_ros.game.scenario import Scenario
 
 LARGEST = 100_000
@@ -99,7 +100,7 @@ def independent_bound(scenario: Scenario) -> float:
 
 
 def successors(scenario: Scenario, k: int) -> np.ndarray:
-    """Shape (4, cells): where a successful move leads; an arrived robot stays."""
+    """Shape (moves, cells): where a successful move leads; an arrived robot stays."""
     table = scenario.map.next_cell.T.copy()
     table[:, scenario.robots[k].goal] = scenario.robots[k].goal
     return table
@@ -112,14 +113,7 @@ def payment(scenario: Scenario) -> np.ndarray:
     states = np.indices(paid.shape)
     for k, robot in enumerate(scenario.robots):
         paid += np.where(states[k] == robot.goal, scenario.goal_reward, 0.0)
-    door = np.isin(states, sorted(scenario.map.doorways))
-    if scenario.conflict == "any_doorway":
-        conflict = door.sum(axis=0) > 1
-    else:
-        conflict = np.zeros(paid.shape, dtype=bool)
-        for one in range(team):
-            for other in range(one + 1, team):
-                conflict |= door[one] & (states[one] == states[other])
+    conflict = miscoordinated(meeting_places(scenario)[states])
     return paid / team + np.where(conflict, sum(scenario.penalties) / team, 0.0)
 
 

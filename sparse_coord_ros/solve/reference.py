@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sparse_coord_ros.game.grid import MOVES
+from sparse_coord_ros.game.actions import DIRECTIONS
+from sparse_coord_ros.game.miscoordination import NOWHERE, meeting_places, miscoordinated
 from sparse_coord_ros.game.scenario import Robot, Scenario
 from sparse_coord_ros.solve.optimum import independent_bound
 
@@ -66,7 +67,8 @@ def shortest_path_reference(scenario: Scenario, *, turning: str = "random") -> R
 
 def _miscoordination_probability(scenario: Scenario, turning: str) -> np.ndarray:
     """Shape (steps,): that step 1, 2, ... is made and ends in a miscoordination."""
-    robots, doorways = scenario.robots, sorted(scenario.map.doorways)
+    robots, places = scenario.robots, meeting_places(scenario)
+    meeting = [np.flatnonzero(places == one) for one in np.unique(places[places != NOWHERE])]
     goals = np.array([robot.goal for robot in robots])
     numbers = np.arange(len(robots))
     transition = np.stack([_transition(scenario, robot, turning) for robot in robots])
@@ -85,14 +87,11 @@ def _miscoordination_probability(scenario: Scenario, turning: str) -> np.ndarray
             break
         all_arrived.append(place[numbers, goals].prod())
         place = np.einsum("kx,kxy->ky", place, transition)
-        in_doorway.append(place[:, doorways])
-    occupied = np.stack(in_doorway, axis=2)  # [k, doorway, step]
-    home = goals[:, None] == np.array(doorways, dtype=int)
-    if scenario.conflict == "any_doorway":
-        occupied, home = occupied.sum(axis=1, keepdims=True), home.sum(axis=1, keepdims=True)
+        in_doorway.append(np.array([place[:, cells].sum(axis=1) for cells in meeting]))
+    occupied = np.stack(in_doorway, axis=-1).reshape(len(meeting), len(robots), -1)
     # Robots that have all arrived, in one doorway, end the trial: those steps are not made.
-    crowded_at_home = 1.0 if (home.sum(axis=0) > 1).any() else 0.0
-    apart = _one_each(occupied)
+    crowded_at_home = float(miscoordinated(places[goals]))
+    apart = _one_each(occupied.swapaxes(0, 1))
     return np.maximum(1.0 - apart - crowded_at_home * np.array(all_arrived), 0.0)
 
 
@@ -142,7 +141,7 @@ def _furthest_right(here: tuple[int, int], goal: tuple[int, int], moves: list[in
     ahead = (goal[0] - here[0], goal[1] - here[1])
 
     def clockwise(move: int) -> float:
-        down, right = MOVES[move]
+        down, right = DIRECTIONS[move]
         return math.atan2(ahead[1] * down - ahead[0] * right, ahead[0] * down + ahead[1] * right)
 
     return max(moves, key=clockwise)

@@ -10,7 +10,8 @@ from collections.abc import Sequence
 from math import isfinite
 from typing import Any, NamedTuple
 
-from sparse_coord_ros.game.grid import MOVES, GridMap
+from sparse_coord_ros.game.actions import DIRECTIONS
+from sparse_coord_ros.game.grid import GridMap
 from sparse_coord_ros.game.world import Action, Reward
 from sparse_coord_ros.learn.run_config import RunConfig
 
@@ -20,7 +21,7 @@ SECOND = 1_000_000_000
 STAMPED = struct.Struct("<4xiI")
 """How a message that begins with its stamp begins as CDR: encapsulation, sec, nanosec."""
 
-EAST_NORTH = [(float(column), float(-row)) for row, column in MOVES]
+EAST_NORTH = [(float(column), float(-row)) for row, column in DIRECTIONS]
 """The primitive actions as unit vectors (x east, y north: REP-103)."""
 MOVE_OF = {vector: move for move, vector in enumerate(EAST_NORTH)}
 

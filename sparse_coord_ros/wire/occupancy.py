@@ -4,8 +4,8 @@
 
 import numpy as np
 
+from sparse_coord_ros.game.actions import COORDINATE
 from sparse_coord_ros.learn.agent import Tables
-from sparse_coord_ros.learn.algorithm import COORDINATE
 from sparse_coord_ros.wire.frame import Frame
 
 UNKNOWN, EMPTY, OCCUPIED = -1, 0, 100

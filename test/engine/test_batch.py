@@ -15,9 +15,9 @@ from sparse_coord_ros.engine import batch, kernels
 from sparse_coord_ros.engine.batch import CompiledTeam, run_batch, uses_numba
 from sparse_coord_ros.engine.compiled import PLAIN, compiled
 from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.game.actions import COORDINATE
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.agent import initial_tables
-from sparse_coord_ros.learn.algorithm import COORDINATE
 from sparse_coord_ros.learn.evaluation import check_tables, play
 from sparse_coord_ros.learn.simulation import Learning, tables_equal
 

@@ -2,12 +2,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """Perception models: constants, range, and line of sight against an independent definition."""
 
+from collections import Counter
+
 import numpy as np
 import pytest
 
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.grid import load_map, parse_map
-from sparse_coord_ros.game.perception import MODELS, PERCEPTION, percept_probabilities
+from sparse_coord_ros.game.perception import (
+    MODELS,
+    PERCEPTION,
+    asked_peers,
+    percept_probabilities,
+    succeeds,
+)
 from sparse_coord_ros.game.scenario import scenario_from_dict
 from sparse_coord_ros.learn.run_config import make_run
 
@@ -120,3 +128,18 @@ def test_a_map_too_large_to_learn_is_refused_before_a_run():
 def test_numbers_out_of_range_say_what_is_allowed(text, allowed):
     with pytest.raises(SettingError, match=f"allowed: a number {allowed}$"):
         PERCEPTION.parse(text)
+
+
+def test_who_is_asked():
+    """The draw picks one peer, each as often; or everybody is asked, or there is nobody."""
+    draws = np.linspace(0, 1, 300, endpoint=False).tolist()
+    for number in range(4):
+        asked = Counter(asked_peers("one", number, 4, draw) for draw in draws)
+        assert asked == {(peer,): 100 for peer in range(4) if peer != number}
+    assert asked_peers("all", 2, 4, 0.9) == (0, 1, 3)
+    assert asked_peers("one", 0, 1, 0.9) == asked_peers("all", 0, 1, 0.9) == ()
+
+
+def test_a_percept_succeeds_where_the_draw_is_below_the_probability():
+    assert succeeds(0.0, 0.1) and not succeeds(0.1, 0.1) and not succeeds(0.0, 0.0)
+    assert succeeds(0.5, np.array([0.2, 0.8, 0.5])).tolist() == [False, True, False]

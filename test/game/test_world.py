@@ -7,11 +7,11 @@ from collections import Counter
 import numpy as np
 import pytest
 
+from sparse_coord_ros.game.actions import EAST, NORTH, SOUTH, WEST
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.streams import EVALUATION
 from sparse_coord_ros.game.world import EPISODE_GAP, FIRST_STEP, Action, Reward, World
 
-NORTH, SOUTH, EAST, WEST = range(4)
 SURE = {"move_success": 1, "starts": "fixed"}
 
 

@@ -7,6 +7,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
+from sparse_coord_ros.game.actions import COORDINATE, EAST, NORTH, SOUTH, WEST
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.streams import (
     EVALUATION,
@@ -19,11 +20,9 @@ from sparse_coord_ros.game.streams import (
 )
 from sparse_coord_ros.game.world import Action, Reward
 from sparse_coord_ros.learn.agent import NOBODY, Agent, Decision, Tables, initial_tables
-from sparse_coord_ros.learn.algorithm import COORDINATE
 from sparse_coord_ros.learn.learners import learner_of
 
 HALF = {"step_size": "constant:0.5", "epsilon": "constant:0"}
-NORTH, SOUTH, EAST, WEST = range(4)
 ASK = Decision(COORDINATE, (1,))
 
 

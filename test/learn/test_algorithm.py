@@ -7,15 +7,8 @@ from collections import Counter
 
 import pytest
 
-from sparse_coord_ros.learn.algorithm import (
-    ACTIONS,
-    COORDINATE,
-    PRIMITIVES,
-    epsilon_greedy,
-    greatest,
-    greedy,
-    updated,
-)
+from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
+from sparse_coord_ros.learn.algorithm import epsilon_greedy, greatest, greedy, updated
 
 N = 60
 DRAWS = [(i + 0.5) / N for i in range(N)]

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from sparse_coord_ros.errors import SettingError, TablesError
+from sparse_coord_ros.game.actions import COORDINATE, EAST, NORTH, SOUTH
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.streams import PERCEPT, Stream
 from sparse_coord_ros.game.world import Action, Reward, RewardWeights, World
 from sparse_coord_ros.learn.agent import NOBODY, Decision
-from sparse_coord_ros.learn.algorithm import COORDINATE, EAST, NORTH, SOUTH
 from sparse_coord_ros.learn.evaluation import play
 from sparse_coord_ros.learn.factored import FactoredAgent
 from sparse_coord_ros.learn.factors import UNSEEN, FactorRule, keys_of, rows_at_most, states_of

@@ -4,6 +4,7 @@
 
 import pytest
 
+from sparse_coord_ros.game.actions import SOUTH
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.world import Action, World
 from sparse_coord_ros.learn.simulation import Team
@@ -18,8 +19,6 @@ from sparse_coord_ros.lockstep.bodies import (
     waves,
 )
 from sparse_coord_ros.lockstep.world_side import WorldSide
-
-NORTH, SOUTH, EAST, WEST = range(4)
 
 
 class Port:

@@ -15,10 +15,10 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
+from sparse_coord_ros.game.actions import COORDINATE
 from sparse_coord_ros.game.scenario import load_scenario, scenario_names
 from sparse_coord_ros.game.world import Action, Reward
 from sparse_coord_ros.learn.agent import initial_tables
-from sparse_coord_ros.learn.algorithm import COORDINATE
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.lockstep.rollback import Progress
 from sparse_coord_ros.nodes.episode_messages import CoordinationMapLayout, MapLayout, MarkersLayout

@@ -9,9 +9,9 @@ import pytest
 
 from sparse_coord_ros.engine.batch import run_batch
 from sparse_coord_ros.errors import SettingError, TablesError
+from sparse_coord_ros.game.actions import COORDINATE
 from sparse_coord_ros.game.scenario import load_scenario, scenario_from_dict
 from sparse_coord_ros.learn.agent import Agent, Tables
-from sparse_coord_ros.learn.algorithm import COORDINATE
 from sparse_coord_ros.learn.evaluation import evaluate, play
 from sparse_coord_ros.learn.learners import Learner, learner_of
 from sparse_coord_ros.learn.simulation import learn

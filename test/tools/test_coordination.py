@@ -5,10 +5,10 @@
 import pytest
 
 from sparse_coord_ros.experiments.conditions import make_condition
+from sparse_coord_ros.game.actions import COORDINATE, EAST, NORTH
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.world import Action, Reward
 from sparse_coord_ros.learn.agent import Decision
-from sparse_coord_ros.learn.algorithm import COORDINATE, EAST, NORTH
 from sparse_coord_ros.learn.learners import learner_of
 from tools.coordination import __main__ as tool
 from tools.coordination import studies

@@ -196,13 +196,12 @@ static void find_partners(const struct problem *problem, const struct robot *rob
 {
     for (int k = 0; k < problem->team; k++) {
         minds[k].partners = 0;
-        if (!problem->doorway[robots[k].cell])
+        int32_t place = problem->places[robots[k].cell];
+        if (place == NOWHERE)
             continue;
-        for (int j = 0; j < problem->team; j++) {
-            bool here = robots[j].cell == robots[k].cell || problem->any_doorway;
-            if (j != k && problem->doorway[robots[j].cell] && here)
+        for (int j = 0; j < problem->team; j++)
+            if (j != k && problem->places[robots[j].cell] == place)
                 minds[k].partners |= (uint64_t)1 << j;
-        }
     }
 }
 

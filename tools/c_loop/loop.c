@@ -9,16 +9,16 @@
 #include <stdint.h>
 #include <stdlib.h>
 
-enum { PRIMITIVES = 4, COORDINATE = 4, ACTIONS = 5, EPISODE_GAP = 2, NO_ROW = -1 };
+enum { PRIMITIVES = 4, COORDINATE = 4, ACTIONS = 5, EPISODE_GAP = 2, NO_ROW = -1, NOWHERE = -1 };
 enum { EXPLORE, EXPLORED_ACTION, TIE, PRIMITIVE_TIE, PEER, POLICY_DRAWS };
 
 // A scenario; loop.py declares the same fields. k is a robot, x its cell.
 struct problem {
-    int32_t team, cells, most_start_cells, budget, max_steps, any_doorway, fails;
+    int32_t team, cells, most_start_cells, budget, max_steps, fails;
     const int32_t *starts;         // [k]
     const int32_t *goals;          // [k]
     const int32_t *next_cell;      // [x][action]
-    const uint8_t *doorway;        // [x]
+    const int32_t *places;         // meeting place, NOWHERE outside doorways [x]
     const double *percept;         // success probability [x][cell of the peer]
     const double *penalties;       // [k]
     const int32_t *start_cells;    // exploring starts [k][number]
@@ -143,14 +143,12 @@ static inline bool move(const struct problem *problem, struct robot *robots)
         if (!robot->arrived && robot->motion < problem->move_success)
             robot->cell = problem->next_cell[robot->cell * PRIMITIVES + robot->move];
     for (int i = 1; i < problem->team; i++) {
-        int32_t here = robots[i].cell;
-        if (!problem->doorway[here])
+        int32_t place = problem->places[robots[i].cell];
+        if (place == NOWHERE)
             continue;
-        for (int j = 0; j < i; j++) {
-            int32_t there = robots[j].cell;
-            if (there == here || (problem->any_doorway && problem->doorway[there]))
+        for (int j = 0; j < i; j++)
+            if (problem->places[robots[j].cell] == place)
                 return true;
-        }
     }
     return false;
 }

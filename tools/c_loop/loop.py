@@ -15,6 +15,7 @@ import numpy as np
 
 from sparse_coord_ros.engine.batch import make_problem
 from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.game.actions import ACTIONS, PRIMITIVES
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.streams import (
     BLIND,
@@ -27,7 +28,6 @@ from sparse_coord_ros.game.streams import (
     bit_generator,
 )
 from sparse_coord_ros.learn.agent import Tables
-from sparse_coord_ros.learn.algorithm import ACTIONS, PRIMITIVES
 from sparse_coord_ros.learn.factors import FactorRule, coordination_table, sorted_factors
 from sparse_coord_ros.learn.learners import Learner, learner_of
 
@@ -38,12 +38,12 @@ COMPILER = "cc"
 FLAGS = ("-O3", "-march=native", "-ffp-contract=off", "-shared", "-fPIC")
 
 _SIZES = ("team", "cells", "most_start_cells")
-_INTEGERS = ("budget", "max_steps", "any_doorway", "fails")
+_INTEGERS = ("budget", "max_steps", "fails")
 _ARRAYS = (
     ("starts", np.int32),
     ("goals", np.int32),
     ("next_cell", np.int32),
-    ("doorway", np.uint8),
+    ("places", np.int32),
     ("percept", np.float64),
     ("penalties", np.float64),
     ("start_cells", np.int32),
@@ -70,7 +70,7 @@ class _Problem(ctypes.Structure):
 def _problem(scenario: Scenario, learner: Learner) -> tuple[dict[str, np.ndarray], _Problem]:
     """Return a scenario as the C code has it, and the arrays that it only points to: keep them."""
     problem = make_problem(scenario, learner, np.arange(len(scenario.robots)))
-    sizes = (len(problem.starts), len(problem.doorway), problem.start_cells.shape[1])
+    sizes = (len(problem.starts), len(problem.places), problem.start_cells.shape[1])
     arrays = {
         name: np.ascontiguousarray(getattr(problem, name), dtype=dtype) for name, dtype in _ARRAYS
     }

@@ -4,17 +4,12 @@
 
 from typing import Any
 
+from sparse_coord_ros.game.actions import COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.streams import EXPLORE, EXPLORED_ACTION, LEARNING, PRIMITIVE_TIE
 from sparse_coord_ros.game.world import Action, Reward
 from sparse_coord_ros.learn.agent import Agent, Decision, Tables
-from sparse_coord_ros.learn.algorithm import (
-    COORDINATE,
-    PRIMITIVES,
-    epsilon_greedy,
-    greatest,
-    updated,
-)
+from sparse_coord_ros.learn.algorithm import epsilon_greedy, greatest, updated
 from sparse_coord_ros.learn.factors import FactorRule
 from sparse_coord_ros.learn.learners import Factored, Learner
 

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
 from sparse_coord_ros.experiments.report.entries import Entry
-from sparse_coord_ros.game.grid import MOVES
+from sparse_coord_ros.game.actions import DIRECTIONS
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.solve.class_bound import ClassBound
 from sparse_coord_ros.solve.class_search import acting
@@ -96,7 +96,7 @@ def draw_team(axes: Axes, scenario: Scenario, bound: ClassBound) -> None:
                 moves = {int(move) for move in team.seen[k, x, seen[k][x]]}
                 axes.add_patch(Circle(centre, 0.2, fill=False, color=colours[k], lw=1.6))
             for move in moves:
-                dr, dc = MOVES[move]
+                dr, dc = DIRECTIONS[move]
                 axes.annotate(
                     "",
                     (centre[0] + 0.3 * dc, centre[1] + 0.3 * dr),

@@ -13,6 +13,7 @@ import numpy as np
 
 from sparse_coord_ros.bags.layout import being_recorded
 from sparse_coord_ros.errors import BagError, SparseCoordError
+from sparse_coord_ros.game.miscoordination import miscoordinations
 from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.history import History, concatenated, no_history
 from sparse_coord_ros.look.episodes import logged_asks
@@ -21,7 +22,7 @@ from sparse_coord_ros.look.page.board import Board
 from sparse_coord_ros.look.page.commands import PAUSE, RATE, SEEK, STEP, Command
 from sparse_coord_ros.look.page.values import evaluation_message
 from sparse_coord_ros.palette import ANSWERED, REFUSED
-from sparse_coord_ros.runlog.log import NONE, RunLog, miscoordinations
+from sparse_coord_ros.runlog.log import NONE, RunLog
 from sparse_coord_ros.runlog.percepts import ENDED
 from sparse_coord_ros.runlog.window import open_log
 from sparse_coord_ros.wire import PERCEPT_ENDS

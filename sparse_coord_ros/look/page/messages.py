@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from sparse_coord_ros.game.actions import ACTIONS
 from sparse_coord_ros.learn.agent import Tables
-from sparse_coord_ros.learn.algorithm import ACTIONS
 from sparse_coord_ros.learn.history import History
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.look.policy import policy_of

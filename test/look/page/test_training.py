@@ -10,9 +10,9 @@ import pytest
 from sparse_coord_ros.engine.batch import CompiledLearning, CompiledTeam
 from sparse_coord_ros.engine.compiled import PLAIN
 from sparse_coord_ros.engine.training import train
+from sparse_coord_ros.game.actions import COORDINATE
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.world import Action
-from sparse_coord_ros.learn.algorithm import COORDINATE
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.learn.simulation import Learning, tables_equal
 from sparse_coord_ros.look.page.board import Board

@@ -1,0 +1,74 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a miscoordination is: two robots at one meeting place (paper, Section 4).
+
+The setting `conflict` says which cells are one meeting place: each doorway by itself, or all
+doorways together. All functions take plain numbers and arrays alike; the compiled loops call
+`together` as well.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from sparse_coord_ros.game.scenario import Scenario
+
+NOWHERE = -1
+"""The meeting place of a robot that is in no doorway, or not in the game: it meets nobody."""
+
+
+def meeting_places(scenario: Scenario) -> np.ndarray:
+    """Return the meeting place of each cell, or `NOWHERE`: shape (cells,), int64."""
+    places = np.full(len(scenario.map.cells), NOWHERE, dtype=np.int64)
+    doorways = sorted(scenario.map.doorways)
+    places[doorways] = 0 if scenario.conflict == "any_doorway" else doorways
+    return places
+
+
+def together(place: Any, other: Any) -> Any:
+    """Return whether robots at two meeting places miscoordinate: a bool, or an array of bools."""
+    return (place == other) & (place != NOWHERE)
+
+
+def miscoordinated(places: Any) -> Any:
+    """Return whether a joint state is a miscoordination: r^C falls on every robot.
+
+    Args:
+        places: the meeting place of each robot; or arrays of them, robots first: shape (K, ...).
+
+    Returns:
+        A bool; for arrays of shape (K, ...) and two robots or more bools of shape (...).
+    """
+    found: Any = False
+    for k, place in enumerate(places):
+        for other in places[:k]:
+            found = found | together(place, other)
+    return found
+
+
+def partners_of(k: int, places: Any) -> Any:
+    """Return with whom robot k is in a miscoordination, as of `game.world.Reward.partners`.
+
+    Args:
+        k: the robot, from 0.
+        places: as of `miscoordinated`.
+
+    Returns:
+        The sum of 2^j of the peers j; for arrays of shape (K, ...) int64 of shape (...).
+    """
+    return sum(together(places[k], other) << j for j, other in enumerate(places) if j != k)
+
+
+def miscoordinations(scenario: Scenario, cells: np.ndarray) -> np.ndarray:
+    """Return which joint states are miscoordinations.
+
+    Args:
+        scenario: the problem.
+        cells: the cell of each robot, shape (T, K); a negative number: nobody knows.
+
+    Returns:
+        Shape (T,), bool.
+    """
+    places = np.where(cells < 0, NOWHERE, meeting_places(scenario)[cells])
+    found: np.ndarray = np.zeros(len(cells), dtype=bool) | miscoordinated(places.T)
+    return found
