@@ -1,9 +1,14 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Options of whatever computes many runs: by what, and where."""
+"""What computes runs and where: options, notes on numba, and a line of progress."""
 
 import argparse
+import sys
+from contextlib import ExitStack
 
+from tqdm import tqdm
+
+from sparse_coord_ros.cli.options import note
 from sparse_coord_ros.engine.batch import ENGINES
 from sparse_coord_ros.engine.cluster import check_place
 from sparse_coord_ros.experiments.store import JOBS
@@ -35,3 +40,49 @@ def jobs_of(options: argparse.Namespace) -> int | None:
     jobs = None if options.jobs is None else JOBS.parse(options.jobs)
     check_place(jobs, options.scheduler)
     return jobs
+
+
+def note_compiling() -> None:
+    """Say that it takes some seconds until the first transition."""
+    note("compiling the learning loop (some 10 s, once) ...")
+
+
+def note_without_numba() -> None:
+    """Say what numba would bring."""
+    note("numba is not installed: plain Python, about 100 times slower; pip install numba")
+
+
+class Bar(ExitStack):
+    """A line of progress on stderr, at a terminal only, whose clock starts where work begins.
+
+    Args:
+        unit: what is counted.
+        quiet: whether to show nothing.
+
+    Attributes:
+        began: whether work has begun.
+    """
+
+    def __init__(self, unit: str, *, quiet: bool = False) -> None:
+        super().__init__()
+        self.began = False
+        self._unit, self._quiet = unit, quiet
+        self._bar: tqdm | None = None
+
+    def show(self, done: int, total: int, name: str = "") -> None:
+        """Show what is done of all that there is."""
+        if self._bar is None:
+            self.began = True
+            bar = tqdm(
+                total=total,
+                initial=done,
+                unit=f" {self._unit}",
+                unit_scale=True,
+                leave=False,
+                disable=True if self._quiet else None,
+                file=sys.stderr,
+                smoothing=0.05,
+            )
+            self._bar = self.enter_context(bar)
+        self._bar.set_description(name)
+        self._bar.update(done - self._bar.n)

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`sparse_coord evaluate`: what learned tables are worth, beside the paper and the optimum."""
+"""`sparse_coord evaluate`: the value of learned tables, beside the paper and the optimum."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def add_parser(verbs) -> None:
 
 
 class Evaluated(NamedTuple):
-    """A run, the directory that it is in, and what it is worth."""
+    """A run, the directory that it is in, and its value."""
 
     directory: Path
     run: RunConfig
@@ -99,10 +99,10 @@ def evaluated(directory: Path, trials: int, seed: int, *, exact: bool | None) ->
     run = load_run(directory)
     tables = load_team(directory, run.scenario)
     check_tables(run.scenario, tables, run.learner)
-    return Evaluated(directory, run, worth(run, tables, trials, seed, exact=exact))
+    return Evaluated(directory, run, evaluation_of(run, tables, trials, seed, exact=exact))
 
 
-def worth(
+def evaluation_of(
     run: RunConfig, tables: Sequence[Tables], trials: int, seed: int, *, exact: bool | None
 ) -> Evaluation | ExactEvaluation:
     """Evaluate tables that fit their run; arguments as of `evaluated`."""
@@ -126,7 +126,7 @@ def by_game(found: list[Evaluated]) -> list[list[Evaluated]]:
 
 
 def facts_of(one: Evaluated) -> dict[str, Any]:
-    """Return plain data of a run and its worth."""
+    """Return plain data of a run and its value."""
     scenario = one.run.scenario
     bound, team = shipped_class_bound(scenario), shipped_best_team(scenario)
     optimum = joint_optimum(scenario)

@@ -36,30 +36,21 @@ def execute(options: argparse.Namespace) -> int:
         raise RunError(f"--step is {options.step[:40]!r}: give a time step, a whole number from 0")
     wanted = int(options.step)
     log = read_run(options.bag)
-    robots = list(range(len(log.names)))
-    if options.robot is not None:
-        if options.robot not in log.names:
-            raise RunError(
-                f"--robot is {options.robot!r}: the bag has no such robot"
-                f"{did_you_mean(options.robot, log.names)}; its robots are {', '.join(log.names)}"
-            )
-        robots = [log.names.index(options.robot)]
+    robots = _robots(log, options.robot)
     steps = {t for k in robots for t in coordinations(log, k)}
     step = min((t for t in steps if t >= wanted), default=None)
     told = [] if step is None else [explain(log, k, step) for k in robots]
     found = [one for one in told if one is not None]
     if options.json:
-        shared.print_json(
-            {"wanted": wanted, "step": step, "coordinations": [_plain(log, one) for one in found]}
-        )
+        coordinated = [_facts(log, one) for one in found]
+        shared.print_json({"wanted": wanted, "step": step, "coordinations": coordinated})
         return 0
     if log.damage is not None:
         print(f"damaged: {log.damage}; what is before it:")
     if step is None:
         last = f"; the last time was step {max(steps)}" if steps else ""
         print(f"{options.robot or 'nobody'}: no COORDINATE from step {wanted} on{last}")
-        return 0
-    if step != wanted and options.step != "0":
+    elif step != wanted and options.step != "0":
         who = f"{options.robot} did not choose" if options.robot else "nobody chose"
         print(f"at step {wanted} {who} COORDINATE; the next time is step {step}")
     for one in found:
@@ -67,37 +58,58 @@ def execute(options: argparse.Namespace) -> int:
     return 0
 
 
-def _plain(log, one) -> dict[str, Any]:
-    update = one.update
+def _robots(log, name: str | None) -> list[int]:
+    """Return the numbers of the robots that are asked for."""
+    if name is None:
+        return list(range(len(log.names)))
+    if name not in log.names:
+        raise RunError(
+            f"--robot is {name!r}: the bag has no such robot{did_you_mean(name, log.names)}; its "
+            f"robots are {', '.join(log.names)}"
+        )
+    return [log.names.index(name)]
 
-    def entry(changed):
-        if changed is None:
-            return None
-        (*state, action), before, after = changed
-        return {"state": state, "action": ACTIONS[action], "before": before, "after": after}
 
+def _facts(log, one) -> dict[str, Any]:
+    """Return plain data of one robot's COORDINATE."""
+    learned: dict[str, Any] = {"reward": None, "next_cell": None, "q_coord": None, "q_star": None}
+    learned["corrections"] = []
+    if (update := one.update) is not None:
+        learned = {
+            "reward": update.reward,
+            "next_cell": update.next_cell,
+            "q_coord": _entry(update.coord),
+            "q_star": _entry(update.star),
+            "corrections": [list(row) for row in update.corrections],
+        }
     return {
         "step": one.step,
         "robot": log.names[one.robot],
         "cell": one.cell,
-        "requests": [
-            {
-                "peer": log.names[request.peer],
-                "answer_step": None if request.answer is None else request.answer[0],
-                "answer_position": None if request.answer is None else request.answer[1],
-                "seconds": request.seconds,
-            }
-            for request in one.requests
-        ],
+        "requests": [_request(log, request) for request in one.requests],
         "outcome": one.outcome,
         "perceived": one.perceived,
         "action": ACTIONS[one.action.move],
         "values": one.q_values,
         "agrees_with_log": one.agrees,
         "doubt": one.doubt,
-        "reward": None if update is None else update.reward,
-        "next_cell": None if update is None else update.next_cell,
-        "q_coord": None if update is None else entry(update.coord),
-        "q_star": None if update is None else entry(update.star),
-        "corrections": [] if update is None else [list(row) for row in update.corrections],
+        **learned,
     }
+
+
+def _request(log, request) -> dict[str, Any]:
+    step, position = (None, None) if request.answer is None else request.answer[:2]
+    return {
+        "peer": log.names[request.peer],
+        "answer_step": step,
+        "answer_position": position,
+        "seconds": request.seconds,
+    }
+
+
+def _entry(changed) -> dict[str, Any] | None:
+    """Return a changed entry of a table."""
+    if changed is None:
+        return None
+    (*state, action), before, after = changed
+    return {"state": state, "action": ACTIONS[action], "before": before, "after": after}

@@ -5,6 +5,7 @@
 import argparse
 import json
 import math
+import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
@@ -198,6 +199,11 @@ def output_directory(options: argparse.Namespace, name: str) -> Path:
 def new_directory(name: str) -> Path:
     """Return an output directory of a run, with a time stamp."""
     return Path("runs") / f"{name}_{datetime.now():%Y%m%d_%H%M%S}"
+
+
+def note(text: str) -> None:
+    """Say on stderr what a user should know while something goes on."""
+    print(text, file=sys.stderr, flush=True)
 
 
 def print_json(data: Any) -> None:

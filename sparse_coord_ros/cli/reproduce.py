@@ -3,14 +3,16 @@
 """`sparse_coord reproduce`: the paper's tables and figures, and its open questions."""
 
 import argparse
-import sys
-from contextlib import ExitStack
 from pathlib import Path
 
-from tqdm import tqdm
-
 from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.cli.computing import add_computing, jobs_of
+from sparse_coord_ros.cli.computing import (
+    Bar,
+    add_computing,
+    jobs_of,
+    note_compiling,
+    note_without_numba,
+)
 from sparse_coord_ros.cli.evaluate import Evaluated, result_table
 from sparse_coord_ros.engine.batch import uses_numba
 from sparse_coord_ros.experiments.catalogue import NAMES
@@ -69,11 +71,13 @@ def execute(options: argparse.Namespace) -> int:
     if options.list:
         listed = targets.ids
         if options.json:
-            shared.print_json(_with_old_name(listed))
+            shared.print_json(listed)
         else:
             print("\n".join(listed["conditions"] + listed["runs"]))
         return 0
-    with Bar(warns=options.engine == "auto" and not compiled) as bar:
+    if options.engine == "auto" and not compiled:
+        note_without_numba()
+    with Bar("agent-steps") as bar:
         done = run_targets(
             targets,
             plan,
@@ -81,12 +85,12 @@ def execute(options: argparse.Namespace) -> int:
             engine=options.engine,
             jobs=jobs,
             scheduler=options.scheduler,
-            progress=bar.show,
-            compiling=bar.compiling,
+            progress=lambda name, done, total: bar.show(done, total, name),
+            compiling=note_compiling,
             report=True,
         )
     if options.json:
-        shared.print_json(_with_old_name(done.to_dict()))
+        shared.print_json(done.to_dict())
         return 0
     _print(options.out, done)
     for one in done.runs:
@@ -95,50 +99,6 @@ def execute(options: argparse.Namespace) -> int:
         print(result_table([Evaluated(one.directory, learned, summary(one.trials))]))
         print(f"tables  {one.directory / 'tables.npz'}")
     return 0
-
-
-class Bar(ExitStack):
-    """A progress bar on stderr, whose clock starts with the first run.
-
-    Args:
-        warns: whether to say first that numba is missing.
-    """
-
-    def __init__(self, *, warns: bool) -> None:
-        super().__init__()
-        self._warns = warns
-        self._bar: tqdm | None = None
-
-    def compiling(self) -> None:
-        """Say that it takes some seconds until the first run."""
-        print("compiling the learning loop (some 10 s, once) ...", file=sys.stderr, flush=True)
-
-    def show(self, name: str, done: int, total: int) -> None:
-        """Show the agent-steps that are done; see `experiments.runner.Progress`."""
-        if self._bar is None:
-            if self._warns:
-                print(
-                    "numba is not installed: plain Python computes the same results, about 100 "
-                    "times slower; pip install numba",
-                    file=sys.stderr,
-                )
-            self._bar = self.enter_context(
-                tqdm(
-                    total=total,
-                    unit=" agent-steps",
-                    unit_scale=True,
-                    disable=None,
-                    file=sys.stderr,
-                    smoothing=0.05,
-                )
-            )
-        self._bar.set_description(name)
-        self._bar.update(done - self._bar.n)
-
-
-def _with_old_name(data: dict) -> dict:
-    """Return the data with its conditions under the key of version 0.1 too (deprecated)."""
-    return {**data, "cells": data["conditions"]}
 
 
 def _print(out: Path, done: ExperimentResults) -> None:

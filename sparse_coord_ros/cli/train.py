@@ -5,15 +5,13 @@
 import argparse
 import csv
 import io
-import sys
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tqdm import tqdm
-
 from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.cli.evaluate import Evaluated, result_table, worth
+from sparse_coord_ros.cli.computing import Bar, note_compiling, note_without_numba
+from sparse_coord_ros.cli.evaluate import Evaluated, evaluation_of, result_table
 from sparse_coord_ros.compiling import has_numba
 from sparse_coord_ros.engine.batch import ENGINES, is_prepared, prepare
 from sparse_coord_ros.engine.run_checkpoint import CHECKPOINT_FILE, MEASURES
@@ -43,7 +41,6 @@ from sparse_coord_ros.solve.optimum import joint_optimum
 
 if TYPE_CHECKING:
     from sparse_coord_ros.look.page.server import Server
-    from sparse_coord_ros.look.page.training_source import TrainingView
     from sparse_coord_ros.solve.exact import ExactEvaluation
 
 EVALUATIONS_FILE = "evaluations.csv"
@@ -56,7 +53,7 @@ HARDLY_EVER = 1e-3
 TRIALS = Setting("trials", int, 1000, "trials of the evaluation", low=0, high=10_000_000)
 
 FAR = 0.05
-"""A goal whose worth is discounted to less than this share, seen from the start, is far away."""
+"""A goal whose value is discounted to less than this share, seen from the start, is far away."""
 
 
 def add_parser(verbs) -> None:
@@ -136,33 +133,49 @@ def _run(
 ) -> None:
     """Let one team learn, save what it learned, and say so."""
     checkpoint = out / CHECKPOINT_FILE
-    began: list[int] = []
+    resumed = options.resume is not None
+    view = None
+    bar = Bar("steps", quiet=options.json)
     try:
-        view = None
         if server is not None:
             from sparse_coord_ros.look.page.training_source import TrainingView
 
             view = TrainingView(run, server.board, title=str(out))
             server.show(view)
-        done = _train(run, options, every, checkpoint, began, view)
+        with bar:
+            done = train(
+                run.scenario,
+                run.rule,
+                run.seed,
+                engine=_ready_engine(options, run),
+                evaluate_every=every,
+                trials=EVERY_TRIALS.default,
+                progress=bar.show,
+                checkpoint=checkpoint,
+                resume=resumed,
+                watcher=view,
+            )
         _save(out, done)
-        if view is not None:
-            view.end(done)
     except BaseException as error:
-        resumed = options.resume is not None
-        saved = checkpoint.exists() and (began or not resumed)
+        saved = checkpoint.exists() and (bar.began or not resumed)
         if isinstance(error, OSError) and not isinstance(error, BrokenPipeError):
-            raise _unwritable(out, error, saved=bool(saved)) from None
+            go_on = f"make room, and go on with: sparse_coord train --resume {out}"
+            anew = f"make room, remove {out}, and begin the run anew"
+            raise RunError(
+                f"{error.filename or out}: cannot be written ({error.strerror or error}); "
+                f"{go_on if saved else anew}"
+            ) from None
         if saved:
-            print(
-                f"what was learned is saved; go on with: sparse_coord train --resume {out}",
-                file=sys.stderr,
+            shared.note(
+                f"what was learned is saved; go on with: sparse_coord train --resume {out}"
             )
         elif not resumed and not (out / TEAM_FILE).exists():
             _remove(out)  # leave no half of a run
             if isinstance(error, KeyboardInterrupt):
-                print("nothing that was learned is saved, nothing is left", file=sys.stderr)
+                shared.note("nothing that was learned is saved, nothing is left")
         raise
+    if view is not None:
+        view.end(done)
     _say(out, run, done, trials, as_json=options.json)
 
 
@@ -201,17 +214,6 @@ def _remove(out: Path) -> None:
         out.rmdir()
 
 
-def _unwritable(out: Path, error: OSError, *, saved: bool) -> RunError:
-    """Return what to say where a file of a run cannot be written; what was written stays."""
-    remedy = (
-        f"make room, and go on with: sparse_coord train --resume {out}"
-        if saved
-        else f"make room, remove {out}, and begin the run anew"
-    )
-    where = error.filename or out
-    return RunError(f"{where}: cannot be written ({error.strerror or error}); {remedy}")
-
-
 def _go_on(options: argparse.Namespace) -> tuple[Path, RunConfig]:
     shared.nothing_else_given(options, "train")
     run = load_run(options.resume)
@@ -223,69 +225,22 @@ def _go_on(options: argparse.Namespace) -> tuple[Path, RunConfig]:
     return options.resume, run
 
 
-def _train(
-    run: RunConfig,
-    options: argparse.Namespace,
-    every: int | None,
-    checkpoint: Path,
-    began: list[int],
-    view: "TrainingView | None" = None,
-) -> Training:
-    """Let the team learn, with a line of progress; note in `began` where learning begins."""
-    scenario, quiet = run.scenario, options.json
-    engine = engine_for(scenario, run.rule, options.engine)
-    if not quiet and engine == "numba" and not is_prepared(learner=run.rule, history=True):
-        print(
-            "compiling the learning loop (some 10 s, once) ...",
-            file=sys.stderr,
-            flush=True,
-        )
-        prepare(scenario, run.rule, engine=engine, history=True)
-    elif not quiet and _would_help(options, run) and not has_numba():
-        print(
-            "numba is not installed: plain Python, about 100 times slower; pip install numba",
-            file=sys.stderr,
-            flush=True,
-        )
-    bar: tqdm | None = None
-
-    def progress(done: int, budget: int) -> None:
-        nonlocal bar
-        if bar is None:  # now the clock starts, where an earlier process may have stopped
-            began.append(done)
-            hidden = True if quiet else None
-            style: dict[str, Any] = {
-                "unit": " steps",
-                "unit_scale": True,
-                "leave": False,
-                "disable": hidden,
-            }
-            bar = tqdm(total=budget, initial=done, file=sys.stderr, **style)
-        bar.update(done - bar.n)
-
-    try:
-        return train(
-            scenario,
-            run.rule,
-            run.seed,
-            engine=engine,
-            evaluate_every=every,
-            trials=EVERY_TRIALS.default,
-            progress=progress,
-            checkpoint=checkpoint,
-            resume=options.resume is not None,
-            watcher=view,
-        )
-    finally:
-        if bar is not None:
-            bar.close()
-
-
-def _would_help(options: argparse.Namespace, run: RunConfig) -> bool:
-    """Whether numba would make the run quicker."""
-    return (
-        options.engine == "auto" and run.rule.compiled and worth_compiling(run.scenario, run.rule)
-    )
+def _ready_engine(options: argparse.Namespace, run: RunConfig) -> str:
+    """Return what computes the run; say that numba compiles first, or that it is missing."""
+    engine = engine_for(run.scenario, run.rule, options.engine)
+    if options.json:
+        return engine
+    if engine == "numba" and not is_prepared(learner=run.rule, history=True):
+        note_compiling()
+        prepare(run.scenario, run.rule, engine=engine, history=True)
+    elif (
+        options.engine == "auto"
+        and run.rule.compiled
+        and worth_compiling(run.scenario, run.rule)
+        and not has_numba()
+    ):
+        note_without_numba()
+    return engine
 
 
 def _save(out: Path, done: Training) -> None:
@@ -311,7 +266,7 @@ def _say(out: Path, run: RunConfig, done: Training, trials: int | None, *, as_js
     result = None
     if trials != 0:
         exact = None if trials is None else False
-        result = worth(run, done.tables, trials or TRIALS.default, 0, exact=exact)
+        result = evaluation_of(run, done.tables, trials or TRIALS.default, 0, exact=exact)
     if as_json:
         said: dict[str, Any] = {"directory": str(out), "learner": run.learner, "seed": run.seed}
         said |= {"engine": done.engine, "episodes": done.history.episodes}
@@ -357,43 +312,44 @@ def advice(scenario: Scenario, done: Training) -> list[str]:
         scenario: the problem.
         done: the run, in which they did not.
     """
-    robots = scenario.robots
-    moves = max(int(scenario.map.distances_to(r.goal)[r.start]) for r in robots)
+    moves = max(int(scenario.map.distances_to(r.goal)[r.start]) for r in scenario.robots)
     needed = int(1.5 * moves / scenario.move_success) + 1
-    tips = []
-    if scenario.horizon < needed:
-        tips.append(
-            f"A trial ends after {scenario.horizon} steps and the longest way takes about "
-            f"{needed}: --set horizon={2 * needed}."
-        )
-    if scenario.max_steps < needed:
-        tips.append(
-            f"An episode ends after {scenario.max_steps} steps and the longest way takes about "
-            f"{needed}: --set max_steps={2 * needed}."
-        )
-    if scenario.goal_value == 0 and scenario.q_star_init > 0:
-        tips.append(
-            "Arriving pays once (goal_value 0), less than the initial values promise elsewhere: "
-            "--set goal_value=200."
-        )
-    if scenario.discount**moves < FAR:
-        tips.append(
-            f"The goal is {moves} moves away, and discount {scenario.discount:g} leaves "
-            f"{scenario.discount**moves:.1%} of its worth there: --set discount=0.99."
-        )
-    if str(scenario.starts) == "fixed":
-        tips.append(
-            "Episodes that always begin at the same cells seldom find a goal far away: "
-            f"--set starts={SETTINGS['starts'].default}."
-        )
     history = done.history
     last = slice(history.episodes // 2, None)
-    found = history.arrived[last][history.present[last]].mean()
-    most = SETTINGS["steps"].high
-    if scenario.steps * 10 <= (most or 0):
-        tips.insert(
-            min(1, len(tips)),
-            f"In the second half of learning {found:.0%} of the robots' episodes ended at the "
-            f"goal; learn longer: --steps {10 * scenario.steps}.",
-        )
+    arrived = history.arrived[last][history.present[last]].mean()
+    longer = (
+        scenario.steps * 10 <= (SETTINGS["steps"].high or 0),
+        f"In the second half of learning {arrived:.0%} of the robots' episodes ended at the goal; "
+        f"learn longer: --steps {10 * scenario.steps}.",
+    )
+    causes = [
+        (
+            scenario.horizon < needed,
+            f"A trial ends after {scenario.horizon} steps and the longest way takes about "
+            f"{needed}: --set horizon={2 * needed}.",
+        ),
+        (
+            scenario.max_steps < needed,
+            f"An episode ends after {scenario.max_steps} steps and the longest way takes about "
+            f"{needed}: --set max_steps={2 * needed}.",
+        ),
+        (
+            scenario.goal_value == 0 and scenario.q_star_init > 0,
+            "Arriving pays once (goal_value 0), less than the initial values promise elsewhere: "
+            "--set goal_value=200.",
+        ),
+        (
+            scenario.discount**moves < FAR,
+            f"The goal is {moves} moves away, and discount {scenario.discount:g} leaves "
+            f"{scenario.discount**moves:.1%} of its value there: --set discount=0.99.",
+        ),
+        (
+            str(scenario.starts) == "fixed",
+            "Episodes that always begin at the same cells seldom find a goal far away: "
+            f"--set starts={SETTINGS['starts'].default}.",
+        ),
+    ]
+    tips = [text for holds, text in causes if holds]
+    if longer[0]:
+        tips.insert(1, longer[1])
     return tips[:2]

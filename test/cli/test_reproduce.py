@@ -85,7 +85,6 @@ def test_both_engines_print_the_same(sparse_coord):
     ]
     assert out[0] == out[1]
     everything = json.loads(out[0])
-    assert everything["cells"] == everything["conditions"]  # its name of version 0.1
     [data] = everything["conditions"]
     assert data["id"] == cell
     assert (data["runs"], data["trials"]) == (2, 5)
