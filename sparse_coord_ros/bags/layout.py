@@ -21,7 +21,7 @@ _COMPRESSIONS = {
 }
 
 
-class BagFile:
+class OutputFile:
     """A new file, as an output stream of `mcap.writer.Writer`.
 
     Unbuffered: what is written is with the operating system, and survives the process. The first
@@ -109,7 +109,7 @@ def chunk_compression(compression: str) -> CompressionType:
     return _COMPRESSIONS[compression]
 
 
-def create_bag_file(directory: Path, file_name: str, *, new: bool = True) -> BagFile:
+def create_bag_file(directory: Path, file_name: str, *, new: bool = True) -> OutputFile:
     """Make the directory, which must not exist where it is `new`, and a file in it.
 
     Raises:
@@ -118,7 +118,7 @@ def create_bag_file(directory: Path, file_name: str, *, new: bool = True) -> Bag
     try:
         if new:
             directory.mkdir(parents=True)
-        return BagFile(directory / file_name)
+        return OutputFile(directory / file_name)
     except FileExistsError as error:
         if not new:
             raise BagError(

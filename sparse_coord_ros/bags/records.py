@@ -2,11 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """MCAP records out of bytes that may be damaged: whole and right, or `Damage` with the place."""
 
+import os
 import struct
 import zlib
-from collections.abc import Iterator
 from io import BytesIO
-from typing import Any, BinaryIO
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import lz4.frame
 import numpy as np
@@ -15,6 +16,9 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
 from mcap.records import Chunk
+
+from sparse_coord_ros.bags.layout import open_to_read
+from sparse_coord_ros.errors import BagError
 
 PIECE = 1024 * 1024
 """Bytes of a long record to read at a time, and the longest name."""
@@ -51,59 +55,94 @@ class Damage(Exception):  # noqa: N818
         super().__init__(f"byte {offset}: {problem}")
 
 
-class Source:
-    """A file from which nothing is read that is not there.
+class Cut(Damage):
+    """The file ends within a record."""
+
+
+class Record(NamedTuple):
+    """Where a record lies in a file.
 
     Attributes:
-        size: bytes of the file when it was opened; what is appended later is not read.
-        position: offset of the next byte.
-        crc: CRC-32 of all bytes read; may be set to 0 to begin anew.
+        opcode: its kind.
+        offset: where it begins.
+        length: bytes of its body.
     """
 
-    def __init__(self, file: BinaryIO, size: int) -> None:
-        """Take an open file at its beginning."""
-        self._file = file
-        self.size = size
-        self.position = 0
-        self.crc = 0
+    opcode: int
+    offset: int
+    length: int
 
     @property
-    def rest(self) -> int:
-        """Number of bytes that are left."""
-        return self.size - self.position
+    def body(self) -> int:
+        """Where its body begins."""
+        return self.offset + HEAD.size
 
-    def read(self, length: int) -> bytes:
-        """Return so many bytes; raises Damage if the file ends before."""
-        if length > self.rest:
-            raise Damage(self.size, f"the file ends, {length - self.rest} bytes too early")
-        data = self._file.read(length)
+    @property
+    def end(self) -> int:
+        """Where it ends, and the next begins."""
+        return self.body + self.length
+
+
+class Source:
+    """An open MCAP file, of which nothing is read that is not there; a context manager.
+
+    Raises:
+        BagError: there is no such file, or it does not begin as MCAP.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._file = open_to_read(path)
+        try:
+            begin = self.read(0, min(self.size, len(MAGIC)))
+        except Damage as damage:
+            self.close()
+            raise BagError(f"cannot read {path}: {damage}") from damage
+        if begin != MAGIC:
+            self.close()
+            raise BagError(f"{path} is not an MCAP file: it does not begin like one")
+
+    @property
+    def size(self) -> int:
+        """Bytes of the file, as it is now."""
+        return os.fstat(self._file.fileno()).st_size
+
+    def read(self, offset: int, length: int) -> bytes:
+        """Return bytes of the file; raises Damage if they cannot be read."""
+        try:
+            data = os.pread(self._file.fileno(), length, offset)
+        except OSError as error:
+            raise Damage(offset, f"cannot be read: {error.strerror}") from error
         if len(data) != length:
-            raise Damage(self.position + len(data), "the file has become shorter")
-        self.crc = zlib.crc32(data, self.crc)
-        self.position += length
+            raise Damage(offset + len(data), "the file has become shorter")
         return data
 
-    def seek(self, position: int) -> None:
-        """Go to an offset; the checksum does not follow."""
-        self._file.seek(position)
-        self.position = position
-
-    def head(self) -> tuple[int, int]:
-        """Return the next record's opcode and length; raises Damage unless all of it is there."""
-        offset = self.position
-        if self.rest < HEAD.size:
-            raise Damage(
-                offset, f"the file ends within a record, of which {self.rest} bytes are left"
-            )
-        opcode, length = HEAD.unpack(self.read(HEAD.size))
-        if length > self.rest:
-            raise Damage(
-                offset,
-                f"{describe(opcode)} of {length} bytes, of which {self.rest} are in the file",
-            )
-        if length > LARGEST_RECORD and opcode != Opcode.ATTACHMENT:
+    def record(self, offset: int, size: int) -> Record:
+        """Return the record at an offset; raises Damage unless `size` bytes hold all of it."""
+        if size - offset < HEAD.size:
+            left = size - offset
+            raise Cut(offset, f"the file ends within a record, of which {left} bytes are left")
+        opcode, length = HEAD.unpack(self.read(offset, HEAD.size))
+        record = Record(opcode, offset, length)
+        if record.length > LARGEST_RECORD and record.opcode != Opcode.ATTACHMENT:
             raise Damage(offset, f"{describe(opcode)} of {length} bytes, which is implausible")
-        return opcode, length
+        if record.end > size:
+            left = size - record.body
+            raise Cut(
+                offset, f"{describe(opcode)} of {length} bytes, of which {left} are in the file"
+            )
+        return record
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def __enter__(self) -> "Source":
+        """Return the source itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close the file."""
+        self.close()
 
 
 def describe(opcode: int) -> str:
@@ -113,39 +152,6 @@ def describe(opcode: int) -> str:
         return f"a record of unknown kind {opcode:#04x}"
     article = "an" if name[0] in "aeiou" else "a"
     return f"{article} {name} record"
-
-
-class Fields:
-    """The fields of one attachment record, taken one after the other.
-
-    Attributes:
-        left: bytes of the record that are not taken yet.
-        crc: CRC-32 of those that are.
-    """
-
-    def __init__(self, source: Source, length: int, offset: int) -> None:
-        """Take the file, at the record's body, its length and where the record begins."""
-        self.left, self.crc = length, 0
-        self._source, self._offset = source, offset
-
-    def take(self, length: int) -> bytes:
-        """Return the next bytes; raises Damage if the record has not so many."""
-        if length > self.left:
-            raise Damage(self._offset, "an attachment whose fields do not fit into it")
-        data = self._source.read(length)
-        self.left -= length
-        self.crc = zlib.crc32(data, self.crc)
-        return data
-
-    def text(self) -> str:
-        """Return the next text; raises Damage."""
-        length = int.from_bytes(self.take(4), "little")
-        if length > PIECE:
-            raise Damage(self._offset, f"an attachment with a name of {length} bytes")
-        try:
-            return self.take(length).decode("utf-8")
-        except UnicodeDecodeError as error:
-            raise Damage(self._offset, "an attachment with a name that is not UTF-8") from error
 
 
 class _Exact(ReadDataStream):
@@ -237,10 +243,14 @@ def _zstd(data: bytes, size: int) -> bytes:
 _LENGTH = struct.Struct("<Q")
 
 
-def message_heads(content: bytes, offset: int) -> tuple[np.ndarray, np.ndarray, list]:
-    """Return places and heads (`MESSAGE_HEAD`) of the messages in a chunk's content, and the rest.
+def message_heads(
+    content: bytes, offset: int
+) -> tuple[np.ndarray, np.ndarray, list[tuple[int, int, int]]]:
+    """Return where messages are in a chunk's content, their heads, and what else is there.
 
-    The rest are the other records, as `chunk_records` yields them.
+    Returns:
+        Where each message record begins, shape (messages,), int64; their heads, of type
+        `MESSAGE_HEAD`, same shape; of each other record its opcode and its body's begin and end.
 
     Raises:
         Damage: a record does not fit into the content.
@@ -252,14 +262,20 @@ def message_heads(content: bytes, offset: int) -> tuple[np.ndarray, np.ndarray, 
     while place <= last:
         append(place)
         place += HEAD.size + length_at(content, place + 1)[0]
-    found = np.array(places, dtype=np.int64)
-    data = np.frombuffer(content, dtype=np.uint8)
-    is_message = data[found] == Opcode.MESSAGE
-    others: list = []
-    if place != size or not is_message.all():
-        others = [one for one in chunk_records(content, offset) if one[0] != Opcode.MESSAGE]
-        found = found[is_message]
-    return found, rows_at(content, found, MESSAGE_HEAD), others
+    if place != size:
+        raise Damage(offset, "records of which the last does not fit into their chunk")
+    begins = np.array(places, dtype=np.int64)
+    ends = np.append(begins[1:], size)
+    opcodes = np.frombuffer(content, dtype=np.uint8)[begins]
+    is_message = opcodes == Opcode.MESSAGE
+    if (ends[is_message] - begins[is_message] < MESSAGE_HEAD.itemsize).any():
+        raise Damage(offset, "a message without room for its channel and times")
+    others: list[tuple[int, int, int]] = []
+    if not is_message.all():
+        columns = opcodes, begins + HEAD.size, ends
+        others = list(zip(*(column[~is_message].tolist() for column in columns), strict=True))
+        begins = begins[is_message]
+    return begins, rows_at(content, begins, MESSAGE_HEAD), others
 
 
 def rows_at(content: bytes, places: np.ndarray, kind: np.dtype) -> np.ndarray:
@@ -270,18 +286,3 @@ def rows_at(content: bytes, places: np.ndarray, kind: np.dtype) -> np.ndarray:
     # A view that begins anew at every byte; taking rows of it copies each with one memcpy.
     every = np.ndarray((count,), np.dtype(("V", kind.itemsize)), content, strides=(1,))
     return every[places].view(kind)
-
-
-def chunk_records(content: bytes, offset: int) -> Iterator[tuple[int, int, int, int]]:
-    """Yield opcode, place, and body's begin and end of each record in a chunk's content."""
-    place, size = 0, len(content)
-    while place < size:
-        begin = place + HEAD.size
-        if begin > size:
-            raise Damage(offset, f"a chunk that ends within a record at {place} in it")
-        opcode, length = HEAD.unpack_from(content, place)
-        end = begin + length
-        if end > size or (opcode == Opcode.MESSAGE and length < MESSAGE.size):
-            raise Damage(offset, f"a chunk with an impossible length at {place} in it")
-        yield opcode, place, begin, end
-        place = end

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import yaml
 
+from sparse_coord_ros.bags.contents import BagFile
 from sparse_coord_ros.bags.layout import PARTIAL, open_to_read, sync_directory, write_text
 from sparse_coord_ros.bags.metadata import (
     METADATA_FILE,
@@ -155,7 +156,7 @@ def _in_place(bag: Bag, directory: Path) -> Recovery:
     for one in bag.files:
         file, finished = one.path, directory / f"{_name(one.path)}_{number_of(one.path.name)}.mcap"
         if not one.finished or one.damage is not None:
-            with _draft(one, directory / _DRAFT, finished.name) as draft:
+            with _draft(Bag([one]), directory / _DRAFT, finished.name) as draft:
                 kept.append(_keep(file))
                 if metadata.exists():
                     _keep(metadata)
@@ -301,7 +302,7 @@ def _write_metadata(metadata: Path, bag: Bag) -> None:
     write_text(metadata, metadata_yaml(bag_information(files, topics)))
 
 
-def _file_summary(file: Bag) -> FileSummary:
+def _file_summary(file: BagFile) -> FileSummary:
     return FileSummary(file.path.name, file.message_count, file.start_ns, file.end_ns)
 
 

@@ -66,7 +66,7 @@ def _information(bag, *, recording: bool) -> dict[str, Any]:
         ],
         "attachments": [
             {"name": one.name, "type": one.media_type, "bytes": one.size}
-            for one in bag.attachments.places
+            for one in bag.attachments
         ],
     }
 

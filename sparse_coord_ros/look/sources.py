@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
+from sparse_coord_ros.bags.contents import Heard
 from sparse_coord_ros.bags.reader import BAG_DIRECTORY
-from sparse_coord_ros.bags.walk import Heard
 from sparse_coord_ros.errors import RunError, SparseCoordError, TablesError
 from sparse_coord_ros.experiments.store import MANIFEST
 from sparse_coord_ros.learn.agent import Tables

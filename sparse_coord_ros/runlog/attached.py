@@ -54,9 +54,9 @@ def read_tables(
     cells = len(scenario.map.cells)
     due = (cells, len(ACTIONS)), (cells,) * scenario.perceived + (PRIMITIVES,)
     seen: dict[tuple[str, bytes], int] = {}
-    files = {file.path: place for place, file in enumerate(bag.files)}
-    for place, name in enumerate(bag.attachments.names):
-        in_file = files[bag.attachments.paths[place]]
+    attached = [(place, one) for place, file in enumerate(bag.files) for one in file.attachments]
+    for in_file, attachment in attached:
+        name = attachment.name
         if not name.startswith(TABLES_FOLDER):
             continue
         match = NAME.fullmatch(name)
@@ -70,7 +70,7 @@ def read_tables(
         robot, step = match[1], int(match[2])
         if not of_last([in_file], [step], backs)[0]:
             continue
-        data = bag.attachments[place].data
+        data = attachment.data
         key = (name, hashlib.sha256(data).digest())
         again = any(back.file == in_file and back.step <= step <= back.until for back in backs)
         if key in seen and not again:

@@ -66,7 +66,7 @@ def find_run(bag: Bag, decode: Decoder) -> BagRun:
         except ValueError:
             pass
         break
-    if text is None and RUN_FILE in bag.attachments.names:
+    if text is None and any(one.name == RUN_FILE for one in bag.attachments):
         text = _attached(bag, RUN_FILE).decode(errors="replace")
     if text is None:
         odd = "".join(f"; {name} is a {bag.topics[name].type_name}" for name in named)
@@ -131,7 +131,7 @@ def _copies(bag: Bag, run: RunConfig, said: str | None) -> Iterator[Difference]:
         yield Difference(None, None, f"topic {RUN.name}", "twice", "once")
     scenario = run.scenario
     due = {RUN_FILE: said, SCENARIO_FILE: scenario.to_dict(), MAP_FILE: scenario.map.to_text()}
-    found = Counter(bag.attachments.names)
+    found = Counter(one.name for one in bag.attachments)
     for name, expected in due.items():
         where = f"attachment {name}"
         if found[name] > 1:
@@ -162,8 +162,7 @@ def _record(bag: Bag, run: RunConfig) -> Iterator[Difference]:
 
 
 def _attached(bag: Bag, name: str) -> bytes:
-    data: bytes = bag.attachments[bag.attachments.names.index(name)].data
-    return data
+    return next(one.data for one in bag.attachments if one.name == name)
 
 
 def _scenario(text: str) -> dict[str, Any] | None:

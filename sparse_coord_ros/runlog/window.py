@@ -2,16 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Any stretch of a long log, read by itself; the learning history of a log, stretch by stretch."""
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from sparse_coord_ros import wire
-from sparse_coord_ros.bags.reader import bag_files
-from sparse_coord_ros.bags.scan import AttachmentPlace
-from sparse_coord_ros.bags.walk import Heard, NoChunks, Walk
+from sparse_coord_ros.bags.contents import Attachment, Block, Heard
+from sparse_coord_ros.bags.reader import Bag, bag_files, open_bag
 from sparse_coord_ros.learn.history import History
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.learn.tables import unpack_robot
@@ -50,13 +49,13 @@ class Episodes(NamedTuple):
 class LongLog:
     """A bag of any length, of which only what is asked for is read.
 
-    At the first damage the log ends: `walk.damage` says where, once reading has come there.
+    At the first damage the log ends: `damage` says where, once reading has come there.
 
     Args:
         path: as of `read_run`.
 
     Attributes:
-        walk: where things are in the file.
+        bag: what is where in the file.
         run: the run.
         format: number of the bag's format.
         period: nanoseconds a time step.
@@ -67,26 +66,30 @@ class LongLog:
     """
 
     def __init__(self, path: Path) -> None:
-        self.walk = Walk(path)
+        self.bag = open_bag(path, checked=False)
         try:
-            bag = self.walk.bag()
-            self._source = find_run(bag, Decoder(bag.topics))
+            self._source = find_run(self.bag, Decoder(self.bag.topics))
         except BaseException:
-            self.walk.close()
+            self.bag.close()
             raise
         self.run: RunConfig = self._source.run
         self.format = self._source.number
         self.period = Frame(self.run).period
-        self._tables: tuple[int, list[dict[int, AttachmentPlace]]] | None = None
+        self._tables: tuple[int, list[dict[int, Attachment]]] | None = None
+
+    @property
+    def blocks(self) -> Sequence[Block]:
+        """Where in the file the messages are."""
+        return self.bag.blocks[0]
 
     @property
     def last_step(self) -> int:
-        """The newest time step that the file's chunks name."""
-        return max((place.end_ns for place in self.walk.chunks), default=0) // self.period
+        """The newest time step that the file's blocks name."""
+        return max((place.end_ns for place in self.blocks), default=0) // self.period
 
     def read(self, first: int, last: int) -> RunLog:
         """Return the time steps from `first` to `last`, whole, with the dialogue."""
-        bag = self.walk.bag(first * self.period, last * self.period)
+        bag = self.bag.between(first * self.period, last * self.period)
         return log_of(tracks_of(bag, self._source)[0]).between(first, last)
 
     def whole(
@@ -102,14 +105,13 @@ class LongLog:
             also: of `SPOKEN`, to be read too.
             heard: hears how far it is.
         """
-        tracks, _ = tracks_of(self.walk.bag(heard=heard), self._source, only, also)
-        tracks.bag = self.walk.bag()  # which knows of the damage that was found
+        tracks, _ = tracks_of(Bag(self.bag.files, heard=heard), self._source, only, also)
         add_tables(tracks)
         return log_of(tracks)
 
     def around(self, step: int, chunks: int = 6) -> RunLog:
         """Return the time steps of a few chunks in whose middle a time step lies."""
-        places = self.walk.chunks
+        places = self.blocks
         if not places:
             return self.read(step, step)
         ends = np.maximum.accumulate([place.end_ns for place in places])
@@ -129,7 +131,7 @@ class LongLog:
         period = self.period
         robots, cells = len(self.run.scenario.robots), len(self.run.scenario.map.cells)
         while True:
-            places = [one for one in self.walk.chunks if one.end_ns >= begin * period]
+            places = [one for one in self.blocks if one.end_ns >= begin * period]
             size, taken = STRETCH_BYTES, 0
             while True:  # an episode may be longer than a stretch
                 while taken < len(places) and size > 0:
@@ -139,9 +141,9 @@ class LongLog:
                 if not taken:
                     return
                 last = max(place.end_ns for place in places[:taken]) // period
-                bag = self.walk.bag(begin * period, last * period)
+                bag = self.bag.between(begin * period, last * period)
                 log = log_of(tracks_of(bag, self._source, MOVES)[0]).between(begin, last)
-                whole = whole or self.walk.damage is not None
+                whole = whole or self.bag.damage is not None
                 history = log.history()
                 if whole or history.episodes > 1:
                     break
@@ -150,7 +152,7 @@ class LongLog:
             if not whole:
                 end = int(history.first_step[-1])
                 history = History(**{n: a[:-1] for n, a in history.arrays().items()})
-            elif not self.walk.finished and self.walk.damage is None and history.episodes:
+            elif not self.bag.finished and self.bag.damage is None and history.episodes:
                 end = open_step = int(history.first_step[-1])
             asked = np.zeros((robots, cells), dtype=np.int64)
             mine = (log.step < end)[:, None] & log.asked & (log.cells >= 0)
@@ -176,48 +178,48 @@ class LongLog:
         if at is None:
             return None
         place = known[at]
-        tables, counts = unpack_robot(self.walk.attached(place), robot + 1, where=place.name)
+        tables, counts = unpack_robot(place.data, robot + 1, where=place.name)
         return RecordedTables(robot, at, tables, counts)
 
     @property
     def path(self) -> Path:
         """The bag's file, or its directory."""
-        return self.walk.path
+        return self.bag.path
 
     @property
     def damage(self) -> str | None:
         """Where the log cannot be read any further, and why; None: nowhere yet."""
-        return self.walk.damage
+        return self.bag.damage
 
     @property
     def finished(self) -> bool:
         """Whether no more will come."""
-        return self.walk.finished
+        return self.bag.finished
 
     @property
     def empty(self) -> bool:
         """Whether there is no time step."""
-        return not any(place.end_ns for place in self.walk.chunks)
+        return not any(place.end_ns for place in self.blocks)
 
     def begin(self) -> RunLog:
         """Return the first time steps."""
-        places = [place for place in self.walk.chunks if place.end_ns][:2]
+        places = [place for place in self.blocks if place.end_ns][:2]
         return self.read(0, max(place.end_ns for place in places) // self.period)
 
     def extend(self) -> bool:
         """Take in what the file has grown by; return whether there was anything."""
-        return self.walk.extend()
+        return self.bag.extend()
 
     def table_steps(self) -> list[list[int]]:
         """Return of each robot the time steps of its tables."""
         return [sorted(known) for known in self._known_tables()]
 
-    def _known_tables(self) -> list[dict[int, AttachmentPlace]]:
+    def _known_tables(self) -> list[dict[int, Attachment]]:
         """Return of each robot where its tables are, by time step; of equal steps the later."""
-        places = self.walk.attachments.places
+        places = self.bag.attachments
         if self._tables is None or self._tables[0] != len(places):
             names = [robot.name for robot in self.run.scenario.robots]
-            known: list[dict[int, AttachmentPlace]] = [{} for _ in names]
+            known: list[dict[int, Attachment]] = [{} for _ in names]
             for place in places:
                 match = NAME.fullmatch(place.name)
                 if match is not None and match[1] in names:
@@ -227,7 +229,7 @@ class LongLog:
 
     def close(self) -> None:
         """Close the file."""
-        self.walk.close()
+        self.bag.close()
 
 
 class WholeLog(LongLog):
@@ -317,8 +319,5 @@ class WholeLog(LongLog):
 def open_log(path: Path) -> LongLog:
     """Open a bag; arguments and errors as of `LongLog`."""
     if len(bag_files(path)) == 1:
-        try:
-            return LongLog(path)
-        except NoChunks:
-            pass
+        return LongLog(path)
     return WholeLog(path)

@@ -96,7 +96,9 @@ def test_unfinished_bag_is_finished(tmp_path, samples, capsys):
     assert (bag / "run_0.mcap.partial.damaged").read_bytes() == original
     found = check_whole(bag, samples, 20)
     assert found.compressions == ("lz4",)
-    assert [tuple(a) for a in found.attachments] == [("map.txt", "text/plain", b"#", 3)]
+    assert [(a.name, a.media_type, a.data, a.log_time_ns) for a in found.attachments] == [
+        ("map.txt", "text/plain", b"#", 3)
+    ]
     code, printed = run(capsys, bag)
     assert code == 0
     assert printed.splitlines()[1:] == ["recovered from a broken bag, complete"]
@@ -111,7 +113,7 @@ def test_what_was_recovered_says_so_for_good(tmp_path, samples, capsys):
     assert open_bag(bag).recovered == complete
     assert open_bag(bag).metadata_records[0] == ("recovered", complete)
     file = bag / "run_0.mcap"
-    os.truncate(file, open_bag(bag).readable_bytes - 200)
+    os.truncate(file, open_bag(bag).files[0].readable_bytes - 200)
     cut = open_bag(bag)
     assert cut.recovered == complete and not cut.whole
     recover(bag)
@@ -138,7 +140,7 @@ def test_what_was_recovered_says_so_for_good(tmp_path, samples, capsys):
     damage = f"{cut.damage}; {index.damage}"
     assert twice.recovered == {**lost, "damage": damage}
     assert [name for name, _ in twice.metadata_records] == ["recovered", "run", "rosbag2"]
-    os.truncate(file, open_bag(bag).readable_bytes - 100)
+    os.truncate(file, open_bag(bag).files[0].readable_bytes - 100)
     more = open_bag(bag).lost_bytes
     recover(bag)
     assert more and open_bag(bag).recovered["lost_bytes"] == str(cut.lost_bytes + more)
@@ -175,7 +177,7 @@ def test_cut_bag_loses_its_tail(tmp_path, samples, capsys):
     bag = write_bag(tmp_path / "run", samples, finish=True)
     file = bag / "run_0.mcap"
     for number, ending in enumerate((".damaged", ".damaged2")):
-        chunks = open_bag(bag).readable_bytes
+        chunks = open_bag(bag).files[0].readable_bytes
         os.truncate(file, chunks // 2 + number)
         cut, read = file.read_bytes(), open_bag(bag)
         assert 0 < read.message_count < 20

@@ -5,6 +5,7 @@
 import shutil
 from collections import deque
 from types import SimpleNamespace
+from typing import NamedTuple
 
 import pytest
 import yaml
@@ -37,6 +38,15 @@ TYPES = {
 GRID = "nav_msgs/msg/OccupancyGrid"
 WALL = 1_700_000_000_000_000_000
 STATUS_STEPS = 50
+
+
+class Attached(NamedTuple):
+    """An attachment that is to be written into a bag."""
+
+    name: str
+    media_type: str
+    data: bytes
+    log_time_ns: int
 
 
 class Recording:
@@ -334,7 +344,11 @@ def rewritten():
                     new._counts[channel] += 1  # as if the message were cut out of the file
                     continue
                 new.write(channel, one.data, one.log_time_ns, one.publish_time_ns)
-            for one in attach(list(source.attachments)):
+            attached = [
+                Attached(one.name, one.media_type, one.data, one.log_time_ns)
+                for one in source.attachments
+            ]
+            for one in attach(attached):
                 new.attach(one.name, one.data, one.media_type, one.log_time_ns)
         return directory
 

@@ -65,7 +65,7 @@ def test_a_forged_reward_in_it_still_differs(rewritten, tmp_path):
 
 @pytest.mark.parametrize(
     ("number", "said"),
-    [("3", "is in format 3, this version reads formats up to 2; update"), ("x", "format is 'x'")],
+    [("3", "is a bag of format '3', this version reads format 2 only; use"), ("x", "format 'x'")],
 )
 def test_a_newer_format_is_refused_in_one_line(good, rewritten, tmp_path, number, said, capsys):
     bag = rewritten(good.bag, tmp_path / "bag", record={"format": number})

@@ -157,14 +157,12 @@ def test_tables_of_the_checkpoint_come_again_where_a_file_takes_the_run_back(goo
     """They are what everybody went on with, and not steps that were recorded twice."""
     attached = open_bag(good.bag).attachments
     attachment = next(one for one in attached if one.name.startswith("tables/robot_1_"))
-
-    class Attachments(list):
-        names = [f"tables/robot_1_{AT}.npz"] * 2
-        paths = ["0.mcap", "1.mcap"]
-
-    files = [SimpleNamespace(path="0.mcap", continued=None)]
-    files.append(SimpleNamespace(path="1.mcap", continued={"why": ROLLED_BACK}))
-    bag = SimpleNamespace(attachments=Attachments([attachment] * 2), files=files)
+    attachment = replace(attachment, name=f"tables/robot_1_{AT}.npz")
+    files = [
+        SimpleNamespace(attachments=[attachment], continued=continued)
+        for continued in (None, {"why": ROLLED_BACK})
+    ]
+    bag = SimpleNamespace(files=files)
     found = list(read_tables(bag, good.run, [Rollback(1, AT, AT + 1, until)]))
     assert [odd.logged for odd, tables in found if tables is None] == twice
 

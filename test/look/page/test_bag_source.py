@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from sparse_coord_ros.bags import BagWriter, open_bag
-from sparse_coord_ros.bags.reader import bag_file
+from sparse_coord_ros.bags.reader import bag_files
 from sparse_coord_ros.errors import BagError, SparseCoordError
 from sparse_coord_ros.look.page.bag_source import BagSource, moment_of
 from sparse_coord_ros.look.page.board import Board
@@ -105,7 +105,7 @@ def test_playing_holding_stepping_seeking(player):
 
 
 def test_a_bag_that_grows_is_followed(bag, tmp_path, monkeypatch):
-    data = bag_file(bag).read_bytes()
+    data = bag_files(bag)[0].read_bytes()
     path = tmp_path / "grows.mcap.partial"
     path.write_bytes(data[: len(data) // 2])
     monkeypatch.setattr("sparse_coord_ros.look.page.bag_source.being_recorded", lambda path: True)
@@ -133,12 +133,12 @@ def test_a_bag_without_a_message_yet(tmp_path, monkeypatch, recorded_now, words)
 
 
 def test_what_is_damaged_unfinished_or_no_bag(bag, tmp_path):
-    data = bytearray(bag_file(bag).read_bytes())
+    data = bytearray(bag_files(bag)[0].read_bytes())
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(data[: len(data) // 2])
     player = Player(cut)
     assert "never closed" in player.board.get("notice")["text"]
-    place = player.source.log.walk.chunks[-1]
+    place = player.source.log.blocks[-1]
     player.source.log.close()
     data[place.offset + 200 : place.offset + 264] = bytes(64)
     cut.write_bytes(data)

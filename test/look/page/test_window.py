@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 
 from sparse_coord_ros import wire
-from sparse_coord_ros.bags import walk
-from sparse_coord_ros.bags.reader import bag_file
-from sparse_coord_ros.bags.records import HEAD
-from sparse_coord_ros.bags.walk import Walk
+from sparse_coord_ros.bags import contents, open_bag
+from sparse_coord_ros.bags.reader import bag_files
 from sparse_coord_ros.errors import BagError
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.history import concatenated
@@ -26,7 +24,7 @@ ARRAYS = ("step", "cells", "action", "move", "peer", "asked", "perceived", "perc
 
 def test_a_stretch_is_what_the_whole_log_has_there(bag):
     whole, log = read_run(bag), LongLog(bag)
-    assert len(log.walk.chunks) > 2
+    assert len(log.blocks) > 2
     for first, last in ((1, 30), (200, 290), (560, 10_000)):
         part, due = log.read(first, last), whole.between(first, last)
         for name in ARRAYS:
@@ -61,16 +59,16 @@ def test_what_was_said_at_time_0_is_found_at_once(tmp_path, monkeypatch, recordi
     run = make_run(load_scenario("env1").with_settings({"steps": 400}), {"seed": 7})
     Flushed(tmp_path / "bag", run)
     read = []
-    content = walk.chunk_content
+    content = contents.chunk_content
 
     def counted(*given, **options):
         read.append(given)
         return content(*given, **options)
 
-    monkeypatch.setattr(walk, "chunk_content", counted)
+    monkeypatch.setattr(contents, "chunk_content", counted)
     log = LongLog(tmp_path / "bag")
-    assert log.walk.chunks[0].end_ns == 0 and len(log.walk.chunks) > len(read) + 2
-    assert next(log.walk.bag().messages(["/run"])).data
+    assert log.blocks[0].end_ns == 0 and len(log.blocks) > len(read) + 2
+    assert next(log.bag.messages(["/run"])).data
     assert not log.empty and log.begin().step[0] == 1
     log.close()
 
@@ -100,18 +98,23 @@ def test_tables_before_a_step(bag):
     log.close()
 
 
+def walk(path):
+    return open_bag(path, checked=False)
+
+
 def test_a_file_that_grows_is_walked_on(bag, tmp_path):
-    data = bag_file(bag).read_bytes()
+    data = bag_files(bag)[0].read_bytes()
     path = tmp_path / "grows.mcap.partial"
     path.write_bytes(data[: len(data) // 2])
-    grows = Walk(path)
-    before = len(grows.chunks)
+    grows = walk(path)
+    [before] = map(tuple, grows.blocks)
     assert before and not grows.finished and grows.damage is None and not grows.extend()
     with path.open("ab") as file:
         file.write(data[len(data) // 2 :])
     path.rename(tmp_path / "grows.mcap")  # as its recorder does
-    assert grows.extend() and grows.finished and len(grows.chunks) > before
-    assert [place[:2] for place in grows.chunks] == [place[:2] for place in Walk(bag).chunks]
+    assert grows.extend() and grows.finished and len(grows.blocks[0]) > len(before)
+    assert grows.blocks == open_bag(bag).blocks
+    assert list(grows.messages()) == list(open_bag(bag).messages())
     grows.close()
 
 
@@ -122,25 +125,25 @@ def test_a_walk_reads_a_removed_file_and_says_where_one_is_damaged(bag, tmp_path
     shutil.rmtree(copy)
     assert len(log.read(1, 50).step) > 30
     log.close()
-    data = bytearray(bag_file(bag).read_bytes())
+    data = bytearray(bag_files(bag)[0].read_bytes())
     path = tmp_path / "damaged.mcap"
-    middle = Walk(bag).chunks[2].offset + 200
+    [blocks] = open_bag(bag).blocks
+    middle = blocks[2].offset + 200
     data[middle : middle + 64] = bytes(64)
     path.write_bytes(data)
     log = LongLog(path)
     parts = list(log.episodes())
-    assert log.walk.damage.startswith(f"byte {middle - 200}: ")
+    assert log.damage.startswith(f"byte {middle - 200}: ")
     whole = read_run(path)  # reads as far
     history = concatenated([part.history for part in parts])
     assert history.same_bits(whole.history()) and len(log.around(10**6).step)
     log.close()
-    assert len(log.walk.chunks) == 2, "what cannot be read is no chunk any more"
-    path.write_bytes(data[:middle])
-    cut = Walk(path)
-    assert not cut.finished and len(cut.chunks) == 2
-    second = cut.chunks[1]
-    path.write_bytes(data[: second.offset + HEAD.size + second.length])  # it ends with the file
-    assert len(Walk(path).chunks) == 2
+    assert log.blocks == blocks[:2], "what cannot be read is no block any more"
+    for cut in (middle, blocks[1].offset + blocks[1].length):  # within a chunk, and after one
+        path.write_bytes(data[:cut])
+        found = walk(path)
+        assert not found.finished and found.damage is None and found.blocks == [blocks[:2]]
+        found.close()
     path.write_bytes(b"no bag")
     with pytest.raises(BagError, match="is not an MCAP file"):
-        Walk(path)
+        walk(path)

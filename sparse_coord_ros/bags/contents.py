@@ -1,0 +1,497 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What is in one MCAP file, finished or not, up to its first damage."""
+
+import contextlib
+import struct
+import zlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, DataEnd, Footer, Header, Metadata, Schema
+
+from sparse_coord_ros.bags.layout import PARTIAL
+from sparse_coord_ros.bags.metadata import CONTINUED_RECORD
+from sparse_coord_ros.bags.records import (
+    HEAD,
+    LATEST_NS,
+    MAGIC,
+    MESSAGE,
+    PIECE,
+    Cut,
+    Damage,
+    Record,
+    Source,
+    check_crc,
+    chunk_content,
+    describe,
+    message_heads,
+    parse,
+)
+from sparse_coord_ros.bags.topics import BagTopic, topic_of
+from sparse_coord_ros.errors import BagError
+
+OWN_LIBRARY = "sparse_coord_ros "
+"""How the header of a file by `BagWriter` begins: in these every checksum is there."""
+
+BLOCK_BYTES = 256 * 1024
+"""Messages outside of chunks are read in blocks of so many bytes."""
+
+Heard = Callable[[float], None]
+"""Hears which share of what is read was read."""
+
+_TIMES = struct.Struct("<QQ")
+_LENGTH = struct.Struct("<I")
+_SIZE = struct.Struct("<Q")
+_FOOTER = HEAD.pack(Opcode.FOOTER, 20)
+
+
+class Part(NamedTuple):
+    """Messages that lie together in a file.
+
+    Attributes:
+        content: bytes in which their data are.
+        begins: where in it each one's data begin, shape (messages,).
+        heads: their heads, of type `records.MESSAGE_HEAD`, same shape.
+    """
+
+    content: bytes
+    begins: np.ndarray
+    heads: np.ndarray
+
+
+class Block(NamedTuple):
+    """A chunk with messages, or messages that lie one after the other outside of chunks.
+
+    Attributes:
+        offset: where it begins in the file.
+        length: its bytes.
+        start_ns, end_ns: earliest and latest log time of its messages.
+        chunk: whether it is a chunk.
+    """
+
+    offset: int
+    length: int
+    start_ns: int
+    end_ns: int
+    chunk: bool = True
+
+    @property
+    def end(self) -> int:
+        """Where it ends."""
+        return self.offset + self.length
+
+
+@dataclass(frozen=True)
+class Attachment:
+    """A file in the bag.
+
+    Attributes:
+        name: what it is called.
+        media_type: what kind of file it is.
+        log_time_ns: when it was attached.
+        size: its bytes.
+        offset: where they begin in the bag's file.
+        file: that file.
+    """
+
+    name: str
+    media_type: str
+    log_time_ns: int
+    size: int
+    offset: int = field(compare=False)
+    file: "BagFile" = field(repr=False, compare=False)
+
+    @property
+    def data(self) -> bytes:
+        """Its bytes, read now; raises BagError if the file has changed."""
+        return self.file.read(self.offset, self.size)
+
+
+class BagFile:
+    """What is in one file.
+
+    A file that is not checked is only looked through, record by record: milliseconds for a bag of
+    a million steps. What its chunks hold is checked when it is read. It stays open, so that it may
+    be renamed or removed meanwhile, and `extend` takes in what it has grown by.
+
+    Args:
+        path: the file.
+        checked: read every byte, compare every checksum, count the messages.
+
+    Attributes:
+        path: the file.
+        finished: whether its recorder closed it: its end is there.
+        damage: what is wrong where, or None. Nothing behind it is read.
+        size: its bytes.
+        readable_bytes: where the readable part of the data ends.
+        whole: whether all that was recorded was read; what is wrong is only in the summary.
+        topics: by channel.
+        counts, sizes: number of messages, and bytes of their data, by channel; if checked.
+        metadata: name and texts of each metadata record, in the order of the file.
+        attachments: in the order of the file.
+        blocks: where the messages are, in the order of the file.
+        compressions: of the chunks that were read: some of `zstd`, `lz4` and `none`.
+
+    Raises:
+        BagError: there is no such file, it does not begin as MCAP, or holds other messages than
+            those of ROS 2.
+    """
+
+    def __init__(self, path: Path, *, checked: bool) -> None:
+        self.path, self._checked = path, checked
+        self.finished = self.whole = False
+        self.damage: str | None = None
+        self.size, self.readable_bytes = 0, len(MAGIC)
+        self.topics: dict[int, BagTopic] = {}
+        self.counts: dict[int, int] = {}
+        self.sizes: dict[int, int] = {}
+        self.metadata: list[tuple[str, Mapping[str, str]]] = []
+        self.attachments: list[Attachment] = []
+        self.blocks: list[Block] = []
+        self.compressions: set[str] = set()
+        self._schemas: dict[int, Schema] = {}
+        self._channels: dict[int, Channel] = {}
+        self._known = np.zeros(1 << 16, dtype=bool)
+        # Who writes one checksum writes all, so that a zeroed one does not pass for none.
+        self._own = self._crcs = self._ended = self._closed = False
+        self._crc = zlib.crc32(MAGIC)
+        source = Source(path)
+        self._open: Source | None = source
+        try:
+            self.extend()
+        except BagError as error:
+            source.close()
+            raise BagError(f"{path}: {error}") from error
+        if checked:
+            source.close()
+            self._open = None
+            if self.damage is None and not self._closed and path.suffix != PARTIAL:
+                self.damage = (
+                    f"byte {self.size}: the file ends here, without an end: it was cut off"
+                )
+            self.whole |= self.damage is None and not self.finished
+
+    @property
+    def message_count(self) -> int:
+        """Number of messages."""
+        return sum(self.counts.values())
+
+    @property
+    def start_ns(self) -> int:
+        """Earliest log time; 0 without messages."""
+        return min((block.start_ns for block in self.blocks), default=0)
+
+    @property
+    def end_ns(self) -> int:
+        """Latest log time; 0 without messages."""
+        return max((block.end_ns for block in self.blocks), default=0)
+
+    @property
+    def lost_bytes(self) -> int:
+        """Bytes behind the first damage, of which nothing can be read."""
+        return 0 if self._ended else self.size - self.readable_bytes
+
+    @property
+    def continued(self) -> Mapping[str, str] | None:
+        """Why this file continues a bag (see `metadata.CONTINUED_RECORD`); None: it does not."""
+        return next((texts for name, texts in self.metadata if name == CONTINUED_RECORD), None)
+
+    def extend(self) -> bool:
+        """Go on to where the file ends now; return whether there was anything new."""
+        before = self.readable_bytes
+        with self._opened() as source:
+            self.size = source.size
+            self.finished = _has_end(source, self.size)
+            try:
+                while self.damage is None and not self._ended:
+                    if len(MAGIC) < self.readable_bytes == self.size:
+                        break
+                    record = source.record(self.readable_bytes, self.size)
+                    self._take(source, record)
+                    if not self._ended:
+                        self.readable_bytes = record.end
+            except Damage as damage:
+                # The rest of a record that is being written comes later.
+                if self._checked or not isinstance(damage, Cut):
+                    self.damage = str(damage)
+        return self.readable_bytes != before
+
+    def close(self) -> None:
+        """Close the file, where it is open."""
+        if self._open is not None:
+            self._open.close()
+
+    def read(self, offset: int, length: int) -> bytes:
+        """Return bytes of the file; raises BagError if they are not there any more."""
+        with self._opened() as source:
+            try:
+                return source.read(offset, length)
+            except Damage as damage:
+                raise self._changed(damage) from damage
+
+    def parts(
+        self, blocks: Sequence[Block], size: int = 0, heard: Heard | None = None
+    ) -> Iterator[Part]:
+        """Yield the messages of blocks in parts of more than `size` bytes of whole blocks.
+
+        Of a file that is not checked they end at the first damage, which is then noted.
+
+        Raises:
+            BagError: the file was checked, and has changed since.
+        """
+        total, done = sum(block.length for block in blocks), 0
+        waiting: list[bytes] = []
+        first = 0
+        with self._opened() as source:
+            for place, block in enumerate(blocks):
+                try:
+                    waiting.append(self._content(source, block))
+                    done += block.length
+                    if place + 1 == len(blocks) or sum(map(len, waiting)) > size:
+                        yield self._understand(b"".join(waiting), blocks[first].offset)
+                        waiting, first = [], place + 1
+                        if heard is not None:
+                            heard(done / total)
+                except Damage as damage:
+                    self._lose(blocks[place], damage)
+                    break
+            if waiting:
+                yield self._understand(b"".join(waiting), blocks[first].offset)
+
+    @contextlib.contextmanager
+    def _opened(self) -> Iterator[Source]:
+        if self._open is not None:
+            yield self._open
+            return
+        with Source(self.path) as source:
+            yield source
+
+    def _changed(self, damage: Damage) -> BagError:
+        return BagError(f"{self.path} has changed while it was read: {damage}")
+
+    def _lose(self, block: Block, damage: Damage) -> None:
+        """Read nothing any more from a block on that cannot be read."""
+        if self._checked:
+            raise self._changed(damage) from damage
+        self.damage = str(damage)
+        self.blocks = [one for one in self.blocks if one.offset < block.offset]
+
+    def _content(self, source: Source, block: Block) -> bytes:
+        """Return a block's records."""
+        data = source.read(block.offset, block.length)
+        if not block.chunk:
+            return data
+        chunk = parse(Chunk, data[HEAD.size :], block.offset)
+        return chunk_content(chunk, block.offset, crc_required=self._own)
+
+    def _take(self, source: Source, record: Record) -> None:
+        """Take one record, whole or not at all; raises Damage."""
+        opcode = record.opcode
+        take = _TAKE.get(opcode, BagFile._skip if opcode >= 0x80 and not self._own else None)
+        bare = opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
+        first = record.offset == len(MAGIC)
+        if take is None or (bare and self._own) or (opcode == Opcode.HEADER) != first:
+            raise Damage(record.offset, f"{describe(opcode)}, which has no business there")
+        take(self, source, record)
+
+    def _body(self, source: Source, record: Record) -> bytes:
+        """Return a record's body, which goes into the checksum of the data."""
+        data = source.read(record.offset, record.end - record.offset)
+        self._crc = zlib.crc32(data, self._crc)
+        return data[HEAD.size :]
+
+    def _skip(self, source: Source, record: Record) -> None:
+        if self._checked:
+            self._body(source, record)
+
+    def _take_header(self, source: Source, record: Record) -> None:
+        header = parse(Header, self._body(source, record), record.offset)
+        self._own = self._crcs = header.library.startswith(OWN_LIBRARY)
+
+    def _take_metadata(self, source: Source, record: Record) -> None:
+        found = parse(Metadata, self._body(source, record), record.offset)
+        self.metadata.append((found.name, found.metadata))
+
+    def _take_index(self, source: Source, record: Record) -> None:
+        """Pass a message index: nobody reads it, but its length tells it from a damaged chunk."""
+        if self._checked:
+            body = self._body(source, record)
+            if int.from_bytes(body[2:6], "little") != record.length - 6:
+                raise Damage(record.offset, "a message index whose fields do not fit into it")
+
+    def _take_chunk(self, source: Source, record: Record) -> None:
+        if record.length < _TIMES.size:
+            raise Damage(record.offset, "a chunk record whose fields do not fit into it")
+        times = _TIMES.unpack(source.read(record.body, _TIMES.size))
+        block = Block(record.offset, record.end - record.offset, *times)
+        # A recorder tells of its topics before the first message, and of the run at time 0.
+        if not self._checked and self.topics and block.end_ns:
+            self.blocks.append(block)
+            return
+        chunk = parse(Chunk, self._body(source, record), record.offset)
+        content = chunk_content(chunk, record.offset, crc_required=self._crcs)
+        self._crcs |= chunk.uncompressed_crc != 0
+        self.compressions.add(chunk.compression or "none")
+        heads = self._understand(content, record.offset).heads
+        if len(heads):
+            if (heads["log_ns"].min(), heads["log_ns"].max()) != times:
+                raise Damage(record.offset, "a chunk whose times are not those of its messages")
+            self._count(heads)
+            self.blocks.append(block)
+
+    def _take_bare(self, source: Source, record: Record) -> None:
+        """Take a message outside of chunks, or what defines a channel."""
+        offset, length = record.offset, record.end - record.offset
+        head = HEAD.pack(record.opcode, record.length)
+        heads = self._understand(head + self._body(source, record), offset).heads
+        self._count(heads)
+        last = self.blocks[-1] if self.blocks else None
+        if last is None or last.chunk or last.end != offset or last.length > BLOCK_BYTES:
+            if not len(heads):
+                return  # a block begins with a message
+            last = Block(offset, 0, LATEST_NS, 0, chunk=False)
+            self.blocks.append(last)
+        times = heads["log_ns"].tolist()
+        self.blocks[-1] = Block(
+            last.offset,
+            last.length + length,
+            min([last.start_ns, *times]),
+            max([last.end_ns, *times]),
+            chunk=False,
+        )
+
+    def _take_attachment(self, source: Source, record: Record) -> None:
+        """Take an attachment; check it piece by piece, as it may be larger than memory."""
+        head = source.read(record.body, min(record.length, 2 * (_TIMES.size + PIECE)))
+        texts, place, size = [], _TIMES.size, -1
+        try:
+            log_ns, _ = _TIMES.unpack_from(head)
+            for _ in range(2):
+                (length,) = _LENGTH.unpack_from(head, place)
+                place += _LENGTH.size + length
+                texts.append(head[place - length : place].decode())
+            (size,) = _SIZE.unpack_from(head, place)
+        except (struct.error, UnicodeDecodeError):
+            pass  # size then fits nothing
+        place += _SIZE.size
+        if size != record.length - place - _LENGTH.size:
+            raise Damage(record.offset, "an attachment whose fields do not fit into it")
+        name = texts[0]
+        if self._checked:
+            crc = 0
+            self._crc = zlib.crc32(source.read(record.offset, HEAD.size), self._crc)
+            end = record.end - _LENGTH.size
+            for begin in range(record.body, end, PIECE):
+                piece = source.read(begin, min(PIECE, end - begin))
+                crc, self._crc = zlib.crc32(piece, crc), zlib.crc32(piece, self._crc)
+            stored = source.read(end, _LENGTH.size)
+            self._crc = zlib.crc32(stored, self._crc)
+            expected = int.from_bytes(stored, "little")
+            what = f"attachment {name!r}"
+            check_crc(expected, crc, record.offset, what, required=self._crcs)
+            self._crcs |= expected != 0
+        if log_ns > LATEST_NS:
+            raise Damage(record.offset, f"attachment {name!r} has an impossible time")
+        self.attachments.append(
+            Attachment(name, texts[1], log_ns, size, record.body + place, self)
+        )
+
+    def _take_end(self, source: Source, record: Record) -> None:
+        """Take the end of the data; if the file is checked, what follows too."""
+        end = parse(DataEnd, source.read(record.body, record.length), record.offset)
+        self._ended = True
+        if not self._checked:
+            return
+        what = "the data before"
+        check_crc(end.data_section_crc, self._crc, record.offset, what, required=self._own)
+        self.whole = True
+        if record.end < self.size:
+            self._check_summary(source, record.end)
+
+    def _check_summary(self, source: Source, offset: int) -> None:
+        """Check the end of a file; only the channels in it are of interest, as nobody seeks."""
+        crc = 0
+        while (record := source.record(offset, self.size)).opcode != Opcode.FOOTER:
+            data = source.read(offset, record.end - offset)
+            if record.opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                self._define(record.opcode, data[HEAD.size :], offset)
+            crc, offset = zlib.crc32(data, crc), record.end
+        data = source.read(offset, record.end - offset)
+        footer = parse(Footer, data[HEAD.size :], offset)
+        crc = zlib.crc32(data[:-4], crc)
+        check_crc(footer.summary_crc, crc, offset, "the summary", required=self._own)
+        if self.size - record.end != len(MAGIC) or source.read(record.end, len(MAGIC)) != MAGIC:
+            raise Damage(self.size, "the file does not end with MCAP's magic bytes")
+        self._closed = True
+
+    def _define(self, opcode: int, body: bytes, offset: int) -> None:
+        """Take in a schema or a channel; raises Damage where it contradicts an earlier one."""
+        if opcode == Opcode.SCHEMA:
+            schema = parse(Schema, body, offset)
+            if self._schemas.setdefault(schema.id, schema) != schema:
+                raise Damage(offset, f"a second, different schema {schema.id}")
+            return
+        channel = parse(Channel, body, offset)
+        known = self._channels.get(channel.id)
+        if known not in (None, channel):
+            raise Damage(offset, f"a second, different channel {channel.id}")
+        if known is None:
+            topic = topic_of(channel, self._schemas, offset)
+            for other in self.topics.values():
+                if other.name == topic.name and other.type_name != topic.type_name:
+                    raise Damage(offset, f"topic {topic.name!r} has a second type")
+            self._channels[channel.id], self.topics[channel.id] = channel, topic
+            self.counts[channel.id] = self.sizes[channel.id] = 0
+            self._known[channel.id] = True
+
+    def _understand(self, content: bytes, offset: int) -> Part:
+        """Return the messages among records, and take in the channels that these define."""
+        places, heads, others = message_heads(content, offset)
+        if len(heads) and max(heads["log_ns"].max(), heads["publish_ns"].max()) > LATEST_NS:
+            raise Damage(offset, "a message with an impossible time")
+        for opcode, begin, end in others:
+            if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                self._define(opcode, content[begin:end], offset)
+            elif self._own or opcode < 0x80:
+                raise Damage(offset, f"{describe(opcode)} within a chunk")
+        known = self._known[heads["channel"]]
+        if not known.all():
+            channel = heads["channel"][~known][0]
+            raise Damage(offset, f"a message of the unknown channel {channel}")
+        return Part(content, places + HEAD.size + MESSAGE.size, heads)
+
+    def _count(self, heads: np.ndarray) -> None:
+        """Count messages, and the bytes of their data."""
+        counts = np.bincount(heads["channel"])
+        sizes = np.bincount(heads["channel"], heads["length"] - MESSAGE.size)
+        for channel in np.flatnonzero(counts).tolist():
+            self.counts[channel] += int(counts[channel])
+            self.sizes[channel] += int(sizes[channel])
+
+
+_TAKE: Mapping[int, Callable[[BagFile, Source, Record], None]] = {
+    Opcode.HEADER: BagFile._take_header,
+    Opcode.SCHEMA: BagFile._take_bare,
+    Opcode.CHANNEL: BagFile._take_bare,
+    Opcode.MESSAGE: BagFile._take_bare,
+    Opcode.CHUNK: BagFile._take_chunk,
+    Opcode.MESSAGE_INDEX: BagFile._take_index,
+    Opcode.ATTACHMENT: BagFile._take_attachment,
+    Opcode.METADATA: BagFile._take_metadata,
+    Opcode.DATA_END: BagFile._take_end,
+}
+
+
+def _has_end(source: Source, size: int) -> bool:
+    """Whether a file ends as its recorder's `close` leaves it."""
+    tail = len(_FOOTER) + 20 + len(MAGIC)
+    try:
+        data = source.read(size - tail, tail) if size > tail else b""
+    except Damage:
+        return False
+    return data.startswith(_FOOTER) and data.endswith(MAGIC)
