@@ -5,6 +5,7 @@
 import argparse
 import math
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ import yaml
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.errors import MapError, SettingError
 from sparse_coord_ros.files import write_whole
-from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.game.scenario import Robot, Scenario
 from sparse_coord_ros.game.settings import parse_assignments
 from sparse_coord_ros.maps.gridding import SPECK
 from sparse_coord_ros.maps.image import read_floor_plan
@@ -71,15 +72,18 @@ def add_parser(verbs) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Run the verb."""
-    starts, goals = (
-        [parse_place(text) for text in said] for said in (options.start, options.goal)
-    )
-    if len(starts) != len(goals):
+    if len(options.start) != len(options.goal):
         raise MapError(
-            f"--start has {len(starts)} places and --goal {len(goals)}; give each robot both"
+            f"--start has {len(options.start)} places and --goal {len(options.goal)}; give each "
+            "robot both"
         )
-    robots = list(zip(starts, goals, strict=True))
+    robots = [
+        (parse_place(start), parse_place(goal))
+        for start, goal in zip(options.start, options.goal, strict=True)
+    ]
     given = parse_assignments(options.assignments)
+    if given and not robots:
+        raise SettingError("--set needs a scenario: give --start and --goal of the robots")
     name = options.map.stem if options.name is None else options.name
     if not NAME.fullmatch(name):
         raise MapError(
@@ -87,41 +91,36 @@ def execute(options: argparse.Namespace) -> int:
             "choose one with --name"
         )
     folder = options.out or Path(f"{name}_map")
-    files = {end: folder / f"{name}{end}" for end in (".txt", ".yaml", ".png")}
-    _check_free(options.map, folder, list(files.values()), options.replace)
+    text, scenario_file, picture = (folder / f"{name}{end}" for end in (".txt", ".yaml", ".png"))
+    _check_free(options.map, folder, [text, scenario_file, picture], options.replace)
     plan = read_floor_plan(options.map)
-    cell, radius, speck = (
-        _metres(flag, getattr(options, flag)) for flag in ("cell", "radius", "speck")
-    )
-    longest = options.doorway_length
+    length = options.doorway_length
     imported = import_map(
         plan,
-        cell=cell,
-        radius=radius,
+        cell=_metres("cell", options.cell),
+        radius=_metres("radius", options.radius),
         robots=robots,
-        add=[parse_place(text) for text in options.doorway],
-        remove=[parse_place(text) for text in options.no_doorway],
-        longest=None if longest is None else _metres("doorway-length", longest),
-        speck=speck,
+        add=[parse_place(place) for place in options.doorway],
+        remove=[parse_place(place) for place in options.no_doorway],
+        longest=None if length is None else _metres("doorway-length", length),
+        speck=_metres("speck", options.speck),
         name=name,
     )
-    notes = list(imported.notes)
-    scenario: Scenario | None = None
+    grid, notes = imported.grid, list(imported.notes)
+    written = {text: grid.to_text()}
     suggested: dict[str, Any] = {}
+    drawn: Sequence[Robot] = ()
     if robots:
         scenario, suggested, odd = scenario_of(imported, robots, given)
         notes += odd
-    elif given:
-        raise SettingError("--set needs a scenario: give --start and --goal of the robots")
-    folder.mkdir(parents=True, exist_ok=True)
-    write_whole(files[".txt"], imported.grid.to_text())
-    if scenario is not None:
-        write_whole(files[".yaml"], _scenario_text(scenario, given, suggested))
+        drawn = scenario.robots
+        written[scenario_file] = _scenario_text(scenario, given, suggested)
     else:
-        del files[".yaml"]
         notes.append("no scenario: give --start and --goal, in metres, and --replace")
-    write_preview(files[".png"], plan, imported.grid, scenario.robots if scenario else ())
-    grid = imported.grid
+    folder.mkdir(parents=True, exist_ok=True)
+    for path, content in written.items():
+        write_whole(path, content)
+    write_preview(picture, plan, grid, drawn)
     facts = {
         "name": name,
         "rows": grid.shape[0],
@@ -133,21 +132,28 @@ def execute(options: argparse.Namespace) -> int:
         "origin": list(grid.origin),
         "suggested": suggested,
         "notes": notes,
-        "files": [str(path) for path in files.values()],
+        "files": [str(path) for path in (*written, picture)],
     }
     if options.json:
         shared.print_json(facts)
-        return 0
+    else:
+        _print(facts)
+    return 0
+
+
+def _print(facts: dict[str, Any]) -> None:
+    x, y = facts["origin"]
     print(
-        f"{name}: {grid.shape[0]} x {grid.shape[1]}, {len(grid.cells)} cells of {cell:g} m, "
-        f"{imported.doorways} doorways; lower left corner at {grid.origin[0]:g},{grid.origin[1]:g}"
+        f"{facts['name']}: {facts['rows']} x {facts['columns']}, {facts['cells']} cells of "
+        f"{facts['resolution']:g} m, {facts['doorways']} doorways; lower left corner at "
+        f"{x:g},{y:g}"
     )
-    if suggested:
-        print("settings by distance: " + ", ".join(f"{k}={v}" for k, v in suggested.items()))
-    for note in notes:
+    if facts["suggested"]:
+        said = ", ".join(f"{name}={value}" for name, value in facts["suggested"].items())
+        print(f"settings by distance: {said}")
+    for note in facts["notes"]:
         print(f"note: {note}")
     print("written: " + ", ".join(facts["files"]))
-    return 0
 
 
 def _metres(flag: str, text: str) -> float:
@@ -171,7 +177,7 @@ def _check_free(source: Path, folder: Path, files: list[Path], replace: bool) ->
         raise MapError(f"{folder}: {source} would be overwritten; choose another --out")
 
 
-def _scenario_text(scenario, given: dict, suggested: dict) -> str:
+def _scenario_text(scenario: Scenario, given: dict, suggested: dict) -> str:
     """Return the text of the scenario file: robots, and the settings that are no defaults."""
     place = scenario.map.cells
     robots = {

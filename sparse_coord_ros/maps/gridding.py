@@ -30,8 +30,8 @@ LOOKS = 4_000_000
 MOST_CELLS = 1_000_000
 """Cells of a grid, walls included."""
 
-DOOR_WORTH = 10
-"""How many free cells a doorway is worth where two offsets keep equally much connected."""
+DOOR_CELLS = 10
+"""As how many free cells a doorway counts where two offsets keep equally much connected."""
 
 CRUMB = 4
 """Fewer connected cells are no part of a map, and nothing that a doorway leads to."""
@@ -48,14 +48,16 @@ class Layout(NamedTuple):
         free: free cells, shape (rows, columns), bool.
         slips: pairs of adjacent free cells that a wall of a cell's length or more would lie
             between; such a grid is of no use.
-        score: how good it is: parts of free space that it cuts (negative), cells kept.
+        cut: parts of free space that it cuts off.
+        kept: how much it keeps: free cells, and doorways at `DOOR_CELLS` each.
     """
 
     top: float
     left: float
     free: np.ndarray
     slips: int
-    score: tuple[int, int]
+    cut: int
+    kept: int
 
 
 @dataclass(frozen=True)
@@ -134,11 +136,15 @@ def _past(pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return along_rows, along_columns
 
 
-def _between(past: np.ndarray, axis: int) -> np.ndarray:
-    """Return which neighbours along an axis have something between them, by what came before."""
-    if axis == 1:
-        return np.asarray(past[:, 1:] != past[:, :-1])
-    return np.asarray(past[1:] != past[:-1])
+def _neighbours(array: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return views of the first and of the second of all pairs of neighbours along an axis."""
+    return (array[:-1], array[1:]) if axis == 0 else (array[:, :-1], array[:, 1:])
+
+
+def _apart(free: np.ndarray, past: np.ndarray, axis: int) -> np.ndarray:
+    """Return which pairs of free neighbours have something between them, by what came before."""
+    (first, second), (before, after) = _neighbours(free, axis), _neighbours(past, axis)
+    return np.asarray(first & second & (before != after))
 
 
 def best_layout(space: Space, pixels: float) -> Layout:
@@ -161,7 +167,7 @@ def best_layout(space: Space, pixels: float) -> Layout:
     tries = min(math.ceil(pixels), OFFSETS, max(2, int(math.sqrt(LOOKS / max(cells, 1.0)))))
     shifts = [pixels * k / tries for k in range(tries)]
     found = [_layout(space, pixels, south, east) for south in shifts for east in shifts]
-    return max(found, key=lambda one: (-one.slips, one.score))
+    return max(found, key=lambda one: (-one.slips, -one.cut, one.kept))
 
 
 def _layout(space: Space, pixels: float, down: float, right: float) -> Layout:
@@ -172,18 +178,16 @@ def _layout(space: Space, pixels: float, down: float, right: float) -> Layout:
     rows = np.floor(np.arange(top + half, height, pixels)).astype(np.int64)
     columns = np.floor(np.arange(left + half, width, pixels)).astype(np.int64)
     if not len(rows) or not len(columns):
-        return Layout(top, left, np.zeros((len(rows), len(columns)), dtype=bool), 0, (0, 0))
+        return Layout(top, left, np.zeros((len(rows), len(columns)), dtype=bool), 0, 0, 0)
     at = np.ix_(rows, columns)
     parts = space.parts[at]
     free = parts > 0
-    slips = sum(
-        _side_by_side(_apart(free, past[at], axis), axis)
-        for past, axis in zip(space.past_walls, (1, 0), strict=True)
-    )
-    _close(
-        free,
-        [_between(past[at], axis) for past, axis in zip(space.past_blocked, (1, 0), strict=True)],
-    )
+    slips = 0
+    for past, axis in zip(space.past_walls, (1, 0), strict=True):
+        # What separates one pair may be a spot; what separates two side by side is a wall.
+        one, beside = _neighbours(_apart(free, past[at], axis), 1 - axis)
+        slips += int((one & beside).sum())
+    _close(free, [past[at] for past in space.past_blocked])
     labels, count = ndimage.label(free)
     sizes = np.bincount(labels.ravel(), minlength=count + 1)
     sizes[0] = 0
@@ -196,53 +200,32 @@ def _layout(space: Space, pixels: float, down: float, right: float) -> Layout:
     large = sizes >= CRUMB
     cut = int(large.sum() - (kept[1:] >= CRUMB).sum())
     doors = int(across(free).max(initial=0))
-    return Layout(top, left, free, slips, (-cut, int(kept[1:].sum()) + DOOR_WORTH * doors))
+    return Layout(top, left, free, slips, cut, int(kept[1:].sum()) + DOOR_CELLS * doors)
 
 
-def _pairs(free: np.ndarray, axis: int) -> np.ndarray:
-    """Return which pairs of neighbours along an axis are both free."""
-    if axis == 1:
-        return np.asarray(free[:, :-1] & free[:, 1:])
-    return np.asarray(free[:-1] & free[1:])
-
-
-def _apart(free: np.ndarray, past: np.ndarray, axis: int) -> np.ndarray:
-    """Return which pairs of free neighbours have something between them."""
-    return np.asarray(_pairs(free, axis) & _between(past, axis))
-
-
-def _side_by_side(pairs: np.ndarray, axis: int) -> int:
-    """Count the pairs beside which another one is: what separates both is no spot but a wall."""
-    return int(
-        (pairs[1:] & pairs[:-1]).sum() if axis == 1 else (pairs[:, 1:] & pairs[:, :-1]).sum()
-    )
-
-
-def _close(free: np.ndarray, between: list[np.ndarray]) -> None:
+def _close(free: np.ndarray, past: list[np.ndarray]) -> None:
     """Take from each pair of neighbours that a robot cannot drive between the one worth less.
 
     That is the one with more such pairs, or else with fewer free neighbours.
     """
     while True:
-        bad = np.zeros(free.shape, dtype=np.int64)
-        across_, down = (_pairs(free, axis) & b for axis, b in zip((1, 0), between, strict=True))
-        if not across_.any() and not down.any():
+        apart = [_apart(free, before, axis) for before, axis in zip(past, (1, 0), strict=True)]
+        if not any(pairs.any() for pairs in apart):
             return
-        bad[:, :-1] += across_
-        bad[:, 1:] += across_
-        bad[:-1] += down
-        bad[1:] += down
-        padded = np.pad(free, 1)
-        near = padded[:-2, 1:-1] + padded[2:, 1:-1].astype(np.int64)
-        near += padded[1:-1, :-2].astype(np.int64) + padded[1:-1, 2:]
+        bad = np.zeros(free.shape, dtype=np.int64)
+        for pairs, axis in zip(apart, (1, 0), strict=True):
+            for side in _neighbours(bad, axis):
+                side += pairs
+        padded = np.pad(free, 1).astype(np.int8)
+        near = padded[:-2, 1:-1] + padded[2:, 1:-1] + padded[1:-1, :-2] + padded[1:-1, 2:]
         cost = 8 * bad - near
         gone = np.zeros(free.shape, dtype=bool)
-        first = cost[:, :-1] >= cost[:, 1:]
-        gone[:, :-1] |= across_ & first
-        gone[:, 1:] |= across_ & ~first
-        first = cost[:-1] >= cost[1:]
-        gone[:-1] |= down & first
-        gone[1:] |= down & ~first
+        for pairs, axis in zip(apart, (1, 0), strict=True):
+            first, second = _neighbours(cost, axis)
+            for side, chosen in zip(
+                _neighbours(gone, axis), (first >= second, first < second), strict=True
+            ):
+                side |= pairs & chosen
         free &= ~gone
 
 

@@ -16,6 +16,7 @@ from sparse_coord_ros.game.scenario import SETTINGS, Scenario, scenario_from_dic
 from sparse_coord_ros.maps.gridding import (
     CRUMB,
     SPECK,
+    Layout,
     across,
     best_layout,
     smaller_cell,
@@ -33,8 +34,8 @@ WALL_THICKNESS = 0.3
 SHOWN = 6
 """Most places that a note names."""
 
-FURTHEST_WORTH = 0.3
-"""What arriving is worth at the furthest start, as a share of its worth at the goal."""
+FURTHEST_SHARE = 0.3
+"""The value of arriving at the furthest start, as a share of its value at the goal."""
 
 FIRST_GUESS = 0.1
 """Q* at first, as a share of the goal's value: that of the default settings."""
@@ -88,57 +89,32 @@ def import_map(
         MapError: a number is out of range; the map has no free cell; the cells are so large that
             a wall lies between two centres; or a place is in no free cell.
     """
-    _check("--cell", cell, plan.resolution, 1000.0, "metres, at least a pixel")
-    _check("--radius", radius, 0.0, 100.0, "metres")
-    _check("--speck", speck, 0.0, 10.0, "metres")
     if longest is None:
         longest = 2 * radius + WALL_THICKNESS + cell
-    _check("--doorway-length", longest, 0.0, 1000.0, "metres")
-    space = space_of(plan, radius, speck)
-    pixels = cell / plan.resolution
-    if not (~space.blocked).any():
-        seen = "no pixel is free" if not plan.free.any() else "no place is wide enough for it"
-        raise MapError(
-            f"map {plan.name}: a robot of radius {radius:g} m finds no room: {seen}; check negate "
-            "and the thresholds in the YAML file, or choose a smaller --radius"
-        )
-    layout = best_layout(space, pixels)
-    if layout.slips:
-        better = smaller_cell(space, pixels, plan.resolution)
-        remedy = "choose a smaller one" if better is None else f"--cell {better:g} would do"
-        raise MapError(
-            f"map {plan.name}: --cell {cell:g} is so large that a wall slips between two cells "
-            f"({layout.slips} times, wherever the grid lies); {remedy}"
-        )
+    for name_, value, low, high, unit in (
+        ("--cell", cell, plan.resolution, 1000.0, "metres, at least a pixel"),
+        ("--radius", radius, 0.0, 100.0, "metres"),
+        ("--speck", speck, 0.0, 10.0, "metres"),
+        ("--doorway-length", longest, 0.0, 1000.0, "metres"),
+    ):
+        if not low <= value <= high:
+            raise MapError(f"{name_} is {value:g}, allowed: {low:g} to {high:g} ({unit})")
+    layout = _layout_of(plan, cell, radius, speck)
     free = layout.free
-    if not free.any():
-        raise MapError(
-            f"map {plan.name}: no cell of {cell:g} m has a free centre; choose a smaller --cell"
-        )
     corner = (
         plan.origin[0] + layout.left * plan.resolution,
         plan.origin[1] + (plan.free.shape[0] - layout.top) * plan.resolution - len(free) * cell,
     )
     frame = _Frame(free, corner, cell, plan.name)
-    labels, count = ndimage.label(free)
-    sizes = np.bincount(labels.ravel(), minlength=count + 1)[1:]
+    labels, _ = ndimage.label(free)
+    sizes = np.bincount(labels.ravel())[1:]
     if robots:
         used = {int(labels[cell]) for pair in _robot_cells(frame, robots) for cell in pair}
         free &= np.isin(labels, sorted(used))
-    elif count:
+    else:
         free &= np.isin(labels, 1 + np.flatnonzero((sizes >= CRUMB) | (sizes == sizes.max())))
     run = max(1, math.floor(longest / cell + 1e-9))
-    doors, wide = across(free, run), two_wide(free, run)
-    for place in remove:
-        found = doors[frame.cell(place, "--no-doorway")]
-        if not found:
-            raise MapError(
-                f"--no-doorway {_metres(place)}: is in no doorway; the preview shows them"
-            )
-        doors[doors == found] = 0
-    for place in add:
-        where = frame.cell(place, "--doorway")
-        doors[where] = doors[where] or doors.max() + 1
+    doors = _doorways(frame, across(free, run), add, remove)
     # Nothing but walls around the map is of use: a border of one cell stays.
     rows, columns = (np.flatnonzero(free.any(axis=axis)) for axis in (1, 0))
     top, bottom = max(0, rows[0] - 1), min(free.shape[0], rows[-1] + 2)
@@ -158,29 +134,61 @@ def import_map(
     )
     number = len(np.unique(doors[doors > 0]))
     parts = tuple(sorted((int(size) for size in sizes if size >= CRUMB), reverse=True))
-    notes = _notes(layout.score[0], number, parts, bool(robots))
-    notes += _wide_notes([frame.centre(place) for place in wide if not doors[place]])
-    return Imported(grid, number, parts, tuple(notes))
+    wide = [frame.centre(place) for place in two_wide(free, run) if not doors[place]]
+    return Imported(grid, number, parts, _notes(layout.cut, number, parts, bool(robots), wide))
 
 
-def _wide_notes(places: list[Place]) -> list[str]:
-    if not places:
-        return []
-    said = " ".join(f"{x:.2f},{y:.2f}" for x, y in places[:SHOWN])
-    more = f" and {len(places) - SHOWN} more" if len(places) > SHOWN else ""
-    many = len(places) > 1
-    return [
-        f"{len(places)} passage{'s are' if many else ' is'} two cells wide, and no doorway"
-        f"{'s' if many else ''}, as two robots pass there side by side: at {said}{more}; where "
-        "they would not, choose a larger --cell, or add both cells with --doorway"
-    ]
+def _layout_of(plan: FloorPlan, cell: float, radius: float, speck: float) -> Layout:
+    """Return the best grid on a floor plan, which has a free cell."""
+    space = space_of(plan, radius, speck)
+    if space.blocked.all():
+        seen = "no place is wide enough for it" if plan.free.any() else "no pixel is free"
+        raise MapError(
+            f"map {plan.name}: a robot of radius {radius:g} m finds no room: {seen}; check negate "
+            "and the thresholds in the YAML file, or choose a smaller --radius"
+        )
+    pixels = cell / plan.resolution
+    layout = best_layout(space, pixels)
+    if layout.slips:
+        better = smaller_cell(space, pixels, plan.resolution)
+        remedy = "choose a smaller one" if better is None else f"--cell {better:g} would do"
+        raise MapError(
+            f"map {plan.name}: --cell {cell:g} is so large that a wall slips between two cells "
+            f"({layout.slips} times, wherever the grid lies); {remedy}"
+        )
+    if not layout.free.any():
+        raise MapError(
+            f"map {plan.name}: no cell of {cell:g} m has a free centre; choose a smaller --cell"
+        )
+    return layout
 
 
-def _notes(cut: int, doors: int, parts: tuple[int, ...], robots: bool) -> list[str]:
+def _doorways(
+    frame: "_Frame", found: np.ndarray, add: Sequence[Place], remove: Sequence[Place]
+) -> np.ndarray:
+    """Return the doorways found, shape (rows, columns), with those that the user wants."""
+    doors = found.copy()
+    for place in remove:
+        number = doors[frame.cell(place, "--no-doorway")]
+        if not number:
+            raise MapError(
+                f"--no-doorway {_metres(place)}: is in no doorway; the preview shows them"
+            )
+        doors[doors == number] = 0
+    for place in add:
+        where = frame.cell(place, "--doorway")
+        doors[where] = doors[where] or doors.max() + 1
+    return doors
+
+
+def _notes(
+    cut: int, doors: int, parts: tuple[int, ...], robots: bool, wide: list[Place]
+) -> tuple[str, ...]:
+    """Return what is odd about a map, one line each."""
     notes = []
-    if cut < 0:
+    if cut:
         notes.append(
-            f"{-cut} part{'s are' if cut < -1 else ' is'} cut off although a robot would fit "
+            f"{cut} part{'s are' if cut > 1 else ' is'} cut off although a robot would fit "
             "through: a smaller --cell may keep the way open"
         )
     if len(parts) > 1:
@@ -194,7 +202,16 @@ def _notes(cut: int, doors: int, parts: tuple[int, ...], robots: bool) -> list[s
             "no doorway found: robots have nothing to coordinate; doorways are one cell wide, so "
             "choose a larger --cell, or add one with --doorway"
         )
-    return notes
+    if wide:
+        said = " ".join(f"{x:.2f},{y:.2f}" for x, y in wide[:SHOWN])
+        more = f" and {len(wide) - SHOWN} more" if len(wide) > SHOWN else ""
+        many = len(wide) > 1
+        notes.append(
+            f"{len(wide)} passage{'s are' if many else ' is'} two cells wide, and no doorway"
+            f"{'s' if many else ''}, as two robots pass there side by side: at {said}{more}; "
+            "where they would not, choose a larger --cell, or add both cells with --doorway"
+        )
+    return tuple(notes)
 
 
 class _Frame:
@@ -247,11 +264,6 @@ def _metres(place: Place) -> str:
     return f"{place[0]:g},{place[1]:g}"
 
 
-def _check(name: str, value: float, low: float, high: float, unit: str) -> None:
-    if not low <= value <= high:
-        raise MapError(f"{name} is {value:g}, allowed: {low:g} to {high:g} ({unit})")
-
-
 def suggested_settings(
     grid: GridMap, pairs: Sequence[tuple[int, int]], given: Mapping[str, Any]
 ) -> dict[str, Any]:
@@ -259,7 +271,7 @@ def suggested_settings(
 
     A robot needs d / p steps for d cells, p being the probability that a move succeeds. The
     horizon lies four standard deviations above; episodes of learning are one and a half times the
-    furthest start's way; the discount leaves `FURTHEST_WORTH` of the goal's value there; and the
+    furthest start's way; the discount leaves `FURTHEST_SHARE` of the goal's value there; and the
     values at first, and the budget, follow from that.
 
     Args:
@@ -277,12 +289,12 @@ def suggested_settings(
     horizon = 1.1 * (own / p + 4 * math.sqrt(own * (1 - p)) / p)
     found["horizon"] = max(100, _round_up(horizon, 50))
     found["max_steps"] = max(100, _round_up(1.5 * furthest / p, 50))
-    discount = math.ceil(1000 * FURTHEST_WORTH ** (p / furthest)) / 1000
+    discount = math.ceil(1000 * FURTHEST_SHARE ** (p / furthest)) / 1000
     found["discount"] = min(0.999, max(values["discount"], discount))
     discount = given.get("discount", found["discount"])
-    worth = values["goal_reward"] / (1.0 - float(discount))
-    found["goal_value"] = found["q_coord_init"] = round(worth, 3)
-    found["q_star_init"] = round(FIRST_GUESS * worth, 3)
+    value = values["goal_reward"] / (1.0 - float(discount))
+    found["goal_value"] = found["q_coord_init"] = round(value, 3)
+    found["q_star_init"] = round(FIRST_GUESS * value, 3)
     found["steps"] = _budget(cells, furthest / p)
     default = SETTINGS.defaults()
     return {k: v for k, v in found.items() if k not in given and v != default[k]}

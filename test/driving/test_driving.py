@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from sparse_coord_ros.driving.arena import ELSEWHERE, IN_DOORWAY, Arena, Noise
+from sparse_coord_ros.driving.arena import BIAS, ELSEWHERE, IN_DOORWAY, TRACK, Arena, Noise
 from sparse_coord_ros.driving.driver import Driver
 from sparse_coord_ros.driving.ground import Ground, Pose
 from sparse_coord_ros.driving.steering import Command, Limits, move_seconds, steer
@@ -111,6 +111,22 @@ def test_noise_makes_odometry_drift_and_comes_from_the_seed():
     assert found[0] == found[1] != found[2]
 
 
+def test_each_wheel_has_a_size_of_its_own():
+    """For good: a straight drive bends by it, far beyond what the noise of each tick adds."""
+    wheels, ticks, ahead = 0.1, 900, 0.005
+    bends = []
+    for seed in range(8):
+        ground = Ground(RUN)
+        body = Arena(ground, 1, seed, Noise(wheels, 0.0), 0.1).bodies[0]
+        body.put(0.5, 4.5)
+        body.command = Command(ahead, 0.0)
+        for _ in range(ticks):
+            body.tick(0.1)
+        bends.append(body.pose.yaw * TRACK * ground.radius / (ahead * ticks * 0.1))
+    expected = BIAS * wheels * math.sqrt(2)
+    assert 0.5 * expected < np.sqrt(np.mean(np.square(bends))) < 2.0 * expected
+
+
 def test_touches_are_counted_once_where_they_begin(ground):
     arena = Arena(ground, 2, 1, SURE, 0.1)
     x, y = ground.place(0, DOOR)
@@ -195,6 +211,16 @@ def test_what_is_no_pose_or_an_older_one_is_ignored(ground):
     assert driver.pose == (1.0, 1.0, 0.0) and driver.ignored == 2
     driver.sees(1.0, Pose(3.0, 3.0, 0.0))  # a new clock
     assert driver.pose == (3.0, 3.0, 0.0)
+
+
+def test_on_a_new_clock_the_time_of_a_move_begins_anew(ground):
+    driver = Driver(ground, LIMITS, 0)
+    driver.take(goals(CELLS[0, 0], CELLS[1, 0]))
+    assert seen(driver, 100.0, 0.7, 4.7)[1] is None
+    assert seen(driver, 1.0, 0.7, 4.7)[1] is None
+    assert seen(driver, 0.9 + LIMITS.seconds, 0.7, 4.7)[1] is None
+    _, reached = seen(driver, 1.0 + LIMITS.seconds, 0.7, 4.7)
+    assert reached.seconds == pytest.approx(LIMITS.seconds)
 
 
 def test_placing_waits_for_whoever_does_it(ground):
