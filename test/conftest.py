@@ -36,6 +36,36 @@ def ros_environment():
                 os.environ[name] = value
 
 
+@pytest.fixture(scope="session")
+def record(tmp_path_factory):
+    """Return a function that records a run as `recordings.recorded`; equal ones only once."""
+    known = {}
+
+    def record(*given, **options):
+        from recordings import recorded  # needs ROS
+
+        key = repr((given, sorted(options.items())))
+        if key not in known:
+            known[key] = recorded(tmp_path_factory.mktemp("recorded"), *given, **options)
+        return known[key]
+
+    return record
+
+
+@pytest.fixture(scope="session")
+def good(record):
+    """Return a recorded run of env1 in which half of the percepts fail; not to be changed."""
+    return record(settings={"perception": "probability:0.5"})
+
+
+@pytest.fixture(scope="session")
+def rewritten():
+    """Return a function that writes a bag anew, changed, with all checksums right."""
+    from recordings import rewritten  # needs ROS
+
+    return rewritten
+
+
 def pytest_addoption(parser):
     """Let the ROS tests run on another executor of the package."""
     parser.addoption(

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from sparse_coord_ros.look.page.bag_source import BagSource
 from sparse_coord_ros.look.page.board import Board
-from sparse_coord_ros.look.page.commands import PAUSE, SEEK, Command
+from sparse_coord_ros.look.page.controls import PAUSE, SEEK, Control
 from sparse_coord_ros.look.page.server import Server
 from tools.browser import Browser
 
@@ -17,8 +17,8 @@ def picture(bag: Path, step: int, out: Path, scheme: str = "light") -> None:
     """Draw the page as it shows a bag at a time step."""
     board = Board()
     server, source = Server(board, port=0), BagSource(bag, board)
-    for command in (Command(PAUSE, True), Command(SEEK, step)):
-        source.command(command)
+    for control in (Control(PAUSE, True), Control(SEEK, step)):
+        source.control(control)
     over = threading.Event()
     playing = threading.Thread(target=source.play, args=(over.is_set,))
     playing.start()

@@ -70,10 +70,11 @@ def execute(options: argparse.Namespace) -> int:
             )
         else:
             episode = logged_episode(shown.log, wanted)
-        if episode.length > film.MOST_STEPS:
-            say(f"the episode has {episode.length} steps: the first {film.MOST_STEPS} are shown")
+        steps = len(episode.steps)
+        if steps > film.MOST_STEPS:
+            say(f"the episode has {steps} steps: the first {film.MOST_STEPS} are shown")
         kind = "greedy episode" if episode.greedy else "episode"
-        say(f"drawing {kind} {episode.number}, {episode.length} steps")
+        say(f"drawing {kind} {episode.number}, {steps} steps")
         title = f"{scenario.name}, {kind} {episode.number}"
         data = film.film(scenario, episode, title=title, rate=rate)
     pictures.write(
@@ -82,8 +83,8 @@ def execute(options: argparse.Namespace) -> int:
         json=options.json,
         episode=episode.number,
         greedy=episode.greedy,
-        steps=episode.length,
-        asks=sum(map(len, episode.asks)),
-        arrived=bool(episode.arrived.all()),
+        steps=steps,
+        asks=sum(len(step.questions) for step in episode.steps),
+        arrived=episode.arrived,
     )
     return 0

@@ -17,7 +17,7 @@ from sparse_coord_ros.game.scenario import Scenario, load_scenario, scenario_nam
 from sparse_coord_ros.game.settings import parse_assignments
 from sparse_coord_ros.learn.learners import LEARNERS
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS
-from sparse_coord_ros.look.page.commands import HOST, PORT
+from sparse_coord_ros.look.page.controls import HOST, PORT
 
 
 def add_verb(verbs, name: str, *, example: str) -> argparse.ArgumentParser:

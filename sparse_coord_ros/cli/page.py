@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from sparse_coord_ros.errors import RunError, SparseCoordError
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.learn.tables import load_team
-from sparse_coord_ros.look.page.commands import NEXT, PORT_SETTING, Command
+from sparse_coord_ros.look.page.controls import NEXT, PORT_SETTING, Control
 
 if TYPE_CHECKING:
     from sparse_coord_ros.look.page.board import Board
@@ -62,17 +62,17 @@ class Wishes:
     def __init__(self) -> None:
         self.next: Mapping[str, Any] | None = None
 
-    def command(self, command: Command) -> None:
+    def control(self, control: Control) -> None:
         """Take note of a wish; called from the server's thread."""
-        if command.name != NEXT:
+        if control.name != NEXT:
             raise RunError("the run is over: choose the next one")
-        self.next = command.value
+        self.next = control.value
 
 
 def show_end(server: "Server", run: RunConfig, out: Path) -> None:
     """Show what the tables of a finished run are worth."""
+    from sparse_coord_ros.look.page.evaluation import evaluation_message
     from sparse_coord_ros.look.page.messages import notice_message
-    from sparse_coord_ros.look.page.values import evaluation_message
 
     try:
         server.board.put(evaluation_message(run, load_team(out, run.scenario), None))

@@ -49,17 +49,17 @@ def _bag(options: argparse.Namespace) -> int:
     from sparse_coord_ros.game.settings import Setting
     from sparse_coord_ros.look.page.bag_source import BagSource
     from sparse_coord_ros.look.page.board import Board
-    from sparse_coord_ros.look.page.commands import RATE, SEEK, Command
+    from sparse_coord_ros.look.page.controls import RATE, SEEK, Control
 
     rate = Setting("rate", float, 10.0, "time steps a second", low=0.001, high=1e6)
     step = Setting("step", int, 0, "time step to begin at", low=0, high=2**53)
-    commands = [Command(RATE, rate.parse(options.rate))]
-    commands += [Command(SEEK, step.parse(options.step))] if options.step != "0" else []
+    controls = [Control(RATE, rate.parse(options.rate))]
+    controls += [Control(SEEK, step.parse(options.step))] if options.step != "0" else []
     source = BagSource(options.bag, Board())
     with served(options, source.board) as server, suppress(KeyboardInterrupt):
         announce(server, options)
-        for command in commands:
-            source.command(command)
+        for control in controls:
+            source.control(control)
         server.show(source)
         source.play()
     return 0

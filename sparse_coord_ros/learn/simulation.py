@@ -11,7 +11,7 @@ from sparse_coord_ros.game.links import PerceptStream
 from sparse_coord_ros.game.perception import probability_rows, succeeds
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.streams import LEARNING
-from sparse_coord_ros.game.world import Action, Position, StepOutcome, World
+from sparse_coord_ros.game.world import Action, Position, Reward, StepOutcome, World
 from sparse_coord_ros.learn.agent import Agent, Decision, Memory, Tables
 from sparse_coord_ros.learn.factors import AdditiveTable
 from sparse_coord_ros.learn.history import History, HistoryRecorder, concatenated
@@ -100,7 +100,7 @@ class LearningState(NamedTuple):
 
 
 class Glimpse(NamedTuple):
-    """One transition of a learning run, for who watches it; K robots.
+    """One transition of K robots, for who watches them.
 
     Attributes:
         step: the time step t (of robots that learn alone: of the first one).
@@ -108,6 +108,8 @@ class Glimpse(NamedTuple):
         actions: what each robot did; None where it did not act.
         after: X_k(t+1).
         miscoordination: whether robots ended up in the same doorway.
+        rewards: R_k(t); empty: not told.
+        ends: how percepts ended, numbers of `wire.PERCEPT_ENDS`; empty: not told.
     """
 
     step: int
@@ -115,6 +117,8 @@ class Glimpse(NamedTuple):
     actions: tuple[Action | None, ...]
     after: tuple[int, ...]
     miscoordination: bool
+    rewards: Sequence[Reward | None] = ()
+    ends: Sequence[int | None] = ()
 
 
 def groups_of(scenario: Scenario, learner: Learner) -> list[list[int]]:

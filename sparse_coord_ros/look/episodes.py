@@ -1,95 +1,48 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""One episode as data: who was where, who asked whom, and how each question ended.
-
-Either from a run's log, or played greedily on learned tables.
-"""
+"""One episode as data, from a run's log, or played greedily on learned tables."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from sparse_coord_ros.errors import RunError
-from sparse_coord_ros.game.actions import ACTIONS
-from sparse_coord_ros.game.miscoordination import miscoordinations
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.streams import EVALUATION
 from sparse_coord_ros.game.world import World
-from sparse_coord_ros.learn.agent import NOBODY, Tables
+from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.evaluation import greedy_team
+from sparse_coord_ros.learn.history import History, HistoryRecorder
 from sparse_coord_ros.learn.learners import Learner
-from sparse_coord_ros.learn.simulation import Team
-from sparse_coord_ros.palette import ANSWERED, FAILED, REFUSED
+from sparse_coord_ros.learn.simulation import Glimpse, Team
+from sparse_coord_ros.look.steps import TimeStep, logged_step, seen_step
 from sparse_coord_ros.runlog.log import RunLog
-from sparse_coord_ros.runlog.percepts import ENDED
-from sparse_coord_ros.wire import REFUSED as NOT_PERCEIVED
 
 LAST, BEST = "last", "best"
-PLAYED = 100
-"""Greedy episodes among which `best` and `last` choose."""
-
 BUSIEST = "asks"
-"""Besides: the episode with the most questions among those that end well."""
+"""The episode with the most questions among those that end well."""
 
-
-class Ask(NamedTuple):
-    """One question.
-
-    Attributes:
-        asker: number of the robot that asks, from 0.
-        peers: whom it asks.
-        outcome: ANSWERED, REFUSED or FAILED.
-        move: the primitive action that it became.
-    """
-
-    asker: int
-    peers: tuple[int, ...]
-    outcome: str
-    move: int
-
-    def in_words(self, names: Sequence[str]) -> str:
-        """Return it as a sentence."""
-        whom = ", ".join(names[peer] for peer in self.peers) or "nobody"
-        if len(self.peers) == len(names) - 1 > 1:
-            whom = "all others"
-        ended = {ANSWERED: "answered", REFUSED: "refused", FAILED: "no answer"}[self.outcome]
-        return f"{names[self.asker]} asks {whom}: {ended}, goes {ACTIONS[self.move]}"
+PLAYED = 100
+"""Greedy episodes among which LAST, BEST and BUSIEST choose."""
 
 
 @dataclass(frozen=True)
 class Episode:
-    """T transitions of K robots.
+    """The transitions of one episode.
 
     Attributes:
-        number: of the episode, from 0, among `of`.
-        of: how many episodes there are.
+        number: of the episode, from 0.
         greedy: whether it was played on learned tables, not learned in.
-        first_step: time step at which it begins.
-        cells: where each robot is before each transition and after the last, shape (T + 1, K);
-            NONE (-1) where the log does not say.
-        asks: the questions of each time step, T tuples.
-        conflicts: whether a transition ended in a miscoordination, shape (T,), bool.
-        reward: undiscounted sum of each robot's rewards until its arrival, shape (K,).
-        arrived: which robots reached their goals, shape (K,), bool.
+        steps: its transitions; each leads to `after`.
+        arrived: whether all robots reached their goals.
     """
 
     number: int
-    of: int
     greedy: bool
-    first_step: int
-    cells: np.ndarray
-    asks: tuple[tuple[Ask, ...], ...]
-    conflicts: np.ndarray
-    reward: np.ndarray
-    arrived: np.ndarray
-
-    @property
-    def length(self) -> int:
-        """Transitions, T."""
-        return len(self.conflicts)
+    steps: tuple[TimeStep, ...]
+    arrived: bool
 
 
 def episode_number(text: str) -> int | str:
@@ -128,92 +81,11 @@ def logged_episode(log: RunLog, wanted: int | str) -> Episode:
         )
     first = np.searchsorted(log.step, history.first_step)
     starts = [robot.start for robot in log.run.scenario.robots]
-    whole = np.asarray(history.arrived.all(axis=1))
-    place = _chosen(
-        wanted,
-        whole=whole if whole.any() else np.ones(history.episodes, dtype=bool),
-        own=(log.cells[first] == starts).all(axis=1),
-        reward=history.reward.sum(axis=1),
-        length=history.length,
-        asks=history.asks.sum(axis=1),
-        where=str(log.bag.path),
-    )
-    begin, length = int(first[place]), int(history.length[place])
-    cells = log.cells[begin : begin + length + 1]
-    return Episode(
-        number=place,
-        of=history.episodes,
-        greedy=log.run.greedy,
-        first_step=int(history.first_step[place]),
-        cells=cells,
-        asks=tuple(logged_asks(log, row) for row in range(begin, begin + length)),
-        conflicts=miscoordinations(log.run.scenario, cells[1:]),
-        reward=history.reward[place],
-        arrived=history.arrived[place],
-    )
-
-
-def logged_asks(log: RunLog, row: int) -> tuple[Ask, ...]:
-    """Return the questions of a time step of a log, given by its row."""
-    robots = range(len(log.names))
-    return tuple(
-        Ask(
-            asker=k,
-            peers=(
-                tuple(other for other in robots if other != k)
-                if log.peer[row, k] == NOBODY
-                else (int(log.peer[row, k]),)
-            ),
-            outcome=_outcome(log, row, k),
-            move=int(log.move[row, k]),
-        )
-        for k in np.flatnonzero(log.asked[row]).tolist()
-    )
-
-
-def _outcome(log: RunLog, row: int, k: int) -> str:
-    if log.perceived[row, k]:
-        return ANSWERED
-    if log.tracks.format > 1:
-        return REFUSED if log.numbers[row, k, ENDED] == NOT_PERCEIVED else FAILED
-    step = int(log.step[row])
-    last = next((r for r in reversed(log.requests) if (r.asker, r.step) == (k, step)), None)
-    return FAILED if last is None or last.answer is None or last.answer[0] < step else REFUSED
-
-
-def outcomes(log: RunLog) -> dict[str, np.ndarray]:
-    """Return where in a log, shape (T, K), bool, questions ended so, by each outcome."""
-    answered = log.asked & log.perceived
-    refused = log.asked & (log.numbers[..., ENDED] == NOT_PERCEIVED) & ~answered
-    if log.tracks.format == 1:
-        for row, k in np.argwhere(log.asked & ~log.perceived).tolist():
-            refused[row, k] = _outcome(log, row, k) == REFUSED
-    return {ANSWERED: answered, REFUSED: refused, FAILED: log.asked & ~answered & ~refused}
-
-
-def _chosen(
-    wanted: int | str,
-    *,
-    whole: np.ndarray,
-    own: np.ndarray,
-    reward: np.ndarray,
-    length: np.ndarray,
-    asks: np.ndarray,
-    where: str,
-) -> int:
-    count = len(length)
-    if isinstance(wanted, int):
-        if wanted >= count:
-            raise RunError(
-                f"{where}: --episode is {wanted}, there are {count}; allowed: 0 to {count - 1}, "
-                f"{LAST}, {BEST} or {BUSIEST}"
-            )
-        return wanted
-    if wanted == LAST:
-        return int(np.flatnonzero(whole)[-1])
-    among = np.flatnonzero(whole & own) if (whole & own).any() else np.flatnonzero(whole)
-    keys = (among, -length[among], reward[among])
-    return int(among[np.lexsort((*keys, asks[among]) if wanted == BUSIEST else keys)[-1]])
+    own = (log.cells[first] == starts).all(axis=1)
+    number = _chosen(wanted, history, own, str(log.bag.path))
+    rows = range(first[number], first[number] + history.length[number])
+    steps = tuple(logged_step(log, row) for row in rows)
+    return Episode(number, log.run.greedy, steps, bool(history.arrived[number].all()))
 
 
 def played_episode(
@@ -240,48 +112,58 @@ def played_episode(
     team = greedy_team(scenario, tables, seed, learner)
     world = World(scenario, seed, phase=EVALUATION, max_steps=scenario.horizon)
     count = wanted + 1 if isinstance(wanted, int) and wanted < PLAYED else PLAYED
-    played = [_play(world, team, number) for number in range(count)]
-    whole = np.array([one.arrived.all() for one in played])
-    place = _chosen(
-        wanted,
-        whole=whole if whole.any() else np.ones(count, dtype=bool),
-        own=np.ones(count, dtype=bool),
-        reward=np.array([one.reward.sum() for one in played]),
-        length=np.array([one.length for one in played]),
-        asks=np.array([sum(map(len, one.asks)) for one in played]),
-        where="greedy episodes",
-    )
-    return played[place]
+    recorder = HistoryRecorder(len(scenario.robots))
+    played = [tuple(_play(world, team, recorder)) for _ in range(count)]
+    history = recorder.look()
+    number = _chosen(wanted, history, np.ones(count, dtype=bool), "greedy episodes")
+    return Episode(number, True, played[number], bool(history.arrived[number].all()))
 
 
-def _play(world: World, team: Team, number: int) -> Episode:
+def _play(world: World, team: Team, recorder: HistoryRecorder) -> Iterator[TimeStep]:
+    """Play an episode."""
     world.begin_episode()
-    first, cells, asks, conflicts = world.step, [list(world.cells)], [], []
-    reward, over = np.zeros(len(world.cells)), False
+    over = False
     while not over:
-        choices, actions = team.act(world)
-        asked = []
-        for k, (choice, action) in enumerate(zip(choices, actions, strict=True)):
-            if choice is not None and action is not None and action.asked:
-                peers = choice[1].peers
-                outcome = FAILED if not peers else ANSWERED if action.perceived else REFUSED
-                asked.append(Ask(k, peers, outcome, action.move))
-        outcome_of_step = world.advance(actions)
-        cells.append(list(world.cells))
-        asks.append(tuple(asked))
-        conflicts.append(outcome_of_step.miscoordination)
-        for k, action in enumerate(actions):
-            if action is not None:
-                reward[k] += outcome_of_step.rewards[k].total
-        over = outcome_of_step.episode_over
-    return Episode(
-        number=number,
-        of=PLAYED,
-        greedy=True,
-        first_step=first,
-        cells=np.array(cells),
-        asks=tuple(asks),
-        conflicts=np.array(conflicts, dtype=bool),
-        reward=reward,
-        arrived=np.array(world.arrived),
-    )
+        step, cells = world.step, tuple(world.cells)
+        _, actions = team.act(world)
+        outcome = world.advance(actions)
+        recorder.add(world.episode, step, actions, outcome)
+        yield seen_step(
+            Glimpse(
+                step=step,
+                cells=cells,
+                actions=tuple(actions),
+                after=tuple(world.cells),
+                miscoordination=outcome.miscoordination,
+                rewards=outcome.rewards,
+            )
+        )
+        over = outcome.episode_over
+
+
+def _chosen(wanted: int | str, history: History, own: np.ndarray, where: str) -> int:
+    """Return an episode's number.
+
+    Args:
+        wanted: as of `logged_episode`.
+        history: the episodes.
+        own: which of them began at the scenario's starts, shape (episodes,), bool.
+        where: what to call their source in an error.
+    """
+    count = history.episodes
+    if isinstance(wanted, int):
+        if wanted >= count:
+            raise RunError(
+                f"{where}: --episode is {wanted}, there are {count}; allowed: 0 to {count - 1}, "
+                f"{LAST}, {BEST} or {BUSIEST}"
+            )
+        return wanted
+    whole = np.asarray(history.arrived.all(axis=1))
+    if not whole.any():
+        whole = ~whole
+    if wanted == LAST:
+        return int(np.flatnonzero(whole)[-1])
+    among = np.flatnonzero(whole & own) if (whole & own).any() else np.flatnonzero(whole)
+    reward, asks = history.reward.sum(axis=1), history.asks.sum(axis=1)
+    keys = (among, -history.length[among], reward[among])
+    return int(among[np.lexsort((*keys, asks[among]) if wanted == BUSIEST else keys)[-1]])

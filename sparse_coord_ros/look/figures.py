@@ -20,9 +20,9 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from sparse_coord_ros.errors import SettingError, did_you_mean
 from sparse_coord_ros.experiments.report.map_pictures import COLOUR_MAP, draw_map
 from sparse_coord_ros.game.actions import DIRECTIONS
-from sparse_coord_ros.look.episodes import outcomes
 from sparse_coord_ros.look.policy import policy_of, sparsity_of
 from sparse_coord_ros.look.sources import TRIALS, Shown
+from sparse_coord_ros.look.steps import ended
 from sparse_coord_ros.palette import OUTCOME_COLOURS, robot_colour
 
 LINE_WIDTH = 11.0
@@ -429,7 +429,7 @@ def draw_percepts(shown: Shown, label: str, axes: Axes) -> None:
     ends = np.linspace(first, last, 25)
     acted = np.histogram(np.repeat(log.step, (log.move >= 0).sum(axis=1)), ends)[0]
     below = np.zeros(len(ends) - 1)
-    for name, found in outcomes(log).items():
+    for name, found in ended(log).items():
         if not found.any():
             continue
         asked = np.histogram(np.repeat(log.step, found.sum(axis=1)), ends)[0]

@@ -18,7 +18,8 @@ from PIL import Image
 
 from sparse_coord_ros.experiments.report.map_pictures import draw_map
 from sparse_coord_ros.game.scenario import Scenario
-from sparse_coord_ros.look.episodes import Ask, Episode
+from sparse_coord_ros.look.episodes import Episode
+from sparse_coord_ros.look.steps import Question
 from sparse_coord_ros.palette import (
     DOORWAY_COLOUR,
     OUTCOME_COLOURS,
@@ -66,26 +67,27 @@ def film(scenario: Scenario, episode: Episode, *, title: str, rate: float = 2.0)
         rate: time steps a second.
     """
     stage = _Stage(scenario, episode, title)
-    frames: list[Image.Image] = []
+    images: list[Image.Image] = []
     durations: list[int] = []
-    step_ms = 1000 / rate
 
-    def shoot(step: int, moved: float, asks: Sequence[Ask], milliseconds: float) -> None:
-        frames.append(stage.shoot(step, moved, asks))
-        durations.append(max(20, round(milliseconds / 10) * 10))
+    def shoot(step: int, moved: float, steps: float, *, speaking: bool = False) -> None:
+        """Add a picture that stands for so many time steps."""
+        images.append(stage.shoot(step, moved, speaking=speaking))
+        durations.append(max(20, round(100 * steps / rate) * 10))
 
-    shown = min(episode.length, MOST_STEPS)
+    shown = min(len(episode.steps), MOST_STEPS)
     glide = (0.35, 0.7) if shown <= SMOOTH_STEPS else ()
     for step in range(shown):
-        if episode.asks[step]:
-            shoot(step, 0.0, episode.asks[step], TALK * step_ms)
+        if episode.steps[step].questions:
+            shoot(step, 0.0, TALK, speaking=True)
         for moved in glide:
-            shoot(step, moved, (), 0.15 * step_ms)
-        shoot(step, 1.0, (), (0.7 if glide else 1.0) * step_ms)
-    durations[-1] += round(HOLD * step_ms)
+            shoot(step, moved, 0.15)
+        shoot(step, 1.0, 0.7 if glide else 1.0)
+    durations[-1] += round(1000 * HOLD / rate)
     file = io.BytesIO()
-    first, *others = frames
-    first.save(file, "gif", save_all=True, append_images=others, duration=durations, loop=0)
+    images[0].save(
+        file, "gif", save_all=True, append_images=images[1:], duration=durations, loop=0
+    )
     return file.getvalue()
 
 
@@ -98,7 +100,8 @@ class _Stage:
         rows, columns = scenario.map.shape
         cell = min(LARGEST_CELL, LONGEST_SIDE / max(rows, columns))
         self._cell = cell = max(SMALLEST_CELL, cell)
-        self._spoken = min(SENTENCES, max(map(len, episode.asks), default=0))
+        steps = episode.steps
+        self._spoken = min(SENTENCES, max((len(one.questions) for one in steps), default=0))
         above, below = 0.32, 0.34 + 0.2 * self._spoken
         width = max(LEAST_WIDTH, columns * cell + 0.2)
         height = rows * cell + above + below
@@ -126,24 +129,25 @@ class _Stage:
         self._canvas.draw()
         self._empty = self._canvas.copy_from_bbox(figure.bbox)
         self._places = np.array([*scenario.map.cells, (np.nan, np.nan)])[:, ::-1] + 0.5
+        cells = [*(one.cells for one in steps), steps[-1].after or (None,) * len(self._names)]
+        known = [[-1 if cell is None else cell for cell in row] for row in cells]
+        self._cells = np.array(known)
         self._palette = _palette()
 
-    def shoot(self, step: int, moved: float, asks: Sequence[Ask]) -> Image.Image:
-        """Return a frame: so much of a time step is over."""
+    def shoot(self, step: int, moved: float, *, speaking: bool = False) -> Image.Image:
+        """Return a picture: so much of a time step is over."""
         places = (1 - moved) * self._standing(step) + moved * self._standing(step + 1)
         self._canvas.restore_region(self._empty)
         over = moved == 1.0
-        together = over and bool(self._episode.conflicts[step])
-        for artist in (*self._conflicts(step + 1 if together else None), *self._trails(step)):
-            self._put(artist)
+        together = over and self._episode.steps[step].miscoordination
+        asks = self._episode.steps[step].questions if speaking else ()
+        self._put(self._meeting(step + 1) if together else [])
+        self._put(self._trails(step))
         for ask in asks:
-            for artist in self._question(ask, places):
-                self._put(artist)
-        for artist in self._robots(places, {ask.asker for ask in asks}):
-            self._put(artist)
+            self._put(self._question(ask, places))
+        self._put(self._robots(places, {ask.asker for ask in asks}))
         for ask in asks:
-            for artist in self._sign(ask, places):
-                self._put(artist)
+            self._put(self._sign(ask, places))
         self._say(step + over, asks, together)
         for text in (self._head, *self._lines):
             self._figure.draw_artist(text)
@@ -152,17 +156,16 @@ class _Stage:
         )
         return image.convert("RGB").quantize(palette=self._palette, dither=Image.Dither.NONE)
 
-    def _put(self, artist: Artist) -> None:
-        if isinstance(artist, Line2D):
-            self._axes.add_line(artist)
-        else:
+    def _put(self, artists: Sequence[Artist]) -> None:
+        """Draw something for this picture only."""
+        for artist in artists:
             self._axes.add_artist(artist)
-        self._axes.draw_artist(artist)
-        artist.remove()
+            self._axes.draw_artist(artist)
+            artist.remove()
 
     def _standing(self, step: int) -> np.ndarray:
         """Return where the robots stand, shape (robots, 2); side by side in one cell."""
-        cells = self._episode.cells[step]
+        cells = self._cells[step]
         places: np.ndarray = self._places[cells]
         shared = Counter(cells.tolist())
         seen: Counter[int] = Counter()
@@ -176,18 +179,15 @@ class _Stage:
     def _trails(self, step: int) -> list[Artist]:
         found: list[Artist] = []
         for k in range(len(self._names)):
-            x, y = self._places[self._episode.cells[: step + 1, k]].T
+            x, y = self._places[self._cells[: step + 1, k]].T
             shift = 0.1 * (k - (len(self._names) - 1) / 2) / max(1, len(self._names) - 1)
             found.append(Line2D(x + shift, y + shift, color=_pale(robot_colour(k)), linewidth=2.5))
         return found
 
-    def _conflicts(self, step: int | None) -> list[Artist]:
-        if step is None:
-            return []
-        cells, doorways = self._episode.cells[step].tolist(), self._scenario.map.doorways
-        crowded = {x for x in cells if x in doorways}
+    def _meeting(self, step: int) -> list[Artist]:
+        """Return the marks of the doorways with robots inside."""
         found: list[Artist] = []
-        for x in crowded:
+        for x in self._scenario.map.doorways & set(self._cells[step].tolist()):
             row, column = self._scenario.map.cells[x]
             mark = Rectangle((column, row), 1, 1, facecolor=_pale(DOORWAY_COLOUR), hatch="xx")
             mark.set(edgecolor=DOORWAY_COLOUR, linewidth=3)
@@ -209,7 +209,7 @@ class _Stage:
         return found
 
     @staticmethod
-    def _question(ask: Ask, places: np.ndarray) -> list[Artist]:
+    def _question(ask: Question, places: np.ndarray) -> list[Artist]:
         """Return the lines from the asker to whom it asks; thin ones to several."""
         found: list[Artist] = []
         width = 3.2 if len(ask.peers) == 1 else 1.8
@@ -219,7 +219,7 @@ class _Stage:
             found.append(line)
         return found
 
-    def _sign(self, ask: Ask, places: np.ndarray) -> list[Artist]:
+    def _sign(self, ask: Question, places: np.ndarray) -> list[Artist]:
         """Return the sign of how a question ended: nearer to the asked robot.
 
         Of a question to several it is beside the asker, once: one on each line would hide robots.
@@ -238,17 +238,17 @@ class _Stage:
         sign.set(ha="center", va="center_baseline", fontsize=max(7.0, 17 * self._cell))
         return [badge, sign]
 
-    def _say(self, step: int, asks: Sequence[Ask], together: bool) -> None:
+    def _say(self, step: int, asks: Sequence[Question], together: bool) -> None:
         said = [ask.in_words(self._names) for ask in asks]
         if len(said) > self._spoken:
             more = len(said) - self._spoken + 1
             said = [*said[: self._spoken - 1], f"and {more} more ask"]
-        length = self._episode.length
+        length = len(self._episode.steps)
         at = f"step {step} of {length}"
         if together:
             at += ": miscoordination"
         elif step == length:
-            at += ": all there" if self._episode.arrived.all() else ": not all there"
+            at += ": all there" if self._episode.arrived else ": not all there"
         self._head.set_text(self._title)
         for text, words in zip(self._lines, [at, *said, *[""] * self._spoken], strict=False):
             text.set_text(words)

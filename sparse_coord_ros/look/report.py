@@ -17,11 +17,11 @@ from sparse_coord_ros.game.scenario import SETTINGS, Scenario, load_scenario
 from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.learners import LEARNERS, Learner, learner_of
 from sparse_coord_ros.look import figures
-from sparse_coord_ros.look.episodes import outcomes
 from sparse_coord_ros.look.html import Page
 from sparse_coord_ros.look.results import ResultsShown
 from sparse_coord_ros.look.sources import TRIALS as PLAYED_EPISODES
 from sparse_coord_ros.look.sources import Shown
+from sparse_coord_ros.look.steps import ended
 from sparse_coord_ros.palette import ANSWERED
 from sparse_coord_ros.runlog.explain import explained, in_words
 from sparse_coord_ros.runlog.log import RunLog
@@ -149,7 +149,7 @@ def _dialogue(page: Page, shown: Shown) -> None:
 
 def _samples(log: RunLog) -> Iterator[tuple[int, int]]:
     """Yield robot and time step of questions: of each outcome the first, and the last answered."""
-    for name, found in outcomes(log).items():
+    for name, found in ended(log).items():
         places = np.argwhere(found)
         if len(places):
             chosen = [places[0], places[-1]] if name == ANSWERED else [places[0]]
@@ -160,8 +160,9 @@ def _samples(log: RunLog) -> Iterator[tuple[int, int]]:
 def _faults(page: Page, shown: Shown) -> None:
     log = shown.log
     page.heading("Faults and diagnostics")
-    ended = {name: int(found.sum()) for name, found in outcomes(log).items()}
-    rows: list[tuple[str, object]] = [(f"percepts {name}", n) for name, n in ended.items()]
+    rows: list[tuple[str, object]] = [
+        (f"percepts {name}", int(found.sum())) for name, found in ended(log).items()
+    ]
     last = log.tracks.statuses[-1] if log.tracks.statuses else None
     if last is not None:
         rows += [("state at the end", last.state), ("transitions", last.transitions)]

@@ -31,8 +31,9 @@ from sparse_coord_ros.game.world import FIRST_STEP, Action, Reward, StepOutcome
 from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.history import HistoryRecorder
 from sparse_coord_ros.learn.run_config import RunConfig
+from sparse_coord_ros.learn.simulation import Glimpse
 from sparse_coord_ros.learn.tables import unpack_robot
-from sparse_coord_ros.look.page.commands import (
+from sparse_coord_ros.look.page.controls import (
     HOST,
     NEXT,
     PAUSE,
@@ -40,9 +41,9 @@ from sparse_coord_ros.look.page.commands import (
     RATE,
     RESET,
     STEP,
-    Command,
+    Control,
 )
-from sparse_coord_ros.look.page.live_source import LiveView, Transition
+from sparse_coord_ros.look.page.live_source import LiveView
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.follower import Follower
 from sparse_coord_ros.nodes.intake import Intake
@@ -98,7 +99,7 @@ class Controls:
     def __init__(self, node: Node) -> None:
         self.view: LiveView | None = None
         self.rate = 0.0
-        self._commands: queue.SimpleQueue[Command] = queue.SimpleQueue()
+        self._queue: queue.SimpleQueue[Control] = queue.SimpleQueue()
         self._clients = {
             PAUSE: node.create_client(SetBool, f"{WORLD}/pause"),
             RESET: node.create_client(Trigger, f"{WORLD}/reset"),
@@ -106,17 +107,17 @@ class Controls:
             RATE: node.create_client(SetParameters, f"{WORLD}/set_parameters"),
         }
 
-    def command(self, command: Command) -> None:
+    def control(self, control: Control) -> None:
         """Do what a page asks for, with the node's next tick; called from the server's thread."""
-        self._commands.put(command)
+        self._queue.put(control)
 
     def call(self) -> None:
         """Make the calls that are due."""
-        while not self._commands.empty():
-            self._do(self._commands.get())
+        while not self._queue.empty():
+            self._do(self._queue.get())
 
-    def _do(self, command: Command) -> None:
-        client = self._clients.get(command.name)
+    def _do(self, control: Control) -> None:
+        client = self._clients.get(control.name)
         if client is None or self.view is None:
             return
         if not client.service_is_ready():
@@ -124,28 +125,28 @@ class Controls:
             return
         kind: Any = client.srv_type
         request = kind.Request()
-        if command.name == PAUSE:
-            request.data = command.value
-        elif command.name == RATE:
+        if control.name == PAUSE:
+            request.data = control.value
+        elif control.name == RATE:
             value = ParameterValue(
-                type=ParameterType.PARAMETER_DOUBLE, double_value=float(command.value)
+                type=ParameterType.PARAMETER_DOUBLE, double_value=float(control.value)
             )
             request.parameters = [ParameterMessage(name="rate", value=value)]
         future = client.call_async(request)
-        future.add_done_callback(functools.partial(self._on_answer, command))
+        future.add_done_callback(functools.partial(self._on_answer, control))
 
-    def _on_answer(self, command: Command, future: Any) -> None:
+    def _on_answer(self, control: Control, future: Any) -> None:
         if self.view is None or future.cancelled() or future.exception() is not None:
             return
         response = future.result()
-        if command.name == RATE:
+        if control.name == RATE:
             result = response.results[0]
             success, text = result.successful, result.reason
             if success:
-                self.rate = command.value
+                self.rate = control.value
         else:
             success, text = response.success, response.message
-        self.view.notice("" if success else f"{command.name}: {text}")
+        self.view.notice("" if success else f"{control.name}: {text}")
 
 
 class InsideWatch(ParameterNode):
@@ -194,7 +195,15 @@ class InsideWatch(ParameterNode):
         if any(action is not None and action.asked and not action.perceived for action in actions):
             ends = [_end_of(robot, step) for robot in self._robots]
         self._view.take(
-            Transition(step, cells, actions, after, outcome.rewards, outcome.miscoordination, ends)
+            Glimpse(
+                step,
+                tuple(cells),
+                tuple(actions),
+                tuple(after),
+                outcome.miscoordination,
+                outcome.rewards,
+                ends,
+            )
         )
 
     def _tick(self) -> None:
@@ -511,13 +520,13 @@ class _Heard:
         )
         self.seen += 1
         self.view.take(
-            Transition(
+            Glimpse(
                 step,
-                cells,
-                actions,
-                after,
-                [rewards.get(k) for k in range(self._robots)],
+                tuple(cells),
+                tuple(actions),
+                tuple(after),
                 met,
+                [rewards.get(k) for k in range(self._robots)],
                 ends,
             )
         )

@@ -1,29 +1,21 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from sparse_coord_ros import wire
 from sparse_coord_ros.errors import BagError, RunError
+from sparse_coord_ros.game.world import Action, Reward
 from sparse_coord_ros.learn.evaluation import play
-from sparse_coord_ros.look.episodes import (
-    PLAYED,
-    episode_number,
-    logged_asks,
-    logged_episode,
-    outcomes,
-    played_episode,
-)
+from sparse_coord_ros.learn.simulation import Glimpse
+from sparse_coord_ros.look.episodes import PLAYED, episode_number, logged_episode, played_episode
 from sparse_coord_ros.look.sources import open_shown
+from sparse_coord_ros.look.steps import ended, logged_step, seen_step
 from sparse_coord_ros.palette import ANSWERED, FAILED, REFUSED
 from sparse_coord_ros.runlog import read_run
 from sparse_coord_ros.runlog.percepts import ENDED
-from sparse_coord_ros.wire import LATE
-from sparse_coord_ros.wire import REFUSED as NOT_PERCEIVED
-
-OLD = Path(__file__).parents[1] / "fixtures/0.1.0"
 
 
 @pytest.fixture(scope="module")
@@ -32,47 +24,64 @@ def log(bag):
 
 
 def test_every_episode_of_a_log(log):
-    history = log.history()
+    history, outcomes = log.history(), set()
     for number in range(history.episodes):
         one = logged_episode(log, number)
-        assert one.cells.shape == (one.length + 1, 2) and len(one.asks) == one.length
-        assert one.length == history.length[number]
-        assert one.conflicts.sum() == history.miscoordinations[number]
-        asked = [ask.asker for asks in one.asks for ask in asks]
+        assert len(one.steps) == history.length[number]
+        assert sum(s.miscoordination for s in one.steps) == history.miscoordinations[number]
+        questions = [question for step in one.steps for question in step.questions]
+        asked = [question.asker for question in questions]
         assert [asked.count(k) for k in range(2)] == history.asks[number].tolist()
-        np.testing.assert_array_equal(one.arrived, history.arrived[number])
-    assert {one.outcome for row in range(len(log.step)) for one in logged_asks(log, row)} == {
-        ANSWERED,
-        REFUSED,
-    }
+        assert one.arrived == history.arrived[number].all()
+        outcomes |= {question.outcome for question in questions}
+    assert outcomes == {ANSWERED, REFUSED}
 
 
-def test_outcomes_are_those_of_the_log(log):
-    found = outcomes(log)
-    assert not found[FAILED].any()
-    ended = log.numbers[..., ENDED]
-    np.testing.assert_array_equal(found[REFUSED], ended == NOT_PERCEIVED)
-    np.testing.assert_array_equal(sum(found.values()), log.asked)
-
-
-def test_a_late_answer_failed(log):
+@pytest.mark.parametrize(
+    ("end", "outcome", "words"),
+    [
+        (wire.REFUSED, REFUSED, "refused"),
+        (wire.LATE, FAILED, "no answer"),
+        (wire.NOBODY_TO_ASK, FAILED, "no answer"),
+        (77, FAILED, "no answer"),  # another writer's
+    ],
+)
+def test_how_a_question_ended_is_what_the_robot_says(log, end, outcome, words):
     row, k = np.argwhere(log.asked & ~log.perceived)[0].tolist()
     numbers = log.numbers.copy()
-    numbers[row, k, ENDED] = LATE
-    late = replace(log, numbers=numbers)
-    assert outcomes(late)[FAILED].sum() == 1
-    [one] = [ask for ask in logged_asks(late, row) if ask.asker == k]
-    assert one.outcome == FAILED
-    assert one.in_words(log.names).startswith(f"{log.names[k]} asks {log.names[1 - k]}: no answer")
+    numbers[row, k, ENDED] = end
+    changed = replace(log, numbers=numbers)
+    [one] = [question for question in logged_step(changed, row).questions if question.asker == k]
+    assert one.outcome == outcome and ended(changed)[outcome][row, k]
+    assert one.in_words(log.names).startswith(f"{log.names[k]} asks {log.names[1 - k]}: {words}")
+    np.testing.assert_array_equal(sum(ended(changed).values()), log.asked)
+
+
+def test_a_step_that_is_seen():
+    """What nobody tells is None; how a percept ended is guessed only where nobody tells it."""
+    asks, moves = Action(2, True, -1, False), Action(1, False, -1, False)
+    rewards = [Reward(-1.0, -2.0, -0.5, -3.5), None, None]
+    step = seen_step(Glimpse(5, (3, 4, 9), (asks, moves, None), (4, 5, 9), True, rewards))
+    [question] = step.questions
+    assert (question.asker, question.peers, question.end) == (0, (1, 2), wire.REFUSED)
+    assert step.rewards == ((-1.0, -2.0, -0.5, -3.5), None, None) and step.miscoordination
+    assert step.moves == (2, 1, None) and step.after == (4, 5, 9)
+    told = Glimpse(5, (3, 4), (asks, moves), (4, 5), False, ends=(wire.LATE, None))
+    assert seen_step(told).questions[0].outcome == FAILED
+    alone = Glimpse(5, (3,), (asks,), (4,), False)
+    assert seen_step(alone).questions[0].end == wire.NOBODY_TO_ASK
 
 
 def test_which_episode(log):
     history = log.history()
     assert logged_episode(log, "last").number == np.flatnonzero(history.arrived.all(axis=1))[-1]
     best = logged_episode(log, "best")
-    starts = [robot.start for robot in log.run.scenario.robots]
-    assert best.cells[0].tolist() == starts and best.arrived.all()
-    assert logged_episode(log, "asks").number < history.episodes
+    starts = tuple(robot.start for robot in log.run.scenario.robots)
+    assert best.steps[0].cells == starts and best.arrived
+    own = [one for n in range(history.episodes) if (one := logged_episode(log, n)).arrived]
+    asks = [sum(len(step.questions) for step in one.steps) for one in own]
+    busiest = logged_episode(log, "asks")
+    assert busiest.arrived and sum(len(s.questions) for s in busiest.steps) == max(asks)
     with pytest.raises(RunError, match=r"--episode is 9999, there are \d+; allowed: 0 to"):
         logged_episode(log, 9999)
     for text in ("first", "-1", "1.5", "", "9" * 20, "١"):
@@ -87,23 +96,14 @@ def test_a_played_episode_is_the_trial_of_an_evaluation(trained):
     trials = play(scenario, shown.tables, trials=5, seed=2, learner="coop")
     for number in range(5):
         one = played_episode(scenario, shown.tables, number, seed=2)
-        assert sum(map(len, one.asks)) == trials.asks[number].sum()
-        assert one.conflicts.sum() == trials.miscoordinations[number]
-        assert one.length == trials.time_to_goal[number].max()
+        assert sum(len(step.questions) for step in one.steps) == trials.asks[number].sum()
+        assert sum(s.miscoordination for s in one.steps) == trials.miscoordinations[number]
+        assert len(one.steps) == trials.time_to_goal[number].max()
     assert played_episode(scenario, shown.tables, "last", seed=2).number == PLAYED - 1
     best = played_episode(scenario, shown.tables, "best", seed=2)
-    assert best.arrived.all() and best.greedy
+    assert best.arrived and best.greedy
     with pytest.raises(RunError, match="there are 100"):
         played_episode(scenario, shown.tables, PLAYED, seed=2)
-
-
-def test_a_bag_of_version_0_1_0():
-    shown = open_shown(OLD / "honest/bag")
-    assert shown.name == "honest"
-    assert logged_episode(shown.log, "last").number == shown.history.episodes - 1
-    found = outcomes(shown.log)
-    np.testing.assert_array_equal(sum(found.values()), shown.log.asked)
-    assert len(shown.tables) == 2
 
 
 def test_what_a_directory_lacks(trained, tmp_path):
@@ -117,9 +117,3 @@ def test_what_a_directory_lacks(trained, tmp_path):
     ):
         with pytest.raises(BagError, match=words):
             open_shown(path).config  # noqa: B018
-    old = open_shown(OLD / "train_noncoop")
-    assert old.has("tables") and not old.has("history")
-    assert (
-        open_shown(OLD / "honest").history.episodes
-        == open_shown(OLD / "honest/bag").history.episodes
-    )

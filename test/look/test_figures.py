@@ -5,7 +5,6 @@
 import json
 import shutil
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,13 +14,11 @@ from matplotlib.quiver import Quiver
 from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.errors import BagError, SettingError
 from sparse_coord_ros.look import figures
-from sparse_coord_ros.look.episodes import outcomes
 from sparse_coord_ros.look.policy import policy_of
 from sparse_coord_ros.look.results import ResultsShown
 from sparse_coord_ros.look.sources import open_shown
+from sparse_coord_ros.look.steps import ended
 from sparse_coord_ros.palette import OUTCOME_COLOURS
-
-OLD = Path(__file__).parents[1] / "fixtures/0.1.0"
 
 
 def all_axes(figure):
@@ -72,7 +69,7 @@ def test_percepts_are_the_log(bag):
     figure = figures.runs_figure([shown], ["percepts"])
     axes = all_axes(figure)[0]
     _, labels = axes.get_legend_handles_labels()
-    found = outcomes(shown.log)
+    found = ended(shown.log)
     assert labels == [f"{n} ({f.sum()})" for n, f in found.items() if f.any()] and len(labels) == 2
     hatches = [container[0].get_hatch() for container in axes.containers]
     assert len(set(hatches)) == 2  # told apart without colour
@@ -82,9 +79,9 @@ def test_percepts_are_the_log(bag):
 def test_runs_side_by_side(trained, bag):
     runs = [open_shown(trained), open_shown(bag)]
     figure = figures.runs_figure(runs, ["policy", "length"])
-    assert texts(figure)[:2] == ["trained: greedy moves", "talk: greedy moves"]
+    assert texts(figure)[:2] == ["trained: greedy moves", f"{bag.parent.name}: greedy moves"]
     curve = all_axes(figure)[2]
-    assert [line.get_label() for line in curve.lines] == ["trained", "talk"]
+    assert [line.get_label() for line in curve.lines] == ["trained", bag.parent.name]
     assert figures.names_of([runs[1], runs[1]]) == [str(bag)] * 2
 
 
@@ -92,8 +89,6 @@ def test_what_a_source_has(trained, bag):
     every = ["policy", "asks", "sparsity", "curves"]
     assert figures.parse_whats(None, [open_shown(trained)]) == every
     assert figures.parse_whats(None, [open_shown(bag)]) == [*every, "percepts"]
-    assert figures.parse_whats(None, [open_shown(OLD / "train_noncoop")]) == ["policy"]
-    assert "percepts" in figures.parse_whats(None, [open_shown(OLD / "honest")])
     with pytest.raises(SettingError, match=r"--what 'polcy': .*did you mean 'policy'"):
         figures.parse_whats("curves,polcy", [])
 
@@ -107,17 +102,17 @@ def test_dollars_in_names_are_no_formula(bag, tmp_path):
     assert all_axes(figure)[0].lines[0].get_label() == r"\$x_{\$_\$y\$"
 
 
-def test_the_pictures_of_results(tmp_path):
-    before = {p: p.read_bytes() for p in (OLD / "results").rglob("*") if p.is_file()}
-    shown = ResultsShown(OLD / "results")
+def test_the_pictures_of_results(results, tmp_path):
+    before = {p: p.read_bytes() for p in results.rglob("*") if p.is_file()}
+    shown = ResultsShown(results)
     assert shown.whats == ["conditions", "asks"]
     assert len(shown.figure("conditions").axes) == 6
     with pytest.raises(SettingError, match="these results have conditions, asks"):
         shown.figure("table1")
     out = tmp_path / "r.png"
-    arguments = ["plot", str(OLD / "results"), "--what", "asks", "--dpi", "30", "--out", str(out)]
+    arguments = ["plot", str(results), "--what", "asks", "--dpi", "30", "--out", str(out)]
     assert main(arguments) == 0 and out.exists()
-    assert before == {p: p.read_bytes() for p in (OLD / "results").rglob("*") if p.is_file()}
+    assert before == {p: p.read_bytes() for p in results.rglob("*") if p.is_file()}
 
 
 @pytest.mark.parametrize(
@@ -143,7 +138,7 @@ def said(capsys, *arguments):
     return error[-1]
 
 
-def test_bad_input_is_one_line(trained, bag, tmp_path, capsys):
+def test_bad_input_is_one_line(trained, results, tmp_path, capsys):
     out = tmp_path / "x.png"
     for bad, words in (
         ("x.gif", "allowed: a name that ends in .png, .svg, .pdf"),
@@ -158,7 +153,7 @@ def test_bad_input_is_one_line(trained, bag, tmp_path, capsys):
     assert "--what ''" in said(capsys, trained, "--what", "", "--out", out)
     assert "setting dpi" in said(capsys, trained, "--dpi", "1e9", "--out", out)
     assert "not a bag" in said(capsys, tmp_path, "--out", out)
-    assert "plot it alone" in said(capsys, OLD / "results", trained, "--out", out)
+    assert "plot it alone" in said(capsys, results, trained, "--out", out)
     assert "at most 8" in said(capsys, *[trained] * 9, "--out", out)
     (tmp_path / "e").mkdir()
     (tmp_path / "e/results.json").write_text("{}")

@@ -5,17 +5,18 @@
 import io
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
+from sparse_coord_ros import wire
 from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.look import film as films
-from sparse_coord_ros.look.episodes import Ask, Episode
+from sparse_coord_ros.look.episodes import Episode
 from sparse_coord_ros.look.film import film
+from sparse_coord_ros.look.steps import Question, TimeStep
 from sparse_coord_ros.palette import (
     ANSWERED,
     DOORWAY_COLOUR,
@@ -27,24 +28,18 @@ from sparse_coord_ros.palette import (
     rgb,
 )
 
-OLD = Path(__file__).parents[1] / "fixtures/0.1.0"
 ENV1 = load_scenario("env1")
 [DOOR] = ENV1.map.doorways
 
 
-def episode(cells, asks=(), conflicts=()):
-    steps = len(cells) - 1
-    return Episode(
-        number=0,
-        of=1,
-        greedy=True,
-        first_step=1,
-        cells=np.array(cells),
-        asks=tuple(asks) or ((),) * steps,
-        conflicts=np.array(conflicts or [False] * steps),
-        reward=np.zeros(len(cells[0])),
-        arrived=np.zeros(len(cells[0]), dtype=bool),
-    )
+def episode(cells, questions=(), met=False):
+    """Return an episode; questions are those of its first step, robots meet in its last one."""
+    steps = [
+        TimeStep(t, cells[t], questions=() if t else tuple(questions), after=cells[t + 1])
+        for t in range(len(cells) - 1)
+    ]
+    steps[-1] = replace(steps[-1], miscoordination=met)
+    return Episode(0, True, tuple(steps), arrived=False)
 
 
 def frames(data):
@@ -73,9 +68,10 @@ def test_robots_move_from_cell_to_cell():
 def test_outcomes_differ_in_colour_line_and_sign():
     made = {}
     [(quiet, _), *_] = frames(film(ENV1, episode([[9, 11], [10, 11]]), title="t"))
-    for outcome in (ANSWERED, REFUSED, FAILED):
-        asks = [(Ask(0, (1,), outcome, 1),)]
-        [(picture, stands), *_] = frames(film(ENV1, episode([[9, 11], [10, 11]], asks), title="t"))
+    for end in (wire.ANSWERED, wire.REFUSED, wire.LATE):
+        outcome = Question(0, (1,), end, 1).outcome
+        asking = episode([[9, 11], [10, 11]], [Question(0, (1,), end, 1)])
+        [(picture, stands), *_] = frames(film(ENV1, asking, title="t"))
         colour = OUTCOME_COLOURS[outcome]
         made[outcome] = near(picture, colour).sum() - near(quiet, colour).sum()
         assert stands == 800
@@ -85,8 +81,8 @@ def test_outcomes_differ_in_colour_line_and_sign():
 
 def test_a_miscoordination_is_marked():
     pictures = [
-        frames(film(ENV1, episode([[9, 11], [DOOR, DOOR]], conflicts=[c]), title="t"))[-1][0]
-        for c in (False, True)
+        frames(film(ENV1, episode([[9, 11], [DOOR, DOOR]], met=met), title="t"))[-1][0]
+        for met in (False, True)
     ]
     quiet, marked = (near(one, DOORWAY_COLOUR).sum() for one in pictures)
     assert marked > 1.5 * quiet
@@ -94,11 +90,11 @@ def test_a_miscoordination_is_marked():
 
 
 def test_words_below_the_map():
-    asks = [tuple(Ask(k, tuple(j for j in range(8) if j != k), REFUSED, 0) for k in range(6))]
+    asks = [Question(k, tuple(set(range(8)) - {k}), wire.REFUSED, 0) for k in range(6)]
     crowd = load_scenario("crowd-8r")
     cells = [[robot.start for robot in crowd.robots]] * 2
     stage = films._Stage(crowd, episode(cells, asks), "a $x$ & <b>")
-    stage.shoot(0, 0.0, asks[0])
+    stage.shoot(0, 0.0, speaking=True)
     said = [text.get_text() for text in (stage._head, *stage._lines)]
     assert said == [
         "a $x$ & <b>",
@@ -107,13 +103,17 @@ def test_words_below_the_map():
         "robot_2 asks all others: refused, goes north",
         "and 4 more ask",
     ]
-    assert Ask(0, (), FAILED, 2).in_words(["a"]) == "a asks nobody: no answer, goes east"
+    assert (
+        Question(0, (), wire.NOBODY_TO_ASK, 2).in_words(["a"])
+        == "a asks nobody: no answer, goes east"
+    )
 
 
-def test_many_questions_to_all_hide_no_robot():
+def test_many_questions_to_all_hide_no_robot(monkeypatch):
+    monkeypatch.setattr(films, "DPI", 50)
     crowd = load_scenario("crowd-8r")
     places = [35, 36, 37, 38, 39, 40, 57, 20]  # a throng round the doorways
-    asks = [tuple(Ask(k, tuple(j for j in range(8) if j != k), ANSWERED, 0) for k in range(6))]
+    asks = [Question(k, tuple(set(range(8)) - {k}), wire.ANSWERED, 0) for k in range(6)]
     [(quiet, _), *_] = frames(film(crowd, episode([places] * 2), title="t"))
     [(picture, _), *_] = frames(film(crowd, episode([places] * 2, asks), title="t"))
     for colour in ROBOT_COLOURS:
@@ -123,7 +123,7 @@ def test_many_questions_to_all_hide_no_robot():
 def test_a_state_that_the_log_lacks_and_long_episodes(monkeypatch):
     monkeypatch.setattr(films, "MOST_STEPS", 8)
     monkeypatch.setattr(films, "SMOOTH_STEPS", 5)
-    lost = episode([[0, -1], [1, 3]], [(Ask(0, (1,), FAILED, 2),)])
+    lost = episode([[0, None], [1, 3]], [Question(0, (1,), wire.LATE, 2)])
     assert len(frames(film(ENV1, lost, title="t"))) == 4
     long = frames(film(ENV1, episode([[0, 3]] * 12), title="t", rate=20))
     assert sum(ms for _, ms in long) == 8 * 50 + 200
@@ -135,13 +135,14 @@ def test_every_colour_is_in_the_palette():
         assert np.abs(palette - np.array(rgb(colour)) * 255).max(axis=1).min() <= 1
 
 
-def test_animate_a_bag_and_a_run_without_one(bag, trained, tmp_path, capsys):
+def test_animate_a_bag_and_a_run_without_one(bag, trained, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(films, "MOST_STEPS", 5)
     for source, greedy in ((bag, False), (trained, True)):
         out = tmp_path / f"{source.name}.gif"
         arguments = ["animate", str(source), "--episode", "best", "--out", str(out), "--json"]
         assert main(arguments) == 0
         told = json.loads(capsys.readouterr().out)
-        assert told["greedy"] is greedy and told["arrived"] and 7 < told["steps"] < 40
+        assert told["greedy"] is greedy and told["arrived"] and 7 < told["steps"] < 100
         assert out.read_bytes().startswith(b"GIF89a") and told["bytes"] < 1_000_000
     again = tmp_path / "again.gif"
     assert main(["animate", str(trained), "--episode", "best", "--out", str(again)]) == 0
@@ -158,11 +159,11 @@ def test_animate_a_bag_and_a_run_without_one(bag, trained, tmp_path, capsys):
         (["{trained}", "--seed", "-1"], "seed"),
         (["{results}"], "holds results, which have no episodes"),
         (["{none}"], "cannot read"),
-        (["{old}", "--greedy", "--episode", "100"], "allowed: 0 to 99"),
+        (["{bag}", "--greedy", "--episode", "100"], "allowed: 0 to 99"),
     ],
 )
-def test_bad_input_is_one_line(bag, trained, tmp_path, capsys, arguments, words):
-    places = {"bag": bag, "trained": trained, "results": OLD / "results", "old": OLD / "honest"}
+def test_bad_input_is_one_line(bag, trained, results, tmp_path, capsys, arguments, words):
+    places = {"bag": bag, "trained": trained, "results": results}
     given = [text.format(**places, none=tmp_path / "none") for text in arguments]
     out = tmp_path / "x.gif"
     assert main(["animate", *given, "--out", str(out)]) == 2

@@ -7,7 +7,6 @@ import shlex
 import shutil
 from html import unescape
 from html.parser import HTMLParser
-from pathlib import Path
 from types import SimpleNamespace
 from xml.etree import ElementTree
 
@@ -27,7 +26,6 @@ from sparse_coord_ros.runlog.explain import explain, in_words
 from sparse_coord_ros.runlog.log import read_run
 from sparse_coord_ros.solve.exact import evaluate_exact
 
-OLD = Path(__file__).parents[1] / "fixtures/0.1.0"
 VOID = {"meta", "br", "img", "link"}
 
 
@@ -131,18 +129,15 @@ def test_whatever_comes_from_files_is_escaped(trained, tmp_path):
     assert page.count("&lt;script&gt;") >= 3  # title of the map, version, run.yaml
 
 
-def test_the_page_of_results():
-    page = results_report(ResultsShown(OLD / "results"))
+def test_the_page_of_results(results):
+    page = results_report(ResultsShown(results))
     found = Checker(page)
     assert found.tags.count("svg") == 2
-    ids = ["env1/coop/penalty=-20,steps=300", "env2-4r/noncoop/penalty=-20,perception=range:2"]
+    ids = [
+        "env1/coop/penalty=-20,steps=300",
+        "env2-4r/noncoop/penalty=-20,perception=range:2,steps=300",
+    ]
     assert all(one in page for one in ids) and "reproduce env1/coop" in page
-
-
-def test_a_bag_of_version_0_1_0(quick):
-    page = run_report(open_shown(OLD / "stopped/bag"), baselines=False)
-    Checker(page)
-    assert "stopped" in page
 
 
 def test_pictures_keep_their_own_ids():

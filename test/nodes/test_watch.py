@@ -2,30 +2,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node `watch` shows what the team's messages say, and asks the world's services."""
 
-import importlib.util
 import itertools
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import recordings
 
 from sparse_coord_ros.bags.reader import open_bag
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.look.page.board import Board
-from sparse_coord_ros.look.page.commands import PAUSE, RATE, RESET, STEP, Command
+from sparse_coord_ros.look.page.controls import PAUSE, RATE, RESET, STEP, Control
 from sparse_coord_ros.look.page.live_source import LiveView
 from sparse_coord_ros.nodes import interface, team, watch
 from sparse_coord_ros.nodes.messages import Said, read_status, typed
 from sparse_coord_ros.nodes.watch import WatchNode, _Heard
 from sparse_coord_ros.runlog import read_run
-
-_path = Path(__file__).parents[1] / "runlog/conftest.py"
-_spec = importlib.util.spec_from_file_location("recordings", _path)
-recordings = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(recordings)
 
 
 def heard_of(run, view):
@@ -173,26 +167,26 @@ def test_a_page_beside_a_live_team(bench):
     bench.spin_until(lambda: board.get("frame") is not None, "a frame")
     assert board.get("run")["scenario"] == "env1" and board.get("run")["source"] == "live"
     board.page_came()
-    node.controls.command(Command(PAUSE, True))
+    node.controls.control(Control(PAUSE, True))
     bench.spin_until(lambda: board.get("frame")["state"] == "paused", "it holds")
     bench.spin_until(lambda: world.lockstep.complete, "all have acted")
     step = world.lockstep.world.step
-    node.controls.command(Command(STEP, 1))
+    node.controls.control(Control(STEP, 1))
     bench.spin_until(lambda: board.get("frame")["step"] == step, "one step more")
     assert board.get("frame")["cells"] == list(node.team.view.last.cells)
-    node.controls.command(Command(RATE, 500.0))
+    node.controls.control(Control(RATE, 500.0))
     bench.spin_until(lambda: world.values["rate"] == 500.0, "the rate")
     episode = world.lockstep.world.episode
-    node.controls.command(Command(RESET))
+    node.controls.control(Control(RESET))
     bench.spin_until(lambda: world.lockstep.world.episode > episode, "a new episode")
-    node.controls.command(Command(PAUSE, False))
+    node.controls.control(Control(PAUSE, False))
     bench.spin_until(lambda: node.team.tables.get(1, (0,))[0] >= 20, "new tables")
     bench.spin_until(lambda: board.get("curves")["length"], "curves")
-    node.controls.command(Command(RATE, -5.0))
+    node.controls.control(Control(RATE, -5.0))
     bench.spin_until(lambda: "rate: " in board.get("notice")["text"], "the world refuses")
     bench.destroy(world)
     bench.spin_until(lambda: board.get("frame")["state"] == "gone", "the world is gone")
-    node.controls.command(Command(PAUSE, True))
+    node.controls.control(Control(PAUSE, True))
     bench.spin_until(lambda: "nobody offers" in board.get("notice")["text"], "no world")
 
 

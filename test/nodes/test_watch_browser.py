@@ -2,12 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The page in headless Chromium: every source, every button, and values that are the log's."""
 
-import importlib.util
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
+import recordings
 
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.history import load_history
@@ -17,11 +16,6 @@ from sparse_coord_ros.runlog import read_run
 from tools.browser import REMEDY, Browser, find_browser
 
 pytestmark = pytest.mark.long
-
-_path = Path(__file__).parents[1] / "runlog/conftest.py"
-_spec = importlib.util.spec_from_file_location("recordings", _path)
-recordings = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(recordings)
 
 STEP = "Number(document.getElementById('step').textContent.replaceAll(',', ''))"
 STATE = "document.getElementById('state').dataset.state"

@@ -1,25 +1,20 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A team that learns now as the page's source, whatever tells of it: ROS, or the simulation."""
+"""A team that learns now on the page, whatever tells of it: ROS, or the simulation."""
 
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.game.world import Action, Reward
-from sparse_coord_ros.learn.agent import NOBODY, Tables
+from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.history import History
 from sparse_coord_ros.learn.run_config import RunConfig
-from sparse_coord_ros.look.page import messages as frames
-from sparse_coord_ros.look.page.bag_source import DIALOGUE
+from sparse_coord_ros.learn.simulation import Glimpse
+from sparse_coord_ros.look.page import messages
 from sparse_coord_ros.look.page.board import Board
-from sparse_coord_ros.palette import ANSWERED, FAILED, REFUSED
-from sparse_coord_ros.wire import ANSWERED as ANSWERED_END
-from sparse_coord_ros.wire import NOBODY_TO_ASK, PERCEPT_ENDS
-from sparse_coord_ros.wire import REFUSED as REFUSED_END
+from sparse_coord_ros.look.steps import TimeStep, seen_step
 
 SLOW_SECONDS = 1.0
 """Between two messages of curves, tables and asks, or longer:"""
@@ -31,35 +26,13 @@ WORDS_SECONDS = 0.2
 """Between two messages of questions in words: quicker nobody reads."""
 
 
-class Transition(NamedTuple):
-    """One transition as it happened.
-
-    Attributes:
-        step: t.
-        cells: X_k(t).
-        actions: what each robot did; None where it did not act.
-        after: where it led.
-        rewards: R_k(t); None: not told.
-        miscoordination: whether it ended in one.
-        ends: how percepts ended, numbers of `wire.PERCEPT_ENDS`; empty: not told.
-    """
-
-    step: int
-    cells: Sequence[int]
-    actions: Sequence[Action | None]
-    after: Sequence[int]
-    rewards: Sequence[Reward | None] | None
-    miscoordination: bool
-    ends: Sequence[int | None] = ()
-
-
 class LiveView:
     """Takes every transition, and shows some: as many as a screen can show.
 
     Args:
         run: the run.
         board: where the messages go.
-        source, title, controls: as of `frames.run_message`.
+        source, title, controls: as of `messages.run_message`.
         now: a monotonic clock, in seconds.
 
     Attributes:
@@ -83,9 +56,9 @@ class LiveView:
         robots, cells = len(run.scenario.robots), len(run.scenario.map.cells)
         self.asked = [[0] * cells for _ in range(robots)]
         self._now = now
-        self.last: Transition | None = None
-        self._shown: tuple[Transition | None, str, float] | None = None
-        self._entries: deque[frames.Message] = deque(maxlen=DIALOGUE)
+        self.last: Glimpse | None = None
+        self._shown: tuple[Glimpse | None, str, float] | None = None
+        self._told: deque[messages.Message] = deque(maxlen=messages.DIALOGUE)
         self._slow = self._counted = self._worded = -1e9
         self._words_due = False
         self._began: float | None = None
@@ -93,26 +66,26 @@ class LiveView:
         self._speed: float | None = None
         self._lacking = ""
         board.clear()
-        board.put(frames.run_message(run, source=source, title=title, controls=controls))
-        board.put(frames.dialogue_message([]))
+        board.put(messages.run_message(run, source=source, title=title, controls=controls))
+        board.put(messages.dialogue_message([]))
         self.notice("")
 
     def notice(self, text: str) -> None:
         """Show a line; an empty one takes it away. What the curves lack stays beside it."""
         said = "; ".join(one for one in (text, self._lacking) if one)
-        self.board.put(frames.notice_message(said, level="warning" if text else "info"))
+        self.board.put(messages.notice_message(said, level="warning" if text else "info"))
 
     def lack(self, text: str) -> None:
         """Say, for as long as the run is shown, what the curves lack."""
         self._lacking = text
         self.notice("")
 
-    def take(self, transition: Transition) -> None:
+    def take(self, seen: Glimpse) -> None:
         """Take in a transition; called for each, so it does next to nothing."""
-        self.last = transition
-        for k, action in enumerate(transition.actions):
+        self.last = seen
+        for k, action in enumerate(seen.actions):
             if action is not None and action.asked:
-                self.asked[k][transition.cells[k]] += 1
+                self.asked[k][seen.cells[k]] += 1
 
     def show(
         self, *, transitions: int, episode: int, rate: float = 0.0, still: Sequence[int] = ()
@@ -138,12 +111,12 @@ class LiveView:
         new = self._shown is None or self._shown[0] is not last
         self._shown = key
         if last is None:
-            moment = frames.Moment(0, list(still) or [None] * len(self.asked), [])
+            seen = TimeStep(0, tuple(still) or (None,) * len(self.asked))
         else:
-            moment = moment_of(last)
+            seen = seen_step(last)
         self.board.put(
-            frames.frame_message(
-                moment,
+            messages.frame_message(
+                seen,
                 state=self.state,
                 transitions=transitions,
                 episode=episode,
@@ -151,8 +124,8 @@ class LiveView:
                 speed=None if self._speed is None else round(self._speed),
             )
         )
-        if new and moment.asks:
-            self._entries.extend(frames.in_words(self.run, moment))
+        if new and seen.questions:
+            self._told.extend(messages.in_words(self.run, seen))
             self._words_due = True
             self._show_words()
 
@@ -163,7 +136,7 @@ class LiveView:
         now = self._now()
         if at_once or now - self._worded >= WORDS_SECONDS:
             self._words_due, self._worded = False, now
-            self.board.put(frames.dialogue_message(list(self._entries)))
+            self.board.put(messages.dialogue_message(self._told))
 
     def slow_due(self) -> bool:
         """Return whether it is time for `show_learned`: once a second where a page is there."""
@@ -185,54 +158,18 @@ class LiveView:
 
         Args:
             history: the episodes so far.
-            tables: as of `frames.tables_message`; None: as before.
+            tables: as of `messages.tables_message`; None: as before.
             rings: likewise.
             asked: as `asked`, where somebody else has counted.
         """
         self._show_words(at_once=True)
-        self.board.put(frames.curves_message(history))
+        self.board.put(messages.curves_message(history))
         if tables is not None:
-            self.board.put(frames.tables_message(self.run, tables, rings))
+            self.board.put(messages.tables_message(self.run, tables, rings))
         step = 0 if self.last is None else self.last.step
         counted = np.array(self.asked) if asked is None else asked
-        self.board.put(frames.asked_message(counted, step))
+        self.board.put(messages.asked_message(counted, step))
         if self._began is not None:
             now = self._now()
             self._slow = now + max(SLOW_SECONDS, (now - self._began) / SLOW_SHARE)
             self._began = None
-
-
-def moment_of(transition: Transition) -> frames.Moment:
-    """Return a transition as it is shown."""
-    robots = range(len(transition.cells))
-    actions = transition.actions
-    asks = []
-    for k, action in enumerate(actions):
-        if action is None or not action.asked:
-            continue
-        peers = tuple(j for j in robots if j != k) if action.peer == NOBODY else (action.peer,)
-        end = transition.ends[k] if transition.ends else None
-        if action.perceived:
-            outcome, end = ANSWERED, ANSWERED_END
-        elif end is None:
-            outcome = REFUSED if peers else FAILED
-            end = REFUSED_END if peers else NOBODY_TO_ASK
-        else:
-            outcome = REFUSED if end == REFUSED_END else FAILED
-        asks.append(frames.Ask(k, peers, outcome, PERCEPT_ENDS[end]))
-    told = transition.rewards or [None] * len(actions)
-    rewards: list[tuple[float, float, float, float] | None] = [
-        None
-        if action is None or reward is None
-        else (reward.individual, reward.common, reward.ask_cost, reward.total)
-        for action, reward in zip(actions, told, strict=True)
-    ]
-    return frames.Moment(
-        step=transition.step,
-        cells=list(transition.cells),
-        moves=[None if action is None else action.move for action in actions],
-        asks=tuple(asks),
-        rewards=rewards,
-        after=list(transition.after),
-        miscoordination=transition.miscoordination,
-    )

@@ -6,8 +6,7 @@ Every source, live or recorded, makes the same messages by these functions. A me
 one before of its type: the page needs only the newest of each.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import isfinite
 from typing import Any
 
@@ -18,67 +17,29 @@ from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.history import History
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.look.policy import policy_of
+from sparse_coord_ros.look.steps import TimeStep
 from sparse_coord_ros.palette import (
-    ANSWERED,
     DOORWAY_COLOUR,
-    FAILED,
     OUTCOME_COLOURS,
     OUTCOME_SIGNS,
-    REFUSED,
     robot_colour,
 )
 from sparse_coord_ros.version import __version__
+from sparse_coord_ros.wire import ANSWERED, PERCEPT_ENDS
 
-FORMAT = 1
+FORMAT = 2
 """Number of the messages' format, in the message `run`."""
 
 POINTS = 240
 """Points of a learning curve at most: each is the mean of as many episodes as that takes."""
 
+DIALOGUE = 40
+"""Questions that the page shows."""
+
 SHAPES = ("circle", "square", "triangle", "diamond", "pentagon", "hexagon", "star", "cross")
 """What tells the robots apart beside colour and number."""
 
 Message = dict[str, Any]
-
-
-@dataclass(frozen=True)
-class Ask:
-    """One question as it is shown.
-
-    Attributes:
-        robot: who asks, from 0.
-        peers: whom it asks.
-        outcome: `palette.ANSWERED`, REFUSED or FAILED.
-        ended: how it ended in the words of `wire.PERCEPT_ENDS`.
-    """
-
-    robot: int
-    peers: tuple[int, ...]
-    outcome: str
-    ended: str
-
-
-@dataclass(frozen=True)
-class Moment:
-    """One time step of the team; None where nobody said it.
-
-    Attributes:
-        step: t.
-        cells: X_k(t).
-        moves: the primitive actions; None of robots that did not act.
-        asks: the questions.
-        rewards: R_k(t) as (individual, common, cost of asking, total).
-        after: X_k(t+1), or where the transition led.
-        miscoordination: whether it ended in one.
-    """
-
-    step: int
-    cells: Sequence[int | None]
-    moves: Sequence[int | None]
-    asks: Sequence[Ask] = ()
-    rewards: Sequence[tuple[float, float, float, float] | None] = ()
-    after: Sequence[int | None] | None = None
-    miscoordination: bool = False
 
 
 def run_message(run: RunConfig, *, source: str, title: str, controls: Sequence[str]) -> Message:
@@ -102,8 +63,8 @@ def run_message(run: RunConfig, *, source: str, title: str, controls: Sequence[s
         "perception": str(scenario.perception),
         "actions": list(ACTIONS),
         "outcomes": {
-            name: {"colour": OUTCOME_COLOURS[name], "sign": OUTCOME_SIGNS[name]}
-            for name in (ANSWERED, REFUSED, FAILED)
+            name: {"colour": colour, "sign": OUTCOME_SIGNS[name]}
+            for name, colour in OUTCOME_COLOURS.items()
         },
         "doorway_colour": DOORWAY_COLOUR,
         "map": {
@@ -126,22 +87,29 @@ def run_message(run: RunConfig, *, source: str, title: str, controls: Sequence[s
     }
 
 
-def frame_message(moment: Moment, *, state: str, **more: Any) -> Message:
+def frame_message(seen: TimeStep, *, state: str, **more: Any) -> Message:
     """Return a time step; `more` are `transitions`, `episode`, `rate`, `first`, `last`."""
-    rewards = [None if one is None else [_number(n) for n in one] for one in moment.rewards]
     return {
         "type": "frame",
-        "step": moment.step,
+        "step": seen.step,
         "state": state,
-        "cells": list(moment.cells),
-        "moves": list(moment.moves),
+        "cells": list(seen.cells),
+        "moves": list(seen.moves),
         "asks": [
-            {"robot": a.robot, "peers": list(a.peers), "outcome": a.outcome, "ended": a.ended}
-            for a in moment.asks
+            {
+                "robot": q.asker,
+                "peers": list(q.peers),
+                "outcome": q.outcome,
+                "ended": PERCEPT_ENDS[q.end],
+            }
+            for q in seen.questions
         ],
-        "rewards": rewards,
-        "after": None if moment.after is None else list(moment.after),
-        "miscoordination": moment.miscoordination,
+        "rewards": [
+            None if parts is None else [n if isfinite(n) else None for n in parts]
+            for parts in seen.rewards
+        ],
+        "after": None if seen.after is None else list(seen.after),
+        "miscoordination": seen.miscoordination,
         **more,
     }
 
@@ -231,7 +199,7 @@ def curves_message(history: History, *, until: float | None = None) -> Message:
     }
 
 
-def dialogue_message(entries: Sequence[Mapping[str, Any]]) -> Message:
+def dialogue_message(entries: Iterable[Message]) -> Message:
     """Return the newest questions in words, the newest last."""
     return {"type": "dialogue", "entries": list(entries)}
 
@@ -241,42 +209,42 @@ def notice_message(text: str, *, level: str = "info") -> Message:
     return {"type": "notice", "level": level, "text": text}
 
 
-def in_words(run: RunConfig, moment: Moment) -> Iterator[Message]:
+def in_words(run: RunConfig, seen: TimeStep) -> Iterator[Message]:
     """Yield the questions of a time step in words, as `explain` begins to tell them."""
     names = [robot.name for robot in run.scenario.robots]
-    for ask in moment.asks:
-        k = ask.robot
-        here = moment.cells[k]
-        lines = [f"{names[k]} in {_cell(run, here)} chooses COORDINATE"]
-        whom = ", ".join(names[peer] for peer in ask.peers) or "nobody"
-        seen = [moment.cells[peer] for peer in ask.peers]
+    for question in seen.questions:
+        k, peers, end, move = question
+        here = seen.cells[k]
+        whom = ", ".join(names[peer] for peer in peers) or "nobody"
+        cells = [seen.cells[peer] for peer in peers]
+        told = PERCEPT_ENDS[end]
         source = "" if here is None else f" by Q*[{here}]"
-        if ask.outcome == ANSWERED and seen and None not in seen:
-            lines.append(f"asks {whom}: answers {', '.join(_cell(run, cell) for cell in seen)}")
-            source = f" by Q^C[{', '.join(str(cell) for cell in (here, *seen))}]"
-        else:
-            lines.append(f"asks {whom}: {ask.ended}")
-        move = moment.moves[k]
-        if move is not None:
-            lines.append(f"goes {ACTIONS[move]}{source}")
-        reward = moment.rewards[k] if k < len(moment.rewards) else None
+        if end == ANSWERED and cells and None not in cells:
+            told = f"answers {', '.join(_cell(run, cell) for cell in cells)}"
+            source = f" by Q^C[{', '.join(str(cell) for cell in (here, *cells))}]"
+        lines = [
+            f"{names[k]} in {_cell(run, here)} chooses COORDINATE",
+            f"asks {whom}: {told}",
+            f"goes {ACTIONS[move]}{source}",
+        ]
+        reward = seen.rewards[k]
         if reward is not None:
-            after = None if moment.after is None else moment.after[k]
+            after = None if seen.after is None else seen.after[k]
             where = "" if after is None else f", to {_cell(run, after)}"
-            lines.append(f"reward {reward[3]:g}{where}")
-        yield {"step": moment.step, "robot": k, "outcome": ask.outcome, "lines": lines}
+            lines.append(f"reward {reward[-1]:g}{where}")
+        yield {
+            "step": seen.step,
+            "robot": k,
+            "outcome": question.outcome,
+            "lines": lines,
+        }
 
 
 def _cell(run: RunConfig, cell: int | None) -> str:
-    if cell is None or not 0 <= cell < len(run.scenario.map.cells):
+    if cell is None:
         return "an unknown cell"
     row, column = run.scenario.map.cells[cell]
     return f"cell {cell} [{row}, {column}]"
-
-
-def _number(value: float) -> float | None:
-    """Return a number that JSON has, or None."""
-    return value if isfinite(value) else None
 
 
 def _plain(values: np.ndarray) -> list[Any]:

@@ -24,7 +24,7 @@ from urllib.parse import urlsplit
 from sparse_coord_ros.errors import RunError, SparseCoordError
 from sparse_coord_ros.game.scenario import scenario_names
 from sparse_coord_ros.look.page.board import Board
-from sparse_coord_ros.look.page.commands import HOST, PORT, Source, parse_command
+from sparse_coord_ros.look.page.controls import HOST, PORT, Controlled, parse_control
 
 try:
     from aiohttp import WSMsgType, web
@@ -76,7 +76,7 @@ class Page:
     def __init__(self, board: Board, *, host: str = HOST, token: str | None = None) -> None:
         self.board = board
         self.token = secrets.token_urlsafe(18) if token is None else token
-        self.source: Source | None = None
+        self.source: Controlled | None = None
         self._local = is_loopback(host)
         self._names = {"localhost", host.lower()}
         if not self._local:
@@ -217,14 +217,13 @@ class Page:
         if data.get("do") == "hello":
             return {"type": "hello", "scenarios": scenario_names(), "control": True}
         shown = self.board.get("run")
-        allowed = () if shown is None else tuple(shown["controls"])
         try:
-            command = parse_command(data, allowed)
+            control = parse_control(data, () if shown is None else shown["controls"])
             if self.source is not None:
-                self.source.command(command)
+                self.source.control(control)
         except SparseCoordError as error:
             return {"type": "error", "text": str(error)}
-        return {"type": "done", "do": command.name}
+        return {"type": "done", "do": control.name}
 
     async def _close_all(self, _: web.Application) -> None:
         for stream in set(self._sockets):
@@ -284,7 +283,7 @@ class Server:
         assert self._page is not None
         return self._page
 
-    def show(self, source: Source | None) -> None:
+    def show(self, source: Controlled | None) -> None:
         """Let controls go to this source."""
         self.page.source = source
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A learning run without ROS as the source of the page."""
+"""A learning run without ROS on the page."""
 
 import queue
 import time
@@ -14,8 +14,8 @@ from sparse_coord_ros.learn.history import History
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.learn.simulation import Glimpse
 from sparse_coord_ros.look.page.board import Board
-from sparse_coord_ros.look.page.commands import NEXT, PAUSE, RATE, STEP, Command
-from sparse_coord_ros.look.page.live_source import LiveView, Transition
+from sparse_coord_ros.look.page.controls import NEXT, PAUSE, RATE, STEP, Control
+from sparse_coord_ros.look.page.live_source import LiveView
 from sparse_coord_ros.wire import FINISHED, LEARNING, PAUSED
 
 LOOKS_A_SECOND = 30
@@ -45,36 +45,27 @@ class TrainingView:
         self.view = LiveView(run, board, source="train", title=title, controls=CONTROLS, now=now)
         self.view.state = LEARNING
         self.wants_glimpse = True
-        self._commands: queue.SimpleQueue[Command] = queue.SimpleQueue()
+        self._controls: queue.SimpleQueue[Control] = queue.SimpleQueue()
         self._now, self._sleep = now, sleep
         self._held = self._stepping = False
         self._asked: np.ndarray | None = None
         self._rate = 0.0
         self._due = now()
 
-    def command(self, command: Command) -> None:
+    def control(self, control: Control) -> None:
         """Do what a page asks for when it looks next; called from the server's thread."""
-        self._commands.put(command)
+        self._controls.put(control)
 
     def look(self, learning: LearningRun, glimpse: Glimpse | None) -> int | None:
         """Look at the run; as of `engine.training.Watcher`."""
         if glimpse is not None:
-            self.view.take(
-                Transition(
-                    glimpse.step,
-                    glimpse.cells,
-                    glimpse.actions,
-                    glimpse.after,
-                    None,
-                    glimpse.miscoordination,
-                )
-            )
+            self.view.take(glimpse)
         elif self._stepping:  # it could not be made apart
             self._stepping = False
             return 1
         self._stepping = False
-        while not self._commands.empty():
-            self._do(self._commands.get())
+        while not self._controls.empty():
+            self._do(self._controls.get())
         self.view.state = PAUSED if self._held else LEARNING
         self._show(learning)
         if self._held:
@@ -93,13 +84,13 @@ class TrainingView:
         many = round(self._rate / LOOKS_A_SECOND) - 1  # one is made for the glimpse
         return max(0 if glimpse is not None else 1, many)
 
-    def _do(self, command: Command) -> None:
+    def _do(self, control: Control) -> None:
         """Do what a page asks for."""
-        if command.name == PAUSE:
-            self._held = bool(command.value)
-        elif command.name == RATE:
-            self._rate, self._due = command.value, self._now()
-        elif command.name == STEP:
+        if control.name == PAUSE:
+            self._held = bool(control.value)
+        elif control.name == RATE:
+            self._rate, self._due = control.value, self._now()
+        elif control.name == STEP:
             self._held = self._stepping = True
 
     def _show(self, learning: LearningRun) -> None:

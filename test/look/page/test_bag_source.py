@@ -4,7 +4,6 @@
 
 import json
 import shutil
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,9 +12,9 @@ import pytest
 from sparse_coord_ros.bags import BagWriter, open_bag
 from sparse_coord_ros.bags.reader import bag_files
 from sparse_coord_ros.errors import BagError, SparseCoordError
-from sparse_coord_ros.look.page.bag_source import BagSource, moment_of
+from sparse_coord_ros.look.page.bag_source import BagSource
 from sparse_coord_ros.look.page.board import Board
-from sparse_coord_ros.look.page.commands import PAUSE, RATE, SEEK, STEP, Command
+from sparse_coord_ros.look.page.controls import PAUSE, RATE, SEEK, STEP, Control
 from sparse_coord_ros.runlog import read_run
 from sparse_coord_ros.runlog.explain import explain, in_words
 
@@ -29,7 +28,7 @@ class Player:
         self.source.tick()
 
     def do(self, name, value=None, seconds=0.0):
-        self.source.command(Command(name, value))
+        self.source.control(Control(name, value))
         return self.after(seconds)
 
     def after(self, seconds):
@@ -81,7 +80,9 @@ def test_curves_and_evaluation_are_those_of_the_log(player, bag):
     assert curves["totals"]["reward"] == history.reward.sum(axis=0).tolist()
     assert curves["length"] == history.length.tolist()  # so few that each is a point
     evaluation = player.board.get("evaluation")
-    assert evaluation["how"] == "exact" and evaluation["optimum"] > evaluation["reward"]["mean"]
+    [[name, optimum]] = evaluation["yardsticks"]
+    assert name == "exact joint optimum" and optimum > evaluation["reward"]["mean"]
+    assert evaluation["how"] == "exact" and evaluation["step"] > 0
     player.do(SEEK, 10**9)
     assert np.array(player.board.get("asked")["robots"]).sum() == history.asks.sum()
 
@@ -113,6 +114,9 @@ def test_a_bag_that_grows_is_followed(bag, tmp_path, monkeypatch):
     before = player.after(0.1)
     assert before["state"] == "following" and "follows" in player.board.get("notice")["text"]
     assert before["step"] == player.source.log.last_step
+    assert player.do(SEEK, 50, seconds=1.0)["state"] == "playing"  # it follows no longer
+    assert player.do(PAUSE, True)["state"] == "paused" and player.after(9.0)["step"] < 70
+    assert player.do(SEEK, 10**6)["state"] == "following"  # and now it does
     with path.open("ab") as file:
         file.write(data[len(data) // 2 :])
     player.source.look()
@@ -123,7 +127,9 @@ def test_a_bag_that_grows_is_followed(bag, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(("recorded_now", "words"), [(True, "try again soon"), (False, "info'")])
 def test_a_bag_without_a_message_yet(tmp_path, monkeypatch, recorded_now, words):
-    nothing = SimpleNamespace(empty=True, run=None, damage=None, path=tmp_path, close=bool)
+    nothing = SimpleNamespace(
+        empty=True, run=None, damage=None, finished=False, path=tmp_path, close=bool
+    )
     monkeypatch.setattr("sparse_coord_ros.look.page.bag_source.open_log", lambda path: nothing)
     monkeypatch.setattr(
         "sparse_coord_ros.look.page.bag_source.being_recorded", lambda path: recorded_now
@@ -158,18 +164,6 @@ def test_what_is_damaged_unfinished_or_no_bag(bag, tmp_path):
     player = Player(copy)
     shutil.rmtree(copy)
     assert player.do(SEEK, 500)["step"] > 490
-    player.source.log.close()
-
-
-def test_a_bag_of_version_0_1_0(recorded):
-    old = Path(__file__).parents[2] / "fixtures/0.1.0/honest/bag"
-    log = read_run(old)
-    row = int(np.flatnonzero(log.asked.any(axis=1))[0]) if log.asked.any() else 3
-    moment = moment_of(log, row)
-    assert moment.step == log.step[row] and len(moment.cells) == len(log.names)
-    player = Player(old)
-    player.source._read_through()
-    assert player.board.get("curves")["episodes"] == log.history().episodes
     player.source.log.close()
 
 

@@ -9,10 +9,11 @@ from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.world import Action, Reward, StepOutcome
 from sparse_coord_ros.learn.history import History, HistoryRecorder, no_history
 from sparse_coord_ros.learn.run_config import make_run
+from sparse_coord_ros.learn.simulation import Glimpse
 from sparse_coord_ros.look.page import live_source as live
-from sparse_coord_ros.look.page import messages as frames
+from sparse_coord_ros.look.page import messages
 from sparse_coord_ros.look.page.board import Board
-from sparse_coord_ros.look.page.live_source import LiveView, Transition
+from sparse_coord_ros.look.page.live_source import LiveView
 
 
 @pytest.fixture
@@ -26,7 +27,7 @@ def view():
 def ask(view, step):
     """Let robot 1 ask robot 2 at a time step."""
     actions = (Action(0, True, 1, True), Action(1, False, -1, False))
-    view.take(Transition(step, (3, 4), actions, (3, 5), None, False))
+    view.take(Glimpse(step, (3, 4), actions, (3, 5), False))
     view.show(transitions=step, episode=0)
 
 
@@ -57,7 +58,7 @@ def test_what_takes_long_comes_seldom(view, monkeypatch, took, pause):
         view.time += took
         return {"type": "curves"}
 
-    monkeypatch.setattr(frames, "curves_message", slow_message)
+    monkeypatch.setattr(messages, "curves_message", slow_message)
     assert not view.slow_due()  # nobody looks
     view.board.page_came()
     assert view.slow_due()
@@ -69,9 +70,9 @@ def test_what_takes_long_comes_seldom(view, monkeypatch, took, pause):
 
 
 def test_numbers_have_four_digits_and_json_knows_each():
-    found = frames._plain(np.array([[1.00001, np.nan], [-np.inf, 2 / 3]]))
+    found = messages._plain(np.array([[1.00001, np.nan], [-np.inf, 2 / 3]]))
     assert found == [[1.0, None], [None, 0.6667]]
-    assert frames._plain(np.array([1.5, 2.0])) == [1.5, 2.0]
+    assert messages._plain(np.array([1.5, 2.0])) == [1.5, 2.0]
 
 
 def test_curves_of_a_long_run_are_means_and_take_no_copy_of_it():
@@ -84,10 +85,10 @@ def test_curves_of_a_long_run_are_means_and_take_no_copy_of_it():
     history = recorder.look()
     assert history.same_bits(recorder.history())
     assert not history.length.flags.owndata and recorder.history().length.flags.owndata
-    message = frames.curves_message(history)
+    message = messages.curves_message(history)
     assert message["window"] == 5 and len(message["length"]) == 200
     assert message["step"] == list(range(0, 3000, 15)) and message["totals"]["asks"] == [500, 0]
     assert message["asks"] == [[0.6, 0.4] * 100, [0.0] * 200]
     parts = [{name: array[half::2] for name, array in history.arrays().items()} for half in (1, 0)]
     mixed = History(**{name: np.concatenate([p[name] for p in parts]) for name in parts[0]})
-    assert frames.curves_message(mixed) == message
+    assert messages.curves_message(mixed) == message

@@ -16,7 +16,7 @@ from sparse_coord_ros.game.world import Action
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.learn.simulation import Learning, tables_equal
 from sparse_coord_ros.look.page.board import Board
-from sparse_coord_ros.look.page.commands import PAUSE, RATE, STEP, Command
+from sparse_coord_ros.look.page.controls import PAUSE, RATE, STEP, Control
 from sparse_coord_ros.look.page.training_source import TrainingView
 
 OFTEN = {"q_star_init": 100, "ask_cost": 0, "epsilon": "constant:0.3", "steps": 300}
@@ -74,7 +74,7 @@ def test_looking_changes_no_bit_and_shows_what_there_is(every):
     problem, board, clock = scenario(), Board(), Clock()
     board.page_came()
     view = TrainingView(make_run(problem, {}), board, title="", now=clock, sleep=clock.sleep)
-    view.command(Command(RATE, 100.0))
+    view.control(Control(RATE, 100.0))
     steps = set()
 
     def progress(done, budget):
@@ -106,18 +106,18 @@ def test_looking_changes_no_bit_and_shows_what_there_is(every):
 def test_holding_and_stepping():
     problem, board, clock = scenario(steps=40), Board(), Clock()
     view = TrainingView(make_run(problem, {}), board, title="", now=clock, sleep=clock.sleep)
-    view.command(Command(PAUSE, True))
+    view.control(Control(PAUSE, True))
     held = []
 
     def note(then=None):
         held.append((board.get("frame")["state"], board.get("frame")["transitions"]))
         if then is not None:
-            view.command(then)
+            view.control(then)
 
     clock.then = {
-        1.0: lambda: note(Command(STEP, 1)),
-        2.0: lambda: note(Command(STEP, 1)),
-        3.0: lambda: note(Command(PAUSE, False)),
+        1.0: lambda: note(Control(STEP, 1)),
+        2.0: lambda: note(Control(STEP, 1)),
+        3.0: lambda: note(Control(PAUSE, False)),
     }
     done = train(problem, "coop", 0, engine="python", watcher=view)
     assert done.finished
@@ -127,9 +127,9 @@ def test_holding_and_stepping():
 
 def test_the_last_step_is_made_though_it_cannot_be_shown_apart():
     problem, clock = scenario(steps=1), Clock()
-    for command in (Command(STEP, 1), Command(RATE, 5.0)):
+    for command in (Control(STEP, 1), Control(RATE, 5.0)):
         view = TrainingView(make_run(problem, {}), Board(), title="", now=clock, sleep=clock.sleep)
-        view.command(command)
+        view.control(command)
         assert train(problem, "coop", 0, engine="python", watcher=view).transitions == 1
 
 

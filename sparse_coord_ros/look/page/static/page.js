@@ -297,9 +297,7 @@ function showEvaluation() {
   if (!evaluation) return;
   const e = evaluation;
   const pair = (one) => `${one.mean.toFixed(2)} ± ${one.spread.toFixed(2)}`;
-  const bound = e.class_bound === null ? [] : [["class bound", e.class_bound.toFixed(2)]];
-  const best = [e.optimum_exact ? "joint optimum" : "robots alone", e.optimum.toFixed(2)];
-  const beside = [...bound, best];
+  const beside = e.yardsticks.map(([name, value]) => [name, value.toFixed(2)]);
   const none = beside.map(() => "");
   $("evaluation").replaceChildren(
     row("th", ["", `${e.learner}, ${e.how}`, ...beside.map(([name]) => name)]),

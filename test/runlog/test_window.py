@@ -6,6 +6,7 @@ import shutil
 
 import numpy as np
 import pytest
+import recordings
 
 from sparse_coord_ros import wire
 from sparse_coord_ros.bags import contents, open_bag
@@ -18,6 +19,13 @@ from sparse_coord_ros.learn.simulation import tables_equal
 from sparse_coord_ros.runlog import read_run, window
 from sparse_coord_ros.runlog.tracks import SPOKEN
 from sparse_coord_ros.runlog.window import LongLog
+
+
+@pytest.fixture(scope="module")
+def bag(record):
+    settings = {"steps": 600, "perception": "probability:0.6"}
+    return record(settings=settings, values={"checkpoint": 200}).bag
+
 
 ARRAYS = ("step", "cells", "action", "move", "peer", "asked", "perceived", "percept")
 
@@ -48,7 +56,7 @@ def test_the_history_stretch_by_stretch_is_that_of_the_log(bag, monkeypatch, siz
     log.close()
 
 
-def test_what_was_said_at_time_0_is_found_at_once(tmp_path, monkeypatch, recordings):
+def test_what_was_said_at_time_0_is_found_at_once(tmp_path, monkeypatch):
     """A recorder flushes the run before the first time step: into a chunk of the time 0."""
 
     class Flushed(recordings.Recording):

@@ -1,8 +1,8 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a page may ask of a source, and how that is checked before it is done."""
+"""What a page may ask for, and how that is checked before it is done."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any, NamedTuple, Protocol
 
 from sparse_coord_ros.errors import SettingError, SparseCoordError
@@ -19,7 +19,7 @@ PAUSE, STEP, RATE, SEEK, RESET, NEXT = "pause", "step", "rate", "seek", "reset",
 as fast as it goes); a time step to go to; a new episode; another run."""
 
 
-class Command(NamedTuple):
+class Control(NamedTuple):
     """What a page asks for, checked.
 
     Attributes:
@@ -32,10 +32,10 @@ class Command(NamedTuple):
     value: Any = None
 
 
-class Source(Protocol):
-    """What is shown."""
+class Controlled(Protocol):
+    """What is shown, and can be held, stepped and so on."""
 
-    def command(self, command: Command) -> None:
+    def control(self, control: Control) -> None:
         """Do it soon; what comes of it shows. Called from the server's thread.
 
         Raises:
@@ -43,40 +43,36 @@ class Source(Protocol):
         """
 
 
-def parse_command(data: Mapping[str, Any], allowed: tuple[str, ...]) -> Command:
+def parse_control(data: Mapping[str, Any], allowed: Collection[str]) -> Control:
     """Return what a page's message asks for.
 
     Args:
         data: the message: `do` and `value`.
-        allowed: the commands that the source takes.
+        allowed: the controls that there are now.
 
     Raises:
         SettingError: it is none of them, or its value makes no sense.
     """
-    name, value = data.get("do"), data.get("value")
+    name: Any = data.get("do")
+    value: Any = data.get("value")
     if not isinstance(name, str) or name not in allowed:
         raise SettingError(
             f"control {str(name)[:40]!r}: is none here; allowed: {', '.join(allowed) or 'none'}"
         )
-    if name == PAUSE:
-        if not isinstance(value, bool):
-            raise _bad(name, value, "true or false")
-    elif name in (STEP, SEEK):
-        if isinstance(value, bool) or not isinstance(value, int) or abs(value) > 2**53:
-            raise _bad(name, value, "a whole number")
-        if name == STEP and not 0 < abs(value) <= 1000:
-            raise _bad(name, value, "1 to 1000, or as much back")
-    elif name == RATE:
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise _bad(name, value, "a number from 0 to 1e6")
-        if not (value == 0 or 0.001 <= value <= 1e6):
-            raise _bad(name, value, "0 or 0.001 to 1e6")
-        value = float(value)
-    elif name == NEXT:
-        value = _next(value)
-    else:
-        value = None
-    return Command(name, value)
+    if name == NEXT:
+        return Control(name, _next(value))
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    whole = number and isinstance(value, int)
+    fits, words = {
+        PAUSE: (isinstance(value, bool), "true or false"),
+        STEP: (whole and 0 < abs(value) <= 1000, "1 to 1000, or as much back"),
+        SEEK: (whole and abs(value) <= 2**53, "a whole number"),
+        RATE: (number and (value == 0 or 0.001 <= value <= 1e6), "0 or 0.001 to 1e6"),
+        RESET: (True, ""),
+    }[name]
+    if not fits:
+        raise _bad(name, value, words)
+    return Control(name, float(value) if name == RATE else None if name == RESET else value)
 
 
 def _bad(name: str, value: Any, allowed: str) -> SettingError:

@@ -7,7 +7,6 @@ from collections import deque
 from types import SimpleNamespace
 from typing import NamedTuple
 
-import pytest
 import yaml
 from nav_msgs.srv import GetPlan
 from rclpy.serialization import serialize_message
@@ -315,61 +314,46 @@ class LoggedRobot:
         self.all.attach(self.k, step)
 
 
-@pytest.fixture(scope="session")
-def rewritten():
-    """Return a function that writes a bag anew, changed, with all checksums right."""
-
-    def rewrite(
-        bag,
-        directory,
-        change=lambda messages: messages,
-        attach=lambda found: found,
-        *,
-        record=None,
-        gap=(None, 0),
-    ):
-        shutil.rmtree(directory, ignore_errors=True)
-        source = open_bag(bag)
-        with BagWriter(directory) as new:
-            for name, texts in source.metadata.items():
-                if name != "rosbag2":
-                    new.add_metadata(name, {**texts, **(record or {})})
-            channels = {
-                topic.name: new.add_topic(topic.name, topic.type_name, topic.qos[0])
-                for topic in source.topics.values()
-            }
-            for one in change(list(source.messages())):
-                channel = channels[one.topic]
-                if (one.topic, one.sequence) == gap:
-                    new._counts[channel] += 1  # as if the message were cut out of the file
-                    continue
-                new.write(channel, one.data, one.log_time_ns, one.publish_time_ns)
-            attached = [
-                Attached(one.name, one.media_type, one.data, one.log_time_ns)
-                for one in source.attachments
-            ]
-            for one in attach(attached):
-                new.attach(one.name, one.data, one.media_type, one.log_time_ns)
-        return directory
-
-    return rewrite
+def rewritten(
+    bag,
+    directory,
+    change=lambda messages: messages,
+    attach=lambda found: found,
+    *,
+    record=None,
+    gap=(None, 0),
+):
+    """Write a bag anew, changed, with all checksums right."""
+    shutil.rmtree(directory, ignore_errors=True)
+    source = open_bag(bag)
+    with BagWriter(directory) as new:
+        for name, texts in source.metadata.items():
+            if name != "rosbag2":
+                new.add_metadata(name, {**texts, **(record or {})})
+        channels = {
+            topic.name: new.add_topic(topic.name, topic.type_name, topic.qos[0])
+            for topic in source.topics.values()
+        }
+        for one in change(list(source.messages())):
+            channel = channels[one.topic]
+            if (one.topic, one.sequence) == gap:
+                new._counts[channel] += 1  # as if the message were cut out of the file
+                continue
+            new.write(channel, one.data, one.log_time_ns, one.publish_time_ns)
+        attached = [
+            Attached(one.name, one.media_type, one.data, one.log_time_ns)
+            for one in source.attachments
+        ]
+        for one in attach(attached):
+            new.attach(one.name, one.data, one.media_type, one.log_time_ns)
+    return directory
 
 
-@pytest.fixture(scope="session")
-def record(tmp_path_factory):
-    """Return a function that records a run and returns its bag, run and protocols."""
-
-    def recorded(name="env1", settings=None, *, values=None, **options):
-        scenario = load_scenario(name).with_settings({"steps": 400, **OFTEN, **(settings or {})})
-        run = make_run(scenario, {"seed": 7, "checkpoint": 150, **(values or {})})
-        bag = tmp_path_factory.mktemp("recorded") / "bag"
-        recording = Recording(bag, run, **options)
-        return SimpleNamespace(bag=bag, run=run, recording=recording, names=recording.names)
-
-    return recorded
-
-
-@pytest.fixture(scope="session")
-def good(record):
-    """Return a recorded run of env1 in which half of the percepts fail; not to be changed."""
-    return record(settings={"perception": "probability:0.5"})
+def recorded(directory, name="env1", settings=None, *, values=None, **options):
+    """Record a run in which robots often ask; return its bag, run, protocols and robots' names."""
+    scenario = load_scenario(name).with_settings({"steps": 400, **OFTEN, **(settings or {})})
+    run = make_run(scenario, {"seed": 7, "checkpoint": 150, **(values or {})})
+    recording = Recording(directory / "bag", run, **options)
+    return SimpleNamespace(
+        bag=directory / "bag", run=run, recording=recording, names=recording.names
+    )
