@@ -51,11 +51,11 @@ if TYPE_CHECKING:
     from sparse_coord_ros.learn.learners import register_learner as register_learner
     from sparse_coord_ros.runlog import RunLog as RunLog
     from sparse_coord_ros.runlog import Verification as Verification
-    from sparse_coord_ros.solve.class_bound import ClassBound as ClassBound
-    from sparse_coord_ros.solve.class_bound import RobotPolicy as RobotPolicy
-    from sparse_coord_ros.solve.class_bound import shipped_class_bound as shipped_class_bound
     from sparse_coord_ros.solve.exact import ExactEvaluation as ExactEvaluation
     from sparse_coord_ros.solve.joint_mdp import JointMDP as JointMDP
+    from sparse_coord_ros.solve.shipped import ClassBound as ClassBound
+    from sparse_coord_ros.solve.shipped import RobotPolicy as RobotPolicy
+    from sparse_coord_ros.solve.shipped import shipped_class_bound as shipped_class_bound
 
 _PLACES = {
     # Scenarios
@@ -78,11 +78,11 @@ _PLACES = {
     "joint_mdp": "api",
     "JointMDP": "solve.joint_mdp",
     "class_bound": "api",
-    "shipped_class_bound": "solve.class_bound",
+    "shipped_class_bound": "solve.shipped",
     "Evaluation": "learn.evaluation",
     "ExactEvaluation": "solve.exact",
-    "ClassBound": "solve.class_bound",
-    "RobotPolicy": "solve.class_bound",
+    "ClassBound": "solve.shipped",
+    "RobotPolicy": "solve.shipped",
     # What is on disk
     "load_run": "api",
     "SavedRun": "api",

@@ -38,13 +38,13 @@ from sparse_coord_ros.learn.history import History, load_history, no_history
 from sparse_coord_ros.learn.learners import Learner, learner_of
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS, RunConfig
 from sparse_coord_ros.learn.tables import load_team
-from sparse_coord_ros.solve import exact
+from sparse_coord_ros.solve import class_search, exact
 from sparse_coord_ros.solve import joint_mdp as joint_mdp_module
-from sparse_coord_ros.solve.class_bound import RESTARTS, ClassBound
 from sparse_coord_ros.solve.exact import ExactEvaluation
 from sparse_coord_ros.solve.joint_mdp import JointMDP
 from sparse_coord_ros.solve.optimum import Optimum, joint_optimum
 from sparse_coord_ros.solve.reference import Reference, shortest_path_reference
+from sparse_coord_ros.solve.shipped import ClassBound
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -397,11 +397,9 @@ def class_bound(
         SettingError: not two robots, or a bad value.
         ResultsError: the file is that of another search.
     """
-    from sparse_coord_ros.solve import class_search
-
     return class_search.class_bound(
         loaded(scenario),
-        restarts=RESTARTS.parse(restarts),
+        restarts=class_search.RESTARTS.parse(restarts),
         seed=RUN_SETTINGS["seed"].parse(seed),
         file=None if file is None else Path(file),
         progress=progress,

@@ -22,8 +22,7 @@ from sparse_coord_ros.engine.compiled import compiled
 from sparse_coord_ros.experiments.catalogue import LONG
 from sparse_coord_ros.experiments.conditions import make_condition
 from sparse_coord_ros.files import write_whole
-from sparse_coord_ros.solve.best_team import BestTeam
-from sparse_coord_ros.solve.class_bound import game_digest
+from sparse_coord_ros.solve.shipped import BestTeam, game_digest
 from sparse_coord_ros.version import __version__
 from tools.coordination.__main__ import results_of
 from tools.coordination.studies import MANY, SEED, STUDIES

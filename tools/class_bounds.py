@@ -16,8 +16,8 @@ from pathlib import Path
 
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.solve.class_bound import ClassBound
 from sparse_coord_ros.solve.class_search import class_bound
+from sparse_coord_ros.solve.shipped import ClassBound
 
 FILE = Path(__file__).resolve().parents[1] / "config" / "class_bounds.json"
 SCENARIOS = ("env1", "env2-2r", "pentagon", "isr", "cit")

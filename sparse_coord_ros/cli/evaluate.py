@@ -14,10 +14,13 @@ from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.evaluation import TRIALS, Evaluation, Measure, check_tables, evaluate
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS, RunConfig, load_run
 from sparse_coord_ros.learn.tables import load_team
-from sparse_coord_ros.solve.best_team import shipped_best_team
-from sparse_coord_ros.solve.class_bound import game_digest, shipped_class_bound
 from sparse_coord_ros.solve.optimum import joint_optimum
-from sparse_coord_ros.solve.yardsticks import yardsticks
+from sparse_coord_ros.solve.shipped import (
+    game_digest,
+    shipped_best_team,
+    shipped_class_bound,
+    yardsticks,
+)
 
 if TYPE_CHECKING:
     from sparse_coord_ros.solve.exact import ExactEvaluation

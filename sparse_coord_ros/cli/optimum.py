@@ -11,16 +11,16 @@ from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS
-from sparse_coord_ros.solve.best_team import shipped_best_team
-from sparse_coord_ros.solve.class_bound import (
+from sparse_coord_ros.solve.class_search import (
     RESTARTS,
     WARNING,
-    ClassBound,
     check_class,
-    shipped_class_bound,
+    class_bound,
+    in_words,
 )
 from sparse_coord_ros.solve.optimum import LARGEST, independent_bound, joint_optimum
 from sparse_coord_ros.solve.reference import shortest_path_reference
+from sparse_coord_ros.solve.shipped import ClassBound, shipped_best_team, shipped_class_bound
 
 PICTURES = (".png", ".pdf", ".svg")
 OF_THE_SEARCH = ("restarts", "seed", "out", "picture")
@@ -96,7 +96,6 @@ def _class_bound(options: argparse.Namespace, scenario: Scenario) -> int:
     picture = options.picture
     if picture is not None and picture.suffix.lower() not in PICTURES:
         raise SettingError(f"--picture {picture}: allowed: a name ending in {', '.join(PICTURES)}")
-    from sparse_coord_ros.solve.class_search import class_bound, in_words
 
     def progress(done: int, of: int, best: float) -> None:
         if sys.stderr.isatty():

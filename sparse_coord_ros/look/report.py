@@ -27,7 +27,7 @@ from sparse_coord_ros.runlog.explain import explained, in_words
 from sparse_coord_ros.runlog.log import RunLog
 from sparse_coord_ros.solve.exact import evaluate_best
 from sparse_coord_ros.solve.reference import shortest_path_reference
-from sparse_coord_ros.solve.yardsticks import yardsticks
+from sparse_coord_ros.solve.shipped import yardsticks
 from sparse_coord_ros.version import __version__
 from sparse_coord_ros.wire import DIAGNOSTICS, ROSOUT
 

@@ -14,7 +14,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sparse_coord_ros.compiling import has_numba
 from sparse_coord_ros.game.actions import PRIMITIVES, STAY
+from sparse_coord_ros.kept import jit
 
 OUTCOMES = PRIMITIVES + 1
 """What a step can come to: each move, and `STAY`: a move failed, or the robot has arrived."""
@@ -164,72 +166,93 @@ def reach(game: WeightedGame, policy: ClassTeam, free: np.ndarray, space: Worksp
     return count
 
 
-def pair(
-    game: WeightedGame, value: np.ndarray, x: int, y: int, one: int, other: int
+def outcome(
+    lead: np.ndarray, success: float, x: int, sees: float, seen: int, unseen: int, number: int
+) -> tuple[int, float]:
+    """Return where a step leads, and how likely, by one of three outcomes.
+
+    The outcomes: the robot perceives its peer and its move `seen` succeeds; it does not, and its
+    move `unseen` succeeds; it stays in x.
+    """
+    if number == 0:
+        return lead[x, seen], success * sees
+    if number == 1:
+        return lead[x, unseen], success * (1.0 - sees)
+    return x, 1.0 - success
+
+
+def expected(
+    game: WeightedGame,
+    value: np.ndarray,
+    x: int,
+    y: int,
+    sees: tuple[float, float],
+    seen: tuple[int, int],
+    unseen: tuple[int, int],
 ) -> tuple[float, float]:
-    """Return what a pair of moves brings, without what staying in (x, y) brings later.
+    """Return what a joint step brings, without what staying in (x, y) brings later.
+
+    Args:
+        game: the game.
+        value: value of each joint state; (cells, cells).
+        x: the first robot's cell.
+        y: the second's.
+        sees: how likely each robot perceives the other.
+        seen: the move of each robot if it does.
+        unseen: its move if it does not.
 
     Returns:
         Expected reward, and value of what comes after unless both stay; probability of staying.
     """
     gain, stay = 0.0, 0.0
-    for i in range(2):
-        a = game.lead[x, one] if i == 0 else x
-        p = game.success if i == 0 else 1.0 - game.success
-        for j in range(2):
-            b = game.lead[y, other] if j == 0 else y
-            q = p * (game.success if j == 0 else 1.0 - game.success)
+    for i in range(3):
+        a, p = outcome(game.lead, game.success, x, sees[0], seen[0], unseen[0], i)
+        if p == 0.0:
+            continue
+        for j in range(3):
+            b, q = outcome(game.lead, game.success, y, sees[1], seen[1], unseen[1], j)
             got = game.toll[a, b]
             if a == game.goals[0] and x != a:
                 got += game.prize[0]
             if b == game.goals[1] and y != b:
                 got += game.prize[1]
             if a == x and b == y:
-                stay += q
-                gain += q * got
+                stay += p * q
             else:
-                gain += q * (got + game.discount * value[a, b])
+                got += game.discount * value[a, b]
+            gain += p * q * got
     return gain, stay
+
+
+def asks_at(game: WeightedGame, policy: ClassTeam, k: int, x: int) -> bool:
+    """Whether robot k asks in cell x."""
+    return bool(policy.asks[k, x] and x != game.goals[k])
 
 
 def best_at(
     game: WeightedGame, policy: ClassTeam, free: np.ndarray, value: np.ndarray, x: int, y: int
 ) -> float:
-    """Return the value of a joint state; choose the moves after a percept of who is free."""
-    asks0 = x != game.goals[0] and policy.asks[0, x]
-    asks1 = y != game.goals[1] and policy.asks[1, y]
+    """Return the value of a joint state; choose the moves after a percept of who is free.
+
+    Of moves that are equally good the first is chosen.
+    """
+    asks0, asks1 = asks_at(game, policy, 0, x), asks_at(game, policy, 1, y)
+    sees = game.percept[x, y] if asks0 else 0.0, game.percept[y, x] if asks1 else 0.0
+    cost = (game.cost[0] if asks0 else 0.0) + (game.cost[1] if asks1 else 0.0)
     move0 = STAY if x == game.goals[0] else policy.moves[0, x]
     move1 = STAY if y == game.goals[1] else policy.moves[1, y]
-    sees0 = game.percept[x, y] if asks0 else 0.0
-    sees1 = game.percept[y, x] if asks1 else 0.0
-    cost = (game.cost[0] if asks0 else 0.0) + (game.cost[1] if asks1 else 0.0)
-    many0 = PRIMITIVES if sees0 > 0.0 and free[0] else 1
-    many1 = PRIMITIVES if sees1 > 0.0 and free[1] else 1
-    best, best0, best1 = -np.inf, 0, 0
-    for i in range(many0):
-        seen0 = i if many0 > 1 else policy.seen[0, x, y]
-        for j in range(many1):
-            seen1 = j if many1 > 1 else policy.seen[1, y, x]
-            gain, stay = 0.0, 0.0
-            for a in range(2):
-                p = sees0 if a == 0 else 1.0 - sees0
-                if p == 0.0:
-                    continue
-                one = seen0 if a == 0 else move0
-                for b in range(2):
-                    q = p * (sees1 if b == 0 else 1.0 - sees1)
-                    if q == 0.0:
-                        continue
-                    other = seen1 if b == 0 else move1
-                    brings, stays = pair(game, value, x, y, one, other)
-                    gain += q * brings
-                    stay += q * stays
-            worth = (gain - cost) / (1.0 - game.discount * stay)
-            if worth > best + 1e-12:
-                best, best0, best1 = worth, i, j
-    if many0 > 1:
+    chooses0, chooses1 = sees[0] > 0.0 and free[0], sees[1] > 0.0 and free[1]
+    seen0, seen1 = policy.seen[0, x, y], policy.seen[1, y, x]
+    best, best0, best1 = -np.inf, seen0, seen1
+    for i in range(0 if chooses0 else seen0, PRIMITIVES if chooses0 else seen0 + 1):
+        for j in range(0 if chooses1 else seen1, PRIMITIVES if chooses1 else seen1 + 1):
+            gain, stay = expected(game, value, x, y, sees, (i, j), (move0, move1))
+            found = (gain - cost) / (1.0 - game.discount * stay)
+            if found > best + 1e-12:
+                best, best0, best1 = found, i, j
+    if chooses0:
         policy.seen[0, x, y] = best0
-    if many1 > 1:
+    if chooses1:
         policy.seen[1, y, x] = best1
     return best
 
@@ -391,7 +414,9 @@ PLAIN = SearchLoops(solve, visit, climb, fill)
 CALLED: tuple[Callable[..., Any], ...] = (
     can_do,
     reach,
-    pair,
+    outcome,
+    expected,
+    asks_at,
     best_at,
     sweep,
     solve,
@@ -404,11 +429,10 @@ CALLED: tuple[Callable[..., Any], ...] = (
 @functools.cache
 def compiled() -> SearchLoops:
     """Return the loops compiled by numba, or as plain Python where it is not installed."""
-    try:
-        import numba
-    except ImportError:
+    if not has_numba():
         return PLAIN
+    import numba
+
     for function in CALLED:
         numba.extending.register_jitable(function)
-    made: list[Any] = [numba.njit(nogil=True)(loop) for loop in PLAIN]
-    return SearchLoops(*made)
+    return SearchLoops(*jit(PLAIN))

@@ -20,21 +20,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.errors import ResultsError
+from sparse_coord_ros.errors import ResultsError, SettingError
 from sparse_coord_ros.files import write_whole
-from sparse_coord_ros.game.actions import ACTIONS, PRIMITIVES
+from sparse_coord_ros.game.actions import ACTIONS, MOVES, PRIMITIVES
 from sparse_coord_ros.game.links import check_up
 from sparse_coord_ros.game.miscoordination import meeting_places, together
 from sparse_coord_ros.game.perception import percept_probabilities
 from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.game.settings import Setting
 from sparse_coord_ros.solve import class_loops
-from sparse_coord_ros.solve.class_bound import (
-    LETTERS,
-    ClassBound,
-    RobotPolicy,
-    check_class,
-    game_digest,
-)
 from sparse_coord_ros.solve.class_loops import (
     OPTIONS,
     ClassTeam,
@@ -42,9 +36,17 @@ from sparse_coord_ros.solve.class_loops import (
     WeightedGame,
     Workspace,
 )
+from sparse_coord_ros.solve.shipped import ClassBound, RobotPolicy, game_digest
 from sparse_coord_ros.version import __version__
 
 FORMAT = 1
+WARNING = "a lower bound of what the best team of this form is worth: the search may miss it"
+
+RESTARTS = Setting("restarts", int, 20, "restarts of the search", low=1, high=1_000_000)
+
+LETTERS = "".join(name[0] for name in MOVES)
+"""The moves in a policy's texts: the first letters of the primitive actions, in their order."""
+
 PATIENCE = 10
 """A restart ends after as many shakes in vain."""
 
@@ -120,15 +122,15 @@ def class_bound(
     )
 
 
-def class_value(
-    scenario: Scenario, robots: Sequence[RobotPolicy], *, loops: SearchLoops = class_loops.PLAIN
-) -> float:
-    """Return what a team of these policies is worth, averaged and to infinity."""
-    game = _game(scenario, (0.5, 0.5))
-    nobody = np.zeros(2, dtype=np.bool_)
-    return loops.solve(
-        game, _from_texts(scenario, robots), nobody, _space(scenario, game), -np.inf
-    )
+def check_class(scenario: Scenario) -> None:
+    """Raise `SettingError` unless the scenario has two robots."""
+    team = len(scenario.robots)
+    if team != 2:
+        raise SettingError(
+            f"class bound: scenario {scenario.name} has {team} robot{'s' * (team != 1)}, allowed: "
+            "2; for others there are the bound of robots alone and the joint optimum, leave out "
+            "--class"
+        )
 
 
 def _game(scenario: Scenario, weights: tuple[float, float]) -> WeightedGame:

@@ -7,7 +7,8 @@ import json
 import pytest
 
 from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.solve.class_bound import WARNING, shipped_class_bound
+from sparse_coord_ros.solve.class_search import WARNING
+from sparse_coord_ros.solve.shipped import shipped_class_bound
 
 
 def test_exact(sparse_coord):

@@ -19,9 +19,9 @@ from sparse_coord_ros.game.buildings import Building, building_text
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.learn.evaluation import Measure
 from sparse_coord_ros.learn.learners import learner_of
-from sparse_coord_ros.solve.class_bound import shipped_class_bound
 from sparse_coord_ros.solve.optimum import independent_bound
 from sparse_coord_ros.solve.reference import shortest_path_reference
+from sparse_coord_ros.solve.shipped import shipped_class_bound
 
 SEED = 950_000
 """Seed of the first run: no search has seen these."""

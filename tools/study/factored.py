@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from sparse_coord_ros.experiments.catalogue import LONG
 from sparse_coord_ros.experiments.conditions import Condition, make_condition
 from sparse_coord_ros.experiments.store import ConditionResult
-from sparse_coord_ros.solve.class_bound import shipped_class_bound
+from sparse_coord_ros.solve.shipped import shipped_class_bound
 from tools.study.search import Choices, Compute, Judgement, Task, settings_of
 
 SPACE: Mapping[str, tuple[float, ...]] = {

@@ -17,8 +17,7 @@ from sparse_coord_ros.game.scenario import SETTINGS, Scenario, dense_nbytes
 from sparse_coord_ros.game.specs import Spec
 from sparse_coord_ros.learn.evaluation import Measure
 from sparse_coord_ros.learn.learners import learner_of
-from sparse_coord_ros.solve.best_team import shipped_best_team
-from sparse_coord_ros.solve.class_bound import shipped_class_bound
+from sparse_coord_ros.solve.shipped import shipped_best_team, shipped_class_bound
 
 PAPER_SETTINGS = (("penalty", "-20"),)
 """Settings of the conditions that the paper's Tables 1 to 3 show."""

@@ -15,8 +15,8 @@ from matplotlib.patches import Circle, Rectangle
 from sparse_coord_ros.experiments.report.entries import Entry
 from sparse_coord_ros.game.actions import DIRECTIONS
 from sparse_coord_ros.game.scenario import Scenario
-from sparse_coord_ros.solve.class_bound import ClassBound
 from sparse_coord_ros.solve.class_search import acting
+from sparse_coord_ros.solve.shipped import ClassBound
 
 COLOUR_MAP, DOORWAY, WALL = "Blues", "#D55E00", "0.25"
 CELL = 0.3

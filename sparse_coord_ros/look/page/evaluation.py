@@ -8,7 +8,7 @@ from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.look.page.messages import Message
 from sparse_coord_ros.solve.exact import evaluate_best
-from sparse_coord_ros.solve.yardsticks import yardsticks
+from sparse_coord_ros.solve.shipped import yardsticks
 
 TRIALS = 300
 """Trials of a team that cannot be evaluated exactly."""
