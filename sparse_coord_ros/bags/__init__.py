@@ -3,7 +3,7 @@
 """MCAP bags in rosbag2's layout, written and read without rclpy."""
 
 from sparse_coord_ros.bags.contents import Attachment
-from sparse_coord_ros.bags.metadata import TopicSummary, bag_information, metadata_yaml
+from sparse_coord_ros.bags.metadata import bag_information, metadata_yaml
 from sparse_coord_ros.bags.qos import QoS, offered_qos_profiles
 from sparse_coord_ros.bags.reader import Bag, Message, open_bag
 from sparse_coord_ros.bags.schemas import schema_text, type_hash
@@ -19,7 +19,6 @@ __all__ = [
     "Message",
     "QoS",
     "BagTopic",
-    "TopicSummary",
     "bag_information",
     "metadata_yaml",
     "offered_qos_profiles",

@@ -9,16 +9,8 @@ import stat
 from pathlib import Path
 from typing import BinaryIO
 
-from mcap.writer import CompressionType
-
 from sparse_coord_ros.errors import BagError
 from sparse_coord_ros.files import PARTIAL, sync_directory, take_lock, write_whole
-
-_COMPRESSIONS = {
-    "zstd": CompressionType.ZSTD,
-    "lz4": CompressionType.LZ4,
-    "none": CompressionType.NONE,
-}
 
 
 class OutputFile:
@@ -100,13 +92,6 @@ class OutputFile:
             self._file.close()
         except OSError as error:
             raise BagError(f"cannot close {self.path}: {error.strerror}") from error
-
-
-def chunk_compression(compression: str) -> CompressionType:
-    """Return mcap's name for a chunk compression; raises BagError if there is no such one."""
-    if compression not in _COMPRESSIONS:
-        raise BagError(f"compression is {compression!r}: give one of {', '.join(_COMPRESSIONS)}")
-    return _COMPRESSIONS[compression]
 
 
 def create_bag_file(directory: Path, file_name: str, *, new: bool = True) -> OutputFile:

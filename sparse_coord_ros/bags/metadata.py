@@ -6,11 +6,11 @@ The same information goes into the MCAP file itself as the metadata record `rosb
 bag file without its directory is still understood.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sparse_coord_ros.bags.qos import QoS, yaml_text
+from sparse_coord_ros.bags.qos import yaml_text
 from sparse_coord_ros.bags.topics import BagTopic
 
 METADATA_FILE = "metadata.yaml"
@@ -32,79 +32,27 @@ _NO_START_NS = 2**63 - 1
 
 
 @dataclass(frozen=True)
-class TopicSummary:
-    """What `metadata.yaml` says about one topic.
-
-    Attributes:
-        name: the topic's full name, with a leading slash.
-        type_name: its message type, e.g. `nav_msgs/msg/Path`.
-        message_count: number of messages in the bag.
-        qos: the profile of each publisher.
-        type_hash: the type's RIHS01 hash, empty if unknown.
-    """
-
-    name: str
-    type_name: str
-    message_count: int
-    qos: tuple[QoS, ...] = (QoS(),)
-    type_hash: str = ""
-
-    def as_mapping(self) -> dict[str, Any]:
-        """Return the topic's entry in `topics_with_message_count`."""
-        return {
-            "topic_metadata": {
-                "name": self.name,
-                "type": self.type_name,
-                "serialization_format": "cdr",
-                "offered_qos_profiles": [profile.as_mapping() for profile in self.qos],
-                "type_description_hash": self.type_hash,
-            },
-            "message_count": self.message_count,
-        }
-
-
-def topic_summary(topic: BagTopic, count: int) -> TopicSummary:
-    """Return what `metadata.yaml` says about a topic of so many messages."""
-    return TopicSummary(topic.name, topic.type_name, count, topic.qos, topic.type_hash)
-
-
-@dataclass(frozen=True)
 class FileSummary:
     """What `metadata.yaml` says about one of the bag's files.
 
     Attributes:
         name: its name in the bag's directory.
-        message_count: number of messages in it.
+        counts: number of messages by topic.
         start_ns, end_ns: log times of its earliest and latest message; ignored without any.
     """
 
     name: str
-    message_count: int
+    counts: Mapping[str, int]
     start_ns: int
     end_ns: int
 
-    def as_mapping(self) -> dict[str, Any]:
-        """Return the file's entry in `files`."""
-        return {"path": self.name} | self.times() | {"message_count": self.message_count}
-
-    def times(self) -> dict[str, Any]:
-        """Return when it begins and how long it lasts."""
-        start, length = _NO_START_NS, 0
-        if self.message_count:
-            start, length = self.start_ns, self.end_ns - self.start_ns
-        return {
-            "starting_time": {"nanoseconds_since_epoch": start},
-            "duration": {"nanoseconds": length},
-        }
+    @property
+    def message_count(self) -> int:
+        """Number of messages of all topics."""
+        return sum(self.counts.values())
 
 
-def bag_information(
-    files: Sequence[FileSummary],
-    topics: Sequence[TopicSummary],
-    *,
-    custom_data: Mapping[str, str] | None = None,
-    ros_distro: str = ROS_DISTRO,
-) -> dict[str, Any]:
+def bag_information(files: Sequence[FileSummary], topics: Iterable[BagTopic]) -> dict[str, Any]:
     """Return what rosbag2 stores about a bag, keys in rosbag2's order.
 
     Chunks are compressed inside the MCAP file, of which rosbag2 knows nothing: its compression
@@ -112,31 +60,50 @@ def bag_information(
 
     Args:
         files: its files, one after the other.
-        topics: one summary a topic, in the order they are to be listed.
-        custom_data: texts for `ros2 bag info` to show, none by default.
-        ros_distro: name of the ROS distribution that recorded the bag.
+        topics: its topics, in the order they are to be listed.
     """
-    filled = [file for file in files if file.message_count]
-    whole = FileSummary(
-        "",
-        sum(file.message_count for file in files),
-        min((file.start_ns for file in filled), default=0),
-        max((file.end_ns for file in filled), default=0),
-    )
-    times = whole.times()
+    whole = _times(files)
     return {
         "version": METADATA_VERSION,
         "storage_identifier": "mcap",
-        "duration": times["duration"],
-        "starting_time": times["starting_time"],
-        "message_count": whole.message_count,
-        "topics_with_message_count": [topic.as_mapping() for topic in topics],
+        "duration": whole["duration"],
+        "starting_time": whole["starting_time"],
+        "message_count": sum(file.message_count for file in files),
+        "topics_with_message_count": [
+            {
+                "topic_metadata": {
+                    "name": topic.name,
+                    "type": topic.type_name,
+                    "serialization_format": "cdr",
+                    "offered_qos_profiles": [profile.as_mapping() for profile in topic.qos],
+                    "type_description_hash": topic.type_hash,
+                },
+                "message_count": sum(file.counts.get(topic.name, 0) for file in files),
+            }
+            for topic in topics
+        ],
         "compression_format": "",
         "compression_mode": "",
         "relative_file_paths": [file.name for file in files],
-        "files": [file.as_mapping() for file in files],
-        "custom_data": dict(custom_data) if custom_data else None,
-        "ros_distro": ros_distro,
+        "files": [
+            {"path": file.name} | _times([file]) | {"message_count": file.message_count}
+            for file in files
+        ],
+        "custom_data": None,
+        "ros_distro": ROS_DISTRO,
+    }
+
+
+def _times(files: Sequence[FileSummary]) -> dict[str, dict[str, int]]:
+    """Return when files begin and how long they last."""
+    filled = [file for file in files if file.message_count]
+    start, length = _NO_START_NS, 0
+    if filled:
+        start = min(file.start_ns for file in filled)
+        length = max(file.end_ns for file in filled) - start
+    return {
+        "starting_time": {"nanoseconds_since_epoch": start},
+        "duration": {"nanoseconds": length},
     }
 
 

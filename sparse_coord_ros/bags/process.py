@@ -3,13 +3,12 @@
 """A bag writer in a process of its own, so that writing takes no time from a run beside it."""
 
 import contextlib
-import pickle
-import select
 import signal
 import socket
 import struct
 import subprocess
 import sys
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -23,10 +22,8 @@ BATCH = 500
 SEND_BYTES = 1 << 22
 """Wanted buffer between the processes (the system may give less), for the writer's pauses."""
 
-PATIENCE_SECONDS = 30.0
+PATIENCE_SECONDS = 30
 """A writer that takes or says nothing for so long has failed (its disk hangs)."""
-
-_LENGTH = struct.Struct("<I")
 
 
 class BagProcess:
@@ -55,11 +52,11 @@ class BagProcess:
         self._refusal: str | None = None
         self._begun = False
         self.message_count = self.bytes_written = 0
-        self._socket, theirs = socket.socketpair()
-        self._socket.settimeout(PATIENCE_SECONDS)
-        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BYTES)
-        self._answers = select.poll()  # select would refuse a number above 1023
-        self._answers.register(self._socket, select.POLLIN)
+        ours, theirs = socket.socketpair()
+        ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BYTES)
+        for direction in (socket.SO_SNDTIMEO, socket.SO_RCVTIMEO):
+            ours.setsockopt(socket.SOL_SOCKET, direction, struct.pack("ll", PATIENCE_SECONDS, 0))
+        self._connection = Connection(ours.detach())
         try:
             with theirs:
                 self._process = subprocess.Popen(
@@ -69,7 +66,7 @@ class BagProcess:
                     start_new_session=True,
                 )
         except OSError as error:
-            self._socket.close()
+            self._connection.close()
             raise BagError(
                 f"cannot start the writer process of the bag {directory}: {error.strerror}; "
                 "nothing is recorded"
@@ -137,22 +134,19 @@ class BagProcess:
         """Take in what the child has answered until now, and let it do something."""
         if self._refusal is not None:
             raise BagError(self._refusal)
-        while self._answers.poll(0):
-            self._receive()
         try:
-            _send(self._socket, (method, *arguments))
+            while self._connection.poll():
+                self._receive()
+            self._connection.send((method, *arguments))
         except OSError as error:
             self._fail(error)
 
     def _receive(self) -> tuple[str, Any]:
         """Wait for an answer of the child."""
         try:
-            answer = _receive(self._socket)
-        except OSError as error:
+            name, value = self._connection.recv()
+        except (OSError, EOFError) as error:
             self._fail(error)
-        if answer is None:
-            self._fail(None)
-        name, value = answer
         if name == "refusal":
             self._refusal = value
             raise BagError(value)
@@ -160,9 +154,9 @@ class BagProcess:
             self.bytes_written = value
         return name, value
 
-    def _fail(self, error: OSError | None) -> NoReturn:
+    def _fail(self, error: OSError | EOFError) -> NoReturn:
         """Raise BagError: the child hangs, or it is gone."""
-        hangs = isinstance(error, TimeoutError)
+        hangs = isinstance(error, BlockingIOError)
         what = f"has not moved for {PATIENCE_SECONDS:g} s" if hangs else "has ended"
         if self._begun:
             remedy = "look at its disk" if hangs else "'sparse_coord recover' finishes it"
@@ -175,7 +169,7 @@ class BagProcess:
 
     def _end(self) -> None:
         """Take leave of the child; kill it where it hangs."""
-        self._socket.close()
+        self._connection.close()
         try:
             self._process.wait(PATIENCE_SECONDS)
         except subprocess.TimeoutExpired:
@@ -208,51 +202,30 @@ class _Child:
         return getattr(self.bag, name)
 
 
-def _send(connection: socket.socket, what: tuple) -> None:
-    data = pickle.dumps(what, protocol=5)
-    connection.sendall(_LENGTH.pack(len(data)) + data)
-
-
-def _receive(connection: socket.socket) -> tuple | None:
-    """Return the next thing that was sent, or None at the end."""
-    head = _receive_bytes(connection, _LENGTH.size)
-    data = head and _receive_bytes(connection, _LENGTH.unpack(head)[0])
-    return pickle.loads(data) if data else None
-
-
-def _receive_bytes(connection: socket.socket, count: int) -> bytes | None:
-    data = bytearray()
-    while len(data) < count:
-        part = connection.recv(count - len(data))
-        if not part:
-            return None
-        data += part
-    return bytes(data)
-
-
 def main() -> int:
     """Serve the process at the other end of the socket whose number is the only argument."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)  # it ends when its parent does
     child = _Child()
-    with socket.socket(fileno=int(sys.argv[1])) as connection, contextlib.suppress(OSError):
+    gone = contextlib.suppress(OSError, EOFError)  # a killed parent wants no answer
+    with Connection(int(sys.argv[1])) as connection, gone:
         try:
-            while (request := _receive(connection)) is not None:
-                name, *arguments = request
+            while True:
+                name, *arguments = connection.recv()
                 value = getattr(child, name)(*arguments)
                 if name != "write_all":
-                    with contextlib.suppress(BrokenPipeError):  # a killed parent wants no answer
-                        _send(connection, (name, value))
+                    with contextlib.suppress(BrokenPipeError):
+                        connection.send((name, value))
                 if name == "close":
                     return 0
         except BagError as error:
-            _send(connection, ("refusal", str(error)))
+            connection.send(("refusal", str(error)))
         finally:
             if child.bag is not None:
                 with contextlib.suppress(BagError):
                     child.bag.abandon()
-        while connection.recv(1 << 16):
-            pass  # until the parent has read the refusal and closes: its writes do not fail
+        while True:
+            connection.recv_bytes()  # until the parent has read the refusal and closes
     return 0
 
 

@@ -21,7 +21,6 @@ from sparse_coord_ros.bags.metadata import (
     FileSummary,
     bag_information,
     metadata_yaml,
-    topic_summary,
 )
 from sparse_coord_ros.bags.reader import Bag, bag_files, number_of, open_bag
 from sparse_coord_ros.bags.writer import BagWriter, Earlier
@@ -78,7 +77,9 @@ def recover(path: Path) -> Recovery:
             held.enter_context(_not_recording(file))
         bag = open_bag(path)
         if not (bag.topics or bag.metadata or bag.attachments):
-            raise BagError(f"{files[0]} holds nothing to recover{_because(bag)}")
+            raise BagError(
+                f"{files[0]} holds nothing to recover{f': {bag.damage}' if bag.damage else ''}"
+            )
         try:
             return _in_place(bag, files[0].parent) if path.is_dir() else _beside(bag)
         except OSError as error:
@@ -114,12 +115,11 @@ def continued(directory: Path) -> Earlier | None:
     if recovery.complete and recovery.kept is not None:
         recovery.kept.unlink()  # all of it is in the file that was finished
     bag = open_bag(directory)
-    files = bag_files(directory)
+    last = bag.files[-1].path
     return Earlier(
-        number_of(files[-1].name) + 1,
-        _name(files[-1]),
-        tuple(_file_summary(file) for file in bag.files),
-        bag.counts,
+        _number(last) + 1,
+        _stem(last),
+        tuple(map(_summary, bag.files)),
         bag.topics,
         bag.end_ns,
         _run_id(bag),
@@ -154,9 +154,9 @@ def _in_place(bag: Bag, directory: Path) -> Recovery:
     kept: list[Path] = []
     renamed = False
     for one in bag.files:
-        file, finished = one.path, directory / f"{_name(one.path)}_{number_of(one.path.name)}.mcap"
+        file, finished = one.path, directory / f"{_stem(one.path)}_{_number(one.path)}.mcap"
         if not one.finished or one.damage is not None:
-            with _draft(Bag([one]), directory / _DRAFT, finished.name) as draft:
+            with _draft(Bag([one]), directory / _DRAFT) as draft:
                 kept.append(_keep(file))
                 if metadata.exists():
                     _keep(metadata)
@@ -184,27 +184,25 @@ def _beside(bag: Bag) -> Recovery:
     directory = file.with_name(f"{stem}_recovered")
     if directory.exists():
         raise BagError(f"{directory} exists, nothing is overwritten: move it away")
-    name = f"{_name(file)}_{number_of(file.name)}.mcap"
-    with _draft(bag, file.with_name(f".{directory.name}"), name) as draft:
+    with _draft(bag, file.with_name(f".{directory.name}")) as draft:
         os.rename(draft, directory)
         sync_directory(directory.parent)
     return Recovery(directory, bag, file, True)
 
 
 @contextlib.contextmanager
-def _draft(bag: Bag, directory: Path, name: str) -> Iterator[Path]:
+def _draft(bag: Bag, directory: Path) -> Iterator[Path]:
     """Write all that can be read of a bag's file into a directory, checked, removed at the end.
 
     Args:
         bag: one file.
         directory: a new one.
-        name: of the file in it.
     """
     shutil.rmtree(directory, ignore_errors=True)
     compression = bag.compressions[0] if len(bag.compressions) == 1 else "zstd"
     try:
-        stem = name.removesuffix(".mcap").rpartition("_")[0]
-        with BagWriter(directory, compression=compression, name=stem) as writer:
+        name, number = _stem(bag.path), _number(bag.path)
+        with BagWriter(directory, compression=compression, name=name, number=number) as writer:
             if (note := _note(bag)) is not None:
                 writer.add_metadata(RECOVERED_RECORD, note)
             for record, texts in bag.metadata_records:
@@ -217,10 +215,6 @@ def _draft(bag: Bag, directory: Path, name: str) -> Iterator[Path]:
             channels = {t.name: writer.add_known_topic(t) for t in bag.topics.values()}
             for topic, data, log_ns, publish_ns, sequence in bag.messages():
                 writer.write(channels[topic], data, log_ns, publish_ns, sequence)
-        if name != f"{stem}_0.mcap":
-            (directory / f"{stem}_0.mcap").rename(directory / name)
-            text = (directory / METADATA_FILE).read_text().replace(f"{stem}_0.mcap", name)
-            (directory / METADATA_FILE).write_text(text)
         copy = open_bag(directory)
         if copy.damage or copy.counts != bag.counts:
             raise BagError(f"what was recovered of {bag.path} does not read back: {copy.damage}")
@@ -261,14 +255,14 @@ def recovered_text(note: Mapping[str, str]) -> str:
     return f"{text}; damage at {note['damage']}" if note.get("damage") else text
 
 
-def _name(file: Path) -> str:
+def _stem(file: Path) -> str:
     """Return what the names of a bag's files begin with."""
     stem = file.name.removesuffix(PARTIAL).removesuffix(".mcap")
-    return stem.removesuffix(f"_{number_of(file.name)}") or "bag"
+    return stem.removesuffix(f"_{_number(file)}") or "bag"
 
 
-def _because(bag: Bag) -> str:
-    return f": {bag.damage}" if bag.damage else ""
+def _number(file: Path) -> int:
+    return number_of(file.name)
 
 
 def _keep(file: Path) -> Path:
@@ -297,13 +291,13 @@ def _describes(metadata: Path, bag: Bag) -> bool:
 def _write_metadata(metadata: Path, bag: Bag) -> None:
     if metadata.exists():
         _keep(metadata)
-    topics = [topic_summary(topic, bag.counts[topic.name]) for topic in bag.topics.values()]
-    files = [_file_summary(file) for file in bag.files]
-    write_text(metadata, metadata_yaml(bag_information(files, topics)))
+    information = bag_information(list(map(_summary, bag.files)), bag.topics.values())
+    write_text(metadata, metadata_yaml(information))
 
 
-def _file_summary(file: BagFile) -> FileSummary:
-    return FileSummary(file.path.name, file.message_count, file.start_ns, file.end_ns)
+def _summary(file: BagFile) -> FileSummary:
+    counts = Bag([file]).counts
+    return FileSummary(file.path.name, counts, file.start_ns, file.end_ns)
 
 
 @contextlib.contextmanager

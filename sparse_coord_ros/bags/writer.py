@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from mcap.writer import Writer
+from mcap.writer import CompressionType, Writer
 
-from sparse_coord_ros.bags.layout import chunk_compression, create_bag_file, write_text
+from sparse_coord_ros.bags.layout import create_bag_file, write_text
 from sparse_coord_ros.bags.metadata import (
     CONTINUED_RECORD,
     METADATA_FILE,
@@ -18,7 +18,6 @@ from sparse_coord_ros.bags.metadata import (
     FileSummary,
     bag_information,
     metadata_yaml,
-    topic_summary,
 )
 from sparse_coord_ros.bags.qos import QoS, offered_qos_profiles, yaml_text
 from sparse_coord_ros.bags.records import LARGEST_RECORD, LATEST_NS
@@ -26,6 +25,12 @@ from sparse_coord_ros.bags.schemas import schema_text, type_hash
 from sparse_coord_ros.bags.topics import BagTopic
 from sparse_coord_ros.errors import BagError
 from sparse_coord_ros.version import __version__
+
+COMPRESSIONS = {
+    "zstd": CompressionType.ZSTD,
+    "lz4": CompressionType.LZ4,
+    "none": CompressionType.NONE,
+}
 
 DEFAULT_CHUNK_SIZE = 256 * 1024
 """Bytes of uncompressed messages in a chunk: what a killed process loses at most."""
@@ -40,7 +45,6 @@ class Earlier(NamedTuple):
         number: of the file that comes next.
         name: stem of the files.
         files: those that are there.
-        counts: messages by topic.
         topics: by name.
         end_ns: latest log time.
         run_id: identity of the run that it records; empty: unknown.
@@ -49,7 +53,6 @@ class Earlier(NamedTuple):
     number: int
     name: str
     files: tuple[FileSummary, ...]
-    counts: Mapping[str, int]
     topics: Mapping[str, BagTopic]
     end_ns: int
     run_id: str = ""
@@ -74,6 +77,7 @@ class BagWriter:
         compression: of chunks: `zstd`, `lz4` or `none`.
         chunk_size: bytes of uncompressed messages after which a chunk is written, up to 64 MiB.
         name: stem of the MCAP file; the directory's name by default.
+        number: of its first file.
         max_bytes: begin another file after so many; 0: never.
         max_ns: the same, after so much log time.
         earlier: the bag that is to be continued, in that directory; None: a new one.
@@ -90,13 +94,18 @@ class BagWriter:
         compression: str = "zstd",
         chunk_size: int = DEFAULT_CHUNK_SIZE,
         name: str | None = None,
+        number: int = 0,
         max_bytes: int = 0,
         max_ns: int = 0,
         earlier: Earlier | None = None,
         why: Mapping[str, str] | None = None,
     ) -> None:
         """Make the directory and start the file, as the class says."""
-        self._compression = chunk_compression(compression)
+        if compression not in COMPRESSIONS:
+            raise BagError(
+                f"compression is {compression!r}: give one of {', '.join(COMPRESSIONS)}"
+            )
+        self._compression = COMPRESSIONS[compression]
         if type(chunk_size) is not int or not 1 <= chunk_size <= _LARGEST_CHUNK_SIZE:
             raise BagError(
                 f"chunk_size is {chunk_size!r}: give a number of bytes, 1 to {_LARGEST_CHUNK_SIZE}"
@@ -105,14 +114,12 @@ class BagWriter:
         self._max_bytes, self._max_ns = max_bytes, max_ns
         self._directory = Path(directory)
         stem = self._directory.name if name is None else name
-        if earlier is not None:
-            stem = earlier.name
         if not stem or "/" in stem or "\0" in stem:
             raise BagError(f"bag name is {stem!r}: give a file name, without directories")
-        self._stem, self._number = stem, 0 if earlier is None else earlier.number
-        self._files: list[FileSummary] = [] if earlier is None else [*earlier.files]
-        self._counts_before = {} if earlier is None else dict(earlier.counts)
-        self._topics_before = {} if earlier is None else dict(earlier.topics)
+        before = earlier or Earlier(number, stem, (), {}, 0)
+        self._stem, self._number = before.name, before.number
+        self._files: list[FileSummary] = [*before.files]
+        self._topics_before = before.topics
         self._bytes_before = 0
         self._channels: dict[str, int] = {}
         self._topics: dict[str, BagTopic] = {}
@@ -133,7 +140,6 @@ class BagWriter:
         )
         self._add_message = self._writer.add_message
         self._schema_ids: dict[tuple[str, str, str], int] = {}
-        self._before = dict(self._counts)
         self._start_ns = LATEST_NS
         self._end_ns = 0
         self._writer.start(profile="ros2", library=f"sparse_coord_ros {__version__}")
@@ -205,8 +211,7 @@ class BagWriter:
             raise BagError(f"topic {topic.name} is in the bag already: add a topic once")
         self._topics[topic.name] = topic
         channel_id = self._channels[topic.name] = self._register(topic)
-        self._counts[channel_id] = self._counts_before.get(topic.name, 0)
-        self._before[channel_id] = self._counts[channel_id]
+        self._counts[channel_id] = self._in_files(topic.name)
         return channel_id
 
     def _register(self, topic: BagTopic) -> int:
@@ -323,26 +328,26 @@ class BagWriter:
         if self._file.closed:
             return
         self._finish_file()
-        topics = self._topics_before | self._topics
-        counts = self._counts_before | {n: self._counts[c] for n, c in self._channels.items()}
-        summaries = [topic_summary(topic, counts[name]) for name, topic in topics.items()]
-        information = bag_information(self._files, summaries)
+        topics = {**self._topics_before, **self._topics}
+        information = bag_information(self._files, topics.values())
         write_text(self._directory / METADATA_FILE, metadata_yaml(information))
+
+    def _in_files(self, topic: str) -> int:
+        """Return how many messages of a topic are in the files that are finished."""
+        return sum(file.counts.get(topic, 0) for file in self._files)
 
     def _finish_file(self) -> None:
         """Finish and rename the file, and close it in any case."""
-        counts = {c: count - self._before[c] for c, count in self._counts.items()}
-        file = FileSummary(self._file_name, sum(counts.values()), self._start_ns, self._end_ns)
-        summaries = [
-            topic_summary(topic, counts[self._channels[name]])
-            for name, topic in self._topics.items()
-        ]
+        counts = {
+            name: self._counts[c] - self._in_files(name) for name, c in self._channels.items()
+        }
+        file = FileSummary(self._file_name, counts, self._start_ns, self._end_ns)
         try:
             self._file.check_usable()
             self._writer.flush()
             # rosbag2 stores its information in the file too, and reads it from there if the
             # MCAP file is opened alone.
-            information = bag_information([file], summaries)
+            information = bag_information([file], self._topics.values())
             self._writer.add_metadata(
                 METADATA_RECORD, {"serialized_metadata": yaml_text(information)}
             )

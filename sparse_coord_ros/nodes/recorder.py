@@ -3,7 +3,6 @@
 """The recorder node: every topic of the team and the service events, as CDR, into a bag."""
 
 import contextlib
-import functools
 import shutil
 import struct
 import sys
@@ -11,12 +10,13 @@ import time
 from collections.abc import Callable, Mapping
 from datetime import datetime
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any
 
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 
 from sparse_coord_ros import wire
@@ -24,7 +24,6 @@ from sparse_coord_ros.bags import BagWriter, QoS
 from sparse_coord_ros.bags.metadata import RESTARTED, ROLLED_BACK
 from sparse_coord_ros.bags.process import BagProcess
 from sparse_coord_ros.bags.recover import continued
-from sparse_coord_ros.bags.writer import Earlier
 from sparse_coord_ros.errors import BagError, RunError, SparseCoordError
 from sparse_coord_ros.learn.run_config import (
     MAP_FILE,
@@ -34,29 +33,23 @@ from sparse_coord_ros.learn.run_config import (
     RunConfig,
 )
 from sparse_coord_ros.lockstep.rollback import NO_ORDER, ROLL_CALL, Order, Progress
-from sparse_coord_ros.lockstep.waiting import WorldPresence
 from sparse_coord_ros.nodes import interface
-from sparse_coord_ros.nodes.intake import Intake
+from sparse_coord_ros.nodes.follower import Follower
 from sparse_coord_ros.nodes.messages import (
     Announced,
     Converter,
     Said,
     progress_message,
-    read_run,
-    read_status,
     read_tables_message,
     status,
     typed,
 )
-from sparse_coord_ros.nodes.parameters import RECORDER_PARAMETERS, ParameterNode
+from sparse_coord_ros.nodes.parameters import RECORDER_PARAMETERS
 from sparse_coord_ros.nodes.spin import run_node
 from sparse_coord_ros.nodes.tap import Tap
 from sparse_coord_ros.wire import RECORDER, WORLD
 from sparse_coord_ros.wire.frame import SECOND, STAMPED
 
-TICK_SECONDS = 0.02
-REPORT_SECONDS = 1.0
-STATUS = interface.STATUS
 ROS_TOPICS = (interface.ROSOUT, interface.PARAMETER_EVENTS)
 QUIET_SECONDS = 0.3
 """After the run's end, the bag is closed when nothing has come for so long."""
@@ -66,27 +59,141 @@ KEPT_FREE = 32 << 20
 """Bytes of the disk that a recording leaves free, so that tables can still be saved."""
 LAG_STEPS = 1000
 """How far one topic may be ahead of all others: on a busy machine they arrive in bursts."""
-STOP_SECONDS = 1.0
-"""How long a recorder that gets a signal waits for the world's last status: both may get it."""
 
 
-Bag: TypeAlias = BagWriter | BagProcess
-
-
-class Recording(NamedTuple):
-    """What exists once a run is announced: the run, its bag, and what is known of its world."""
-
-    run: RunConfig
-    bag: Bag
-    watch: WorldPresence
-
-
-class Recorder(ParameterNode):
-    """Writes raw messages at the simulated time.
+class Recording:
+    """What exists once a run has begun: its bag, and the time at which messages are logged.
 
     A message that begins with a stamp is logged at that time, any other at the newest stamp seen:
     the bag's time line is the world's, however fast the run went. (When something happened by the
     wall clock, the service events say.)
+
+    Args:
+        run: the run.
+        bag: its bag.
+        directory: where that is.
+        flush_steps: after so many time steps all must survive this process.
+        odd: hears of a topic's message that does not fit: why, and what becomes of it.
+
+    Attributes:
+        run, bag: as above.
+        convert: between the run's time steps and ROS time.
+        now_ns: the newest stamp seen.
+        said_ns: the time that the world has said.
+        heard: when the last message came, by `time.monotonic`.
+        obeyed: name of the last order to go back.
+        final: the robots whose last tables have come.
+    """
+
+    def __init__(
+        self,
+        run: RunConfig,
+        bag: BagWriter | BagProcess,
+        directory: Path,
+        flush_steps: int,
+        odd: Callable[..., None],
+    ) -> None:
+        self.run, self.bag = run, bag
+        self.convert = Converter(run)
+        self.now_ns = self.said_ns = 0
+        self.heard = self._flushed = time.monotonic()
+        self.obeyed = NO_ORDER
+        self.final: set[str] = set()
+        self._directory, self._flush_steps, self._odd = directory, flush_steps, odd
+        self._near_ns = LAG_STEPS * self.convert.period
+        self._count = self._steps = 0
+        self._tables: dict[str, tuple[int, bytes]] = {}
+
+    def begin(self, run_text: str, channel: int) -> None:
+        """Write down what the run is; not where its bag is continued, which has it."""
+        bag, scenario = self.bag, self.run.scenario
+        record = {**self.run.record(), wire.FORMAT_KEY: str(wire.BAG_FORMAT)}
+        bag.add_metadata(RUN_RECORD, record)
+        text = yaml.safe_dump(scenario.to_dict(), sort_keys=False, allow_unicode=True)
+        bag.attach(RUN_FILE, run_text.encode(), "application/yaml")
+        bag.attach(SCENARIO_FILE, text.encode(), "application/yaml")
+        bag.attach(MAP_FILE, scenario.map.to_text().encode(), "text/plain")
+        bag.write(channel, serialize_message(String(data=run_text)), 0, 0)
+
+    def writer(self, channel: int, name: str, *, stamped: bool) -> Callable[[bytes], None]:
+        """Return what writes down a topic's messages."""
+        write, unpack_stamp = self.bag.write, STAMPED.unpack_from
+
+        def stamped_message(data: bytes) -> None:
+            self._count += 1
+            try:
+                sec, nanosec = unpack_stamp(data)
+            except struct.error as error:
+                self._odd(name, error)
+                return
+            at, now = sec * SECOND + nanosec, self.now_ns
+            if at < 0 or at > max(now, self.said_ns) + self._near_ns:
+                why = f"stamp {sec} s {nanosec} ns is not of the run's time {now / SECOND:g} s"
+                self._odd(name, why, "message recorded at the run's time")
+                at = now
+            elif at > now:
+                self.now_ns = at
+                self._steps += 1
+                if self._steps >= self._flush_steps:
+                    self.flush()
+            write(channel, data, at, at)
+
+        def other_message(data: bytes) -> None:
+            self._count += 1
+            write(channel, data, self.now_ns, self.now_ns)
+
+        return stamped_message if stamped else other_message
+
+    def attach_tables(self, robot: str, packed: bytes, step: int, occasion: str) -> None:
+        """Attach a robot's tables to the bag, each but once."""
+        self.heard = time.monotonic()
+        if self._tables.get(robot) != (step, packed):
+            self._tables[robot] = (step, packed)
+            name = wire.tables_attachment(robot, step)
+            self.bag.attach(name, packed, "application/x-npz", self.now_ns)
+            self.flush()  # the robot saves now, and may go on from there
+        if occasion == wire.FINAL:
+            self.final.add(robot)
+
+    def go_back(self, order: Order) -> None:
+        """Begin another file of the bag where the run goes back."""
+        if order.name == self.obeyed:
+            return
+        self.obeyed = order.name
+        if order.step != ROLL_CALL:
+            self.bag.begin_file(why_of(order))
+            self.now_ns = self.said_ns = (order.first - 1) * self.convert.period
+            self._tables.clear()
+
+    def look(self, now: float, flush_seconds: float) -> None:
+        """Note whether messages have come, and flush what has waited for long."""
+        if self._count:
+            self._count, self.heard = 0, now
+        if self.heard > self._flushed and now - self._flushed >= flush_seconds:
+            self.flush()
+
+    def flush(self) -> None:
+        """Let all that was recorded survive this process."""
+        self._steps, self._flushed = 0, time.monotonic()
+        self.bag.flush()
+        with contextlib.suppress(OSError):  # the directory is gone: the bag's own error says so
+            free = shutil.disk_usage(self._directory).free
+            if free < KEPT_FREE:
+                raise BagError(
+                    f"recording to {self._directory} ends: its disk has {free >> 20} MiB left, "
+                    f"{KEPT_FREE >> 20} are kept for what the team saves; make room"
+                )
+
+
+def why_of(order: Order) -> dict[str, str]:
+    """Return what a file says that begins with an order, or without one."""
+    if not order.name or order.step == ROLL_CALL:
+        return {"why": RESTARTED}
+    return {"why": ROLLED_BACK, "step": str(order.step), "first": str(order.first)}
+
+
+class Recorder(Follower):
+    """Writes down every topic of the team and the service events, as they are.
 
     Args:
         context: the ROS context.
@@ -96,6 +203,8 @@ class Recorder(ParameterNode):
             by another process, and an error of the recording does not stop the others.
 
     Attributes:
+        directory: of the bag.
+        recording: None before the run has begun.
         error: why the recording ended too early, or None.
 
     Raises:
@@ -127,25 +236,9 @@ class Recorder(ParameterNode):
             )
         self.recording: Recording | None = None
         self.error: BagError | None = None
-        self.done = False
-        self._intake = Intake(self)
-        self._stopping: float | None = None
-        self._now_ns = self._said_ns = self._near_ns = 0
-        self._steps = 0
-        self._count = 0
-        self._last = self._reported = self._flushed = time.monotonic()
-        self._tables: dict[str, tuple[int, bytes]] = {}
-        self._final: set[str] = set()
         self._diagnostics_publisher = self.announce(interface.DIAGNOSTICS)
         self._recording_publisher = self.announce(interface.RECORDING)
-        read = typed(interface.RUN, read_run)
-        self._status: Said | None = None
-        self._announced: tuple[bytes, Announced] | None = None
-        self._obeyed = NO_ORDER
         self._progress_publisher = self.announce(interface.PROGRESS, RECORDER)
-        self._subscribe(interface.RUN, self._on_run, read=lambda data: (data, read(data)))
-        self._subscribe(STATUS, self._on_status, read=typed(STATUS, read_status))
-        self.create_timer(TICK_SECONDS, self._tick)
 
     def fail(self, error: SparseCoordError) -> None:
         """Stop; beside nodes in the same process, let them go on where only the bag is broken."""
@@ -156,243 +249,114 @@ class Recorder(ParameterNode):
             self._tap.close()
             self.get_logger().error(f"{error}; the run goes on unrecorded")
 
-    def _on_run(self, said: tuple[bytes, Announced]) -> None:
-        """Open the bag with the first run that is announced, and listen to its team."""
-        data, (run, text) = said
-        if self.recording is not None:
-            if run.id != self.recording.run.id:
-                self.recording.watch.another_run()
-                self.get_logger().warning(
-                    "another world simulator has begun a run; this recorder stays with its own"
-                )
-            return
-        self._announced = said
-        self._begin_when_told()
+    def may_begin(self, now: float) -> bool:
+        """Where a bag is continued, wait until the world has said from where."""
+        said = self.status
+        going_back = said is None or (said.state == wire.RESUMING and not said.order.name)
+        return not (self.values["resume"] and going_back)
 
-    def _begin_when_told(self) -> None:
-        """Open the bag; where it is continued, once the world has said from where."""
-        status = self._status
-        if self._announced is None or self.recording is not None:
-            return
-        earlier = None
-        if self.values["resume"]:
-            if status is None or (status.state == wire.RESUMING and not status.order.name):
-                return
-            earlier = continued(self.directory)
-        data, (run, text) = self._announced
-        bag, go_on = self._open(run, earlier, Order() if status is None else status.order)
-        self._listen(run, text, data, bag, go_on=go_on)
-
-    def _open(self, run: RunConfig, earlier: Earlier | None, order: Order) -> tuple[Bag, bool]:
-        """Return a new bag, or one that is continued, and whether it is that."""
+    def begin(self, announced: Announced) -> None:
+        """Open the bag, and listen to the run's team."""
+        run, text = announced
+        earlier = continued(self.directory) if self.values["resume"] else None
+        if earlier is not None and earlier.run_id not in ("", run.id):
+            raise RunError(
+                f"{self.directory}: holds the recording of another run; choose another one "
+                "for parameter 'out'"
+            )
         options: dict[str, Any] = {
             "compression": self.values["compression"],
             "max_bytes": self.values["max_bagfile_size"],
             "max_ns": round(self.values["max_bagfile_duration"] * SECOND),
         }
+        order = Order() if self.status is None else self.status.order
         if earlier is not None:
-            options |= {"earlier": earlier, "why": self._why(order)}
-            self._now_ns = earlier.end_ns
-            if order.name and order.step != ROLL_CALL:
-                self._now_ns = (order.first - 1) * Converter(run).period
-            if earlier.run_id not in ("", run.id):
-                raise RunError(
-                    f"{self.directory}: holds the recording of another run; choose another one "
-                    "for parameter 'out'"
-                )
-        make = BagWriter if self._tap is None else BagProcess
-        return make(self.directory, **options), earlier is not None
-
-    def _why(self, order: Order) -> dict[str, str]:
-        """Return what a file says that begins with an order, or without one."""
-        self._obeyed = order.name
-        if not order.name or order.step == ROLL_CALL:
-            return {"why": RESTARTED}
-        return {"why": ROLLED_BACK, "step": str(order.step), "first": str(order.first)}
-
-    def _obey(self, order: Order) -> None:
-        """Begin another file of the bag where the run goes back, and tell the world."""
-        recording = self.recording
-        if recording is None or not order.name:
-            return
-        if order.name != self._obeyed:
-            why = self._why(order)
-            if order.step != ROLL_CALL:
-                recording.bag.begin_file(why)
-                self._now_ns = self._said_ns = (order.first - 1) * Converter(recording.run).period
-                self._tables.clear()
-        said = Progress("", 0, 0, (), self._obeyed)
-        self._progress_publisher.publish(progress_message(RECORDER, said))
-
-    def _listen(self, run: RunConfig, text: str, data: bytes, bag: Bag, *, go_on: bool) -> None:
-        """Begin to record a run; where its bag is continued, what it is stands in it already."""
-        patience = self.values["world_timeout"]
-        watch = WorldPresence(run.id, run.scenario.steps, patience, time.monotonic())
-        self.recording = Recording(run, bag, watch)
-        self._near_ns = LAG_STEPS * Converter(run).period
-        channel = self._channel(bag, String, interface.RUN.name, interface.RUN.qos)
-        if not go_on:
-            record = {**run.record(), wire.FORMAT_KEY: str(wire.BAG_FORMAT)}
-            bag.add_metadata(RUN_RECORD, record)
-            scenario = yaml.safe_dump(run.scenario.to_dict(), sort_keys=False, allow_unicode=True)
-            bag.attach(RUN_FILE, text.encode(), "application/yaml")
-            bag.attach(SCENARIO_FILE, scenario.encode(), "application/yaml")
-            bag.attach(MAP_FILE, run.scenario.map.to_text().encode(), "text/plain")
-            bag.write(channel, data, 0, 0)
-        for topic in (*interface.TEAM_TOPICS, *ROS_TOPICS):
-            if topic is not interface.RUN:
-                self._record(bag, topic, topic.name)
-        for name in self.names_of(WORLD) or {WORLD}:
-            self._record(bag, interface.CLAIM, interface.CLAIM.of(name))
-        for robot in run.scenario.robots:
-            for topic in (*interface.ROBOT_TOPICS, interface.CLAIM, interface.SERVICE_EVENTS):
-                self._record(bag, topic, topic.of(robot.name))
-            then = functools.partial(self._on_tables, bag, robot.name)
-            read = typed(interface.TABLES, read_tables_message)
-            self._subscribe(interface.TABLES, then, robot.name, read=read)
+            options |= {"earlier": earlier, "why": why_of(order)}
+        bag = (BagWriter if self._tap is None else BagProcess)(self.directory, **options)
+        recording = self.recording = Recording(
+            run, bag, self.directory, self.values["flush_steps"], self.intake.drop
+        )
+        channel = self._channel(interface.RUN, interface.RUN.name)
+        if earlier is None:
+            recording.begin(text, channel)
+        else:
+            goes_back = why_of(order)["why"] == ROLLED_BACK
+            first_ns = (order.first - 1) * recording.convert.period
+            recording.now_ns = first_ns if goes_back else earlier.end_ns
+            recording.obeyed = order.name
+        self._listen(recording)
         bag.flush()
         self._recording_publisher.publish(String(data=str(self.directory)))
-        if self._status is not None:
-            self._on_status(self._status)
 
-    def _channel(self, bag: Bag, message_type: type, name: str, qos: QoSProfile) -> int:
+    def _listen(self, recording: Recording) -> None:
+        for topic in (*interface.TEAM_TOPICS, *ROS_TOPICS):
+            if topic is not interface.RUN:
+                self._record(recording, topic, topic.name)
+        for name in self.names_of(WORLD) or {WORLD}:
+            self._record(recording, interface.CLAIM, interface.CLAIM.of(name))
+        for robot in recording.run.scenario.robots:
+            for topic in (*interface.ROBOT_TOPICS, interface.CLAIM, interface.SERVICE_EVENTS):
+                self._record(recording, topic, topic.of(robot.name))
+
+            def attach(said: tuple[bytes, int, str], robot: str = robot.name) -> None:
+                recording.attach_tables(robot, *said)
+
+            read = typed(interface.TABLES, read_tables_message)
+            name = interface.TABLES.of(robot.name)
+            self._subscribe(interface.TABLES, name, attach, read)
+
+    def _channel(self, topic: interface.RosTopic, name: str) -> int:
         """Register a topic and return its channel in the bag."""
-        return bag.add_topic(
-            self.resolve_topic_name(name), _type_name(message_type), _bag_qos(qos)
-        )
+        assert self.recording is not None
+        full_name = self.resolve_topic_name(name)
+        return self.recording.bag.add_topic(full_name, topic.type_name, _bag_qos(topic.qos))
 
-    def _record(self, bag: Bag, topic: interface.RosTopic, name: str) -> None:
+    def _record(self, recording: Recording, topic: interface.RosTopic, name: str) -> None:
         """Write down a topic, at the time that its messages say, or at the world's."""
-        channel = self._channel(bag, topic.type, name, topic.qos)
-        write, unpack_stamp = bag.write, STAMPED.unpack_from
-
-        def stamped_message(data: bytes) -> None:
-            if self.error is not None:
-                return
-            self._count += 1
-            try:
-                sec, nanosec = unpack_stamp(data)
-            except struct.error as error:
-                self._intake.drop(name, error)
-                return
-            at, now = sec * SECOND + nanosec, self._now_ns
-            if at > now:
-                if at > max(now, self._said_ns) + self._near_ns:
-                    self._odd(name, sec, nanosec)
-                    at = now
-                else:
-                    self._now_ns = at
-                    self._steps += 1
-                    if self._steps >= self.values["flush_steps"]:
-                        self._flush(bag)
-            elif at < 0:
-                self._odd(name, sec, nanosec)
-                at = now
-            write(channel, data, at, at)
-
-        def other_message(data: bytes) -> None:
-            if self.error is not None:
-                return
-            self._count += 1
-            write(channel, data, self._now_ns, self._now_ns)
-
-        callback = stamped_message if topic.stamped else other_message
+        write = recording.writer(self._channel(topic, name), name, stamped=topic.stamped)
         if self._tap is not None and topic.tapped:
-            self._tap.line(self.resolve_topic_name(name)).write = self.guarded(callback)
+            self._tap.line(self.resolve_topic_name(name)).write = self.guarded(write)
         else:
-            self._subscribe(topic, callback, name=name)
-
-    def _odd(self, name: str, sec: int, nanosec: int) -> None:
-        self._intake.drop(
-            name,
-            f"stamp {sec} s {nanosec} ns is not of the run's time {self._now_ns / SECOND:g} s",
-            "message recorded at the run's time",
-        )
-
-    def _flush(self, bag: Bag) -> None:
-        """Let all that was recorded survive this process."""
-        self._steps, self._flushed = 0, time.monotonic()
-        bag.flush()
-        with contextlib.suppress(OSError):  # the directory is gone: the bag's own error says so
-            free = shutil.disk_usage(self.directory).free
-            if free < KEPT_FREE:
-                raise BagError(
-                    f"recording to {self.directory} ends: its disk has {free >> 20} MiB left, "
-                    f"{KEPT_FREE >> 20} are kept for what the team saves; make room"
-                )
+            self._subscribe(topic, name, write, bytes)
 
     def _subscribe(
         self,
         topic: interface.RosTopic,
+        name: str,
         then: Callable[[Any], None],
-        owner: str = "",
-        *,
-        name: str = "",
-        read: Callable[[bytes], Any] = bytes,
+        read: Callable[[bytes], Any],
     ) -> None:
         """Listen to a topic with a queue that nothing is pushed out of; as `Intake.listen`."""
         latched = topic.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
         own = interface.RECORDER_LATCHED_QOS if latched else interface.RECORDER_QOS
-        self._intake.listen(topic, then, owner, name=name, read=read, qos=own)
+        self.intake.listen(topic, then, name=name, read=read, qos=own)
 
-    def _on_status(self, said: Said) -> None:
-        if self.recording is None:
-            self._status = said  # perhaps the world's last word, before its run has come
-            self._begin_when_told()
+    def world_said(self, said: Said) -> None:
+        """Go back where the world says so, and tell it; take in its time."""
+        recording = self.recording
+        if recording is None:
             return
-        if self.error is not None:
-            return
-        run, _, watch = self.recording
-        try:
-            watch.hear(*said[:4], time.monotonic())
-        except ValueError as error:
-            self._intake.drop(STATUS.name, error)
-            return
-        self._obey(said.order)
-        sec, nanosec = Converter(run).stamp(said.step)
-        self._said_ns = max(self._said_ns, sec * SECOND + nanosec)
+        if said.order.name:
+            recording.go_back(said.order)
+            progress = Progress("", 0, 0, (), recording.obeyed)
+            self._progress_publisher.publish(progress_message(RECORDER, progress))
+        sec, nanosec = recording.convert.stamp(said.step)
+        recording.said_ns = max(recording.said_ns, sec * SECOND + nanosec)
 
-    def _on_tables(self, bag: Bag, robot: str, said: tuple[bytes, int, str]) -> None:
-        """Attach a robot's tables to the bag, each but once."""
-        if self.error is not None:
-            return
-        packed, step, occasion = said
-        self._last = time.monotonic()
-        if self._tables.get(robot) != (step, packed):
-            self._tables[robot] = (step, packed)
-            name = wire.tables_attachment(robot, step)
-            bag.attach(name, packed, "application/x-npz", self._now_ns)
-            self._flush(bag)  # the robot saves now, and may go on from there
-        if occasion == wire.FINAL:
-            self._final.add(robot)
+    def go_on(self, now: float) -> None:
+        """Flush what has waited for long."""
+        if self.recording is not None:
+            self.recording.look(now, self.values["flush_seconds"])
 
-    def _tick(self) -> None:
-        now = time.monotonic()
-        if self.error is not None:
-            return
-        if self._count:
-            self._count, self._last = 0, now
-        if self.recording is None:
-            self.check_startup_time()
-            return
-        if self._last > self._flushed and now - self._flushed >= self.values["flush_seconds"]:
-            self._flush(self.recording.bag)
-        watch = self.recording.watch
-        if watch.end is not None:
-            quiet = now - self._last >= QUIET_SECONDS
-            waited = now - watch.ended > LAST_WORDS_SECONDS
-            self.done = quiet and (waited or self._heard_all(self.recording.run))
-        elif now - self._reported >= REPORT_SECONDS:
-            self._reported = now
-            self._report(self.recording)
-            missed, gone = watch.to_say(now), watch.given_up(now)
-            if missed:
-                self.get_logger().warning(missed)
-            if gone:
-                self.get_logger().warning(f"{gone}: the recorder closes the bag and ends")
-                self.done = True
+    def all_done(self, now: float) -> bool:
+        """Whether nothing comes any more, and nobody is left whose last words are to come."""
+        if self.recording is None or self.presence is None:
+            return True
+        waited = now - self.presence.ended > LAST_WORDS_SECONDS
+        quiet = now - self.recording.heard >= QUIET_SECONDS
+        return quiet and (waited or self._heard_all(self.recording))
 
-    def _heard_all(self, run: RunConfig) -> bool:
+    def _heard_all(self, recording: Recording) -> bool:
         """Whether nobody is left whose last words are still to come.
 
         Nodes leave when all that they said has arrived. Those in this process stay until the
@@ -400,8 +364,8 @@ class Recorder(ParameterNode):
         """
         speakers = [
             interface.TABLES.of(robot.name)
-            for robot in run.scenario.robots
-            if self._tap is None or robot.name not in self._final
+            for robot in recording.run.scenario.robots
+            if self._tap is None or robot.name not in recording.final
         ]
         if self._tap is None:
             speakers.append(interface.STATUS.name)
@@ -409,23 +373,22 @@ class Recorder(ParameterNode):
         return not any(self.count_publishers(name) for name in names)
 
     def may_stop(self) -> bool:
-        """Whether there is nothing to record any more, or waiting for it has taken too long."""
+        """As of every follower, but not for ever where others go on talking."""
         now = time.monotonic()
-        self._stopping = self._stopping or now
-        if self.recording is None or self.done or self.error is not None:
-            return True
-        over = self.recording.watch.end is not None
-        return now - self._stopping > (LAST_WORDS_SECONDS if over else STOP_SECONDS)
+        return super().may_stop() or now - (self._stopping or now) > LAST_WORDS_SECONDS
 
-    def _report(self, recording: Recording) -> None:
-        bag = recording.bag
+    def report(self) -> None:
+        """Say on `/diagnostics` how much was recorded."""
+        recording = self.recording
+        if recording is None or self.error is not None:
+            return
         values = {
-            "messages": bag.message_count,
-            "bytes": bag.bytes_written,
-            "messages_dropped": self._intake.total,
+            "messages": recording.bag.message_count,
+            "bytes": recording.bag.bytes_written,
+            "messages_dropped": self.intake.total,
         }
-        convert = Converter(recording.run)
-        message = DiagnosticArray(header=convert.header(self._now_ns // convert.period))
+        convert = recording.convert
+        message = DiagnosticArray(header=convert.header(recording.now_ns // convert.period))
         message.status = [status(f"{self.full_name}: bag", "recording", values)]
         self._diagnostics_publisher.publish(message)
 
@@ -450,12 +413,6 @@ class Recorder(ParameterNode):
         if self.recording is not None:
             with contextlib.suppress(BagError):
                 self.recording.bag.close()
-
-
-def _type_name(message_type: type) -> str:
-    """Return `package/msg/Type`, or `package/srv/Service_Event`."""
-    package, kind = message_type.__module__.split(".")[:2]
-    return f"{package}/{kind}/{message_type.__name__}"
 
 
 def _bag_qos(qos: QoSProfile) -> QoS:

@@ -9,8 +9,8 @@ from rosbags.rosbag2.metadata import parse_qos
 
 from sparse_coord_ros.bags import (
     BagError,
+    BagTopic,
     QoS,
-    TopicSummary,
     bag_information,
     metadata_yaml,
     offered_qos_profiles,
@@ -85,38 +85,28 @@ rosbag2_bagfile_information:
 
 def test_metadata_is_version_9_as_jazzy_writes_it():
     """Keys, order, layout and empty values."""
-    topic = TopicSummary("/map", "nav_msgs/msg/OccupancyGrid", 3, (LATCHED,), "RIHS01_ab")
-    information = bag_information([FileSummary("run_0.mcap", 3, 1000, 1250)], [topic])
+    topic = BagTopic("/map", "nav_msgs/msg/OccupancyGrid", "", (LATCHED,), "RIHS01_ab")
+    information = bag_information([FileSummary("run_0.mcap", {"/map": 3}, 1000, 1250)], [topic])
     assert metadata_yaml(information) == METADATA_TEXT
 
 
 def test_bag_without_messages_starts_at_the_largest_time():
     """rosbag2's convention; a topic nobody published on is still listed."""
-    topic = TopicSummary("/chatter", "std_msgs/msg/String", 0)
-    information = bag_information([FileSummary("a_0.mcap", 0, 2**63 - 1, 0)], [topic])
+    topic = BagTopic("/chatter", "std_msgs/msg/String", "")
+    information = bag_information([FileSummary("a_0.mcap", {}, 2**63 - 1, 0)], [topic])
     assert information["starting_time"] == {"nanoseconds_since_epoch": 2**63 - 1}
     assert information["duration"] == {"nanoseconds": 0}
     assert information["files"][0]["message_count"] == information["message_count"] == 0
     assert 'type_description_hash: ""' in metadata_yaml(information)
-    none = bag_information([FileSummary("a_0.mcap", 0, 0, 0)], [])
+    none = bag_information([FileSummary("a_0.mcap", {}, 0, 0)], [])
     assert yaml.safe_load(metadata_yaml(none))["rosbag2_bagfile_information"] == none
 
 
 def test_an_empty_file_has_no_say_in_when_a_bag_begins():
-    files = [FileSummary("a_0.mcap", 0, 0, 0), FileSummary("a_1.mcap", 2, 500, 900)]
+    files = [FileSummary("a_0.mcap", {}, 0, 0), FileSummary("a_1.mcap", {"/a": 2}, 500, 900)]
     information = bag_information(files, [])
     assert information["starting_time"] == {"nanoseconds_since_epoch": 500}
     assert information["duration"] == {"nanoseconds": 400}
-
-
-def test_custom_data_and_distribution_are_kept():
-    """Texts that look like numbers stay texts."""
-    information = bag_information(
-        [FileSummary("a_0.mcap", 0, 0, 0)], [], custom_data={"seed": "7"}, ros_distro="x"
-    )
-    read = yaml.safe_load(metadata_yaml(information))["rosbag2_bagfile_information"]
-    assert read["custom_data"] == {"seed": "7"}
-    assert read["ros_distro"] == "x"
 
 
 def test_qos_text_is_a_yaml_sequence_of_policies_by_name():

@@ -41,7 +41,7 @@ def test_a_bag_is_written_among_a_thousand_open_files(tmp_path, samples, monkeyp
 
     monkeypatch.setattr(socket, "socketpair", far)
     writer = BagProcess(tmp_path / "run")
-    assert writer._socket.fileno() > 1023
+    assert writer._connection.fileno() > 1023
     channel = writer.add_topic("/a", STRING, QoS())
     for i in range(3):
         writer.write(channel, samples.cdr(STRING), i, i)
@@ -97,7 +97,18 @@ def test_all_that_was_handed_over_is_written_when_the_parent_is_gone(tmp_path, s
         writer.write(channel, samples.cdr(STRING), i, i)
         if i % 10 == 9:
             writer.flush()
-    writer._socket.close()
+    writer._connection.close()
     os.kill(writer._process.pid, signal.SIGCONT)
     assert writer._process.wait(10) == 0
     assert open_bag(tmp_path / "run").message_count == 30
+
+
+def test_a_writer_that_hangs_is_given_up(tmp_path, monkeypatch):
+    monkeypatch.setattr("sparse_coord_ros.bags.process.PATIENCE_SECONDS", 1)
+    writer = BagProcess(tmp_path / "run")
+    os.kill(writer._process.pid, signal.SIGSTOP)
+    with pytest.raises(BagError, match="has not moved for 1 s; .*: look at its disk"):
+        writer.add_topic("/a", STRING, QoS())
+    with pytest.raises(BagError, match="has not moved"):
+        writer.close()
+    assert writer._process.returncode == -signal.SIGKILL
