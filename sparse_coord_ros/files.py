@@ -42,19 +42,53 @@ def write_whole(path: Path, data: bytes | str, *, sync: bool = False) -> None:
         sync_directory(path.parent)
 
 
-def take_lock(file: IO[Any] | int, *, exclusive: bool = True) -> bool:
+class HeldError(Exception):
+    """Another process holds a file; the text names it where that is known."""
+
+
+def take_lock(file: IO[Any] | int, *, exclusive: bool = True, wait: bool = False) -> bool:
     """Lock an open file or folder until it is closed; False where somebody else has the lock.
 
     True also where there are no locks, as in some network file systems.
+
+    Args:
+        file: the file, or its descriptor.
+        exclusive: for nobody else; else for all that read.
+        wait: wait for the lock.
     """
     how = fcntl.LOCK_EX if exclusive else fcntl.LOCK_SH
     try:
-        fcntl.flock(file, how | fcntl.LOCK_NB)
+        fcntl.flock(file, how if wait else how | fcntl.LOCK_NB)
     except BlockingIOError:
         return False
     except OSError:
         pass
     return True
+
+
+def hold(path: Path, mode: int = 0o666) -> IO[str]:
+    """Hold a file for this process alone until it is closed; it says which process that is.
+
+    The file stays when it is given up, and whoever comes next holds it.
+
+    Args:
+        path: the file; it is made where it is missing.
+        mode: its permissions then.
+
+    Raises:
+        HeldError: another process holds it.
+        OSError: it cannot be opened.
+    """
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, mode)
+    file = os.fdopen(descriptor, "r+", errors="replace")
+    if not take_lock(file):
+        with file:
+            raise HeldError(f"process {file.read().strip()}".rstrip())
+    with suppress(OSError):  # only words for whoever comes second
+        file.truncate(0)
+        file.write(str(os.getpid()))
+        file.flush()
+    return file
 
 
 def sync_directory(directory: Path) -> None:

@@ -9,16 +9,16 @@ import sys
 import tempfile
 import time
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import yaml
 from rclpy.logging import LoggingSeverity, set_logger_level
 
 from sparse_coord_ros.bags.reader import BAG_DIRECTORY
 from sparse_coord_ros.errors import EXIT_BAD_INPUT, BagError, RunError
-from sparse_coord_ros.files import take_lock
+from sparse_coord_ros.files import HeldError, hold
 from sparse_coord_ros.learn.run_config import create_output
 from sparse_coord_ros.nodes.middleware import check_participants, one_host
 from sparse_coord_ros.nodes.outputs import gather
@@ -87,40 +87,17 @@ def sole_team() -> Iterator[None]:
     domain = os.environ.get("ROS_DOMAIN_ID", "0")
     path = Path(tempfile.gettempdir()) / f"sparse_coord_{os.getuid()}_domain_{domain}.lock"
     try:
-        file = _opened(path)
-        locked = take_lock(file)
-        while locked and not _is_there(file, path):  # its holder has just left, and removed it
-            file.close()
-            file = _opened(path)
-            locked = take_lock(file)
+        file = hold(path, 0o600)
+    except HeldError as error:
+        raise RunError(
+            f"ROS domain {domain}: {error} runs a team in it; wait for its end, or choose another "
+            "ROS_DOMAIN_ID"
+        ) from None
     except OSError:  # a folder that cannot be written: the claims of the nodes decide
         yield
         return
     with file:
-        if not locked:
-            raise RunError(
-                f"ROS domain {domain}: process {file.read().strip() or 'of another run'} runs a "
-                "team in it; wait for its end, or choose another ROS_DOMAIN_ID"
-            )
-        file.truncate(0)
-        file.write(str(os.getpid()))
-        file.flush()
-        try:
-            yield
-        finally:
-            path.unlink(missing_ok=True)
-
-
-def _opened(path: Path) -> TextIO:
-    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
-    return os.fdopen(descriptor, "r+")
-
-
-def _is_there(file: TextIO, path: Path) -> bool:
-    """Whether a path is that of an open file."""
-    with suppress(FileNotFoundError):
-        return os.path.samestat(os.fstat(file.fileno()), path.stat())
-    return False
+        yield
 
 
 def _run_processes(values: dict[str, Any], stop: Stop, quiet: bool) -> dict[str, Any]:

@@ -7,7 +7,6 @@ directory `checkpoint` of the output directory. A team goes on from the newest s
 everybody has a file: the last common checkpoint. Step 0 is the run's beginning, and needs none.
 """
 
-import os
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -16,7 +15,7 @@ from typing import TypeVar
 import numpy as np
 
 from sparse_coord_ros.errors import RunError, os_error_text
-from sparse_coord_ros.files import PARTIAL, take_lock, write_whole
+from sparse_coord_ros.files import PARTIAL, HeldError, hold, write_whole
 from sparse_coord_ros.learn.checkpoint import (
     BrokenCheckpointError,
     memory_arrays,
@@ -67,23 +66,17 @@ class Checkpoints:
         self._folder = out / CHECKPOINTS
         try:
             self._folder.mkdir(exist_ok=True)
-            self._lock = (self._folder / f"{node}.lock").open("a+b", buffering=0)
+            self._lock = hold(self._folder / f"{node}.lock")
+        except HeldError as error:
+            raise RunError(
+                f"output directory {out}: another process runs {node} there ({error}); stop that "
+                "one, or choose another directory"
+            ) from None
         except OSError as error:
             raise RunError(
                 f"checkpoints of {node}: cannot be written ({os_error_text(error)}); choose "
                 "another output directory, or one that you may write to"
             ) from None
-        if not take_lock(self._lock):
-            with self._lock as lock:
-                lock.seek(0)
-                which = f"process {lock.readall().decode(errors='replace')}".rstrip()
-            raise RunError(
-                f"output directory {out}: another process runs {node} there ({which}); stop that "
-                "one, or choose another directory"
-            )
-        with suppress(OSError):  # only words for whoever comes second
-            self._lock.truncate(0)
-            self._lock.write(str(os.getpid()).encode())
 
     def close(self) -> None:
         """Let others have the directory; the end of the process does so too."""

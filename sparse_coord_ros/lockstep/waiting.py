@@ -15,6 +15,50 @@ REMIND_SECONDS = 5.0
 """Between two words about what is waited for."""
 
 
+REPEAT_SECONDS = 0.5
+"""After this silence the world publishes again what a missing robot may have lost."""
+
+
+class Silence:
+    """How long the world has waited for its robots.
+
+    Args:
+        now: the time.
+
+    Attributes:
+        since: when it last heard of them, or the time step began.
+    """
+
+    def __init__(self, now: float) -> None:
+        self._ticked, self._repeated = now, 0.0
+        self.begin(now)
+
+    def begin(self, now: float) -> None:
+        """A time step begins, or the world goes on after a break."""
+        self.since = self._stands_since = now
+
+    def tick(self, now: float) -> None:
+        """Note that this process lives; where it stood still itself, nobody was silent."""
+        if now - self._ticked > REPEAT_SECONDS:
+            self.since = now
+        self._ticked = now
+
+    def lasts(self, now: float) -> float:
+        """Return for how many seconds the robots have been silent."""
+        return now - self.since
+
+    def stands(self, now: float) -> float:
+        """Return for how many seconds the world has made no time step."""
+        return now - self._stands_since
+
+    def repeats(self, now: float) -> bool:
+        """Whether it is time to say everything again; it is then said."""
+        due = now - self._repeated >= REPEAT_SECONDS
+        if due:
+            self._repeated = now
+        return due
+
+
 class Reminder:
     """When to say what is waited for: every `REMIND_SECONDS`, while the waiting lasts."""
 

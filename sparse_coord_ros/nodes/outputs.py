@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """From what the nodes of a run wrote to the files of its output directory."""
 
+import os
 import tempfile
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,6 +13,7 @@ import yaml
 from rclpy.node import Node
 
 from sparse_coord_ros.errors import BagError, RunError, os_error_text
+from sparse_coord_ros.files import take_lock, write_whole
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.evaluation import check_tables
@@ -30,9 +31,6 @@ from sparse_coord_ros.nodes.parameters import run_from_parameters
 from sparse_coord_ros.version import __version__
 
 SUMMARY_FILE = "summary.yaml"
-
-WRITING_SECONDS = 1.0
-"""How long another node may take to write `run.yaml`."""
 
 
 def gather(
@@ -66,7 +64,7 @@ def gather(
         save_team(out, tables)
         for part in parts:
             part.unlink()
-    path.write_text(yaml.safe_dump(summary, sort_keys=False), encoding="utf-8")
+    write_whole(path, yaml.safe_dump(summary, sort_keys=False))
     finished = summary.get("transitions", 0) >= scenario.steps
     if finished and not interrupted and (out / TEAM_FILE).exists():
         remove_checkpoints(out)
@@ -126,12 +124,7 @@ def open_output(text: str, run_text: str, own: Sequence[str]) -> Path | None:
         for name in own:
             if (path / name).exists():
                 raise _taken(path, name)
-        try:
-            with (path / RUN_FILE).open("x", encoding="utf-8") as file:
-                file.write(run_text)
-        except FileExistsError:
-            if not _holds(path / RUN_FILE, run_text):
-                raise _taken(path, f"another run's {RUN_FILE}") from None
+        _join(path, run_text)
     except OSError as error:
         raise RunError(
             f"output directory {path}: cannot be written ({error.strerror}); choose another one"
@@ -139,14 +132,18 @@ def open_output(text: str, run_text: str, own: Sequence[str]) -> Path | None:
     return path
 
 
-def _holds(path: Path, text: str) -> bool:
-    """Whether a file holds a text; another node that is just writing it gets a moment."""
-    deadline = time.monotonic() + WRITING_SECONDS
-    while True:
-        found = path.read_text(encoding="utf-8")
-        if found == text or not text.startswith(found) or time.monotonic() > deadline:
-            return found == text
-        time.sleep(0.01)
+def _join(path: Path, run_text: str) -> None:
+    """Write `run.yaml`, or see that it is the same; of several nodes one after the other."""
+    folder = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        take_lock(folder, wait=True)
+        file = path / RUN_FILE
+        if not file.exists():
+            write_whole(file, run_text)
+        elif file.read_text(encoding="utf-8") != run_text:
+            raise _taken(path, f"another run's {RUN_FILE}")
+    finally:
+        os.close(folder)
 
 
 def _taken(path: Path, what: str) -> RunError:
@@ -193,7 +190,7 @@ def save_somewhere(node: Node, out: Path, run_text: str, write: Callable[[Path],
         try:
             place.mkdir(parents=True, exist_ok=True)
             if not (place / RUN_FILE).exists():
-                (place / RUN_FILE).write_text(run_text, encoding="utf-8")
+                write_whole(place / RUN_FILE, run_text)
             write(place)
         except OSError as error:
             refusal = refusal or error

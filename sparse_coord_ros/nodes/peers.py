@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A robot's side of asking one peer: requests, answers, and a peer that fell silent.
+"""The service `active_perception` from both sides: a robot asks its peers, and answers them.
 
 ROS 2 delivers the answer of a service to every client of it, each of which wakes up to see that it
 is not its own. With a client for each pair of robots the cost of a question would grow with the
@@ -9,6 +9,7 @@ team, and that of starting and ending with its square. So the robots of one proc
 
 import time
 from collections.abc import Callable
+from functools import partial
 
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
@@ -19,7 +20,13 @@ from rclpy.service import Service
 from rclpy.service_introspection import ServiceIntrospectionState
 from rclpy.task import Future
 
+from sparse_coord_ros.learn.run_config import RunConfig
+from sparse_coord_ros.lockstep.robot_side import Answer, RobotSide
+from sparse_coord_ros.lockstep.waiting import Deadline
+from sparse_coord_ros.nodes.intake import Intake
 from sparse_coord_ros.nodes.interface import ACTIVE_PERCEPTION_TYPE, STEP_QOS
+from sparse_coord_ros.nodes.messages import Converter
+from sparse_coord_ros.nodes.parameters import ParameterNode
 from sparse_coord_ros.wire import ACTIVE_PERCEPTION
 
 AT_ONCE = 10
@@ -30,7 +37,7 @@ AGAIN_SECONDS = 0.5
 """After so long without an answer the request is sent again."""
 
 
-def introspect(node: Node, endpoint: Client | Service) -> None:
+def _introspect(node: Node, endpoint: Client | Service) -> None:
     """Publish the dialogue of a client or service, so that it can be recorded."""
     endpoint.configure_introspection(
         node.get_clock(), STEP_QOS, ServiceIntrospectionState.CONTENTS
@@ -47,7 +54,7 @@ class Clients:
         """Return the client of a robot's `active_perception`; `node` makes it if there is none."""
         if name not in self._clients:
             client = node.create_client(ACTIVE_PERCEPTION_TYPE, f"{name}/{ACTIVE_PERCEPTION}")
-            introspect(node, client)
+            _introspect(node, client)
             self._clients[name] = client
         return self._clients[name]
 
@@ -145,3 +152,92 @@ class Peer:
             self._client.remove_pending_request(self._open)
             self._open.cancel()
             self._open = None
+
+
+class Peers:
+    """Asks a robot's peers for the robot, and answers them.
+
+    Args:
+        node: the robot's node.
+        intake: counts what does not fit the run.
+        run: the run.
+        convert: between its steps and cells and messages.
+        side: the robot's side of the lock step.
+        clients: those of the robots of this process.
+    """
+
+    def __init__(
+        self,
+        node: ParameterNode,
+        intake: Intake,
+        run: RunConfig,
+        convert: Converter,
+        side: RobotSide,
+        clients: Clients,
+    ) -> None:
+        self._intake, self._convert, self._side = intake, convert, side
+        self._names = [robot.name for robot in run.scenario.robots]
+        self._service = f"{node.get_name()}/{ACTIVE_PERCEPTION}"
+        self._deadline = Deadline(run.percept_timeout, run.step_timeout)
+        _introspect(node, node.create_service(ACTIVE_PERCEPTION_TYPE, self._service, self._answer))
+        self._peers = {
+            k: Peer(node, clients.of(name, node), node.guarded(partial(self._on_answer, k)))
+            for k, name in enumerate(self._names)
+            if name != node.get_name()
+        }
+
+    def ready(self) -> bool:
+        """Whether every peer's service has been there."""
+        return all(peer.ready() for peer in self._peers.values())
+
+    def ask(self, peer: int, step: int, cell: int) -> bool:
+        """Ask a peer for its local state; return whether to wait, as `Peer.request`."""
+        return self._peers[peer].request(self._convert.pose(step, cell), step)
+
+    def start_anew(self) -> None:
+        """Forget what was asked: the run goes back to an earlier time step."""
+        for peer in self._peers.values():
+            peer.start_anew()
+
+    def keep_the_deadline(self, now: float) -> None:
+        """Give up what has been waited for too long; send requests that could not be sent."""
+        asked = self._peers.get(self._side.asking)
+        heard = 0.0 if asked is None else asked.heard
+        if self._deadline.passed(self._side.waiting, heard, now):
+            if asked is not None:
+                asked.gave_up()
+            self._side.expire()
+        for peer in self._peers.values():
+            if peer.waits:
+                peer.send_what_waits()
+
+    def _answer(self, request: GetPlan.Request, response: GetPlan.Response) -> GetPlan.Response:
+        """Answer a peer (or a person, who gives no stamp and no name)."""
+        stamp, position = request.start.header.stamp, request.start.pose.position
+        asker = request.goal.header.frame_id
+        try:
+            step = self._convert.checked_step(stamp.sec, stamp.nanosec)
+            if step and asker not in self._names:
+                raise ValueError(f"asker {asker!r} is no robot of the scenario")
+        except ValueError as error:
+            self._intake.drop(self._service, error)
+            answer = Answer(self._side.newest[0], None)
+        else:
+            number = self._names.index(asker) if asker in self._names else 0
+            answer = self._side.asked(number, step, self._convert.cell(position.x, position.y))
+        response.plan = self._convert.path(answer.step, (answer.cell,))
+        return response
+
+    def _on_answer(self, peer: int, request_step: int, plan: Path) -> None:
+        cell = None
+        try:
+            step = self._convert.checked_step(plan.header.stamp.sec, plan.header.stamp.nanosec)
+            if plan.poses:
+                position = plan.poses[0].pose.position
+                cell = self._convert.cell(position.x, position.y)
+                if cell is None:
+                    raise ValueError(f"position ({position.x:g}, {position.y:g}) is no free cell")
+        except ValueError as error:
+            self._intake.drop(f"{self._names[peer]}/{ACTIVE_PERCEPTION}", error)
+        else:
+            self._side.answer(peer, request_step, Answer(step, cell))

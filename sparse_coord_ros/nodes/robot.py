@@ -8,14 +8,13 @@ from typing import Any
 
 from rclpy.context import Context
 
-from sparse_coord_ros.nodes import interface
-from sparse_coord_ros.nodes.claim import Claim
 from sparse_coord_ros.nodes.follower import Follower
+from sparse_coord_ros.nodes.guard import Guard
 from sparse_coord_ros.nodes.member import Member
 from sparse_coord_ros.nodes.messages import Announced, Said
 from sparse_coord_ros.nodes.parameters import ROBOT_PARAMETERS
 from sparse_coord_ros.nodes.peers import Clients
-from sparse_coord_ros.nodes.spin import run_node, wait_for_readers
+from sparse_coord_ros.nodes.spin import run_node
 from sparse_coord_ros.nodes.tap import Tap
 
 LAST_WORDS_SECONDS = 2.0
@@ -23,7 +22,7 @@ LAST_WORDS_SECONDS = 2.0
 
 
 class RobotNode(Follower):
-    """Holds Q*_k and Q^C_k, acts and learns; the node's name is the robot's name.
+    """Gets a name, becomes a member of the team that is announced, and leaves it at the end.
 
     Args:
         context: the ROS context.
@@ -34,10 +33,8 @@ class RobotNode(Follower):
         clients: those of the robots of the same process; None: it is alone.
 
     Attributes:
-        name: the robot's name.
-        member: its part in the run, which says what it does by the publishers here; None: the run
-            is not known yet.
-        claim: its claim to its name.
+        guard: guards its name.
+        member: its part in the run, with Q*_k and Q^C_k; None: the run is not known yet.
 
     Raises:
         SparseCoordError: a bad parameter, a name that is taken or that the scenario does not have,
@@ -59,42 +56,29 @@ class RobotNode(Follower):
         super().__init__(
             name, ROBOT_PARAMETERS, context=context, namespace=namespace, values=values, tap=tap
         )
-        self.name = self.get_name()
         self._peer_clients = Clients() if clients is None else clients
-        self.claim = Claim(self, self.intake)
-        self.action_publisher = self.announce(interface.ACTION, self.name)
-        self.percept_publisher = self.announce(interface.PERCEPT, self.name)
-        self.map_publisher = self.announce(interface.COORDINATION_MAP, self.name)
-        self.tables_publisher = self.announce(interface.TABLES, self.name)
-        self.progress_publisher = self.announce(interface.PROGRESS, self.name)
-        self.diagnostics_publisher = self.announce(interface.DIAGNOSTICS)
+        self.guard = Guard(self, self.intake)
 
     def may_begin(self, now: float) -> bool:
         """Whether nobody who had the name before has been heard in time."""
         if now - self.born < self.values["claim_window"]:
             return False
-        self.claim.hold()
+        self.guard.hold()
         return True
 
     def begin(self, announced: Announced) -> None:
         """Become a member of the team."""
-        assert self.presence is not None
-        self.member = Member(self, announced, self.presence, self._peer_clients)
+        self.member = Member(self, self.guard, announced, self._peer_clients)
 
     def world_said(self, said: Said) -> None:
-        """Take in what the world says: an order, and how far it is."""
+        """Take in what the world says."""
         if self.member is not None:
-            self.member.obey(said.order)
-            self.member.world_said(said.step)
+            self.member.world_said(said)
 
     def go_on(self, now: float) -> None:
         """Join the run, then keep its deadlines."""
-        if self.member is None or self.presence is None:
-            return
-        if not self.member.joined:
-            self.member.join_when_ready(now)
-        elif self.presence.end is None:
-            self.member.watch_the_deadline(now)
+        if self.member is not None and self.presence is not None:
+            self.member.go_on(now, over=self.presence.end is not None)
 
     def report(self) -> None:
         """Publish how learning goes."""
@@ -105,7 +89,7 @@ class RobotNode(Follower):
         """Whether all is learned that happened, or what is missing has had its time to come."""
         assert self.member is not None and self.presence is not None
         end, ended = self.presence.end, self.presence.ended
-        learned = self.member.joined and end is not None and self.member.has_learned(end)
+        learned = end is not None and self.member.has_learned(end)
         return learned or now - ended > LAST_WORDS_SECONDS
 
     def destroy_node(self) -> None:
@@ -115,18 +99,9 @@ class RobotNode(Follower):
         super().destroy_node()
 
     def finish(self, *, interrupted: bool) -> None:
-        """Publish the last coordination map and the tables, save them and let all arrive."""
-        if self.member is None:
-            return
-        self.member.finish()
-        wait_for_readers(
-            (
-                self.action_publisher,
-                self.percept_publisher,
-                self.map_publisher,
-                self.tables_publisher,
-            )
-        )
+        """Say the last words, and save what was learned."""
+        if self.member is not None:
+            self.member.finish()
 
 
 def main(args: list[str] | None = None) -> int:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which time steps a robot believes."""
 
+from sparse_coord_ros.game.world import EPISODE_GAP
 from sparse_coord_ros.lockstep.gate import NEAR, StepGate
 
 
@@ -11,6 +12,12 @@ def test_the_worlds_own_steps_pass():
         assert gate.passes(step)
     assert gate.passes(11) and gate.passes(4), "what is said again passes too"
     assert gate.newest == 11
+
+
+def test_a_step_beyond_an_episodes_start_is_not_believed():
+    gate = StepGate(newest=10)
+    assert not gate.passes(10 + EPISODE_GAP + 2)
+    assert gate.passes(10 + EPISODE_GAP + 1)
 
 
 def test_one_step_far_ahead_makes_nobody_deaf():

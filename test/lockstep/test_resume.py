@@ -3,6 +3,7 @@
 """A team that goes on from its last common checkpoint: the tables of an unbroken run."""
 
 import os
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.learn.simulation import Learning, learn, tables_equal
 from sparse_coord_ros.lockstep.checkpoints import Checkpoints, steps_of
+from sparse_coord_ros.lockstep.rollback import Progress, WorldRollback
 
 from .team import WORLD, Team
 
@@ -107,6 +109,22 @@ def test_a_robot_may_go_on_alone_from_its_own_checkpoint():
     team.play([(600, lambda t: t.kill(1)), (620, lambda t: t.start(1, resume=True))])
     assert (team.world.back.replaced, team.world.back.taken_back) == (1, 0)
     team.check_updates()
+
+
+def test_who_cannot_go_back_is_not_waited_for():
+    """A robot comes back without checkpoints while an order stands."""
+    side = SimpleNamespace(
+        held=True, go_on_from=lambda state: None, world=SimpleNamespace(step=40)
+    )
+    store = SimpleNamespace(steps=lambda: [40, 0], load_world=lambda step: None)
+    back = WorldRollback(side, store, 2)
+    for k in range(2):
+        back.heard(k, Progress(f"{k}", 50, 50, (40, 0)))
+    back.take_back("order")
+    back.heard(0, Progress("0", 40, 40, (40, 0), obeyed="order"))
+    assert back.waiting == [1]
+    back.heard(1, Progress("another", 0, 0))
+    assert back.waiting == []
 
 
 def test_a_world_that_comes_back_finds_its_robots():

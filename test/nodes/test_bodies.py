@@ -71,7 +71,7 @@ def test_bodies_that_get_there_learn_what_the_grid_teaches(
         assert (np.diff(kept["seconds"]) >= 0).all()
         last = kept["poses"][-1]
     for cell, (x, y, _) in zip(world.lockstep.world.cells, last, strict=True):
-        assert np.hypot(*np.subtract(world._convert.centres[cell], (x, y))) < 0.5
+        assert np.hypot(*np.subtract(world.topics.convert.centres[cell], (x, y))) < 0.5
     assert body.summary()["seconds"] >= summary["body_seconds"] - 1e-6
 
 
@@ -203,7 +203,9 @@ def test_pause_step_and_reset(bench, tmp_path):
     bench.spin_until(lambda: world.lockstep.world.transitions > 1, "under way")
     observer = bench.observer()
     observer.call(SetBool, "world_simulator/pause", SetBool.Request(data=True))
-    bench.spin_until(lambda: world.lockstep.complete and not world._bodies.waiting, "all stand")
+    bench.spin_until(
+        lambda: world.lockstep.complete and not world.bodies.side.waiting, "all stand"
+    )
     before = world.lockstep.world.transitions
     assert observer.call(Trigger, "world_simulator/step").success
     bench.spin_until(lambda: world.lockstep.world.transitions == before + 1, "one step")
@@ -356,12 +358,12 @@ def test_a_body_whose_poses_stop_is_stopped(bench):
     pose.header.frame_id, pose.header.stamp.sec = "odom", 1
     poses.publish(pose)
     bench.spin_until(lambda: driver.intake.total == 1, "another frame is dropped")
-    x, y = world._convert.centres[0]
+    x, y = world.topics.convert.centres[0]
     pose.header.frame_id, pose.pose.orientation.w = "map", 1.0
     pose.pose.position.x, pose.pose.position.y = x, y
     poses.publish(pose)
     bench.spin_until(lambda: driver.driver.pose is not None, "the pose is there")
-    world.send(
+    world.bodies.send(
         Goals(1, 1, False, 0.0, (BodyGoal(0, 0, int(world.run.scenario.map.next_cell[0, 1])),))
     )
     bench.spin_until(lambda: len(commands) >= 2, "it drives and is stopped")

@@ -8,7 +8,6 @@ from types import SimpleNamespace
 import pytest
 
 from sparse_coord_ros.errors import RunError
-from sparse_coord_ros.nodes import outputs
 from sparse_coord_ros.nodes.outputs import open_output, save_somewhere
 
 
@@ -59,14 +58,18 @@ def test_where_nothing_can_be_written_the_first_refusal_is_told(node, tmp_path, 
     assert error.value.filename == str(tmp_path / "out")
 
 
-def test_a_run_file_that_another_node_is_just_writing_is_waited_for(tmp_path, monkeypatch):
-    file = tmp_path / "run.yaml"
-    file.write_text("run: ")
-    timer = threading.Timer(0.03, file.write_text, ["run: text"])
-    timer.start()
-    assert open_output(str(tmp_path), "run: text", []) == tmp_path
-    timer.join()
-    monkeypatch.setattr(outputs, "WRITING_SECONDS", 0.0)
-    file.write_text("run: ")
-    with pytest.raises(RunError, match="holds another run's run.yaml"):
-        open_output(str(tmp_path), "run: text", [])
+def test_nodes_that_open_a_directory_at_once_join_one_run(tmp_path):
+    def join(text, found):
+        try:
+            open_output(str(tmp_path), text, [])
+            found.append(text)
+        except RunError as error:
+            assert "holds another run's run.yaml" in str(error)
+
+    joined = []
+    threads = [threading.Thread(target=join, args=(f"run: {k % 2}", joined)) for k in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(joined) == 4 and set(joined) == {(tmp_path / "run.yaml").read_text()}

@@ -11,7 +11,7 @@ from nav_msgs.srv import GetPlan
 from sparse_coord_ros.lockstep.waiting import Deadline, WorldPresence
 from sparse_coord_ros.nodes import peers
 from sparse_coord_ros.nodes.member import Member
-from sparse_coord_ros.nodes.peers import Clients, Peer
+from sparse_coord_ros.nodes.peers import Clients, Peer, Peers
 from sparse_coord_ros.nodes.robot import LAST_WORDS_SECONDS, RobotNode
 
 
@@ -129,12 +129,12 @@ def test_an_answer_that_nobody_looked_at_yet_is_not_asked_for_again(node, monkey
 def test_a_robot_leaves_when_all_is_learned(waiting, newest, done):
     """Not with a reward pending, or before it has the last state."""
     lockstep = SimpleNamespace(waiting=waiting, newest=(newest, 3))
-    assert Member.has_learned(SimpleNamespace(lockstep=lockstep), 9) is done
+    assert Member.has_learned(SimpleNamespace(joined=True, lockstep=lockstep), 9) is done
 
 
 def test_a_robot_whose_last_reward_does_not_come_leaves_after_a_while():
     """It has some seconds from the first time that it hears of the run's end."""
-    member = SimpleNamespace(joined=True, has_learned=lambda step: False)
+    member = SimpleNamespace(has_learned=lambda step: False)
     watch = WorldPresence("this", 9, 0.0, 0.0)
     watch.hear("this", "finished", 9, 9, 1.0)
     watch.hear("this", "finished", 9, 9, 2.0)
@@ -150,21 +150,21 @@ def test_the_deadline_of_what_is_waited_for():
         waiting=("percept", 4), asking=1, expire=lambda: done.append("expired")
     )
     peer = SimpleNamespace(gave_up=lambda: done.append("gave up"), waits=False, heard=0.0)
-    member = SimpleNamespace(lockstep=lockstep, _deadline=Deadline(1.0, 5.0), _peers={1: peer})
-    Member.watch_the_deadline(member, 10.0)
-    Member.watch_the_deadline(member, 10.9)
+    peers = SimpleNamespace(_side=lockstep, _deadline=Deadline(1.0, 5.0), _peers={1: peer})
+    Peers.keep_the_deadline(peers, 10.0)
+    Peers.keep_the_deadline(peers, 10.9)
     assert done == []
-    Member.watch_the_deadline(member, 11.0)
+    Peers.keep_the_deadline(peers, 11.0)
     assert done == ["gave up", "expired"]
     lockstep.waiting, lockstep.asking = ("reward", 4), -1
-    Member.watch_the_deadline(member, 11.1)
-    Member.watch_the_deadline(member, 12.0)
+    Peers.keep_the_deadline(peers, 11.1)
+    Peers.keep_the_deadline(peers, 12.0)
     assert done == ["gave up", "expired"]
-    Member.watch_the_deadline(member, 12.1)
+    Peers.keep_the_deadline(peers, 12.1)
     assert done == ["gave up", "expired", "expired"], "no peer is to blame for a late reward"
     for step, now in ((5, 13.0), (6, 13.9), (6, 14.8)):
         lockstep.waiting = ("reward", step)
-        Member.watch_the_deadline(member, now)
+        Peers.keep_the_deadline(peers, now)
     lockstep.waiting = None
-    Member.watch_the_deadline(member, 99.0)
+    Peers.keep_the_deadline(peers, 99.0)
     assert len(done) == 3

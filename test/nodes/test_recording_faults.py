@@ -174,7 +174,7 @@ def test_a_bag_that_breaks_before_the_first_step_does_not_hold_up_the_run(tmp_pa
     monkeypatch.setattr("sparse_coord_ros.nodes.recorder.BagProcess", Broken)
     out = tmp_path / "out"
     values = {"scenario": "env1", "set": ["steps=30"], "out": str(out), "record": True}
-    quick = {"claim_window": 0.0, "startup_timeout": 5.0}
+    quick = {"claim_window": 0.0, "startup_timeout": 30.0}
     with ros_context() as context:
         summary = run_team({**values, **quick}, context=context)
     assert (summary["transitions"], summary["recording_error"]) == (30, "cannot write run.yaml")

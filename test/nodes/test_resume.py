@@ -16,6 +16,7 @@ from visualization_msgs.msg import MarkerArray
 
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.lockstep.rollback import Order
+from sparse_coord_ros.nodes.messages import Said
 from sparse_coord_ros.nodes.spin import ros_context
 from sparse_coord_ros.nodes.team import run_team
 from sparse_coord_ros.runlog import verify
@@ -140,13 +141,13 @@ def test_who_goes_back_listens_anew(bench, tmp_path):
     bench.spin_until(lambda: world.lockstep.complete, "the first barrier")
     member = robots[0].member
     before = list(member._ears)
-    member.obey(Order("an order", 0, 1))
+    member.world_said(Said("", "", 0, 0, Order("an order", 0, 1)))
     member._on_state((1, 3))
     assert (member.joined, member.lockstep.newest[0]) == (False, 0)
     bench.spin_until(lambda: member.joined, "it listens again")
     assert not set(before) & set(member._ears)
-    bench.spin_until(lambda: world.heard_by(world._state_publishers[0], ["robot_1"]), "matched")
-    world.state(0, 1, 3)
+    bench.spin_until(lambda: world.heard_by(world.topics.states[0], ["robot_1"]), "matched")
+    world.topics.state(0, 1, 3)
     bench.spin_until(lambda: member.lockstep.newest == (1, 3), "it hears the world")
 
 

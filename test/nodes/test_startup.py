@@ -14,7 +14,7 @@ from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.run_config import make_run, run_from_yaml
 from sparse_coord_ros.learn.simulation import learn
 from sparse_coord_ros.learn.tables import load_team, save_team
-from sparse_coord_ros.nodes.claim import HOLDING
+from sparse_coord_ros.nodes.guard import HOLDING, JOINED, STARTING, Claim
 from sparse_coord_ros.nodes.member import Member
 from sparse_coord_ros.nodes.spin import ros_context
 from sparse_coord_ros.nodes.team import run_team
@@ -108,7 +108,7 @@ def test_a_second_robot_of_a_name_stops_though_no_world_is_there_yet(bench):
     bench.place("a"), bench.place("b")
     other = bench.robot("robot_2", place="a")
     first = bench.robot("robot_1", place="b", claim_window=0.1)
-    bench.spin_until(lambda: first.claim.rank == HOLDING, "first has its name")
+    bench.spin_until(lambda: first.guard.claim.rank == HOLDING, "first has its name")
     second = bench.robot("robot_1", place="a", claim_window=0.5)
     with pytest.raises(RunError, match=TAKEN):
         bench.spin_until(lambda: False)
@@ -119,18 +119,15 @@ def test_a_second_robot_of_a_name_stops_though_no_world_is_there_yet(bench):
     assert world.summary()["timeouts"] == 0
 
 
-def test_one_of_two_robots_that_start_together_stops(bench):
-    world = bench.world(set=SHORT)
-    twins = [bench.robot("robot_1", place=place, claim_window=0.3) for place in ("here", "there")]
-    other = bench.robot("robot_2")
-    with pytest.raises(RunError, match=TAKEN):
-        bench.spin_until(lambda: False)
-    stays, leaves = sorted(twins, key=lambda twin: twin.failure is not None)
-    assert (stays.failure is None, leaves.failure is None) == (True, False)
-    assert stays.claim.id < leaves.claim.id, "no clock decides"
-    bench.destroy(leaves)
-    bench.spin_until_done(world, stays, other)
-    assert world.summary()["transitions"] == 40
+@pytest.mark.parametrize("rank", [STARTING, HOLDING])
+def test_of_two_nodes_of_a_name_one_ends(rank):
+    """Who has come less far; of two that are equally far, who has the higher identity."""
+    low, high = Claim("1", rank), Claim("2", rank)
+    assert high.yields_to(low) and not low.yields_to(high)
+    further = Claim("3", rank + 1)
+    assert low.yields_to(further) and not further.yields_to(low)
+    joined = Claim("2", JOINED)
+    assert not joined.yields_to(Claim("1", JOINED)), "nobody leaves a run for another"
 
 
 def test_a_second_world_stops(bench):

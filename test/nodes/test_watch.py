@@ -99,6 +99,21 @@ def test_topics_may_overtake_one_another(recorded, late, monkeypatch):
     assert team.whole and team.seen == 300
 
 
+def test_a_run_that_goes_back_is_shown_on(recorded):
+    """What it took back stays in the curves, and the page says so."""
+    run, bag = recorded
+    board = Board()
+    team, takes = heard_of(run, LiveView(run, board, source="live", title="", controls=()))
+    messages = list(open_bag(bag).messages(set(takes)))
+    for message in messages[:200]:
+        takes[message.topic](message.data)
+    seen, waiting = team.seen, set(team._states)
+    for message in messages:
+        takes[message.topic](message.data)
+    assert "went back to a checkpoint" in board.get("notice")["text"] and not team.whole
+    assert team.seen == seen + 300 and not waiting & set(team._states)
+
+
 def test_a_robot_that_is_left_out_holds_nobody_up(recorded):
     """What does not come at all is waited for half a second, and then done without."""
     run, bag = recorded

@@ -1,0 +1,127 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What one node alone should have: its name, and the topics that only it publishes.
+
+Of two nodes of one name one ends. Each says on its latched topic `~/claim` who it is and how far
+it has come: starting, holding the name, taking part in a run. Discovery may take seconds, so this
+is never settled for good: whenever two learn of each other, the one behind ends; of two that are
+equally far, the one with the higher identity. Nobody's clock matters, and a node that takes part
+in a run never leaves it for another.
+
+A topic may have a second publisher of another name, which claims nothing. rclpy does not tell who
+sent a message, but the graph tells that there is a second publisher: it is named in a warning.
+
+That two whole teams start at once on one machine is refused earlier, by `cli.live.sole_team`:
+claims would give each of them some of the names.
+"""
+
+import time
+import uuid
+from collections.abc import Iterable
+from typing import NamedTuple
+
+from sparse_coord_ros.errors import NameTakenError
+from sparse_coord_ros.nodes.intake import Intake
+from sparse_coord_ros.nodes.interface import CLAIM, CLAIMS_QOS
+from sparse_coord_ros.nodes.messages import read_claim, typed
+from sparse_coord_ros.nodes.parameters import ParameterNode
+from sparse_coord_ros.wire import CLAIM_RANKS
+
+STARTING, HOLDING, JOINED = range(len(CLAIM_RANKS))
+
+AT_ONCE = 5
+"""Topics that one look takes in; with each look the next ones."""
+
+UNKNOWN = "NODE_NAME_UNKNOWN"
+"""Part of what rcl calls a node that it has only half discovered."""
+
+
+class Claim(NamedTuple):
+    """What a node says of itself: what nobody else is called, and how far it has come."""
+
+    id: str
+    rank: int
+
+    def yields_to(self, other: "Claim") -> bool:
+        """Whether this node ends because of another one of its name."""
+        if self.rank == JOINED:
+            return False
+        return (other.rank, self.id) > (self.rank, other.id)
+
+
+class Guard:
+    """Guards a node's name, and topics.
+
+    Args:
+        node: the node; its `fail` is called where another node keeps the name.
+        intake: the node's subscriptions.
+
+    Attributes:
+        claim: what the node says of itself.
+        doubled: topics that a second node was seen to publish.
+    """
+
+    def __init__(self, node: ParameterNode, intake: Intake) -> None:
+        self._node = node
+        self.claim = Claim(uuid.uuid4().hex, STARTING)
+        self.doubled: set[str] = set()
+        self._since = divmod(time.time_ns(), 1_000_000_000)
+        self._warned = False
+        self._topics: list[str] = []
+        read = typed(CLAIM, read_claim)
+        intake.listen(CLAIM, self._on_claim, "~", read=read, qos=CLAIMS_QOS)
+        self._publisher = node.create_publisher(CLAIM.type, CLAIM.of("~"), CLAIM.qos)
+        self._say()
+
+    def hold(self) -> None:
+        """Have the name: nobody who had it has been heard in time."""
+        self._rise(HOLDING)
+
+    def join(self) -> None:
+        """Take part in a run."""
+        self._rise(JOINED)
+
+    def watch(self, topics: Iterable[str]) -> None:
+        """Guard topics, by their full names."""
+        self._topics = list(topics)
+
+    def look(self) -> None:
+        """Look at some of the topics, and warn once of each that has a second publisher."""
+        for topic in self._topics[:AT_ONCE]:
+            infos = self._node.get_publishers_info_by_topic(topic)
+            known = not any(UNKNOWN in info.node_name for info in infos)
+            if len(infos) > 1 and known and topic not in self.doubled:
+                self.doubled.add(topic)
+                names = sorted(f"{i.node_namespace.rstrip('/')}/{i.node_name}" for i in infos)
+                self._node.get_logger().warning(
+                    f"{topic} has {len(infos)} publishers, {', '.join(names)}; one should publish "
+                    "it: stop the others (a node that was killed is forgotten after 20 s)"
+                )
+        self._topics = self._topics[AT_ONCE:] + self._topics[:AT_ONCE]
+
+    def _rise(self, rank: int) -> None:
+        if rank > self.claim.rank:
+            self.claim = self.claim._replace(rank=rank)
+            self._say()
+
+    def _say(self) -> None:
+        header = CLAIM.type(frame_id=f"{self.claim.id} {CLAIM_RANKS[self.claim.rank]}")
+        header.stamp.sec, header.stamp.nanosec = self._since
+        self._publisher.publish(header)
+
+    def _on_claim(self, said: tuple[str, int]) -> None:
+        other, name = Claim(*said), self._node.get_fully_qualified_name()
+        if other.id == self.claim.id:
+            return
+        if self.claim.yields_to(other):
+            self._node.fail(
+                NameTakenError(
+                    f"node {name}: the name is taken, a node that was there before has it; stop "
+                    "that one, or start this one under another name or namespace"
+                )
+            )
+        elif self.claim.rank == other.rank == JOINED and not self._warned:
+            self._warned = True
+            self._node.get_logger().warning(
+                f"another node {name} takes part in a run too; stop one of them"
+            )

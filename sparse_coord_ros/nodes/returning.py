@@ -1,0 +1,150 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""How a team goes on: robots that come back, and runs that are resumed."""
+
+import functools
+import time
+import uuid
+from collections.abc import Callable
+
+from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.learn.run_config import RunConfig
+from sparse_coord_ros.lockstep.checkpoints import Checkpoints
+from sparse_coord_ros.lockstep.rollback import NO_ORDER, ROLL_CALL, Progress, WorldRollback
+from sparse_coord_ros.lockstep.world_side import WorldSide
+from sparse_coord_ros.nodes import interface
+from sparse_coord_ros.nodes.intake import Intake
+from sparse_coord_ros.nodes.messages import read_progress, typed
+from sparse_coord_ros.nodes.parameters import CONTINUE, ROLL_BACK, ParameterNode
+from sparse_coord_ros.wire import RECORDER
+
+
+class Returning:
+    """Hears what robots say of their checkpoints, and takes the team back where that is due.
+
+    Args:
+        node: the world's node; its parameters `resume` and `returning` say what is due.
+        intake: its subscriptions.
+        run: the run.
+        side: the world's side of the lock step.
+        store: the world's checkpoints; None: it keeps none.
+        changed: called when an order was given, and when the team goes on.
+
+    Attributes:
+        back: the order that stands, and what it cost.
+    """
+
+    def __init__(
+        self,
+        node: ParameterNode,
+        intake: Intake,
+        run: RunConfig,
+        side: WorldSide,
+        store: Checkpoints | None,
+        changed: Callable[[], None],
+    ) -> None:
+        self._node, self._run, self._side, self._changed = node, run, side, changed
+        self._names = [robot.name for robot in run.scenario.robots]
+        self.back = WorldRollback(side, store, len(self._names))
+        self._under_way = False
+        self._recorder_obeyed = NO_ORDER
+        self._since = 0.0
+        read = typed(interface.PROGRESS, read_progress)
+        for robot, name in enumerate(self._names):
+            then = functools.partial(self._on_progress, robot)
+            intake.listen(interface.PROGRESS, then, name, read=read)
+        if run.recorded:
+            intake.listen(interface.PROGRESS, self._on_recorder, RECORDER, read=read)
+
+    @property
+    def calling(self) -> bool:
+        """Whether the team waits for all to say where they are, before it goes on there."""
+        return self._side.held and self.back.order.step == ROLL_CALL
+
+    def resume(self) -> list[str]:
+        """Where a run is resumed, order from where; return whose checkpoints are not known yet.
+
+        Raises:
+            RunError: a robot keeps no checkpoints, or the world's is of another run.
+        """
+        if not self._node.values["resume"] or self._side.held:
+            return []
+        silent = [self._names[k] for k in self.back.silent]
+        if silent:
+            return silent
+        if self._node.values["returning"] == CONTINUE:
+            self.back.call(uuid.uuid4().hex)
+            self._ordered()
+        elif not self._take_back():
+            raise RunError(
+                "resume: a robot keeps no checkpoints; give every robot parameter 'out' and "
+                "resume:=true, or this world returning:=continue"
+            )
+        world, step = self._side.world, self.back.order.step
+        self._node.get_logger().info(
+            f"going on from the checkpoint of step {world.step if step < 0 else step} "
+            f"(transition {world.transitions}, next step {world.step})"
+        )
+        return []
+
+    def go_on(self, now: float, *, all_listen: Callable[[], bool]) -> None:
+        """End the hold after an order; who does not obey in time joins later."""
+        late = now - self._since >= self._run.step_timeout
+        recorded = not self._run.recorded or self._recorder_obeyed == self.back.order.name
+        if not late and not (recorded and all_listen()):
+            return
+        waiting = [self._names[k] for k in self.back.waiting]
+        if not self.back.go_on(anyway=late):
+            return
+        if waiting:
+            self._warn(f"{', '.join(waiting)} did not obey; going on without")
+        if self.back.lost:
+            self._warn(f"{self.back.lost} transitions are lost in the history")
+        self._changed()
+
+    def begin(self, now: float) -> None:
+        """The run is under way from now on; so long a resumed team has had to obey."""
+        self._under_way, self._since = True, now
+
+    def _on_progress(self, robot: int, said: Progress) -> None:
+        """Take in what a robot says of its checkpoints; one that comes back may take us along."""
+        first, new = self.back.said(robot) is None, self.back.heard(robot, said)
+        name, step = self._names[robot], self._side.world.step
+        if first:
+            self._node.get_logger().info(f"{name} is there")
+        if not (new and self._under_way) or self._side.finished:
+            return
+        if not said.resumed:
+            self._warn(
+                f"{name} was replaced at step {step}: a new node has its name, with tables of its "
+                "own"
+            )
+        elif self._node.values["returning"] == ROLL_BACK and self._take_back():
+            self._warn(
+                f"{name} came back at step {step}: everybody goes back to the checkpoint of step "
+                f"{self.back.order.step}"
+            )
+        else:
+            lost = max(0, step - said.step)
+            self.back.lost += lost
+            self._warn(
+                f"{name} came back at step {step} with what it had learned until step "
+                f"{said.step}: the team goes on, {lost} time steps of {name} are lost"
+            )
+
+    def _on_recorder(self, said: Progress) -> None:
+        self._recorder_obeyed = said.obeyed
+
+    def _take_back(self) -> bool:
+        """Go back to the last common checkpoint, and order it; return whether there is one."""
+        if self.back.take_back(uuid.uuid4().hex) is None:
+            return False
+        self._ordered()
+        return True
+
+    def _ordered(self) -> None:
+        self._since = time.monotonic()
+        self._changed()
+
+    def _warn(self, text: str) -> None:
+        self._node.get_logger().warning(text)

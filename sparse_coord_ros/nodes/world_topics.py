@@ -1,0 +1,172 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The world's topics: what it publishes, whose actions it hears, and who hears it."""
+
+import functools
+import time
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from std_msgs.msg import String
+
+from sparse_coord_ros import wire
+from sparse_coord_ros.game.game import Game
+from sparse_coord_ros.game.world import Action, Reward
+from sparse_coord_ros.learn.run_config import RunConfig
+from sparse_coord_ros.lockstep.rollback import Order
+from sparse_coord_ros.lockstep.waiting import Silence
+from sparse_coord_ros.lockstep.world_side import WorldSide
+from sparse_coord_ros.nodes import interface
+from sparse_coord_ros.nodes.episode_messages import MapLayout, MarkersLayout
+from sparse_coord_ros.nodes.intake import Intake
+from sparse_coord_ros.nodes.messages import CLOCK_LAYOUT, Converter, order_text, status
+from sparse_coord_ros.nodes.parameters import ParameterNode
+from sparse_coord_ros.nodes.scene import Scene, ScenePublisher
+from sparse_coord_ros.wire import RECORDER
+
+
+class WorldTopics:
+    """The world's publishers, and its subscriptions to actions; the port of its lock step.
+
+    Args:
+        node: the world's node.
+        run: the run.
+        game: what is played.
+        silence: is told when a time step begins.
+        save: the port's `checkpoint`.
+        frames: whether to publish where the robots are as transforms, too.
+
+    Attributes:
+        convert: between time steps and cells and messages.
+        clock: the publisher of /clock; states, rewards: those of each robot.
+        actions: the subscription to each robot's actions.
+    """
+
+    def __init__(
+        self,
+        node: ParameterNode,
+        run: RunConfig,
+        game: Game,
+        silence: Silence,
+        save: Callable[[int], None],
+        *,
+        frames: bool,
+    ) -> None:
+        self._node, self._run, self._game = node, run, game
+        self._silence, self.checkpoint = silence, save
+        self._names = [robot.name for robot in run.scenario.robots]
+        self.convert = Converter(run)
+        self._map = MapLayout(self.convert)
+        self._markers = MarkersLayout(self.convert, run.scenario)
+        self._clock_step = -1
+        self._run_publisher = node.announce(interface.RUN)
+        self._status_publisher = node.announce(interface.STATUS)
+        self.clock = node.announce(interface.CLOCK)
+        self._map_publisher = node.announce(interface.MAP)
+        self._marker_publisher = node.announce(interface.MARKERS)
+        scene = Scene(self.convert, self._names)
+        self._scene = ScenePublisher(node, node.announce(interface.SCENE), scene, frames=frames)
+        self._diagnostics_publisher = node.announce(interface.DIAGNOSTICS)
+        self.states = [node.announce(interface.LOCAL_STATE, name) for name in self._names]
+        self.rewards = [node.announce(interface.REWARD, name) for name in self._names]
+        self.actions: list[Any] = []
+
+    def hear_actions(
+        self, intake: Intake, then: Callable[[int, tuple[int, Action]], None]
+    ) -> None:
+        """Call `then` with a robot's number and what its actions say."""
+
+        def read(robot: int, data: bytes) -> tuple[int, Action]:
+            said = self.convert.unpack_action(data)
+            self._scene.actions[robot] = data
+            return said
+
+        self.actions = [
+            intake.listen(
+                interface.ACTION,
+                functools.partial(then, robot),
+                name,
+                read=functools.partial(read, robot),
+            )
+            for robot, name in enumerate(self._names)
+        ]
+
+    # The port of the lock step.
+
+    def state(self, robot: int, step: int, cell: int) -> None:
+        """Publish a robot's local state, and the clock when a step begins."""
+        if step != self._clock_step:
+            self._clock_step = step
+            self._silence.begin(time.monotonic())
+            self.clock.publish(CLOCK_LAYOUT.pack(*self.convert.stamp(step)))
+        self.states[robot].publish(self.convert.pack_state(step, cell))
+
+    def reward(self, robot: int, step: int, reward: Reward) -> None:
+        """Publish the reward of a robot's action at a time step."""
+        self.rewards[robot].publish(self.convert.pack_reward(step, reward))
+
+    def episode(self, step: int) -> None:
+        """Publish map and markers as they are when an episode begins."""
+        self._map_publisher.publish(self._map.pack(step))
+        self.show(scene=False)
+
+    # Who hears the world, and whom it hears.
+
+    def missing(self) -> list[str]:
+        """Return the robots, and the recorder where one is to be, that do not listen yet."""
+        heard_by, missing = self._node.heard_by, []
+        for name, *own, action in zip(
+            self._names, self.states, self.rewards, self.actions, strict=True
+        ):
+            hears = all(heard_by(publisher, [name]) for publisher in own)
+            if not hears or action.get_publisher_count() == 0:
+                missing.append(name)
+        said = [self.clock, *self.states, *self.rewards]
+        if self._run.recorded and not all(heard_by(one, [RECORDER]) for one in said):
+            missing.append(RECORDER)
+        return missing
+
+    def gone(self, robots: Iterable[int]) -> bool:
+        """Whether nobody publishes the actions of any of these robots."""
+        return not any(self.actions[k].get_publisher_count() for k in robots)
+
+    @property
+    def own(self) -> list[str]:
+        """The full names of topics with one publisher: the world, or one robot."""
+        said = (self._run_publisher, self._status_publisher, self.clock, self._map_publisher)
+        ends = (*said, *self.states, *self.rewards, *self.actions)
+        return [end.topic_name for end in ends]
+
+    # What else is said.
+
+    def start_anew(self) -> None:
+        """Publish the clock with the next state, even where the run stands at its step already."""
+        self._clock_step = -1
+
+    def open(self, *, resumed: bool) -> None:
+        """Tell everybody what the run is."""
+        if not resumed:
+            self.episode(0)
+            self.show()
+        self._run_publisher.publish(String(data=self._run.to_yaml()))
+
+    def say(self, state: str, side: WorldSide, order: Order) -> None:
+        """Publish the status: what the world does, how far it is, and the order that stands."""
+        said = (self._game.step, self._game.transitions, side.left_out, side.began)
+        values = dict(zip(wire.STATUS_VALUES, said, strict=True))
+        values |= {wire.RUN_ID: self._run.id, wire.ROLLBACK: order_text(order)}
+        self._status_publisher.publish(status(self._run.scenario.name, state, values))
+
+    def show(self, *, scene: bool = True, always: bool = False) -> None:
+        """Publish where the robots are; the scene not too often, but for `always`."""
+        game = self._game
+        self._marker_publisher.publish(self._markers.pack(game.step, game.cells))
+        if scene:
+            self._scene.publish(game.step, game.cells, always=always)
+
+    def report(self, state: str, values: Mapping[str, object], *, warn: bool) -> None:
+        """Publish diagnostics."""
+        message = DiagnosticArray(header=self.convert.header(self._game.step))
+        message.status = [status(f"{self._node.full_name}: run", state, values, warn=warn)]
+        self._diagnostics_publisher.publish(message)
