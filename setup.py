@@ -24,6 +24,7 @@ setup(
     package_data={
         PACKAGE: ["py.typed"],
         f"{PACKAGE}.experiments.report": ["*.yaml"],
+        f"{PACKAGE}.look": ["templates/*"],
         f"{PACKAGE}.look.page": ["static/*"],
     },
     data_files=[
@@ -55,6 +56,7 @@ setup(
         "matplotlib",
         "pandas",
         "pillow",
+        "Jinja2",
         "tqdm",
         "aiohttp>=3.8",
         "argcomplete>=3",

@@ -30,6 +30,6 @@ def results(tmp_path_factory):
     """Return a directory of results: two conditions, two runs each."""
     directory = tmp_path_factory.mktemp("shown") / "results"
     conditions = [f"env1/{learner}/penalty=-20,steps=300" for learner in ("coop", "noncoop")]
-    few = ("--runs", "2", "--trials", "2", "--engine", "python")
+    few = ("--runs", "2", "--trials", "2", "--engine", "python", "--jobs", "1")
     assert main(["reproduce", *conditions, "--out", str(directory), *few]) == 0
     return directory
