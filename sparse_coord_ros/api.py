@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The functions of the Python API that no other module has; use them as `sparse_coord_ros.<name>`.
+"""The names of the Python API, and its functions; use them as `sparse_coord_ros.<name>`.
 
 A scenario may be given as a `Scenario`, as the name of a shipped one, or as the path of a scenario
 file; a learner as a `Learner`, its class, its name, or `module:Class`.
@@ -15,12 +15,14 @@ from typing import TYPE_CHECKING, Protocol, cast, overload
 
 import numpy as np
 
+from sparse_coord_ros import runlog
 from sparse_coord_ros.dataframes import data_frame
 from sparse_coord_ros.engine import training
 from sparse_coord_ros.engine.batch import run_batch, uses_numba
 from sparse_coord_ros.engine.cluster import check_place, cluster_at
 from sparse_coord_ros.engine.training import EVERY, Training
-from sparse_coord_ros.errors import RunError, SettingError, TablesError
+from sparse_coord_ros.errors import RunError, SettingError, SparseCoordError, TablesError
+from sparse_coord_ros.experiments.catalogue import experiment_names
 from sparse_coord_ros.experiments.conditions import Condition
 from sparse_coord_ros.experiments.runner import (
     ExperimentResults,
@@ -30,26 +32,76 @@ from sparse_coord_ros.experiments.runner import (
     run_targets,
 )
 from sparse_coord_ros.experiments.store import JOBS, RUNS, SUMS, TRIALS, Plan
-from sparse_coord_ros.game.scenario import Scenario, loaded
+from sparse_coord_ros.game.buildings import generated_building
+from sparse_coord_ros.game.perception import register_perception
+from sparse_coord_ros.game.scenario import Scenario, load_scenario, loaded, scenario_names
+from sparse_coord_ros.game.world import Reward, RewardWeights
 from sparse_coord_ros.learn import evaluation, run_config
-from sparse_coord_ros.learn.agent import Tables
+from sparse_coord_ros.learn.agent import Agent, Tables
 from sparse_coord_ros.learn.evaluation import Evaluation
 from sparse_coord_ros.learn.history import History, load_history, no_history
-from sparse_coord_ros.learn.learners import Learner, learner_of
+from sparse_coord_ros.learn.learners import Learner, learner_of, register_learner
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS, RunConfig
 from sparse_coord_ros.learn.tables import load_team
+from sparse_coord_ros.runlog import RunLog, Verification
 from sparse_coord_ros.solve import class_search, exact
 from sparse_coord_ros.solve import joint_mdp as joint_mdp_module
 from sparse_coord_ros.solve.exact import ExactEvaluation
 from sparse_coord_ros.solve.joint_mdp import JointMDP
 from sparse_coord_ros.solve.optimum import Optimum, joint_optimum
 from sparse_coord_ros.solve.reference import Reference, shortest_path_reference
-from sparse_coord_ros.solve.shipped import ClassBound
+from sparse_coord_ros.solve.shipped import ClassBound, RobotPolicy, shipped_class_bound
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from sparse_coord_ros.runlog import RunLog, Verification
+__all__ = [
+    # Scenarios
+    "load_scenario",
+    "scenario_names",
+    "Scenario",
+    "generated_building",
+    # Learning
+    "train",
+    "train_many",
+    "Training",
+    "Runs",
+    "Tables",
+    "History",
+    # What it is worth
+    "evaluate",
+    "evaluate_exact",
+    "optimum",
+    "shortest_paths",
+    "joint_mdp",
+    "JointMDP",
+    "class_bound",
+    "shipped_class_bound",
+    "Evaluation",
+    "ExactEvaluation",
+    "ClassBound",
+    "RobotPolicy",
+    # What is on disk
+    "load_run",
+    "SavedRun",
+    "read_log",
+    "RunLog",
+    "verify",
+    "Verification",
+    # Experiments
+    "experiment_names",
+    "run_experiment",
+    "ExperimentResults",
+    # Learners and perception models of one's own
+    "Learner",
+    "Agent",
+    "Reward",
+    "RewardWeights",
+    "register_learner",
+    "register_perception",
+    # Errors
+    "SparseCoordError",
+]
 
 LearnerLike = str | Learner | type[Learner]
 ScenarioLike = str | Path | Scenario
@@ -415,7 +467,7 @@ def shortest_paths(scenario: ScenarioLike) -> Reference:
     return shortest_path_reference(loaded(scenario))
 
 
-def read_log(bag: str | Path) -> "RunLog":
+def read_log(bag: str | Path) -> RunLog:
     """Read a run's log as arrays: who was where, chose what, asked whom, perceived and got what.
 
     Args:
@@ -427,12 +479,10 @@ def read_log(bag: str | Path) -> "RunLog":
         RunError: `bag` is no path.
         SettingError: its learner or its perception model is missing here.
     """
-    from sparse_coord_ros.runlog import read_run
-
-    return read_run(_bag_path(bag))
+    return runlog.read_run(_bag_path(bag))
 
 
-def verify(bag: str | Path) -> "Verification":
+def verify(bag: str | Path) -> Verification:
     """Compute a recorded run again from its seed and its log alone, and compare.
 
     Its attribute `same` says whether nothing differs, `differences` says what does.
@@ -443,8 +493,6 @@ def verify(bag: str | Path) -> "Verification":
     Raises:
         BagError, RunError, SettingError: as `read_log`.
     """
-    from sparse_coord_ros import runlog
-
     return runlog.verify(_bag_path(bag))
 
 

@@ -45,8 +45,6 @@ def training(scenario):
 def test_every_name_is_there_documented_and_typed(name):
     thing = getattr(sc, name)
     assert name in dir(sc)
-    if name == "__version__":
-        return
     assert inspect.getdoc(thing)
     if not inspect.isclass(thing):
         given = inspect.signature(thing).parameters
@@ -57,12 +55,6 @@ def test_every_name_is_there_documented_and_typed(name):
     for member in public:
         if inspect.isfunction(member) or isinstance(member, property | cached_property):
             assert inspect.getdoc(member), member
-
-
-def test_type_checkers_see_the_names_that_there_are():
-    source = inspect.getsource(sc).partition("if TYPE_CHECKING:")[2].partition("__version__")[0]
-    names = [line.rpartition(" as ")[2] for line in source.splitlines() if " as " in line]
-    assert sorted(names) == sorted(set(sc.__all__) - {"__version__"})
 
 
 def test_an_unknown_name():
@@ -88,11 +80,11 @@ def test_importing_it_imports_nothing_else():
     out = python(
         "import sys; before = set(sys.modules)\n"
         "import sparse_coord_ros as sc\n"
+        "from sparse_coord_ros import palette\n"
         "new = {n.partition(chr(46))[0] for n in set(sys.modules) - before}\n"
-        "print(sorted(new - sys.stdlib_module_names)); sc.Learner\n"
-        "print('sparse_coord_ros.engine' in sys.modules, 'mcap' in sys.modules)"
+        "print(sorted(new - sys.stdlib_module_names), 'sparse_coord_ros.api' in sys.modules)\n"
     )
-    assert out.splitlines() == ["['sparse_coord_ros']", "False False"]
+    assert out == "['sparse_coord_ros'] False\n"
 
 
 def test_all_of_it_needs_neither_ros_nor_pictures_nor_numba_nor_pandas():
@@ -285,7 +277,6 @@ def test_experiments_are_those_of_reproduce(printed, tmp_path):
     )
     for run in found["runs"]:
         run["directory"] = run["directory"].replace("r/", f"{tmp_path}/o/", 1)
-    assert found.pop("cells") == found["conditions"]
     assert json.loads(json.dumps(ours.to_dict())) == found
     assert [(name, done) for name, done, _ in seen] == [
         (IDS[0], 0),
