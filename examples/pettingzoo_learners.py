@@ -54,7 +54,7 @@ class Robot(QLearner):
 def learn(scenario, asks, seed):
     """Return the robots of one run, which have learned for the scenario's steps."""
     np.random.seed(seed)  # OpenSpiel's learners draw from NumPy's global generator
-    env = parallel_env(scenario, starts="protocol", worth=True)
+    env = parallel_env(scenario, starts="protocol", goal_value=True)
     robots = {n: Robot(scenario.steps, scenario.discount, asks) for n in env.possible_agents}
     done = 0
     seen, _ = env.reset(seed=seed)
@@ -76,7 +76,7 @@ def learn(scenario, asks, seed):
 
 def play(scenario, robots, trials):
     """Return the means of greedy trials: the measures of `sc.evaluate`."""
-    env = parallel_env(scenario, starts="fixed", worth=True)
+    env = parallel_env(scenario, starts="fixed", goal_value=True)
     sums = dict.fromkeys(MEASURES, 0.0)
     seen, _ = env.reset(seed=0)
     for _ in range(trials):

@@ -47,7 +47,7 @@ def parallel_env(
     scenario: str | Path | Scenario,
     *,
     starts: str = "fixed",
-    worth: bool = False,
+    goal_value: bool = False,
     render_mode: str | None = None,
 ) -> SparseCoordEnv:
     """Return a scenario as a parallel environment.
@@ -56,15 +56,18 @@ def parallel_env(
         scenario: a scenario, a shipped one's name, or a scenario file's path.
         starts: "fixed": every episode begins at the scenario's starts, and lasts `horizon` steps;
             "protocol": as learning episodes do here, with exploring starts and `max_steps`.
-        worth: whether arriving also pays what being at the goal is worth from then on: discount *
-            goal_value. A learner whose episodes end there then solves the same problem as ours.
+        goal_value: whether arriving also pays the value of being at the goal from then on:
+            discount * the scenario's `goal_value`. A learner whose episodes end there then solves
+            the same problem as ours.
         render_mode: None or "rgb_array".
 
     Raises:
         ScenarioError: there is no such scenario.
         SettingError: a bad value of `starts` or `render_mode`.
     """
-    return SparseCoordEnv(loaded(scenario), starts=starts, worth=worth, render_mode=render_mode)
+    return SparseCoordEnv(
+        loaded(scenario), starts=starts, goal_value=goal_value, render_mode=render_mode
+    )
 
 
 class SparseCoordEnv(ParallelEnv):
@@ -88,7 +91,7 @@ class SparseCoordEnv(ParallelEnv):
     }
 
     def __init__(
-        self, scenario: Scenario, *, starts: str, worth: bool, render_mode: str | None
+        self, scenario: Scenario, *, starts: str, goal_value: bool, render_mode: str | None
     ) -> None:
         if starts not in STARTS:
             raise SettingError(f"starts is {starts!r}, allowed: {', '.join(STARTS)}")
@@ -100,7 +103,7 @@ class SparseCoordEnv(ParallelEnv):
         self.agents: list[str] = []
         self._number = {name: k for k, name in enumerate(self.possible_agents)}
         self._phase = EVALUATION if starts == "fixed" else LEARNING
-        self._worth = scenario.discount * scenario.goal_value if worth else 0.0
+        self._goal_value = scenario.discount * scenario.goal_value if goal_value else 0.0
         self._probabilities = probability_rows(scenario.perception, scenario.map)
         cells, team = len(scenario.map.cells), len(scenario.robots)
         self.state_space = spaces.MultiDiscrete([cells] * team + [2] * team + [2])
@@ -191,7 +194,7 @@ class SparseCoordEnv(ParallelEnv):
         before, rewards = self.agents, {}
         for name in before:
             k = self._number[name]
-            bonus = self._worth if k in outcome.arrived else 0.0
+            bonus = self._goal_value if k in outcome.arrived else 0.0
             rewards[name] = outcome.rewards[k].total + bonus
         terminated = {name: self._number[name] in outcome.arrived for name in before}
         truncated = {name: outcome.episode_over and not terminated[name] for name in before}

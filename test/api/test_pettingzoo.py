@@ -118,7 +118,7 @@ def test_our_learner_learns_the_same_bits_through_it(name, settings):
 
 
 def test_masks_worth_and_bad_input():
-    env = parallel_env("env1", worth=True, render_mode="rgb_array")
+    env = parallel_env("env1", goal_value=True, render_mode="rgb_array")
     with pytest.raises(RunError, match="call reset first"):
         env.state()
     env.reset(seed=1)
