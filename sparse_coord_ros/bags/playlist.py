@@ -15,8 +15,6 @@ from sparse_coord_ros.bags.reader import Bag, Message
 from sparse_coord_ros.bags.topics import find_clock
 from sparse_coord_ros.errors import BagError
 
-_LATEST_NS = 2**63 - 1
-
 
 class Playlist:
     """A bag's messages, one after the other by log time; of equal times as in the file.
@@ -41,7 +39,7 @@ class Playlist:
         numbers = {name: number for number, name in enumerate(sorted(self._topics))}
         log_times, kinds = array("q"), array("H")
         for message in bag.messages(self._topics):
-            log_times.append(min(message.log_time_ns, _LATEST_NS))
+            log_times.append(message.log_time_ns)
             kinds.append(numbers[message.topic])
         if not log_times:
             raise BagError(f"bag {bag.path}: no message to play on {', '.join(sorted(topics))}")

@@ -8,6 +8,7 @@ import re
 import resource
 import signal
 import socket
+import struct
 import sys
 
 import pytest
@@ -104,8 +105,10 @@ def test_all_that_was_handed_over_is_written_when_the_parent_is_gone(tmp_path, s
 
 
 def test_a_writer_that_hangs_is_given_up(tmp_path, monkeypatch):
-    monkeypatch.setattr("sparse_coord_ros.bags.process.PATIENCE_SECONDS", 1)
     writer = BagProcess(tmp_path / "run")
+    monkeypatch.setattr("sparse_coord_ros.bags.process.PATIENCE_SECONDS", 1)
+    with socket.fromfd(writer._connection.fileno(), socket.AF_UNIX, socket.SOCK_STREAM) as ours:
+        ours.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("ll", 1, 0))
     os.kill(writer._process.pid, signal.SIGSTOP)
     with pytest.raises(BagError, match="has not moved for 1 s; .*: look at its disk"):
         writer.add_topic("/a", STRING, QoS())

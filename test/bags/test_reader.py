@@ -84,17 +84,6 @@ def test_everything_that_was_written_is_read(tmp_path, bag, samples):
         writer.close()
 
 
-def test_a_missing_metadata_yaml_does_not_matter(tmp_path, bag):
-    """A file that is finished is finished, alone and before it got its name too."""
-    bag.close()
-    file = tmp_path / "run" / "run_0.mcap"
-    (tmp_path / "run" / "metadata.yaml").unlink()
-    for path in (tmp_path / "run", file, file.rename(f"{file}.partial"), tmp_path / "run"):
-        if path.exists():
-            found = open_bag(path)
-            assert (found.finished, found.damage, found.message_count) == (True, None, 20)
-
-
 def test_topics_without_messages_are_there(tmp_path):
     """Those that no chunk has are in the summary."""
     with BagWriter(tmp_path / "run") as writer:
@@ -394,18 +383,6 @@ def test_every_checksum_of_an_own_bag_is_there(tmp_path, bag, kind, place, what)
     struct.pack_into("<I", data, at, 0)
     file.write_bytes(data)
     assert f"the checksum of {what} is" in open_bag(file).damage
-
-
-def test_a_changed_byte_of_an_attachment(tmp_path, bag):
-    """Of an unfinished bag, whose end does not say what the data are."""
-    file = tmp_path / "run" / "run_0.mcap.partial"
-    data = bytearray(file.read_bytes())
-    _, end = places_of(data, 0x09)[0]
-    assert data[end - 5 : end - 4] == b"#"
-    data[end - 5] = ord(".")
-    changed = tmp_path / "changed.mcap.partial"
-    changed.write_bytes(data)
-    assert "the checksum of attachment 'map.txt' is" in open_bag(changed).damage
 
 
 @pytest.mark.parametrize("place", [9, 17])

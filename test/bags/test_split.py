@@ -8,7 +8,7 @@ import pytest
 import yaml
 from rosbags.highlevel import AnyReader
 
-from sparse_coord_ros.bags import BagError, BagWriter, QoS, open_bag
+from sparse_coord_ros.bags import BagWriter, QoS, open_bag
 from sparse_coord_ros.bags.metadata import ROLLED_BACK
 from sparse_coord_ros.bags.playlist import Playlist
 from sparse_coord_ros.bags.recover import continued, recover
@@ -70,12 +70,14 @@ def test_what_is_counted_over_several_files(tmp_path, samples):
     """Bytes go on with every file; times may be in any order; numbers may be those of another."""
     writer, [a, b] = begin(tmp_path / "bag", samples)
     before = writer.bytes_written
-    writer.begin_file({"why": "split"})
+    back = {"why": ROLLED_BACK, "step": "3", "first": "3"}
+    writer.begin_file(back)
     assert writer.bytes_written > before
     for sequence, time in enumerate((50, 40, 60)):
         writer.write(b, samples.cdr(STRING), time, time, sequence=100 + sequence)
     writer.close()
     bag = open_bag(tmp_path / "bag")
+    assert [file.continued for file in bag.files] == [None, back]
     assert [m.sequence for m in bag.messages({"/b"})] == [*range(15), 100, 101, 102]
     information = yaml.safe_load((tmp_path / "bag" / "metadata.yaml").read_text())
     last = information["rosbag2_bagfile_information"]["files"][1]
@@ -182,23 +184,3 @@ def test_a_bag_that_never_began_is_moved_aside(tmp_path):
     assert not directory.exists()
     assert (tmp_path / "bag.damaged").exists()
     assert continued(tmp_path / "none") is None
-
-
-def test_a_bag_that_is_being_recorded_is_left_alone(tmp_path, samples):
-    writer, channels = begin(tmp_path / "bag", samples)
-    writer.flush()
-    with pytest.raises(BagError, match="is being recorded"):
-        continued(tmp_path / "bag")
-    write(writer, channels, samples, [30])
-    writer.close()
-
-
-def test_a_file_that_takes_the_run_back(tmp_path, samples):
-    writer, channels = begin(tmp_path / "bag", samples)
-    writer.begin_file({"why": ROLLED_BACK, "step": "3", "first": "3"})
-    write(writer, channels, samples, [7, 8])
-    writer.close()
-    bag = open_bag(tmp_path / "bag")
-    assert bag.files[0].continued is None
-    assert bag.files[1].continued == {"why": ROLLED_BACK, "step": "3", "first": "3"}
-    assert said(bag)[-2:] == [("/b", 7), ("/a", 8)]

@@ -12,11 +12,9 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-import yaml
 from mcap.reader import NonSeekingReader, SeekingReader, make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
-from rosbags.interfaces import QosDurability
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from sparse_coord_ros.bags import (
@@ -127,16 +125,6 @@ def test_channels_carry_schema_hash_and_qos(bag_directory):
         }
 
 
-def test_latched_topic_keeps_its_durability(bag_directory):
-    """A replayed map has to be latched again."""
-    with AnyReader([bag_directory]) as reader:
-        durabilities = {
-            c.topic: c.ext.offered_qos_profiles[0].durability for c in reader.connections
-        }
-    assert durabilities.pop("/occupancygrid") == QosDurability.TRANSIENT_LOCAL
-    assert set(durabilities.values()) == {QosDurability.VOLATILE}
-
-
 def test_file_is_complete(bag_directory):
     """Statistics, indexes, sequence numbers, CRCs, metadata and attachment."""
     reader = mcap_reader(bag_directory)
@@ -159,24 +147,6 @@ def test_file_is_complete(bag_directory):
     with (bag_directory / "run_0.mcap").open("rb") as stream:
         scanned = list(NonSeekingReader(stream, validate_crcs=True).iter_messages())
     assert len(scanned) == 33
-
-
-def test_metadata_yaml_describes_the_bag(bag_directory):
-    """Counts and times are the file's; the same text stands in the file."""
-    text = (bag_directory / "metadata.yaml").read_text()
-    information = yaml.safe_load(text)["rosbag2_bagfile_information"]
-    assert information["version"] == 9
-    assert information["message_count"] == 33
-    assert information["starting_time"] == {"nanoseconds_since_epoch": 10_000}
-    assert information["duration"] == {"nanoseconds": 2_010}
-    assert information["relative_file_paths"] == ["run_0.mcap"]
-    assert [t["message_count"] for t in information["topics_with_message_count"]] == [3] * 11
-    topics = [t["topic_metadata"] for t in information["topics_with_message_count"]]
-    assert {t["name"]: t["type_description_hash"] for t in topics} == {
-        topic_of(name): type_hash(name) for name in TYPES
-    }
-    records = {r.name: r.metadata for r in mcap_reader(bag_directory).iter_metadata()}
-    assert yaml.safe_load(records["rosbag2"]["serialized_metadata"]) == information
 
 
 def test_service_events_are_kept_and_decode(tmp_path, samples):
@@ -241,15 +211,10 @@ def test_existing_directory_is_refused_and_untouched(bag_directory):
     before = {path.name: path.read_bytes() for path in bag_directory.iterdir()}
     with pytest.raises(BagError, match=f"{bag_directory} exists: choose another name"):
         BagWriter(bag_directory)
+    with pytest.raises(BagError, match=r"cannot make .*/run_0.mcap/a/a_0\.mcap: Not a dir"):
+        BagWriter(bag_directory / "run_0.mcap" / "a")
     assert {path.name: path.read_bytes() for path in bag_directory.iterdir()} == before
     assert issubclass(BagError, SparseCoordError)
-
-
-def test_directory_that_cannot_be_made_is_named(tmp_path):
-    """A file in the way is no directory."""
-    (tmp_path / "file").write_text("")
-    with pytest.raises(BagError, match=r"cannot make the bag .*/file/run/run_0\.mcap: Not a dir"):
-        BagWriter(tmp_path / "file" / "run")
 
 
 @pytest.mark.parametrize(
@@ -268,15 +233,6 @@ def test_bad_options_are_refused_before_anything_is_made(tmp_path, options, mess
     with pytest.raises(BagError, match=message):
         BagWriter(tmp_path / "run", **options)
     assert not (tmp_path / "run").exists()
-
-
-def test_name_replaces_the_directory_name(tmp_path):
-    """An empty bag with a name of its own opens too."""
-    with BagWriter(tmp_path / "run", name="team") as bag:
-        bag.add_topic("/chatter", STRING, QoS())
-    assert (tmp_path / "run" / "team_0.mcap").is_file()
-    with AnyReader([tmp_path / "run"]) as reader:
-        assert (reader.message_count, list(reader.topics)) == (0, ["/chatter"])
 
 
 def test_topics_are_registered_once(tmp_path):
@@ -411,7 +367,7 @@ def test_full_disk_is_a_clear_error_and_stays_one(tmp_path):
     assert times == list(range(len(times)))
 
 
-@pytest.mark.parametrize("room", [*range(0, 60, 7), 400, 1_000, 1_400, 1_700])
+@pytest.mark.parametrize("room", [0, 7, 28, 400, 1_700])
 def test_disk_full_while_closing_leaves_every_message(tmp_path, samples, monkeypatch, room):
     """Wherever in the last records it happens: all that was flushed can be read."""
     bag = BagWriter(tmp_path / "run")
