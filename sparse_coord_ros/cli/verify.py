@@ -98,15 +98,8 @@ def _print(found, shown: int | None) -> None:
         return
     for sentence in found.broke_off:
         print(f"broke off: {sentence}")
-    if found.cannot_tell and found.log.tracks.format > 1:
-        print("cannot tell all of the run; what the log does say of the rest is as it has to be")
-        print(f"open: {found.first}")
-        return
     if found.cannot_tell:
-        print(
-            "cannot tell: a robot was late or left out, and a bag of format 1 (version 0.1.0) "
-            "does not say what it heard in time; all that the log does say is as it has to be"
-        )
+        print("cannot tell all of the run; what the log does say of the rest is as it has to be")
         print(f"open: {found.first}")
         return
     print(f"differs: {found.first}")

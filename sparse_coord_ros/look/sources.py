@@ -79,13 +79,12 @@ class Shown:
     def log(self) -> RunLog:
         """The run's log: what robots saw, did and got, and what nodes said; not all else.
 
-        The dialogue is in it only where other things cannot be told without it: in bags of format
-        1, and of robots that learn from being asked. Errors as of `recording`.
+        The dialogue is in it only of robots that learn from being asked. Errors as of `recording`.
         """
         recording = self.recording
         self.say(f"reading {self.bag} ({_size(recording.path)})")
         topics = [*MOVES, PERCEPT, STATUS]
-        if recording.format == 1 or recording.run.rule.factors is not None:
+        if recording.run.rule.factors is not None:
             topics.append(SERVICE_EVENTS)
         log = recording.whole(topics, SPOKEN, self.heard)
         if log.damage is not None:

@@ -15,7 +15,6 @@ from sparse_coord_ros.learn.agent import NOBODY
 from sparse_coord_ros.learn.simulation import Glimpse
 from sparse_coord_ros.palette import ANSWERED, FAILED, REFUSED
 from sparse_coord_ros.runlog.log import NONE, RunLog
-from sparse_coord_ros.runlog.percepts import ENDED
 
 
 class Question(NamedTuple):
@@ -126,7 +125,7 @@ def seen_step(seen: Glimpse) -> TimeStep:
 def ended(log: RunLog) -> dict[str, np.ndarray]:
     """Return where in a log, shape (T, K), bool, questions ended so, by each outcome."""
     answered = log.asked & log.perceived
-    refused = log.asked & (log.numbers[..., ENDED] == wire.REFUSED) & ~answered
+    refused = log.asked & (log.ended == wire.REFUSED) & ~answered
     return {ANSWERED: answered, REFUSED: refused, FAILED: log.asked & ~answered & ~refused}
 
 
@@ -134,7 +133,7 @@ def _logged_end(log: RunLog, row: int, k: int) -> int:
     """Return how a percept ended as the robot says; LATE where that is nothing known."""
     if log.perceived[row, k]:
         return wire.ANSWERED
-    code = log.numbers[row, k, ENDED]
+    code = log.ended[row, k]
     return int(code) if code in range(len(wire.PERCEPT_ENDS)) else wire.LATE
 
 

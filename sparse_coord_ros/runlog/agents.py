@@ -16,12 +16,10 @@ from sparse_coord_ros.runlog.log import RunLog
 from sparse_coord_ros.runlog.replay import Replay, fresh_agent
 from sparse_coord_ros.runlog.trajectory import due_numbers, trajectory_of
 from sparse_coord_ros.wire import (
-    ACCOUNT_LABELS,
     ACTION,
     ACTION_LABELS,
     COORDINATION_MAP,
     FINISHED,
-    PERCEPT,
     PERCEPT_ENDS,
     STOPPED,
     TABLES,
@@ -159,10 +157,8 @@ class AgentCheck:
         said = numbers[:, : len(ACTION_LABELS)]
         wrong = (said.copy().view(np.int64) != due.view(np.int64)).any(axis=1)
         able = np.concatenate([[False], trajectory.told[:-1]])[:limit] & (not log.run.greedy)
-        account = numbers[:, len(ACTION_LABELS) + ACCOUNT_LABELS.index("learned")]
-        lies = np.zeros(limit, dtype=bool)
-        if log.tracks.format > 1:
-            lies = (account != 0.0) & ((account != 1.0) | ~able)
+        account = log.has_learned[trajectory.row[:limit], self.k]
+        lies = (account != 0.0) & ((account != 1.0) | ~able)
         if not (wrong | lies).any():
             return None
         i = int(np.argmax(wrong | lies))
@@ -193,10 +189,7 @@ class AgentCheck:
     def _odd_count(self, entry: RecordedTables, to: int, end: int) -> tuple[str, str, str] | None:
         """Return (quantity, logged, computed) of the first number that cannot be."""
         log, trajectory = self.log, self.trajectory
-        if log.tracks.format == 1:
-            return None
-        place = len(ACTION_LABELS) + ACCOUNT_LABELS.index(PERCEPT.name)
-        ended = log.numbers[trajectory.row[:end], self.k, place]
+        ended = log.ended[trajectory.row[:end], self.k]
         due = {name: int((ended == code).sum()) for code, name in enumerate(PERCEPT_ENDS)}
         learned = int(trajectory.learned[:to].sum())
         mine = [r for r in log.requests if r.asker == self.k and r.step < entry.step + end - to]
@@ -255,14 +248,7 @@ class AgentCheck:
         """Yield step, place and the data of each; None where the robot has no such state."""
         steps, rows = self.log.tracks.coordination_maps[self.k]
         known = (steps == 0) | np.isin(steps, self.log.tracks.states[self.k].step)
-        wanted = np.ones(len(steps), dtype=bool)
-        if self.log.tracks.format == 1:
-            # A report may show what was learned some states before its stamp; at an episode's
-            # start one map is the right one, and the last: all others are reports.
-            due = set(self._due_maps().tolist())
-            first = np.concatenate([[True], np.diff(steps) > 0])
-            wanted = first & np.array([step in due for step in steps.tolist()], dtype=bool)
-        for place in np.flatnonzero(wanted).tolist():
+        for place in range(len(steps)):
             shown = rows["data"][place].tobytes() if known[place] else None
             yield int(steps[place]), 1_000_000 + place, shown
 

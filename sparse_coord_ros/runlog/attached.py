@@ -4,7 +4,7 @@
 
 import hashlib
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from sparse_coord_ros.bags.metadata import RESTARTED
@@ -41,59 +41,71 @@ class RecordedTables(NamedTuple):
     counts: Mapping[str, int]
 
 
+def tables_name(name: str, robots: Sequence[str]) -> tuple[int, int] | None:
+    """Return robot (from 0) and time step of tables with that name; None: of no robot's."""
+    match = NAME.fullmatch(name)
+    if match is None or match[1] not in robots:
+        return None
+    return robots.index(match[1]), int(match[2])
+
+
 def read_tables(
     bag: Bag, run: RunConfig, backs: Sequence[Rollback] = ()
-) -> Iterator[tuple[Difference | None, RecordedTables | None]]:
-    """Read the attachments tables/<robot>_<step>.npz; yield what is odd, and the tables.
+) -> tuple[list[RecordedTables], list[Difference]]:
+    """Return the attachments tables/<robot>_<step>.npz, and what is odd about them.
 
     Those that a roll-back superseded are left out; those from its checkpoint on come again,
     and to a recorder that was started again the last ones of each robot.
     """
-    scenario = run.scenario
-    names = [robot.name for robot in scenario.robots]
-    cells = len(scenario.map.cells)
-    due = (cells, len(ACTIONS)), (cells,) * scenario.perceived + (PRIMITIVES,)
-    seen: dict[tuple[str, bytes], int] = {}
+    robots = [robot.name for robot in run.scenario.robots]
+    found, odd = [], []
+    first_file: dict[tuple[str, bytes], int] = {}
     attached = [(place, one) for place, file in enumerate(bag.files) for one in file.attachments]
     for in_file, attachment in attached:
         name = attachment.name
         if not name.startswith(TABLES_FOLDER):
             continue
-        match = NAME.fullmatch(name)
-        if match is None or match[1] not in names:
+        of = tables_name(name, robots)
+        if of is None:
             where = name if len(name) < 100 else f"{name[:60]}..."
-            yield (
-                Difference(None, None, f"attachment {where}", "of no robot of the run", "of one"),
-                None,
+            odd.append(
+                Difference(None, None, f"attachment {where}", "of no robot of the run", "of one")
             )
             continue
-        robot, step = match[1], int(match[2])
+        k, step = of
         if not of_last([in_file], [step], backs)[0]:
             continue
         data = attachment.data
         key = (name, hashlib.sha256(data).digest())
         again = any(back.file == in_file and back.step <= step <= back.until for back in backs)
-        if key in seen and not again:
+        if key in first_file and not again:
             why = (bag.files[in_file].continued or {}).get("why")
-            if why != RESTARTED or seen[key] == in_file:
-                yield Difference(step, robot, TABLES, "twice", "once"), None
+            if why != RESTARTED or first_file[key] == in_file:
+                odd.append(Difference(step, robots[k], TABLES, "twice", "once"))
             continue
-        seen[key] = in_file
-        k = names.index(robot)
-        try:
-            tables, counts = unpack_robot(data, k + 1, where=name)
-        except TablesError as error:
-            yield Difference(step, robot, TABLES, str(error), "readable tables"), None
-            continue
-        shapes = tables.q_star.shape, tables.q_coord.shape
-        if shapes != due:
-            logged, computed = (
-                f"shapes {q_star} and {q_coord}" for q_star, q_coord in (shapes, due)
-            )
-            yield Difference(step, robot, TABLES, logged, computed), None
-            continue
-        odd = None
-        if counts.get("step") != step:
-            logged = f"of step {counts.get('step')}"
-            odd = Difference(step, robot, TABLES, logged, f"of {step}")
-        yield odd, RecordedTables(k, step, tables, counts)
+        first_file[key] = in_file
+        entry, difference = _unpacked(data, k, step, name, run)
+        found += [] if entry is None else [entry]
+        odd += [] if difference is None else [difference]
+    return found, odd
+
+
+def _unpacked(
+    data: bytes, k: int, step: int, name: str, run: RunConfig
+) -> tuple[RecordedTables | None, Difference | None]:
+    """Return one robot's tables, and what is wrong with them."""
+    scenario = run.scenario
+    robot, cells = scenario.robots[k].name, len(scenario.map.cells)
+    due = (cells, len(ACTIONS)), (cells,) * scenario.perceived + (PRIMITIVES,)
+    try:
+        tables, counts = unpack_robot(data, k + 1, where=name)
+    except TablesError as error:
+        return None, Difference(step, robot, TABLES, str(error), "readable tables")
+    shapes = tables.q_star.shape, tables.q_coord.shape
+    if shapes != due:
+        logged, computed = (f"shapes {q_star} and {q_coord}" for q_star, q_coord in (shapes, due))
+        return None, Difference(step, robot, TABLES, logged, computed)
+    odd = None
+    if counts.get("step") != step:
+        odd = Difference(step, robot, TABLES, f"of step {counts.get('step')}", f"of {step}")
+    return RecordedTables(k, step, tables, counts), odd

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which run a bag is of, and whether all places of the bag that say so agree."""
 
-import re
 from collections import Counter
 from collections.abc import Iterator
 from typing import Any, NamedTuple
@@ -21,7 +20,7 @@ from sparse_coord_ros.learn.run_config import (
 )
 from sparse_coord_ros.runlog.decode import Decoder
 from sparse_coord_ros.runlog.difference import MISSING, Difference
-from sparse_coord_ros.wire import FORMAT_KEY, RUN
+from sparse_coord_ros.wire import RUN
 
 REMEDY = "give the bag that 'sparse_coord run' or the recorder wrote"
 
@@ -31,15 +30,11 @@ class BagRun(NamedTuple):
 
     Attributes:
         run: the run.
-        number: of the bag's format, by its metadata record.
-        of_text: number of the format of the run's text, which is the same.
         prefix: what the names of its topics begin with.
         said: the text on the topic `run`; None: there is no message.
     """
 
     run: RunConfig
-    number: int
-    of_text: int
     prefix: str
     said: str | None
 
@@ -48,10 +43,9 @@ def find_run(bag: Bag, decode: Decoder) -> BagRun:
     """Return the run of a bag.
 
     Raises:
-        BagError: the bag holds no run, or several, or is of a newer format.
+        BagError: the bag holds no run, or several, or is of another format.
         RunError, ScenarioError, SettingError: the run is not one of this version.
     """
-    number = _format(bag)
     named = [name for name in bag.topics if name.endswith(f"/{RUN.name}")]
     topics = [name for name in named if bag.topics[name].type_name == RUN.type_name]
     if len(topics) > 1:
@@ -79,38 +73,23 @@ def find_run(bag: Bag, decode: Decoder) -> BagRun:
     prefix = topics[0].removesuffix(RUN.name) if topics else "/"
     try:
         run = run_from_yaml(text, where=f"{bag.path} (run)")
-        of_text = int(parse_yaml(text, where=f"{bag.path} (run)").get("format", 1))
     except SparseCoordError as error:
         if not bag.metadata.get(RUN_RECORD):
             raise BagError(f"{bag.path}: is not a bag of this package: {error}") from None
         raise
-    return BagRun(run, number, of_text, prefix, said)
+    return BagRun(run, prefix, said)
 
 
-def _format(bag: Bag) -> int:
-    """Return the number of the bag's format; `open_bag` has refused newer ones."""
-    text = bag.metadata.get(RUN_RECORD, {}).get(FORMAT_KEY, "1")
-    if not re.fullmatch("[1-9][0-9]{0,8}", text):
-        raise BagError(
-            f"{bag.path}: its format is {text[:40]!r}, no whole number from 1; {REMEDY}"
-        )
-    return int(text)
-
-
-def check_bag_run(bag: Bag, source: BagRun, number: int) -> Iterator[Difference]:
+def check_bag_run(bag: Bag, source: BagRun) -> Iterator[Difference]:
     """Yield what is wrong with the file, and in what its places say another run.
 
     Args:
         bag: the bag.
         source: its run.
-        number: of its format, by what it holds.
     """
     yield from _about_the_file(bag)
     yield from _copies(bag, source.run, source.said)
     yield from _record(bag, source.run)
-    if RUN_RECORD in bag.metadata and not source.number == source.of_text == number:
-        due = f"'{number}', as {RUN_FILE} and actions say"
-        yield Difference(None, None, f"metadata {FORMAT_KEY}", f"'{source.number}'", due)
 
 
 def _about_the_file(bag: Bag) -> Iterator[Difference]:

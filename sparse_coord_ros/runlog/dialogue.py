@@ -16,6 +16,7 @@ from sparse_coord_ros.wire.frame import SECOND, Frame
 SENT, RECEIVED, ANSWERED, RETURNED = range(4)
 """Event types of service_msgs/ServiceEventInfo: request sent, request received, response sent,
 response received."""
+NO_REQUEST = "without its request"
 EVENT_NAMES = ("request sent", "request received", "response sent", "response received")
 
 
@@ -114,7 +115,7 @@ def times_asked_again(requests: Sequence[Request]) -> int:
     return again
 
 
-def event_row(message: Any, names: list[str]) -> tuple[Any, ...]:
+def event_row(message: Any, names: Sequence[str]) -> tuple[Any, ...]:
     """Return the row of a decoded event of GetPlan.
 
     Raises:
@@ -147,7 +148,7 @@ def event_row(message: Any, names: list[str]) -> tuple[Any, ...]:
 
 
 def put_together(
-    events: Sequence[np.ndarray], names: list[str], frame: Frame
+    events: Sequence[np.ndarray], names: Sequence[str], frame: Frame
 ) -> tuple[list[Request], list[Difference]]:
     """Return the robots' requests in order of time step, and what does not fit together.
 
@@ -173,7 +174,7 @@ def _put(
     rows: np.ndarray,
     requests: dict[tuple[Any, ...], Request],
     problems: list[Difference],
-    names: list[str],
+    names: Sequence[str],
     frame: Frame,
 ) -> None:
     """Add what one asked robot's topic says."""
@@ -220,9 +221,7 @@ def _put(
         if request is None:
             if key not in strangers:
                 what = f"{DIALOGUE} {EVENT_NAMES[kind]}"
-                problems.append(
-                    Difference(step, names[peer], what, "without its request", "with it")
-                )
+                problems.append(Difference(step, names[peer], what, NO_REQUEST, "with it"))
             continue
         _note(request, kind, wall_ns, problems, names)
         content = (step, tuple(xy) if seen else None)
@@ -233,7 +232,7 @@ def _put(
 
 
 def _note(
-    request: Request, kind: int, wall_ns: int, problems: list[Difference], names: list[str]
+    request: Request, kind: int, wall_ns: int, problems: list[Difference], names: Sequence[str]
 ) -> None:
     if kind in request.wall_ns:
         problems.append(_problem(names, request, EVENT_NAMES[kind], "twice", "once"))
@@ -242,7 +241,7 @@ def _note(
 
 
 def _problem(
-    names: list[str], request: Request, what: str, logged: str, computed: str
+    names: Sequence[str], request: Request, what: str, logged: str, computed: str
 ) -> Difference:
     quantity = f"{DIALOGUE} with {names[request.peer]}, {what}"
     return Difference(request.step, names[request.asker], quantity, logged, computed)

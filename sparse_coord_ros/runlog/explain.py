@@ -15,10 +15,9 @@ from sparse_coord_ros.learn.factors import UNSEEN
 from sparse_coord_ros.runlog.agents import first_tables
 from sparse_coord_ros.runlog.dialogue import Request
 from sparse_coord_ros.runlog.log import RunLog
-from sparse_coord_ros.runlog.percepts import ENDED
+from sparse_coord_ros.runlog.percepts import percept_end
 from sparse_coord_ros.runlog.replay import Replay, fresh_agent
 from sparse_coord_ros.runlog.trajectory import Trajectory, trajectory_of
-from sparse_coord_ros.wire import ANSWERED, LATE, PERCEPT_ENDS, REFUSED
 from sparse_coord_ros.wire.frame import Frame
 
 
@@ -102,13 +101,7 @@ def explained(log: RunLog, robot: int, steps: Sequence[int]) -> Iterator[Coordin
         if not here.any() or trajectory.action[place] != COORDINATE:
             yield None
             continue
-        unknown = log.tracks.format == 1 and not trajectory.told[:place].all()
-        left_out = (
-            "the robot was left out before, and a bag of format 1 does not say what it learned"
-        )
-        yield _coordination(
-            log, robot, trajectory, replay, place, doubt or (left_out if unknown else None)
-        )
+        yield _coordination(log, robot, trajectory, replay, place, doubt)
 
 
 def _coordination(
@@ -151,7 +144,7 @@ def _coordination(
         cell=cell,
         peers=peers,
         requests=requests,
-        outcome=_outcome(log, robot, trajectory, place, perceived, requests),
+        outcome=percept_end(log.ended[trajectory.row[place], robot]),
         perceived=perceived,
         action=Action(computed, True, asked, perceived is not None),
         q_values=tuple(values),
@@ -172,25 +165,6 @@ def _entries(
         entry = (cell, *perceived, move)
         entries[entry] = float(tables.q_coord[entry])
     return entries
-
-
-def _outcome(
-    log: RunLog,
-    robot: int,
-    trajectory: Trajectory,
-    place: int,
-    perceived: tuple[int, ...] | None,
-    requests: tuple[Request, ...],
-) -> str:
-    """Return how the percept ended: as the robot says, in bags of format 1 by the dialogue."""
-    if log.tracks.format > 1:
-        code = log.numbers[trajectory.row[place], robot, ENDED]
-        return PERCEPT_ENDS[int(code)] if code in range(len(PERCEPT_ENDS)) else f"percept={code:g}"
-    if perceived is not None:
-        return PERCEPT_ENDS[ANSWERED]
-    last = requests[-1].answer if requests else None
-    late = last is None or last[0] < int(trajectory.step[place])
-    return PERCEPT_ENDS[LATE if late else REFUSED]
 
 
 def _cell(log: RunLog, cell: int) -> str:

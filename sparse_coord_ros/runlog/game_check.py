@@ -250,7 +250,7 @@ class _Walk:
                 yield row, partial(self._status, status.step, logged, due)
                 return
             counted = int(self.left_before[row])
-            said = 0 if status.left_out is None and status.timeouts == 0 else status.left_out
+            said = status.left_out
             pairs = np.argwhere(self.left_out[named:row]) + [named, 0]
             if said is not None and counted > said and len(pairs):
                 acted = [pair for pair in pairs.tolist() if self.acted[*pair]]

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A recorded run as NumPy arrays over time step and robot."""
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -21,8 +20,9 @@ from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.runlog.attached import RecordedTables
 from sparse_coord_ros.runlog.dialogue import Request
 from sparse_coord_ros.runlog.difference import Difference
-from sparse_coord_ros.runlog.tracks import NUMBERS, Tracks, read_tracks
-from sparse_coord_ros.wire import ACTION, ACTION_LABELS, REWARD_LABELS
+from sparse_coord_ros.runlog.readers import NUMBERS
+from sparse_coord_ros.runlog.tracks import Tracks, read_tracks
+from sparse_coord_ros.wire import ACTION, ACTION_LABELS, PERCEPT, REWARD_LABELS
 from sparse_coord_ros.wire.frame import EAST_NORTH, Frame, action_from
 
 if TYPE_CHECKING:
@@ -108,6 +108,18 @@ class RunLog:
         """Messages and attachments that could not be read, or are out of order."""
         return tuple(self.tracks.problems)
 
+    @property
+    def ended(self) -> np.ndarray:
+        """How percepts ended: numbers of `wire.PERCEPT_ENDS`, NaN where none, shape (T, K)."""
+        ended: np.ndarray = self.numbers[..., NUMBERS.index(PERCEPT.name)]
+        return ended
+
+    @property
+    def has_learned(self) -> np.ndarray:
+        """1 where a robot says that it has learned from its action before, shape (T, K)."""
+        said: np.ndarray = self.numbers[..., NUMBERS.index("learned")]
+        return said
+
     @cached_property
     def tables(self) -> Mapping[tuple[int, int], Tables]:
         """The recorded tables by (robot's number, time step)."""
@@ -155,11 +167,6 @@ class RunLog:
         for place, label in enumerate(REWARD_LABELS):
             columns["reward" if label == "total" else label] = self.reward[..., place].ravel()
         return data_frame(columns)
-
-    def frame(self) -> "pd.DataFrame":
-        """Return `to_pandas()`; the old name, which goes with the next version."""
-        warnings.warn("RunLog.frame() is now to_pandas()", DeprecationWarning, stacklevel=2)
-        return self.to_pandas()
 
     def history(self) -> History:
         """Return what happened in each learning episode, as far as the log goes."""
@@ -227,7 +234,7 @@ def read_run(path: Path) -> RunLog:
     Of an unfinished or damaged file, what can be read before the damage.
 
     Raises:
-        BagError: nothing can be read, or the bag holds no run, or is of a newer format.
+        BagError: nothing can be read, or the bag holds no run, or is of another format.
         RunError, ScenarioError, SettingError: the run in the bag is not one of this version.
     """
     return log_of(read_tracks(Path(path)))
@@ -242,7 +249,7 @@ def log_of(tracks: Tracks) -> RunLog:
     step = merged(all_steps)
     shape = (len(step), len(names))
     position = np.full((*shape, 2), np.nan)
-    numbers = np.full((*shape, NUMBERS), np.nan)
+    numbers = np.full((*shape, len(NUMBERS)), np.nan)
     percept = np.full((*shape, len(names)), NONE, dtype=np.int32)
     reward = np.full((*shape, len(REWARD_LABELS)), np.nan)
     partners = np.full(shape, np.nan)

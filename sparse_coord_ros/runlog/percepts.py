@@ -14,9 +14,7 @@ from sparse_coord_ros.runlog.draws import percept_draws
 from sparse_coord_ros.runlog.log import NONE, RunLog
 from sparse_coord_ros.runlog.trajectory import trajectory_of
 from sparse_coord_ros.wire import (
-    ACCOUNT_LABELS,
     ACTION,
-    ACTION_LABELS,
     ANSWERED,
     LATE,
     NOBODY_TO_ASK,
@@ -29,7 +27,10 @@ from sparse_coord_ros.wire.frame import Frame
 
 Place = tuple[float, float]
 
-ENDED = len(ACTION_LABELS) + ACCOUNT_LABELS.index(PERCEPT.name)
+
+def percept_end(code: float) -> str:
+    """Return how a percept ended in the words of `PERCEPT_ENDS`, by the number in the action."""
+    return PERCEPT_ENDS[int(code)] if code in range(len(PERCEPT_ENDS)) else f"percept={code:g}"
 
 
 def check_percepts(log: RunLog, last: int | None) -> list[Difference]:
@@ -86,14 +87,11 @@ class _Judge:
             if step <= self.last:
                 yield Difference(step, name, PERCEPT.name, MISSING, "one")
         trajectory = trajectory_of(log, k)
-        codes = log.numbers[trajectory.row, k, ENDED]
+        codes = log.ended[trajectory.row, k]
         coordinates = log.asked[trajectory.row, k]
-        if log.tracks.format > 1:
-            lies = (codes != NOT_ASKED) & ~coordinates & (trajectory.step <= self.last)
-            for step, code in zip(
-                trajectory.step[lies].tolist(), codes[lies].tolist(), strict=True
-            ):
-                yield self._code(step, k, code, PERCEPT_ENDS[NOT_ASKED])
+        lies = (codes != NOT_ASKED) & ~coordinates & (trajectory.step <= self.last)
+        for step, code in zip(trajectory.step[lies].tolist(), codes[lies].tolist(), strict=True):
+            yield self._code(step, k, code, PERCEPT_ENDS[NOT_ASKED])
         places = dict(zip(percepts.step.tolist(), range(len(percepts.step)), strict=True))
         for i in np.flatnonzero(coordinates & (trajectory.step <= self.last)).tolist():
             step = int(trajectory.step[i])
@@ -107,40 +105,28 @@ class _Judge:
     ) -> Iterator[Difference]:
         """Judge one percept: what it shows, how it is said to have ended, what was answered."""
         name, centres = self.log.names[k], self.frame.centres
-        places = [tuple(place) for place in row["places"].tolist()]
+        count = int(row["count"])
+        places = [tuple(place) for place in row["places"].tolist()][:count]
         here = self._cell(k, step)
-        if not row["count"] or here is None or places[0] != centres[here]:
-            said = f"{places[: min(1, int(row['count']))]}"
-            yield Difference(step, name, "percept own", said, f"cell {here}")
+        if here is None or places[:1] != [centres[here]]:
+            yield Difference(step, name, "percept own", f"{places[:1]}", f"cell {here}")
             return
         known = [self._cell(peer, step) for peer in peers]
         cells = [cell for cell in known if cell is not None]
         if len(cells) < len(known):
             return  # the world's check names the missing state
-        draw = self.draws[k][step]
-        sees = [succeeds(draw, self.probabilities[here][cell]) for cell in cells]
-        due = [
-            (peer, centres[cell] if seen else None)
-            for peer, cell, seen in zip(peers, cells, sees, strict=True)
-        ]
+        sees = [succeeds(self.draws[k][step], self.probabilities[here][cell]) for cell in cells]
+        where = [centres[cell] if seen else None for cell, seen in zip(cells, sees, strict=True)]
+        due = list(zip(peers, where, strict=True))
         answered = bool(peers) and all(sees)
-        shown = places[1 : int(row["count"])]
         expected = _words(cells) if answered else PERCEPT_ENDS[REFUSED]
-        exact = answered and shown == [where for _, where in due]
-        if row["count"] > 1 and not (exact and row["count"] == 1 + len(peers)):
-            found = [self.frame.cell(*place) for place in shown]
-            yield Difference(step, name, PERCEPT.name, _words(found), expected)
-            return
-        if self.log.tracks.format == 1:
-            if row["count"] > 1:
-                yield from self._answers(k, step, due)
-            elif answered and not list(self._answers(k, step, due)):
-                yield Difference(step, name, PERCEPT.name, "failed", expected)
-            return
-        if row["count"] > 1:
-            allowed: tuple[int, ...] = (ANSWERED,)
-        else:
+        allowed: tuple[int, ...] = (ANSWERED,)
+        if count == 1:
             allowed = (REFUSED, LATE) if peers else (NOBODY_TO_ASK,)
+        elif not answered or places[1:] != where or count != 1 + len(peers):
+            found = _words([self.frame.cell(*place) for place in places[1:]])
+            yield Difference(step, name, PERCEPT.name, found, expected)
+            return
         if code not in allowed:
             yield self._code(step, k, code, " or ".join(PERCEPT_ENDS[one] for one in allowed))
         elif code == ANSWERED:
@@ -211,9 +197,7 @@ class _Judge:
                 yield Difference(step, who, quantity, f"{request.answer}", computed)
 
     def _code(self, step: int, k: int, code: float, computed: str) -> Difference:
-        known = code in range(len(PERCEPT_ENDS))
-        logged = PERCEPT_ENDS[int(code)] if known else f"percept={code:g}"
-        return Difference(step, self.log.names[k], PERCEPT.name, logged, computed)
+        return Difference(step, self.log.names[k], PERCEPT.name, percept_end(code), computed)
 
     def _cell(self, k: int, step: int) -> int | None:
         row = self.row.get(step)

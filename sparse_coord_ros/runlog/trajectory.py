@@ -11,7 +11,7 @@ from sparse_coord_ros.game.perception import asked_peers
 from sparse_coord_ros.game.streams import PEER, POLICY
 from sparse_coord_ros.runlog.draws import draws_at
 from sparse_coord_ros.runlog.log import NONE, RunLog
-from sparse_coord_ros.wire import ACCOUNT_LABELS, ACTION_LABELS
+from sparse_coord_ros.wire import ACTION_LABELS
 from sparse_coord_ros.wire.frame import EAST_NORTH, Frame
 
 
@@ -60,7 +60,7 @@ def trajectory_of(log: RunLog, k: int) -> Trajectory:
     """Return robot k's trajectory, up to an action or a state that makes no sense.
 
     Whether it has learned from an action its next one says; from the last one the numbers beside
-    the tables. Where nothing says so (format 1), it has where reward and both states are there.
+    the tables.
     """
     rows = np.searchsorted(log.step, log.tracks.actions[k].step)
     odd = (log.cells[rows, k] == NONE) | (log.move[rows, k] == NONE)
@@ -71,13 +71,12 @@ def trajectory_of(log: RunLog, k: int) -> Trajectory:
     followed = (rows + 1 < len(log.step)) & (log.step[after] == step + 1)
     next_cell = np.where(followed, log.cells[after, k], NONE)
     told = (next_cell != NONE) & ~np.isnan(log.reward[rows, k, 0])
-    said = log.numbers[rows, k, len(ACTION_LABELS) + ACCOUNT_LABELS.index("learned")]
-    learned = told & (not log.run.greedy)
-    if log.tracks.format > 1:
-        learned[:-1], learned[-1:] = said[1:] == 1.0, False
-        for entry in log.all_tables:
-            if entry.robot == k and count and entry.step > step[-1]:
-                learned[-1] = entry.counts.get("learned", 0) > int(learned[:-1].sum())
+    said = log.has_learned[rows, k]
+    learned = np.zeros(count, dtype=bool)
+    learned[:-1] = said[1:] == 1.0
+    for entry in log.all_tables:
+        if entry.robot == k and count and entry.step > step[-1]:
+            learned[-1] = entry.counts.get("learned", 0) > int(learned[:-1].sum())
     peers = _peers(log, k, step)
     seen = np.full(peers.shape, NONE, dtype=np.int64)
     percepts = log.tracks.percepts[k]

@@ -10,22 +10,20 @@ from pathlib import Path
 import numpy as np
 
 from sparse_coord_ros.runlog.agents import AgentCheck
-from sparse_coord_ros.runlog.difference import DIALOGUE, MISSING, Difference
+from sparse_coord_ros.runlog.difference import MISSING, Difference
 from sparse_coord_ros.runlog.episode_maps import check_world_maps
-from sparse_coord_ros.runlog.game_check import WorldCheck, check_world
+from sparse_coord_ros.runlog.game_check import check_world
 from sparse_coord_ros.runlog.log import RunLog, read_run
 from sparse_coord_ros.runlog.percepts import check_percepts
 from sparse_coord_ros.runlog.repeats import check_repeats, repeat_count
 from sparse_coord_ros.runlog.returned import left_open
 from sparse_coord_ros.runlog.tracks import THE_CLOCK
 from sparse_coord_ros.wire import (
-    ACTION,
     COORDINATION_MAP,
     FINISHED,
     LOCAL_STATE,
     MAP,
     MARKERS,
-    PERCEPT,
     REWARD,
     STATUS,
     STOPPED,
@@ -33,9 +31,6 @@ from sparse_coord_ros.wire import (
     TABLES_DEPTH,
     tables_attachment,
 )
-
-LEFT_OPEN = (ACTION.name, PERCEPT.name, DIALOGUE, COORDINATION_MAP.name, TABLES.name)
-"""What bags of format 1 do not explain where something went wrong in the run."""
 
 
 @dataclass(frozen=True)
@@ -46,8 +41,8 @@ class Verification:
         log: the log.
         differences: in the order of time; of what each robot's agent and the world compute only
             the first, as all that follows from it differs too.
-        open: what differs where the log does not say enough: as a robot or the world was
-            killed; in a log of format 1, as a robot was late or left out.
+        open: what differs where the log does not say enough: a robot or the world was killed, or
+            came back and went on alone.
         broke_off: who was killed, or came back and went on alone, as sentences; the same
             differences are in `open`.
         lost: how many messages are not in the log, by topic: of map, markers and coordination
@@ -101,7 +96,7 @@ def verify(path: Path) -> Verification:
         path: as of `read_run`.
 
     Raises:
-        BagError: nothing can be read, or the bag holds no run, or is of a newer format.
+        BagError: nothing can be read, or the bag holds no run, or is of another format.
         RunError, ScenarioError, SettingError: the run in the bag is not one of this version.
     """
     log = read_run(path)
@@ -123,8 +118,6 @@ def verify(path: Path) -> Verification:
     killed, broke_off = _killed(log, agents, ordered)
     alone, went_on = left_open(log, ordered)
     open_ = {*killed, *alone}
-    if _disturbed(log, world):
-        open_ |= {one for one in ordered if one.quantity.split()[0] in LEFT_OPEN}
     return Verification(
         log=log,
         differences=tuple(one for one in ordered if one not in open_),
@@ -195,12 +188,3 @@ def _killed(
         killed += cut
         said += ["the world did not say how the run ended (killed?)"] if cut else []
     return killed, said
-
-
-def _disturbed(log: RunLog, world: WorldCheck) -> bool:
-    """Whether in a log of format 1 a robot was late or left out, which it does not explain."""
-    if log.tracks.format > 1:
-        return False
-    late = any(request.answer is None for request in log.requests)
-    waited = any(status.timeouts for status in log.tracks.statuses)
-    return late or waited or bool(world.left_out) or bool(repeat_count(log))

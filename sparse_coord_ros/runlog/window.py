@@ -14,7 +14,7 @@ from sparse_coord_ros.bags.reader import Bag, bag_files, open_bag
 from sparse_coord_ros.learn.history import History
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.learn.tables import unpack_robot
-from sparse_coord_ros.runlog.attached import NAME, RecordedTables
+from sparse_coord_ros.runlog.attached import RecordedTables, tables_name
 from sparse_coord_ros.runlog.bag_run import find_run
 from sparse_coord_ros.runlog.decode import Decoder
 from sparse_coord_ros.runlog.log import RunLog, log_of
@@ -57,11 +57,10 @@ class LongLog:
     Attributes:
         bag: what is where in the file.
         run: the run.
-        format: number of the bag's format.
         period: nanoseconds a time step.
 
     Raises:
-        BagError: nothing can be read, or the bag holds no run, or is of a newer format.
+        BagError: nothing can be read, or the bag holds no run, or is of another format.
         RunError, ScenarioError, SettingError: the run in the bag is not one of this version.
     """
 
@@ -73,7 +72,6 @@ class LongLog:
             self.bag.close()
             raise
         self.run: RunConfig = self._source.run
-        self.format = self._source.number
         self.period = Frame(self.run).period
         self._tables: tuple[int, list[dict[int, Attachment]]] | None = None
 
@@ -90,7 +88,7 @@ class LongLog:
     def read(self, first: int, last: int) -> RunLog:
         """Return the time steps from `first` to `last`, whole, with the dialogue."""
         bag = self.bag.between(first * self.period, last * self.period)
-        return log_of(tracks_of(bag, self._source)[0]).between(first, last)
+        return log_of(tracks_of(bag, self._source)).between(first, last)
 
     def whole(
         self,
@@ -105,7 +103,7 @@ class LongLog:
             also: of `SPOKEN`, to be read too.
             heard: hears how far it is.
         """
-        tracks, _ = tracks_of(Bag(self.bag.files, heard=heard), self._source, only, also)
+        tracks = tracks_of(Bag(self.bag.files, heard=heard), self._source, only, also)
         add_tables(tracks)
         return log_of(tracks)
 
@@ -142,7 +140,7 @@ class LongLog:
                     return
                 last = max(place.end_ns for place in places[:taken]) // period
                 bag = self.bag.between(begin * period, last * period)
-                log = log_of(tracks_of(bag, self._source, MOVES)[0]).between(begin, last)
+                log = log_of(tracks_of(bag, self._source, MOVES)).between(begin, last)
                 whole = whole or self.bag.damage is not None
                 history = log.history()
                 if whole or history.episodes > 1:
@@ -218,12 +216,12 @@ class LongLog:
         """Return of each robot where its tables are, by time step; of equal steps the later."""
         places = self.bag.attachments
         if self._tables is None or self._tables[0] != len(places):
-            names = [robot.name for robot in self.run.scenario.robots]
-            known: list[dict[int, Attachment]] = [{} for _ in names]
+            robots = [robot.name for robot in self.run.scenario.robots]
+            known: list[dict[int, Attachment]] = [{} for _ in robots]
             for place in places:
-                match = NAME.fullmatch(place.name)
-                if match is not None and match[1] in names:
-                    known[names.index(match[1])][int(match[2])] = place
+                of = tables_name(place.name, robots)
+                if of is not None:
+                    known[of[0]][of[1]] = place
             self._tables = (len(places), known)
         return self._tables[1]
 
@@ -238,7 +236,6 @@ class WholeLog(LongLog):
     def __init__(self, path: Path) -> None:
         self._log = log_of(read_tracks(path, SPOKEN))
         self.run = self._log.run
-        self.format = self._log.tracks.format
         self.period = Frame(self.run).period
 
     @property

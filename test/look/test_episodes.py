@@ -15,7 +15,7 @@ from sparse_coord_ros.look.sources import open_shown
 from sparse_coord_ros.look.steps import ended, logged_step, seen_step
 from sparse_coord_ros.palette import ANSWERED, FAILED, REFUSED
 from sparse_coord_ros.runlog import read_run
-from sparse_coord_ros.runlog.percepts import ENDED
+from sparse_coord_ros.runlog.readers import NUMBERS
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +49,7 @@ def test_every_episode_of_a_log(log):
 def test_how_a_question_ended_is_what_the_robot_says(log, end, outcome, words):
     row, k = np.argwhere(log.asked & ~log.perceived)[0].tolist()
     numbers = log.numbers.copy()
-    numbers[row, k, ENDED] = end
+    numbers[row, k, NUMBERS.index("percept")] = end
     changed = replace(log, numbers=numbers)
     [one] = [question for question in logged_step(changed, row).questions if question.asker == k]
     assert one.outcome == outcome and ended(changed)[outcome][row, k]

@@ -26,16 +26,6 @@ EVENT = "/robot_2/active_perception/_service_event"
 SHOWN = {"/map": "map", "/markers": "markers", "/robot_1/coordination_map": "coordination_map"}
 
 
-@pytest.fixture
-def alter(good, rewritten, tmp_path):
-    """Return a function that changes messages, attachments or the record, and verifies."""
-
-    def altered(change=lambda messages: messages, attach=lambda found: found, **more):
-        return verify(rewritten(good.bag, tmp_path / "bag", change, attach, **more))
-
-    return altered
-
-
 def quantities(found):
     return {one.quantity.split()[0] for one in found.differences}
 
@@ -47,8 +37,16 @@ def places(messages, topic):
 # What is shown.
 
 
-@pytest.mark.parametrize("topic", SHOWN)
-@pytest.mark.parametrize("how", ["changed", "removed", "swapped", "swapped in place"])
+@pytest.mark.parametrize(
+    ("topic", "how"),
+    [
+        *((topic, "changed") for topic in SHOWN),
+        ("/map", "removed"),
+        ("/robot_1/coordination_map", "removed"),
+        ("/map", "swapped in place"),
+        ("/markers", "swapped"),
+    ],
+)
 def test_what_is_shown_as_an_episode_begins(alter, good, topic, how):
     def change(messages):
         of = places(messages, topic)
@@ -140,7 +138,7 @@ def test_a_second_run(alter):
 def test_a_second_metadata_record(good, tmp_path):
     source = open_bag(good.bag)
     with BagWriter(tmp_path / "bag") as bag:
-        bag.add_metadata("sparse_coord_ros", {"scenario": "other"})
+        bag.add_metadata("sparse_coord_ros", {"scenario": "other", "format": "2"})
         bag.add_metadata("sparse_coord_ros", dict(source.metadata["sparse_coord_ros"]))
         bag.attach("run.yaml", source.attachments[0].data, "application/yaml")
     found = [str(one) for one in verify(tmp_path / "bag").differences]
@@ -154,7 +152,7 @@ def test_a_table_twice(alter):
     assert found.first.logged == "twice"
 
 
-@pytest.mark.parametrize("key", ["scenario", "seed", "learner", "version_numpy"])
+@pytest.mark.parametrize("key", ["seed", "version_numpy"])
 def test_the_metadata_record(alter, key):
     found = alter(record={key: "other"})
     assert [one.quantity for one in found.differences] == [f"metadata {key}"]
@@ -312,8 +310,15 @@ def test_a_reward_of_a_robot_that_has_arrived(good, alter):
     assert first.computed == "none: it has arrived"
 
 
-@pytest.mark.parametrize("topic", ["/robot_1/reward", "/status", "/markers", EVENT])
-@pytest.mark.parametrize("which", ["log_time_ns", "publish_time_ns"])
+@pytest.mark.parametrize(
+    ("topic", "which"),
+    [
+        ("/robot_1/reward", "log_time_ns"),
+        ("/status", "log_time_ns"),
+        (EVENT, "log_time_ns"),
+        ("/markers", "publish_time_ns"),
+    ],
+)
 def test_times_of_the_log(alter, topic, which):
     def change(messages):
         of = places(messages, topic)
@@ -349,11 +354,17 @@ def test_swapped_service_events(alter):
 # Spoiled attachments.
 
 
-MEMBERS = ("q_star_1", "q_coord_1", "count_answered", "count_late", "count_dropped", "count_step")
-
-
-@pytest.mark.parametrize("member", MEMBERS)
-@pytest.mark.parametrize("how", ["data", "local name", "method", "text", "gone"])
+@pytest.mark.parametrize(
+    ("member", "how"),
+    [
+        ("q_star_1", "data"),
+        ("q_coord_1", "local name"),
+        ("count_late", "method"),
+        ("count_answered", "text"),
+        ("count_step", "gone"),
+        ("q_coord_1", "gone"),
+    ],
+)
 def test_each_member_of_a_table_spoiled(alter, member, how):
     def attach(found):
         place = next(p for p, one in enumerate(found) if one.name.startswith("tables/robot_1_1"))
@@ -400,7 +411,7 @@ def test_what_was_recovered_is_judged_up_to_where_it_broke_off(good, tmp_path):
     data = open_bag(good.bag).path.read_bytes()
     draw = random.Random(5)
     parts = set()
-    for number in range(25):
+    for number in range(8):
         cut = tmp_path / f"cut{number}_0.mcap.partial"
         cut.write_bytes(data[: draw.randrange(len(data) // 20, len(data))])
         found = verify(recover(cut).path)

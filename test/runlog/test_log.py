@@ -185,14 +185,6 @@ def test_a_history_without_penalty_has_its_miscoordinations(record):
     assert found.miscoordinations.sum() == run.recording.world.world.miscoordinations > 0
 
 
-def test_the_old_name_of_the_data_frame_warns(good):
-    pytest.importorskip("pandas")
-    log = read_run(good.bag)
-    with pytest.warns(DeprecationWarning, match="to_pandas"):
-        old = log.frame()
-    assert old.equals(log.to_pandas())
-
-
 def test_a_team_in_a_namespace_with_a_clock_of_its_own(good, tmp_path):
     source, bag = open_bag(good.bag), tmp_path / "bag"
     with BagWriter(bag) as new:
@@ -207,7 +199,7 @@ def test_a_team_in_a_namespace_with_a_clock_of_its_own(good, tmp_path):
             new.attach(one.name, one.data, one.media_type, one.log_time_ns)
     found = verify(bag)
     assert found.same, found.first
-    assert found.steps == 400
+    assert found.steps == 250
     log = read_run(bag)
     assert explain(log, 0, coordinations(log, 0)[3]).agrees
     opened = open_bag(bag)

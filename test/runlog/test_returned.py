@@ -14,7 +14,7 @@ from sparse_coord_ros.lockstep.rollback import Progress
 from sparse_coord_ros.nodes.messages import progress_message
 from sparse_coord_ros.runlog import verify
 
-AT = 200
+AT = 120
 """The time step at which robot_2 comes back."""
 FIRST = Progress("one", 0, 0)
 ALONE = Progress("another", 40, 39, (40, 0), resumed=True)

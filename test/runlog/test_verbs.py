@@ -46,11 +46,11 @@ def changed(good, rewritten, tmp_path):
 def test_verify_identical(sparse_coord, good):
     code, out, err = sparse_coord("verify", good.bag)
     assert (code, err) == (0, "")
-    assert "env1, coop, seed 7, 2 robots\ncomputed again: 400 steps" in out
+    assert "env1, coop, seed 7, 2 robots\ncomputed again: 250 steps" in out
     *_, same, beside = out.splitlines()
     assert same.startswith("identical: ") and beside.startswith("not compared: diagnostics, ")
     told = json.loads(sparse_coord("verify", good.bag, "--json")[1])
-    assert told["identical"] and told["differences"] == [] and told["steps"] == 400
+    assert told["identical"] and told["differences"] == [] and told["steps"] == 250
 
 
 def test_verify_differs(sparse_coord, changed):

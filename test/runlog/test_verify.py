@@ -19,7 +19,6 @@ from sparse_coord_ros.runlog import read_run, verify
 from sparse_coord_ros.wire import (
     ACTION_LABELS,
     ANSWERED,
-    LATE,
     NOBODY_TO_ASK,
     NOT_ASKED,
     PERCEPT_ENDS,
@@ -28,21 +27,12 @@ from sparse_coord_ros.wire import (
 from sparse_coord_ros.wire.frame import Account
 
 EVENT = "active_perception/_service_event"
+TOPICS = ("local_state", "reward", "action")
 HALF = {"perception": "probability:0.5"}
 
 
 def step_of(message, convert):
     return message.log_time_ns // convert.period
-
-
-@pytest.fixture
-def alter(good, rewritten, tmp_path):
-    """Return a function that changes messages or attachments and verifies the result."""
-
-    def altered(change=lambda messages: messages, attach=lambda found: found):
-        return verify(rewritten(good.bag, tmp_path / "bag", change, attach))
-
-    return altered
 
 
 @pytest.fixture(scope="module")
@@ -57,8 +47,8 @@ def log(good):
 
 @pytest.fixture(scope="module")
 def asked(log):
-    """Return the first steps after 100 at which robot_1's percept succeeds, and fails."""
-    mine = log.asked[:, 0] & (log.step > 100)
+    """Return the first steps after 50 at which robot_1's percept succeeds, and fails."""
+    mine = log.asked[:, 0] & (log.step > 50)
     succeeded = log.step[mine & log.perceived[:, 0]]
     failed = log.step[mine & ~log.perceived[:, 0]]
     return int(succeeded[0]), int(failed[0])
@@ -66,10 +56,10 @@ def asked(log):
 
 @pytest.fixture(scope="module")
 def moved(log):
-    """Return a step after 200 at which robot_2 moves, in mid-episode, both being under way."""
+    """Return a step after 120 at which robot_2 moves, in mid-episode, both being under way."""
     for t in range(len(log.step) - 1):
         under_way = (log.action[t] >= 0).all() and (log.action[t + 1] >= 0).all()
-        if log.step[t] > 200 and under_way and not log.asked[t].any():
+        if log.step[t] > 120 and under_way and not log.asked[t].any():
             if log.cells[t, 1] != log.cells[t + 1, 1] and log.step[t + 1] == log.step[t] + 1:
                 return int(log.step[t])
     raise AssertionError
@@ -227,7 +217,7 @@ def test_a_rewritten_log_is_still_identical(alter):
     assert alter().same
 
 
-@pytest.mark.parametrize("label", ["individual", "common", "ask_cost", "total"])
+@pytest.mark.parametrize("label", ["individual", "total"])
 def test_a_changed_reward(alter, convert, moved, label):
     def data(old):
         sec, nanosec, *parts = REWARD_LAYOUT.unpack(old)
@@ -275,7 +265,7 @@ def test_a_changed_move(alter, convert, log, moved):
     is_first(alter(change), moved, "robot_2", "action")
 
 
-@pytest.mark.parametrize("place", range(2, 9))
+@pytest.mark.parametrize("place", [3, 5, 6, 7, 8])
 def test_a_changed_number_of_an_action(alter, convert, asked, place):
     def data(old):
         numbers = list(ACTION_LAYOUT.unpack(old))
@@ -331,7 +321,7 @@ def test_an_answered_percept_that_is_said_to_be_refused(alter, convert, log, ask
     assert mine[0].computed == f"cell {log.cells[row, 1]}"
 
 
-@pytest.mark.parametrize("end", [ANSWERED, REFUSED, LATE, NOBODY_TO_ASK])
+@pytest.mark.parametrize("end", [ANSWERED, NOBODY_TO_ASK])
 def test_a_percept_that_ended_without_having_begun(alter, convert, moved, end):
     """Whoever does not choose COORDINATE has no percept to end."""
 
@@ -346,8 +336,14 @@ def test_a_percept_that_ended_without_having_begun(alter, convert, moved, end):
     assert (found.first.logged, found.first.computed) == (PERCEPT_ENDS[end], "did not ask")
 
 
-@pytest.mark.parametrize("topic", ["local_state", "reward", "action"])
-@pytest.mark.parametrize("how", ["removed", "doubled", "swapped", "swapped in place"])
+@pytest.mark.parametrize(
+    ("topic", "how"),
+    [
+        *((topic, how) for topic in TOPICS for how in ("removed", "doubled")),
+        ("action", "swapped"),
+        ("reward", "swapped in place"),
+    ],
+)
 def test_a_message_of_every_step(alter, convert, moved, topic, how):
     name = f"/robot_2/{topic}"
 
@@ -402,8 +398,10 @@ def test_a_message_that_says_something_twice_in_two_ways(alter, convert, moved):
     is_first(alter(change), moved, "robot_1", "reward")
 
 
-@pytest.mark.parametrize("kind", range(4))
-@pytest.mark.parametrize("how", ["removed", "doubled", "changed"])
+@pytest.mark.parametrize(
+    ("kind", "how"),
+    [*((kind, "removed") for kind in range(4)), (1, "doubled"), (0, "changed"), (2, "changed")],
+)
 def test_the_dialogue(alter, convert, asked, kind, how):
     """Of each of the four events of a question of robot_1."""
 
@@ -455,8 +453,18 @@ def test_a_gap_in_the_numbers_of_a_topic(good, rewritten, tmp_path, topic):
     assert odd[0] == "number 3 after 1"
 
 
-@pytest.mark.parametrize("which", [0, 1, -1])
-@pytest.mark.parametrize("how", ["off by a bit", "missing", "garbage", "of another step"])
+@pytest.mark.parametrize(
+    ("which", "how"),
+    [
+        (0, "off by a bit"),
+        (1, "off by a bit"),
+        (-1, "off by a bit"),
+        (0, "missing"),
+        (1, "missing"),
+        (1, "garbage"),
+        (-1, "of another step"),
+    ],
+)
 def test_tables_that_are_changed_or_not_there(alter, which, how):
     step, entry = None, (3, 4, 1)
 
@@ -482,8 +490,15 @@ def test_tables_that_are_changed_or_not_there(alter, which, how):
     is_first(alter(attach=attach), step, "robot_2", quantity)
 
 
-@pytest.mark.parametrize("name", ["run.yaml", "scenario.yaml", "map.txt"])
-@pytest.mark.parametrize("how", ["missing", "changed"])
+@pytest.mark.parametrize(
+    ("name", "how"),
+    [
+        ("run.yaml", "changed"),
+        ("scenario.yaml", "changed"),
+        ("map.txt", "changed"),
+        ("map.txt", "missing"),
+    ],
+)
 def test_the_files_of_the_run(alter, name, how):
     def attach(found):
         (place,) = [p for p, one in enumerate(found) if one.name == name]

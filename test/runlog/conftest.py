@@ -1,0 +1,17 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What tests of logs share: a good log that is changed and verified."""
+
+import pytest
+
+from sparse_coord_ros.runlog import verify
+
+
+@pytest.fixture
+def alter(good, rewritten, tmp_path):
+    """Return a function that changes messages, attachments or the record, and verifies."""
+
+    def altered(change=lambda messages: messages, attach=lambda found: found, **more):
+        return verify(rewritten(good.bag, tmp_path / "bag", change, attach, **more))
+
+    return altered
