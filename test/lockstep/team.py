@@ -168,7 +168,7 @@ class RobotProcess:
         self.team.publish("action", self, WORLD, (self.number, step, action))
 
     def percept(self, step, cell, perceived):
-        pass
+        self.team.percepts.append((self.number, step, cell, perceived))
 
     def episode(self, step):
         pass
@@ -232,9 +232,13 @@ class Team:
         learner: who learns.
         checkpoint: steps between two checkpoints.
         rolls_back: the world's policy for robots that come back.
-        doubled, lost: shares of the messages that come twice, or not at all.
+        doubled, lost: shares of the messages that come twice, or not at all; `lost` may also tell
+            from (topic, to whom, message) whether a message is lost.
 
     Attributes:
+        happened: of each robot the (step, reward, next cell) that the world has told.
+        percepts: (robot, step, cell, what it perceived) of each COORDINATE.
+        losses: (topic, to whom, message) of what was lost.
         clock: deliveries, and `QUIET` for each time that there was none to make.
     """
 
@@ -255,6 +259,7 @@ class Team:
         self.rolls_back = rolls_back
         self.robots = len(scenario.robots)
         self.happened = defaultdict(set)
+        self.percepts, self.losses = [], []
         self.disks, self.lives, self.disturbed = {}, 0, False
         self.queues, self.kept, self.missed = defaultdict(deque), {}, set()
         self.up, self.asleep = {}, set()
@@ -302,13 +307,20 @@ class Team:
         key = (topic, process.life, to)
         if latched:
             self.kept[key] = message
-        elif self.random.random() < self.lost:
+        elif self.loses(topic, to, message):
+            self.losses.append((topic, to, message))
             self.disturbed |= topic in ("ask", "answer")
             if topic in ("state", "reward"):  # nobody waits for a robot that has arrived
                 self.disturbed |= process.side.world.arrived[to]
                 self.missed.add((topic, message[0]))
             return
         self.queues[key].append(message)
+
+    def loses(self, topic, to, message):
+        """Whether a message is lost."""
+        if callable(self.lost):
+            return self.lost(topic, to, message)
+        return self.random.random() < self.lost
 
     def deliver(self):
         """Deliver one message; return whether there was one."""
@@ -320,7 +332,12 @@ class Team:
         key = self.random.choice(ready)
         message = self.queues[key].popleft()
         who = self.up.get(key[2])
-        times = 2 if self.random.random() < self.doubled else 1
+        times = 1
+        if self.random.random() < self.doubled:
+            if self.random.random() < 0.5:
+                times = 2
+            else:  # the second one comes later
+                self.queues[key].append(message)
         for _ in range(times):
             if who is None or self.up.get(key[2]) is not who:
                 break
@@ -366,18 +383,23 @@ class Team:
             self.stalled += passed
             if self.stalled >= PATIENCE:
                 self.stalled = self.repeated = 0
-                for who in list(self.up):
-                    if who not in self.asleep:
-                        try:
-                            self.up[who].expire()
-                        except KilledError:
-                            self.kill(who)
+                self.deadline()
             elif world is not None and self.stalled - self.repeated >= QUIET:
                 self.repeated = self.stalled
                 if world.started and not world.side.held and WORLD not in self.asleep:
                     world.side.repeat()
         self.ends(self.world.side.world.step)
         return self
+
+    def deadline(self):
+        """Pass the robots' deadlines or, where they have none, the world's."""
+        awake = [who for who in self.up if who not in self.asleep]
+        late = [who for who in awake if who != WORLD and self.up[who].side.waiting is not None]
+        for who in late or awake:
+            try:
+                self.up[who].expire()
+            except KilledError:
+                self.kill(who)
 
     def ends(self, step):
         """The last words of an episode come once: who missed one does not learn its last step."""
@@ -394,8 +416,11 @@ class Team:
         return [self.up[k].side.agent.tables for k in range(self.robots)]
 
     def check_updates(self):
-        """Whatever was learned did happen."""
+        """Whatever was learned did happen; return of which (robot, step) nothing was learned."""
+        missed = set()
         for k in range(self.robots):
             agent = self.up[k].side.agent
-            for step, _, reward, next_cell in agent.__dict__.get("learned", []):
-                assert (step, reward, next_cell) in self.happened[k]
+            learned = {(step, *rest) for step, _, *rest in agent.__dict__.get("learned", [])}
+            assert learned <= self.happened[k]
+            missed |= {(k, step) for step, *_ in self.happened[k] - learned}
+        return missed

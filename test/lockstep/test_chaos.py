@@ -128,7 +128,7 @@ def test_an_episodes_last_state_that_is_lost_is_never_said_again():
     assert team.world.side.left_out == 0
 
 
-@settings(max_examples=25, **COMMON)
+@settings(max_examples=12, **COMMON)
 @given(**PLAN)
 def test_chaos(**plan):
     one_run(**plan)

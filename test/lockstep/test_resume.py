@@ -73,7 +73,7 @@ def test_a_robot_that_comes_back_takes_everybody_back():
     assert tables_equal(team.tables, learn(scenario, "coop", 5))
 
 
-@pytest.mark.parametrize("every", range(24, 60, 4))
+@pytest.mark.parametrize("every", (24, 36, 48))
 def test_a_robot_comes_back_at_any_step(every):
     """Also where it had arrived and only answers, and hears the world long after it has come."""
     scenario = problem("env1", perception="probability:0.7", epsilon="constant:1")

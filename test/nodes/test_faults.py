@@ -155,8 +155,8 @@ def test_a_killed_team_leaves_a_readable_bag(bench, start_node, tmp_path):
     assert_bag_is_whole(tmp_path / "bag")
 
 
-@SIGNALS
-def test_nodes_end_well_on_a_signal(bench, start_node, tmp_path, number):
+def test_nodes_end_well_on_a_signal(bench, start_node, tmp_path):
+    number = signal.SIGTERM
     team = Team(bench, start_node, tmp_path, record=True, rate=100.0)
     team.wait_for_steps(20)
 
@@ -184,7 +184,7 @@ def test_the_team_ends_when_the_world_fails(start_node, tmp_path):
     """One robot never comes: the world gives up, and who waited for it ends too."""
     robot = start_node("robot", "robot_1", out=tmp_path)
     recorder = start_node("recorder", "recorder", out=tmp_path / "bag")
-    world = start_node("world_simulator", "world_simulator", scenario="env1", startup_timeout=3.0)
+    world = start_node("world_simulator", "world_simulator", scenario="env1", startup_timeout=1.5)
     assert world.exit_code() == 2
     assert "still no node for robot_2" in world.output
     for process in (robot, recorder):
@@ -192,8 +192,14 @@ def test_the_team_ends_when_the_world_fails(start_node, tmp_path):
     assert_bag_is_whole(tmp_path / "bag")
 
 
-@SIGNALS
-@pytest.mark.parametrize("name", ["world_simulator", "robot", "recorder"])
+@pytest.mark.parametrize(
+    ("name", "number"),
+    [
+        ("world_simulator", signal.SIGINT),
+        ("robot", signal.SIGTERM),
+        ("recorder", signal.SIGINT),
+    ],
+)
 def test_a_waiting_node_ends_well_on_a_signal(start_node, bench, tmp_path, name, number):
     observer = bench.observer()
     more = {"world_simulator": {"scenario": "env1"}, "recorder": {"out": tmp_path / "bag"}}

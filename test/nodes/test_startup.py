@@ -3,7 +3,6 @@
 """Nodes start in any order, and those that cannot take part say why."""
 
 import re
-from itertools import permutations
 
 import pytest
 import yaml
@@ -48,15 +47,14 @@ def start_in_order(bench, out, order, *, wait):
     return nodes
 
 
-@pytest.mark.parametrize("order", ["".join(order) for order in permutations("w12")])
+@pytest.mark.parametrize("order", ["w12", "12w", "2w1"])
 def test_any_order(bench, tmp_path, said, assert_same_tables, order):
     start_in_order(bench, tmp_path, order, wait=True)
     bench.spin_until_done()
     assert_same_tables(tmp_path, said)
 
 
-@pytest.mark.parametrize("order", ["12wr", "r21w", "1rw2"])
-@pytest.mark.parametrize("wait", [False, True], ids=["at once", "one by one"])
+@pytest.mark.parametrize(("order", "wait"), [("12wr", True), ("r21w", False), ("1rw2", False)])
 def test_any_order_with_a_recorder(bench, tmp_path, said, assert_same_tables, order, wait):
     nodes = start_in_order(bench, tmp_path, order, wait=wait)
     bench.spin_until_done()
