@@ -259,7 +259,7 @@ class MailedWorld(Mail, WorldSimulator):
     ids=["single", "shuffled", "doubled", "lost"],
 )
 def test_mail_out_of_order(tmp_path, simulate, assert_same_tables, benches, executor, seed, mail):
-    steps = 60
+    steps = 30 if executor == "single" else 60
     said = simulate("env2-4r", {"steps": steps, "perception": "probability:0.8"}, seed=SEED)
     bench = benches(executor)
     context = bench.place()[0]

@@ -184,7 +184,7 @@ def test_the_team_ends_when_the_world_fails(start_node, tmp_path):
     """One robot never comes: the world gives up, and who waited for it ends too."""
     robot = start_node("robot", "robot_1", out=tmp_path)
     recorder = start_node("recorder", "recorder", out=tmp_path / "bag")
-    world = start_node("world_simulator", "world_simulator", scenario="env1", startup_timeout=1.5)
+    world = start_node("world_simulator", "world_simulator", scenario="env1", startup_timeout=3.0)
     assert world.exit_code() == 2
     assert "still no node for robot_2" in world.output
     for process in (robot, recorder):

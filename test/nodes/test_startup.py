@@ -88,7 +88,7 @@ def test_a_second_robot_of_a_name_stops(bench):
     world = bench.world(rate=0.001)
     first, _ = bench.robots()
     bench.spin_until(lambda: world.lockstep.complete, "first barrier")
-    second = bench.robot("robot_1", place="elsewhere", claim_window=0.3)
+    second = bench.robot("robot_1", place="elsewhere", claim_window=5.0)
     with pytest.raises(RunError, match=TAKEN):
         bench.spin_until(lambda: False)
     bench.destroy(second)
@@ -107,7 +107,7 @@ def test_a_second_robot_of_a_name_stops_though_no_world_is_there_yet(bench):
     other = bench.robot("robot_2", place="a")
     first = bench.robot("robot_1", place="b", claim_window=0.1)
     bench.spin_until(lambda: first.guard.claim.rank == HOLDING, "first has its name")
-    second = bench.robot("robot_1", place="a", claim_window=0.5)
+    second = bench.robot("robot_1", place="a", claim_window=5.0)
     with pytest.raises(RunError, match=TAKEN):
         bench.spin_until(lambda: False)
     assert second.failure is not None
@@ -133,7 +133,7 @@ def test_a_second_world_stops(bench):
     observer = bench.observer()
     bench.spin_until(lambda: observer.count("run"), "first is there")
     second = WorldSimulator(
-        context=bench.place("elsewhere")[0], values={"scenario": "cit", "claim_window": 0.3}
+        context=bench.place("elsewhere")[0], values={"scenario": "cit", "claim_window": 5.0}
     )
     bench.add(second, "elsewhere")
     runs = observer.listen(String, "run", latched=True)
