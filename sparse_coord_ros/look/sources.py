@@ -18,7 +18,7 @@ from sparse_coord_ros.learn.run_config import RUN_FILE, RunConfig, load_run
 from sparse_coord_ros.learn.tables import load_team
 from sparse_coord_ros.runlog.log import RunLog
 from sparse_coord_ros.runlog.tracks import SPOKEN
-from sparse_coord_ros.runlog.window import MOVES, LongLog, open_log
+from sparse_coord_ros.runlog.window import MOVES, LongLog
 from sparse_coord_ros.wire import PERCEPT, SERVICE_EVENTS, STATUS
 
 TRIALS = 200
@@ -73,7 +73,7 @@ class Shown:
             raise RunError(
                 f"{self.path}: has no bag; 'sparse_coord run' records one, 'train' does not"
             )
-        return open_log(self.bag)
+        return LongLog(self.bag)
 
     @cached_property
     def log(self) -> RunLog:

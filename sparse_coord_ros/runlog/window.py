@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Any stretch of a long log, read by itself; the learning history of a log, stretch by stretch."""
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from sparse_coord_ros import wire
 from sparse_coord_ros.bags.contents import Attachment, Block, Heard
-from sparse_coord_ros.bags.reader import Bag, bag_files, open_bag
+from sparse_coord_ros.bags.reader import Bag, open_bag
 from sparse_coord_ros.learn.history import History
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.learn.tables import unpack_robot
@@ -18,7 +18,8 @@ from sparse_coord_ros.runlog.attached import RecordedTables, tables_name
 from sparse_coord_ros.runlog.bag_run import find_run
 from sparse_coord_ros.runlog.decode import Decoder
 from sparse_coord_ros.runlog.log import RunLog, log_of
-from sparse_coord_ros.runlog.tracks import SPOKEN, add_tables, read_tracks, tracks_of
+from sparse_coord_ros.runlog.timeline import of_last, rollbacks
+from sparse_coord_ros.runlog.tracks import add_tables, tracks_of
 from sparse_coord_ros.wire.frame import Frame
 
 MOVES = (wire.LOCAL_STATE, wire.REWARD, wire.ACTION)
@@ -49,6 +50,7 @@ class Episodes(NamedTuple):
 class LongLog:
     """A bag of any length, of which only what is asked for is read.
 
+    What a roll-back has superseded is left out.
     At the first damage the log ends: `damage` says where, once reading has come there.
 
     Args:
@@ -73,12 +75,22 @@ class LongLog:
             raise
         self.run: RunConfig = self._source.run
         self.period = Frame(self.run).period
+        self._backs = rollbacks(self.bag)
         self._tables: tuple[int, list[dict[int, Attachment]]] | None = None
 
     @property
-    def blocks(self) -> Sequence[Block]:
-        """Where in the file the messages are."""
-        return self.bag.blocks[0]
+    def blocks(self) -> list[Block]:
+        """Where in the files the messages are, up to what a roll-back has superseded."""
+        found = []
+        for place, blocks in enumerate(self.bag.blocks):
+            firsts = [back.first for back in self._backs if back.file > place]
+            end = min(firsts) * self.period - 1 if firsts else None
+            for block in blocks:
+                if end is None or block.end_ns <= end:
+                    found.append(block)
+                elif block.start_ns <= end:
+                    found.append(block._replace(end_ns=end))
+        return found
 
     @property
     def last_step(self) -> int:
@@ -214,107 +226,18 @@ class LongLog:
 
     def _known_tables(self) -> list[dict[int, Attachment]]:
         """Return of each robot where its tables are, by time step; of equal steps the later."""
-        places = self.bag.attachments
-        if self._tables is None or self._tables[0] != len(places):
+        count = len(self.bag.attachments)
+        if self._tables is None or self._tables[0] != count:
             robots = [robot.name for robot in self.run.scenario.robots]
             known: list[dict[int, Attachment]] = [{} for _ in robots]
-            for place in places:
-                of = tables_name(place.name, robots)
-                if of is not None:
-                    known[of[0]][of[1]] = place
-            self._tables = (len(places), known)
+            for place, file in enumerate(self.bag.files):
+                for one in file.attachments:
+                    of = tables_name(one.name, robots)
+                    if of is not None and of_last([place], [of[1]], self._backs)[0]:
+                        known[of[0]][of[1]] = one
+            self._tables = (count, known)
         return self._tables[1]
 
     def close(self) -> None:
         """Close the file."""
         self.bag.close()
-
-
-class WholeLog(LongLog):
-    """A bag read whole: one of several files, of which a roll-back may have superseded some."""
-
-    def __init__(self, path: Path) -> None:
-        self._log = log_of(read_tracks(path, SPOKEN))
-        self.run = self._log.run
-        self.period = Frame(self.run).period
-
-    @property
-    def path(self) -> Path:
-        """The bag's directory."""
-        return self._log.bag.path
-
-    @property
-    def damage(self) -> str | None:
-        """What is wrong with a file of it."""
-        return self._log.damage
-
-    @property
-    def finished(self) -> bool:
-        """Whether its recorder closed it."""
-        return self._log.bag.finished
-
-    @property
-    def empty(self) -> bool:
-        """Whether there is no time step."""
-        return not len(self._log.step)
-
-    @property
-    def last_step(self) -> int:
-        """The newest time step."""
-        return int(self._log.step[-1])
-
-    def begin(self) -> RunLog:
-        """Return the whole log."""
-        return self._log
-
-    def whole(
-        self,
-        only: Collection[wire.Topic] = (),
-        also: Collection[wire.Topic] = (),
-        heard: Heard | None = None,
-    ) -> RunLog:
-        """Return the whole log."""
-        return self._log
-
-    def extend(self) -> bool:
-        """Nothing comes later."""
-        return False
-
-    def read(self, first: int, last: int) -> RunLog:
-        """Return the time steps from `first` to `last`, with the dialogue."""
-        return self._log.between(first, last)
-
-    def around(self, step: int, chunks: int = 0) -> RunLog:
-        """Return the whole log."""
-        return self._log
-
-    def episodes(self, begin: int = 0) -> Iterator[Episodes]:
-        """Yield the learning history at once."""
-        log = self._log
-        asked = np.zeros((len(log.names), len(self.run.scenario.map.cells)), dtype=np.int64)
-        rows, who = np.nonzero(log.asked & (log.cells >= 0))
-        np.add.at(asked, (who, log.cells[rows, who]), 1)
-        yield Episodes(log.history(), asked, self.last_step, None)
-
-    def table_steps(self) -> list[list[int]]:
-        """Return of each robot the time steps of its tables."""
-        return [
-            sorted({entry.step for entry in self._log.all_tables if entry.robot == k})
-            for k in range(len(self._log.names))
-        ]
-
-    def tables_before(self, robot: int, step: int | None = None) -> RecordedTables | None:
-        """Return a robot's newest tables of a time step or earlier; None: there are none."""
-        mine = [one for one in self._log.all_tables if one.robot == robot]
-        mine = [one for one in mine if step is None or one.step <= step]
-        return max(mine, key=lambda one: one.step, default=None)
-
-    def close(self) -> None:
-        """Nothing is open."""
-
-
-def open_log(path: Path) -> LongLog:
-    """Open a bag; arguments and errors as of `LongLog`."""
-    if len(bag_files(path)) == 1:
-        return LongLog(path)
-    return WholeLog(path)

@@ -21,7 +21,7 @@ from sparse_coord_ros.look.page.controls import PAUSE, RATE, SEEK, STEP, Control
 from sparse_coord_ros.look.page.evaluation import evaluation_message
 from sparse_coord_ros.look.steps import logged_step
 from sparse_coord_ros.runlog.log import NONE, RunLog
-from sparse_coord_ros.runlog.window import open_log
+from sparse_coord_ros.runlog.window import LongLog
 
 CONTROLS = (PAUSE, STEP, RATE, SEEK)
 
@@ -58,7 +58,7 @@ class BagSource:
     def __init__(
         self, path: Path, board: Board, *, now: Callable[[], float] = time.monotonic
     ) -> None:
-        self.log = open_log(path)
+        self.log = LongLog(path)
         self.run = self.log.run
         self.board = board
         self.growing = self._grows()

@@ -130,7 +130,7 @@ def test_a_bag_without_a_message_yet(tmp_path, monkeypatch, recorded_now, words)
     nothing = SimpleNamespace(
         empty=True, run=None, damage=None, finished=False, path=tmp_path, close=bool
     )
-    monkeypatch.setattr("sparse_coord_ros.look.page.bag_source.open_log", lambda path: nothing)
+    monkeypatch.setattr("sparse_coord_ros.look.page.bag_source.LongLog", lambda path: nothing)
     monkeypatch.setattr(
         "sparse_coord_ros.look.page.bag_source.being_recorded", lambda path: recorded_now
     )
