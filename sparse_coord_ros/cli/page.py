@@ -77,7 +77,7 @@ def show_end(server: "Server", run: RunConfig, out: Path) -> None:
     try:
         server.board.put(evaluation_message(run, load_team(out, run.scenario), None))
     except SparseCoordError as error:
-        server.board.put(notice_message(str(error), level="warning"))
+        server.board.put(notice_message(str(error)))
 
 
 def next_wish(server: "Server", stop: Callable[[], bool] = lambda: False) -> Mapping[str, Any]:

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pictures of runs: policies and ask maps, learning curves, what Q^C holds, how percepts ended."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -51,9 +51,17 @@ CURVES: Mapping[str, str] = {
 }
 """The learning curves, and how their axes are called."""
 
+WHATS = ("policy", "asks", "sparsity", "curves", "percepts", "length")
+"""What can be drawn of a run."""
 
-@dataclass(frozen=True)
-class Panel:
+
+ARROW: dict[str, Any] = {"angles": "xy", "units": "xy", "scale_units": "xy", "scale": 1}
+ARROW |= {"width": 0.05, "linewidth": 0.9, "zorder": 3}
+ARROW |= {"headwidth": 4, "headlength": 3.4, "headaxislength": 3}
+"""How a greedy move is drawn."""
+
+
+class Panel(NamedTuple):
     """One panel: its size in inches, and what draws it."""
 
     width: float
@@ -76,8 +84,7 @@ def runs_figure(runs: Sequence[Shown], whats: Sequence[str]) -> Figure:
     Raises:
         SparseCoordError: a run lacks what is to be drawn.
     """
-    labels = names_of(runs)
-    lines = list(_lines(WHATS[what](runs, labels) for what in whats))
+    lines = list(_lines(list(_panels(what, runs)) for what in whats))
     heights = [max(panel.height for panel in line) for line in lines]
     width = max(sum(panel.width for panel in line) for line in lines)
     figure = Figure(figsize=(width, sum(heights)), layout="constrained")
@@ -95,13 +102,14 @@ def runs_figure(runs: Sequence[Shown], whats: Sequence[str]) -> Figure:
 
 def available(shown: Shown) -> list[str]:
     """Return what can be drawn of a run: of `WHATS`."""
-    parts = {name: shown.has(name) for name in ("tables", "history")}
-    needs = {"policy": "tables", "asks": "tables", "sparsity": "tables", "curves": "history"}
-    found = [what for what, part in needs.items() if parts[part]]
-    if "sparsity" in found and not shown.config.rule.asks:
-        found.remove("sparsity")
-        found.remove("asks")
-    return found + (["percepts"] if shown.bag is not None and shown.log.asked.any() else [])
+    found = []
+    if shown.has("tables"):
+        found += ["policy", "asks", "sparsity"] if shown.config.rule.asks else ["policy"]
+    if shown.has("history"):
+        found.append("curves")
+    if shown.bag is not None and shown.log.asked.any():
+        found.append("percepts")
+    return found
 
 
 def names_of(runs: Sequence[Shown]) -> list[str]:
@@ -135,7 +143,21 @@ def parse_whats(text: str | None, runs: Sequence[Shown]) -> list[str]:
     return whats
 
 
-def _lines(groups: Iterable[list[Panel]]) -> Iterable[list[Panel]]:
+def _panels(what: str, runs: Sequence[Shown]) -> Iterator[Panel]:
+    """Yield the panels of one thing to be drawn: curves show all runs in one panel."""
+    labels = names_of(runs)
+    if what in ("curves", "length"):
+        size = CURVE if what == "curves" else LONE_CURVE
+        _ = [shown.history for shown in runs]  # says what is missing
+        for name in CURVES if what == "curves" else (what,):
+            yield Panel(*size, partial(draw_curve, runs, labels, name))
+    else:
+        panels = {"policy": _policy, "asks": _asks, "sparsity": _sparsity, "percepts": _percepts}
+        for shown, label in zip(runs, labels, strict=True):
+            yield from panels[what](shown, label)
+
+
+def _lines(groups: Iterable[list[Panel]]) -> Iterator[list[Panel]]:
     """Break groups of panels into lines; a group that does not fit in a line begins a new one."""
     line: list[Panel] = []
     for group in groups:
@@ -173,200 +195,152 @@ def _map_panel(
     return Panel(max(2.8, columns * cell + 0.3), rows * cell + 0.6 + below, draw)
 
 
-def draw_policy(axes: Axes, shown: Shown, robots: Sequence[int], title: str) -> None:
+def _names(shown: Shown) -> list[str]:
+    return [literal(robot.name) for robot in shown.config.scenario.robots]
+
+
+def _policy(shown: Shown, label: str) -> Iterator[Panel]:
+    _, names = shown.tables, _names(shown)
+    if len(names) <= 2:
+        groups = {f"{label}: greedy moves": range(len(names))}
+    else:
+        groups = {name: range(k, k + 1) for k, name in enumerate(names)}
+    for title, robots in groups.items():
+        last = robots.stop == len(names)
+        draw = partial(draw_policy, shown, robots, title, key=last)
+        yield _map_panel(shown, POLICY_MAP, draw, 0.5 if last else 0.0)
+
+
+def draw_policy(
+    shown: Shown, robots: Sequence[int], title: str, axes: Axes, *, key: bool = True
+) -> None:
     """Draw robots' greedy moves as arrows and where they ask as rings.
 
     What lies where a robot never gets to in greedy episodes is pale. The arrows of every second
     robot are hollow and its rings dashed: in greyscale its colour may be another one's, pale.
     """
-    scenario, tables = shown.config.scenario, shown.tables
-    stays = shown.trials.stays
+    scenario = shown.config.scenario
     label_size = _label_size(cell_inches(shown, POLICY_MAP))
     draw_map(axes, scenario, label_size=label_size, label_height=0.14)
-    alone = len(robots) == 1
+    rows, columns = np.array(scenario.map.cells).T
+    south, east = np.array(DIRECTIONS).T
     for place, k in enumerate(robots):
-        policy = policy_of(tables[k], scenario.robots[k].goal)
-        side = 0.0 if alone else place - (len(robots) - 1) / 2
-        x, move = np.nonzero(policy.moves)
-        rows, columns = np.array(scenario.map.cells).T
-        south, east = np.array(DIRECTIONS).T
-        centre = columns + 0.5 + 0.4 * side, rows + 0.6 + 0.2 * side
-        reached = stays[k] > 0
+        policy = policy_of(shown.tables[k], scenario.robots[k].goal)
+        side = place - (len(robots) - 1) / 2
+        x, y = columns + 0.5 + 0.4 * side, rows + 0.6 + 0.2 * side
+        reached, colour = shown.trials.stays[k] > 0, robot_colour(k)
         for there, alpha in ((True, 1.0), (False, 0.3)):
-            mine = reached[x] == there
-            cells, moves = x[mine], move[mine]
+            cells, moves = np.nonzero(policy.moves & (reached == there)[:, None])
             axes.quiver(
-                *(centre[0][cells] - 0.2 * east[moves], centre[1][cells] - 0.2 * south[moves]),
+                *(x[cells] - 0.2 * east[moves], y[cells] - 0.2 * south[moves]),
                 *(0.4 * east[moves], 0.4 * south[moves]),
-                facecolor="white" if place % 2 else robot_colour(k),
-                edgecolor=robot_colour(k),
-                linewidth=0.9,
+                facecolor="white" if place % 2 else colour,
+                edgecolor=colour,
                 alpha=alpha,
-                angles="xy",
-                units="xy",
-                scale_units="xy",
-                scale=1,
-                width=0.05,
-                headwidth=4,
-                headlength=3.4,
-                headaxislength=3,
-                zorder=3,
+                **ARROW,
             )
             asks = np.flatnonzero(policy.asks & (reached == there))
+            size = np.full(len(asks), 0.5)
+            rings = EllipseCollection(
+                *(size, size, np.zeros(len(asks))),
+                units="xy",
+                offsets=np.column_stack([x[asks], y[asks]]),
+                offset_transform=axes.transData,
+                facecolors="none",
+                edgecolors=colour,
+                linewidths=1.8,
+                linestyles=LINES[place % 2],
+                alpha=alpha,
+                zorder=4,
+            )
             if len(asks):
-                size = np.full(len(asks), 0.5)
-                rings = EllipseCollection(
-                    *(size, size, np.zeros(len(asks))),
-                    units="xy",
-                    offsets=np.column_stack([centre[0][asks], centre[1][asks]]),
-                    offset_transform=axes.transData,
-                    facecolors="none",
-                    edgecolors=robot_colour(k),
-                    linewidths=1.8,
-                    linestyles=LINES[place % 2],
-                    alpha=alpha,
-                    zorder=4,
-                )
                 axes.add_collection(rings, autolim=False)
     axes.set_title(title, fontsize=10)
+    if key:
+        _policy_key(shown, robots if len(robots) > 1 else (), axes)
 
 
-def _policy(runs: Sequence[Shown], labels: Sequence[str]) -> list[Panel]:
-    panels = []
-    for shown, label in zip(runs, labels, strict=True):
-        scenario, _ = shown.config.scenario, shown.tables
-        names = [literal(robot.name) for robot in scenario.robots]
-        together = len(names) <= 2
-        groups = [tuple(range(len(names)))] if together else [(k,) for k in range(len(names))]
-        for group in groups:
-
-            def draw(
-                axes: Axes,
-                shown: Shown = shown,
-                group: Sequence[int] = group,
-                title: str = f"{label}: greedy moves" if together else names[group[0]],
-                names: Sequence[str] = names,
-                key: bool = group == groups[-1],
-            ) -> None:
-                draw_policy(axes, shown, group, title)
-                if key:
-                    _policy_key(
-                        axes, shown, {k: names[k] for k in group} if len(group) > 1 else {}
-                    )
-
-            below = 0.5 if group == groups[-1] else 0.0
-            panels.append(_map_panel(shown, POLICY_MAP, draw, below))
-    return panels
-
-
-def _policy_key(axes: Axes, shown: Shown, robots: Mapping[int, str]) -> None:
-    handles: list[Artist] = [
-        Patch(facecolor="white" if place % 2 else robot_colour(k), edgecolor=robot_colour(k))
-        for place, k in enumerate(robots)
-    ]
-    for handle, name in zip(handles, robots.values(), strict=True):
-        handle.set_label(name)
+def _policy_key(shown: Shown, robots: Sequence[int], axes: Axes) -> None:
+    handles: list[Artist] = []
+    for place, k in enumerate(robots):
+        face = "white" if place % 2 else robot_colour(k)
+        handles.append(Patch(facecolor=face, edgecolor=robot_colour(k), label=_names(shown)[k]))
     if shown.config.rule.asks:
         ring = Line2D([], [], color="0.3", marker="o", linestyle="none", label="asks here first")
         ring.set(markersize=9, markerfacecolor="none")
         handles.append(ring)
     handles.append(Line2D([], [], color="0.3", alpha=0.3, linewidth=2.2, label="never gets here"))
-    axes.legend(
-        handles=handles,
-        loc="upper center",
-        bbox_to_anchor=(0.5, -0.01),
-        ncols=2,
-        frameon=False,
-        fontsize=8,
-    )
+    below: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.01)}
+    axes.legend(handles=handles, ncols=2, frameon=False, fontsize=8, **below)
 
 
-def _shaded(
-    shown: Shown,
-    label: str,
-    values: np.ndarray,
-    titles: Sequence[str],
-    scale: str,
-    numbers: str,
-) -> list[Panel]:
-    """Return a map a robot, cells shaded by values, shape (robots, cells), all on one scale."""
-    scenario = shown.config.scenario
-    norm = Normalize(0, float(values.max()) or 1.0)
-    cell = cell_inches(shown, SHADED_MAP)
-    small = cell < 0.34
-    panels = []
-    for k, title in enumerate(titles):
+class Shades(NamedTuple):
+    """What shades the maps of one run, all on one scale.
 
-        def draw(axes: Axes, k: int = k, title: str = title) -> None:
-            shades = np.asarray(norm(values[k]))
-            draw_map(
-                *(axes, scenario, shades),
-                label_size=_label_size(cell) - 0.5,
-                label_height=0.2,
-            )
-            for x in [] if small else np.flatnonzero(values[k]).tolist():
-                row, column = scenario.map.cells[x]
-                text = numbers.format(values[k, x])
-                ink = "white" if shades[x] > 0.6 else "black"
-                place = (column + 0.5, row + 0.62)
-                axes.text(*place, text, ha="center", va="center", fontsize=7, color=ink)
-            axes.set_title(f"{label}: {title}", fontsize=9)
-            if k == len(titles) - 1:
-                beside = axes.inset_axes((1.03, 0.0, 0.035, 1.0))
-                bar = axes.figure.colorbar(ScalarMappable(norm, COLOUR_MAP), cax=beside)
-                bar.set_label(scale, fontsize=8)
-                bar.ax.tick_params(labelsize=7)
+    Attributes:
+        values: shape (maps, cells).
+        titles: of each map.
+        scale: what the values are.
+        numbers: how one is written into its cell.
+    """
 
-        panels.append(_map_panel(shown, SHADED_MAP, draw))
-    return panels
+    values: np.ndarray
+    titles: Sequence[str]
+    scale: str
+    numbers: str
 
 
-def _asks(runs: Sequence[Shown], labels: Sequence[str]) -> list[Panel]:
-    panels = []
-    for shown, label in zip(runs, labels, strict=True):
-        asked = shown.trials.asked / TRIALS
-        names = [literal(robot.name) for robot in shown.config.scenario.robots]
-        titles = [f"{n} asks {asked[k].sum():.2f} times" for k, n in enumerate(names)]
-        if len(names) > 2:
-            asked = asked.sum(axis=0, keepdims=True)
-            titles = [f"{len(names)} robots ask {asked.sum():.2f} times"]
-        panels += _shaded(shown, label, asked, titles, "COORDINATE in a greedy episode", "{:.2g}")
-    return panels
+def _shaded(shown: Shown, label: str, shades: Shades) -> Iterator[Panel]:
+    """Yield a map each, cells shaded by values."""
+    for number in range(len(shades.titles)):
+        yield _map_panel(shown, SHADED_MAP, partial(_draw_shades, shown, label, shades, number))
 
 
-def _sparsity(runs: Sequence[Shown], labels: Sequence[str]) -> list[Panel]:
-    panels = []
-    for shown, label in zip(runs, labels, strict=True):
-        scenario = shown.config.scenario
-        found = [sparsity_of(tables, scenario) for tables in shown.tables]
-        titles = [
-            f"$Q^C$ of {literal(robot.name)}, {one.share:.2%} learned"
-            for robot, one in zip(scenario.robots, found, strict=True)
-        ]
-        counts = np.array([one.by_cell for one in found], dtype=np.float64)
-        if len(found) > 2:
-            counts = counts.mean(axis=0, keepdims=True)
-            share = sum(one.share for one in found) / len(found)
-            titles = [f"$Q^C$, {share:.2%} learned, mean of {len(found)} robots"]
-        factored = shown.tables[0].factors is not None
-        scale = "corrections that are not 0" if factored else "joint states learned"
-        panels += _shaded(shown, label, counts, titles, scale, "{:.0f}")
-    return panels
+def _draw_shades(shown: Shown, label: str, shades: Shades, number: int, axes: Axes) -> None:
+    grid, values = shown.config.scenario.map, shades.values[number]
+    norm = Normalize(0, float(shades.values.max()) or 1.0)
+    cell, dark = cell_inches(shown, SHADED_MAP), np.asarray(norm(values))
+    size = _label_size(cell) - 0.5
+    draw_map(axes, shown.config.scenario, dark, label_size=size, label_height=0.2)
+    for x in np.flatnonzero(values).tolist() if cell >= 0.34 else ():
+        row, column = grid.cells[x]
+        text, ink = shades.numbers.format(values[x]), "white" if dark[x] > 0.6 else "black"
+        axes.text(column + 0.5, row + 0.62, text, ha="center", va="center", fontsize=7, color=ink)
+    axes.set_title(f"{label}: {shades.titles[number]}", fontsize=9)
+    if number == len(shades.titles) - 1:
+        beside = axes.inset_axes((1.03, 0.0, 0.035, 1.0))
+        bar = axes.figure.colorbar(ScalarMappable(norm, COLOUR_MAP), cax=beside)
+        bar.set_label(shades.scale, fontsize=8)
+        bar.ax.tick_params(labelsize=7)
+
+
+def _asks(shown: Shown, label: str) -> Iterator[Panel]:
+    asked, names = shown.trials.asked / TRIALS, _names(shown)
+    titles = [f"{name} asks {asked[k].sum():.2f} times" for k, name in enumerate(names)]
+    if len(names) > 2:
+        asked = asked.sum(axis=0, keepdims=True)
+        titles = [f"{len(names)} robots ask {asked.sum():.2f} times"]
+    scale = "COORDINATE in a greedy episode"
+    return _shaded(shown, label, Shades(asked, titles, scale, "{:.2g}"))
+
+
+def _sparsity(shown: Shown, label: str) -> Iterator[Panel]:
+    found = [sparsity_of(tables, shown.config.scenario) for tables in shown.tables]
+    titles = [
+        f"$Q^C$ of {name}, {one.share:.2%} learned"
+        for name, one in zip(_names(shown), found, strict=True)
+    ]
+    counts = np.array([one.by_cell for one in found], dtype=np.float64)
+    if len(found) > 2:
+        counts = counts.mean(axis=0, keepdims=True)
+        share = sum(one.share for one in found) / len(found)
+        titles = [f"$Q^C$, {share:.2%} learned, mean of {len(found)} robots"]
+    factored = shown.tables[0].factors is not None
+    scale = "corrections that are not 0" if factored else "joint states learned"
+    return _shaded(shown, label, Shades(counts, titles, scale, "{:.0f}"))
 
 
 # Curves.
-
-
-def _curve_panels(
-    size: tuple[float, float], *names: str
-) -> Callable[[Sequence[Shown], Sequence[str]], list[Panel]]:
-    def panels(runs: Sequence[Shown], labels: Sequence[str]) -> list[Panel]:
-        for shown in runs:
-            _ = shown.history  # says what is missing
-
-        return [Panel(*size, partial(draw_curve, runs, labels, name)) for name in names]
-
-    return panels
 
 
 def draw_curve(runs: Sequence[Shown], labels: Sequence[str], name: str, axes: Axes) -> None:
@@ -408,18 +382,14 @@ def draw_curve(runs: Sequence[Shown], labels: Sequence[str], name: str, axes: Ax
 
 
 def _thinned(steps: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    if len(steps) <= MOST_POINTS:
-        return steps, values
-    kept = np.unique(np.linspace(0, len(steps) - 1, MOST_POINTS).astype(np.int64))
+    count = min(len(steps), MOST_POINTS)
+    kept = np.linspace(0, len(steps) - 1, count).astype(np.int64)
     return steps[kept], values[kept]
 
 
-def _percepts(runs: Sequence[Shown], labels: Sequence[str]) -> list[Panel]:
-    return [
-        Panel(*LONE_CURVE, partial(draw_percepts, shown, label))
-        for shown, label in zip(runs, labels, strict=True)
-        if shown.log is not None
-    ]
+def _percepts(shown: Shown, label: str) -> Iterator[Panel]:
+    _ = shown.log  # says what is missing
+    yield Panel(*LONE_CURVE, partial(draw_percepts, shown, label))
 
 
 def draw_percepts(shown: Shown, label: str, axes: Axes) -> None:
@@ -448,14 +418,3 @@ def draw_percepts(shown: Shown, label: str, axes: Axes) -> None:
     axes.set_ylim(0, 1.3 * max(float(below.max()), 1e-9))  # room for the legend
     axes.set_title(f"{label}: how percepts ended", fontsize=10)
     axes.legend(fontsize=7)
-
-
-WHATS: Mapping[str, Callable[[Sequence[Shown], Sequence[str]], list[Panel]]] = {
-    "policy": _policy,
-    "asks": _asks,
-    "sparsity": _sparsity,
-    "curves": _curve_panels(CURVE, *CURVES),
-    "percepts": _percepts,
-    "length": _curve_panels(LONE_CURVE, "length"),
-}
-"""What can be drawn of a run, by name."""

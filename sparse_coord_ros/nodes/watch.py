@@ -290,7 +290,7 @@ class WatchNode(Follower):
         if board.get("notice") is None:
             where = self.resolve_topic_name(interface.RUN.name)
             text = f"waiting for a team: no world simulator is on {where} yet"
-            board.put({"type": "notice", "level": "info", "text": text})
+            board.put({"type": "notice", "text": text})
 
     def begin(self, announced: Announced) -> None:
         """Show the run that is announced."""

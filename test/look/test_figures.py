@@ -106,7 +106,7 @@ def test_the_pictures_of_results(results, tmp_path):
     before = {p: p.read_bytes() for p in results.rglob("*") if p.is_file()}
     shown = ResultsShown(results)
     assert shown.whats == ["conditions", "asks"]
-    assert len(shown.figure("conditions").axes) == 6
+    assert len(shown.figure("conditions").axes) == 3
     with pytest.raises(SettingError, match="these results have conditions, asks"):
         shown.figure("table1")
     out = tmp_path / "r.png"

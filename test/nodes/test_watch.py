@@ -220,7 +220,7 @@ def test_a_team_in_one_process_with_a_page(bench, tmp_path):
         assert frame["state"] == "finished" and frame["transitions"] == 300
         history = log.history()
         assert curves["length"] == history.length.tolist()
-        assert curves["totals"]["reward"] == history.reward.sum(axis=0).tolist()
+        assert curves["asks"] == history.asks.T.tolist()
         assert np.array(board.get("asked")["robots"]).sum() == log.asked.sum()
         assert frame["step"] == log.step[np.flatnonzero(log.move.max(axis=1) >= 0)[-1]]
         assert board.get("tables")["robots"][0]["step"] > 0

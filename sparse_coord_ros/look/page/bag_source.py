@@ -278,10 +278,10 @@ class BagSource:
             text = ""
         if text != self._noticed:
             self._noticed = text
-            self.board.put(messages.notice_message(text, level="warning" if text else "info"))
+            self.board.put(messages.notice_message(text))
 
     def _damaged(self, error: SparseCoordError) -> None:
-        self.board.put(messages.notice_message(f"damaged: {error}", level="warning"))
+        self.board.put(messages.notice_message(f"damaged: {error}"))
 
     # In a thread beside it.
 

@@ -73,7 +73,7 @@ class LiveView:
     def notice(self, text: str) -> None:
         """Show a line; an empty one takes it away. What the curves lack stays beside it."""
         said = "; ".join(one for one in (text, self._lacking) if one)
-        self.board.put(messages.notice_message(said, level="warning" if text else "info"))
+        self.board.put(messages.notice_message(said))
 
     def lack(self, text: str) -> None:
         """Say, for as long as the run is shown, what the curves lack."""

@@ -189,13 +189,6 @@ def curves_message(history: History, *, until: float | None = None) -> Message:
         "miscoordinations": means(history.miscoordinations),
         "reward": means(history.reward, own),
         "asks": means(history.asks, own),
-        "arrived": means(history.arrived, own),
-        "totals": {
-            "transitions": int(history.length.sum()),
-            "miscoordinations": int(history.miscoordinations.sum()),
-            "asks": history.asks.sum(axis=0).tolist(),
-            "reward": history.reward.sum(axis=0).tolist(),
-        },
     }
 
 
@@ -204,9 +197,9 @@ def dialogue_message(entries: Iterable[Message]) -> Message:
     return {"type": "dialogue", "entries": list(entries)}
 
 
-def notice_message(text: str, *, level: str = "info") -> Message:
-    """Return a line about the source; levels: info, warning."""
-    return {"type": "notice", "level": level, "text": text}
+def notice_message(text: str) -> Message:
+    """Return a line about what is shown; an empty one takes it away."""
+    return {"type": "notice", "text": text}
 
 
 def in_words(run: RunConfig, seen: TimeStep) -> Iterator[Message]:

@@ -21,7 +21,7 @@ from importlib import resources
 from typing import Any
 from urllib.parse import urlsplit
 
-from sparse_coord_ros.errors import RunError, SparseCoordError
+from sparse_coord_ros.errors import RunError, SettingError, SparseCoordError
 from sparse_coord_ros.game.scenario import scenario_names
 from sparse_coord_ros.look.page.board import Board
 from sparse_coord_ros.look.page.controls import HOST, PORT, Controlled, parse_control
@@ -46,12 +46,12 @@ ODD_MESSAGES = 100
 """After so many messages that make no sense a page is sent away."""
 
 FILES = {
-    "/": ("index.html", "text/html"),
-    "/page.js": ("page.js", "text/javascript"),
-    "/map.js": ("map.js", "text/javascript"),
-    "/curves.js": ("curves.js", "text/javascript"),
-    "/style.css": ("style.css", "text/css"),
-    "/icon.svg": ("icon.svg", "image/svg+xml"),
+    "index.html": "text/html",
+    "page.js": "text/javascript",
+    "map.js": "text/javascript",
+    "curves.js": "text/javascript",
+    "style.css": "text/css",
+    "icon.svg": "image/svg+xml",
 }
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
@@ -83,12 +83,11 @@ class Page:
             self._names |= {socket.gethostname().lower(), socket.getfqdn().lower()}
         self._sockets: set[web.WebSocketResponse] = set()
         folder = resources.files("sparse_coord_ros.look.page") / "static"
-        self._files = {
-            route: ((folder / name).read_bytes(), kind) for route, (name, kind) in FILES.items()
-        }
+        self._files = {name: (folder / name).read_bytes() for name in FILES}
         self.app = web.Application(middlewares=[self._guard], client_max_size=LARGEST_MESSAGE)
-        for route in FILES:
-            self.app.router.add_get(route, self._file)
+        self.app.router.add_get("/", self._file)
+        for name in FILES:
+            self.app.router.add_get(f"/{name}", self._file)
         self.app.router.add_get("/ws", self._stream)
         self.app.on_shutdown.append(self._close_all)
 
@@ -139,8 +138,8 @@ class Page:
         return None
 
     async def _file(self, request: web.Request) -> web.Response:
-        body, kind = self._files[request.path]
-        return web.Response(body=body, content_type=kind, charset="utf-8")
+        name = request.path[1:] or "index.html"
+        return web.Response(body=self._files[name], content_type=FILES[name], charset="utf-8")
 
     async def _stream(self, request: web.Request) -> web.StreamResponse:
         if len(self._sockets) >= MOST_PAGES:
@@ -152,10 +151,9 @@ class Page:
         await stream.prepare(request)
         self._sockets.add(stream)
         self.board.page_came()
-        said: asyncio.Queue[str] = asyncio.Queue(1)
-        sender = asyncio.create_task(self._send(stream, said))
+        sender = asyncio.create_task(self._send(stream))
         try:
-            await self._hear(stream, said)
+            await self._hear(stream)
         finally:
             sender.cancel()
             with suppress(asyncio.CancelledError, ConnectionError, RuntimeError):
@@ -164,71 +162,70 @@ class Page:
             self.board.page_left()
         return stream
 
-    async def _send(self, stream: web.WebSocketResponse, said: asyncio.Queue[str]) -> None:
+    async def _send(self, stream: web.WebSocketResponse) -> None:
         """Send what is newer than what the page has had; a page that is slow misses some.
 
         It looks for that so many times a second. A source that woke it up would pay for that: in
         a team's own process each of a thread's turns stops the others.
         """
         seen: dict[str, int] = {}
-        pause = 1.0 / FRAMES_A_SECOND
-        names = {"type": "hello", "scenarios": scenario_names(), "control": False}
-        await stream.send_str(json.dumps(names))
+        await stream.send_str(json.dumps(_hello(control=False)))
         while True:
-            while not said.empty():
-                await stream.send_str(said.get_nowait())
             for kind, version, text in self.board.newer(seen):
                 seen[kind] = version
                 await stream.send_str(text)
-            await asyncio.sleep(pause)
+            await asyncio.sleep(1.0 / FRAMES_A_SECOND)
 
-    async def _hear(self, stream: web.WebSocketResponse, said: asyncio.Queue[str]) -> None:
+    async def _hear(self, stream: web.WebSocketResponse) -> None:
+        """Answer a page's messages, until it goes or has said too much that makes no sense."""
         odd = 0
         async for message in stream:
-            if message.type is WSMsgType.TEXT:
-                answer = self._answer(message.data)
-            elif message.type is WSMsgType.BINARY:
-                answer = {"type": "error", "text": "a message is JSON text, not bytes"}
-            else:
+            if message.type not in (WSMsgType.TEXT, WSMsgType.BINARY):
                 break
-            odd += answer["type"] == "error"
+            try:
+                answer = self._answer(message.data)
+            except SparseCoordError as error:
+                odd += 1
+                answer = {"type": "error", "text": str(error)}
             if odd > ODD_MESSAGES:
                 await stream.close(code=1008, message=b"too many messages make no sense")
                 break
-            if said.full():
-                said.get_nowait()
-            said.put_nowait(json.dumps(answer))
+            await stream.send_str(json.dumps(answer))
 
-    def _answer(self, text: str) -> dict[str, Any]:
-        """Do what a page asks for, and return what to tell it."""
+    def _answer(self, text: str | bytes) -> dict[str, Any]:
+        """Do what a page asks for, and return what to tell it.
+
+        Raises:
+            SparseCoordError: it cannot be done; one line for the page.
+        """
         try:
-            data = json.loads(text, parse_constant=_no_number)
+            data = json.loads(text, parse_constant=_no_number) if isinstance(text, str) else None
         except (ValueError, RecursionError):
-            return {"type": "error", "text": "the message is no JSON"}
+            data = None
         if not isinstance(data, dict):
-            return {"type": "error", "text": "the message is no JSON object"}
+            raise SettingError("a message is a JSON object as text; this one is none")
         token = data.get("token")
         given = token.encode(errors="replace") if isinstance(token, str) else b""
         if not hmac.compare_digest(given, self.token.encode()):
-            return {
-                "type": "error",
-                "text": "controls need the address as it was printed, with what follows the #",
-            }
+            raise SettingError(
+                "controls need the address as it was printed, with what follows the #"
+            )
         if data.get("do") == "hello":
-            return {"type": "hello", "scenarios": scenario_names(), "control": True}
+            return _hello(control=True)
         shown = self.board.get("run")
-        try:
-            control = parse_control(data, () if shown is None else shown["controls"])
-            if self.source is not None:
-                self.source.control(control)
-        except SparseCoordError as error:
-            return {"type": "error", "text": str(error)}
+        control = parse_control(data, () if shown is None else shown["controls"])
+        if self.source is not None:
+            self.source.control(control)
         return {"type": "done", "do": control.name}
 
     async def _close_all(self, _: web.Application) -> None:
         for stream in set(self._sockets):
             with suppress(Exception):
                 await asyncio.wait_for(stream.close(code=1001, message=b"the source ends"), 1.0)
+
+
+def _hello(*, control: bool) -> dict[str, Any]:
+    return {"type": "hello", "scenarios": scenario_names(), "control": control}
 
 
 def _no_number(text: str) -> None:
@@ -254,6 +251,8 @@ class Server:
         port: 0: one that is free.
 
     Attributes:
+        page: the application.
+        port: the port.
         address: what to open in a browser, the token included.
 
     Raises:
@@ -261,27 +260,17 @@ class Server:
     """
 
     def __init__(self, board: Board, *, host: str = HOST, port: int = PORT) -> None:
-        self.board = board
         self._listening = _listen(host, port)
         self.port = self._listening.getsockname()[1]
-        self._loop = asyncio.new_event_loop()
-        self._ready = threading.Event()
-        self._thread = threading.Thread(target=self._serve, args=(host,), daemon=True)
-        self._page: Page | None = None
-        self._failure: BaseException | None = None
+        self.board, self.page = board, Page(board, host=host)
+        self._loop, self._stop = asyncio.new_event_loop(), asyncio.Event()
+        ready = threading.Event()
+        self._thread = threading.Thread(target=self._serve, args=(ready,), daemon=True)
         self._thread.start()
-        self._ready.wait()
-        if self._failure is not None:
-            raise self._failure
+        ready.wait()
         shown = f"[{host}]" if ":" in host else host
         shown = socket.gethostname() if host in ("0.0.0.0", "::") else shown
         self.address = f"http://{shown}:{self.port}/#{self.page.token}"
-
-    @property
-    def page(self) -> Page:
-        """The application."""
-        assert self._page is not None
-        return self._page
 
     def show(self, source: Controlled | None) -> None:
         """Let controls go to this source."""
@@ -293,23 +282,19 @@ class Server:
             self._loop.call_soon_threadsafe(self._stop.set)
             self._thread.join(5.0)
 
-    def _serve(self, host: str) -> None:
+    def _serve(self, ready: threading.Event) -> None:
         asyncio.set_event_loop(self._loop)
         try:
-            self._loop.run_until_complete(self._run(host))
-        except BaseException as error:
-            self._failure = error
+            self._loop.run_until_complete(self._run(ready))
         finally:
-            self._ready.set()
+            ready.set()
             self._loop.close()
 
-    async def _run(self, host: str) -> None:
-        self._stop = asyncio.Event()
-        page = self._page = Page(self.board, host=host)
-        runner = web.AppRunner(page.app, access_log=None, shutdown_timeout=1.0)
+    async def _run(self, ready: threading.Event) -> None:
+        runner = web.AppRunner(self.page.app, access_log=None, shutdown_timeout=1.0)
         await runner.setup()
         await web.SockSite(runner, self._listening).start()
-        self._ready.set()
+        ready.set()
         try:
             await self._stop.wait()
         finally:
@@ -326,15 +311,13 @@ def _listen(host: str, port: int) -> socket.socket:
         return listening
     except OSError as error:
         listening.close()
-        if error.errno == errno.EADDRINUSE:
-            raise RunError(
-                f"--port is {port}: something else listens there on {host}; --port 0 takes a free "
-                "one, or choose another"
-            ) from None
-        if error.errno == errno.EACCES:
-            raise RunError(
-                f"--port is {port}: this user may not listen there; choose one from 1024"
-            ) from None
+        why = {
+            errno.EADDRINUSE: f"something else listens there on {host}; --port 0 takes a free "
+            "one, or choose another",
+            errno.EACCES: "this user may not listen there; choose one from 1024",
+        }.get(error.errno or 0)
+        if why is not None:
+            raise RunError(f"--port is {port}: {why}") from None
         raise RunError(
             f"--host is {host!r}: cannot be served ({error.strerror}); give an address of this "
             f"machine, or leave it out: {HOST}"
