@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the ROS tests share: nodes on executors of the test's own, processes, and tidiness."""
 
-import fcntl
 import functools
 import itertools
 import json
@@ -23,6 +22,7 @@ import pytest
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
+from sparse_coord_ros.files import HeldError, hold
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.world import World
 from sparse_coord_ros.learn.factors import AdditiveTable, Factors
@@ -420,14 +420,6 @@ def _note_shared_memory(process: int | str = "self") -> None:
     SHARED_MEMORY_USED.update(re.findall(r"/dev/shm/(?:fastrtps|fastdds)\w+", text))
 
 
-def _is_open_as(path: Path, descriptor: int) -> bool:
-    """Whether a path still names an open file."""
-    try:
-        return os.path.samestat(path.stat(), os.fstat(descriptor))
-    except FileNotFoundError:
-        return False
-
-
 @pytest.fixture(autouse=True)
 def own_domain(monkeypatch):
     """Give each test a ROS domain: what the one before said must not be heard in this one.
@@ -438,17 +430,14 @@ def own_domain(monkeypatch):
     while True:
         domain = DOMAINS[next(DOMAIN_COUNTER) % len(DOMAINS)]
         path = Path(tempfile.gettempdir()) / f"sparse_coord_test_domain_{domain}.lock"
-        with path.open("w") as lock:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                assert time.monotonic() < deadline, "all ROS domains are in use"
-                continue
-            if not _is_open_as(path, lock.fileno()):
-                continue  # whoever had it before has just taken it away
+        try:
+            lock = hold(path)
+        except HeldError:
+            assert time.monotonic() < deadline, "all ROS domains are in use"
+            continue
+        with lock:
             monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
             yield
-            path.unlink()
             return
 
 

@@ -143,14 +143,6 @@ def test_factored_learner(tmp_path, simulate, assert_same_tables, scenario, sett
     assert verdict.same, verdict.differences
 
 
-def test_baseline(tmp_path, simulate, assert_same_tables):
-    said = simulate("env1", {"steps": 300}, seed=SEED, learner="noncoop")
-    with ros_context() as context:
-        summary = run_team(values(tmp_path / "out", steps=300, learner="noncoop"), context=context)
-    assert_same_tables(tmp_path / "out", said)
-    assert {sum(asks.values()) for asks in summary["asks"].values()} == {0}
-
-
 def test_team_in_another_namespace(tmp_path, simulate, assert_same_tables):
     said = simulate("env1", {"steps": 100}, seed=SEED)
     with ros_context() as context:

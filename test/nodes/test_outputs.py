@@ -7,8 +7,12 @@ from types import SimpleNamespace
 
 import pytest
 
-from sparse_coord_ros.errors import RunError
-from sparse_coord_ros.nodes.outputs import open_output, save_somewhere
+from sparse_coord_ros.errors import RunError, SparseCoordError
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.run_config import make_run
+from sparse_coord_ros.learn.simulation import learn
+from sparse_coord_ros.learn.tables import save_team
+from sparse_coord_ros.nodes.outputs import begin_with, open_output, save_somewhere
 
 
 @pytest.fixture
@@ -73,3 +77,24 @@ def test_nodes_that_open_a_directory_at_once_join_one_run(tmp_path):
     for thread in threads:
         thread.join()
     assert len(joined) == 4 and set(joined) == {(tmp_path / "run.yaml").read_text()}
+
+
+@pytest.mark.parametrize(
+    ("learned", "asked", "text"),
+    [
+        (("env2-2r", "coop"), ("env1", "coop"), "env1"),
+        (("env1", "indiv"), ("env1", "coop"), "learner is coop; use the"),
+        (None, ("env1", "coop"), "no readable run.yaml"),
+    ],
+)
+def test_tables_that_do_not_fit_are_refused(tmp_path, learned, asked, text):
+    def run_of(name, learner):
+        scenario = load_scenario(name).with_settings({"steps": 20})
+        return make_run(scenario, {"learner": learner})
+
+    if learned:
+        run = run_of(*learned)
+        (tmp_path / "run.yaml").write_text(run.to_yaml())
+        save_team(tmp_path, learn(run.scenario, run.learner, 0))
+    with pytest.raises(SparseCoordError, match=text):
+        begin_with(tmp_path, run_of(*asked))

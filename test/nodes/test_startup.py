@@ -2,16 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Nodes start in any order, and those that cannot take part say why."""
 
-import re
-
 import pytest
 import yaml
 from std_msgs.msg import String
 
 from sparse_coord_ros.errors import RunError, SettingError, TablesError
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.run_config import make_run, run_from_yaml
-from sparse_coord_ros.learn.simulation import learn
+from sparse_coord_ros.learn.run_config import run_from_yaml
 from sparse_coord_ros.learn.tables import load_team, save_team
 from sparse_coord_ros.nodes.guard import HOLDING, JOINED, STARTING, Claim
 from sparse_coord_ros.nodes.member import Member
@@ -167,26 +163,6 @@ def test_a_recorder_that_is_missing_is_named(bench):
         bench.spin_until(lambda: False)
 
 
-def test_a_robot_without_a_world(bench):
-    bench.robot("robot_1", startup_timeout=0.2)
-    text = r"^startup_timeout: node robot_1 heard of no world simulator on /run within 0\.2 s"
-    with pytest.raises(RunError, match=text):
-        bench.spin_until(lambda: False)
-
-
-def test_a_recorder_without_a_world(bench, tmp_path):
-    bench.recorder(tmp_path / "bag", startup_timeout=0.2)
-    text = r"^startup_timeout: node recorder heard of no world simulator on /run within 0\.2 s"
-    with pytest.raises(RunError, match=text):
-        bench.spin_until(lambda: False)
-
-
-def test_a_world_that_waits_for_ever(bench):
-    world = bench.world(startup_timeout=0.0, set=SHORT)
-    robots = bench.robots(startup_timeout=0.0)
-    bench.spin_until_done(world, *robots)
-
-
 def test_a_greedy_robot_without_tables(bench):
     bench.world(greedy=True)
     bench.robots()
@@ -194,25 +170,14 @@ def test_a_greedy_robot_without_tables(bench):
         bench.spin_until(lambda: False)
 
 
-def test_tables_of_another_map(bench, tmp_path, simulate):
-    other = simulate("env2-2r", {"steps": 5})
-    save_team(tmp_path, other.tables)
-    (tmp_path / "run.yaml").write_text(bench.world(scenario="env2-2r").run.to_yaml())
-    bench.spin_until(lambda: True)
-    context = bench.place("elsewhere")[0]
-    world = WorldSimulator(
-        context=context, namespace="x", values={"scenario": "env1", "claim_window": 0.0}
-    )
-    bench.add(world, "elsewhere")
-    bench.robot("robot_1", namespace="x", place="elsewhere", tables=str(tmp_path))
-    with pytest.raises(TablesError, match="env1"):
-        bench.spin_until(lambda: False)
-
-
-def test_tables_that_are_not_there(bench, tmp_path):
-    bench.world()
-    bench.robot("robot_1", tables=str(tmp_path / "nowhere"))
-    with pytest.raises(RunError, match=re.escape(f"{tmp_path / 'nowhere'}: no readable run.yaml")):
+@pytest.mark.parametrize("name", ["robot_1", "recorder"])
+def test_who_hears_of_no_world_ends(bench, tmp_path, name):
+    if name == "recorder":
+        bench.recorder(tmp_path / "bag", startup_timeout=0.2)
+    else:
+        bench.robot(name, startup_timeout=0.2)
+    text = rf"^startup_timeout: node {name} heard of no world simulator on /run within 0\.2 s"
+    with pytest.raises(RunError, match=text):
         bench.spin_until(lambda: False)
 
 
@@ -220,45 +185,23 @@ def contents(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-def test_an_output_directory_with_a_run_is_left_alone(bench, tmp_path):
-    (tmp_path / "run.yaml").write_text("precious")
+@pytest.mark.parametrize(
+    ("who", "file", "text"),
+    [
+        ("world", "run.yaml", r"exists already and holds run\.yaml, nothing is overwritten"),
+        ("robot", "tables_robot_1.npz", r"exists already and holds tables_robot_1\.npz"),
+        ("robot", "run.yaml", r"holds another run's run\.yaml, nothing is overwritten"),
+    ],
+)
+def test_an_output_directory_in_use_is_left_alone(bench, tmp_path, who, file, text):
+    (tmp_path / file).write_text("precious")
     before = contents(tmp_path)
-    bench.world(out=str(tmp_path))
-    with pytest.raises(RunError, match=r"exists already and holds run\.yaml, nothing"):
+    bench.world(**({"out": str(tmp_path)} if who == "world" else {}))
+    if who == "robot":
+        bench.robot("robot_1", out=str(tmp_path))
+    with pytest.raises(RunError, match=text):
         bench.spin_until(lambda: False)
     assert contents(tmp_path) == before
-
-
-def test_a_robots_output_file_is_left_alone(bench, tmp_path):
-    (tmp_path / "tables_robot_1.npz").write_text("precious")
-    before = contents(tmp_path)
-    bench.world()
-    bench.robot("robot_1", out=str(tmp_path))
-    with pytest.raises(RunError, match=r"exists already and holds tables_robot_1\.npz"):
-        bench.spin_until(lambda: False)
-    assert contents(tmp_path) == before
-
-
-def test_another_runs_directory_is_left_alone(bench, tmp_path):
-    (tmp_path / "run.yaml").write_text("precious")
-    before = contents(tmp_path)
-    bench.world()
-    bench.robot("robot_1", out=str(tmp_path))
-    with pytest.raises(RunError, match=r"holds another run's run\.yaml, nothing is overwritten"):
-        bench.spin_until(lambda: False)
-    assert contents(tmp_path) == before
-
-
-def test_tables_of_another_learner(tmp_path):
-    scenario = load_scenario("env1").with_settings({"steps": 50})
-    source = tmp_path / "alone"
-    source.mkdir()
-    (source / "run.yaml").write_text(make_run(scenario, {"learner": "indiv"}).to_yaml())
-    save_team(source, learn(scenario, "indiv", 0))
-    values = {"scenario": "env1", "tables": str(source), "out": str(tmp_path / "out")}
-    with ros_context() as context, pytest.raises(TablesError, match="learner is coop; use the"):
-        run_team(values, context=context)
-    assert not (tmp_path / "out").exists()
 
 
 def test_a_bag_is_left_alone(bench, tmp_path):

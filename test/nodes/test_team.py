@@ -3,7 +3,7 @@
 """Services, perception and namespaces of teams that are started for one question each."""
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.srv import GetPlan
 from rclpy.node import Node
@@ -12,7 +12,6 @@ from std_srvs.srv import SetBool, Trigger
 
 from sparse_coord_ros import wire
 from sparse_coord_ros.bags import open_bag
-from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.messages import Converter
 from sparse_coord_ros.nodes.spin import ros_context
 from sparse_coord_ros.nodes.team import run_team
@@ -63,17 +62,16 @@ def test_reset_and_save_say_why_they_cannot(bench):
     assert "'out'" in response.message
 
 
-@pytest.mark.parametrize(("perception", "poses"), [("never", 0), ("always", 1)])
-def test_the_environment_decides_what_a_robot_perceives(bench, perception, poses):
+def test_a_peer_is_answered_where_it_is_on_the_map(bench):
     observer = bench.observer()
-    world = bench.world(set=[f"perception={perception}"], rate=0.001)
+    world = bench.world(set=["perception=always"], rate=0.001)
     bench.robots()
     bench.spin_until(lambda: world.lockstep.complete, "first barrier")
     present = Converter(world.run).pose(1, world.lockstep.world.cells[1])
     request = GetPlan.Request(start=present)
     request.goal.header.frame_id = "robot_2"
     plan = observer.call(GetPlan, "robot_1/active_perception", request).plan
-    assert len(plan.poses) == poses
+    assert len(plan.poses) == 1
     assert plan.header.stamp == present.header.stamp
     request.start.pose.position.x = -1.0
     plan = observer.call(GetPlan, "robot_1/active_perception", request).plan
@@ -101,18 +99,6 @@ def test_a_namespace_moves_everything(bench):
     plan = observer.call(GetPlan, "robot_1/active_perception").plan
     assert len(plan.poses) == 1
     assert observer.call(SetBool, "world_simulator/pause", SetBool.Request(data=True)).success
-
-
-def test_two_teams_in_two_namespaces_do_not_meet(bench):
-    worlds = {ns: bench.world(namespace=ns, set=["steps=40"]) for ns in ("red", "blue")}
-    for namespace in worlds:
-        for name in NAMES:
-            bench.robot(name, namespace=namespace)
-    bench.spin_until_done()
-    for world in worlds.values():
-        summary = world.summary()
-        assert summary["transitions"] == 40
-        assert summary["timeouts"] == 0
 
 
 def test_in_one_process_an_answer_reaches_one_client(own_domain, tmp_path):
@@ -145,21 +131,6 @@ def test_a_bystander_is_no_robot(bench):
     bench.spin_until(lambda: world.lockstep.complete, "first barrier while paused")
     assert observer.call(SetBool, "world_simulator/pause", SetBool.Request(data=False)).success
     bench.spin_until_done()
-    assert world.summary()["timeouts"] == 0
-
-
-def test_a_stranger_who_says_that_the_run_is_finished_is_not_believed(bench):
-    observer = bench.observer()
-    said = observer.create_publisher(DiagnosticStatus, "status", interface.STATUS.qos)
-    world = bench.world(set=["steps=200"], rate=400.0)
-    robots = bench.robots()
-    bench.spin_until(lambda: world.lockstep.world.transitions > 20, "the run is under way")
-    said.publish(DiagnosticStatus(message=wire.FINISHED))
-    said.publish(
-        DiagnosticStatus(message=wire.FINISHED, values=[KeyValue(key="step", value="soon")])
-    )
-    bench.spin_until_done(world, *robots)
-    assert world.summary()["transitions"] == 200
     assert world.summary()["timeouts"] == 0
 
 
