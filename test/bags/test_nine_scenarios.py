@@ -24,7 +24,7 @@ EVENT = "/active_perception/_service_event"
 @pytest.mark.parametrize(
     "name",
     [
-        name if name in ("env1", "env2-4r") else pytest.param(name, marks=pytest.mark.long)
+        name if name == "env2-4r" else pytest.param(name, marks=pytest.mark.long)
         for name in SMALL + LARGE
     ],
 )

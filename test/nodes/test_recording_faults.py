@@ -132,16 +132,15 @@ def assert_bag_is_cut(bag):
     assert sum(1 for _ in bag.messages()) > 100
 
 
-@pytest.mark.parametrize("processes", [[], ["--processes"]], ids=["one process", "processes"])
-def test_a_full_disk_ends_the_recording_but_not_the_run(start, tmp_path, processes, full_disk):
+def test_a_full_disk_ends_the_recording_but_not_the_run(start, tmp_path, full_disk):
     out = tmp_path / "out"
     arguments = ["--steps", str(STEPS_UNTIL_FULL), "--compression", "none", "--out", str(out)]
-    process = start("cli.main", "run", "env1", *arguments, *processes)
+    process = start("cli.main", "run", "env1", *arguments)
     assert process.exit_code() == 2, process.output
     assert "Traceback" not in process.output
     assert process.output.count("cannot write") >= 1
     assert process.output.splitlines()[-1].startswith("error: ")
-    error = "^recorder ended with exit code 2" if processes else "^cannot write .*File too large"
+    error = "^cannot write .*File too large"
     assert_run_is_whole(out, STEPS_UNTIL_FULL, error=error)
     assert_bag_is_cut(out / "bag")
 
