@@ -25,7 +25,7 @@ from sparse_coord_ros.errors import ResultsError, SettingError, newer_format
 from sparse_coord_ros.experiments.conditions import Condition, parse_id
 from sparse_coord_ros.files import PARTIAL, take_lock, write_whole
 from sparse_coord_ros.game.actions import PRIMITIVES
-from sparse_coord_ros.game.scenario import SETTINGS, Scenario, dense_nbytes
+from sparse_coord_ros.game.scenario import Scenario, dense_nbytes
 from sparse_coord_ros.game.settings import Setting
 from sparse_coord_ros.learn.evaluation import Measure
 from sparse_coord_ros.learn.factors import rows_at_most
@@ -296,15 +296,6 @@ def digest(condition: Condition) -> str:
     return _digest([condition.learner, condition.scenario.computation()])
 
 
-def _digest_of_format_1(condition: Condition) -> str:
-    """Return the digest that version 0.1.0 gave: it covered names and provenance too."""
-    said = condition.scenario.to_dict()
-    for name, setting in SETTINGS.items():
-        if setting.neutral is not None:
-            del said[name]
-    return _digest([condition.learner, said])
-
-
 def _digest(said: object) -> str:
     return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()[:16]
 
@@ -387,8 +378,7 @@ def _load(path: Path, condition: Condition, plan: Plan) -> ConditionResult:
         raise ResultsError(newer_format(str(path), written, FORMAT))
     result = ConditionResult(**data)
     whole = result.runs == plan.runs and result.trials == plan.trials
-    known = {digest(condition), _digest_of_format_1(condition)}
-    if result.id != condition.id or result.digest not in known or not whole:
+    if result.id != condition.id or result.digest != digest(condition) or not whole:
         raise ResultsError(
             f"{path}: was computed for another scenario, learning protocol or plan than "
             f"{condition.id} has now; nothing is mixed: choose another --out, or remove this file"

@@ -120,11 +120,7 @@ SETTINGS = SettingTable(
         ),
         Setting("perception", PERCEPTION, "always", "when the percept of COORDINATE succeeds"),
         Setting(
-            "link",
-            LINKS,
-            "up",
-            "when a robot's COORDINATE gets no answer: lost, late or refused",
-            neutral="up",
+            "link", LINKS, "up", "when a robot's COORDINATE gets no answer: lost, late or refused"
         ),
         Setting(
             "peers",
@@ -138,14 +134,12 @@ SETTINGS = SettingTable(
             CREDIT,
             "own",
             "how much r^C counts in learning: once, for each robot that it falls on, or a number",
-            neutral="own",
         ),
         Setting(
             "referee",
             bool,
             False,
             "whether the reward says with whom a robot was in a miscoordination",
-            neutral=False,
         ),
         Setting(
             "max_steps",
@@ -312,28 +306,30 @@ class Scenario:
     def to_dict(self) -> dict[str, Any]:
         """Return plain data, the map's text included; `scenario_from_dict` reads it back."""
         place = {x: list(position) for x, position in enumerate(self.map.cells)}
-        settings = {name: getattr(self, name) for name in SETTINGS}
         return {
             "name": self.name,
             "map": {"name": self.map.name, "text": self.map.to_text()},
             "robots": {
                 r.name: {"start": place[r.start], "goal": place[r.goal]} for r in self.robots
             },
-            **{n: str(v) if isinstance(v, Spec) else v for n, v in settings.items()},
+            **self._plain_settings(),
             "paper": {learner: dict(row) for learner, row in self.paper.items()},
         }
 
     def computation(self) -> dict[str, Any]:
         """Return plain data of all that affects what is computed, for digests.
 
-        Left out are names, provenance, the paper's rows, and settings at values that change
-        nothing (`Setting.neutral`).
+        Left out are names, provenance and the paper's rows.
         """
         return {
             "map": list(self.map.rows),
             "robots": [[robot.start, robot.goal] for robot in self.robots],
-            **SETTINGS.effective({name: getattr(self, name) for name in SETTINGS}),
+            **self._plain_settings(),
         }
+
+    def _plain_settings(self) -> dict[str, int | float | str]:
+        values = {name: getattr(self, name) for name in SETTINGS}
+        return {n: str(v) if isinstance(v, Spec) else v for n, v in values.items()}
 
 
 def dense_nbytes(cells: int, agents: int) -> int:
@@ -469,7 +465,6 @@ def scenario_from_dict(
     where: str,
     name: str,
     beside: Path | None = None,
-    recorded: bool = False,
 ) -> Scenario:
     """Build a scenario from plain data (a parsed scenario file or `Scenario.to_dict`).
 
@@ -478,8 +473,6 @@ def scenario_from_dict(
         where: what error messages call it.
         name: the scenario's name where the data has none.
         beside: folder for a relative map path.
-        recorded: it is that of a recorded run, where a setting that is missing had not been
-            thought of yet: its neutral value holds, not its default.
 
     Raises:
         ScenarioError: a field is missing, unknown or bad.
@@ -511,7 +504,7 @@ def scenario_from_dict(
         )
     robots = _robots(data.get("robots"), grid, where)
     paper = _paper(data.get("paper", {}), where)
-    settings = {**(SETTINGS.of_older_files() if recorded else SETTINGS.defaults()), **given}
+    settings = {**SETTINGS.defaults(), **given}
     try:
         return Scenario(
             name=name, map=grid, robots=robots, paper=paper, given=frozenset(given), **settings

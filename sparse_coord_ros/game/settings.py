@@ -44,8 +44,6 @@ class Setting:
         high: largest number allowed; None: no bound.
         least: smallest number allowed but 0, which turns the thing off; None: no such bound.
         choices: the strings allowed; empty: any.
-        neutral: of a setting that came after version 0.1.0, the value that changes nothing: it
-            holds where an older file lacks the setting, and digests leave it out; None: of 0.1.0.
     """
 
     name: str
@@ -55,7 +53,6 @@ class Setting:
     low: float | None = None
     high: float | None = None
     choices: tuple[str, ...] = ()
-    neutral: Any = None
     least: float | None = None
 
     @property
@@ -156,21 +153,6 @@ class SettingTable(Mapping[str, Setting]):
     def defaults(self) -> dict[str, Any]:
         """Return every setting's default, parsed."""
         return {s.name: s.parse(s.default) for s in self.values()}
-
-    def of_older_files(self) -> dict[str, Any]:
-        """Return what holds where a file lacks a setting: its neutral value, or its default."""
-        return {
-            s.name: s.parse(s.default if s.neutral is None else s.neutral) for s in self.values()
-        }
-
-    def effective(self, values: Mapping[str, Any]) -> dict[str, Any]:
-        """Return those of the values that are not neutral, as plain data for a digest."""
-        kept = {}
-        for name, setting in self.items():
-            value = values[name]
-            if setting.neutral is None or value != setting.parse(setting.neutral):
-                kept[name] = value if isinstance(value, int | float | str) else str(value)
-        return kept
 
     def parse(self, values: Mapping[str, object]) -> dict[str, Any]:
         """Return the given values, each in its setting's type.

@@ -220,11 +220,9 @@ def run_from_yaml(text: str, *, where: str) -> RunConfig:
                 f"{where}: is not a run.yaml of this software: field {name!r} is missing or no "
                 "mapping; use the file that run or train wrote"
             )
-    scenario = scenario_from_dict(
-        data["scenario"], where=f"{where} (scenario)", name="scenario", recorded=True
-    )
+    scenario = scenario_from_dict(data["scenario"], where=f"{where} (scenario)", name="scenario")
     given = RUN_SETTINGS.parse({n: data[n] for n in RUN_SETTINGS if n in data})
-    settings = {**RUN_SETTINGS.of_older_files(), **given}
+    settings = {**RUN_SETTINGS.defaults(), **given}
     return RunConfig(
         scenario=scenario, versions=data["versions"], id=str(data.get("id", "")), **settings
     )

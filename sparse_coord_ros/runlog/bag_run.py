@@ -148,7 +148,7 @@ def _scenario(text: str) -> dict[str, Any] | None:
     """Return the scenario that a text holds, with what an older one lacks; None: it holds none."""
     try:
         data = parse_yaml(text, where=SCENARIO_FILE)
-        found = scenario_from_dict(data, where=SCENARIO_FILE, name="scenario", recorded=True)
+        found = scenario_from_dict(data, where=SCENARIO_FILE, name="scenario")
     except (SparseCoordError, RecursionError):
         return None
     return found.to_dict()

@@ -126,7 +126,7 @@ class BestTeam:
 def game_digest(scenario: Scenario) -> str:
     """Return a digest of all that the value of a team depends on; the horizon is infinite."""
     said = scenario.computation()
-    kept = {key: said[key] for key in ("map", "robots", *GAME_SETTINGS) if key in said}
+    kept = {key: said[key] for key in ("map", "robots", *GAME_SETTINGS)}
     return hashlib.sha256(json.dumps(kept, sort_keys=True).encode()).hexdigest()[:16]
 
 

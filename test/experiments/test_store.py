@@ -6,7 +6,6 @@ import errno
 import json
 import math
 import os
-import shutil
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -151,28 +150,6 @@ def test_another_version_of_the_software_goes_on(tmp_path, result, monkeypatch):
     monkeypatch.setattr(module, "__version__", "99.0")
     with open_results(tmp_path, PLAN) as results:
         assert results.load(CELL) == result
-
-
-def test_results_of_version_0_1_0_are_gone_on_with(tmp_path):
-    shutil.copytree(OLD / "results", tmp_path / "r")
-    plan = Plan(seed=0, runs=3, trials=20)
-    settings = {"penalty": -20, "steps": 300}
-    conditions = [
-        make_condition("env1", "coop", settings),
-        make_condition("env2-4r", "noncoop", {**settings, "perception": "range:2"}),
-    ]
-    with open_results(tmp_path / "r", plan) as results:
-        for one in conditions:
-            old = results.load(one)
-            runs = run_batch(one.scenario, one.learner, plan.seeds, trials=plan.trials)
-            new = collect(one, plan.trials, map(sample, runs))
-            assert old.digest != new.digest
-            assert replace(old, digest=new.digest, exact=new.exact) == new
-        other = make_condition("env1", "coop", {**settings, "discount": 0.9})
-        results.path(conditions[0]).rename(results.path(other))
-        with pytest.raises(ResultsError, match="nothing is mixed"):
-            results.load(other)
-    assert json.loads((tmp_path / "r/results.json").read_text())["format"] == 2
 
 
 def test_the_digest_covers_what_affects_the_computation_and_no_more():

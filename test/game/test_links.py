@@ -71,12 +71,6 @@ def test_the_factored_learner_is_compiled_with_the_same_bits(text):
     assert any(one.q_star.tobytes() != other.q_star.tobytes() for one, other in pairs)
 
 
-def test_the_digest_of_older_results_stays():
-    scenario = load_scenario("env1")
-    assert "link" not in scenario.computation()
-    assert "link" in load_scenario("env1", link="lost:0.1").computation()
-
-
 def test_exact_evaluation_knows_no_time():
     scenario = load_scenario("env1", link="lost:0.1", steps=10)
     with pytest.raises(SettingError, match="exact evaluation: setting link is 'lost:0.1'"):

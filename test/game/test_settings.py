@@ -122,17 +122,3 @@ def test_assignments():
 def test_assignment_without_equals_sign():
     with pytest.raises(SettingError, match=r"setting 'penalty': write it as key=value, e\.g\."):
         parse_assignments(["penalty"])
-
-
-def test_settings_that_came_later():
-    """A setting at its neutral value is not in a digest; a file without it is read as neutral."""
-    table = SettingTable(
-        [
-            Setting("steps", int, 10, "of 0.1.0"),
-            Setting("credit", str, "team", "a later one", neutral="own"),
-        ]
-    )
-    assert table.defaults() == {"steps": 10, "credit": "team"}
-    assert table.of_older_files() == {"steps": 10, "credit": "own"}
-    assert table.effective({"steps": 10, "credit": "own"}) == {"steps": 10}
-    assert table.effective({"steps": 10, "credit": "team"}) == {"steps": 10, "credit": "team"}

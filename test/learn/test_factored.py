@@ -177,11 +177,8 @@ def test_credit_of_every_learner(name, settings, weight, learner):
     assert learner_of(learner).weights(chosen) == RewardWeights(1.0, weight, 1.0)
 
 
-def test_credit_own_is_neutral_and_a_bad_one_is_named():
+def test_a_bad_credit_is_named():
     plain = load_scenario("env1")
-    assert plain.with_settings({"credit": "own"}).computation() == plain.computation()
-    assert plain.with_settings({"credit": 2}).computation() != plain.computation()
-    assert plain.with_settings({"referee": False}).computation() == plain.computation()
     with pytest.raises(SettingError, match="credit.*'ours'.*own, team, weight:W"):
         plain.with_settings({"credit": "ours"})
     with pytest.raises(SettingError, match="credit: w is '-1'.*from 0"):
