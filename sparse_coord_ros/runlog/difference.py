@@ -2,12 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """How a log departs from what was computed: one named tuple for whatever may differ."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from sparse_coord_ros import wire
+from sparse_coord_ros.game.actions import PRIMITIVES
 from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.factors import Factors
 from sparse_coord_ros.learn.sparse import SparseTable
@@ -73,31 +74,25 @@ def _pairs(logged: Tables, computed: Tables) -> Iterator[tuple[str, Any, Any]]:
 
 def first_entry(logged: Tables, computed: Tables) -> tuple[str, str, str]:
     """Return the first entry in which tables differ, its logged and its computed value."""
-    for name, ours, theirs in _pairs(logged, computed):
+    for part, ours, theirs in _pairs(logged, computed):
+        name = f"{wire.TABLES.name} {part}"
+        entries: Iterable[Any]
         if isinstance(ours, SparseTable) and isinstance(theirs, SparseTable):
-            if ours.same_bits(theirs):
-                continue
             if ours.unseen != theirs.unseen:
-                return f"{wire.TABLES.name} {name} unseen", repr(ours.unseen), repr(theirs.unseen)
+                return f"{name} unseen", repr(ours.unseen), repr(theirs.unseen)
             keys = sorted({tuple(key) for table in (ours, theirs) for key in table.keys.tolist()})
-            for key in keys:
-                pairs = zip(ours[key].tolist(), theirs[key].tolist(), strict=True)
-                for action, (a, b) in enumerate(pairs):
-                    if repr(a) != repr(b):
-                        return f"{wire.TABLES.name} {name}{[*key, action]}", repr(a), repr(b)
-            return f"{wire.TABLES.name} {name}", f"{len(ours)} rows", f"{len(theirs)} rows"
-        if not isinstance(ours, np.ndarray) or not isinstance(theirs, np.ndarray):
+            entries = ((*key, action) for key in keys for action in range(PRIMITIVES))
+        elif isinstance(ours, np.ndarray) and isinstance(theirs, np.ndarray):
+            if ours.shape != theirs.shape:
+                return name, f"shape {ours.shape}", f"shape {theirs.shape}"
+            bits = f"u{ours.itemsize}"
+            entries = map(tuple, np.argwhere(ours.view(bits) != theirs.view(bits)).tolist())
+        else:
             continue
-        if ours.shape != theirs.shape:
-            shapes = f"shape {ours.shape}", f"shape {theirs.shape}"
-            return f"{wire.TABLES.name} {name}", *shapes
-        bits = f"u{ours.itemsize}"
-        odd = np.argwhere(ours.view(bits) != theirs.view(bits))
-        if len(odd):
-            entry = tuple(odd[0].tolist())
-            return (
-                f"{wire.TABLES.name} {name}{list(entry)}",
-                repr(float(ours[entry])),
-                repr(float(theirs[entry])),
-            )
+        for entry in entries:
+            values = repr(float(ours[entry])), repr(float(theirs[entry]))
+            if values[0] != values[1]:
+                return f"{name}{list(entry)}", *values
+        if isinstance(ours, SparseTable) and not ours.same_bits(theirs):
+            return name, f"{len(ours)} rows", f"{len(theirs)} rows"
     return wire.TABLES.name, "another kind", "that of the scenario"

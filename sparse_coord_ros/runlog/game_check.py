@@ -6,8 +6,7 @@ Each is computed from the logged states before it. As long as nothing differs th
 computed ones, so that the first difference is the one that stepping the world would find.
 """
 
-from collections.abc import Callable, Iterator, Sequence
-from functools import partial
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -42,8 +41,8 @@ from sparse_coord_ros.wire import (
 from sparse_coord_ros.wire import START as RUN_START
 from sparse_coord_ros.wire.frame import Frame
 
-Finding = tuple[int, Callable[[], Difference]]
-"""The row of a difference, and what makes it."""
+Finding = tuple[int, Difference]
+"""The row of a difference, and what differs."""
 
 
 class WorldCheck(NamedTuple):
@@ -127,11 +126,10 @@ class _Walk:
 
     def check(self) -> WorldCheck:
         """Return the first difference, and what was there before it."""
-        found = list(self._found()) if len(self.steps) else []
         place, difference = len(self.steps), None
+        found = list(self._found()) if len(self.steps) else []
         if found:
-            place, make = min(found, key=lambda one: one[0])
-            difference = make()
+            place, difference = min(found, key=lambda one: one[0])
         elif self.last is None:
             difference = self._end()
         rows = slice(0, place + (difference is None))
@@ -151,22 +149,21 @@ class _Walk:
         )
 
     def _found(self) -> Iterator[Finding]:
-        """Yield (row, function that makes the difference) of the first of each kind."""
-        yield from self._first(self._gaps(), self._gap)
-        clock = ~self.log.tracks.clock.has(self.steps)
-        yield from self._first(clock, self._clock)
+        """Yield the first difference of each kind."""
+        for row in _first(self._gaps()):
+            yield row, self._gap(row)
+        for row in _first(~self.log.tracks.clock.has(self.steps)):
+            yield row, Difference(int(self.steps[row]), None, THE_CLOCK, MISSING, "this step")
         due = self._due_cells()
         for k in self.robots:
-            wrong = ~self.centred[:, k] | (self.cells[:, k] != due[:, k])
-            yield from self._first(wrong, partial(self._state, k=k, due=due))
+            for row in _first(~self.centred[:, k] | (self.cells[:, k] != due[:, k])):
+                stated = self.stated[row, k]
+                logged = self._place(*self.position[row, k].tolist()) if stated else MISSING
+                computed = self._place(*self.frame.centres[due[row, k]])
+                yield row, self._differ(row, k, LOCAL_STATE.name, logged, computed)
         yield from self._statuses()
-        yield from self._rewards(due)
-
-    @staticmethod
-    def _first(wrong: np.ndarray, make: Callable[[int], Difference]) -> Iterator[Finding]:
-        if wrong.any():
-            row = int(np.argmax(wrong))
-            yield row, partial(make, row)
+        for k in self.robots:
+            yield from self._rewards(k)
 
     # The clock.
 
@@ -180,23 +177,20 @@ class _Walk:
         return np.asarray((self.steps != due) | over)
 
     def _gap(self, row: int) -> Difference:
+        name = self.log.names[0]
         if row == 0:
-            return self._differ(FIRST_STEP, 0, LOCAL_STATE.name, MISSING, "a state")
+            return Difference(FIRST_STEP, name, LOCAL_STATE.name, MISSING, "a state")
         before, step = int(self.steps[row - 1]), int(self.steps[row])
         if self.made[row - 1]:
-            return self._differ(before + 1, 0, LOCAL_STATE.name, MISSING, "a state")
+            return Difference(before + 1, name, LOCAL_STATE.name, MISSING, "a state")
         if self.finished[row - 1]:
             return Difference(step, None, LOCAL_STATE.name, "there", "the run is over")
         if step != before + 1:
-            return self._differ(before + EPISODE_GAP, 0, LOCAL_STATE.name, MISSING, "a state")
-        for k in self.robots:
-            if self.acted[row - 1, k]:
-                due = "one: it acted and the world went on"
-                return self._differ(before, k, REWARD.name, MISSING, due)
-        return self._differ(before, 0, ACTION.name, MISSING, "one: the world went on")
-
-    def _clock(self, row: int) -> Difference:
-        return Difference(int(self.steps[row]), None, THE_CLOCK, MISSING, "this step")
+            return Difference(before + EPISODE_GAP, name, LOCAL_STATE.name, MISSING, "a state")
+        for k in np.flatnonzero(self.acted[row - 1]).tolist():
+            due = "one: it acted and the world went on"
+            return self._differ(row - 1, k, REWARD.name, MISSING, due)
+        return self._differ(row - 1, 0, ACTION.name, MISSING, "one: the world went on")
 
     # States.
 
@@ -221,17 +215,9 @@ class _Walk:
             due[self.begins, k] = np.where(draws[:, 0] < share[self.begins], drawn, start)
         return due
 
-    def _state(self, row: int, k: int, due: np.ndarray) -> Difference:
-        logged = MISSING
-        if self.stated[row, k]:
-            logged = self._place(tuple(self.position[row, k].tolist()))
-        computed = self._place(self.frame.centres[due[row, k]])
-        return self._differ(int(self.steps[row]), k, LOCAL_STATE.name, logged, computed)
-
-    def _place(self, position: tuple[float, float]) -> str:
-        cell = self.frame.cell(*position)
-        name = "no free cell" if cell is None else f"cell {cell}"
-        return f"{name} ({position[0]!r}, {position[1]!r})"
+    def _place(self, x: float, y: float) -> str:
+        cell = self.frame.cell(x, y)
+        return f"{'no free cell' if cell is None else f'cell {cell}'} ({x!r}, {y!r})"
 
     # What the world says of itself.
 
@@ -245,26 +231,25 @@ class _Walk:
             row = int(np.searchsorted(self.steps, status.step))
             if row == len(self.steps) or self.steps[row] != status.step:
                 continue
-            if status.transitions != self.before[row]:
-                logged, due = f"{status.transitions} transitions", f"{self.before[row]}"
-                yield row, partial(self._status, status.step, logged, due)
-                return
-            counted = int(self.left_before[row])
-            said = status.left_out
+            counted, said = int(self.left_before[row]), status.left_out
             pairs = np.argwhere(self.left_out[named:row]) + [named, 0]
-            if said is not None and counted > said and len(pairs):
-                acted = [pair for pair in pairs.tolist() if self.acted[*pair]]
-                odd, k = acted[0] if acted else pairs[0].tolist()
-                yield odd, partial(self._not_left_out, odd, k)
-                return
-            if said is not None and counted != said:
-                logged = f"{said} robots' steps left out"
-                yield row, partial(self._status, status.step, logged, f"{counted}")
-                return
             reasons = self._reasons(row)
-            if status.began is not None and status.began not in reasons:
-                logged, due = f"episode began: {status.began}", " or ".join(reasons)
-                yield row, partial(self._status, status.step, logged, due)
+            odd: tuple[str, str] | None = None
+            if status.transitions != self.before[row]:
+                odd = f"{status.transitions} transitions", f"{self.before[row]}"
+            elif said is not None and counted > said and len(pairs):
+                acted = [pair for pair in pairs.tolist() if self.acted[*pair]]
+                at, k = acted[0] if acted else pairs[0].tolist()
+                quantity = REWARD.name if acted else ACTION.name
+                due = "one, for the world does not say that it left the robot out"
+                yield at, self._differ(at, k, quantity, MISSING, due)
+                return
+            elif said is not None and counted != said:
+                odd = f"{said} robots' steps left out", f"{counted}"
+            elif status.began is not None and status.began not in reasons:
+                odd = f"episode began: {status.began}", " or ".join(reasons)
+            if odd is not None:
+                yield row, Difference(status.step, None, STATUS.name, *odd)
                 return
             named = row
 
@@ -277,90 +262,72 @@ class _Walk:
             return (ARRIVED,)
         return (STEPS,) if self.used_up[begun - 1] else (RESET, NOBODY_LEFT)
 
-    def _not_left_out(self, row: int, k: int) -> Difference:
-        quantity = REWARD.name if self.acted[row, k] else ACTION.name
-        due = "one, for the world does not say that it left the robot out"
-        return self._differ(int(self.steps[row]), k, quantity, MISSING, due)
-
-    def _status(self, step: int, logged: str, computed: str) -> Difference:
-        return Difference(step, None, STATUS.name, logged, computed)
-
     # Rewards.
 
-    def _rewards(self, due: np.ndarray) -> Iterator[Finding]:
+    def _rewards(self, k: int) -> Iterator[Finding]:
+        """Yield the first odd reward of a robot of each kind; after `_due_cells`."""
+        mine, acted = self.rewarded[:, k], self.acted[:, k]
+        over = self.finished | self.over
+        none = mine & (over | self.arrived[:, k])
+        none &= ~self.begins | self.finished  # an episode's first state is not its last
+        for row in _first(none):
+            logged = f"{tuple(self.reward[row, k].tolist())}"
+            computed = "none" if over[row] else "none: it has arrived"
+            yield row, self._differ(row, k, REWARD.name, logged, computed)
+        for row in _first(mine & ~acted):
+            yield row, self._differ(row, k, ACTION.name, MISSING, "one, for it is rewarded")
+        for row in _first(mine & acted & (self.move[:, k] < 0)):
+            logged = f"(east, north) {tuple(self.numbers[row, k, :2].tolist())}"
+            yield row, self._differ(row, k, ACTION.name, logged, "an action")
+        said, due = np.ascontiguousarray(self.reward[:, k]), self._due_rewards(k)
+        for row in _first(mine & (said.view(np.int64) != due.view(np.int64)).any(axis=1)):
+            logged, computed = _parts(said[row].tolist()), _parts(due[row].tolist())
+            yield row, self._differ(row, k, REWARD.name, logged, computed)
+
+    def _due_rewards(self, k: int) -> np.ndarray:
+        """Return the numbers of a robot's rewards after each step, shape (n, 4 or 5)."""
         scenario = self.scenario
         conflict = miscoordinations(scenario, self.after)
-        for k in self.robots:
-            mine = self.rewarded[:, k]
-            none = mine & (self.finished | self.over | self.arrived[:, k])
-            none &= ~self.begins | self.finished  # an episode's first state is not its last
-            yield from self._first(none, partial(self._no_reward, k=k))
-            silent = mine & ~self.acted[:, k]
-            yield from self._first(silent, partial(self._no_action, k=k))
-            odd = mine & self.acted[:, k] & (self.move[:, k] < 0)
-            yield from self._first(odd, partial(self._odd_action, k=k))
-            common = np.where(conflict, scenario.penalties[k], 0.0)
-            individual = np.where(self.after[:, k] == self.goals[k], scenario.goal_reward, 0.0)
-            cost = np.where(self.asked[:, k], -scenario.ask_cost, 0.0)
-            numbers = [individual, common, cost, individual + common + cost]
-            if scenario.referee:
-                numbers.append(self._partners(k))
-            parts = np.stack(numbers, axis=1)
-            logged = np.ascontiguousarray(self.reward[:, k])
-            wrong = mine & (logged.view(np.int64) != parts.view(np.int64)).any(axis=1)
-            yield from self._first(wrong, partial(self._other_reward, k=k, parts=parts))
-
-    def _partners(self, k: int) -> np.ndarray:
-        """Return with whom robot k is in a miscoordination after each step, as of `Reward`."""
-        places = np.where(self.after < 0, NOWHERE, meeting_places(self.scenario)[self.after])
-        partners: np.ndarray = np.zeros(len(self.after)) + partners_of(k, places.T)
-        return partners
-
-    def _no_reward(self, row: int, k: int) -> Difference:
-        logged = f"{tuple(self.reward[row, k].tolist())}"
-        over = self.finished[row] or self.over[row]
-        computed = "none" if over else "none: it has arrived"
-        return self._differ(int(self.steps[row]), k, REWARD.name, logged, computed)
-
-    def _no_action(self, row: int, k: int) -> Difference:
-        due = "one, for it is rewarded"
-        return self._differ(int(self.steps[row]), k, ACTION.name, MISSING, due)
-
-    def _odd_action(self, row: int, k: int) -> Difference:
-        logged = f"(east, north) {tuple(self.numbers[row, k, :2].tolist())}"
-        return self._differ(int(self.steps[row]), k, ACTION.name, logged, "an action")
-
-    def _other_reward(self, row: int, k: int, parts: np.ndarray) -> Difference:
-        logged, computed = _parts(self.reward[row, k].tolist()), _parts(parts[row].tolist())
-        return self._differ(int(self.steps[row]), k, REWARD.name, logged, computed)
+        common = np.where(conflict, scenario.penalties[k], 0.0)
+        individual = np.where(self.after[:, k] == self.goals[k], scenario.goal_reward, 0.0)
+        cost = np.where(self.asked[:, k], -scenario.ask_cost, 0.0)
+        numbers = [individual, common, cost, individual + common + cost]
+        if scenario.referee:
+            places = np.where(self.after < 0, NOWHERE, meeting_places(scenario)[self.after])
+            numbers.append(np.zeros(len(self.after)) + partners_of(k, places.T))
+        return np.stack(numbers, axis=1)
 
     # The end.
 
     def _end(self) -> Difference | None:
         """The log must say how the run ended, and end there."""
-        step, finished, transitions = FIRST_STEP, False, 0
+        name, step, finished, transitions = self.log.names[0], FIRST_STEP, False, 0
         if len(self.steps):
             step, transitions = int(self.steps[-1]), int(self.before[-1])
             finished = bool(self.finished[-1])
             if self.made[-1]:
-                return self._differ(step + 1, 0, LOCAL_STATE.name, MISSING, "a state")
+                return Difference(step + 1, name, LOCAL_STATE.name, MISSING, "a state")
             if self.over[-1] and not self.begins[-1] and not finished:
-                due = step + EPISODE_GAP
-                return self._differ(due, 0, LOCAL_STATE.name, MISSING, "a state")
+                return Difference(step + EPISODE_GAP, name, LOCAL_STATE.name, MISSING, "a state")
         statuses = self.log.tracks.statuses
         end = statuses[-1] if statuses else None
         if end is None or end.state not in (FINISHED, STOPPED):
-            logged = MISSING if end is None else repr(end.state)
-            return self._status(step, logged, "the end of the run")
-        if end.step != step:
-            return self._status(step, f"step {end.step}", "the last step")
-        if (end.state == FINISHED) != finished:
-            left = self.scenario.steps - transitions
-            return self._status(step, repr(end.state), f"{left} steps of the budget left")
-        return None
+            odd = MISSING if end is None else repr(end.state), "the end of the run"
+        elif end.step != step:
+            odd = f"step {end.step}", "the last step"
+        elif (end.state == FINISHED) != finished:
+            odd = repr(end.state), f"{self.scenario.steps - transitions} steps of the budget left"
+        else:
+            return None
+        return Difference(step, None, STATUS.name, *odd)
 
-    def _differ(self, step: int, k: int, quantity: str, logged: str, computed: str) -> Difference:
-        return Difference(step, self.log.names[k], quantity, logged, computed)
+    def _differ(self, row: int, k: int, quantity: str, logged: str, computed: str) -> Difference:
+        return Difference(int(self.steps[row]), self.log.names[k], quantity, logged, computed)
+
+
+def _first(wrong: np.ndarray) -> list[int]:
+    """Return the first row that is wrong, if there is one."""
+    return [int(np.argmax(wrong))] if wrong.any() else []
 
 
 def _parts(numbers: Sequence[float]) -> str:

@@ -10,12 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from sparse_coord_ros.runlog.agents import AgentCheck
+from sparse_coord_ros.runlog.copies import check_repeats, check_world_maps, repeat_count
 from sparse_coord_ros.runlog.difference import MISSING, Difference
-from sparse_coord_ros.runlog.episode_maps import check_world_maps
 from sparse_coord_ros.runlog.game_check import check_world
 from sparse_coord_ros.runlog.log import RunLog, read_run
 from sparse_coord_ros.runlog.percepts import check_percepts
-from sparse_coord_ros.runlog.repeats import check_repeats, repeat_count
 from sparse_coord_ros.runlog.returned import left_open
 from sparse_coord_ros.runlog.tracks import THE_CLOCK
 from sparse_coord_ros.wire import (
