@@ -8,8 +8,8 @@ import tempfile
 
 import pytest
 
+from sparse_coord_ros.compiling import FOLDER_VARIABLE
 from sparse_coord_ros.game.scenario import scenario_from_dict
-from sparse_coord_ros.kept import FOLDER_VARIABLE
 
 DOMAIN_ID = 1 + os.getpid() % 100
 """Of this test run; the subprocesses that tests start are in it too."""

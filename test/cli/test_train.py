@@ -15,8 +15,8 @@ import time
 import pytest
 
 from sparse_coord_ros.cli import train as train_verb
+from sparse_coord_ros.compiling import FOLDER_VARIABLE
 from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.kept import FOLDER_VARIABLE
 from sparse_coord_ros.learn.history import load_history
 from sparse_coord_ros.learn.run_config import load_run
 from sparse_coord_ros.learn.simulation import Learning, learn, tables_equal

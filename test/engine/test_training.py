@@ -11,7 +11,7 @@ import pytest
 
 from sparse_coord_ros.engine import batch, training
 from sparse_coord_ros.engine.batch import CompiledLearning, CompiledTeam
-from sparse_coord_ros.engine.compiled import PLAIN, compiled
+from sparse_coord_ros.engine.kernels import PLAIN
 from sparse_coord_ros.engine.training import engine_for, train
 from sparse_coord_ros.errors import RunError, SettingError
 from sparse_coord_ros.game.scenario import load_scenario
@@ -42,8 +42,8 @@ def unbroken(scenario, learner, seed):
 def make(engine, scenario, learner, seed, state=None):
     if engine == "python":
         return Learning(scenario, learner, seed, state)
-    loops = compiled() if engine == "numba" else PLAIN
-    return CompiledLearning(CompiledTeam(scenario, learner, loops), seed, state)
+    loops = None if engine == "numba" else PLAIN
+    return CompiledLearning(CompiledTeam(scenario, learner, loops=loops), seed, state)
 
 
 def assert_same(one, other):
