@@ -188,7 +188,7 @@ def accepted(name: str, value: bool) -> dict[str, bool]:
 
 
 def jit(
-    loops: Sequence[Callable[..., Any]], rule: type | None = None, **more: Any
+    loops: Sequence[Callable[..., Any]], rule: type | None = None, *, make_arrays: bool = False
 ) -> list[Callable[..., Any]]:
     """Return loops that numba compiles when they are first called, or takes from disk.
 
@@ -197,7 +197,7 @@ def jit(
     Args:
         loops: the loops.
         rule: the class whose static methods `delegated` functions call; None: there is none.
-        more: options of numba's.
+        make_arrays: whether they make arrays, so that numba counts references to them.
     """
     for function in (*_before, *_inner, *_delegated):
         _registered(function)
@@ -205,8 +205,8 @@ def jit(
     before = config["CACHE_DIR"]
     if place is not None:
         config["CACHE_DIR"] = str(place)
-    options: dict[str, Any] = {**accepted("_nrt", False), "nogil": True, **more}
-    options["cache"] = place is not None
+    options: dict[str, Any] = {} if make_arrays else dict(accepted("_nrt", False))
+    options |= {"nogil": True, "cache": place is not None}
     try:
         return [numba().njit(**options)(loop) for loop in loops]
     finally:

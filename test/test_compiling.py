@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compiled loops on disk: found again, left alone by other sources, thrown away where spoiled."""
 
+import importlib
 import os
 import subprocess
 import sys
@@ -72,6 +73,22 @@ def test_where_it_is(folder, monkeypatch):
     monkeypatch.setattr(compiling, "SOURCES", ("core",))  # other sources
     assert not compiling.is_kept("tables")
     assert len(list(folder.iterdir())) == 3
+
+
+def test_a_changed_rule_compiles_anew(folder, monkeypatch):
+    """Also one of the user's own, whose source is none of this package's."""
+    code = "class Minds(tuple):\n    bootstrap = staticmethod(lambda: {})\n"
+    places = set()
+    monkeypatch.syspath_prepend(folder)
+    for value in (1, 2):
+        (folder / "own_rule.py").write_text(code.format(value))
+        minds = importlib.import_module("own_rule").Minds
+        compiling.folder.cache_clear()
+        places |= {compiling.folder(minds), compiling.folder()}
+        compiling.keep("Minds", minds)
+        assert compiling.is_kept("Minds", minds) and not compiling.is_kept("Minds")
+        del sys.modules["own_rule"]
+    assert len(places) == 3
 
 
 def test_what_is_spoiled_is_thrown_away(folder):

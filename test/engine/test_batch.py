@@ -147,7 +147,6 @@ def test_trials_meet_and_penalties_are_paid():
 )
 def test_the_loops_as_plain_python(monkeypatch, name, learner, settings):
     monkeypatch.setattr(batch, "BLOCK", 64)
-    monkeypatch.setattr(batch, "FIRST_ROWS", 128)
     scenario = problem(name, steps=300, **settings)
     expected = single(scenario, learner, 3, 4)
     assert_same_run(CompiledTeam(scenario, learner, loops=PLAIN).run(3, 4), expected)
