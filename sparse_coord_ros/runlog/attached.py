@@ -4,9 +4,10 @@
 
 import hashlib
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
+from sparse_coord_ros.bags.contents import Attachment
 from sparse_coord_ros.bags.metadata import RESTARTED
 from sparse_coord_ros.bags.reader import Bag
 from sparse_coord_ros.errors import TablesError
@@ -60,52 +61,59 @@ def read_tables(
     robots = [robot.name for robot in run.scenario.robots]
     found, odd = [], []
     first_file: dict[tuple[str, bytes], int] = {}
-    attached = [(place, one) for place, file in enumerate(bag.files) for one in file.attachments]
-    for in_file, attachment in attached:
+    for in_file, attachment in _attached(bag):
         name = attachment.name
-        if not name.startswith(TABLES_FOLDER):
-            continue
         of = tables_name(name, robots)
         if of is None:
-            where = name if len(name) < 100 else f"{name[:60]}..."
-            odd.append(
-                Difference(None, None, f"attachment {where}", "of no robot of the run", "of one")
-            )
+            what = f"attachment {name if len(name) < 100 else f'{name[:60]}...'}"
+            odd.append(Difference(None, None, what, "of no robot of the run", "of one"))
             continue
         k, step = of
         if not of_last([in_file], [step], backs)[0]:
             continue
         data = attachment.data
         key = (name, hashlib.sha256(data).digest())
-        again = any(back.file == in_file and back.step <= step <= back.until for back in backs)
-        if key in first_file and not again:
+        if key in first_file and not _of_checkpoint(in_file, step, backs):
             why = (bag.files[in_file].continued or {}).get("why")
             if why != RESTARTED or first_file[key] == in_file:
                 odd.append(Difference(step, robots[k], TABLES, "twice", "once"))
             continue
         first_file[key] = in_file
-        entry, difference = _unpacked(data, k, step, name, run)
-        found += [] if entry is None else [entry]
-        odd += [] if difference is None else [difference]
+        entry, wrong = _unpacked(data, k, step, name, run)
+        found += entry
+        odd += wrong
     return found, odd
+
+
+def _attached(bag: Bag) -> Iterator[tuple[int, Attachment]]:
+    """Yield all that is called like tables, with the place of its file."""
+    for place, file in enumerate(bag.files):
+        for attachment in file.attachments:
+            if attachment.name.startswith(TABLES_FOLDER):
+                yield place, attachment
+
+
+def _of_checkpoint(in_file: int, step: int, backs: Sequence[Rollback]) -> bool:
+    """Whether tables come again as a file takes the run back: of its checkpoint or later."""
+    return any(back.file == in_file and back.step <= step <= back.until for back in backs)
 
 
 def _unpacked(
     data: bytes, k: int, step: int, name: str, run: RunConfig
-) -> tuple[RecordedTables | None, Difference | None]:
-    """Return one robot's tables, and what is wrong with them."""
+) -> tuple[list[RecordedTables], list[Difference]]:
+    """Return one robot's tables if they can be read, and what is wrong with them."""
     scenario = run.scenario
     robot, cells = scenario.robots[k].name, len(scenario.map.cells)
     due = (cells, len(ACTIONS)), (cells,) * scenario.perceived + (PRIMITIVES,)
     try:
         tables, counts = unpack_robot(data, k + 1, where=name)
     except TablesError as error:
-        return None, Difference(step, robot, TABLES, str(error), "readable tables")
+        return [], [Difference(step, robot, TABLES, str(error), "readable tables")]
     shapes = tables.q_star.shape, tables.q_coord.shape
     if shapes != due:
         logged, computed = (f"shapes {q_star} and {q_coord}" for q_star, q_coord in (shapes, due))
-        return None, Difference(step, robot, TABLES, logged, computed)
-    odd = None
+        return [], [Difference(step, robot, TABLES, logged, computed)]
+    odd = []
     if counts.get("step") != step:
-        odd = Difference(step, robot, TABLES, f"of step {counts.get('step')}", f"of {step}")
-    return RecordedTables(k, step, tables, counts), odd
+        odd.append(Difference(step, robot, TABLES, f"of step {counts.get('step')}", f"of {step}"))
+    return [RecordedTables(k, step, tables, counts)], odd

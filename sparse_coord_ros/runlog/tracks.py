@@ -187,27 +187,10 @@ def tracks_of(
     clock = find_clock(bag.topics, bag.counts) or wire.CLOCK.name
     tracks = Tracks(bag, found.run, found.prefix, clock)
     frame = Frame(found.run)
-    channels = _channels(tracks, frame)
-    readers = {
-        name: channel.reader
-        for name, channel in channels.items()
-        if only is None or channel.topic in only
-    }
-    readers |= {tracks.topic(topic): KEEPER for topic in also}
-    stamped = [name for name, channel in channels.items() if channel.topic.stamped]
     backs = rollbacks(bag)
-    begins: list[int | None] = [None] * len(bag.files)
-    for back in backs:
-        begins[back.file] = (back.first - 1) * frame.period
-    columns = Columns(bag, readers, stamped, frame.period, begins)
-    tracks.problems += columns.problems
-    nothing = {name: np.empty(0, channel.reader.kind) for name, channel in channels.items()}
-    files = [nothing | rows for rows in columns.rows]
+    files = _read_rows(tracks, frame, backs, only, also)
     clocks = [steps_of(rows[clock], frame.period) for rows in files]
-    statuses = [
-        [one for (one,) in rows[tracks.topic(wire.STATUS)].tolist()]  # of each file
-        for rows in files
-    ]
+    statuses = _objects(files, tracks.topic(wire.STATUS))
     said = next((of[-1].step for of in reversed(statuses) if of), 0)
     tracks.gaps, tracks.rollbacks = gaps(bag, clocks, backs, said)
     for gap in tracks.gaps:
@@ -220,9 +203,38 @@ def tracks_of(
     sort.statuses(statuses)
     _read_dialogue(tracks, files, frame)
     for topic in also:
-        rows_of = [rows[tracks.topic(topic)].tolist() for rows in files]
-        tracks.spoken[topic] = [message for (message,) in chain(*rows_of)]
+        tracks.spoken[topic] = list(chain(*_objects(files, tracks.topic(topic))))
     return tracks
+
+
+def _read_rows(
+    tracks: Tracks,
+    frame: Frame,
+    backs: Sequence[Rollback],
+    only: Collection[wire.Topic] | None,
+    also: Collection[wire.Topic],
+) -> list[dict[str, np.ndarray]]:
+    """Return the rows of each file's topics, by full name; arguments as of `tracks_of`."""
+    bag, channels = tracks.bag, _channels(tracks, frame)
+    readers = {
+        name: channel.reader
+        for name, channel in channels.items()
+        if only is None or channel.topic in only
+    }
+    readers |= {tracks.topic(topic): KEEPER for topic in also}
+    stamped = [name for name, channel in channels.items() if channel.topic.stamped]
+    begins: list[int | None] = [None] * len(bag.files)
+    for back in backs:
+        begins[back.file] = (back.first - 1) * frame.period
+    columns = Columns(bag, readers, stamped, frame.period, begins)
+    tracks.problems += columns.problems
+    nothing = {name: np.empty(0, channel.reader.kind) for name, channel in channels.items()}
+    return [nothing | rows for rows in columns.rows]
+
+
+def _objects(files: Sequence[dict[str, np.ndarray]], topic: str) -> list[list[Any]]:
+    """Return what the rows of a topic hold that have one field, of each file."""
+    return [[one for (one,) in rows[topic].tolist()] for rows in files]
 
 
 def _under_way(step: int, back: Rollback | None) -> bool:

@@ -3,7 +3,7 @@
 """Computes a recorded run again and compares; the engine behind `sparse_coord verify`."""
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -114,14 +114,17 @@ def verify(path: Path) -> Verification:
     lost = [one for one in found if _lost(log, one)]
     missed = set(lost)
     ordered = [one for one in found if one not in missed]
-    killed, broke_off = _killed(log, agents, ordered)
-    alone, went_on = left_open(log, ordered)
-    open_ = {*killed, *alone}
+    causes = (
+        _killed_robots(log, agents, ordered),
+        _killed_world(log, ordered),
+        left_open(log, ordered),
+    )
+    open_ = {one for left, _ in causes for one in left}
     return Verification(
         log=log,
         differences=tuple(one for one in ordered if one not in open_),
         open=tuple(one for one in ordered if one in open_),
-        broke_off=(*broke_off, *went_on),
+        broke_off=tuple(sentence for _, said in causes for sentence in said),
         lost=Counter(_topic(log, one) for one in lost),
         steps=world.transitions,
         choices=sum(agent.choices for agent in agents),
@@ -161,10 +164,10 @@ def _lost(log: RunLog, difference: Difference) -> bool:
     return log.bag.counts.get(_topic(log, difference), 0) > 0
 
 
-def _killed(
-    log: RunLog, agents: list[AgentCheck], found: list[Difference]
+def _killed_robots(
+    log: RunLog, agents: Sequence[AgentCheck], found: Sequence[Difference]
 ) -> tuple[list[Difference], list[str]]:
-    """Return what is missing as somebody was killed, where nothing speaks against it, and who."""
+    """Return the tables that killed robots have not saved, and who they are, as sentences."""
     killed, said = [], []
     for agent in agents:
         end = int(log.tracks.states[agent.k].step.max(initial=0))
@@ -172,18 +175,22 @@ def _killed(
         if end and agent.killed and due in found:
             killed.append(due)
             said.append(f"{agent.name} saved no tables at its end (killed?)")
-    statuses = log.tracks.statuses
-    if not log.broken_off and statuses and statuses[-1].state not in (FINISHED, STOPPED):
-        last = max(int(t.step.max(initial=0)) for t in (*log.tracks.states, log.tracks.clock))
-        # The messages of its last moment may be lost too.
-        of_world = (LOCAL_STATE.name, REWARD.name, THE_CLOCK)
-        cut = [
-            one
-            for one in found
-            if (one.quantity in of_world and one.logged == MISSING and (one.step or 0) >= last)
-            or (one.quantity == STATUS.name and one.logged == repr(statuses[-1].state))
-            or (one.quantity == TABLES.name and one.computed.startswith("the log ends at step"))
-        ]
-        killed += cut
-        said += ["the world did not say how the run ended (killed?)"] if cut else []
     return killed, said
+
+
+def _killed_world(log: RunLog, found: Sequence[Difference]) -> tuple[list[Difference], list[str]]:
+    """Return what is missing as the world was killed, and a sentence that says so."""
+    statuses = log.tracks.statuses
+    if log.broken_off or not statuses or statuses[-1].state in (FINISHED, STOPPED):
+        return [], []
+    last = max(int(t.step.max(initial=0)) for t in (*log.tracks.states, log.tracks.clock))
+    # The messages of its last moment may be lost too.
+    of_world = (LOCAL_STATE.name, REWARD.name, THE_CLOCK)
+    killed = [
+        one
+        for one in found
+        if (one.quantity in of_world and one.logged == MISSING and (one.step or 0) >= last)
+        or (one.quantity == STATUS.name and one.logged == repr(statuses[-1].state))
+        or (one.quantity == TABLES.name and one.computed.startswith("the log ends at step"))
+    ]
+    return killed, ["the world did not say how the run ended (killed?)"] if killed else []
