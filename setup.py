@@ -23,7 +23,7 @@ setup(
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
     package_data={
         PACKAGE: ["py.typed"],
-        f"{PACKAGE}.experiments.report": ["*.yaml"],
+        f"{PACKAGE}.experiments.report": ["templates/*"],
         f"{PACKAGE}.look": ["templates/*"],
         f"{PACKAGE}.look.page": ["static/*"],
     },
@@ -53,6 +53,7 @@ setup(
         "lz4",
         "zstandard",
         "mcap-ros2-support",
+        "jinja2",
         "matplotlib",
         "pandas",
         "pillow",

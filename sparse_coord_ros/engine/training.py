@@ -25,6 +25,7 @@ from sparse_coord_ros.engine.batch import (
     prepare,
     uses_numba,
 )
+from sparse_coord_ros.engine.compiled import compiled
 from sparse_coord_ros.engine.run_checkpoint import Checkpoint, load_checkpoint
 from sparse_coord_ros.errors import RunError, SettingError
 from sparse_coord_ros.files import write_whole
@@ -277,7 +278,8 @@ class _Course:
         self.learning: LearningRun
         if engine == "numba":
             prepare(scenario, learner, history=True)
-            self.learning = CompiledLearning(CompiledTeam(scenario, learner), seed, state)
+            team = CompiledTeam(scenario, learner, compiled())
+            self.learning = CompiledLearning(team, seed, state)
         else:
             self.learning = Learning(scenario, learner, seed, state)
 

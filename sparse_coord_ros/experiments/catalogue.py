@@ -64,13 +64,13 @@ def _tables(names: Iterable[str]) -> list[Condition]:
 
 
 def _figure4() -> list[Condition]:
-    cells = [
+    paper = [
         make_condition(name, learner, {"penalty": penalty})
         for name in SMALL + LARGE
         for learner in LEARNERS
         for penalty in PENALTIES
     ]
-    return cells + [
+    return paper + [
         make_condition(name, learner, {**LONG, "penalty": penalty})
         for name in SMALL
         for learner in LEARNERS
@@ -98,15 +98,15 @@ def _uneven() -> list[Condition]:
 
 
 def _crowd() -> list[Condition]:
-    cells = []
+    found = []
     for robots in CROWDS:
         name = f"crowd-{robots}r"
-        cells.append(make_condition(name, "noncoop", LONG))
-        cells += [
+        found.append(make_condition(name, "noncoop", LONG))
+        found += [
             make_condition(name, "coop", {**LONG, "peers": peers}) for peers in ("one", "all")
         ]
-        cells.append(make_condition(name, "factored", LONG))
-    return cells
+        found.append(make_condition(name, "factored", LONG))
+    return found
 
 
 _EXPERIMENTS: Mapping[str, tuple[str, Callable[[], list[Condition]]]] = {

@@ -60,10 +60,6 @@ def no_progress(name: str, done: int, total: int) -> None:
     """Show nothing."""
 
 
-def say_nothing() -> None:
-    """Say nothing."""
-
-
 @dataclass(frozen=True)
 class Targets:
     """What a call asks for, each once.
@@ -247,7 +243,7 @@ def run_targets(
     jobs: int | None = None,
     scheduler: str | None = None,
     progress: Progress = no_progress,
-    compiling: Callable[[], None] = say_nothing,
+    compiling: Callable[[], None] = lambda: None,
     report: bool = False,
 ) -> ExperimentResults:
     """Compute what is asked for, or take it from the results directory where it is there.
@@ -309,7 +305,7 @@ def compute(
     jobs: int | None = None,
     cluster: Cluster | None = None,
     progress: Progress = no_progress,
-    compiling: Callable[[], None] = say_nothing,
+    compiling: Callable[[], None] = lambda: None,
 ) -> dict[str, ConditionResult]:
     """Return every condition's result; compute (and save) those that are not there yet.
 
@@ -412,13 +408,13 @@ def _all_steps(conditions: Iterable[Condition], plan: Plan) -> int:
 
 def _check_report() -> None:
     """Raise `RunError` where a package is missing that reports need, before hours go by."""
-    for package in ("pandas", "matplotlib"):
+    for package in ("pandas", "matplotlib", "jinja2"):
         try:
             importlib.import_module(package)
         except ImportError as error:
             raise RunError(
                 f"a report needs the Python package {package} ({error}): pip install pandas "
-                "matplotlib"
+                "matplotlib jinja2"
             ) from None
 
 
@@ -448,22 +444,16 @@ def complete(
     asked = {one.name: one for one in chosen}
     for name in NAMES:
         one = asked.get(name) or experiment(name)
-        if name in asked or all(_there(results, each, known) for each in one.conditions):
-            shown.append(one)
+        if name not in asked:
+            try:
+                there = {each.id: results.load(each) for each in one.conditions}
+            except ResultsError:  # of another protocol, and not asked for
+                continue
+            if not all(there.values()):
+                continue
+            known |= {key: result for key, result in there.items() if result is not None}
+        shown.append(one)
     return shown, known
-
-
-def _there(results: Results, condition: Condition, found: dict[str, ConditionResult]) -> bool:
-    """Whether a condition's result is found, or in the directory: then it is put there."""
-    if condition.id not in found:
-        try:
-            result = results.load(condition)
-        except ResultsError:  # of another protocol: not asked for, so nothing to complain about
-            return False
-        if result is None:
-            return False
-        found[condition.id] = result
-    return True
 
 
 def one_run(

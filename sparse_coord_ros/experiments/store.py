@@ -2,9 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Results on disk: one JSON file a condition, in a directory that never mixes seeds or versions.
 
-`results.json` says what the directory holds; `cells/<id>.json` is written whole when its condition
-is done, so an interrupted experiment goes on where it stopped. (The folder is called `cells` since
-version 0.1.0.)
+`results.json` says what the directory holds; `conditions/<id>.json` is written whole when its
+condition is done, so an interrupted experiment goes on where it stopped.
 """
 
 import errno
@@ -14,14 +13,14 @@ import math
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from sparse_coord_ros.engine.batch import Run
-from sparse_coord_ros.errors import ResultsError, SettingError, newer_format
+from sparse_coord_ros.errors import ResultsError, SettingError
 from sparse_coord_ros.experiments.conditions import Condition, parse_id
 from sparse_coord_ros.files import PARTIAL, take_lock, write_whole
 from sparse_coord_ros.game.actions import PRIMITIVES
@@ -29,16 +28,19 @@ from sparse_coord_ros.game.scenario import Scenario, dense_nbytes
 from sparse_coord_ros.game.settings import Setting
 from sparse_coord_ros.learn.evaluation import Measure
 from sparse_coord_ros.learn.factors import rows_at_most
-from sparse_coord_ros.learn.learners import learner_of
+from sparse_coord_ros.learn.learners import Learner, learner_of
 from sparse_coord_ros.learn.sparse import SparseTable
 from sparse_coord_ros.solve.optimum import joint_optimum
 from sparse_coord_ros.solve.reference import shortest_path_reference
 from sparse_coord_ros.version import __version__
 
-FORMAT = 2
-"""Number of the format of a results directory and its files. Format 1 is that of 0.1.0."""
+FORMAT = 3
+"""Number of the format of a results directory and its files."""
 
 MANIFEST = "results.json"
+CONDITIONS = "conditions"
+"""The folder of the conditions' files."""
+
 LONGEST_NAME = 255
 """Characters of a file's name, on common file systems."""
 
@@ -83,13 +85,8 @@ class ConditionResult:
     """What the runs of one condition brought; lists have one entry a run.
 
     Attributes:
-        id: the condition's id.
-        digest: of the scenario with all its settings, map and protocol.
+        condition: the condition.
         trials: trials of each run.
-        robots: robots of the scenario.
-        joint_states: number of joint states that Q^C of one robot could hold; of a learner that
-            learns in factors: rows of rho.
-        row_bytes: bytes of one such row, its key included where it has one.
         optimum: exact joint optimum of the scenario, or an upper bound.
         optimum_exact: whether it is exact.
         reference: exact value of fixed shortest-path policies: reward, time_to_goal and
@@ -106,12 +103,8 @@ class ConditionResult:
             `arrived` that all robots arrive; None where a team has no exact evaluation.
     """
 
-    id: str
-    digest: str
+    condition: Condition
     trials: int
-    robots: int
-    joint_states: int
-    row_bytes: int
     optimum: float
     optimum_exact: bool
     reference: dict[str, float]
@@ -125,6 +118,21 @@ class ConditionResult:
     exact: dict[str, list[float]] | None = None
 
     @property
+    def id(self) -> str:
+        """The condition's id."""
+        return self.condition.id
+
+    @property
+    def scenario(self) -> Scenario:
+        """The scenario with the condition's settings."""
+        return self.condition.scenario
+
+    @property
+    def learner(self) -> Learner:
+        """The condition's learner."""
+        return learner_of(self.condition.learner)
+
+    @property
     def runs(self) -> int:
         """Number of learning runs."""
         return len(self.not_arrived)
@@ -136,23 +144,22 @@ class ConditionResult:
         """
         means, variances = np.array(self.means[name]), np.array(self.variances[name])
         spread = math.sqrt(variances.mean() + means.var())
-        error = means.std(ddof=1) / math.sqrt(len(means)) if len(means) > 1 else math.nan
-        return Measure(float(means.mean()), spread, float(error))
+        return Measure(float(means.mean()), spread, standard_error(means))
 
     def best(self, name: str) -> Measure:
         """Return a measure with its exact mean where there is one, else that of the trials.
 
         The spread is that of the trials; the standard error says how much the runs differ.
         """
-        measure = self.measure(name)
-        if self.exact is None:
-            return measure
-        means = np.array(self.exact[name])
-        error = means.std(ddof=1) / math.sqrt(len(means)) if len(means) > 1 else math.nan
-        return Measure(float(means.mean()), measure.spread, float(error))
+        means, spread = self.run_means(name), self.measure(name).spread
+        return Measure(float(means.mean()), spread, standard_error(means))
 
     def run_means(self, name: str) -> np.ndarray:
-        """Return a measure's mean in each run, exact where it is known."""
+        """Return a measure's mean in each run, shape (runs,); exact where it is known.
+
+        Run i has the same seed in every condition: what is computed from several conditions is
+        computed run by run, and its error is that of the results.
+        """
         return np.array((self.means if self.exact is None else self.exact)[name])
 
     @property
@@ -162,8 +169,32 @@ class ConditionResult:
 
     @property
     def failed_teams(self) -> int:
-        """Runs in which not every robot arrives in 99.9 % of the trials."""
+        """Runs in which some robot fails to arrive in more than one trial of a thousand."""
         return sum(count > 0.001 * self.trials for count in self.not_arrived)
+
+    @property
+    def joint_states(self) -> int:
+        """Rows that Q^C of one robot could have: joint states, or pairs of cells in factors."""
+        cells = len(self.scenario.map.cells)
+        if self.learner.factors is not None:
+            return rows_at_most(cells, len(self.scenario.robots))
+        return int(cells**self.scenario.perceived)
+
+    @property
+    def row_bytes(self) -> int:
+        """Bytes of one such row: four float64, and its key where it has one."""
+        if self.learner.factors is not None:
+            return CORRECTION_BYTES
+        perceived = self.scenario.perceived
+        if not self.scenario.sparse:
+            return dense_nbytes(1, perceived)
+        key, row = np.zeros((1, perceived), dtype=np.int32), np.zeros((1, PRIMITIVES))
+        return SparseTable(1, perceived, 0.0, key, row).nbytes
+
+    @property
+    def dense_bytes(self) -> int:
+        """Bytes of one robot's Q^C with a row for every joint state."""
+        return dense_nbytes(len(self.scenario.map.cells), self.scenario.perceived)
 
     @property
     def visited_share(self) -> float:
@@ -194,6 +225,15 @@ class ConditionResult:
             "optimum_exact": self.optimum_exact,
             "reference": self.reference,
         }
+
+
+CORRECTION_BYTES = 3 * 4 + PRIMITIVES * 8
+"""A row of rho: own cell, peer and its cell as int32, and four float64."""
+
+
+def standard_error(values: np.ndarray) -> float:
+    """Return the standard error of the mean of independent values; NaN of a single one."""
+    return float(values.std(ddof=1) / math.sqrt(len(values))) if len(values) > 1 else math.nan
 
 
 class Sample(NamedTuple):
@@ -237,66 +277,37 @@ def sample(run: Run) -> Sample:
 
 def collect(condition: Condition, trials: int, samples: Iterable[Sample]) -> ConditionResult:
     """Sum up what is kept of a condition's runs (>= 1), in the order of their seeds."""
-    scenario = condition.scenario
-    cells, robots = len(scenario.map.cells), len(scenario.robots)
-    means: dict[str, list[float]] = {name: [] for name in SUMS}
-    variances: dict[str, list[float]] = {name: [] for name in SUMS}
-    by_robot = {name: np.zeros(robots) for name in BY_ROBOT}
-    not_arrived, visited, (asked, stays) = [], [], np.zeros((2, robots, cells))
-    exact: dict[str, list[float]] = {}
-    for one in samples:
-        for name in SUMS:
-            means[name].append(one.means[name])
-            variances[name].append(one.variances[name])
-        for name in BY_ROBOT:
-            by_robot[name] += one.by_robot[name]
-        not_arrived.append(one.not_arrived)
-        visited.append(one.visited)
-        for name, value in one.exact.items():
-            exact.setdefault(name, []).append(value)
-        asked += one.asked
-        stays += one.stays
-    count, optimum = len(not_arrived), joint_optimum(scenario)
-    factored = learner_of(condition.learner).factors is not None
+    found = list(samples)
+    optimum = joint_optimum(condition.scenario)
+    episodes = len(found) * trials
+
+    def of_runs(field: str) -> dict[str, list[float]]:
+        each = [getattr(one, field) for one in found]
+        return {name: [own[name] for own in each] for name in each[0]}
+
     return ConditionResult(
-        id=condition.id,
-        digest=digest(condition),
+        condition=condition,
         trials=trials,
-        robots=robots,
-        joint_states=rows_at_most(cells, robots) if factored else cells**scenario.perceived,
-        row_bytes=CORRECTION_BYTES if factored else _row_bytes(scenario),
         optimum=optimum.value,
         optimum_exact=optimum.exact,
-        reference=asdict(shortest_path_reference(scenario)),
-        means=means,
-        variances=variances,
-        robot_means={name: (total / count).tolist() for name, total in by_robot.items()},
-        not_arrived=not_arrived,
-        visited=visited,
-        asked=(asked / (count * trials)).tolist(),
-        stays=(stays / (count * trials)).tolist(),
-        exact=exact or None,
+        reference=asdict(shortest_path_reference(condition.scenario)),
+        means=of_runs("means"),
+        variances=of_runs("variances"),
+        robot_means={
+            name: np.mean([one.by_robot[name] for one in found], axis=0).tolist()
+            for name in BY_ROBOT
+        },
+        not_arrived=[one.not_arrived for one in found],
+        visited=[one.visited for one in found],
+        asked=(np.sum([one.asked for one in found], axis=0) / episodes).tolist(),
+        stays=(np.sum([one.stays for one in found], axis=0) / episodes).tolist(),
+        exact=of_runs("exact") or None,
     )
-
-
-CORRECTION_BYTES = 3 * 4 + PRIMITIVES * 8
-"""A row of rho: own cell, peer and its cell as int32, and four float64."""
-
-
-def _row_bytes(scenario: Scenario) -> int:
-    """Return the bytes of one row of Q^C: four float64, and where it is sparse its key."""
-    if not scenario.sparse:
-        return dense_nbytes(1, scenario.perceived)
-    key, row = np.zeros((1, scenario.perceived), dtype=np.int32), np.zeros((1, PRIMITIVES))
-    return SparseTable(1, scenario.perceived, 0.0, key, row).nbytes
 
 
 def digest(condition: Condition) -> str:
     """Return a digest of everything that a result depends on besides seed and counts."""
-    return _digest([condition.learner, condition.scenario.computation()])
-
-
-def _digest(said: object) -> str:
+    said = [condition.learner, condition.scenario.computation()]
     return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()[:16]
 
 
@@ -318,7 +329,7 @@ class Results:
         Raises:
             ResultsError: the file's name would be too long.
         """
-        return self._inside("cells", f"{condition.id}.json")
+        return self._inside(CONDITIONS, f"{condition.id}.json")
 
     def run_folder(self, condition: Condition, number: int) -> Path:
         """Return where a single run of a condition is."""
@@ -326,8 +337,8 @@ class Results:
 
     def _inside(self, folder: str, name: str) -> Path:
         path = self.directory / folder / name
-        assert ".." not in path.parts[len(self.directory.parts) :]  # an id has plain names only
-        assert path.is_relative_to(self.directory / folder)
+        assert path.is_relative_to(self.directory / folder)  # an id has plain names only
+        assert ".." not in name.split("/")
         if len(path.name + PARTIAL) > LONGEST_NAME:  # said before hours are spent on the condition
             raise unusable_file(path, OSError(errno.ENAMETOOLONG, "File name too long"), "written")
         return path
@@ -357,11 +368,12 @@ class Results:
         Raises:
             ResultsError: it cannot be written.
         """
-        path = self.path(condition)
-        write_result(path, json.dumps({"format": FORMAT, **asdict(result)}))
+        data = {field.name: getattr(result, field.name) for field in fields(result)}
+        said = {"format": FORMAT, "digest": digest(condition)}
+        write_result(self.path(condition), json.dumps({**said, **data, "condition": result.id}))
 
 
-_MALFORMED = (AttributeError, ValueError, TypeError, RecursionError)
+_MALFORMED = (AttributeError, KeyError, ValueError, TypeError, RecursionError)
 """What a file raises that is none of ours."""
 
 
@@ -373,12 +385,11 @@ def _load(path: Path, condition: Condition, plan: Plan) -> ConditionResult:
         Exception: whatever a malformed file raises, see `_MALFORMED`.
     """
     data = json.loads(path.read_text(encoding="utf-8"))
-    written = int(data.pop("format", 1))
-    if written > FORMAT:
-        raise ResultsError(newer_format(str(path), written, FORMAT))
-    result = ConditionResult(**data)
-    whole = result.runs == plan.runs and result.trials == plan.trials
-    if result.id != condition.id or result.digest != digest(condition) or not whole:
+    _check_format(path, data.pop("format"))
+    named, computed = data.pop("condition"), data.pop("digest")
+    result = ConditionResult(condition=condition, **data)
+    same = named == condition.id and computed == digest(condition)
+    if not same or result.runs != plan.runs or result.trials != plan.trials:
         raise ResultsError(
             f"{path}: was computed for another scenario, learning protocol or plan than "
             f"{condition.id} has now; nothing is mixed: choose another --out, or remove this file"
@@ -386,7 +397,16 @@ def _load(path: Path, condition: Condition, plan: Plan) -> ConditionResult:
     return result
 
 
-def read_results(directory: Path) -> tuple[Plan, list[tuple[Condition, ConditionResult]]]:
+def _check_format(path: Path, found: int) -> None:
+    """Raise `ResultsError` unless a file is in the format of this version."""
+    if found != FORMAT:
+        raise ResultsError(
+            f"{path}: is in format {found}, this version reads format {FORMAT}; compute it in "
+            "another directory, or use the sparse_coord_ros that wrote it"
+        )
+
+
+def read_results(directory: Path) -> tuple[Plan, list[ConditionResult]]:
     """Read all that a results directory holds, without writing there.
 
     Raises:
@@ -395,22 +415,21 @@ def read_results(directory: Path) -> tuple[Plan, list[tuple[Condition, Condition
     path = directory / MANIFEST
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
-        if found["format"] > FORMAT:
-            raise ResultsError(newer_format(str(path), found["format"], FORMAT))
+        _check_format(path, found["format"])
         plan = Plan(*(int(found[name]) for name in ("seed", "runs", "trials")))
     except OSError as error:
         raise ResultsError(f"{path}: cannot be read ({error.strerror})") from None
-    except (KeyError, *_MALFORMED):
+    except _MALFORMED:
         raise ResultsError(
             f"{path}: is no results.json of this software; give the directory that "
             "'sparse_coord reproduce' wrote"
         ) from None
     results = []
-    folder = directory / "cells"
+    folder = directory / CONDITIONS
     for file in sorted(folder.rglob("*.json")):
         try:
             condition, _ = parse_id(str(file.relative_to(folder).with_suffix("")))
-            results.append((condition, _load(file, condition, plan)))
+            results.append(_load(file, condition, plan))
         except OSError as error:
             raise ResultsError(f"{file}: cannot be read ({error.strerror})") from None
         except _MALFORMED:
@@ -433,7 +452,7 @@ def open_results(directory: Path, plan: Plan) -> Iterator[Results]:
         directory.mkdir(parents=True, exist_ok=True)
         lock = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
     except OSError as error:
-        raise _unusable(directory, error) from None
+        raise unusable_file(directory, error, "used") from None
     try:
         if not take_lock(lock):
             raise ResultsError(
@@ -444,12 +463,6 @@ def open_results(directory: Path, plan: Plan) -> Iterator[Results]:
         yield Results(directory, plan)
     finally:
         os.close(lock)
-
-
-def _unusable(directory: Path, error: OSError) -> ResultsError:
-    return ResultsError(
-        f"results directory {directory}: cannot be used ({error.strerror}); choose another --out"
-    )
 
 
 def _check_manifest(directory: Path, plan: Plan) -> None:
@@ -468,23 +481,20 @@ def _check_manifest(directory: Path, plan: Plan) -> None:
         write_result(path, json.dumps(wanted, indent=2) + "\n")
         return
     except OSError as error:
-        raise _unusable(directory, error) from None
+        raise unusable_file(directory, error, "used") from None
     except (ValueError, RecursionError):
         found = None
     if not isinstance(found, dict) or not isinstance(found.get("format"), int):
         raise ResultsError(
             f"{path}: is not readable as JSON; choose another --out, or remove the directory"
         )
-    if found["format"] > FORMAT:
-        raise ResultsError(newer_format(str(path), found["format"], FORMAT))
+    _check_format(path, found["format"])
     for name, value in asdict(plan).items():
         if found.get(name) != value:
             raise ResultsError(
                 f"results directory {directory}: was made with {name} {found.get(name)!r}, this "
                 f"is {name} {value!r}; nothing is mixed: use the same, or another --out"
             )
-    if found["format"] < FORMAT:
-        write_result(path, json.dumps(wanted, indent=2) + "\n")
 
 
 def write_result(path: Path, text: str) -> None:

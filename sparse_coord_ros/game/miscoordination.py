@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from sparse_coord_ros.compiling import inner
 from sparse_coord_ros.game.scenario import Scenario
 
 NOWHERE = -1
@@ -26,7 +25,6 @@ def meeting_places(scenario: Scenario) -> np.ndarray:
     return places
 
 
-@inner
 def together(place: Any, other: Any) -> Any:
     """Return whether robots at two meeting places miscoordinate: a bool, or an array of bools."""
     return (place == other) & (place != NOWHERE)

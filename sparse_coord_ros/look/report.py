@@ -11,8 +11,8 @@ import numpy as np
 
 from sparse_coord_ros.engine.training import train
 from sparse_coord_ros.errors import SparseCoordError
-from sparse_coord_ros.experiments.report.entries import Entry
-from sparse_coord_ros.experiments.report.section import common
+from sparse_coord_ros.experiments.report.text import condition_row
+from sparse_coord_ros.experiments.store import ConditionResult
 from sparse_coord_ros.game.scenario import SETTINGS, Scenario, load_scenario
 from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.learners import Learner, learner_of
@@ -252,13 +252,13 @@ def results_report(shown: ResultsShown) -> str:
     """Return the page of a results directory."""
     plan = shown.plan
     begin = text(
-        f"{len(shown.entries)} conditions, {plan.runs} learning runs of each with the seeds "
+        f"{len(shown.results)} conditions, {plan.runs} learning runs of each with the seeds "
         f"{plan.seeds[0]} to {plan.seeds[-1]}, {plan.trials} greedy episodes of each run. Report "
         f"of sparse_coord_ros {__version__}."
     )
-    rows = [_row(entry) for entry in shown.entries]
+    rows = [_row(one) for one in shown.results]
     head = list(dict.fromkeys(key for row in rows for key in row))
-    words = ["sparse_coord", "reproduce", *(entry.condition.id for entry in shown.entries)]
+    words = ["sparse_coord", "reproduce", *(one.id for one in shown.results)]
     words += ["--out", "results", "--runs", str(plan.runs), "--trials", str(plan.trials)]
     sections: list[Section] = [("", [begin])]
     for what in shown.whats:
@@ -277,6 +277,7 @@ def results_report(shown: ResultsShown) -> str:
     return page(f"Results in {shown.directory.name or shown.directory}", sections)
 
 
-def _row(entry: Entry) -> dict[str, str | None]:
-    head = {"condition": entry.condition.id, "learner": entry.title}
-    return {**head, **common(entry), "shortest paths": f"{entry.shortest_paths:.2f}"}
+def _row(result: ConditionResult) -> dict[str, str | None]:
+    head = {"condition": result.id, "learner": result.learner.title}
+    shortest = f"{result.reference['reward']:.2f}"
+    return {**head, **condition_row(result), "shortest paths": shortest}

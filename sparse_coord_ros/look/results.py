@@ -2,18 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pictures of results: those of the report, and one of whatever conditions there are."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
 from matplotlib.figure import Figure
 
 from sparse_coord_ros.errors import ResultsError, SettingError, did_you_mean
 from sparse_coord_ros.experiments.catalogue import NAMES, experiment
-from sparse_coord_ros.experiments.report import sweeps
-from sparse_coord_ros.experiments.report.document import SECTIONS
-from sparse_coord_ros.experiments.report.entries import Entry
+from sparse_coord_ros.experiments.report.drawings import figures_of
 from sparse_coord_ros.experiments.report.map_pictures import asked_maps
-from sparse_coord_ros.experiments.store import Plan, read_results
+from sparse_coord_ros.experiments.store import ConditionResult, Plan, read_results
 
 CONDITIONS, ASKS = "conditions", "asks"
 VARIANCE = "_variance"
@@ -27,8 +24,8 @@ class ResultsShown:
 
     Attributes:
         plan: seed, runs and trials of every condition.
-        entries: every condition with its result.
-        experiments: the entries of each experiment that is complete, by its name.
+        results: the result of every condition.
+        experiments: the results of each experiment that is complete, by its name.
 
     Raises:
         ResultsError: it is no results directory, or holds no result yet, or a broken one.
@@ -42,9 +39,9 @@ class ResultsShown:
             raise ResultsError(
                 f"{directory}: holds no result yet; 'sparse_coord reproduce' puts some there"
             )
-        self.entries = [Entry(condition, result) for condition, result in found]
-        by_id = {entry.condition.id: entry for entry in self.entries}
-        self.experiments: dict[str, list[Entry]] = {}
+        self.results = found
+        by_id = {one.id: one for one in found}
+        self.experiments: dict[str, list[ConditionResult]] = {}
         for name in NAMES:
             ids = [condition.id for condition in experiment(name).conditions]
             if all(one in by_id for one in ids):
@@ -60,9 +57,10 @@ class ResultsShown:
         return found
 
     @property
-    def _asking(self) -> list[Entry]:
+    def _asking(self) -> list[ConditionResult]:
         """One condition a scenario in which somebody asks, for its map."""
-        asking = {e.name: e for e in self.entries if e.can_ask and e.measure("asks").mean > 0}
+        able = [one for one in self.results if one.learner.asks]
+        asking = {one.scenario.name: one for one in able if one.best("asks").mean > 0}
         return list(asking.values())
 
     def figure(self, what: str) -> Figure:
@@ -78,6 +76,5 @@ class ResultsShown:
             )
         if what == ASKS:
             return asked_maps(self._asking)
-        name, figure = what.removesuffix(VARIANCE), int(what.endswith(VARIANCE))
-        entries: Sequence[Entry] = self.experiments.get(name, self.entries)
-        return SECTIONS.get(name, sweeps.default_section)(entries).figures[figure]
+        name = what.removesuffix(VARIANCE)
+        return figures_of(name, self.experiments.get(name, self.results))[what]

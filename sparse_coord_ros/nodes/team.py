@@ -21,7 +21,6 @@ from sparse_coord_ros.nodes.parameters import (
     TEAM_PARAMETERS,
     WORLD_PARAMETERS,
     ParameterNode,
-    of_table,
     run_from_parameters,
 )
 from sparse_coord_ros.nodes.peers import Clients
@@ -101,16 +100,17 @@ def run_team(
     recorder = None
     try:
         if values["record"]:
-            own = of_table(RECORDER_PARAMETERS, values)
+            own = {name: values[name] for name in RECORDER_PARAMETERS}
             recorder = Recorder(values={**own, "out": str(out / BAG_DIRECTORY)}, **place)
             nodes.append(recorder)
-        values["out"] = str(out)
-        world = WorldSimulator(values=of_table(WORLD_PARAMETERS, values), **place)
+        own = {name: values[name] for name in WORLD_PARAMETERS}
+        world = WorldSimulator(values={**own, "out": str(out)}, **place)
         nodes.append(world)
         robots = []
         clients = Clients()
         for robot in run.scenario.robots:
-            own = of_table(ROBOT_PARAMETERS, values)
+            own = {name: values[name] for name in ROBOT_PARAMETERS}
+            own["out"] = str(out)
             robots.append(RobotNode(name=robot.name, values=own, clients=clients, **place))
             nodes.append(robots[-1])
         if page is not None:

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sparse_coord_ros.engine import batch
+from sparse_coord_ros.engine import compiled
 from sparse_coord_ros.errors import ResultsError
 from sparse_coord_ros.experiments import runner as module
 from sparse_coord_ros.experiments.store import Plan, open_results
@@ -34,14 +34,29 @@ def test_an_experiment(sparse_coord, folder):
     assert "env1/coop/penalty=-20" in out
     assert out.splitlines()[-1] == "report: r/reproduction.md"
     names = {str(path.relative_to(folder / "r")) for path in (folder / "r").rglob("*.*")}
-    assert {"reproduction.md", "tables/table1.md", "tables/table1.csv"} <= names
+    assert {"reproduction.md", "tables/table1.csv"} <= names
     assert {"figures/table1.png", "figures/table1.svg"} <= names
-    assert "cells/env2-4r/coop/penalty=-20.json" in names
+    assert "conditions/env2-4r/coop/penalty=-20.json" in names
     with (folder / "r/tables/table1.csv").open(newline="") as file:
         assert len(list(csv.DictReader(file))) == 12
 
 
-def test_interrupted_in_a_cell_it_goes_on_with_that_cell(sparse_coord, folder, monkeypatch):
+def test_a_second_call_computes_only_what_is_missing(sparse_coord, folder, monkeypatch):
+    sparse_coord("reproduce", "env1/coop/penalty=-20", *FEW, "--out", "r")
+    computed = []
+    real = module.run_batch
+
+    def counting(scenario, learner, seeds, **settings):
+        computed.append((scenario.name, learner))
+        return real(scenario, learner, seeds, **settings)
+
+    monkeypatch.setattr(module, "run_batch", counting)
+    conditions = ("env1/coop/penalty=-20", "env1/indiv/penalty=-20")
+    assert sparse_coord("reproduce", *conditions, *FEW, "--out", "r")[0] == 0
+    assert computed == [("env1", "indiv")]
+
+
+def test_interrupted_in_a_condition_it_goes_on_with_that_one(sparse_coord, folder, monkeypatch):
     real = module.run_batch
 
     def interrupted(scenario, learner, seeds, **settings):
@@ -50,11 +65,12 @@ def test_interrupted_in_a_cell_it_goes_on_with_that_cell(sparse_coord, folder, m
                 raise KeyboardInterrupt
             yield run
 
-    cells = [f"env1/{learner}/penalty=-20,steps=300" for learner in ("noncoop", "indiv")]
-    arguments = ("reproduce", *cells, *FEW, "--engine", "python", "--jobs", 1, "--json")
+    conditions = ("env1/noncoop/penalty=-20", "env1/indiv/penalty=-20")
+    arguments = ("reproduce", *conditions, *FEW, "--json")
     monkeypatch.setattr(module, "run_batch", interrupted)
     assert sparse_coord(*arguments, "--out", "r")[0] == 130
-    assert [(folder / f"r/cells/{cell}.json").exists() for cell in cells] == [True, False]
+    assert (folder / "r/conditions/env1/noncoop/penalty=-20.json").exists()
+    assert not (folder / "r/conditions/env1/indiv/penalty=-20.json").exists()
     monkeypatch.setattr(module, "run_batch", real)
     code, resumed, _ = sparse_coord(*arguments, "--out", "r")
     assert code == 0
@@ -62,15 +78,15 @@ def test_interrupted_in_a_cell_it_goes_on_with_that_cell(sparse_coord, folder, m
 
 
 def test_both_engines_print_the_same(sparse_coord):
-    cell = "env1/coop/penalty=-100,steps=2000"
+    one = "env1/coop/penalty=-100,steps=2000"
     out = [
-        sparse_coord("reproduce", cell, *FEW, "--out", engine, "--engine", engine, "--json")[1]
+        sparse_coord("reproduce", one, *FEW, "--out", engine, "--engine", engine, "--json")[1]
         for engine in ("numba", "python")
     ]
     assert out[0] == out[1]
     everything = json.loads(out[0])
     [data] = everything["conditions"]
-    assert data["id"] == cell
+    assert data["id"] == one
     assert (data["runs"], data["trials"]) == (2, 5)
 
 
@@ -99,9 +115,9 @@ def test_a_single_run_or_trial_has_no_standard_error(sparse_coord, runs, trials,
     code, out, _ = sparse_coord("reproduce", "table1", *few, "--out", "r", "--json")
     reward = json.loads(out, parse_constant=pytest.fail)["conditions"][0]["reward"]
     assert (reward["standard_error"] is None) == (runs == 1)
-    cell = "env1/coop/penalty=-20"
-    code, out, _ = sparse_coord("reproduce", cell, f"{cell}/0", *few, "--out", "r")
-    row = next(line for line in out.splitlines() if line.startswith(cell)).split()
+    one = "env1/coop/penalty=-20"
+    code, out, _ = sparse_coord("reproduce", one, f"{one}/0", *few, "--out", "r")
+    row = next(line for line in out.splitlines() if line.startswith(one)).split()
     assert (row[4] == "-") == (runs == 1)
 
 
@@ -119,17 +135,33 @@ def test_list(sparse_coord, folder):
     ("arguments", "words"),
     [
         (("tabel1",), ("'tabel1'", "did you mean 'table1'", "figure4")),
+        (("env9/coop/penalty=-20",), ("env9",)),
+        (("env1/best/penalty=-20",), ("'best'", "coop")),
+        (("env1/coop/penalty=-20,steps=0",), ("steps", "'0'", "from 1")),
         (("table1", "--runs", "0"), ("runs", "'0'", "from 1")),
+        (("table1", "--trials", "0"), ("trials", "'0'")),
+        (("table1", "--runs", "many"), ("runs", "'many'")),
+        (("table1", "--seed", "-1"), ("seed", "'-1'")),
         (("table1", "--jobs", "0"), ("jobs", "'0'")),
         (("env1/coop/penalty=-20/100",), ("run 100", "below 100")),
         (("table1", "--seed", str(2**63 - 1)), ("setting seed", "100 runs", str(2**63 - 100))),
         (("../config/env1/coop/penalty=-20",), ("../config/env1", "no such scenario")),
+        (("env1/coop/penalty=-20,horizon=1000000000",), ("horizon", "to 1000000")),
+        ((f"env1/coop/penalty=-20/{'7' * 5000}",), ("1 to 9 digits",)),
         ((f"{'x' * 5000}/coop/penalty=-20",), ("File name too long",)),
     ],
 )
 def test_bad_input(refused, arguments, words):
     error = refused("reproduce", *arguments)
     assert [word for word in words if word not in error] == []
+
+
+def test_another_plan_in_the_same_directory(sparse_coord, refused):
+    one = "env1/indiv/penalty=-20,steps=100"
+    sparse_coord("reproduce", one, *FEW, "--out", "r")
+    error = refused("reproduce", one, "--runs", "3", "--trials", "5", "--out", "r")
+    assert "runs 2" in error
+    assert "another --out" in error
 
 
 def test_a_single_run_that_is_there_is_printed_again(sparse_coord, folder, monkeypatch):
@@ -191,16 +223,15 @@ def test_the_report_keeps_what_is_complete(sparse_coord, folder):
     text = (folder / "r/reproduction.md").read_text()
     assert text.count("\n## Table 1") == text.count("\n## Table 2") == 1
     assert "## Table 3" not in text
-    assert text.index("## Table 1") < text.index("## Table 2")
+    assert text.index("\n## Table 1") < text.index("\n## Table 2")
     before = files(folder)
     assert sparse_coord("reproduce", "table1", "table2", *FEW, "--out", "r")[0] == 0
     assert files(folder) == before
-    cell = folder / "r/cells/env1/coop/penalty=-20.json"
-    cell.write_text(cell.read_text().replace('"digest": "', '"digest": "x'))
+    one = folder / "r/conditions/env1/coop/penalty=-20.json"
+    one.write_text(one.read_text().replace('"digest": "', '"digest": "x'))
     assert "nothing is mixed" in sparse_coord("reproduce", "table2", *FEW, "--out", "r")[2]
 
 
-@pytest.mark.long
 def test_a_figure_that_cannot_be_written_is_one_line(sparse_coord, folder, monkeypatch):
     def refuse(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
@@ -213,19 +244,19 @@ def test_a_figure_that_cannot_be_written_is_one_line(sparse_coord, folder, monke
     assert error.startswith("error: r/figures: cannot be written (No space left on device); make")
 
 
-def test_cells_of_another_protocol_do_not_hinder_other_experiments(tmp_path, monkeypatch):
+def test_conditions_of_another_protocol_do_not_hinder_other_experiments(tmp_path, monkeypatch):
     with open_results(tmp_path, Plan(0, 2, 5)) as results:
         wanted = module.experiment("table3")
 
-        def load(cell):
-            if cell in wanted.conditions:
-                return cell.id
+        def load(one):
+            if one in wanted.conditions:
+                return one.id
             raise ResultsError("of another protocol")
 
         monkeypatch.setattr(results, "load", load)
         shown, found = module.complete(results, [], {})
         assert [one.name for one in shown] == ["table3"]
-        assert set(found) == {cell.id for cell in wanted.conditions}
+        assert set(found) == {one.id for one in wanted.conditions}
 
 
 def test_scenario_files_stay_in_the_results_directory(sparse_coord, folder):
@@ -242,7 +273,7 @@ def test_scenario_files_stay_in_the_results_directory(sparse_coord, folder):
     assert out.splitlines()[2].startswith("mine/indiv/penalty=-1 ")
     made = {str(path.relative_to(folder / "work/r")) for path in set(files(folder)) - before}
     run = "runs/mine/indiv/penalty=-1/1"
-    assert made == {"results.json", "cells/mine/indiv/penalty=-1.json"} | {
+    assert made == {"results.json", "conditions/mine/indiv/penalty=-1.json"} | {
         f"{run}/history.npz",
         f"{run}/run.yaml",
         f"{run}/tables.npz",
@@ -327,27 +358,28 @@ def test_no_process_goes_on_computing(folder, number):
 
 
 def test_numba_missing(sparse_coord, refused, monkeypatch):
-    monkeypatch.setattr(batch, "has_numba", lambda: False)
-    cell = "env1/indiv/penalty=-20,steps=100"
+    monkeypatch.setattr(compiled, "_background", {})
+    monkeypatch.setitem(sys.modules, "numba", None)
+    one = "env1/indiv/penalty=-20,steps=100"
     for times in (1, 0):  # said only where it matters: there is something to compute
-        code, plain, err = sparse_coord("reproduce", cell, *FEW, "--out", "r", "--json")
+        code, plain, err = sparse_coord("reproduce", one, *FEW, "--out", "r", "--json")
         assert code == 0
         assert err.count("numba is not installed: plain Python") == times
         assert np.isfinite(json.loads(plain)["conditions"][0]["reward"]["mean"])
-    assert "not installed" in refused("reproduce", cell, *FEW, "--out", "r", "--engine", "numba")
+    assert "not installed" in refused("reproduce", one, *FEW, "--out", "r", "--engine", "numba")
 
 
-@pytest.mark.parametrize("package", ["pandas", "matplotlib"])
+@pytest.mark.parametrize("package", ["pandas", "matplotlib", "jinja2"])
 def test_what_a_report_needs_is_missed_before_anything_is_computed(refused, monkeypatch, package):
     monkeypatch.setitem(sys.modules, package, None)
     message = refused("reproduce", "table1", *FEW, "--out", "r")
     assert f"a report needs the Python package {package} (" in message
-    assert message.endswith("pip install pandas matplotlib\n")
+    assert message.endswith("pip install pandas matplotlib jinja2\n")
 
 
 def test_compiling_is_said_before_the_clock_starts(sparse_coord, monkeypatch):
     monkeypatch.setattr(module, "is_prepared", lambda **_: False)
-    cell = "env1/indiv/penalty=-20,steps=100"
+    one = "env1/indiv/penalty=-20,steps=100"
     for times in (1, 0):
-        _, _, err = sparse_coord("reproduce", cell, *FEW, "--out", "r")
+        _, _, err = sparse_coord("reproduce", one, *FEW, "--out", "r")
         assert err.count("compiling the learning loop") == times

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from sparse_coord_ros.engine.batch import CompiledLearning, CompiledTeam
+from sparse_coord_ros.engine.compiled import compiled
 from sparse_coord_ros.game import perception
 from sparse_coord_ros.game import scenario as scenarios
 from sparse_coord_ros.game.grid import GridMap
@@ -53,7 +54,7 @@ def test_the_same_bits_sparse_and_dense(small, name, learner):
         plain.advance(700)
         state = plain.state()
         plain.advance(1500)
-        team = CompiledTeam(scenario, learner)
+        team = CompiledTeam(scenario, learner, compiled())
         fast = CompiledLearning(team, 3, state)
         fast.advance(1500)
         assert (plain.visited > 0).all() == (learner == "coop")

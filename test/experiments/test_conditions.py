@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Cells and experiments as data."""
+"""Conditions and experiments as data."""
 
 import pytest
 
@@ -10,17 +10,17 @@ from sparse_coord_ros.experiments.conditions import make_condition, parse_id
 from sparse_coord_ros.game.scenario import load_scenario
 
 
-def test_an_id_reads_back_as_the_same_cell():
+def test_an_id_reads_back_as_the_same_condition():
     for name in NAMES:
-        for cell in experiment(name).conditions:
-            assert parse_id(cell.id) == (cell, None)
-            assert parse_id(f"{cell.id}/17") == (cell, 17)
+        for one in experiment(name).conditions:
+            assert parse_id(one.id) == (one, None)
+            assert parse_id(f"{one.id}/17") == (one, 17)
 
 
 def test_the_issue_s_example():
-    cell, number = parse_id("env2-4r/coop/penalty=-20/3")
-    assert (cell.name, cell.learner, number) == ("env2-4r", "coop", 3)
-    assert cell.scenario == load_scenario("env2-4r")
+    one, number = parse_id("env2-4r/coop/penalty=-20/3")
+    assert (one.name, one.learner, number) == ("env2-4r", "coop", 3)
+    assert one.scenario == load_scenario("env2-4r")
 
 
 @pytest.mark.parametrize(
@@ -38,7 +38,7 @@ def test_the_issue_s_example():
         ),
     ],
 )
-def test_a_cell_has_one_id(text, canonical):
+def test_a_condition_has_one_id(text, canonical):
     assert parse_id(text)[0].id == canonical
 
 
@@ -86,27 +86,27 @@ def file(tmp_path, monkeypatch):
     return write
 
 
-def test_a_scenario_file_can_be_a_cell(file):
+def test_a_scenario_file_can_be_a_condition(file):
     path = file("mine.yaml")
     for typed in (path, "mine.yaml", "./mine.yaml", f"../{path.parent.name}/mine.yaml"):
-        cell, number = parse_id(f"{typed}/coop/penalty=-5/0")
-        assert (cell.scenario.name, cell.scenario.penalty, number) == ("mine", -5, 0)
-        assert cell.id == "mine/coop/penalty=-5"
-        assert cell.name == str(typed)
+        one, number = parse_id(f"{typed}/coop/penalty=-5/0")
+        assert (one.scenario.name, one.scenario.penalty, number) == ("mine", -5, 0)
+        assert one.id == "mine/coop/penalty=-5"
+        assert one.name == str(typed)
 
 
 def test_a_file_with_the_name_of_a_shipped_scenario(file):
     for path, more in (("env1.yaml", ""), ("other.yaml", "name: env1\n")):
         with pytest.raises(ScenarioError, match=f"{path}.*'env1'.*field 'name', or rename"):
             parse_id(f"{file(path, more)}/coop/penalty=-5")
-    cell, _ = parse_id(f"{file('env1.yaml', 'name: my_env1')}/coop/penalty=-5")
-    assert cell.id == "my_env1/coop/penalty=-5"
+    one, _ = parse_id(f"{file('env1.yaml', 'name: my_env1')}/coop/penalty=-5")
+    assert one.id == "my_env1/coop/penalty=-5"
 
 
 def test_a_file_beside_does_not_hide_a_shipped_scenario(file):
     file("env1")
-    cell, _ = parse_id("env1/coop/penalty=-20")
-    assert len(cell.scenario.map.cells) == 21
+    one, _ = parse_id("env1/coop/penalty=-20")
+    assert len(one.scenario.map.cells) == 21
 
 
 @pytest.mark.parametrize("name", [".", "..", "../../x", "/tmp/x", "a/b"])
@@ -115,25 +115,25 @@ def test_a_name_that_leads_elsewhere_is_refused(file, name):
         parse_id(f"{file('mine.yaml', f'name: {name}')}/coop/penalty=-5")
 
 
-def test_every_cell_of_every_experiment_loads():
+def test_every_condition_of_every_experiment_loads():
     for name in NAMES:
-        cells = experiment(name).conditions
-        assert cells
-        for cell in cells:
-            assert cell.scenario.name == cell.name
+        conditions = experiment(name).conditions
+        assert conditions
+        for one in conditions:
+            assert one.scenario.name == one.name
 
 
-def test_the_paper_s_cells():
+def test_the_paper_s_conditions():
     for name, scenarios, steps in (("table1", SMALL, 10**4), ("table3", LARGE, 10**5)):
-        cells = experiment(name).conditions
-        assert {cell.name for cell in cells} == set(scenarios)
-        assert {cell.learner for cell in cells} == {"indiv", "noncoop", "coop", "factored"}
-        assert {cell.scenario.steps for cell in cells} == {steps}
-        assert {cell.scenario.penalty for cell in cells} == {-20}
+        conditions = experiment(name).conditions
+        assert {one.name for one in conditions} == set(scenarios)
+        assert {one.learner for one in conditions} == {"indiv", "noncoop", "coop", "factored"}
+        assert {one.scenario.steps for one in conditions} == {steps}
+        assert {one.scenario.penalty for one in conditions} == {-20}
     assert experiment("table2").conditions == experiment("table1").conditions
     paper = [c for c in experiment("figure4").conditions if "steps=" not in c.id]
     assert len(paper) == 9 * 4 * 6
-    assert {cell.scenario.penalty for cell in paper} >= {0, -0.1, -1, -10, -100}
+    assert {one.scenario.penalty for one in paper} >= {0, -0.1, -1, -10, -100}
 
 
 def test_the_learning_protocol_is_the_same_for_all_nine_scenarios():

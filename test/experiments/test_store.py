@@ -23,10 +23,9 @@ from sparse_coord_ros.game.scenario import scenario_from_dict
 from sparse_coord_ros.learn.agent import initial_tables
 from sparse_coord_ros.learn.evaluation import Trials
 
-CELL = make_condition("env1", "coop", {"penalty": -20})
-OLD = Path(__file__).parents[1] / "fixtures/0.1.0"
+CONDITION = make_condition("env1", "coop", {"penalty": -20})
 PLAN = Plan(seed=5, runs=3, trials=4)
-CELL_FILE = "map: env1\nrobots: {a: {start: 1, goal: 2}, b: {start: 2, goal: 1}}\n"
+SCENARIO_FILE = "map: env1\nrobots: {a: {start: 1, goal: 2}, b: {start: 2, goal: 1}}\n"
 
 
 def made_up(seed):
@@ -48,13 +47,13 @@ def made_up(seed):
         asked=asked,
         stays=stays,
     )
-    tables = [initial_tables(CELL.scenario)] * 2
+    tables = [initial_tables(CONDITION.scenario)] * 2
     return Run(seed, tables, np.array([40, 60 + seed]), trials)
 
 
 @pytest.fixture
 def result():
-    return collect(CELL, PLAN.trials, (sample(made_up(seed)) for seed in PLAN.seeds))
+    return collect(CONDITION, PLAN.trials, (sample(made_up(seed)) for seed in PLAN.seeds))
 
 
 def test_mean_spread_and_standard_error(result):
@@ -83,6 +82,11 @@ def test_arrival_sparsity_and_where_robots_asked(result):
     assert result.reference["reward"] == pytest.approx(119.68, abs=0.01)
 
 
+def test_a_team_fails_where_some_robot_misses_more_than_one_trial_in_a_thousand(result):
+    counted = replace(result, trials=2000, not_arrived=[0, 2, 3])
+    assert counted.failed_teams == 1
+
+
 def test_each_robot_has_its_own_means(result):
     trials = [made_up(seed).trials for seed in PLAN.seeds]
     for name in ("reward", "asks"):
@@ -97,22 +101,22 @@ def test_each_robot_has_its_own_means(result):
     [("crowd-3r", {"peers": "all"}, 32 + 3 * 4), ("crowd-3r", {}, 32), ("env1", {}, 32)],
 )
 def test_the_bytes_of_a_sparse_table_include_its_keys(name, settings, row):
-    cell = make_condition(name, "coop", {"steps": 300, **settings})
-    runs = list(run_batch(cell.scenario, "coop", [1, 2], trials=2, jobs=1))
-    result = collect(cell, 2, map(sample, runs))
+    one = make_condition(name, "coop", {"steps": 300, **settings})
+    runs = list(run_batch(one.scenario, "coop", [1, 2], trials=2, jobs=1))
+    result = collect(one, 2, map(sample, runs))
     assert result.row_bytes == row
-    assert result.joint_states == len(cell.scenario.map.cells) ** cell.scenario.perceived
-    if cell.scenario.sparse:
+    assert result.joint_states == len(one.scenario.map.cells) ** one.scenario.perceived
+    if one.scenario.sparse:
         sizes = [table.q_coord.nbytes for run in runs for table in run.tables]
         assert result.visited_bytes == pytest.approx(np.mean(sizes))
 
 
 def test_a_result_reads_back_and_the_directory_is_gone_on_with(tmp_path, result):
     with open_results(tmp_path / "r", PLAN) as results:
-        assert results.load(CELL) is None
-        results.save(CELL, result)
+        assert results.load(CONDITION) is None
+        results.save(CONDITION, result)
     with open_results(tmp_path / "r", PLAN) as results:
-        assert results.load(CELL) == result
+        assert results.load(CONDITION) == result
 
 
 @pytest.mark.parametrize(
@@ -130,26 +134,27 @@ def test_other_plans_are_refused(tmp_path, plan, words):
         pass
 
 
-def test_a_newer_format_is_refused(tmp_path, result):
+@pytest.mark.parametrize("number", [2, 4])
+def test_another_format_is_refused(tmp_path, result, number):
     with open_results(tmp_path, PLAN) as results:
-        results.save(CELL, result)
-        path = results.path(CELL)
-        path.write_text(path.read_text().replace('"format": 2', '"format": 3'))
-        with pytest.raises(ResultsError, match="format 3, this version reads formats up to 2"):
-            results.load(CELL)
+        results.save(CONDITION, result)
+        path = results.path(CONDITION)
+        path.write_text(path.read_text().replace('"format": 3', f'"format": {number}'))
+        with pytest.raises(ResultsError, match=f"format {number}, this version reads format 3;"):
+            results.load(CONDITION)
         assert path.exists()
     manifest = tmp_path / "results.json"
-    manifest.write_text(manifest.read_text().replace('"format": 2', '"format": 3'))
-    with pytest.raises(ResultsError, match="format 3.*update"), open_results(tmp_path, PLAN):
+    manifest.write_text(manifest.read_text().replace('"format": 3', f'"format": {number}'))
+    with pytest.raises(ResultsError, match=f"format {number}"), open_results(tmp_path, PLAN):
         pass
 
 
 def test_another_version_of_the_software_goes_on(tmp_path, result, monkeypatch):
     with open_results(tmp_path, PLAN) as results:
-        results.save(CELL, result)
+        results.save(CONDITION, result)
     monkeypatch.setattr(module, "__version__", "99.0")
     with open_results(tmp_path, PLAN) as results:
-        assert results.load(CELL) == result
+        assert results.load(CONDITION) == result
 
 
 def test_the_digest_covers_what_affects_the_computation_and_no_more():
@@ -157,7 +162,7 @@ def test_the_digest_covers_what_affects_the_computation_and_no_more():
         scenario = scenario_from_dict(yaml.safe_load(text), where="here", name="mine")
         return module.digest(SimpleNamespace(learner=learner, scenario=scenario))
 
-    text = yaml.safe_dump(CELL.scenario.to_dict())
+    text = yaml.safe_dump(CONDITION.scenario.to_dict())
     same = digest(text)
     assert digest(text.replace("certain", "doubtful")) == same
     assert digest(text.replace("119.5", "119.4")) == same
@@ -169,12 +174,12 @@ def test_the_digest_covers_what_affects_the_computation_and_no_more():
 
 def test_another_protocol_is_refused_and_nothing_is_lost(tmp_path, result, monkeypatch):
     with open_results(tmp_path, PLAN) as results:
-        results.save(CELL, result)
-        before = results.path(CELL).read_bytes()
-        monkeypatch.setattr(module, "_digest", lambda said: "0" * 16)
+        results.save(CONDITION, result)
+        before = results.path(CONDITION).read_bytes()
+        monkeypatch.setattr(module, "digest", lambda condition: "0" * 16)
         with pytest.raises(ResultsError, match="nothing is mixed"):
-            results.load(CELL)
-        assert results.path(CELL).read_bytes() == before
+            results.load(CONDITION)
+        assert results.path(CONDITION).read_bytes() == before
 
 
 @pytest.mark.parametrize(
@@ -182,24 +187,24 @@ def test_another_protocol_is_refused_and_nothing_is_lost(tmp_path, result, monke
 )
 def test_a_damaged_result_is_put_aside_and_open_again(tmp_path, result, damage):
     with open_results(tmp_path, PLAN) as results:
-        results.save(CELL, result)
-        path = results.path(CELL)
+        results.save(CONDITION, result)
+        path = results.path(CONDITION)
         path.write_bytes(damage)
-        assert results.load(CELL) is None
+        assert results.load(CONDITION) is None
         assert path.with_name(path.name + ".broken").read_bytes() == damage
-        results.save(CELL, result)
-        assert results.load(CELL) == result
+        results.save(CONDITION, result)
+        assert results.load(CONDITION) == result
 
 
-@pytest.mark.parametrize("field", ["means", "robot_means", "not_arrived", "row_bytes", "stays"])
+@pytest.mark.parametrize("field", ["means", "robot_means", "not_arrived", "digest", "stays"])
 def test_a_result_with_a_part_missing_is_put_aside(tmp_path, result, field):
     with open_results(tmp_path, PLAN) as results:
-        results.save(CELL, result)
-        path = results.path(CELL)
+        results.save(CONDITION, result)
+        path = results.path(CONDITION)
         data = json.loads(path.read_text())
         del data[field]
         path.write_text(json.dumps(data))
-        assert results.load(CELL) is None
+        assert results.load(CONDITION) is None
 
 
 @pytest.mark.parametrize("damage", ["", "[1]", "{", "[" * 100_000])
@@ -219,7 +224,7 @@ def test_a_directory_of_something_else_is_left_alone(tmp_path):
 def test_an_interrupted_first_call_leaves_nothing_in_the_way(tmp_path):
     (tmp_path / "results.json.partial").write_text('{"form')
     with open_results(tmp_path, PLAN) as results:
-        assert results.load(CELL) is None
+        assert results.load(CONDITION) is None
     assert [path.name for path in tmp_path.iterdir()] == ["results.json"]
 
 
@@ -233,7 +238,7 @@ def test_an_interrupted_first_call_leaves_nothing_in_the_way(tmp_path):
 )
 def test_what_cannot_be_written_leaves_no_part(tmp_path, monkeypatch, result, when, number, words):
     with open_results(tmp_path, PLAN) as results:
-        path = results.path(CELL)
+        path = results.path(CONDITION)
 
         real = Path.open
 
@@ -244,11 +249,11 @@ def test_what_cannot_be_written_leaves_no_part(tmp_path, monkeypatch, result, wh
 
         monkeypatch.setattr(os if when == "replace" else Path, when, refuse)
         with pytest.raises(ResultsError, match=f"{path}: cannot be written.*{words}"):
-            results.save(CELL, result)
+            results.save(CONDITION, result)
         monkeypatch.undo()
         assert list(path.parent.iterdir()) == []
-        results.save(CELL, result)
-        assert results.load(CELL) == result
+        results.save(CONDITION, result)
+        assert results.load(CONDITION) == result
 
 
 def test_too_many_settings_for_a_file_name(tmp_path):
@@ -256,13 +261,13 @@ def test_too_many_settings_for_a_file_name(tmp_path):
     settings |= {"starts": f"exploring:0.{'9' * 15}:0.{'2' * 15}:0.{'7' * 15}"}
     settings |= {"epsilon": f"linear:0.{'9' * 15}:0.{'2' * 15}:0.{'7' * 15}"}
     settings |= {"perception": f"probability:0.{'3' * 15}", "discount": f"0.{'7' * 15}"}
-    cell = make_condition("env1", "coop", settings)
+    one = make_condition("env1", "coop", settings)
     with open_results(tmp_path, PLAN) as results:
-        assert len(cell.id) > 255
+        assert len(one.id) > 255
         with pytest.raises(ResultsError, match="File name too long.*fewer settings") as caught:
-            results.load(cell)
+            results.load(one)
         assert len(str(caught.value)) < 600
-    assert not (tmp_path / "cells").exists()
+    assert not (tmp_path / "conditions").exists()
 
 
 def test_a_name_that_the_file_system_finds_too_long(tmp_path):
@@ -274,13 +279,13 @@ def test_a_name_that_the_file_system_finds_too_long(tmp_path):
 def test_paths_stay_in_the_directory(tmp_path):
     file = tmp_path / "elsewhere/mine.yaml"
     file.parent.mkdir()
-    file.write_text(CELL_FILE)
+    file.write_text(SCENARIO_FILE)
     directory = tmp_path / "r"
     with open_results(directory, PLAN) as results:
         for typed in (file, tmp_path / "r/../elsewhere/mine.yaml"):
-            cell = make_condition(str(typed), "coop", {"penalty": -5})
-            assert results.path(cell) == directory / "cells/mine/coop/penalty=-5.json"
-            assert results.run_folder(cell, 3) == directory / "runs/mine/coop/penalty=-5/3"
+            one = make_condition(str(typed), "coop", {"penalty": -5})
+            assert results.path(one) == directory / "conditions/mine/coop/penalty=-5.json"
+            assert results.run_folder(one, 3) == directory / "runs/mine/coop/penalty=-5/3"
         with pytest.raises(AssertionError):
             results.path(SimpleNamespace(id="../../x/coop/penalty=-5"))
         with pytest.raises(AssertionError):
@@ -288,17 +293,17 @@ def test_paths_stay_in_the_directory(tmp_path):
 
 
 def test_different_files_of_one_name_are_not_mixed(tmp_path, result):
-    cells = []
+    conditions = []
     for folder, steps in (("a", 100), ("b", 200)):
         (tmp_path / folder).mkdir()
         file = tmp_path / folder / "mine.yaml"
-        file.write_text(f"{CELL_FILE}steps: {steps}\n")
-        cells.append(make_condition(str(file), "coop", {}))
+        file.write_text(f"{SCENARIO_FILE}steps: {steps}\n")
+        conditions.append(make_condition(str(file), "coop", {}))
     with open_results(tmp_path / "r", PLAN) as results:
-        results.save(cells[0], replace(result, id=cells[0].id, digest=module.digest(cells[0])))
-        assert results.load(cells[0]) is not None
+        results.save(conditions[0], replace(result, condition=conditions[0]))
+        assert results.load(conditions[0]) is not None
         with pytest.raises(ResultsError, match="another scenario"):
-            results.load(cells[1])
+            results.load(conditions[1])
 
 
 def test_the_last_run_s_seed_is_below_2_to_the_63():

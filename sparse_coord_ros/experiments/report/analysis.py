@@ -7,8 +7,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sparse_coord_ros.experiments.report.entries import Entry
+from sparse_coord_ros.experiments.report.rows import paper
+from sparse_coord_ros.experiments.store import ConditionResult, standard_error
 from sparse_coord_ros.game.grid import UNREACHABLE, GridMap
+from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.learn.evaluation import Measure
 from sparse_coord_ros.solve.optimum import independent_bound
 
@@ -17,6 +19,12 @@ AGREE = 3.0
 
 SURE = 5.0
 """A number of the paper lies above a bound from as many of its standard errors on."""
+
+SAME = 0.01
+"""Difference of rewards that counts as none."""
+
+RARE = 0.05
+"""COORDINATE per robot and episode below which a learner is said not to ask."""
 
 NEAR = 2
 """Moves from a doorway that still count as near it."""
@@ -38,68 +46,71 @@ def agrees(ours: Measure, other: Measure) -> bool:
     return abs(ours.mean - other.mean) <= AGREE * error
 
 
-def loss_alone(entry: Entry) -> Measure:
+def loss_alone(result: ConditionResult) -> Measure:
     """Return by how much the reward falls short of that of robots each alone on the map.
 
     Such robots take shortest paths and never miscoordinate, wait or ask. Unlike the reward, the
     loss does not tell teams apart whose paths are of different lengths.
     """
-    reward = entry.measure("reward")
-    loss = independent_bound(entry.scenario) - reward.mean
+    reward = result.best("reward")
+    loss = independent_bound(result.scenario) - reward.mean
     return Measure(loss, reward.spread, reward.standard_error)
 
 
-def above_optimum(entry: Entry) -> bool:
+def above_optimum(result: ConditionResult) -> bool:
     """Whether the paper's reward exceeds what any joint policy can reach."""
-    paper = entry.paper("reward")
-    return paper is not None and errors_from(paper, entry.result.optimum) > SURE
+    printed = paper(result, "reward")
+    return printed is not None and errors_from(printed, result.optimum) > SURE
 
 
-def implied_reward(entry: Entry) -> Measure | None:
+def implied_reward(result: ConditionResult) -> Measure | None:
     """Return the reward that the paper's own number of miscoordinations implies.
 
     What one miscoordination costs is taken from the exact values of shortest-path policies, which
     miscoordinate at the same doorways: (value without penalties - value) / miscoordinations.
     None where there is nothing to compare, or the row is one of a learner that pays for asking.
     """
-    counted = entry.paper("miscoordinations")
-    exact = entry.result.reference
-    if counted is None or entry.can_ask or not exact["miscoordinations"]:
+    counted = paper(result, "miscoordinations")
+    exact = result.reference
+    if counted is None or result.learner.asks or not exact["miscoordinations"]:
         return None
-    alone = independent_bound(entry.scenario)
+    alone = independent_bound(result.scenario)
     cost = (alone - exact["reward"]) / exact["miscoordinations"]
     return Measure(
         alone - cost * counted.mean, cost * counted.spread, cost * counted.standard_error
     )
 
 
-def contradicts_itself(entry: Entry) -> bool:
+def contradicts_itself(result: ConditionResult) -> bool:
     """Whether the paper's reward does not follow from its own number of miscoordinations."""
-    implied, paper = implied_reward(entry), entry.paper("reward")
-    if implied is None or paper is None:
+    implied, printed = implied_reward(result), paper(result, "reward")
+    if implied is None or printed is None:
         return False
-    error = math.hypot(implied.standard_error, paper.standard_error)
-    return abs(paper.mean - implied.mean) > SURE * error
+    error = math.hypot(implied.standard_error, printed.standard_error)
+    return abs(printed.mean - implied.mean) > SURE * error
+
+
+def is_shortest(result: ConditionResult) -> bool:
+    """Whether the reward agrees with the exact value of shortest-path policies.
+
+    Where all runs came to the same route there is no standard error: equal routes may differ by
+    less than `SAME`.
+    """
+    reward, exact = result.best("reward"), result.reference["reward"]
+    return abs(reward.mean - exact) < SAME or abs(errors_from(reward, exact)) <= AGREE
 
 
 def paired(values: np.ndarray) -> Measure:
     """Return mean, spread and standard error of a number that each run has one of."""
     spread = float(values.std(ddof=1)) if len(values) > 1 else math.nan
-    return Measure(float(values.mean()), spread, spread / math.sqrt(len(values)))
+    return Measure(float(values.mean()), spread, standard_error(values))
 
 
-def run_means(entry: Entry, measure: str = "reward") -> np.ndarray:
-    """Return a measure's mean in each run, exact where it is known.
-
-    Run i has the same seed in every condition: what is computed from several is computed run
-    by run, and its error is that of the results.
-    """
-    return entry.result.run_means(measure)
-
-
-def difference(entry: Entry, other: Entry, measure: str = "reward") -> Measure:
+def difference(
+    result: ConditionResult, other: ConditionResult, measure: str = "reward"
+) -> Measure:
     """Return by how much a measure is greater than in another condition, run by run."""
-    return paired(run_means(entry, measure) - run_means(other, measure))
+    return paired(result.run_means(measure) - other.run_means(measure))
 
 
 def surely_positive(measure: Measure) -> bool:
@@ -136,18 +147,8 @@ def near_doorways(grid: GridMap, moves: int = NEAR) -> np.ndarray:
     return near
 
 
-def asked_near(entry: Entry, moves: int = NEAR) -> float:
-    """Return the share of COORDINATE chosen near doorways; NaN where it is never chosen."""
-    return _share_near(entry, entry.result.asked, moves)
-
-
-def time_near(entry: Entry, moves: int = NEAR) -> float:
-    """Return the share of the robots' steps that they take near doorways."""
-    return _share_near(entry, entry.result.stays, moves)
-
-
-def _share_near(entry: Entry, counts: Sequence[Sequence[float]], moves: int) -> float:
+def share_near(scenario: Scenario, counts: Sequence[Sequence[float]]) -> float:
+    """Return the share of what is counted by robot and cell that is near doorways; NaN of none."""
     values = np.array(counts)
-    near = near_doorways(entry.scenario.map, moves)
     total = values.sum()
-    return float(values[:, near].sum() / total) if total else math.nan
+    return float(values[:, near_doorways(scenario.map)].sum() / total) if total else math.nan

@@ -5,7 +5,7 @@
 import io
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,8 @@ from PIL import Image
 
 from sparse_coord_ros.experiments.catalogue import LEARNERS
 from sparse_coord_ros.experiments.report.analysis import loss_alone
-from sparse_coord_ros.experiments.report.entries import Entry
+from sparse_coord_ros.experiments.report.rows import class_bound
+from sparse_coord_ros.experiments.store import ConditionResult
 from sparse_coord_ros.learn.evaluation import Measure
 from sparse_coord_ros.learn.learners import learner_of
 from sparse_coord_ros.solve.optimum import independent_bound
@@ -74,17 +75,17 @@ UNDATED: Mapping[str, Mapping[str, Any]] = {
 }
 """What else a file would say of when and by what it was made."""
 
-Where = Callable[[Entry], Mapping[str, Any]]
+Where = Callable[[ConditionResult], Mapping[str, Any]]
 """What `point` needs of a condition; scenario and learner where panel and line are missing."""
 
 
-def measured(entry: Entry, name: str) -> Measure:
+def measured(result: ConditionResult, name: str) -> Measure:
     """Return a measure of a condition; also `loss` and `variance`, which has no error."""
     if name == "loss":
-        return loss_alone(entry)
+        return loss_alone(result)
     if name == "variance":
-        return Measure(entry.measure("reward").spread ** 2, math.nan, 0.0)
-    return entry.measure(name)
+        return Measure(result.best("reward").spread ** 2, math.nan, 0.0)
+    return result.best(name)
 
 
 def point(
@@ -110,7 +111,7 @@ def point(
 
 
 def points(
-    entries: Iterable[Entry],
+    results: Iterable[ConditionResult],
     measure: str,
     where: Where,
     bars: str = "standard_error",
@@ -122,24 +123,26 @@ def points(
     value of shortest-path policies.
 
     Args:
-        entries: the conditions.
+        results: the conditions.
         measure: one of `LABELS`.
         where: returns the place of a condition.
         bars: see `point`.
         span: by how much the lines to compare with reach beyond a condition, to both sides.
     """
-    places = [(e, {"panel": e.name, "line": e.title, **where(e)}) for e in entries]
-    found = [point(measured(e, measure), measure, bars, **place) for e, place in places]
-    bounded = {place["panel"] for e, place in places if not e.result.optimum_exact}
-    for entry, place in places:
-        reference = entry.result.reference
-        values = {SHORTEST: reference[measure]} if measure in reference else {}
+    places = [
+        (one, {"panel": one.scenario.name, "line": one.learner.title, **where(one)})
+        for one in results
+    ]
+    found = [point(measured(one, measure), measure, bars, **place) for one, place in places]
+    bounded = {place["panel"] for one, place in places if not one.optimum_exact}
+    for one, place in places:
+        values = {SHORTEST: one.reference[measure]} if measure in one.reference else {}
         if measure == "reward":
-            values[BOUND if place["panel"] in bounded else OPTIMUM] = entry.result.optimum
-            if entry.can_ask and entry.class_bound is not None:
-                values[CLASS] = entry.class_bound
+            values[BOUND if place["panel"] in bounded else OPTIMUM] = one.optimum
+            known = class_bound(one) if one.learner.asks else None
+            values |= {} if known is None else {CLASS: known}
         if measure == "loss":
-            values[SHORTEST] = independent_bound(entry.scenario) - entry.shortest_paths
+            values[SHORTEST] = independent_bound(one.scenario) - one.reference["reward"]
         for line, value in values.items():
             for shift in {-span, span}:
                 here = {**place, "line": line, "shift": shift}
@@ -194,21 +197,6 @@ def _panel(axes: Axes, data: pd.DataFrame) -> dict[str, Any]:
     axes.ticklabel_format(axis="y", useOffset=False) if axes.get_yscale() == "linear" else None
     axes.grid(alpha=0.3)
     return handles
-
-
-def comparison(entries: Sequence[Entry], measures: Iterable[str], columns: int = 3) -> Figure:
-    """Draw ours and the paper's mean and spread, a panel a scenario and measure."""
-
-    def where(entry: Entry, whose: str = "ours", shift: float = -0.13) -> dict[str, Any]:
-        x, line = LEARNERS.index(entry.learner), f"{entry.title}, {whose}"
-        return {"panel": entry.name, "x": x, "tick": entry.title, "line": line, "shift": shift}
-
-    shown = []
-    for measure in measures:
-        shown += points(entries, measure, where, "spread", span=0.3)
-        theirs = [(where(entry, "paper", 0.13), entry.paper(measure)) for entry in entries]
-        shown += [point(paper, measure, "spread", **place) for place, paper in theirs if paper]
-    return plot(shown, columns)
 
 
 def rendered(figure: Figure, kind: str, dpi: float = 110, *, few: bool = False) -> bytes:

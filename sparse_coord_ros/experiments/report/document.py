@@ -2,39 +2,38 @@
 # SPDX-License-Identifier: Apache-2.0
 """`reproduction.md`, and the files of tables and figures beside it."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+
+import jinja2
 
 from sparse_coord_ros.experiments.catalogue import NAMES, Experiment
-from sparse_coord_ros.experiments.report import paper, sweeps
-from sparse_coord_ros.experiments.report.analysis import AGREE, NEAR
+from sparse_coord_ros.experiments.report import analysis, text
 from sparse_coord_ros.experiments.report.charts import save
-from sparse_coord_ros.experiments.report.entries import Entry, entries_of, to_csv
-from sparse_coord_ros.experiments.report.section import Section
-from sparse_coord_ros.experiments.report.text import TEXTS, Row, percent, shared, to_markdown
+from sparse_coord_ros.experiments.report.drawings import figures_of
+from sparse_coord_ros.experiments.report.reasons import misses, provenances
+from sparse_coord_ros.experiments.report.rows import names, to_csv
+from sparse_coord_ros.experiments.report.sections import Claim, reward_claims, section_of
+from sparse_coord_ros.experiments.report.text import Row
 from sparse_coord_ros.experiments.store import ConditionResult, Plan, write_result
 from sparse_coord_ros.version import __version__
 
-SECTIONS: Mapping[str, Callable[[Sequence[Entry]], Section]] = {
-    "table1": paper.reward_section,
-    "table2": paper.table2_section,
-    "table3": paper.reward_section,
-    "figure4": sweeps.figure4_section,
-    "penalty100": sweeps.penalty100_section,
-    "ask_cost": sweeps.ask_cost_section,
-    "perception": sweeps.perception_section,
-    "uneven": sweeps.uneven_section,
-    "crowd": sweeps.crowd_section,
-    "where": sweeps.where_section,
-}
-"""What shows each experiment; others have the default section."""
+REWARDS = ("table1", "table3")
+"""The experiments on rewards that the paper has numbers of."""
 
-VALUES = {
-    **{name: TEXTS[name] for name in ("points", "spreads")},
-    **{"AGREE": AGREE, "NEAR": NEAR, "MARGIN": paper.MARGIN, "ARRIVE": percent(paper.ARRIVE)},
-}
-"""What every text may use."""
+
+def templates() -> jinja2.Environment:
+    """Return the templates, with the filters that write tables and numbers."""
+    found = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).with_name("templates")),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=False,  # noqa: S701 - the pages are Markdown
+    )
+    found.filters |= {"table": text.to_markdown, "listed": text.listed, "named": text.named}
+    return found
 
 
 def write_report(
@@ -46,76 +45,71 @@ def write_report(
     """Write tables, figures and `reproduction.md`; the same results give the same bytes.
 
     Args:
-        directory: gets `reproduction.md` and the folders `tables` (NAME.md and NAME.csv of each
-            experiment) and `figures` (PNG and SVG).
+        directory: gets `reproduction.md` and the folders `tables` (NAME.csv of each experiment)
+            and `figures` (PNG and SVG).
         plan: seed, runs and trials of every condition.
         chosen: the experiments, in the order in which they are to appear.
         found: result of every condition of these experiments, by its id.
     """
     (directory / "figures").mkdir(parents=True, exist_ok=True)
-    claims: list[Row] = []
-    misses: list[Row] = []
+    pages = templates()
+    results = {one.name: [found[each.id] for each in one.conditions] for one in chosen}
+    rewards = [name for name in REWARDS if name in results]
+    shown = [one for name in rewards for one in results[name]]
+    source = f"Table{'s' * (len(rewards) - 1)} {' and '.join(name[-1] for name in rewards)}"
+    claims = reward_claims(source, shown) if shown else []
     parts = []
-    rewards = {one.name: entries_of(one, found) for one in chosen if one.name in paper.REWARDS}
-    tables = [entry for entries in rewards.values() for entry in entries]
     for one in chosen:
-        entries = entries_of(one, found)
-        section = SECTIONS.get(one.name, sweeps.default_section)(entries)
-        title = one.title.split(":")[0]
-        values = {**VALUES, **shared(entries), "title": title, **section.values}
-        texts = TEXTS.get(one.name, TEXTS["default"])
-        parts.append(f"## {one.title}\n\n{texts['shown']}\n")
-        body = [
-            f"{caption.format(**values)}\n\n{to_markdown(rows)}"
-            for caption, rows in zip(texts["tables"], section.tables, strict=True)
-        ]
-        write_result(directory / f"tables/{one.name}.md", "\n".join([f"# {one.title}\n", *body]))
-        write_result(directory / f"tables/{one.name}.csv", to_csv(entries))
-        parts += body
-        stems = [one.name, f"{one.name}_variance"]
-        for name, caption, figure in zip(stems, texts["figures"], section.figures, strict=False):
+        own = results[one.name]
+        section = section_of(one.name, own)
+        claims += section.claims
+        write_result(directory / f"tables/{one.name}.csv", to_csv(own))
+        figures = figures_of(one.name, own)
+        for name, figure in figures.items():
             save(figure, directory / f"figures/{name}")
-            parts.append(f"![{name}](figures/{name}.png)\n\n*{caption.format(**values)}*\n")
-        parts += [f"{text}\n" for note in texts["notes"] if (text := note.format(**values))]
-        claims += _claims(texts, values, section.agrees)
-        if one.name == next(iter(rewards), None):
-            numbers = " and ".join(name[-1] for name in rewards)
-            compared, agrees = paper.compared(tables)
-            values = {**VALUES, **compared, "title": f"Table{'s' * (len(rewards) - 1)} {numbers}"}
-            claims += _claims(TEXTS["rewards"], values, agrees)
-        misses += section.misses
-    if misses:
-        rows, maps = to_markdown(misses), paper.provenances(tables, misses)
-        parts.append(TEXTS["rewards"]["misses"].format(rows=rows, maps=maps))
-    names = [one.name for one in chosen]
-    whole = tuple(names) == NAMES
-    make = "`make reproduce` runs all experiments with the default numbers. " if whole else ""
-    alone = "" if plan.runs > 1 else " A single run has no standard error: nothing is judged."
-    if alone:
-        claims = [{**row, "agrees": None} for row in claims]
-    opening = TEXTS["opening"].format(
-        **VALUES,
+        page = pages.select_template([f"{one.name}.md.j2", "default.md.j2"])
+        parts.append(
+            page.render(
+                name=one.name,
+                title=one.title,
+                rows=section.rows,
+                figures=list(figures),
+                scenarios=names(own),
+                game=_game(own[0]),
+                AGREE=f"{analysis.AGREE:g}",
+                NEAR=analysis.NEAR,
+                RARE=analysis.RARE,
+                **section.values,
+            )
+        )
+    missed = misses(shown)
+    whole = tuple(results) == NAMES
+    whole_page = pages.get_template("reproduction.md.j2").render(
         version=__version__,
-        runs=plan.runs,
-        trials=plan.trials,
-        seed=plan.seed,
-        last=plan.seeds[-1],
-        make=make,
-        names="" if whole else " ".join([*names, ""]),
-        alone=alone,
-        findings=to_markdown(claims),
+        plan=plan,
+        whole=whole,
+        names="" if whole else " ".join([*results, ""]),
+        AGREE=f"{analysis.AGREE:g}",
+        claims=list(_findings(claims, judged=plan.runs > 1)),
+        parts=parts,
+        misses=missed,
+        maps=provenances(shown, missed),
     )
-    write_result(directory / "reproduction.md", "\n".join([opening, *parts]))
+    write_result(directory / "reproduction.md", whole_page)
 
 
-def _claims(
-    texts: Mapping[str, Any], values: Mapping[str, object], agrees: Sequence[tuple[int, int]]
-) -> Iterator[Row]:
-    """Yield rows of the table of findings."""
-    for (source, text, measured), (holds, cases) in zip(texts["claims"], agrees, strict=True):
+def _game(result: ConditionResult) -> str:
+    scenario = result.scenario
+    return f"penalty {scenario.penalty:g}, {text.steps(scenario)} learning steps"
+
+
+def _findings(claims: Iterable[Claim], *, judged: bool) -> Iterator[Row]:
+    """Yield rows of the table of findings; a single run has no error, nothing is judged."""
+    for one in claims:
+        verdict = {0: "no", one.cases: "yes"}.get(one.holds, f"in {text.of(one.holds, one.cases)}")
         yield {
-            "claim": text.format(**values),
-            "from": source.format(**values),
-            "measured here": measured.format(**values),
-            "agrees": {0: "no", cases: "yes"}.get(holds, f"in {holds} of {cases}"),
+            "claim": one.text,
+            "from": one.source,
+            "measured here": one.measured,
+            "agrees": verdict if judged else None,
         }

@@ -12,7 +12,7 @@ from matplotlib.colors import PowerNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
-from sparse_coord_ros.experiments.report.entries import Entry
+from sparse_coord_ros.experiments.store import ConditionResult
 from sparse_coord_ros.game.actions import DIRECTIONS
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.solve.class_search import acting
@@ -107,27 +107,28 @@ def draw_team(axes: Axes, scenario: Scenario, bound: ClassBound) -> None:
     axes.set_title(f"{scenario.name}, {penalty}: class bound {bound.value:.2f}")
 
 
-def asked_maps(entries: Sequence[Entry]) -> Figure:
-    """Draw where COORDINATE is chosen: a map an entry, all with one scale of colours."""
-    totals = {entry.name: np.array(entry.result.asked).sum(axis=0) for entry in entries}
+def asked_maps(results: Sequence[ConditionResult]) -> Figure:
+    """Draw where COORDINATE is chosen: a map a condition, all with one scale of colours."""
+    totals = {one.scenario.name: np.array(one.asked).sum(axis=0) for one in results}
     norm = PowerNorm(0.5, vmin=0, vmax=max(float(total.max()) for total in totals.values()) or 1)
-    lines = _lines(entries)
+    lines = _lines(results)
     below = 0.8  # inches, for the scale
-    height = sum(max(e.scenario.map.shape[0] for e in line) + 2.4 for line in lines) * CELL + below
+    rows = [max(one.scenario.map.shape[0] for one in line) + 2.4 for line in lines]
+    height = sum(rows) * CELL + below
     figure = Figure(figsize=(WIDTH * CELL, height))
     axes, top = figure.add_axes((0, below / height, 1, 1 - below / height)), 0.0
-    for line in lines:
+    for line, deep in zip(lines, rows, strict=True):
         gap = (WIDTH - sum(map(_columns, line))) / (len(line) + 1)
         left = gap
-        for entry in line:
-            columns = entry.scenario.map.shape[1]
-            corner = (left + (_columns(entry) - columns) / 2, top + 2)
-            shades = np.asarray(norm(totals[entry.name]))
-            draw_map(axes, entry.scenario, shades, corner=corner, label_size=6.5)
-            title = f"{entry.name}\n{entry.measure('asks').mean:.3f} asks a robot"
+        for one in line:
+            columns = one.scenario.map.shape[1]
+            corner = (left + (_columns(one) - columns) / 2, top + 2)
+            shades = np.asarray(norm(totals[one.scenario.name]))
+            draw_map(axes, one.scenario, shades, corner=corner, label_size=6.5)
+            title = f"{one.scenario.name}\n{one.best('asks').mean:.3f} asks a robot"
             axes.text(corner[0] + columns / 2, top + 1.8, title, ha="center", fontsize=9)
-            left += _columns(entry) + gap
-        top += max(entry.scenario.map.shape[0] for entry in line) + 2.4
+            left += _columns(one) + gap
+        top += deep
     axes.set(xlim=(0, WIDTH), ylim=(top, 0))
     axes.axis("off")
     figure.colorbar(
@@ -139,18 +140,18 @@ def asked_maps(entries: Sequence[Entry]) -> Figure:
     return figure
 
 
-def _columns(entry: Entry) -> int:
-    return max(LEAST, entry.scenario.map.shape[1])
+def _columns(one: ConditionResult) -> int:
+    return max(LEAST, one.scenario.map.shape[1])
 
 
-def _lines(entries: Sequence[Entry]) -> list[list[Entry]]:
+def _lines(results: Sequence[ConditionResult]) -> list[list[ConditionResult]]:
     """Break the maps into lines, the widest first to where it still fits, small maps on top."""
-    lines: list[list[Entry]] = []
-    for entry in sorted(entries, key=_columns, reverse=True):
-        room = (ln for ln in lines if sum(_columns(e) + 1 for e in [*ln, entry]) <= WIDTH)
+    lines: list[list[ConditionResult]] = []
+    for one in sorted(results, key=_columns, reverse=True):
+        room = (ln for ln in lines if sum(_columns(each) + 1 for each in [*ln, one]) <= WIDTH)
         line = next(room, None)
         if line is None:
-            lines.append([entry])
+            lines.append([one])
         else:
-            line.append(entry)
+            line.append(one)
     return lines[::-1]

@@ -1,24 +1,20 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How numbers, tables and enumerations are written; the words of the report."""
+"""How numbers, tables and enumerations are written."""
 
 import math
 from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Any
 
 import pandas as pd
-import yaml
 
-from sparse_coord_ros.experiments.report.entries import Entry, names
+from sparse_coord_ros.experiments.report.rows import best_team, class_bound
+from sparse_coord_ros.experiments.store import ConditionResult
+from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.learn.evaluation import Measure
 
-TEXTS: Mapping[str, Any] = yaml.safe_load(
-    Path(__file__).with_name("texts.yaml").read_text(encoding="utf-8")
-)
 UNITS = ("B", "kB", "MB", "GB", "TB", "PB", "EB", "ZB", "YB")
-LEFT = {"scenario", "learner", "learner, peers", "steps", "cost", "percept", "factors"}
-LEFT |= {"claim", "from", "measured here", "why"}
+WORDS = {"scenario", "learner", "steps", "cost", "percept", "factors", "claim", "from"}
+WORDS |= {"measured here", "why", "measure"}
 """Columns that are aligned to the left, and the first one of every table."""
 
 Row = Mapping[str, str | None]
@@ -30,7 +26,7 @@ def to_markdown(rows: Sequence[Row]) -> str:
     data = pd.DataFrame(rows, dtype=object)
     data = data.where(data.notna(), "-")
     head = [str(column) for column in data.columns]
-    rule = [":--" if column in LEFT or not i else "--:" for i, column in enumerate(head)]
+    rule = [":--" if column in WORDS or not i else "--:" for i, column in enumerate(head)]
     lines = [head, rule, *data.to_numpy().tolist()]
     return "".join("| " + " | ".join(line) + " |\n" for line in lines)
 
@@ -38,11 +34,6 @@ def to_markdown(rows: Sequence[Row]) -> str:
 def fixed(value: float, digits: int = 2, sign: str = "") -> str:
     """Return a number; a dash where there is none, such as the standard error of a single run."""
     return "-" if math.isnan(value) else f"{value:{sign}.{digits}f}"
-
-
-def pair(measure: Measure | None) -> str | None:
-    """Return `mean ± spread`."""
-    return f"{measure.mean:.2f} ± {measure.spread:.2f}" if measure else None
 
 
 def with_error(measure: Measure, digits: int = 2, sign: str = "") -> str:
@@ -55,25 +46,16 @@ def signed(measure: Measure) -> str:
     return with_error(measure, sign="+")
 
 
-def optimum(entry: Entry) -> str:
-    """Return the joint optimum, marked where it is an upper bound only."""
-    return f"{'' if entry.result.optimum_exact else '<= '}{entry.result.optimum:.2f}"
+def share(measure: Measure | None) -> str:
+    """Return the share of a gap that is closed, with its standard error."""
+    if measure is None:
+        return "no gap to close"
+    return f"{percent(measure.mean)} ± {percent(measure.standard_error)}"
 
 
-def class_bound(entry: Entry) -> str | None:
-    """Return what the best known team of Algorithm 1's form is worth; None where it is unknown.
-
-    Marked where no search found it: the best of many learned teams, of more than two robots.
-    """
-    if entry.best_team is not None:
-        return f">= {entry.best_team:.2f}"
-    bound = entry.class_bound
-    return None if bound is None else f"{bound:.2f}"
-
-
-def percent(share: float, digits: int = 1) -> str:
+def percent(value: float, digits: int = 1) -> str:
     """Return a share in percent."""
-    return "-" if math.isnan(share) else f"{100 * share:.{digits}f} %"
+    return "-" if math.isnan(value) else f"{100 * value:.{digits}f} %"
 
 
 def size(count: float) -> str:
@@ -92,18 +74,52 @@ def listed(texts: Sequence[str]) -> str:
     return f"{', '.join(texts[:-1])} and {texts[-1]}"
 
 
-def exceptions(texts: Sequence[str]) -> str:
-    """Return the end of a sentence that counts cases: the others, where there are any."""
-    return f"; not in: {listed(texts)}." if texts else "."
+def named(texts: Mapping[str, str]) -> str:
+    """Return what there is of each name, such as `env1 1.61, pentagon 1.77`."""
+    return ", ".join(f"{name} {text}" for name, text in texts.items()) or "none"
 
 
-def steps(entry: Entry) -> str:
+def of(holds: int, cases: int) -> str:
+    """Return in how many cases something holds."""
+    return f"{holds} of {cases}"
+
+
+def steps(scenario: Scenario) -> str:
     """Return the step budget, as a power of ten where it is one."""
-    digits = str(entry.scenario.steps)
+    digits = str(scenario.steps)
     return f"10^{len(digits) - 1}" if digits.rstrip("0") == "1" and digits != "1" else digits
 
 
-def shared(entries: Sequence[Entry]) -> dict[str, str]:
-    """Return what the conditions of an experiment have in common, for its texts."""
-    game = f"penalty {entries[0].scenario.penalty:g}, {steps(entries[0])} learning steps"
-    return {"game": game, "names_and_game": f"{', '.join(names(entries))}; {game}"}
+def factors(result: ConditionResult) -> str:
+    """Return the factors of r^C, robot by robot."""
+    spec = result.scenario.common_reward
+    return " : ".join(f"{factor:g}" for factor in spec.numbers) or spec.kind
+
+
+def optimum_of(result: ConditionResult) -> str:
+    """Return the joint optimum, marked where it is an upper bound only."""
+    return f"{'' if result.optimum_exact else '<= '}{result.optimum:.2f}"
+
+
+def bound_of(result: ConditionResult) -> str | None:
+    """Return what the best known team of Algorithm 1's form is worth; None where it is unknown.
+
+    Marked where no search found it: the best of many learned teams, of more than two robots.
+    """
+    team, bound = best_team(result), class_bound(result)
+    if team is not None:
+        return f">= {team:.2f}"
+    return None if bound is None else f"{bound:.2f}"
+
+
+def condition_row(result: ConditionResult) -> Row:
+    """Return what a condition brings, by column."""
+    asks = result.learner.asks
+    return {
+        "reward (s.e.)": with_error(result.best("reward")),
+        "class bound": bound_of(result) if asks else None,
+        "joint optimum": optimum_of(result),
+        "miscoordinations (s.e.)": with_error(result.best("miscoordinations"), 3),
+        "COORDINATE (s.e.)": with_error(result.best("asks"), 3) if asks else None,
+        "all arrive": percent(result.arrived, 2),
+    }

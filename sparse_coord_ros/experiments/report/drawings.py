@@ -1,0 +1,220 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The figures of each experiment."""
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from sparse_coord_ros.experiments.catalogue import LEARNERS
+from sparse_coord_ros.experiments.report.analysis import difference
+from sparse_coord_ros.experiments.report.charts import (
+    ALL,
+    BYTES,
+    CLASS,
+    FACTORED,
+    GAIN,
+    NONCOOP,
+    ONE,
+    SIGHT,
+    Where,
+    plot,
+    point,
+    points,
+)
+from sparse_coord_ros.experiments.report.map_pictures import asked_maps
+from sparse_coord_ros.experiments.report.rows import names, paper, pick
+from sparse_coord_ros.experiments.report.text import factors, steps
+from sparse_coord_ros.experiments.store import ConditionResult
+from sparse_coord_ros.game.scenario import SETTINGS
+from sparse_coord_ros.learn.evaluation import Measure
+
+MEASURES = ("reward", "miscoordinations", "asks")
+
+Results = Sequence[ConditionResult]
+
+
+def figures_of(name: str, results: Results) -> dict[str, Figure]:
+    """Return the figures of an experiment, by the names of their files."""
+    return DRAWN.get(name, _default)(name, results)
+
+
+def _comparison(*measures: str) -> Callable[[str, Results], dict[str, Figure]]:
+    """Draw ours and the paper's mean and spread, a panel a scenario and measure."""
+
+    def where(
+        result: ConditionResult, whose: str = "ours", shift: float = -0.13
+    ) -> dict[str, Any]:
+        place = {"x": LEARNERS.index(result.condition.learner), "tick": result.learner.title}
+        line = f"{result.learner.title}, {whose}"
+        return {"panel": result.scenario.name, "line": line, "shift": shift, **place}
+
+    def draw(name: str, results: Results) -> dict[str, Figure]:
+        shown = []
+        for measure in measures:
+            shown += points(results, measure, where, "spread", span=0.3)
+            theirs = [(where(one, "paper", 0.13), paper(one, measure)) for one in results]
+            shown += [point(mean, measure, "spread", **place) for place, mean in theirs if mean]
+        return {name: plot(shown, 3)}
+
+    return draw
+
+
+def _swept(
+    value: Callable[[ConditionResult], str], xlabel: str, measures: Iterable[str]
+) -> Callable[[str, Results], dict[str, Figure]]:
+    """Draw learners against a setting, its values spaced evenly, a line of panels a measure."""
+
+    def draw(name: str, results: Results) -> dict[str, Figure]:
+        order = list(dict.fromkeys(map(value, results)))
+        several = len({one.condition.learner for one in results}) > 1
+
+        def where(result: ConditionResult) -> dict[str, Any]:
+            x, shift = order.index(value(result)), shift_of(result) if several else 0.0
+            return {"x": x, "tick": value(result), "shift": shift, "xlabel": xlabel}
+
+        shown = [p for measure in measures for p in points(results, measure, where)]
+        return {name: plot(shown, len(names(results)))}
+
+    return draw
+
+
+def varied(results: Results) -> list[str]:
+    """Return the settings in which conditions differ."""
+    given = [one.scenario for one in results]
+    return [name for name in SETTINGS if len({str(getattr(s, name)) for s in given}) > 1]
+
+
+def settings_text(result: ConditionResult, settings: Sequence[str]) -> str:
+    """Return some settings of a condition as a text."""
+    return ", ".join(f"{getattr(result.scenario, name)}" for name in settings) or "-"
+
+
+def _default(name: str, results: Results) -> dict[str, Figure]:
+    own = varied(results)
+    label = ", ".join(own) or "setting"
+    return _swept(lambda one: settings_text(one, own), label, MEASURES)(name, results)
+
+
+def shift_of(result: ConditionResult) -> float:
+    """Return by how much a learner's points are moved, so that equal ones are all seen."""
+    learner = result.condition.learner
+    return 0.1 * (LEARNERS.index(learner) - 1.5) if learner in LEARNERS else 0.0
+
+
+def _perception(name: str, results: Results) -> dict[str, Figure]:
+    drawn = [one for one in results if one.scenario.perception.kind == "probability"]
+    placed = [one for one in results if one not in drawn]
+    specs = {one.scenario.perception for one in placed}
+    order = sorted(specs, key=lambda spec: spec.numbers or (math.inf,))
+
+    def chance(result: ConditionResult) -> dict[str, Any]:
+        return {"x": result.scenario.perception.numbers[0], "xlabel": "probability of a percept"}
+
+    def place(result: ConditionResult) -> dict[str, Any]:
+        numbers = result.scenario.perception.numbers
+        return {
+            "panel": f"{result.scenario.name}, by place",
+            "x": order.index(result.scenario.perception),
+            "tick": f"{numbers[0]:g}" if numbers else "los",
+            "line": result.learner.title if numbers else SIGHT,
+            "xlabel": "range [cells], or line of sight",
+        }
+
+    groups: list[tuple[Results, Where]] = [(drawn, chance), (placed, place)]
+    shown = [
+        p
+        for own, where in groups
+        for measure in ("reward", "asks")
+        for p in points(own, measure, where)
+    ]
+    return {name: plot(shown, len(names(results)))}
+
+
+def crowd_line(result: ConditionResult) -> str:
+    """Return the learner of a crowd, with whom it perceives."""
+    if result.condition.learner != "coop":
+        return result.learner.title
+    return {"one": ONE, "all": ALL}[result.scenario.peers]
+
+
+def crowd_gains(results: Results) -> dict[str, list[Measure]]:
+    """Return by how much each way to coordinate is worth more than Non-coop., by team size."""
+    base, coop = pick(results, learner="noncoop"), pick(results, learner="coop")
+    ways = {
+        ONE: pick(coop, peers="one"),
+        ALL: pick(coop, peers="all"),
+        FACTORED: pick(results, learner="factored"),
+    }
+    return {line: list(map(difference, own, base)) for line, own in ways.items()}
+
+
+def _crowd(name: str, results: Results) -> dict[str, Figure]:
+    lines = (NONCOOP, ONE, ALL, FACTORED)
+
+    def where(result: ConditionResult, end: str = "") -> dict[str, Any]:
+        x, line = len(result.scenario.robots), crowd_line(result)
+        place = {"panel": "", "x": x, "shift": 0.12 * lines.index(line) - 0.18}
+        return {**place, "line": line + end, "xlabel": "robots", "tick": str(x)}
+
+    shown = points(results, "reward", where) + points(results, "loss", where)
+    shown = [p for p in shown if p["line"] != CLASS]  # known for two robots only: no line
+    own = {line: [one for one in results if crowd_line(one) == line] for line in lines}
+    gains = crowd_gains(results)
+    for line, gained in gains.items():
+        shown += [point(g, GAIN, **where(one)) for one, g in zip(own[line], gained, strict=True)]
+    asking = [one for one in results if one.learner.asks]
+    shown += points(results, "miscoordinations", where) + points(asking, "asks", where)
+    for one in asking:
+        shown.append(point(Measure(one.visited_bytes, 0, 0), BYTES, **where(one)))
+        if one.condition.learner == "coop":
+            place = where(one, ", dense table")
+            shown.append(point(Measure(one.dense_bytes, 0, 0), BYTES, **place))
+    return {name: plot(shown, 3)}
+
+
+def _figure4(name: str, results: Results) -> dict[str, Figure]:
+    penalties = list(dict.fromkeys(one.scenario.penalty for one in results))
+
+    def where(result: ConditionResult) -> dict[str, Any]:
+        return {
+            "panel": f"{result.scenario.name}, {steps(result.scenario)} steps",
+            "x": penalties.index(result.scenario.penalty),
+            "tick": f"{abs(result.scenario.penalty):g}",
+            "shift": shift_of(result),
+            "xlabel": "penalty (sign reversed)",
+        }
+
+    ordered = sorted(
+        results, key=lambda one: (names(results).index(one.scenario.name), one.scenario.steps)
+    )
+    return {
+        file: plot(points(ordered, measure, where), 4, 3.0)
+        for file, measure in ((name, "reward"), (f"{name}_variance", "variance"))
+    }
+
+
+def _penalty100(name: str, results: Results) -> dict[str, Figure]:
+    def where(result: ConditionResult) -> dict[str, Any]:
+        return {"x": LEARNERS.index(result.condition.learner), "tick": result.learner.title}
+
+    return {name: plot(points(results, "reward", where, span=0.3), len(names(results)))}
+
+
+DRAWN: Mapping[str, Callable[[str, Results], dict[str, Figure]]] = {
+    "table1": _comparison("reward"),
+    "table2": _comparison("time_to_goal", "miscoordinations"),
+    "table3": _comparison("reward"),
+    "figure4": _figure4,
+    "penalty100": _penalty100,
+    "ask_cost": _swept(
+        lambda one: f"{one.scenario.ask_cost:g}", "cost of COORDINATE", ("reward", "asks")
+    ),
+    "perception": _perception,
+    "uneven": _swept(factors, "factors of $r^C$, robot by robot", MEASURES),
+    "crowd": _crowd,
+    "where": lambda name, results: {name: asked_maps(results)},
+}
+"""What draws each experiment; others are drawn against the settings in which they differ."""

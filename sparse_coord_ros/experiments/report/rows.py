@@ -1,0 +1,112 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Results of conditions: how to pick some, what is known to compare them with, and their CSV."""
+
+from collections.abc import Iterable
+from dataclasses import asdict
+from typing import Any
+
+import pandas as pd
+
+from sparse_coord_ros.experiments.store import BY_ROBOT, SUMS, ConditionResult, standard_error
+from sparse_coord_ros.game.scenario import SETTINGS
+from sparse_coord_ros.game.specs import Spec
+from sparse_coord_ros.learn.evaluation import Measure
+from sparse_coord_ros.solve.shipped import shipped_best_team, shipped_class_bound
+
+PAPER_SETTINGS = (("penalty", "-20"),)
+"""Settings of the conditions that the paper's Tables 1 to 3 show."""
+
+PAPER_TRIALS = 1000
+"""Monte-Carlo trials behind each number of the paper (Section 4)."""
+
+PAPER_MEASURES = ("reward", "time_to_goal", "miscoordinations")
+
+
+def paper(result: ConditionResult, measure: str) -> Measure | None:
+    """Return what the paper prints for a condition; None where it prints nothing.
+
+    The standard error is that of the paper's trials, the robots of one trial being taken as
+    wholly dependent.
+    """
+    row = result.scenario.paper.get(result.condition.learner, {})
+    if result.condition.settings != PAPER_SETTINGS or measure not in row:
+        return None
+    mean, spread = row[measure]
+    return Measure(mean, spread, spread / PAPER_TRIALS**0.5)
+
+
+def class_bound(result: ConditionResult) -> float | None:
+    """Return what the best team of Algorithm 1's form is worth, as far as known."""
+    bound = shipped_class_bound(result.scenario)
+    return bound.value if bound else None
+
+
+def best_team(result: ConditionResult) -> float | None:
+    """Return what the best known team of more than two robots is worth."""
+    team = shipped_best_team(result.scenario)
+    return team.value if team else None
+
+
+def pick(results: Iterable[ConditionResult], **wanted: object) -> list[ConditionResult]:
+    """Return the results with these values: `name`, `learner`, or a scenario's setting."""
+
+    def value(result: ConditionResult, key: str) -> object:
+        return result.condition.learner if key == "learner" else getattr(result.scenario, key)
+
+    return [one for one in results if all(value(one, key) == wanted[key] for key in wanted)]
+
+
+def names(results: Iterable[ConditionResult]) -> list[str]:
+    """Return the names of the scenarios, each once."""
+    return list(dict.fromkeys(one.scenario.name for one in results))
+
+
+def by_scenario(results: Iterable[ConditionResult]) -> list[list[ConditionResult]]:
+    """Return the results of each scenario."""
+    results = list(results)
+    return [pick(results, name=name) for name in names(results)]
+
+
+def to_csv(results: Iterable[ConditionResult]) -> str:
+    """Return a CSV file: one row a condition, one value a field, in full precision."""
+    rows = pd.DataFrame([_row(one) for one in results])
+    return rows.to_csv(index=False, lineterminator="\n")
+
+
+def _row(result: ConditionResult) -> dict[str, Any]:
+    scenario = result.scenario
+    robots = len(scenario.robots)
+    settings = {name: getattr(scenario, name) for name in SETTINGS}
+    row: dict[str, Any] = {
+        "id": result.id,
+        "scenario": scenario.name,
+        "learner": result.condition.learner,
+        "robots": robots,
+        **{key: str(v) if isinstance(v, Spec) else v for key, v in settings.items()},
+        "runs": result.runs,
+        "trials": result.trials,
+    }
+    for name in SUMS:
+        row |= {f"{name}_{key}": value for key, value in asdict(result.measure(name)).items()}
+    for name in PAPER_MEASURES:
+        printed = paper(result, name)
+        row[f"paper_{name}_mean"] = printed.mean if printed else None
+        row[f"paper_{name}_spread"] = printed.spread if printed else None
+    row |= {f"shortest_path_{name}": result.reference[name] for name in PAPER_MEASURES}
+    for name in (
+        *("optimum", "optimum_exact", "arrived", "failed_teams", "joint_states"),
+        *("visited_share", "visited_bytes", "dense_bytes"),
+    ):
+        row[name] = getattr(result, name)
+    by_robot = {name: result.robot_means[name] for name in BY_ROBOT}
+    factors = scenario.common_reward.numbers or (1.0,) * robots
+    for name, values in {**by_robot, "common_reward_factor": factors}.items():
+        row |= {f"{name}_robot_{k}": value for k, value in enumerate(values, start=1)}
+    for name in (*SUMS, "arrived"):
+        known = result.exact is not None
+        row[f"exact_{name}_mean"] = float(result.run_means(name).mean()) if known else None
+        row[f"exact_{name}_standard_error"] = (
+            standard_error(result.run_means(name)) if known else None
+        )
+    return {**row, "class_bound": class_bound(result), "best_team": best_team(result)}

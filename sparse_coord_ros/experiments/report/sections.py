@@ -1,0 +1,516 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What each experiment comes to: the rows of its table, and the claims that it bears on.
+
+Its words are in the template of its name, in `templates`.
+"""
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from itertools import groupby, takewhile
+from typing import Any
+
+import numpy as np
+
+from sparse_coord_ros.experiments.catalogue import CLOSED, FALLS, LEARNERS, LONG, REACHED
+from sparse_coord_ros.experiments.report import analysis
+from sparse_coord_ros.experiments.report.analysis import difference, paired, surely_positive
+from sparse_coord_ros.experiments.report.charts import CLASS
+from sparse_coord_ros.experiments.report.drawings import (
+    crowd_gains,
+    crowd_line,
+    settings_text,
+    varied,
+)
+from sparse_coord_ros.experiments.report.rows import by_scenario, class_bound, paper, pick
+from sparse_coord_ros.experiments.report.text import (
+    Row,
+    bound_of,
+    condition_row,
+    factors,
+    fixed,
+    named,
+    of,
+    optimum_of,
+    percent,
+    share,
+    signed,
+    size,
+    steps,
+    with_error,
+)
+from sparse_coord_ros.experiments.store import ConditionResult
+from sparse_coord_ros.learn.evaluation import Measure
+
+Results = Sequence[ConditionResult]
+
+MARGIN = 0.5
+"""By how much Coop. may stay below the better baseline and still count as at least as good."""
+
+ARRIVE = 0.999
+"""Share of trials in which every robot is to arrive."""
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A line of the findings.
+
+    Attributes:
+        text: what is claimed.
+        source: by whom.
+        measured: what is measured here.
+        holds: in how many cases the claim holds.
+        cases: how many cases there are.
+    """
+
+    text: str
+    source: str
+    measured: str
+    holds: int
+    cases: int
+
+
+@dataclass(frozen=True)
+class Section:
+    """One experiment in the report.
+
+    Attributes:
+        rows: its table.
+        claims: what it has to say on the claims.
+        values: what else its template names.
+    """
+
+    rows: Sequence[Row]
+    claims: Sequence[Claim] = ()
+    values: Mapping[str, Any] = field(default_factory=dict)
+
+
+def section_of(name: str, results: Results) -> Section:
+    """Return the section on an experiment."""
+    return SECTIONS.get(name, _default)(results)
+
+
+def failed(results: Iterable[ConditionResult]) -> str:
+    """Return how many teams fail, of how many."""
+    counts = [(one.failed_teams, one.runs) for one in results]
+    return of(sum(failing for failing, _ in counts), sum(runs for _, runs in counts))
+
+
+def _surely(measures: Iterable[Measure]) -> tuple[int, int]:
+    """Return how many measures surely exceed 0, and of how many."""
+    found = [surely_positive(one) for one in measures]
+    return sum(found), len(found)
+
+
+def _ends(
+    results: Iterable[ConditionResult], key: Callable[[ConditionResult], Any]
+) -> tuple[ConditionResult, ConditionResult]:
+    """Return the results of the least and of the greatest value of a setting."""
+    ordered = sorted(results, key=key)
+    return ordered[0], ordered[-1]
+
+
+def _as_paper(results: Results, measure: str) -> tuple[int, int]:
+    """Return how many rows of the paper agree with ours, and how many there are."""
+    pairs = [(one.best(measure), printed) for one in results if (printed := paper(one, measure))]
+    return sum(analysis.agrees(*pair) for pair in pairs), len(pairs)
+
+
+def _beside_paper(results: Results, measure: str, head: Row) -> list[Row]:
+    """Return a row a scenario: each learner's mean, and the paper's."""
+    rows: list[Row] = []
+    for own in by_scenario(results):
+        row: dict[str, str | None] = {"scenario": own[0].scenario.name, **head}
+        for one in own:
+            printed = paper(one, measure)
+            row[one.learner.title] = with_error(one.best(measure))
+            if printed:
+                row[f"{one.learner.title}, paper"] = f"{printed.mean:.2f}"
+        rows.append({**row, "shortest paths": f"{own[0].reference[measure]:.2f}"})
+    return rows
+
+
+def _rewards(table: str, results: Results) -> Section:
+    """Return Table 1 or Table 3: the total discounted reward."""
+    same, shown = _as_paper(results, "reward")
+    rejected = sum(analysis.above_optimum(e) or analysis.contradicts_itself(e) for e in results)
+    coop = pick(results, learner="coop")
+    rows = [
+        {**row, "class bound": bound_of(one), "joint optimum": optimum_of(one)}
+        for row, one in zip(_beside_paper(results, "reward", {}), coop, strict=True)
+    ]
+    measured = (
+        f"{of(same, shown)} rows agree; rows of the paper that exceed the exact optimum or "
+        f"contradict its own Table 2: {rejected}"
+    )
+    shares, sizes = zip(*((one.visited_share, one.visited_bytes) for one in coop), strict=True)
+    values = {
+        "visited": f"{percent(min(shares))} to {percent(max(shares))}",
+        "bytes": f"{size(min(sizes))} to {size(max(sizes))}",
+        "silent": {
+            one.scenario.name: f"({max(0.0, one.optimum - one.reference['reward']):.2f})"
+            for one in coop
+            if one.best("asks").mean < analysis.RARE
+        },
+    }
+    return Section(rows, [Claim("The mean rewards", table, measured, same, shown)], values)
+
+
+def reward_claims(source: str, results: Results) -> list[Claim]:
+    """Return how Coop. fares against the baselines, Indiv. against exact values; who arrives."""
+    below = []
+    for own in by_scenario(results):
+        base = max((e for e in own if not e.learner.asks), key=lambda e: e.best("reward").mean)
+        lead = difference(pick(own, learner="coop")[0], base)
+        if lead.mean < -MARGIN:
+            below.append(f"{base.scenario.name} {signed(lead)}")
+    indiv, coop = pick(results, learner="indiv"), pick(results, learner="coop")
+    exact = sum(map(analysis.is_shortest, indiv))
+    arrived = sum(e.arrived * e.runs for e in coop) / sum(e.runs for e in coop)
+    better = len(coop) - len(below)
+    but = f"; not in {', '.join(below)}" if below else ""
+    return [
+        Claim(
+            "Coop. is worth no less than the baselines",
+            source,
+            f"at least the better baseline minus {MARGIN} in {of(better, len(coop))} "
+            f"scenarios{but}",
+            better,
+            len(coop),
+        ),
+        Claim(
+            "Indiv. learns shortest paths",
+            "exact values",
+            f"within {analysis.AGREE:g} standard errors of their exact value in "
+            f"{of(exact, len(indiv))} scenarios",
+            exact,
+            len(indiv),
+        ),
+        Claim(
+            f"With Coop. every robot arrives in at least {percent(ARRIVE)} of the trials",
+            "our target",
+            f"in {percent(arrived, 2)}; in {failed(coop)} teams some robot fails more often than "
+            "once in a thousand trials",
+            arrived >= ARRIVE,
+            1,
+        ),
+    ]
+
+
+def _table2(results: Results) -> Section:
+    rows, claims = [], []
+    words = {"time_to_goal": "times to goal", "miscoordinations": "miscoordinations"}
+    for measure, text in words.items():
+        rows += _beside_paper(results, measure, {"measure": text})
+        same, shown = _as_paper(results, measure)
+        measured = f"{of(same, shown)} rows agree"
+        claims.append(Claim(f"The {text}", "Table 2", measured, same, shown))
+    means = {
+        one.scenario.name: one.best("miscoordinations").mean
+        for one in pick(results, learner="coop")
+    }
+    told = named({name: f"{mean:.2f}" for name, mean in means.items()})
+    never = list(means.values()).count(0)
+    claims.append(
+        Claim("Coop. never miscoordinates", "Table 2", f"per episode: {told}", never, len(means))
+    )
+    return Section(rows, claims)
+
+
+def _figure4(results: Results) -> Section:
+    rows: list[Row] = []
+    ratios: dict[str, float] = {}
+    less: list[str] = []
+    coop_falls = []
+    for own in by_scenario(results):
+        for budget in dict.fromkeys(one.scenario.steps for one in own):
+            group = pick(own, steps=budget)
+            ends = {
+                learner: _ends(pick(group, learner=learner), lambda one: one.scenario.penalty)
+                for learner in LEARNERS
+                if pick(group, learner=learner)
+            }
+            falls = {
+                learner: free.run_means("reward") - dear.run_means("reward")
+                for learner, (dear, free) in ends.items()
+            }
+            dear, free = ends["coop"]
+            bound = (class_bound(free) or math.nan) - (class_bound(dear) or math.nan)
+            if bound > 0.0 and "factored" in falls and budget == LONG["steps"]:
+                ratios[free.scenario.name] = falls["factored"].mean() / bound
+            exact = fixed(max(0.0, free.optimum - dear.optimum)) if free.optimum_exact else None
+            rows.append(
+                {
+                    "scenario": free.scenario.name,
+                    "steps": steps(free.scenario),
+                    **{ends[k][0].learner.title: with_error(paired(v)) for k, v in falls.items()},
+                    CLASS: fixed(bound),
+                    "joint optimum": exact,
+                }
+            )
+            coop_falls.append(falls["coop"].mean())
+            over = [paired(falls[name] - falls["coop"]) for name in ("indiv", "noncoop")]
+            less += ["surely"] * all(map(surely_positive, over))
+    lowest = f"{min(one.scenario.penalty for one in results):g}"
+    within = sum(ratio <= FALLS.get(name, math.inf) for name, ratio in ratios.items())
+    claims = [
+        Claim(
+            "The reward of Coop. stays about the same while the penalty grows, and that of the "
+            "baselines falls",
+            "Figure 4",
+            f"from 0 to {lowest} Coop. loses {min(coop_falls):.1f} to {max(coop_falls):.1f}; "
+            f"surely less than both baselines in {of(len(less), len(rows))} cases",
+            len(less),
+            len(rows),
+        ),
+        Claim(
+            f"From a penalty of 0 to {lowest}, given 10^5 steps, Factored loses hardly more than "
+            "the best team of its form, at most so many times as much: "
+            + named({name: f"{limit:g}" for name, limit in FALLS.items()}),
+            "our target",
+            "times as much as the class bound: "
+            + named({name: f"{ratio:.2f}" for name, ratio in ratios.items()}),
+            within,
+            len(ratios),
+        ),
+    ]
+    return Section(rows, claims, {"lowest": lowest})
+
+
+def _penalty100(results: Results) -> Section:
+    rows: list[Row] = []
+    closed: dict[str, dict[str, Measure | None]] = {"coop": {}, "factored": {}}
+    for own in by_scenario(results):
+        [base] = pick(own, learner="noncoop")
+        name, shortest = base.scenario.name, base.reference["reward"]
+        better = max(shortest, base.best("reward").mean)
+        for one in own:
+            if not one.learner.asks:
+                continue
+            gap = partial(analysis.gap_closed, one.run_means("reward"))
+            learned, bound = base.run_means("reward"), class_bound(one)
+            whole = gap(learned, optimum=one.optimum)
+            harder = whole if better > shortest else gap(shortest, optimum=one.optimum)
+            reached = None if bound is None else gap(learned, optimum=bound)
+            closed[one.condition.learner][name] = reached if one.learner.factors else whole
+            rows.append(
+                {
+                    "scenario": name,
+                    "learner": one.learner.title,
+                    "reward (s.e.)": with_error(one.best("reward")),
+                    "Non-coop.": with_error(base.best("reward")),
+                    "shortest paths": f"{shortest:.2f}",
+                    "class bound": bound_of(one),
+                    "joint optimum": optimum_of(one),
+                    "closed": share(whole),
+                    "from the better": share(harder),
+                    "to the class bound": None if bound is None else share(reached),
+                    "miscoordinations (s.e.)": with_error(one.best("miscoordinations"), 3),
+                    "COORDINATE (s.e.)": with_error(one.best("asks"), 3),
+                    "failed teams": failed([one]),
+                }
+            )
+    texts = (
+        (
+            "coop",
+            CLOSED,
+            "Given time, Coop. closes this share of the gap from Non-coop. to the optimum: ",
+        ),
+        (
+            "factored",
+            REACHED,
+            "Factored closes this share of the gap from Non-coop. to the class bound: ",
+        ),
+    )
+    claims = []
+    for learner, targets, text in texts:
+        found = closed[learner]
+        met = sum(
+            one is not None and one.mean >= targets.get(name, math.inf)
+            for name, one in found.items()
+        )
+        aims = named({name: percent(targets[name], 0) for name in found if name in targets})
+        told = named({name: share(one) for name, one in found.items()})
+        claims.append(Claim(text + aims, "our target", told, met, len(found)))
+    return Section(rows, claims)
+
+
+def _ask_cost(results: Results) -> Section:
+    rows, told, less = [], {}, []
+    for own in by_scenario(results):
+        free, dear = _ends(own, lambda one: one.scenario.ask_cost)
+        ordered = sorted(own, key=lambda one: one.scenario.ask_cost)
+        worth = list(takewhile(_beats_shortest_paths, ordered))
+        ends = [(one, f"{one.scenario.ask_cost:g}") for one in (free, dear)]
+        rows.append(
+            {
+                "scenario": free.scenario.name,
+                **{f"asks at {cost}": with_error(one.best("asks")) for one, cost in ends},
+                **{f"reward at {cost}": with_error(one.best("reward")) for one, cost in ends},
+                "shortest paths": f"{free.reference['reward']:.2f}",
+                "worth it up to": f"{worth[-1].scenario.ask_cost:g}" if worth else None,
+            }
+        )
+        told[free.scenario.name] = " and ".join(
+            f"{one.best('asks').mean:.2f} at {cost}" for one, cost in ends
+        )
+        less.append(difference(free, dear, "asks"))
+    claim = "Robots ask less where asking costs more"
+    measured = f"COORDINATE per robot and episode: {named(told)}"
+    return Section(rows, [Claim(claim, "open question (Section 5)", measured, *_surely(less))])
+
+
+def _beats_shortest_paths(result: ConditionResult) -> bool:
+    """Whether the reward is surely above the exact value of shortest-path policies."""
+    error = analysis.errors_from(result.best("reward"), result.reference["reward"])
+    return error > analysis.AGREE
+
+
+def _perception(results: Results) -> Section:
+    rows, gains = [], {}
+    for own in by_scenario(results):
+        drawn = [one for one in own if one.scenario.perception.kind == "probability"]
+        never, always = _ends(drawn, lambda one: one.scenario.perception.numbers)
+        name = never.scenario.name
+        gains[name] = difference(always, never)
+        seen = [one for one in own if one.scenario.perception.kind == "line_of_sight"]
+        rows.append(
+            {
+                "scenario": name,
+                "reward at 0": with_error(never.best("reward")),
+                "reward at 1": with_error(always.best("reward")),
+                "gain": signed(gains[name]),
+                "in line of sight": with_error(seen[0].best("reward")) if seen else None,
+            }
+        )
+    told = named({name: signed(gain) for name, gain in gains.items()})
+    measured = f"gain from percepts that never succeed to those that always do: {told}"
+    claim = "Percepts that fail cost reward"
+    source = "open question (Section 5)"
+    return Section(rows, [Claim(claim, source, measured, *_surely(gains.values()))])
+
+
+def _uneven(results: Results) -> Section:
+    rows, gains = [], []
+    for coop in pick(results, learner="coop"):
+        spec, name = coop.scenario.common_reward, coop.scenario.name
+        [base] = pick(results, learner="noncoop", name=name, common_reward=spec)
+        gains.append(difference(coop, base))
+        rows.append(
+            {
+                "scenario": name,
+                "factors": factors(coop),
+                "Non-coop.": with_error(base.best("reward")),
+                "Coop.": with_error(coop.best("reward")),
+                "gain": signed(gains[-1]),
+                "asks, robot by robot": " : ".join(f"{n:.2f}" for n in coop.robot_means["asks"]),
+            }
+        )
+    better = of(sum(gain.mean > 0 for gain in gains), len(gains))
+    sure, cases = _surely(gains)
+    measured = f"worth more in {better} cases (even r^C among them), surely in {sure}"
+    claim = "Coop. is worth more than Non-coop. where r^C is uneven too"
+    return Section(rows, [Claim(claim, "open question (Section 5)", measured, sure, cases)])
+
+
+def _crowd(results: Results) -> Section:
+    gains = crowd_gains(results)
+    rows = []
+    sizes = groupby(results, key=lambda one: len(one.scenario.robots))
+    for number, (robots, group) in enumerate(sizes):
+        own = list(group)
+        rows.append(
+            {
+                "robots": str(robots),
+                **{crowd_line(one): with_error(one.best("reward")) for one in own},
+                "class bound": bound_of(own[-1]),
+                "joint optimum": optimum_of(own[-1]),
+                **{f"gain, {line}": signed(found[number]) for line, found in gains.items()},
+            }
+        )
+    one, every, factored = (_surely(found) for found in gains.values())
+    crowded, own = (
+        pick(results, peers="all", learner="coop")[-1],
+        pick(results, learner="factored"),
+    )
+    claims = [
+        Claim(
+            "In larger teams too, Coop. is worth more than Non-coop.",
+            "open question (footnote 3)",
+            f"surely in {of(*one)} team sizes with one peer, in {of(*every)} with all peers",
+            one[0] + every[0],
+            one[1] + every[1],
+        ),
+        Claim(
+            "Factored is worth more than Non-coop., whatever the team size",
+            "our target",
+            f"surely in {of(*factored)} team sizes",
+            *factored,
+        ),
+    ]
+    values = {
+        "robots": len(crowded.scenario.robots),
+        "dense": size(crowded.dense_bytes),
+        "visited": size(crowded.visited_bytes),
+        "arrived": percent(min(e.arrived for e in own), 2),
+        "failed": failed(own),
+    }
+    return Section(rows, claims, values)
+
+
+def _where(results: Results) -> Section:
+    rows, apart = [], []
+    for one in results:
+        asked, time = (analysis.share_near(one.scenario, n) for n in (one.asked, one.stays))
+        if not math.isnan(asked) and percent(time) != percent(1.0):
+            apart.append(asked > time)
+        near = float(np.mean(analysis.near_doorways(one.scenario.map)))
+        rows.append(
+            {
+                "scenario": one.scenario.name,
+                "COORDINATE (s.e.)": with_error(one.best("asks"), 3),
+                "asked near": percent(asked),
+                "time near": percent(time),
+                "cells near": percent(near),
+                "visited": percent(one.visited_share),
+            }
+        )
+    measured = (
+        f"chosen within {analysis.NEAR} moves of a doorway more often than the time spent there "
+        f"explains in {of(sum(apart), len(apart))} scenarios"
+    )
+    claim = "Robots coordinate only where they must"
+    return Section(rows, [Claim(claim, "central claim", measured, sum(apart), len(apart))])
+
+
+def _default(results: Results) -> Section:
+    settings = varied(results)
+    setting = ", ".join(settings) or "setting"
+    return Section(
+        [
+            {
+                "scenario": one.scenario.name,
+                "learner": one.learner.title,
+                setting: settings_text(one, settings),
+                **condition_row(one),
+            }
+            for one in results
+        ]
+    )
+
+
+SECTIONS: Mapping[str, Callable[[Results], Section]] = {
+    "table1": partial(_rewards, "Table 1"),
+    "table2": _table2,
+    "table3": partial(_rewards, "Table 3"),
+    "figure4": _figure4,
+    "penalty100": _penalty100,
+    "ask_cost": _ask_cost,
+    "perception": _perception,
+    "uneven": _uneven,
+    "crowd": _crowd,
+    "where": _where,
+}
+"""What shows each experiment; others have a row a condition."""
