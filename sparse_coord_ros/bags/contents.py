@@ -5,7 +5,7 @@
 import contextlib
 import struct
 import zlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -248,20 +248,33 @@ class BagFile:
         waiting: list[bytes] = []
         first = 0
         with self._opened() as source:
-            for place, block in enumerate(blocks):
+            for place, block in enumerate(blocks, start=1):
                 try:
                     waiting.append(self._content(source, block))
-                    done += block.length
-                    if place + 1 == len(blocks) or sum(map(len, waiting)) > size:
-                        yield self._understand(b"".join(waiting), blocks[first].offset)
-                        waiting, first = [], place + 1
-                        if heard is not None:
-                            heard(done / total)
                 except Damage as damage:
-                    self._lose(blocks[place], damage)
+                    self._lose(block, damage)
                     break
+                done += block.length
+                if place < len(blocks) and sum(map(len, waiting)) > size:
+                    if not (yield from self._part(blocks[first], waiting)):
+                        return
+                    waiting, first = [], place
+                    if heard is not None:
+                        heard(done / total)
             if waiting:
-                yield self._understand(b"".join(waiting), blocks[first].offset)
+                yield from self._part(blocks[first], waiting)
+                if heard is not None:
+                    heard(done / total)
+
+    def _part(self, first: Block, contents: Sequence[bytes]) -> Generator[Part, None, bool]:
+        """Yield the messages of blocks as one part; return whether they make sense."""
+        try:
+            part = self._understand(b"".join(contents), first.offset)
+        except Damage as damage:
+            self._lose(first, damage)
+            return False
+        yield part
+        return True
 
     @contextlib.contextmanager
     def _opened(self) -> Iterator[Source]:

@@ -216,6 +216,10 @@ def test_what_cannot_be_understood_ends_the_readable_part(tmp_path, options, mes
     assert [m.topic for m in bag.messages()] == ["/good"]
     assert (bag.finished, bag.whole) == (True, False)
     assert bag.lost_bytes == bag.file_bytes - bag.files[0].readable_bytes
+    unchecked = open_bag(bag.path, checked=False)
+    assert [m.topic for m in unchecked.messages()] == ["/good"]
+    assert message in unchecked.damage
+    unchecked.close()
 
 
 def test_files_of_others_than_ros_2_are_refused_not_called_damaged(tmp_path):
