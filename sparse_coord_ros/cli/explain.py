@@ -36,10 +36,10 @@ def execute(options: argparse.Namespace) -> int:
         raise RunError(f"--step is {options.step[:40]!r}: give a time step, a whole number from 0")
     wanted = int(options.step)
     log = read_run(options.bag)
-    robots = _robots(log, options.robot)
-    steps = {t for k in robots for t in coordinations(log, k)}
-    step = min((t for t in steps if t >= wanted), default=None)
-    told = [] if step is None else [explain(log, k, step) for k in robots]
+    asked = _robots(log, options.robot)
+    steps = sorted({t for k in asked for t in coordinations(log, k)})
+    step = next((t for t in steps if t >= wanted), None)
+    told = (explain(log, k, step) for k in asked if step is not None)
     found = [one for one in told if one is not None]
     if options.json:
         coordinated = [_facts(log, one) for one in found]
@@ -48,9 +48,9 @@ def execute(options: argparse.Namespace) -> int:
     if log.damage is not None:
         print(f"damaged: {log.damage}; what is before it:")
     if step is None:
-        last = f"; the last time was step {max(steps)}" if steps else ""
+        last = f"; the last time was step {steps[-1]}" if steps else ""
         print(f"{options.robot or 'nobody'}: no COORDINATE from step {wanted} on{last}")
-    elif step != wanted and options.step != "0":
+    elif wanted not in (0, step):
         who = f"{options.robot} did not choose" if options.robot else "nobody chose"
         print(f"at step {wanted} {who} COORDINATE; the next time is step {step}")
     for one in found:

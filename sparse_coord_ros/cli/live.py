@@ -17,6 +17,7 @@ import yaml
 from rclpy.logging import LoggingSeverity, set_logger_level
 
 from sparse_coord_ros.bags.reader import BAG_DIRECTORY
+from sparse_coord_ros.cli.options import note
 from sparse_coord_ros.errors import EXIT_BAD_INPUT, BagError, RunError
 from sparse_coord_ros.files import HeldError, hold
 from sparse_coord_ros.learn.run_config import create_output
@@ -156,34 +157,41 @@ def _wait(
 
     The others go on without a recorder that has begun its bag; a world that all robots have left
     is ended.
+
+    Raises:
+        RunError: one of the others failed.
     """
-    alone = 0.0
+    world = processes[WORLD]
+    robots = [process for name, process in processes.items() if name not in (WORLD, RECORDER)]
+    alone_since = None
     while True:
         running = any(one.poll() is None for one in processes.values())  # before what they say
-        needed = {n: p for n, p in processes.items() if p is not recorder or not bag.exists()}
-        if any(process.poll() == EXIT_BAD_INPUT for process in needed.values()):
-            raise RunError("a node stopped because of bad input (see its line above)")
-        failed = [name for name, process in needed.items() if process.poll() not in (None, 0)]
-        if failed:
-            rest = "the others were stopped" if running else "the others had ended"
-            raise RunError(
-                f"{failed[0]} ended with exit code {needed[failed[0]].returncode}; {rest}, what "
-                "they had is saved"
-            )
+        _check(
+            {n: p for n, p in processes.items() if p is not recorder or not bag.exists()}, running
+        )
         if not running:
             return False
-        world = processes[WORLD]
-        robots = [p for n, p in processes.items() if n not in (WORLD, RECORDER)]
-        left = world.poll() is None and all(robot.poll() is not None for robot in robots)
-        alone = (alone or time.monotonic()) if left else 0.0
-        if alone and time.monotonic() - alone > ALONE_SECONDS:
-            print("all robots have left: the run ends", file=sys.stderr, flush=True)
-            _end(processes.values())
-            return True
-        if stop:
+        if world.poll() is not None or any(robot.poll() is None for robot in robots):
+            alone_since = None
+        elif alone_since is None:
+            alone_since = time.monotonic()
+        left = alone_since is not None and time.monotonic() - alone_since > ALONE_SECONDS
+        if left:
+            note("all robots have left: the run ends")
+        if left or stop:
             _end(processes.values())
             return True
         time.sleep(POLL_SECONDS)
+
+
+def _check(needed: Mapping[str, Process], running: bool) -> None:
+    """Raise `RunError` where a process that the others need has failed."""
+    codes = {name: code for name, process in needed.items() if (code := process.poll())}
+    if EXIT_BAD_INPUT in codes.values():
+        raise RunError("a node stopped because of bad input (see its line above)")
+    for name, code in codes.items():
+        rest = "the others were stopped" if running else "the others had ended"
+        raise RunError(f"{name} ended with exit code {code}; {rest}, what they had is saved")
 
 
 def _end(processes: Collection[Process]) -> None:

@@ -6,6 +6,7 @@ import argparse
 import shutil
 import textwrap
 from collections.abc import Iterator, Mapping
+from dataclasses import asdict
 from typing import Any, NamedTuple
 
 from sparse_coord_ros.cli import options as shared
@@ -20,6 +21,10 @@ WIDEST = 100
 """Characters of a line."""
 
 LEARNER_GROUP = "learners"
+ALWAYS = ("scenario", "dialogue", "protocol", "run", "drive", LEARNER_GROUP)
+"""Groups that there are without ROS 2, too."""
+
+LEARNER_FACTS = ("title", "summary", "asks", "alone", "defaults")
 
 
 class Group(NamedTuple):
@@ -39,7 +44,7 @@ def add_parser(verbs) -> None:
         "names",
         metavar="NAME",
         nargs="*",
-        help=f"settings, learners, or groups: {', '.join(group_names())} (default: all)",
+        help=f"settings, learners, or groups: {', '.join(ALWAYS)} (default: all)",
     )
     shared.add_json(parser)
     parser.set_defaults(execute=execute)
@@ -47,30 +52,36 @@ def add_parser(verbs) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Run the verb."""
-    known = groups()
-    check_names(options.names, known)
-    chosen = {name: chosen_settings(name, one, options.names) for name, one in known.items()}
-    learners = chosen_learners(options.names)
+    names, everything = options.names, groups()
+    learners = {name: LEARNERS.find(name) for name in LEARNERS.names}
+    _check_names(names, everything, learners)
+    chosen = {
+        group: {name: one for name, one in known.settings.items() if _asked(names, group, name)}
+        for group, known in everything.items()
+    }
+    learners = {name: one for name, one in learners.items() if _asked(names, LEARNER_GROUP, name)}
     if options.json:
         facts: dict[str, Any] = {
-            name: {key: setting_facts(one) for key, one in some.items()}
-            for name, some in chosen.items()
+            group: {name: setting_facts(one) for name, one in some.items()}
+            for group, some in chosen.items()
             if some
         }
         if learners:
-            facts[LEARNER_GROUP] = {name: learner_facts(one) for name, one in learners.items()}
+            facts[LEARNER_GROUP] = {
+                name: {fact: getattr(one, fact) for fact in LEARNER_FACTS}
+                for name, one in learners.items()
+            }
         shared.print_json(facts)
         return 0
-    whole = not options.names
     parts = [
-        "\n".join([f"{known[name].about} ({known[name].how})", "", *lines_of(some, whole)])
-        for name, some in chosen.items()
+        [f"{everything[group].about} ({everything[group].how})", "", *lines_of(some, not names)]
+        for group, some in chosen.items()
         if some
     ]
     if learners:
-        parts.append("\n".join(["Learners (--learner NAME)", "", *lines_of_learners(learners)]))
-    print("\n\n".join(parts))
-    if whole:
+        parts.append(["Learners (--learner NAME)", "", *lines_of_learners(learners)])
+    print("\n\n".join("\n".join(lines) for lines in parts))
+    if not names:
         print("\nThe forms of a setting with their numbers: sparse_coord settings NAME")
     return 0
 
@@ -80,27 +91,20 @@ def groups() -> dict[str, Group]:
     by_hand = "--set NAME=VALUE; in a scenario file; ROS parameters of the world"
     others = [name for name in SETTINGS if name not in (*DIALOGUE, *PROTOCOL)]
     found = {
-        "scenario": Group("What is played", by_hand, _some(others)),
-        "dialogue": Group("Who asks whom, and who answers", by_hand, _some(DIALOGUE)),
-        "protocol": Group("How robots learn", by_hand, _some(PROTOCOL)),
-        "run": Group(
-            "A run", "options of run and train; ROS parameters of the world", RUN_SETTINGS
-        ),
-        "drive": Group("Simulated bodies", "drive --set NAME=VALUE", DRIVE_SETTINGS),
+        group: Group(about, by_hand, {name: SETTINGS[name] for name in names})
+        for group, about, names in (
+            ("scenario", "What is played", others),
+            ("dialogue", "Who asks whom, and who answers", DIALOGUE),
+            ("protocol", "How robots learn", PROTOCOL),
+        )
     }
+    how = "options of run and train; ROS parameters of the world"
+    found["run"] = Group("A run", how, RUN_SETTINGS)
+    found["drive"] = Group("Simulated bodies", "drive --set NAME=VALUE", DRIVE_SETTINGS)
     for node, table in _nodes().items():
-        rest = {k: one for k, one in table.items() if one is not RUN_SETTINGS.get(k)}
-        found[node] = Group(f"The node {node}", "ROS parameters", rest)
+        own = {name: one for name, one in table.items() if one is not RUN_SETTINGS.get(name)}
+        found[node] = Group(f"The node {node}", "ROS parameters", own)
     return found
-
-
-def group_names() -> list[str]:
-    """Return the names of the groups that there always are."""
-    return ["scenario", "dialogue", "protocol", "run", "drive", LEARNER_GROUP]
-
-
-def _some(names) -> dict[str, Setting]:
-    return {name: SETTINGS[name] for name in names}
 
 
 def _nodes() -> Mapping[str, SettingTable]:
@@ -120,10 +124,11 @@ def _nodes() -> Mapping[str, SettingTable]:
     }
 
 
-def check_names(names: list[str], groups: Mapping[str, Group]) -> None:
-    """Raise `SettingError` where nothing has one of the names."""
-    known = [*groups, LEARNER_GROUP, *LEARNERS.names]
-    known += [name for one in groups.values() for name in one.settings]
+def _check_names(
+    names: list[str], everything: Mapping[str, Group], learners: Mapping[str, Learner]
+) -> None:
+    known = [*everything, LEARNER_GROUP, *learners]
+    known += [name for one in everything.values() for name in one.settings]
     for name in names:
         if name not in known:
             raise SettingError(
@@ -132,46 +137,34 @@ def check_names(names: list[str], groups: Mapping[str, Group]) -> None:
             )
 
 
-def chosen_settings(name: str, group: Group, names: list[str]) -> Mapping[str, Setting]:
-    """Return those settings of a group that are asked for."""
-    if not names or name in names:
-        return group.settings
-    return {name: one for name, one in group.settings.items() if name in names}
-
-
-def chosen_learners(names: list[str]) -> Mapping[str, Learner]:
-    """Return the learners that are asked for."""
-    known = {name: LEARNERS.find(name) for name in LEARNERS.names}
-    if not names or LEARNER_GROUP in names:
-        return known
-    return {name: one for name, one in known.items() if name in names}
+def _asked(names: list[str], group: str, name: str) -> bool:
+    """Whether something of a group is asked for."""
+    return not names or group in names or name in names
 
 
 def lines_of(settings: Mapping[str, Setting], whole: bool) -> Iterator[str]:
     """Write settings; where it is not the whole list, with the numbers of each form."""
-    name_width = max(len(name) for name in settings) + 2
+    indent = max(len(name) for name in settings) + 2
     for name, one in settings.items():
-        yield from _wrapped(
-            f"{name:<{name_width}}{_default(one)}   [{one.allowed}]", indent=name_width
-        )
-        yield from _wrapped(" " * name_width + one.help, indent=name_width)
+        yield from _wrapped(f"{name:<{indent}}{_default(one)}   [{one.allowed}]", indent)
+        yield from _wrapped(" " * indent + one.help, indent)
         if whole or isinstance(one.kind, type):
             continue
         for form in one.kind.forms:
-            spans = [f"{n.name.upper()} {_span(n.low, n.high)}".strip() for n in form.numbers]
-            numbers = f" ({', '.join(spans)})" if spans else ""
+            ranges = [f"{n.name.upper()}: {n.allowed}" for n in form.numbers]
+            numbers = f" ({', '.join(ranges)})" if ranges else ""
             said = f"{form.text}: {form.meaning}{numbers}"
-            yield from _wrapped(" " * (name_width + 2) + said, indent=name_width + 4)
+            yield from _wrapped(" " * (indent + 2) + said, indent + 4)
 
 
 def lines_of_learners(learners: Mapping[str, Learner]) -> Iterator[str]:
     """Write learners."""
-    width = max(len(name) for name in learners) + 2
+    indent = max(len(name) for name in learners) + 2
     for name, one in learners.items():
-        yield from _wrapped(f"{name:<{width}}{one.summary}", indent=width)
+        yield from _wrapped(f"{name:<{indent}}{one.summary}", indent)
         if one.defaults:
             own = ", ".join(f"{key}={value}" for key, value in one.defaults.items())
-            yield from _wrapped(f"{'':<{width}}defaults of its own: {own}", indent=width)
+            yield from _wrapped(f"{'':<{indent}}defaults of its own: {own}", indent)
 
 
 def _default(setting: Setting) -> str:
@@ -183,23 +176,12 @@ def _default(setting: Setting) -> str:
     return str(value) if value not in ("", [""]) else "none"
 
 
-def _span(low: float, high: float) -> str:
-    """Return a range of numbers in words; empty where any number goes."""
-    unbounded = (low == float("-inf"), high == float("inf"))
-    if all(unbounded):
-        return ""
-    if unbounded[1]:
-        return f"at least {low:g}"
-    return f"at most {high:g}" if unbounded[0] else f"from {low:g} to {high:g}"
-
-
-def _wrapped(text: str, *, indent: int) -> list[str]:
+def _wrapped(text: str, indent: int) -> list[str]:
     width = min(WIDEST, shutil.get_terminal_size((WIDEST, 24)).columns)
     return textwrap.wrap(
         text,
         max(width, indent + 30),
         subsequent_indent=" " * indent,
-        drop_whitespace=True,
         break_long_words=False,
         break_on_hyphens=False,
     )
@@ -208,36 +190,16 @@ def _wrapped(text: str, *, indent: int) -> list[str]:
 def setting_facts(setting: Setting) -> dict[str, Any]:
     """Return plain data of a setting."""
     kind = setting.kind
-    facts: dict[str, Any] = {
-        "type": kind.__name__ if isinstance(kind, type) else "form",
-        "default": setting.default,
-        "allowed": setting.allowed,
-        "meaning": setting.help,
-        "low": setting.low,
-        "high": setting.high,
-        "choices": list(setting.choices),
-    }
-    if not isinstance(kind, type):
-        facts["forms"] = [
-            {
-                "form": form.text,
-                "meaning": form.meaning,
-                "numbers": [
-                    {"name": n.name, "low": n.low, "high": n.high, "repeated": n.repeated}
-                    for n in form.numbers
-                ],
-            }
-            for form in kind.forms
-        ]
-    return facts
-
-
-def learner_facts(learner: Learner) -> dict[str, Any]:
-    """Return plain data of a learner."""
-    return {
-        "title": learner.title,
-        "summary": learner.summary,
-        "asks": learner.asks,
-        "alone": learner.alone,
-        "defaults": dict(learner.defaults),
-    }
+    facts = {name: getattr(setting, name) for name in ("default", "allowed", "low", "high")}
+    facts |= {"meaning": setting.help, "choices": list(setting.choices)}
+    if isinstance(kind, type):
+        return {"type": kind.__name__, **facts}
+    forms = [
+        {
+            "form": form.text,
+            "meaning": form.meaning,
+            "numbers": [asdict(number) for number in form.numbers],
+        }
+        for form in kind.forms
+    ]
+    return {"type": "form", **facts, "forms": forms}

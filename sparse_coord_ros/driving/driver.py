@@ -99,11 +99,7 @@ class Driver:
         if 0.0 <= goals.since - now + SLACK <= BACK and self._repeats < REPEATS:
             return None, None  # a newer pose is to come
         if goals.place:
-            place = self._ground.place(self._robot, goal.end)
-            close = distance(pose, place) <= self._ground.side / 2
-            if not (close or self._ground.inside(goal.end, pose.x, pose.y)):
-                return None, None  # whoever puts it there is not done
-            return None, self._end(goals, pose, now, there=True)
+            return None, self._placed(goals, goal, pose, now)
         if now == self._answered and not self._unheard:
             return None, None
         self._answered = now
@@ -119,6 +115,14 @@ class Driver:
         if now - self._began >= self._limits.seconds - SLACK:
             return STOP, self._end(goals, pose, now, there=False)
         return steer(pose, way[0], self._limits), None
+
+    def _placed(self, goals: Goals, goal: BodyGoal, pose: Pose, now: float) -> Reached | None:
+        """Say that the body is where it was to be put; None while it is not."""
+        place = self._ground.place(self._robot, goal.end)
+        close = distance(pose, place) <= self._ground.side / 2
+        if close or self._ground.inside(goal.end, pose.x, pose.y):
+            return self._end(goals, pose, now, there=True)
+        return None
 
     def _end(self, goals: Goals, pose: Pose, now: float, *, there: bool) -> Reached:
         cell = self._ground.cell(pose.x, pose.y)

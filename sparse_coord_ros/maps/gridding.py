@@ -40,7 +40,7 @@ SMALLER = (0.8, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1)
 """Sizes of cells that are tried for advice, as shares of the one that is too large."""
 
 
-class Layout(NamedTuple):
+class Gridding(NamedTuple):
     """Where a grid lies, and what its cells are.
 
     Attributes:
@@ -147,7 +147,7 @@ def _apart(free: np.ndarray, past: np.ndarray, axis: int) -> np.ndarray:
     return np.asarray(first & second & (before != after))
 
 
-def best_layout(space: Space, pixels: float) -> Layout:
+def best_layout(space: Space, pixels: float) -> Gridding:
     """Return the grid, of all offsets that are tried, that keeps most of the space connected.
 
     Args:
@@ -170,7 +170,7 @@ def best_layout(space: Space, pixels: float) -> Layout:
     return max(found, key=lambda one: (-one.slips, -one.cut, one.kept))
 
 
-def _layout(space: Space, pixels: float, down: float, right: float) -> Layout:
+def _layout(space: Space, pixels: float, down: float, right: float) -> Gridding:
     height, width = space.blocked.shape
     half = pixels / 2
     top = down if down < half else down - pixels  # the first centre is the first in the image
@@ -178,7 +178,7 @@ def _layout(space: Space, pixels: float, down: float, right: float) -> Layout:
     rows = np.floor(np.arange(top + half, height, pixels)).astype(np.int64)
     columns = np.floor(np.arange(left + half, width, pixels)).astype(np.int64)
     if not len(rows) or not len(columns):
-        return Layout(top, left, np.zeros((len(rows), len(columns)), dtype=bool), 0, 0, 0)
+        return Gridding(top, left, np.zeros((len(rows), len(columns)), dtype=bool), 0, 0, 0)
     at = np.ix_(rows, columns)
     parts = space.parts[at]
     free = parts > 0
@@ -200,7 +200,7 @@ def _layout(space: Space, pixels: float, down: float, right: float) -> Layout:
     large = sizes >= CRUMB
     cut = int(large.sum() - (kept[1:] >= CRUMB).sum())
     doors = int(across(free).max(initial=0))
-    return Layout(top, left, free, slips, cut, int(kept[1:].sum()) + DOOR_CELLS * doors)
+    return Gridding(top, left, free, slips, cut, int(kept[1:].sum()) + DOOR_CELLS * doors)
 
 
 def _close(free: np.ndarray, past: list[np.ndarray]) -> None:

@@ -16,7 +16,7 @@ from sparse_coord_ros.game.scenario import SETTINGS, Scenario, scenario_from_dic
 from sparse_coord_ros.maps.gridding import (
     CRUMB,
     SPECK,
-    Layout,
+    Gridding,
     across,
     best_layout,
     smaller_cell,
@@ -138,7 +138,7 @@ def import_map(
     return Imported(grid, number, parts, _notes(layout.cut, number, parts, bool(robots), wide))
 
 
-def _layout_of(plan: FloorPlan, cell: float, radius: float, speck: float) -> Layout:
+def _layout_of(plan: FloorPlan, cell: float, radius: float, speck: float) -> Gridding:
     """Return the best grid on a floor plan, which has a free cell."""
     space = space_of(plan, radius, speck)
     if space.blocked.all():
