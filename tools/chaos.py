@@ -246,7 +246,7 @@ def judge(plan: Plan, out: Path) -> list[str]:
     except Exception as error:
         return [str(error)]
     wrong = [] if tables_equal(tables, learn(run.scenario, run.learner, run.seed)) else ["tables"]
-    found = verify(out, compiled=False)
+    found = verify(out)
     allowed = (
         {"recording", "file"} if any(RECORDER in fault.who for fault in plan.faults) else set()
     )

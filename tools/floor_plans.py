@@ -228,10 +228,10 @@ def school() -> Drawing:
         plan.door(x, 12.9, wide=0.9)
     plan.door(5.9, 9.1, wide=0.95, north=False)
     plan.door(18.3, 10.4, wide=0.95, north=False)
-    for x in range(3):
-        for y in range(2):  # tables
-            plan.fill(1.2 + 2.1 * x, 1.1 + 1.9 * y, 2.3 + 2.1 * x, 1.7 + 1.9 * y)
-            plan.fill(11.4 + 1.8 * x, 14.6 + 1.9 * y, 12.3 + 1.8 * x, 15.2 + 1.9 * y)
+    for i in range(3):
+        for j in range(2):  # tables
+            plan.fill(1.2 + 2.1 * i, 1.1 + 1.9 * j, 2.3 + 2.1 * i, 1.7 + 1.9 * j)
+            plan.fill(11.4 + 1.8 * i, 14.6 + 1.9 * j, 12.3 + 1.8 * i, 15.2 + 1.9 * j)
     for x, y in ((10.0, 8.0), (14.0, 8.0), (10.0, 10.6), (14.0, 10.6)):
         plan.fill(x, y, x + 0.4, y + 0.4)  # pillars
     return plan

@@ -66,7 +66,8 @@ def resident(pid: int) -> int:
 
 def watch(run: subprocess.Popen, log: Path, every: float, limit: float) -> list[Sample]:
     """Look at a run every so many seconds until it ends; interrupt it after `limit` seconds."""
-    samples, started = [], time.monotonic()
+    samples: list[Sample] = []
+    started = time.monotonic()
     while True:
         try:
             run.wait(every)

@@ -96,7 +96,7 @@ class CLoop:
         RunError: there is no C compiler, or it fails.
     """
 
-    roles = (POLICY, MOTION, PERCEPT, START)
+    roles: tuple[int, ...] = (POLICY, MOTION, PERCEPT, START)
     """The streams that it draws from, in its order."""
 
     def __init__(self, scenario: Scenario) -> None:

@@ -112,8 +112,9 @@ def _pairs(found: Found) -> str:
                 "Non-coop.": _reward(other),
                 "above the better baseline": f"{result.best('reward').mean - better:+.2f}",
                 "class bound": None if bound is None else f"{bound:.2f}",
-                "share of the gap": share
-                and f"{percent(share.mean)} ({100 * share.standard_error:.1f})",
+                "share of the gap": None
+                if share is None
+                else f"{percent(share.mean)} ({100 * share.standard_error:.1f})",
             }
         )
     return to_markdown(rows)
@@ -393,7 +394,7 @@ def scale(folder: Path) -> Study:
                         percent(_arrived([found(c) for c in joint]), 2) if robots == 2 else None
                     ),
                     "bytes a robot": size(
-                        np.mean([r.visited_bytes for r in factored]) + np.mean(fixed)
+                        float(np.mean([r.visited_bytes for r in factored]) + np.mean(fixed))
                     ),
                     "seconds to learn": f"{np.mean(spent):.2f}",
                 }
