@@ -129,11 +129,11 @@ def test_environment(variables, expected, word):
     ("said", "expected"),
     [
         ([{"missing": "No module named 'rclpy'"}], [HINT]),
-        ([{"rmw": "rmw_fastrtps_cpp", "found": 0.1, "round_trip": 0.001}], [FINE, FINE]),
-        ([{"rmw": "rmw_other", "found": 0.1, "round_trip": 0.001}], [HINT, FINE]),
+        ([{"rmw": "rmw_fastrtps_cpp", "round_trip": 0.1}], [FINE, FINE]),
+        ([{"rmw": "rmw_other", "round_trip": 0.1}], [HINT, FINE]),
         ([{"problem": "the middleware hangs"}], [WRONG]),
         ([{"rmw": "rmw_fastrtps_cpp"}, {}, {}], [FINE, WRONG]),
-        ([{"rmw": "rmw_fastrtps_cpp"}, {"found": 1.0, "round_trip": 0.1}], [FINE, WRONG]),
+        ([{"rmw": "rmw_fastrtps_cpp"}, {"round_trip": 0.1}], [FINE, WRONG]),
     ],
 )
 def test_what_the_round_trip_means(monkeypatch, said, expected):
@@ -150,24 +150,9 @@ def test_what_the_round_trip_means(monkeypatch, said, expected):
 
 def test_a_round_trip_between_two_processes():
     said = round_trip.round_trip()
-    assert said["rmw"] and 0 < said["round_trip"] < 1, said
+    assert said["rmw"] and 0 < said["round_trip"], said
 
 
 def test_a_middleware_that_is_not_there():
     said = round_trip.round_trip({"RMW_IMPLEMENTATION": "rmw_none"})
     assert "rmw_none" in said["problem"]
-
-
-@pytest.mark.parametrize(
-    ("problem", "plain"),
-    [
-        (
-            "[ERROR] [179.4] [rcl]: Expected 'x', exiting with 102., at /a/b.c:154",
-            "Expected 'x', exiting with 102.",
-        ),
-        ("sparse_coord_ros.errors.RunError: ROS: no domain, at /a/domain_id.c:49", "no domain"),
-        ("the middleware hangs", "the middleware hangs"),
-    ],
-)
-def test_problems_in_plain_words(problem, plain):
-    assert round_trip._plain(problem) == plain
