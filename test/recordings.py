@@ -20,9 +20,9 @@ from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.learn.tables import pack_tables
 from sparse_coord_ros.lockstep.robot_side import RobotSide
 from sparse_coord_ros.lockstep.world_side import WorldSide
-from sparse_coord_ros.nodes.episode_messages import CoordinationMapLayout, MapLayout, MarkersLayout
-from sparse_coord_ros.nodes.messages import CLOCK_LAYOUT, Converter, status
+from sparse_coord_ros.nodes.messages import Converter, status
 from sparse_coord_ros.nodes.peers import AT_ONCE
+from sparse_coord_ros.wire.status import Said
 
 OFTEN = {"q_star_init": 100, "ask_cost": 0, "epsilon": "constant:0.3"}
 """Settings with which COORDINATE is chosen in every fifth step or so."""
@@ -80,8 +80,6 @@ class Recording:
     ):
         self.bag = BagWriter(directory)
         self.run, self.convert = run, Converter(run)
-        self.map = MapLayout(self.convert)
-        self.markers = MarkersLayout(self.convert, run.scenario)
         self.names = [robot.name for robot in run.scenario.robots]
         self.lost, self.deaf, self.resets = set(lost), set(deaf), set(resets)
         self.patient = patient
@@ -118,7 +116,7 @@ class Recording:
         for kind, type_name in TYPES.items():
             for name in self.names:
                 self.bag.add_topic(f"/{name}/{kind}", type_name, QoS())
-        self.write("/map", GRID, self.map.pack(0), 0)
+        self.write("/map", GRID, self.convert.pack_map(0), 0)
         self.mark()
         self.say("waiting")
         for k in range(len(self.names)):
@@ -179,21 +177,20 @@ class Recording:
     def say(self, state):
         """Publish the world's status."""
         world = self.world.world
-        said = (world.step, world.transitions, self.world.left_out, self.world.began)
-        values = dict(zip(wire.STATUS_VALUES, said, strict=True))
-        message = status(self.run.scenario.name, state, values)
+        side = self.world
+        said = Said("", state, world.step, world.transitions, side.left_out, side.began)
+        message = status(self.run.scenario.name, state, said.values())
         self.write("/status", "diagnostic_msgs/msg/DiagnosticStatus", serialize_message(message))
 
     def mark(self):
         """Publish the markers."""
         world = self.world.world
-        data = self.markers.pack(world.step, world.cells)
+        data = self.convert.pack_markers(world.step, world.cells)
         self.write("/markers", "visualization_msgs/msg/MarkerArray", data)
 
     def coordination_map(self, k, step):
         """Publish a robot's coordination map."""
-        layout = CoordinationMapLayout(self.convert)
-        data = layout.pack(step, self.robots[k].agent.tables)
+        data = self.convert.pack_coordination_map(step, self.robots[k].agent.tables)
         self.write(f"/{self.names[k]}/coordination_map", GRID, data, step)
 
     def attach(self, k, step):
@@ -217,7 +214,7 @@ class Recording:
 
     def episode(self, step):
         """Record map and markers again."""
-        self.write("/map", GRID, self.map.pack(step), step)
+        self.write("/map", GRID, self.convert.pack_map(step), step)
         self.mark()
 
     def checkpoint(self, step):
@@ -227,7 +224,7 @@ class Recording:
         """Publish a local state."""
         if step != self.clock:
             self.clock = step
-            data = CLOCK_LAYOUT.pack(*self.convert.stamp(step))
+            data = self.convert.pack_clock(step)
             self.write("/clock", "rosgraph_msgs/msg/Clock", data, step)
         data = self.convert.pack_state(step, cell)
         self.write(f"/{self.names[k]}/local_state", TYPES["local_state"], data, step)

@@ -19,6 +19,7 @@ from mcap.records import Chunk
 
 from sparse_coord_ros.bags.layout import open_to_read
 from sparse_coord_ros.errors import BagError
+from sparse_coord_ros.wire.cdr import rows_at
 
 PIECE = 1024 * 1024
 """Bytes of a long record to read at a time, and the longest name."""
@@ -276,13 +277,3 @@ def message_heads(
         others = list(zip(*(column[~is_message].tolist() for column in columns), strict=True))
         begins = begins[is_message]
     return begins, rows_at(content, begins, MESSAGE_HEAD), others
-
-
-def rows_at(content: bytes, places: np.ndarray, kind: np.dtype) -> np.ndarray:
-    """Return what lies at some places of bytes, as an array of a structured type."""
-    if not len(places):
-        return np.empty(0, dtype=kind)
-    count = len(content) - kind.itemsize + 1
-    # A view that begins anew at every byte; taking rows of it copies each with one memcpy.
-    every = np.ndarray((count,), np.dtype(("V", kind.itemsize)), content, strides=(1,))
-    return every[places].view(kind)

@@ -109,7 +109,7 @@ class Glimpse(NamedTuple):
         after: X_k(t+1).
         miscoordination: whether robots ended up in the same doorway.
         rewards: R_k(t); empty: not told.
-        ends: how percepts ended, numbers of `wire.PERCEPT_ENDS`; empty: not told.
+        ends: how percepts ended, numbers of `wire.PerceptEnd`; empty: not told.
     """
 
     step: int

@@ -16,8 +16,7 @@ from sparse_coord_ros.game.perception import probability_rows, succeeds
 from sparse_coord_ros.game.world import Action, Reward
 from sparse_coord_ros.learn.agent import Agent, Decision, Memory
 from sparse_coord_ros.learn.run_config import RunConfig
-from sparse_coord_ros.wire import ANSWERED, LATE, NOBODY_TO_ASK, NOT_ASKED, PERCEPT_ENDS, REFUSED
-from sparse_coord_ros.wire.frame import Account
+from sparse_coord_ros.wire import Account, PerceptEnd
 
 NO_STEP = 0
 """The step of a request by a person, who does not know the time step."""
@@ -223,19 +222,19 @@ class RobotSide:
             self.asks["repeated"] += 1
             self._port.ask(peer, asking.step, asking.cell)
         elif answer.step > asking.step or answer.cell is None:
-            self._act(None, REFUSED)
+            self._act(None, PerceptEnd.REFUSED)
         else:
             seen = (*asking.seen, answer.cell)
             if len(seen) < len(asking.decision.peers):
                 self._asking = asking._replace(seen=seen)
                 self._port.ask(self._asking.peer, asking.step, asking.cell)
             else:
-                self._act(seen, ANSWERED)
+                self._act(seen, PerceptEnd.ANSWERED)
 
     def expire(self) -> None:
         """The deadline on `waiting` has passed: a failed percept, or a transition unlearned."""
         if self._asking is not None:
-            self._act(None, LATE)
+            self._act(None, PerceptEnd.LATE)
         elif self.waiting is not None:
             self.dropped += 1
             self._pending = None
@@ -366,15 +365,20 @@ class RobotSide:
         if decision.peers:
             self._port.ask(self._asking.peer, step, cell)
         else:
-            self._act(None, NOBODY_TO_ASK if decision.action == COORDINATE else NOT_ASKED)
+            self._act(
+                None,
+                PerceptEnd.NOBODY_TO_ASK
+                if decision.action == COORDINATE
+                else PerceptEnd.DID_NOT_ASK,
+            )
 
-    def _act(self, perceived: tuple[int, ...] | None, ended: int) -> None:
+    def _act(self, perceived: tuple[int, ...] | None, ended: PerceptEnd) -> None:
         asking, self._asking = self._asking, None
         if asking is None:  # nothing is to be decided
             return
         step, cell, decision, _ = asking
-        if ended in (ANSWERED, REFUSED, LATE):
-            self.asks[PERCEPT_ENDS[ended]] += 1
+        if ended in (PerceptEnd.ANSWERED, PerceptEnd.REFUSED, PerceptEnd.LATE):
+            self.asks[ended.words] += 1
         action = self.agent.act(step, cell, decision, perceived)
         account = Account(ended, self._learned_last)
         self._learned_last = False

@@ -9,52 +9,13 @@ hears again, and joins the team where it then is.
 """
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 from sparse_coord_ros.game.world import EPISODE_GAP
 from sparse_coord_ros.learn.agent import Agent
 from sparse_coord_ros.lockstep.robot_side import RobotSide, RobotState
 from sparse_coord_ros.lockstep.world_side import WorldSide, WorldState
-
-NO_ORDER = ""
-
-ROLL_CALL = -1
-"""In place of a checkpoint's step: nobody goes back, everybody says where it is."""
-
-
-class Progress(NamedTuple):
-    """What a robot says of itself when it joins, has saved, or has obeyed.
-
-    Attributes:
-        life: names the process; another one than before: the robot was replaced.
-        step: the time step that it has worked off.
-        transitions: that it has seen.
-        checkpoints: steps that it can go back to, 0 (the run's beginning) among them; none where
-            it keeps no checkpoints.
-        obeyed: the newest order that it has obeyed.
-        resumed: it was started to go on where its predecessor was, not to begin anew.
-    """
-
-    life: str
-    step: int
-    transitions: int
-    checkpoints: tuple[int, ...] = ()
-    obeyed: str = NO_ORDER
-    resumed: bool = False
-
-
-class Order(NamedTuple):
-    """The world's word to go back.
-
-    Attributes:
-        name: a new one for each order; `NO_ORDER`: no order stands.
-        step: the checkpoint to go back to, or `ROLL_CALL`.
-        first: the time step of the first local state after it.
-    """
-
-    name: str = NO_ORDER
-    step: int = 0
-    first: int = 0
+from sparse_coord_ros.wire.status import NO_ORDER, ROLL_CALL, Order, Progress
 
 
 class WorldStore(Protocol):

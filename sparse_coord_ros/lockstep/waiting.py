@@ -6,7 +6,7 @@ The world says its status every second, with the identity of its run. What anoth
 somebody who forges it, does not count. Times are seconds of any clock that never goes back.
 """
 
-from sparse_coord_ros.wire import FINISHED, STOPPED
+from sparse_coord_ros.wire import RunState
 
 SILENT_SECONDS = 3.0
 """A world that has not been heard for so long is missed: it says its status every second."""
@@ -144,10 +144,10 @@ class WorldPresence:
         """
         if run_id != self._run_id:
             raise ValueError(f"is of run {run_id or '(none)'}, not of this run {self._run_id}")
-        if state == FINISHED and transitions < self._budget:
+        if state == RunState.FINISHED and transitions < self._budget:
             raise ValueError(f"finished after {transitions} of {self._budget} steps")
         self._heard, self._other = now, False
-        if state in (FINISHED, STOPPED):
+        if state in (RunState.FINISHED, RunState.STOPPED):
             self.ended = now if self.end is None else self.ended
             self.end = step
         else:

@@ -13,7 +13,7 @@ from sparse_coord_ros.game.game import Game, ResumableGame
 from sparse_coord_ros.game.world import FIRST_STEP, Action, Position, Reward, StepOutcome, World
 from sparse_coord_ros.learn.history import History, HistoryRecorder
 from sparse_coord_ros.learn.run_config import RunConfig
-from sparse_coord_ros.wire import ARRIVED, NOBODY_LEFT, RESET, START, STEPS
+from sparse_coord_ros.wire import Began
 
 
 class WorldPort(Protocol):
@@ -82,7 +82,7 @@ class WorldSide:
         self.world: Game = World(run.scenario, run.seed) if game is None else game
         self.timeouts = 0
         self.left_out = 0
-        self.began = START
+        self.began: str = Began.START
         self.stale = 0
         self.absent: set[int] = set()
         self.history = HistoryRecorder(len(run.scenario.robots))
@@ -115,7 +115,7 @@ class WorldSide:
         arrived = (False,) * len(self._robots)
         done = world.transitions + lost
         world.go_on_from(Position(done, step, False, step, nothing, arrived))
-        world.episode, self.began, self._begins = episode + 1, RESET, True
+        world.episode, self.began, self._begins = episode + 1, Began.RESET, True
         return lost
 
     @property
@@ -180,7 +180,7 @@ class WorldSide:
         nothing = (0,) * len(self._robots), (False,) * len(self._robots)
         position = Position(0, FIRST_STEP, False, FIRST_STEP, *nothing)
         counts: tuple[int, ...] = (0,) * 5
-        history, self.began, self.absent = None, START, set()
+        history, self.began, self.absent = None, Began.START, set()
         if state is not None:
             position, counts, history = state.position, state.counts, state.history
             self.began, self.absent = state.began, set(state.absent)
@@ -229,12 +229,12 @@ class WorldSide:
         after = self.world.step
         if not self.finished:
             if outcome.episode_over:
-                self._begin_episode(ARRIVED if all(self.world.arrived) else STEPS)
+                self._begin_episode(Began.ARRIVED if all(self.world.arrived) else Began.STEPS)
             elif all(self.world.arrived[k] or k in self.absent for k in self._robots):
-                self._begin_episode(NOBODY_LEFT)
+                self._begin_episode(Began.NOBODY_LEFT)
         self._save_where_due(step, after, self.world.step)
 
-    def new_episode(self, began: str = RESET) -> None:
+    def new_episode(self, began: str = Began.RESET) -> None:
         """Start an episode, for a reason; actions that wait at the barrier are forgotten."""
         before = self.world.step
         self._begin_episode(began)
@@ -261,7 +261,7 @@ class WorldSide:
             if self.complete:
                 self.advance()
             else:
-                self.new_episode(NOBODY_LEFT)
+                self.new_episode(Began.NOBODY_LEFT)
         return missing
 
     def repeat(self) -> None:

@@ -8,13 +8,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros import wire
 from sparse_coord_ros.game.actions import ACTIONS
 from sparse_coord_ros.game.miscoordination import miscoordinations
+from sparse_coord_ros.game.world import Action
 from sparse_coord_ros.learn.agent import NOBODY
 from sparse_coord_ros.learn.simulation import Glimpse
 from sparse_coord_ros.palette import ANSWERED, FAILED, REFUSED
 from sparse_coord_ros.runlog.log import NONE, RunLog
+from sparse_coord_ros.wire import PerceptEnd
 
 
 class Question(NamedTuple):
@@ -23,19 +24,19 @@ class Question(NamedTuple):
     Attributes:
         asker: number of the robot that asks, from 0.
         peers: whom it asks.
-        end: how its percept ended, a number of `wire.PERCEPT_ENDS`.
+        end: how its percept ended.
         move: the primitive action that it became.
     """
 
     asker: int
     peers: tuple[int, ...]
-    end: int
+    end: PerceptEnd
     move: int
 
     @property
     def outcome(self) -> str:
         """How it is shown: ANSWERED, REFUSED or FAILED."""
-        return {wire.ANSWERED: ANSWERED, wire.REFUSED: REFUSED}.get(self.end, FAILED)
+        return self.end.outcome
 
     def in_words(self, names: Sequence[str]) -> str:
         """Return it as a sentence."""
@@ -107,7 +108,7 @@ def seen_step(seen: Glimpse) -> TimeStep:
             Question(
                 k,
                 peers := _peers(k, action.peer, len(seen.actions)),
-                wire.ANSWERED if action.perceived else _seen_end(seen, k, peers),
+                _seen_end(seen, k, action, peers),
                 action.move,
             )
             for k, action in enumerate(seen.actions)
@@ -125,22 +126,24 @@ def seen_step(seen: Glimpse) -> TimeStep:
 def ended(log: RunLog) -> dict[str, np.ndarray]:
     """Return where in a log, shape (T, K), bool, questions ended so, by each outcome."""
     answered = log.asked & log.perceived
-    refused = log.asked & (log.ended == wire.REFUSED) & ~answered
+    refused = log.asked & (log.ended == PerceptEnd.REFUSED) & ~answered
     return {ANSWERED: answered, REFUSED: refused, FAILED: log.asked & ~answered & ~refused}
 
 
-def _logged_end(log: RunLog, row: int, k: int) -> int:
+def _logged_end(log: RunLog, row: int, k: int) -> PerceptEnd:
     """Return how a percept ended as the robot says; LATE where that is nothing known."""
     if log.perceived[row, k]:
-        return wire.ANSWERED
-    code = log.ended[row, k]
-    return int(code) if code in range(len(wire.PERCEPT_ENDS)) else wire.LATE
+        return PerceptEnd.ANSWERED
+    end = PerceptEnd.said(log.ended[row, k])
+    return PerceptEnd.LATE if end is None else end
 
 
-def _seen_end(seen: Glimpse, k: int, peers: tuple[int, ...]) -> int:
-    """Return how a percept ended that brought nothing."""
+def _seen_end(seen: Glimpse, k: int, action: Action, peers: tuple[int, ...]) -> PerceptEnd:
+    """Return how a percept ended; where nobody tells it, as in one process, where none is late."""
     told = seen.ends[k] if seen.ends else None
-    return told if told is not None else wire.REFUSED if peers else wire.NOBODY_TO_ASK
+    if told is not None and not action.perceived:
+        return PerceptEnd(told)
+    return PerceptEnd.untold(perceived=action.perceived, peers=len(peers))
 
 
 def _peers(robot: int, peer: int, robots: int) -> tuple[int, ...]:

@@ -28,7 +28,6 @@ from sparse_coord_ros.lockstep.bodies import BEGIN, Goals, Reached
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.follower import Follower
 from sparse_coord_ros.nodes.messages import (
-    CLOCK_LAYOUT,
     Announced,
     Converter,
     read_goals,
@@ -40,6 +39,7 @@ from sparse_coord_ros.nodes.parameters import BODY_PARAMETERS
 from sparse_coord_ros.nodes.spin import run_node
 from sparse_coord_ros.wire import MAP_FRAME
 from sparse_coord_ros.wire.frame import SECOND
+from sparse_coord_ros.wire.messages import CLOCK_FORM
 
 AGAIN_SECONDS = 0.5
 """After this silence poses are published again: a driver that has just come has none."""
@@ -153,7 +153,7 @@ class BodyNode(Follower):
         sec, nanosec = divmod(round(arena.seconds * SECOND), SECOND)
         stamp = Time(sec=sec, nanosec=nanosec)
         if self._time_publisher is not None:
-            self._time_publisher.publish(CLOCK_LAYOUT.pack(sec, nanosec))
+            self._time_publisher.publish(CLOCK_FORM.layout.pack(sec, nanosec))
         for k, body in enumerate(arena.bodies):
             if not look and k not in arena.waits_for:
                 continue  # its driver would take it for unheard, and say too much

@@ -12,9 +12,10 @@ from sparse_coord_ros.game.settings import SettingTable
 from sparse_coord_ros.lockstep.waiting import WorldPresence
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.intake import Intake
-from sparse_coord_ros.nodes.messages import Announced, Said, read_run, read_status, typed
+from sparse_coord_ros.nodes.messages import Announced, read_run, typed
 from sparse_coord_ros.nodes.parameters import ParameterNode
 from sparse_coord_ros.nodes.tap import Tap
+from sparse_coord_ros.wire.status import Said, read_status
 
 TICK_SECONDS = 0.02
 REPORT_SECONDS = 1.0

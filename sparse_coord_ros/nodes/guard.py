@@ -25,9 +25,7 @@ from sparse_coord_ros.nodes.intake import Intake
 from sparse_coord_ros.nodes.interface import CLAIM, CLAIMS_QOS
 from sparse_coord_ros.nodes.messages import read_claim, typed
 from sparse_coord_ros.nodes.parameters import ParameterNode
-from sparse_coord_ros.wire import CLAIM_RANKS
-
-STARTING, HOLDING, JOINED = range(len(CLAIM_RANKS))
+from sparse_coord_ros.wire import ClaimRank
 
 AT_ONCE = 5
 """Topics that one look takes in; with each look the next ones."""
@@ -40,11 +38,11 @@ class Claim(NamedTuple):
     """What a node says of itself: what nobody else is called, and how far it has come."""
 
     id: str
-    rank: int
+    rank: ClaimRank
 
     def yields_to(self, other: "Claim") -> bool:
         """Whether this node ends because of another one of its name."""
-        if self.rank == JOINED:
+        if self.rank == ClaimRank.JOINED:
             return False
         return (other.rank, self.id) > (self.rank, other.id)
 
@@ -63,7 +61,7 @@ class Guard:
 
     def __init__(self, node: ParameterNode, intake: Intake) -> None:
         self._node = node
-        self.claim = Claim(uuid.uuid4().hex, STARTING)
+        self.claim = Claim(uuid.uuid4().hex, ClaimRank.STARTING)
         self.doubled: set[str] = set()
         self._since = divmod(time.time_ns(), 1_000_000_000)
         self._warned = False
@@ -75,11 +73,11 @@ class Guard:
 
     def hold(self) -> None:
         """Have the name: nobody who had it has been heard in time."""
-        self._rise(HOLDING)
+        self._rise(ClaimRank.HOLDING)
 
     def join(self) -> None:
         """Take part in a run."""
-        self._rise(JOINED)
+        self._rise(ClaimRank.JOINED)
 
     def watch(self, topics: Iterable[str]) -> None:
         """Guard topics, by their full names."""
@@ -99,17 +97,17 @@ class Guard:
                 )
         self._topics = self._topics[AT_ONCE:] + self._topics[:AT_ONCE]
 
-    def _rise(self, rank: int) -> None:
+    def _rise(self, rank: ClaimRank) -> None:
         if rank > self.claim.rank:
             self.claim = self.claim._replace(rank=rank)
             self._say()
 
     def _say(self) -> None:
-        header = CLAIM.type(frame_id=f"{self.claim.id} {CLAIM_RANKS[self.claim.rank]}")
+        header = CLAIM.type(frame_id=f"{self.claim.id} {self.claim.rank.name.lower()}")
         header.stamp.sec, header.stamp.nanosec = self._since
         self._publisher.publish(header)
 
-    def _on_claim(self, said: tuple[str, int]) -> None:
+    def _on_claim(self, said: tuple[str, ClaimRank]) -> None:
         other, name = Claim(*said), self._node.get_fully_qualified_name()
         if other.id == self.claim.id:
             return
@@ -120,7 +118,7 @@ class Guard:
                     "that one, or start this one under another name or namespace"
                 )
             )
-        elif self.claim.rank == other.rank == JOINED and not self._warned:
+        elif self.claim.rank == other.rank == ClaimRank.JOINED and not self._warned:
             self._warned = True
             self._node.get_logger().warning(
                 f"another node {name} takes part in a run too; stop one of them"

@@ -14,6 +14,7 @@ from typing import Any
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from sparse_coord_ros import wire
+from sparse_coord_ros.wire import Delivery, services
 
 STEP_DEPTH = 10_000
 RECORDER_DEPTH = 10_000
@@ -45,10 +46,10 @@ RECORDER_LATCHED_QOS = _qos(RECORDER_DEPTH, DurabilityPolicy.TRANSIENT_LOCAL)
 """What the recorder asks for: on its side nothing is overwritten before it is written down."""
 
 PROFILES = {
-    wire.STEP: STEP_QOS,
-    wire.EVENT: EVENT_QOS,
-    wire.LATCHED: LATCHED_QOS,
-    wire.TABLES_KEPT: TABLES_QOS,
+    Delivery.STEP: STEP_QOS,
+    Delivery.EVENT: EVENT_QOS,
+    Delivery.LATCHED: LATCHED_QOS,
+    Delivery.TABLES: TABLES_QOS,
 }
 
 
@@ -80,35 +81,20 @@ def bind(topic: wire.Topic) -> RosTopic:
     return RosTopic(**said, type=message_class(topic.type_name), qos=PROFILES[topic.delivery])
 
 
-RUN = bind(wire.RUN)
-STATUS = bind(wire.STATUS)
-CLOCK = bind(wire.CLOCK)
-MAP = bind(wire.MAP)
-MARKERS = bind(wire.MARKERS)
-SCENE = bind(wire.SCENE)
-DIAGNOSTICS = bind(wire.DIAGNOSTICS)
-LOCAL_STATE = bind(wire.LOCAL_STATE)
-REWARD = bind(wire.REWARD)
-ACTION = bind(wire.ACTION)
-PERCEPT = bind(wire.PERCEPT)
-COORDINATION_MAP = bind(wire.COORDINATION_MAP)
-PROGRESS = bind(wire.PROGRESS)
-TABLES = bind(wire.TABLES)
-CLAIM = bind(wire.CLAIM)
-RECORDING = bind(wire.RECORDING)
-SERVICE_EVENTS = bind(wire.SERVICE_EVENTS)
-BODY_GOALS = bind(wire.BODY_GOALS)
-REACHED = bind(wire.REACHED)
-POSE = bind(wire.POSE)
-ODOMETRY = bind(wire.ODOMETRY)
-CMD_VEL = bind(wire.CMD_VEL)
-ROSOUT = bind(wire.ROSOUT)
-PARAMETER_EVENTS = bind(wire.PARAMETER_EVENTS)
+def __getattr__(name: str) -> RosTopic:
+    """Return a topic of `wire`, bound: `interface.RUN` is `wire.RUN` for rclpy."""
+    topic = getattr(wire, name, None)
+    if not isinstance(topic, wire.Topic):
+        raise AttributeError(f"{__name__} has no {name}, and the vocabulary no such topic")
+    return bind(topic)
 
-TEAM_TOPICS = tuple(map(bind, wire.TEAM_TOPICS))
-ROBOT_TOPICS = tuple(map(bind, wire.ROBOT_TOPICS))
+
+def recorded(owner: wire.Owner) -> tuple[RosTopic, ...]:
+    """Return the topics of an owner that a recorder writes down."""
+    return tuple(bind(one) for one in wire.TOPICS if one.recorded and one.owner == owner)
+
 
 CLAIMS_QOS = _qos(100, DurabilityPolicy.TRANSIENT_LOCAL)
 """For reading claims: with a depth of 1, one's own would push out that of another node."""
 
-ACTIVE_PERCEPTION_TYPE = message_class(wire.ACTIVE_PERCEPTION_TYPE)
+ACTIVE_PERCEPTION_TYPE = message_class(services.ACTIVE_PERCEPTION.type_name)

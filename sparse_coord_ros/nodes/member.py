@@ -16,16 +16,14 @@ from sparse_coord_ros.learn.tables import TEAM_FILE, pack_tables, robot_file, wr
 from sparse_coord_ros.lockstep.checkpoints import Checkpoints
 from sparse_coord_ros.lockstep.gate import StepGate
 from sparse_coord_ros.lockstep.robot_side import NO_STEP, RobotSide
-from sparse_coord_ros.lockstep.rollback import ROLL_CALL, Order, RobotRollback
+from sparse_coord_ros.lockstep.rollback import RobotRollback
 from sparse_coord_ros.lockstep.waiting import Reminder
 from sparse_coord_ros.nodes import interface
-from sparse_coord_ros.nodes.episode_messages import CoordinationMapLayout
 from sparse_coord_ros.nodes.follower import Follower
 from sparse_coord_ros.nodes.guard import Guard
 from sparse_coord_ros.nodes.messages import (
     Announced,
     Converter,
-    Said,
     progress_message,
     status,
     tables_message,
@@ -33,8 +31,8 @@ from sparse_coord_ros.nodes.messages import (
 from sparse_coord_ros.nodes.outputs import begin_with, open_output, save_somewhere, saving
 from sparse_coord_ros.nodes.peers import Clients, Peers
 from sparse_coord_ros.nodes.spin import wait_for_readers
-from sparse_coord_ros.wire import RECORDER, WORLD
-from sparse_coord_ros.wire.frame import Account
+from sparse_coord_ros.wire import RECORDER, WORLD, Account, services
+from sparse_coord_ros.wire.status import ROLL_CALL, Order, Said
 
 PEER_PATIENCE_SECONDS = 2.0
 """How long a robot that is ready itself waits for its peers' services before it says so."""
@@ -64,7 +62,6 @@ class Member:
         self.run, self._text = run, text = announced
         self._number = self._place_in_team()
         self._convert = Converter(run)
-        self._map = CoordinationMapLayout(self._convert)
         own = [robot_file(Path(), self._name).name, TEAM_FILE]
         resumed = node.values["resume"]
         self._out = open_output(node.values["out"], text, [] if resumed else own)
@@ -99,7 +96,7 @@ class Member:
         self._ears: list[Any] = []
         self._ready_since = 0.0
         self._peers = Peers(node, node.intake, run, self._convert, self.lockstep, clients)
-        node.create_service(Trigger, wire.SAVE, self._on_save)
+        node.create_service(Trigger, services.SAVE.of("~"), self._on_save)
         self._say_progress()
 
     def _place_in_team(self) -> int:
@@ -188,7 +185,7 @@ class Member:
 
     def checkpoint(self, step: int) -> None:
         """Publish the tables on the way, and save where the robot is."""
-        self._publish_tables(wire.CHECKPOINT)
+        self._publish_tables(wire.Occasion.CHECKPOINT)
         self._save_checkpoint()
 
     # Incoming.
@@ -321,7 +318,7 @@ class Member:
         if path is not None:
             self._node.get_logger().info(f"saved {path}")
         self.report()
-        self._publish_tables(wire.FINAL)
+        self._publish_tables(wire.Occasion.FINAL)
         wait_for_readers((self._action, self._percept, self._map_publisher, self._tables))
 
     def close(self) -> None:
@@ -343,7 +340,7 @@ class Member:
             "messages_dropped": self._node.intake.total,
         }
         message = DiagnosticArray(header=self._convert.header(step))
-        doing = wire.LEARNING if self.lockstep.agent.learning else wire.GREEDY
+        doing = wire.RunState.LEARNING if self.lockstep.agent.learning else wire.RunState.GREEDY
         message.status = [status(f"{self._node.full_name}: agent", doing, values)]
         self._diagnostics.publish(message)
         if not self._unsaid:
@@ -351,10 +348,11 @@ class Member:
 
     def _say_what_is_known(self, step: int) -> None:
         self._publish_map(step)
-        self._publish_tables(wire.INITIAL)
+        self._publish_tables(wire.Occasion.INITIAL)
 
     def _publish_map(self, step: int) -> None:
-        self._map_publisher.publish(self._map.pack(step, self.lockstep.agent.tables))
+        tables = self.lockstep.agent.tables
+        self._map_publisher.publish(self._convert.pack_coordination_map(step, tables))
 
     def _publish_tables(self, occasion: str) -> None:
         """Publish the tables; `occasion` says why."""

@@ -27,7 +27,7 @@ from sparse_coord_ros.nodes.intake import Intake
 from sparse_coord_ros.nodes.interface import ACTIVE_PERCEPTION_TYPE, STEP_QOS
 from sparse_coord_ros.nodes.messages import Converter
 from sparse_coord_ros.nodes.parameters import ParameterNode
-from sparse_coord_ros.wire import ACTIVE_PERCEPTION
+from sparse_coord_ros.wire.services import ACTIVE_PERCEPTION
 
 AT_ONCE = 10
 """How often a peer that is a step behind is asked again at once; after that with each tick."""
@@ -53,7 +53,7 @@ class Clients:
     def of(self, name: str, node: Node) -> Client:
         """Return the client of a robot's `active_perception`; `node` makes it if there is none."""
         if name not in self._clients:
-            client = node.create_client(ACTIVE_PERCEPTION_TYPE, f"{name}/{ACTIVE_PERCEPTION}")
+            client = node.create_client(ACTIVE_PERCEPTION_TYPE, ACTIVE_PERCEPTION.of(name))
             _introspect(node, client)
             self._clients[name] = client
         return self._clients[name]
@@ -177,7 +177,7 @@ class Peers:
     ) -> None:
         self._intake, self._convert, self._side = intake, convert, side
         self._names = [robot.name for robot in run.scenario.robots]
-        self._service = f"{node.get_name()}/{ACTIVE_PERCEPTION}"
+        self._service = ACTIVE_PERCEPTION.of(node.get_name())
         self._deadline = Deadline(run.percept_timeout, run.step_timeout)
         _introspect(node, node.create_service(ACTIVE_PERCEPTION_TYPE, self._service, self._answer))
         self._peers = {
@@ -238,6 +238,6 @@ class Peers:
                 if cell is None:
                     raise ValueError(f"position ({position.x:g}, {position.y:g}) is no free cell")
         except ValueError as error:
-            self._intake.drop(f"{self._names[peer]}/{ACTIVE_PERCEPTION}", error)
+            self._intake.drop(ACTIVE_PERCEPTION.of(self._names[peer]), error)
         else:
             self._side.answer(peer, request_step, Answer(step, cell))

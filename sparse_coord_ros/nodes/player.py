@@ -26,6 +26,7 @@ from sparse_coord_ros.nodes.parameters import EXECUTOR, ParameterNode
 from sparse_coord_ros.nodes.player_keys import Keyboard
 from sparse_coord_ros.nodes.player_topics import advertise
 from sparse_coord_ros.nodes.spin import run_node, wait_for_readers
+from sparse_coord_ros.wire import services
 
 LOWEST_RATE, HIGHEST_RATE = 0.01, 1000.0
 PLAYER_PARAMETERS = SettingTable(
@@ -112,8 +113,8 @@ class Player(ParameterNode):
         except BaseException:
             self.destroy_node()
             raise
-        self.create_service(SetBool, "~/pause", self._on_pause)
-        self.create_service(Trigger, "~/step", self._on_step)
+        self.create_service(SetBool, services.PAUSE.of("~"), self._on_pause)
+        self.create_service(Trigger, services.STEP.of("~"), self._on_step)
         self.add_post_set_parameters_callback(self.guarded(self._on_change))
         self._timer = self.create_timer(self.values["delay"], self._tick)
         if keyboard:

@@ -32,13 +32,11 @@ from sparse_coord_ros.learn.run_config import (
     SCENARIO_FILE,
     RunConfig,
 )
-from sparse_coord_ros.lockstep.rollback import NO_ORDER, ROLL_CALL, Order, Progress
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.follower import Follower
 from sparse_coord_ros.nodes.messages import (
     Announced,
     Converter,
-    Said,
     progress_message,
     read_tables_message,
     status,
@@ -47,10 +45,11 @@ from sparse_coord_ros.nodes.messages import (
 from sparse_coord_ros.nodes.parameters import RECORDER_PARAMETERS
 from sparse_coord_ros.nodes.spin import run_node
 from sparse_coord_ros.nodes.tap import Tap
-from sparse_coord_ros.wire import RECORDER, WORLD
-from sparse_coord_ros.wire.frame import SECOND, STAMPED
+from sparse_coord_ros.wire import NODE, RECORDER, ROBOT, TEAM, WORLD
+from sparse_coord_ros.wire.frame import SECOND
+from sparse_coord_ros.wire.messages import STAMPED
+from sparse_coord_ros.wire.status import NO_ORDER, ROLL_CALL, Order, Progress, Said
 
-ROS_TOPICS = (interface.ROSOUT, interface.PARAMETER_EVENTS)
 QUIET_SECONDS = 0.3
 """After the run's end, the bag is closed when nothing has come for so long."""
 LAST_WORDS_SECONDS = 6.0
@@ -152,7 +151,7 @@ class Recording:
             name = wire.tables_attachment(robot, step)
             self.bag.attach(name, packed, "application/x-npz", self.now_ns)
             self.flush()  # the robot saves now, and may go on from there
-        if occasion == wire.FINAL:
+        if occasion == wire.Occasion.FINAL:
             self.final.add(robot)
 
     def go_back(self, order: Order) -> None:
@@ -252,7 +251,7 @@ class Recorder(Follower):
     def may_begin(self, now: float) -> bool:
         """Where a bag is continued, wait until the world has said from where."""
         said = self.status
-        going_back = said is None or (said.state == wire.RESUMING and not said.order.name)
+        going_back = said is None or (said.state == wire.RunState.RESUMING and not said.order.name)
         return not (self.values["resume"] and going_back)
 
     def begin(self, announced: Announced) -> None:
@@ -289,13 +288,15 @@ class Recorder(Follower):
         self._recording_publisher.publish(String(data=str(self.directory)))
 
     def _listen(self, recording: Recording) -> None:
-        for topic in (*interface.TEAM_TOPICS, *ROS_TOPICS):
+        of_team, of_node, of_robot = map(interface.recorded, (TEAM, NODE, ROBOT))
+        for topic in of_team:
             if topic is not interface.RUN:
                 self._record(recording, topic, topic.name)
         for name in self.names_of(WORLD) or {WORLD}:
-            self._record(recording, interface.CLAIM, interface.CLAIM.of(name))
+            for topic in of_node:
+                self._record(recording, topic, topic.of(name))
         for robot in recording.run.scenario.robots:
-            for topic in (*interface.ROBOT_TOPICS, interface.CLAIM, interface.SERVICE_EVENTS):
+            for topic in (*of_robot, *of_node):
                 self._record(recording, topic, topic.of(robot.name))
 
             def attach(said: tuple[bytes, int, str], robot: str = robot.name) -> None:

@@ -10,13 +10,14 @@ from collections.abc import Callable
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.lockstep.checkpoints import Checkpoints
-from sparse_coord_ros.lockstep.rollback import NO_ORDER, ROLL_CALL, Progress, WorldRollback
+from sparse_coord_ros.lockstep.rollback import WorldRollback
 from sparse_coord_ros.lockstep.world_side import WorldSide
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.intake import Intake
-from sparse_coord_ros.nodes.messages import read_progress, typed
+from sparse_coord_ros.nodes.messages import typed
 from sparse_coord_ros.nodes.parameters import CONTINUE, ROLL_BACK, ParameterNode
 from sparse_coord_ros.wire import RECORDER
+from sparse_coord_ros.wire.status import NO_ORDER, ROLL_CALL, Progress, read_progress
 
 
 class Returning:

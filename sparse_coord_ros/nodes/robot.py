@@ -11,11 +11,12 @@ from rclpy.context import Context
 from sparse_coord_ros.nodes.follower import Follower
 from sparse_coord_ros.nodes.guard import Guard
 from sparse_coord_ros.nodes.member import Member
-from sparse_coord_ros.nodes.messages import Announced, Said
+from sparse_coord_ros.nodes.messages import Announced
 from sparse_coord_ros.nodes.parameters import ROBOT_PARAMETERS
 from sparse_coord_ros.nodes.peers import Clients
 from sparse_coord_ros.nodes.spin import run_node
 from sparse_coord_ros.nodes.tap import Tap
+from sparse_coord_ros.wire.status import Said
 
 LAST_WORDS_SECONDS = 2.0
 """How long a robot waits for its last reward after the run's end."""

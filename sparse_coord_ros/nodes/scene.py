@@ -17,25 +17,14 @@ from rclpy.qos import QoSProfile
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
-from sparse_coord_ros.nodes.messages import ACTION_LAYOUT, Converter
+from sparse_coord_ros.nodes.messages import Converter
 from sparse_coord_ros.palette import (
-    ANSWERED,
     DOORWAY_COLOUR,
     FAILED,
     OUTCOME_COLOURS,
-    REFUSED,
     rgb,
 )
-from sparse_coord_ros.wire import (
-    ACTION_LABELS,
-    NOT_ASKED,
-    OCCUPANCY,
-    QUESTIONS,
-    ROBOT_NAMES,
-    WORDS,
-)
-from sparse_coord_ros.wire import ANSWERED as PERCEIVED
-from sparse_coord_ros.wire import REFUSED as NOT_PERCEIVED
+from sparse_coord_ros.wire import OCCUPANCY, QUESTIONS, ROBOT_NAMES, WORDS, PerceptEnd
 
 MOST_OFTEN = 30.0
 """Scenes a second, by the wall clock."""
@@ -135,14 +124,14 @@ class Scene:
 
     def _read(self, step: int, action: bytes) -> tuple[int, str] | None:
         """Return whom an action asked (from 0, -1: all) and how it ended; None: it did not ask."""
-        sec, nanosec, *numbers = ACTION_LAYOUT.unpack(action)
-        percept = numbers[len(ACTION_LABELS)]
-        _, _, asked, peer, perceived = numbers[: len(ACTION_LABELS)]
-        if not asked or self._convert.step(sec, nanosec) < step - 1:
+        try:
+            acted, said, account = self._convert.unpack_account(action)
+        except ValueError:  # the world takes an action, whatever else a robot says
             return None
-        if perceived or percept == PERCEIVED:
-            return int(peer) - 1, ANSWERED
-        return int(peer) - 1, REFUSED if percept in (NOT_PERCEIVED, NOT_ASKED) else FAILED
+        if not said.asked or acted < step - 1:
+            return None
+        end = PerceptEnd.ANSWERED if said.perceived else PerceptEnd.said(account.percept)
+        return said.peer, FAILED if end is None else end.outcome
 
     def _doorway(self, step: int, number: int, cell: int, robots: int) -> Marker:
         """Return a box that grows with the robots in a doorway, flat and pale where none is."""

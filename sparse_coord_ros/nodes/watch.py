@@ -50,14 +50,13 @@ from sparse_coord_ros.nodes.intake import Intake
 from sparse_coord_ros.nodes.messages import (
     Announced,
     Converter,
-    Said,
     read_tables_message,
     typed,
 )
 from sparse_coord_ros.nodes.parameters import EXECUTOR, ParameterNode
 from sparse_coord_ros.nodes.spin import run_node
-from sparse_coord_ros.wire import WORLD
-from sparse_coord_ros.wire.frame import Account
+from sparse_coord_ros.wire import WORLD, Account, PerceptEnd, services
+from sparse_coord_ros.wire.status import Said
 
 if TYPE_CHECKING:
     from sparse_coord_ros.look.page.server import Server
@@ -101,9 +100,9 @@ class Controls:
         self.rate = 0.0
         self._queue: queue.SimpleQueue[Control] = queue.SimpleQueue()
         self._clients = {
-            PAUSE: node.create_client(SetBool, f"{WORLD}/pause"),
-            RESET: node.create_client(Trigger, f"{WORLD}/reset"),
-            STEP: node.create_client(Trigger, f"{WORLD}/step"),
+            PAUSE: node.create_client(SetBool, services.PAUSE.of(WORLD)),
+            RESET: node.create_client(Trigger, services.RESET.of(WORLD)),
+            STEP: node.create_client(Trigger, services.STEP.of(WORLD)),
             RATE: node.create_client(SetParameters, f"{WORLD}/set_parameters"),
         }
 
@@ -191,7 +190,7 @@ class InsideWatch(ParameterNode):
         after: Sequence[int],
     ) -> None:
         """Hear of each transition, from the world's side of the lock step."""
-        ends: Sequence[int | None] = ()
+        ends: Sequence[PerceptEnd | None] = ()
         if any(action is not None and action.asked and not action.perceived for action in actions):
             ends = [_end_of(robot, step) for robot in self._robots]
         self._view.take(
@@ -233,7 +232,7 @@ class InsideWatch(ParameterNode):
     def finish(self, *, interrupted: bool) -> None:
         """Show the end."""
         self._world.lockstep.watcher = None
-        self._show(wire.STOPPED if interrupted else wire.FINISHED)
+        self._show(wire.RunState.STOPPED if interrupted else wire.RunState.FINISHED)
         self._show_learned()
         self._server.show(None)
 
@@ -335,7 +334,7 @@ class WatchNode(Follower):
         """Say where the world is gone; the page waits for the next team."""
         assert self.team is not None
         view = self.team.view
-        over = view.state in (wire.FINISHED, wire.STOPPED, "gone")
+        over = view.state in (wire.RunState.FINISHED, wire.RunState.STOPPED, "gone")
         silent = self._heard is None or now - self._heard > GONE_SECONDS
         if silent and not over and not self.count_publishers(interface.STATUS.name):
             view.state = "gone"
@@ -551,13 +550,12 @@ def _grid(message: Any) -> np.ndarray:
     return np.frombuffer(bytes(message.data.tobytes()), dtype=np.int8).reshape(shape)
 
 
-def _percept(account: Account | None) -> int | None:
+def _percept(account: Account | None) -> PerceptEnd | None:
     """Return how a percept ended where the robot says something known."""
-    known = account is not None and 0 <= account.percept < len(wire.PERCEPT_ENDS)
-    return int(account.percept) if known and account is not None else None
+    return None if account is None else PerceptEnd.said(account.percept)
 
 
-def _end_of(robot: "RobotNode", step: int) -> int | None:
+def _end_of(robot: "RobotNode", step: int) -> PerceptEnd | None:
     """Return how the percept of a robot in this process ended at a time step."""
     return None if robot.member is None else _percept(robot.member.lockstep.account_of(step))
 

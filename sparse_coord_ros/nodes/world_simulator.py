@@ -48,7 +48,7 @@ from sparse_coord_ros.nodes.tap import Tap
 from sparse_coord_ros.nodes.world_bodies import DRIVER, WorldBodies
 from sparse_coord_ros.nodes.world_speed import WorldSpeed
 from sparse_coord_ros.nodes.world_topics import WorldTopics
-from sparse_coord_ros.wire import RECORDER, WORLD
+from sparse_coord_ros.wire import RECORDER, WORLD, services
 
 TICK_SECONDS = 0.02
 REPORT_SECONDS = 1.0
@@ -127,18 +127,18 @@ class WorldSimulator(ParameterNode):
     def doing(self) -> str:
         """What the world is doing: one of the states of `wire`."""
         if self.done:
-            return wire.FINISHED
+            return wire.RunState.FINISHED
         if self._stopped:
-            return wire.STOPPED
+            return wire.RunState.STOPPED
         started, resumed = self.speed.begun, self.values["resume"]
         calling = self.returning is not None and self.returning.calling
         if calling or (resumed and not started and not self._paused):
-            return wire.RESUMING  # where the team is will be known when all have answered
+            return wire.RunState.RESUMING  # where the team is will be known when all have answered
         if self._paused:
-            return wire.PAUSED
+            return wire.RunState.PAUSED
         if started:
-            return wire.GREEDY if self.run.greedy else wire.LEARNING
-        return wire.WAITING
+            return wire.RunState.GREEDY if self.run.greedy else wire.RunState.LEARNING
+        return wire.RunState.WAITING
 
     def _say(self) -> None:
         if self.returning is not None:
@@ -224,9 +224,9 @@ class WorldSimulator(ParameterNode):
         self.returning = Returning(
             self, self.intake, self.run, self.lockstep, self._checkpoints, self._on_return
         )
-        self.create_service(SetBool, "~/pause", self._on_pause)
-        self.create_service(Trigger, "~/reset", self._on_reset)
-        self.create_service(Trigger, "~/step", self._on_step)
+        self.create_service(SetBool, services.PAUSE.of("~"), self._on_pause)
+        self.create_service(Trigger, services.RESET.of("~"), self._on_reset)
+        self.create_service(Trigger, services.STEP.of("~"), self._on_step)
         self.topics.open(resumed=resumed)
         self._say()
 

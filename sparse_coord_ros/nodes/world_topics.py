@@ -10,20 +10,18 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from std_msgs.msg import String
 
-from sparse_coord_ros import wire
 from sparse_coord_ros.game.game import Game
 from sparse_coord_ros.game.world import Action, Reward
 from sparse_coord_ros.learn.run_config import RunConfig
-from sparse_coord_ros.lockstep.rollback import Order
 from sparse_coord_ros.lockstep.waiting import Silence
 from sparse_coord_ros.lockstep.world_side import WorldSide
 from sparse_coord_ros.nodes import interface
-from sparse_coord_ros.nodes.episode_messages import MapLayout, MarkersLayout
 from sparse_coord_ros.nodes.intake import Intake
-from sparse_coord_ros.nodes.messages import CLOCK_LAYOUT, Converter, order_text, status
+from sparse_coord_ros.nodes.messages import Converter, status
 from sparse_coord_ros.nodes.parameters import ParameterNode
 from sparse_coord_ros.nodes.scene import Scene, ScenePublisher
 from sparse_coord_ros.wire import RECORDER
+from sparse_coord_ros.wire.status import Order, Said
 
 
 class WorldTopics:
@@ -57,8 +55,6 @@ class WorldTopics:
         self._silence, self.checkpoint = silence, save
         self._names = [robot.name for robot in run.scenario.robots]
         self.convert = Converter(run)
-        self._map = MapLayout(self.convert)
-        self._markers = MarkersLayout(self.convert, run.scenario)
         self._clock_step = -1
         self._run_publisher = node.announce(interface.RUN)
         self._status_publisher = node.announce(interface.STATUS)
@@ -99,7 +95,7 @@ class WorldTopics:
         if step != self._clock_step:
             self._clock_step = step
             self._silence.begin(time.monotonic())
-            self.clock.publish(CLOCK_LAYOUT.pack(*self.convert.stamp(step)))
+            self.clock.publish(self.convert.pack_clock(step))
         self.states[robot].publish(self.convert.pack_state(step, cell))
 
     def reward(self, robot: int, step: int, reward: Reward) -> None:
@@ -108,7 +104,7 @@ class WorldTopics:
 
     def episode(self, step: int) -> None:
         """Publish map and markers as they are when an episode begins."""
-        self._map_publisher.publish(self._map.pack(step))
+        self._map_publisher.publish(self.convert.pack_map(step))
         self.show(scene=False)
 
     # Who hears the world, and whom it hears.
@@ -153,15 +149,15 @@ class WorldTopics:
 
     def say(self, state: str, side: WorldSide, order: Order) -> None:
         """Publish the status: what the world does, how far it is, and the order that stands."""
-        said = (self._game.step, self._game.transitions, side.left_out, side.began)
-        values = dict(zip(wire.STATUS_VALUES, said, strict=True))
-        values |= {wire.RUN_ID: self._run.id, wire.ROLLBACK: order_text(order)}
+        game = self._game
+        counts = game.step, game.transitions, side.left_out
+        values = Said(self._run.id, state, *counts, side.began, order).values()
         self._status_publisher.publish(status(self._run.scenario.name, state, values))
 
     def show(self, *, scene: bool = True, always: bool = False) -> None:
         """Publish where the robots are; the scene not too often, but for `always`."""
         game = self._game
-        self._marker_publisher.publish(self._markers.pack(game.step, game.cells))
+        self._marker_publisher.publish(self.convert.pack_markers(game.step, game.cells))
         if scene:
             self._scene.publish(game.step, game.cells, always=always)
 

@@ -19,13 +19,13 @@ from sparse_coord_ros.wire import (
     ACTION,
     ACTION_LABELS,
     COORDINATION_MAP,
-    FINISHED,
-    PERCEPT_ENDS,
-    STOPPED,
     TABLES,
+    PerceptEnd,
+    RunState,
     tables_attachment,
 )
-from sparse_coord_ros.wire.frame import Frame, action_numbers
+from sparse_coord_ros.wire.frame import Frame
+from sparse_coord_ros.wire.messages import action_numbers
 from sparse_coord_ros.wire.occupancy import OCCUPIED, OccupancyData
 
 
@@ -81,7 +81,7 @@ class AgentCheck:
     @property
     def killed(self) -> bool:
         """Whether it can have been killed: the run was stopped, or went on without it."""
-        if self.state == STOPPED:
+        if self.state == RunState.STOPPED:
             return True
         log, rows = self.log, self.log.step > self.trajectory.step.max(initial=-1)
         rewarded = ~np.isnan(log.reward[rows, :, 0])
@@ -190,7 +190,7 @@ class AgentCheck:
         """Return (quantity, logged, computed) of the first number that cannot be."""
         log, trajectory = self.log, self.trajectory
         ended = log.ended[trajectory.row[:end], self.k]
-        due = {name: int((ended == code).sum()) for code, name in enumerate(PERCEPT_ENDS)}
+        due = {end.words: int((ended == end).sum()) for end in PerceptEnd}
         learned = int(trajectory.learned[:to].sum())
         mine = [r for r in log.requests if r.asker == self.k and r.step < entry.step + end - to]
         # What was sent again as no answer came is the same request.
@@ -228,7 +228,7 @@ class AgentCheck:
         acted = int(self.trajectory.step.max(initial=0))
         end = int(states.max(initial=0))
         newest = max((step for step in steps if step <= end), default=0)
-        if self.state in (FINISHED, STOPPED) and newest < acted:
+        if self.state in (RunState.FINISHED, RunState.STOPPED) and newest < acted:
             due.append(end)
         unreadable = {
             p.step for p in log.problems if p.robot == self.name and p.quantity == TABLES.name

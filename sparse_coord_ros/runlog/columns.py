@@ -2,17 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """A bag's messages as columns: topic by topic, decoded many at a time."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
 from sparse_coord_ros.bags.reader import Bag, Part
-from sparse_coord_ros.bags.records import MESSAGE, rows_at
+from sparse_coord_ros.bags.records import MESSAGE
 from sparse_coord_ros.runlog.decode import Decoder
 from sparse_coord_ros.runlog.difference import LOG_TIME, Difference
-from sparse_coord_ros.runlog.layouts import Layout
+from sparse_coord_ros.wire.cdr import rows_at
 from sparse_coord_ros.wire.frame import SECOND
+from sparse_coord_ros.wire.messages import Form
 
 PART_BYTES = 4 * 1024 * 1024
 """Bytes of messages that are decoded at once: more take no less time."""
@@ -20,30 +20,12 @@ PART_BYTES = 4 * 1024 * 1024
 _STAMP = np.dtype([("encapsulation", "V4"), ("sec", "<i4"), ("nanosec", "<u4")])
 
 
-class Reader(NamedTuple):
-    """How the messages of one topic become rows.
-
-    Attributes:
-        kind: structured type of a row.
-        slow: gives the row of a decoded message, as a tuple; raises what comes up where the
-            message makes no sense.
-        fast: layouts, each with the function that puts its fields into rows; it may return which
-            of them make sense, the others are then left to `slow`.
-        learn: None, or gives further layouts after the first decoded message.
-    """
-
-    kind: np.dtype
-    slow: Callable[[Any], tuple[Any, ...]]
-    fast: list[tuple[Layout, Callable[[np.ndarray, np.ndarray], np.ndarray | None]]]
-    learn: Callable[[], None] | None = None
-
-
 class Columns:
     """Reads a bag once.
 
     Args:
         bag: the bag.
-        readers: by topic; other topics' messages are only counted and timed.
+        forms: by topic; other topics' messages are only counted and timed.
         stamped: the topics whose messages begin with the time at which they are logged.
         period: nanoseconds of a time step.
         begins: for each of the bag's files the time at which its recorder begins to count anew;
@@ -57,7 +39,7 @@ class Columns:
     def __init__(
         self,
         bag: Bag,
-        readers: Mapping[str, Reader],
+        forms: Mapping[str, Form],
         stamped: Sequence[str],
         period: int,
         begins: Sequence[int | None],
@@ -65,7 +47,7 @@ class Columns:
         self.problems: list[Difference] = []
         self._decode = Decoder(bag.topics)
         self._period = period
-        self._readers = readers
+        self._forms = forms
         self._topics = sorted(bag.topics)
         number = {name: place for place, name in enumerate(self._topics)}
         self._number = np.zeros(1 << 16, dtype=np.int64)
@@ -78,13 +60,13 @@ class Columns:
         for begins_at in begins:
             if begins_at is not None:
                 self._now = begins_at
-            parts: dict[str, list[np.ndarray]] = {name: [] for name in readers}
+            parts: dict[str, list[np.ndarray]] = {name: [] for name in forms}
             for part in bag.parts_of(len(self.rows), PART_BYTES):
                 for name, rows in self._part(part):
                     parts[name].append(rows)
             self.rows.append(
                 {
-                    name: np.concatenate([np.empty(0, readers[name].kind), *found])
+                    name: np.concatenate([np.empty(0, forms[name].columns), *found])
                     for name, found in parts.items()
                 }
             )
@@ -100,54 +82,42 @@ class Columns:
         for number, group in zip(found.tolist(), np.split(order, first[1:]), strict=False):
             name = self._topics[number]
             self._check_numbers(name, heads[group])
-            reader = self._readers.get(name)
-            if reader is not None:
+            form = self._forms.get(name)
+            if form is not None:
                 log_ns = heads["log_ns"][group]
-                yield name, self._rows(name, reader, part, group, lengths[group], log_ns)
+                yield name, self._rows(name, form, part, group, lengths[group], log_ns)
 
     def _rows(
         self,
         name: str,
-        reader: Reader,
+        form: Form,
         part: Part,
         group: np.ndarray,
         lengths: np.ndarray,
         log_ns: np.ndarray,
     ) -> np.ndarray:
-        rows = np.zeros(len(group), dtype=reader.kind)
+        rows = np.zeros(len(group), dtype=form.columns)
         left = np.ones(len(group), dtype=bool)
         bad = np.zeros(len(group), dtype=bool)
 
-        def fast() -> None:
-            for layout, fill in reader.fast:
-                mine = np.flatnonzero(left & (lengths == layout.size))
-                if len(mine):
-                    fits, fields = layout.read(part.content, part.begins[group[mine]])
-                    mine = mine[fits]
-                    filled = rows[mine]
-                    taken = fill(filled, fields[fits])
-                    rows[mine] = filled
-                    left[mine if taken is None else mine[taken]] = False
-
-        fast()
-        while left.any():
-            place = int(np.argmax(left))
-            left[place] = False
+        for layout, fill in form.layouts:
+            mine = np.flatnonzero(left & (lengths == layout.size))
+            if len(mine):
+                fits, fields = layout.read(part.content, part.begins[group[mine]])
+                mine = mine[fits]
+                filled = rows[mine]
+                taken = fill(filled, fields[fits])
+                rows[mine] = filled
+                left[mine if taken is None else mine[taken]] = False
+        for place in np.flatnonzero(left).tolist():
             begin = int(part.begins[group[place]])
             data = part.content[begin : begin + int(lengths[place])]
             try:
-                rows[place] = reader.slow(self._decode(name, data))
+                rows[place] = form.read(self._decode(name, data))
             except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
                 bad[place] = True
                 step = int(log_ns[place]) // self._period
-                logged = f"a message that {error}"
-                self._problem(step, f"topic {name}", logged, "readable")
-                continue
-            if reader.learn is not None:
-                before = len(reader.fast)
-                reader.learn()
-                if len(reader.fast) > before:
-                    fast()
+                self._problem(step, f"topic {name}", f"a message that {error}", "readable")
         return rows[~bad]
 
     def _check_numbers(self, name: str, heads: np.ndarray) -> None:
@@ -168,7 +138,7 @@ class Columns:
         published = part.heads["publish_ns"].astype(np.int64)
         stamped = self._stamped[numbers]
         due = logged.copy()
-        readable = stamped & (lengths >= _STAMP.itemsize)  # of others their reader says so
+        readable = stamped & (lengths >= _STAMP.itemsize)  # of others their form says so
         rows = rows_at(part.content, part.begins[readable], _STAMP)
         due[readable] = rows["sec"].astype(np.int64) * SECOND + rows["nanosec"]
         moved = np.where(stamped & (logged == due), logged, 0)

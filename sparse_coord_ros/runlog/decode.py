@@ -10,8 +10,6 @@ from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
 
 from sparse_coord_ros.bags.topics import BagTopic
-from sparse_coord_ros.wire import MAP_FRAME
-from sparse_coord_ros.wire.frame import SECOND, flat_position
 
 _SERVICE_TYPE = re.compile(r"(\w+)/srv/(\w+?)_(\w+)", re.ASCII)
 
@@ -63,24 +61,3 @@ class Decoder:
             id=1 + len(self._decoders), name=name, encoding="ros2msg", data=text.encode()
         )
         return self._factory.decoder_for("cdr", schema)
-
-
-def nanoseconds_of(time: Any) -> int:
-    """Return a decoded time in nanoseconds."""
-    return int(time.sec) * SECOND + int(time.nanosec)
-
-
-def check_frame(header: Any) -> None:
-    """Raise ValueError where a decoded header is not in the frame `map`."""
-    if header.frame_id != MAP_FRAME:
-        raise ValueError(f"is in the frame {header.frame_id!r}")
-
-
-def place_of(message: Any) -> tuple[float, float]:
-    """Return (x, y) of a decoded PoseStamped, in metres.
-
-    Raises:
-        ValueError: it is in another frame than `map`, turned, or off the ground.
-    """
-    check_frame(message.header)
-    return flat_position(message.pose)

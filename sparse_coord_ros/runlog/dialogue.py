@@ -8,35 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from sparse_coord_ros.runlog.decode import check_frame, nanoseconds_of, place_of
 from sparse_coord_ros.runlog.difference import DIALOGUE, Difference
 from sparse_coord_ros.runlog.timeline import steps_of
+from sparse_coord_ros.wire.events import EventKind
 from sparse_coord_ros.wire.frame import SECOND, Frame
 
-SENT, RECEIVED, ANSWERED, RETURNED = range(4)
-"""Event types of service_msgs/ServiceEventInfo: request sent, request received, response sent,
-response received."""
 NO_REQUEST = "without its request"
-EVENT_NAMES = ("request sent", "request received", "response sent", "response received")
-
-
-EVENT = np.dtype(
-    [
-        ("ns", "i8"),
-        ("kind", "u1"),
-        ("wall_ns", "i8"),
-        ("client", "V16"),
-        ("number", "i8"),
-        ("request", "?"),
-        ("asker", "i4"),
-        ("xy", "2f8"),
-        ("seen", "?"),
-    ]
-)
-"""One service event: stamp of the request or the answer; SENT, RECEIVED, ANSWERED or RETURNED;
-when, by the wall clock of the robot that says it; the client's identity and its request's number;
-whether it holds a request; of one the asker (-1: no robot) and where it is, of a response whether
-and where the asked robot is."""
 
 
 @dataclass(slots=True)
@@ -64,9 +41,9 @@ class Request:
     @property
     def seconds(self) -> float | None:
         """Wall clock from the request to its answer; None where one of them is not recorded."""
-        if SENT not in self.wall_ns or RETURNED not in self.wall_ns:
+        if EventKind.SENT not in self.wall_ns or EventKind.RETURNED not in self.wall_ns:
             return None
-        return (self.wall_ns[RETURNED] - self.wall_ns[SENT]) / SECOND
+        return (self.wall_ns[EventKind.RETURNED] - self.wall_ns[EventKind.SENT]) / SECOND
 
 
 def heard(requests: Sequence[Request]) -> list[Request]:
@@ -83,10 +60,12 @@ def heard(requests: Sequence[Request]) -> list[Request]:
     """
     latest: dict[tuple[int, int], int] = {}
     found = []
-    ordered = sorted(requests[::-1], key=lambda one: one.wall_ns.get(SENT, 0), reverse=True)
+    ordered = sorted(
+        requests[::-1], key=lambda one: one.wall_ns.get(EventKind.SENT, 0), reverse=True
+    )
     for request in ordered:
-        place, sent = (request.peer, request.step), request.wall_ns.get(SENT)
-        if request.wall_ns.get(RETURNED, 0) < latest.get(place, _NEVER):
+        place, sent = (request.peer, request.step), request.wall_ns.get(EventKind.SENT)
+        if request.wall_ns.get(EventKind.RETURNED, 0) < latest.get(place, _NEVER):
             found.append(request)
         if sent is not None:
             latest[place] = sent
@@ -113,38 +92,6 @@ def times_asked_again(requests: Sequence[Request]) -> int:
         again += behind and place in places
         places.add(place)
     return again
-
-
-def event_row(message: Any, names: Sequence[str]) -> tuple[Any, ...]:
-    """Return the row of a decoded event of GetPlan.
-
-    Raises:
-        ValueError: it holds neither a request nor a response, is of no known kind, or shows a
-            robot elsewhere than flat on the map. What persons ask may be anything.
-    """
-    info = message.info
-    kind = int(info.event_type)
-    client = bytes(byte & 0xFF for byte in info.client_gid)
-    wall_ns = nanoseconds_of(info.stamp)
-    head = kind, wall_ns, client, int(info.sequence_number)
-    if kind in (SENT, RECEIVED) and message.request:
-        start = message.request[0].start
-        ns, position = nanoseconds_of(start.header.stamp), start.pose.position
-        asker = message.request[0].goal.header.frame_id
-        number = names.index(asker) if asker in names else -1
-        if number >= 0 and ns:
-            place_of(start)
-        return ns, *head, True, number, (position.x, position.y), False
-    if kind in (ANSWERED, RETURNED) and message.response:
-        plan = message.response[0].plan
-        ns = nanoseconds_of(plan.header.stamp)
-        check_frame(plan.header)
-        if len(plan.poses) > 1:
-            raise ValueError(f"answers with {len(plan.poses)} places")
-        where = [place_of(pose) for pose in plan.poses]
-        place = where[0] if where else (np.nan, np.nan)
-        return ns, *head, False, -1, place, bool(where)
-    raise ValueError(f"event of type {kind} holds neither a request nor a response")
 
 
 def put_together(
@@ -181,14 +128,14 @@ def _put(
     steps = steps_of(rows, frame.period)
     codes = {client: code for code, client in enumerate(dict.fromkeys(rows["client"].tolist()))}
     client = np.array([codes[one] for one in rows["client"].tolist()], dtype=np.int64)
-    server = (rows["kind"] == RECEIVED) | (rows["kind"] == ANSWERED)
+    server = (rows["kind"] == EventKind.RECEIVED) | (rows["kind"] == EventKind.ANSWERED)
     writers = np.where(server, -1, client)
     for writer in np.unique(writers).tolist():
         mine = np.flatnonzero(writers == writer)
         wall = rows["wall_ns"][mine]
         late = np.maximum.accumulate(wall) - wall
         for place in np.flatnonzero(late > 0).tolist():
-            what = f"{DIALOGUE} {EVENT_NAMES[rows['kind'][mine[place]]]}"
+            what = f"{DIALOGUE} {EventKind(rows['kind'][mine[place]]).words}"
             logged = f"after one that is {late[place]} ns younger"
             step = int(steps[mine[place]])
             problems.append(Difference(step, names[peer], what, logged, "before it"))
@@ -202,7 +149,7 @@ def _put(
         if not is_request:
             waiting.append(event)
             continue
-        key = (kind == RECEIVED, who, number)
+        key = (kind == EventKind.RECEIVED, who, number)
         if asker < 0 or step == 0:
             strangers.add(key)
             continue
@@ -212,20 +159,22 @@ def _put(
             request = requests[place_of] = Request(asker, peer, step, tuple(xy))
         elif request.position != tuple(xy):
             said = f"from {request.position}"
-            problems.append(_problem(names, request, EVENT_NAMES[kind], f"from {tuple(xy)}", said))
+            problems.append(
+                _problem(names, request, EventKind(kind).words, f"from {tuple(xy)}", said)
+            )
         asked[key] = request
         _note(request, kind, wall_ns, problems, names)
     for kind, wall_ns, who, number, _, _, xy, seen, step in waiting:
-        key = (kind == ANSWERED, who, number)
+        key = (kind == EventKind.ANSWERED, who, number)
         request = asked.get(key)
         if request is None:
             if key not in strangers:
-                what = f"{DIALOGUE} {EVENT_NAMES[kind]}"
+                what = f"{DIALOGUE} {EventKind(kind).words}"
                 problems.append(Difference(step, names[peer], what, NO_REQUEST, "with it"))
             continue
         _note(request, kind, wall_ns, problems, names)
         content = (step, tuple(xy) if seen else None)
-        if kind == RETURNED:
+        if kind == EventKind.RETURNED:
             request.answer = content
         else:
             request.said = content
@@ -235,7 +184,7 @@ def _note(
     request: Request, kind: int, wall_ns: int, problems: list[Difference], names: Sequence[str]
 ) -> None:
     if kind in request.wall_ns:
-        problems.append(_problem(names, request, EVENT_NAMES[kind], "twice", "once"))
+        problems.append(_problem(names, request, EventKind(kind).words, "twice", "once"))
     else:
         request.wall_ns[kind] = wall_ns
 

@@ -48,7 +48,7 @@ class Coordination(NamedTuple):
         robot: the robot's number; cell: where it was.
         peers: whom it had to ask.
         requests: what it asked, in order, with the answers and the wall clock.
-        outcome: how the percept ended, in the words of `wire.PERCEPT_ENDS`.
+        outcome: how the percept ended, in the words of `wire.PerceptEnd`.
         perceived: the cells that it perceived, or None.
         action: the primitive action that COORDINATE became.
         q_values: the four values that the action was chosen by, before learning: of Q^C at the

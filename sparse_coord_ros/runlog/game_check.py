@@ -24,21 +24,7 @@ from sparse_coord_ros.runlog.difference import MISSING, Difference
 from sparse_coord_ros.runlog.draws import draws_at
 from sparse_coord_ros.runlog.log import RunLog, merged
 from sparse_coord_ros.runlog.tracks import THE_CLOCK
-from sparse_coord_ros.wire import (
-    ACTION,
-    ARRIVED,
-    FINISHED,
-    LOCAL_STATE,
-    NOBODY_LEFT,
-    PARTNERS_LABEL,
-    RESET,
-    REWARD,
-    REWARD_LABELS,
-    STATUS,
-    STEPS,
-    STOPPED,
-)
-from sparse_coord_ros.wire import START as RUN_START
+from sparse_coord_ros.wire import ACTION, LOCAL_STATE, PARTNERS, REWARD, STATUS, Began, RunState
 from sparse_coord_ros.wire.frame import Frame
 
 Finding = tuple[int, Difference]
@@ -257,10 +243,10 @@ class _Walk:
         """Return why the episode of a row can have begun."""
         begun = int(self.begun[row])
         if begun == 0:
-            return (RUN_START,)
+            return (Began.START,)
         if self.arrived[begun - 1].all():
-            return (ARRIVED,)
-        return (STEPS,) if self.used_up[begun - 1] else (RESET, NOBODY_LEFT)
+            return (Began.ARRIVED,)
+        return (Began.STEPS,) if self.used_up[begun - 1] else (Began.RESET, Began.NOBODY_LEFT)
 
     # Rewards.
 
@@ -311,11 +297,11 @@ class _Walk:
                 return Difference(step + EPISODE_GAP, name, LOCAL_STATE.name, MISSING, "a state")
         statuses = self.log.tracks.statuses
         end = statuses[-1] if statuses else None
-        if end is None or end.state not in (FINISHED, STOPPED):
+        if end is None or end.state not in (RunState.FINISHED, RunState.STOPPED):
             odd = MISSING if end is None else repr(end.state), "the end of the run"
         elif end.step != step:
             odd = f"step {end.step}", "the last step"
-        elif (end.state == FINISHED) != finished:
+        elif (end.state == RunState.FINISHED) != finished:
             odd = repr(end.state), f"{self.scenario.steps - transitions} steps of the budget left"
         else:
             return None
@@ -331,5 +317,5 @@ def _first(wrong: np.ndarray) -> list[int]:
 
 
 def _parts(numbers: Sequence[float]) -> str:
-    labels = (*REWARD_LABELS, PARTNERS_LABEL)
+    labels = (*REWARD.labels, PARTNERS)
     return " ".join(f"{label}={n!r}" for label, n in zip(labels, numbers, strict=False))

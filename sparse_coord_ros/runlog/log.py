@@ -20,10 +20,10 @@ from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.runlog.attached import RecordedTables
 from sparse_coord_ros.runlog.dialogue import Request
 from sparse_coord_ros.runlog.difference import Difference
-from sparse_coord_ros.runlog.readers import NUMBERS
 from sparse_coord_ros.runlog.tracks import Tracks, read_tracks
-from sparse_coord_ros.wire import ACTION, ACTION_LABELS, PERCEPT, REWARD_LABELS
-from sparse_coord_ros.wire.frame import EAST_NORTH, Frame, action_from
+from sparse_coord_ros.wire import ACTION, PERCEPT, REWARD
+from sparse_coord_ros.wire.frame import EAST_NORTH, Frame
+from sparse_coord_ros.wire.messages import action_from
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -54,7 +54,7 @@ class RunLog:
         partners: with whom a robot was in a miscoordination, as of `game.world.Reward`; NaN where
             nobody says, shape (T, K), float64.
         centred: whether a local state is just a cell's centre, shape (T, K), bool.
-        numbers: the actions' numbers as they were logged, `ACTION_LABELS` and `ACCOUNT_LABELS`:
+        numbers: the actions' numbers as they were logged, by the labels of `wire.ACTION`:
             shape (T, K, 7), float64.
         tables: by (robot's number, time step); of two of a step the later.
         all_tables: all of them, in the order of the log.
@@ -110,14 +110,14 @@ class RunLog:
 
     @property
     def ended(self) -> np.ndarray:
-        """How percepts ended: numbers of `wire.PERCEPT_ENDS`, NaN where none, shape (T, K)."""
-        ended: np.ndarray = self.numbers[..., NUMBERS.index(PERCEPT.name)]
+        """How percepts ended: numbers of `wire.PerceptEnd`, NaN where none, shape (T, K)."""
+        ended: np.ndarray = self.numbers[..., ACTION.column(PERCEPT.name)]
         return ended
 
     @property
     def has_learned(self) -> np.ndarray:
         """1 where a robot says that it has learned from its action before, shape (T, K)."""
-        said: np.ndarray = self.numbers[..., NUMBERS.index("learned")]
+        said: np.ndarray = self.numbers[..., ACTION.column("learned")]
         return said
 
     @cached_property
@@ -164,7 +164,7 @@ class RunLog:
             columns[name] = getattr(self, name).ravel()
         for place, name in enumerate(self.names):
             columns[f"percept_{name}"] = self.percept[..., place].ravel()
-        for place, label in enumerate(REWARD_LABELS):
+        for place, label in enumerate(REWARD.labels):
             columns["reward" if label == "total" else label] = self.reward[..., place].ravel()
         return data_frame(columns)
 
@@ -249,29 +249,29 @@ def log_of(tracks: Tracks) -> RunLog:
     step = merged(all_steps)
     shape = (len(step), len(names))
     position = np.full((*shape, 2), np.nan)
-    numbers = np.full((*shape, len(NUMBERS)), np.nan)
+    numbers = np.full((*shape, len(ACTION.labels)), np.nan)
     percept = np.full((*shape, len(names)), NONE, dtype=np.int32)
-    reward = np.full((*shape, len(REWARD_LABELS)), np.nan)
+    reward = np.full((*shape, len(REWARD.labels)), np.nan)
     partners = np.full(shape, np.nan)
     for k in robots:
         states, rewards, actions, _ = tracks.of(k)
         position[np.searchsorted(step, states.step), k] = states.rows["xy"]
         rewarded = np.searchsorted(step, rewards.step)
-        reward[rewarded, k] = rewards.rows["numbers"][:, : len(REWARD_LABELS)]
+        reward[rewarded, k] = rewards.rows["numbers"][:, : len(REWARD.labels)]
         if run.scenario.referee:
-            partners[rewarded, k] = rewards.rows["numbers"][:, len(REWARD_LABELS)]
+            partners[rewarded, k] = rewards.rows["numbers"][:, len(REWARD.labels)]
         numbers[np.searchsorted(step, actions.step), k] = actions.rows["numbers"]
     cells, centred = cell_numbers(frame, position)
     move = _moves(numbers)
     peer = np.full(shape, NOBODY, dtype=np.int16)
-    said = numbers[..., ACTION_LABELS.index("peer")]
+    said = numbers[..., ACTION.column("peer")]
     known = (move != NONE) & (said >= 0) & (said <= len(names))
     peer[known] = said[known].astype(np.int16) - 1
-    coordinate = numbers[..., ACTION_LABELS.index("coordinate")]
+    coordinate = numbers[..., ACTION.column("coordinate")]
     asked = (move != NONE) & (coordinate != 0)
     for place, k in np.argwhere((move == NONE) & ~np.isnan(numbers[..., 0])).tolist():
         try:
-            action_from(numbers[place, k, : len(ACTION_LABELS)].tolist())
+            action_from(numbers[place, k].tolist())
         except ValueError as error:
             tracks.problem(int(step[place]), k, ACTION.name, str(error), "an action")
     for k in robots:
@@ -294,7 +294,7 @@ def log_of(tracks: Tracks) -> RunLog:
         move=move,
         peer=peer,
         asked=asked,
-        perceived=(move != NONE) & (numbers[..., ACTION_LABELS.index("perceived")] != 0),
+        perceived=(move != NONE) & (numbers[..., ACTION.column("perceived")] != 0),
         percept=percept,
         reward=reward,
         partners=partners,
@@ -308,7 +308,7 @@ def log_of(tracks: Tracks) -> RunLog:
 def _moves(numbers: np.ndarray) -> np.ndarray:
     """Return the primitive actions that logged numbers say; NONE where they say none."""
     moves = np.full(numbers.shape[:-1], NONE, dtype=np.int8)
-    readable = np.isfinite(numbers[..., ACTION_LABELS.index("peer")])
+    readable = np.isfinite(numbers[..., ACTION.column("peer")])
     for move, (east, north) in enumerate(EAST_NORTH):
         moves[(numbers[..., 0] == east) & (numbers[..., 1] == north) & readable] = move
     return moves

@@ -8,29 +8,22 @@ from typing import Any
 import numpy as np
 
 from sparse_coord_ros.game.perception import percept_probabilities, succeeds
-from sparse_coord_ros.runlog.dialogue import EVENT_NAMES, RETURNED, Request, heard
+from sparse_coord_ros.runlog.dialogue import Request, heard
 from sparse_coord_ros.runlog.difference import DIALOGUE, MISSING, Difference
 from sparse_coord_ros.runlog.draws import percept_draws
 from sparse_coord_ros.runlog.log import NONE, RunLog
 from sparse_coord_ros.runlog.trajectory import trajectory_of
-from sparse_coord_ros.wire import (
-    ACTION,
-    ANSWERED,
-    LATE,
-    NOBODY_TO_ASK,
-    NOT_ASKED,
-    PERCEPT,
-    PERCEPT_ENDS,
-    REFUSED,
-)
+from sparse_coord_ros.wire import ACTION, PERCEPT, PerceptEnd
+from sparse_coord_ros.wire.events import EventKind
 from sparse_coord_ros.wire.frame import Frame
 
 Place = tuple[float, float]
 
 
 def percept_end(code: float) -> str:
-    """Return how a percept ended in the words of `PERCEPT_ENDS`, by the number in the action."""
-    return PERCEPT_ENDS[int(code)] if code in range(len(PERCEPT_ENDS)) else f"percept={code:g}"
+    """Return how a percept ended in the words of `PerceptEnd`, by the number in the action."""
+    end = PerceptEnd.said(code)
+    return f"percept={code:g}" if end is None else end.words
 
 
 def check_percepts(log: RunLog, last: int | None) -> list[Difference]:
@@ -89,9 +82,10 @@ class _Judge:
         trajectory = trajectory_of(log, k)
         codes = log.ended[trajectory.row, k]
         coordinates = log.asked[trajectory.row, k]
-        lies = (codes != NOT_ASKED) & ~coordinates & (trajectory.step <= self.last)
+        lies = (codes != PerceptEnd.DID_NOT_ASK) & ~coordinates
+        lies &= trajectory.step <= self.last
         for step, code in zip(trajectory.step[lies].tolist(), codes[lies].tolist(), strict=True):
-            yield self._code(step, k, code, PERCEPT_ENDS[NOT_ASKED])
+            yield self._code(step, k, code, PerceptEnd.DID_NOT_ASK.words)
         places = dict(zip(percepts.step.tolist(), range(len(percepts.step)), strict=True))
         for i in np.flatnonzero(coordinates & (trajectory.step <= self.last)).tolist():
             step = int(trajectory.step[i])
@@ -119,19 +113,21 @@ class _Judge:
         where = [centres[cell] if seen else None for cell, seen in zip(cells, sees, strict=True)]
         due = list(zip(peers, where, strict=True))
         answered = bool(peers) and all(sees)
-        expected = _words(cells) if answered else PERCEPT_ENDS[REFUSED]
-        allowed: tuple[int, ...] = (ANSWERED,)
+        expected = _words(cells) if answered else PerceptEnd.REFUSED.words
+        allowed: tuple[PerceptEnd, ...] = (PerceptEnd.ANSWERED,)
         if count == 1:
-            allowed = (REFUSED, LATE) if peers else (NOBODY_TO_ASK,)
+            allowed = (
+                (PerceptEnd.REFUSED, PerceptEnd.LATE) if peers else (PerceptEnd.NOBODY_TO_ASK,)
+            )
         elif not answered or places[1:] != where or count != 1 + len(peers):
             found = _words([self.frame.cell(*place) for place in places[1:]])
             yield Difference(step, name, PERCEPT.name, found, expected)
             return
         if code not in allowed:
-            yield self._code(step, k, code, " or ".join(PERCEPT_ENDS[one] for one in allowed))
-        elif code == ANSWERED:
+            yield self._code(step, k, code, " or ".join(end.words for end in allowed))
+        elif code == PerceptEnd.ANSWERED:
             yield from self._answers(k, step, due)
-        elif code == REFUSED:
+        elif code == PerceptEnd.REFUSED:
             yield from self._refused(k, step, due, expected=_words(cells))
 
     def _refused(
@@ -145,7 +141,7 @@ class _Judge:
             yield from self._answers(k, step, [(peer, where)])
             if not any(answers) or where is None:
                 return
-        yield Difference(step, self.log.names[k], PERCEPT.name, PERCEPT_ENDS[REFUSED], expected)
+        yield Difference(step, self.log.names[k], PERCEPT.name, PerceptEnd.REFUSED.words, expected)
 
     def _answers(
         self, k: int, step: int, due: Sequence[tuple[int, Place | None]]
@@ -159,7 +155,9 @@ class _Judge:
             if request is None:
                 yield Difference(step, name, quantity, MISSING, said)
             elif request.answer is None:
-                yield Difference(step, name, quantity, f"{EVENT_NAMES[RETURNED]} {MISSING}", said)
+                yield Difference(
+                    step, name, quantity, f"{EventKind.RETURNED.words} {MISSING}", said
+                )
             elif request.answer != (step, where):
                 yield Difference(step, name, quantity, f"{request.answer}", said)
 
@@ -177,10 +175,10 @@ class _Judge:
         log, step = self.log, request.step
         quantity = f"{DIALOGUE} with {log.names[request.peer]}"
         who = log.names[request.asker]
-        if RETURNED in request.wall_ns:
-            for kind, event in enumerate(EVENT_NAMES):
+        if EventKind.RETURNED in request.wall_ns:
+            for kind in EventKind:
                 if kind not in request.wall_ns:
-                    yield Difference(step, who, f"{quantity}, {event}", MISSING, "one")
+                    yield Difference(step, who, f"{quantity}, {kind.words}", MISSING, "one")
         if request.answer is not None and request.said not in (None, request.answer):
             said, heard = f"{request.said}", f"{request.answer}"
             yield Difference(step, who, quantity, said, f"{heard}, as it was received")

@@ -20,7 +20,6 @@ from sparse_coord_ros.wire import (
     MARKERS,
     PROGRESS,
     REWARD,
-    ROLLBACK,
     STATUS,
 )
 from sparse_coord_ros.wire.frame import Frame
@@ -80,7 +79,7 @@ def _robots(log: RunLog) -> Iterator[Return]:
 
 def _worlds(log: RunLog) -> Iterator[Return]:
     for step, said in _values(log, log.tracks.topic(STATUS)):
-        order = said.get(ROLLBACK, "").split()
+        order = said.get("rollback", "").split()
         if len(order) == 3 and order[1] == "-1":
             text = f"the world came back at step {step} and went on with a new episode"
             yield Return(None, step, f"{text}: what it then does is not computed again")

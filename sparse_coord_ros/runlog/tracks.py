@@ -16,11 +16,11 @@ from sparse_coord_ros.bags.topics import find_clock
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.runlog.attached import RecordedTables, read_tables
 from sparse_coord_ros.runlog.bag_run import BagRun, check_bag_run, find_run
-from sparse_coord_ros.runlog.columns import Columns, Reader
+from sparse_coord_ros.runlog.columns import Columns
 from sparse_coord_ros.runlog.decode import Decoder
 from sparse_coord_ros.runlog.dialogue import NO_REQUEST, Request, put_together
 from sparse_coord_ros.runlog.difference import MISSING, Difference
-from sparse_coord_ros.runlog.readers import KEEPER, Status, robot_readers, team_readers
+from sparse_coord_ros.runlog.readers import KEEPER, robot_forms, team_forms
 from sparse_coord_ros.runlog.timeline import (
     Gap,
     Rollback,
@@ -31,6 +31,8 @@ from sparse_coord_ros.runlog.timeline import (
     steps_of,
 )
 from sparse_coord_ros.wire.frame import SECOND, Frame
+from sparse_coord_ros.wire.messages import Form
+from sparse_coord_ros.wire.status import Said
 
 THE_CLOCK = wire.CLOCK.name.lstrip("/")
 SPOKEN = (wire.DIAGNOSTICS, wire.ROSOUT)
@@ -66,7 +68,7 @@ class Tracks:
         run: the run.
         prefix: what the names of its topics begin with.
         clock_topic: the full name of the clock's.
-        states, rewards, actions, percepts: of each robot; rows as of `robot_readers`.
+        states, rewards, actions, percepts: of each robot; rows as of `robot_forms`.
         clock: the steps of the clock.
         maps: time steps, in the order of the log.
         markers: the same, with the robots' positions `places`.
@@ -92,7 +94,7 @@ class Tracks:
     maps: np.ndarray = field(default_factory=lambda: NOTHING)
     markers: tuple[np.ndarray, np.ndarray] = (NOTHING, NOTHING)
     coordination_maps: list[tuple[np.ndarray, np.ndarray]] = field(default_factory=list)
-    statuses: list[Status] = field(default_factory=list)
+    statuses: list[Said] = field(default_factory=list)
     requests: list[Request] = field(default_factory=list)
     spoken: dict[wire.Topic, list[Any]] = field(default_factory=dict)
     tables: list[RecordedTables] = field(default_factory=list)
@@ -158,13 +160,13 @@ class _Channel(NamedTuple):
     """A topic of the run: what it says, and how its messages become rows."""
 
     topic: wire.Topic
-    reader: Reader
+    form: Form
 
 
 def _channels(tracks: Tracks, frame: Frame) -> dict[str, _Channel]:
     """Return the topics that the bag of a run has, by their full names."""
-    of_team, of_robots = team_readers(tracks.run, frame), robot_readers(tracks.run, frame)
-    found = {tracks.topic(topic): _Channel(topic, reader) for topic, reader in of_team.items()}
+    of_team, of_robots = team_forms(tracks.run, frame), robot_forms(tracks.run, frame)
+    found = {tracks.topic(topic): _Channel(topic, form) for topic, form in of_team.items()}
     for k in range(len(tracks.names)):
         found |= {tracks.topic(topic, k): _Channel(topic, r) for topic, r in of_robots.items()}
     return found
@@ -216,19 +218,19 @@ def _read_rows(
 ) -> list[dict[str, np.ndarray]]:
     """Return the rows of each file's topics, by full name; arguments as of `tracks_of`."""
     bag, channels = tracks.bag, _channels(tracks, frame)
-    readers = {
-        name: channel.reader
+    forms = {
+        name: channel.form
         for name, channel in channels.items()
         if only is None or channel.topic in only
     }
-    readers |= {tracks.topic(topic): KEEPER for topic in also}
+    forms |= {tracks.topic(topic): KEEPER for topic in also}
     stamped = [name for name, channel in channels.items() if channel.topic.stamped]
     begins: list[int | None] = [None] * len(bag.files)
     for back in backs:
         begins[back.file] = (back.first - 1) * frame.period
-    columns = Columns(bag, readers, stamped, frame.period, begins)
+    columns = Columns(bag, forms, stamped, frame.period, begins)
     tracks.problems += columns.problems
-    nothing = {name: np.empty(0, channel.reader.kind) for name, channel in channels.items()}
+    nothing = {name: np.empty(0, channel.form.columns) for name, channel in channels.items()}
     return [nothing | rows for rows in columns.rows]
 
 
@@ -353,27 +355,25 @@ class _Sorter:
             self._tracks.problem(int(steps[place + 1]), k, topic.name, logged, "before it")
         return steps, rows
 
-    def statuses(self, of_files: Sequence[Sequence[Status]]) -> None:
+    def statuses(self, of_files: Sequence[Sequence[Said]]) -> None:
         """Note the world's statuses, of each file, and what is odd about them."""
         places = [place for place, of in enumerate(of_files) for _ in of]
         said = list(chain(*of_files))
         valid = of_last(places, [one.step for one in said], self._backs)
         # A world that is yet to go back does not know where the team is.
         found = [
-            one for one, ok in zip(said, valid, strict=True) if ok and one.state != wire.RESUMING
+            one
+            for one, ok in zip(said, valid, strict=True)
+            if ok and one.state != wire.RunState.RESUMING
         ]
         for before, status in zip([None, *found], found, strict=False):
-            odd = []
+            odd: list[tuple[str, str]] = []
             if before is not None and status.step < before.step:
                 odd.append((f"after that of step {before.step}", "before it"))
-            if status.step < 0:
-                odd.append((f"step {status.step}", "0 or later"))
-            if status.state not in wire.STATES:
-                odd.append((repr(status.state[:40]), " or ".join(wire.STATES)))
-            if before is not None and before.state == wire.FINISHED != status.state:
+            if status.state not in list(wire.RunState):
+                odd.append((repr(status.state[:40]), " or ".join(wire.RunState)))
+            if before is not None and before.state == wire.RunState.FINISHED != status.state:
                 odd.append((f"{status.state!r} after {before.state!r}", "nothing after it"))
-            missing = [name for name in wire.STATUS_VALUES if getattr(status, name) is None]
-            odd += [(f"no {name!r}", "one") for name in missing]
             for logged, due in odd:
                 self._tracks.problem(status.step, None, wire.STATUS.name, logged, due)
         self._tracks.statuses = found

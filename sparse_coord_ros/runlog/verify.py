@@ -19,13 +19,12 @@ from sparse_coord_ros.runlog.returned import left_open
 from sparse_coord_ros.runlog.tracks import THE_CLOCK
 from sparse_coord_ros.wire import (
     COORDINATION_MAP,
-    FINISHED,
     LOCAL_STATE,
     MAP,
     MARKERS,
+    OVER,
     REWARD,
     STATUS,
-    STOPPED,
     TABLES,
     TABLES_DEPTH,
     tables_attachment,
@@ -181,7 +180,7 @@ def _killed_robots(
 def _killed_world(log: RunLog, found: Sequence[Difference]) -> tuple[list[Difference], list[str]]:
     """Return what is missing as the world was killed, and a sentence that says so."""
     statuses = log.tracks.statuses
-    if log.broken_off or not statuses or statuses[-1].state in (FINISHED, STOPPED):
+    if log.broken_off or not statuses or statuses[-1].state in OVER:
         return [], []
     last = max(int(t.step.max(initial=0)) for t in (*log.tracks.states, log.tracks.clock))
     # The messages of its last moment may be lost too.

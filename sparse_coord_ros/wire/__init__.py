@@ -1,20 +1,42 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The vocabulary of the wire, without ROS: names, types, labels and states, each said once.
+"""The vocabulary of the wire, without ROS: topics, services, labels and states, each said once.
 
-The nodes bind these to message classes and QoS profiles (`nodes/interface.py`); recording and
-run log read bags by them. Topic names are relative: a team's to its namespace, a robot's to its
-own name; /clock and what ROS shares among all nodes are absolute.
+`TOPICS` is the table of all messages: whose each is, its type, the labels of its numbers, how it
+is delivered and recorded. `messages.py` packs and reads by it, `nodes/interface.py` binds it to
+message classes and QoS profiles; the recorder and the log follow it. Topic names are relative: a
+team's to its namespace, a robot's to its own name; /clock and what ROS shares among all nodes are
+absolute.
 """
 
 from dataclasses import dataclass
+from enum import IntEnum, StrEnum
+from typing import NamedTuple
 
-TEAM, ROBOT, NODE = "team", "robot", "node"
-"""Whose a topic is: one of the team, one of each robot, one of each world or robot node."""
+from sparse_coord_ros import palette
+from sparse_coord_ros.wire.services import ACTIVE_PERCEPTION
 
-STEP, EVENT, LATCHED, TABLES_KEPT = "step", "event", "latched", "tables"
-"""How a topic is published: at every time step; now and then; its last message is kept for late
-subscribers; its last `TABLES_DEPTH` are kept."""
+
+class Owner(StrEnum):
+    """Whose a topic is: one of the team, one of each robot, one of each world or robot node."""
+
+    TEAM = "team"
+    ROBOT = "robot"
+    NODE = "node"
+
+
+class Delivery(StrEnum):
+    """How a topic is published.
+
+    At every time step; now and then; its last message is kept for late subscribers; its last
+    `TABLES_DEPTH` are kept.
+    """
+
+    STEP = "step"
+    EVENT = "event"
+    LATCHED = "latched"
+    TABLES = "tables"
+
 
 TABLES_DEPTH = 10
 """A recorder that lags further behind misses tables of checkpoints."""
@@ -27,50 +49,176 @@ class Topic:
     Attributes:
         name: relative to the team's namespace, or to the robot's or node's name.
         type_name: the message's type, such as `std_msgs/msg/String`.
-        owner: TEAM, ROBOT or NODE.
-        delivery: STEP, EVENT, LATCHED or TABLES_KEPT.
+        owner: whose it is.
+        delivery: how it is published.
         stamped: the message begins with its time (a header or a clock), that of the run.
         tapped: published as packed bytes, and handed to a recorder in the same process: what
             each time step and episode says.
+        recorded: it is written into a bag as it is.
+        labels: of a sensor_msgs/JointState: what its numbers are called. A reader looks numbers
+            up by their labels, so a sender may add others.
     """
 
     name: str
     type_name: str
-    owner: str
-    delivery: str
+    owner: Owner
+    delivery: Delivery
     stamped: bool = False
     tapped: bool = False
+    recorded: bool = True
+    labels: tuple[str, ...] = ()
 
     def of(self, owner: str) -> str:
         """Return the topic's name below a robot's name; `~` is the node's own."""
         return f"{owner}/{self.name}"
 
+    def column(self, label: str) -> int:
+        """Return which of the numbers has a label."""
+        return self.labels.index(label)
 
-RUN = Topic("run", "std_msgs/msg/String", TEAM, LATCHED)
-STATUS = Topic("status", "diagnostic_msgs/msg/DiagnosticStatus", TEAM, LATCHED)
-CLOCK = Topic("/clock", "rosgraph_msgs/msg/Clock", TEAM, STEP, stamped=True, tapped=True)
-MAP = Topic("map", "nav_msgs/msg/OccupancyGrid", TEAM, LATCHED, stamped=True, tapped=True)
-MARKERS = Topic("markers", "visualization_msgs/msg/MarkerArray", TEAM, LATCHED, tapped=True)
-SCENE = Topic("scene", "visualization_msgs/msg/MarkerArray", TEAM, LATCHED)
+
+class PerceptEnd(IntEnum):
+    """How the percept of an action ended.
+
+    The action is no COORDINATE; every peer that was asked said where it is; a peer refused, or was
+    further; no answer came by the deadline; there is no peer.
+    """
+
+    DID_NOT_ASK = 0
+    ANSWERED = 1
+    REFUSED = 2
+    LATE = 3
+    NOBODY_TO_ASK = 4
+
+    @property
+    def words(self) -> str:
+        """The same in words."""
+        return self.name.lower().replace("_", " ")
+
+    @property
+    def outcome(self) -> str:
+        """What pictures and pages show of it: `palette.ANSWERED`, `REFUSED` or `FAILED`."""
+        shown = {PerceptEnd.ANSWERED: palette.ANSWERED, PerceptEnd.REFUSED: palette.REFUSED}
+        return shown.get(self, palette.FAILED)
+
+    @classmethod
+    def said(cls, number: float) -> "PerceptEnd | None":
+        """Return the one that a number in a message says; None: it says none of them."""
+        return next((end for end in cls if end == number), None)
+
+    @classmethod
+    def untold(cls, *, perceived: bool, peers: int) -> "PerceptEnd":
+        """Return how a percept ended of which nobody says it: in one process none is late."""
+        if perceived:
+            return cls.ANSWERED
+        return cls.REFUSED if peers else cls.NOBODY_TO_ASK
+
+
+class Account(NamedTuple):
+    """What a robot says of itself in its `action`, beside the action: the fields are labels there.
+
+    Attributes:
+        percept: how its percept ended, a `PerceptEnd`.
+        learned: whether it has learned from its action before this one.
+    """
+
+    percept: int
+    learned: bool
+
+
+ACTION_LABELS = ("east", "north", "coordinate", "peer", "perceived")
+"""Of an `action`: what the action's own numbers are called; after them comes the account."""
+
+PARTNERS = "partners"
+"""A label more of `reward` where the world has a `referee`: the sum of 2^(j-1) of the robots j
+(from 1) with which the robot was in the miscoordination."""
+
+TEAM, ROBOT, NODE = Owner
+_STEP, _EVENT, _LATCHED, _TABLES = Delivery
+_STRING, _STATUS = "std_msgs/msg/String", "diagnostic_msgs/msg/DiagnosticStatus"
+_POSE, _NUMBERS = "geometry_msgs/msg/PoseStamped", "sensor_msgs/msg/JointState"
+_GRID, _MARKERS = "nav_msgs/msg/OccupancyGrid", "visualization_msgs/msg/MarkerArray"
+_REPORT = "diagnostic_msgs/msg/DiagnosticArray"
+_ROSOUT, _PARAMETERS = "rcl_interfaces/msg/Log", "rcl_interfaces/msg/ParameterEvent"
+
+RUN = Topic("run", _STRING, TEAM, _LATCHED)
+STATUS = Topic("status", _STATUS, TEAM, _LATCHED)
+CLOCK = Topic("/clock", "rosgraph_msgs/msg/Clock", TEAM, _STEP, stamped=True, tapped=True)
+MAP = Topic("map", _GRID, TEAM, _LATCHED, stamped=True, tapped=True)
+MARKERS = Topic("markers", _MARKERS, TEAM, _LATCHED, tapped=True)
+SCENE = Topic("scene", _MARKERS, TEAM, _LATCHED)
 """For people only: names of robots, who asks whom, how full doorways are."""
 
-DIAGNOSTICS = Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", TEAM, EVENT)
+DIAGNOSTICS = Topic("/diagnostics", _REPORT, TEAM, _EVENT)
 """Absolute, as REP 107 has it, so that an aggregator hears every team; drivers and other teams
 publish here too, with stamps of other clocks."""
 
-LOCAL_STATE = Topic(
-    "local_state", "geometry_msgs/msg/PoseStamped", ROBOT, STEP, stamped=True, tapped=True
+LOCAL_STATE = Topic("local_state", _POSE, ROBOT, _STEP, stamped=True, tapped=True)
+REWARD = Topic(
+    *("reward", _NUMBERS, ROBOT, _STEP),
+    stamped=True,
+    tapped=True,
+    labels=("individual", "common", "ask_cost", "total"),
 )
-REWARD = Topic("reward", "sensor_msgs/msg/JointState", ROBOT, STEP, stamped=True, tapped=True)
-ACTION = Topic("action", "sensor_msgs/msg/JointState", ROBOT, STEP, stamped=True, tapped=True)
-PERCEPT = Topic("percept", "nav_msgs/msg/Path", ROBOT, STEP, stamped=True)
-COORDINATION_MAP = Topic(
-    "coordination_map", "nav_msgs/msg/OccupancyGrid", ROBOT, LATCHED, stamped=True, tapped=True
+ACTION = Topic(
+    *("action", _NUMBERS, ROBOT, _STEP),
+    stamped=True,
+    tapped=True,
+    labels=(*ACTION_LABELS, *Account._fields),
 )
-PROGRESS = Topic("progress", "diagnostic_msgs/msg/DiagnosticStatus", ROBOT, LATCHED)
+PERCEPT = Topic("percept", "nav_msgs/msg/Path", ROBOT, _STEP, stamped=True)
+COORDINATION_MAP = Topic("coordination_map", _GRID, ROBOT, _LATCHED, stamped=True, tapped=True)
+PROGRESS = Topic("progress", _STATUS, ROBOT, _LATCHED)
 """What a robot says of its checkpoints, and the recorder of the orders that it has seen."""
-TABLES = Topic("tables", "std_msgs/msg/UInt8MultiArray", ROBOT, TABLES_KEPT)
+
+TABLES = Topic("tables", "std_msgs/msg/UInt8MultiArray", ROBOT, _TABLES, recorded=False)
 """Of a robot, as the bytes of an .npz file; the recorder attaches them to the bag."""
+
+CLAIM = Topic("claim", "std_msgs/msg/Header", NODE, _LATCHED)
+"""Of the world and of every robot: `frame_id` is what the node is called by nobody else, and its
+`ClaimRank`. The stamp (wall clock, since when) is for people only."""
+
+SERVICE_EVENTS = Topic(
+    f"{ACTIVE_PERCEPTION.name}/_service_event",
+    f"{ACTIVE_PERCEPTION.type_name}_Event",
+    ROBOT,
+    _STEP,
+)
+"""What rclpy publishes of the requests to a robot and of its answers."""
+
+RECORDING = Topic("recording", _STRING, TEAM, _LATCHED, recorded=False)
+"""Where a recorder writes: the bag's directory."""
+
+BODY_GOALS = Topic(
+    *("goals", _NUMBERS, TEAM, _LATCHED),
+    stamped=True,
+    recorded=False,
+    labels=("number", "place", "since"),
+)
+"""Where bodies are to go, of a world with bodies; see `lockstep.bodies`. After its own numbers
+come, for each robot that it tells something, `GOAL_LABELS` below the robot's name: `robot_1/from`,
+`robot_1/to`, cells."""
+
+GOAL_LABELS = ("from", "to")
+
+REACHED = Topic(
+    *("reached", _NUMBERS, ROBOT, _EVENT),
+    stamped=True,
+    recorded=False,
+    labels=("number", "cell", "there", "seconds", "stamp"),
+)
+"""Of a robot's driver: where the body is when its goal is over; cell -1: in none."""
+
+POSE = Topic("pose", _POSE, ROBOT, _STEP, stamped=True, recorded=False)
+ODOMETRY = Topic("odom", "nav_msgs/msg/Odometry", ROBOT, _STEP, stamped=True, recorded=False)
+CMD_VEL = Topic("cmd_vel", "geometry_msgs/msg/Twist", ROBOT, _EVENT, recorded=False)
+"""Of bodies: where they are, by their localisation and by their wheels; what they are to do."""
+
+ROSOUT = Topic("/rosout", _ROSOUT, TEAM, _EVENT)
+PARAMETER_EVENTS = Topic("/parameter_events", _PARAMETERS, TEAM, _EVENT)
+
+TOPICS = tuple(one for one in list(globals().values()) if isinstance(one, Topic))
+"""All of them, as they stand above."""
 
 TABLES_FOLDER = "tables/"
 """What the names of a bag's attached tables begin with."""
@@ -81,47 +229,9 @@ def tables_attachment(robot: str, step: int | str) -> str:
     return f"{TABLES_FOLDER}{robot}_{step}.npz"
 
 
-CLAIM = Topic("claim", "std_msgs/msg/Header", NODE, LATCHED)
-"""Of the world and of every robot: `frame_id` is what the node is called by nobody else, and how
-far it has come: one of `CLAIM_RANKS`. The stamp (wall clock, since when) is for people only."""
-
-CLAIM_RANKS = ("starting", "holding", "joined")
-"""How far a node of a name has come: it looks whether the name is taken; it has the name; it
-takes part in a run. Whoever has come further keeps the name."""
-
-ACTIVE_PERCEPTION = "active_perception"
-ACTIVE_PERCEPTION_TYPE = "nav_msgs/srv/GetPlan"
-SERVICE_EVENTS = Topic(
-    f"{ACTIVE_PERCEPTION}/_service_event", "nav_msgs/srv/GetPlan_Event", ROBOT, STEP
-)
-"""What rclpy publishes of the requests to a robot and of its answers."""
-
-BODY_GOALS = Topic("goals", "sensor_msgs/msg/JointState", TEAM, LATCHED, stamped=True)
-"""Where bodies are to go, of a world with bodies; see `lockstep.bodies`."""
-
-REACHED = Topic("reached", "sensor_msgs/msg/JointState", ROBOT, EVENT, stamped=True)
-"""Of a robot's driver: where the body is when its goal is over."""
-
-POSE = Topic("pose", "geometry_msgs/msg/PoseStamped", ROBOT, STEP, stamped=True)
-ODOMETRY = Topic("odom", "nav_msgs/msg/Odometry", ROBOT, STEP, stamped=True)
-CMD_VEL = Topic("cmd_vel", "geometry_msgs/msg/Twist", ROBOT, EVENT)
-"""Of bodies: where they are, by their localisation and by their wheels; what they are to do."""
-
-ROSOUT = Topic("/rosout", "rcl_interfaces/msg/Log", TEAM, EVENT)
-PARAMETER_EVENTS = Topic("/parameter_events", "rcl_interfaces/msg/ParameterEvent", TEAM, EVENT)
-
-TEAM_TOPICS = (RUN, STATUS, CLOCK, MAP, MARKERS, SCENE, DIAGNOSTICS)
-ROBOT_TOPICS = (LOCAL_STATE, REWARD, ACTION, PERCEPT, COORDINATION_MAP, PROGRESS)
-
-SAVE, PAUSE, RESET = "~/save", "~/pause", "~/reset"
-"""Services of a robot and of the world."""
-
 WORLD, RECORDER = "world_simulator", "recorder"
 """Roles, and what their nodes are called unless they are renamed: the world is who announces
 `run`, a recorder who publishes `recording`; a robot's node has the robot's name."""
-
-RECORDING = Topic("recording", "std_msgs/msg/String", TEAM, LATCHED)
-"""Where a recorder writes: the bag's directory."""
 
 MAP_FRAME = "map"
 
@@ -132,70 +242,61 @@ ROBOT_NAMES, QUESTIONS, WORDS, OCCUPANCY = "names", "questions", "words", "occup
 """The namespaces of the scene's markers: texts over the robots, lines from who asks to whom, what
 came of it in words, boxes over the doorways."""
 
-REWARD_LABELS = ("individual", "common", "ask_cost", "total")
-"""What the numbers of a reward are called in its message."""
-
-PARTNERS_LABEL = "partners"
-"""What follows them where the world has a `referee`: the sum of 2^(j-1) of the robots j (from 1)
-with which the robot was in the miscoordination."""
-
-ACTION_LABELS = ("east", "north", "coordinate", "peer", "perceived")
-"""What the numbers of an action are called in its message."""
-
-BODY_GOALS_LABELS = ("number", "place", "since")
-GOAL_LABELS = ("from", "to")
-"""What the numbers of goals are called in its message: first of all, then for each robot that
-it tells something the cells, below the robot's name: `robot_1/from`, `robot_1/to`."""
-
-REACHED_LABELS = ("number", "cell", "there", "seconds", "stamp")
-"""What the numbers of a driver's report are called in its message; cell -1: in none."""
-
-ACCOUNT_LABELS = ("percept", "learned")
-"""What the robot says of itself in the same message, after the action: how the percept ended, one
-of the five below; and 1 if it has learned from its action before this one, else 0. In bags of
-format 1 actions lack them."""
-
-NOT_ASKED, ANSWERED, REFUSED, LATE, NOBODY_TO_ASK = range(5)
-PERCEPT_ENDS = ("did not ask", "answered", "refused", "late", "nobody to ask")
-"""How the percept of an action ended: the action is no COORDINATE; every peer answered where it
-is; a peer refused, or was further; no answer came by the deadline; there is no peer."""
-
-STATUS_VALUES = ("step", "transitions", "left_out", "began")
-"""What `status` says beside its state: the time step; transitions made; for how many (robot, step)
-the world made a transition without the robot, though it had not arrived; why the episode began."""
-
-RUN_ID = "run"
-"""What `status` calls the identity of the world's run, which `run.yaml` gives as `id`."""
-
-ROLLBACK = "rollback"
-"""What `status` calls the order to go back that stands: its name, the checkpoint's step and the
-step of the first local state after it; empty where there is none."""
-
-START, ARRIVED, STEPS, RESET, NOBODY_LEFT = "start", "arrived", "steps", "reset", "nobody"
-"""Why an episode began: the run's first; all had arrived; `max_steps` were used up; somebody asked
-for it; nobody was left to wait for."""
-
 COUNTS = ("answered", "refused", "late", "repeated", "dropped", "learned", "step")
 """The numbers stored beside a robot's tables: how percepts ended; requests repeated as the peer
 was behind; transitions given up as no reward came; updates made; the time step of the tables."""
 
 BAG_FORMAT = 2
-"""Number of what a bag holds, in its metadata record; 1: version 0.1.0, which wrote no number."""
+"""Number of what a bag holds, in its metadata record."""
 
 FORMAT_KEY = "format"
 """What that number is called there."""
 
-INITIAL, CHECKPOINT, FINAL = "initial", "checkpoint", "final"
-"""Occasions on which a robot publishes its tables."""
 
-WAITING, RESUMING, LEARNING, GREEDY, PAUSED, FINISHED, STOPPED = (
-    "waiting",
-    "resuming",
-    "learning",
-    "acting greedily",
-    "paused",
-    "finished",
-    "stopped",
-)
-STATES = (WAITING, RESUMING, LEARNING, GREEDY, PAUSED, FINISHED, STOPPED)
-"""The states that `status` can name."""
+class RunState(StrEnum):
+    """The states of a run that `status` can name."""
+
+    WAITING = "waiting"
+    RESUMING = "resuming"
+    LEARNING = "learning"
+    GREEDY = "acting greedily"
+    PAUSED = "paused"
+    FINISHED = "finished"
+    STOPPED = "stopped"
+
+
+OVER = (RunState.FINISHED, RunState.STOPPED)
+"""The states after which a world says nothing more."""
+
+
+class Began(StrEnum):
+    """Why an episode began, as `status` says it.
+
+    The run's first; all had arrived; `max_steps` were used up; somebody asked for it; nobody was
+    left to wait for.
+    """
+
+    START = "start"
+    ARRIVED = "arrived"
+    STEPS = "steps"
+    RESET = "reset"
+    NOBODY_LEFT = "nobody"
+
+
+class ClaimRank(IntEnum):
+    """How far a node of a name has come; whoever has come further keeps the name.
+
+    It looks whether the name is taken; it has the name; it takes part in a run.
+    """
+
+    STARTING = 0
+    HOLDING = 1
+    JOINED = 2
+
+
+class Occasion(StrEnum):
+    """On which a robot publishes its tables."""
+
+    INITIAL = "initial"
+    CHECKPOINT = "checkpoint"
+    FINAL = "final"

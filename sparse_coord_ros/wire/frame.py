@@ -5,21 +5,14 @@
 The nodes and whoever reads their log use this same object, so that both mean the same.
 """
 
-import struct
-from collections.abc import Sequence
 from math import isfinite
-from typing import Any, NamedTuple
 
 from sparse_coord_ros.game.actions import DIRECTIONS
 from sparse_coord_ros.game.grid import GridMap
-from sparse_coord_ros.game.world import Action, Reward
 from sparse_coord_ros.learn.run_config import RunConfig
 
 SECOND = 1_000_000_000
 """Nanoseconds."""
-
-STAMPED = struct.Struct("<4xiI")
-"""How a message that begins with its stamp begins as CDR: encapsulation, sec, nanosec."""
 
 EAST_NORTH = [(float(column), float(-row)) for row, column in DIRECTIONS]
 """The primitive actions as unit vectors (x east, y north: REP-103)."""
@@ -75,62 +68,3 @@ class Frame:
                 position = (self.grid.shape[0] - 1 - int(south), int(column))
                 cell = self.grid.number.get(position)
         return cell
-
-
-def flat_position(pose: Any) -> tuple[float, float]:
-    """Return (x, y) of a pose message; ValueError where it is turned or off the ground."""
-    place, turn = pose.position, pose.orientation
-    if (place.z, turn.x, turn.y, turn.z, turn.w) != (0.0, 0.0, 0.0, 0.0, 1.0):
-        raise ValueError("holds a pose that is not flat on the map")
-    return place.x, place.y
-
-
-def action_numbers(action: Action) -> tuple[float, ...]:
-    """Return the numbers of `ACTION_LABELS`; peers count from 1, 0 is none."""
-    return (
-        *EAST_NORTH[action.move],
-        float(action.asked),
-        float(action.peer + 1),
-        float(action.perceived),
-    )
-
-
-def reward_from(numbers: Sequence[float]) -> Reward:
-    """Return the reward that the numbers of `REWARD_LABELS` say, and `PARTNERS_LABEL` if there.
-
-    Raises:
-        ValueError: the partners are no number.
-    """
-    individual, common, ask_cost, total, *partners = numbers
-    if not partners:
-        return Reward(individual, common, ask_cost, total)
-    if not isfinite(partners[0]):
-        raise ValueError(f"partners is {partners[0]:g}, no sum of powers of two")
-    return Reward(individual, common, ask_cost, total, int(partners[0]))
-
-
-class Account(NamedTuple):
-    """What a robot says of itself beside its action.
-
-    Attributes:
-        percept: how its percept ended: one of `wire.PERCEPT_ENDS`, by number.
-        learned: whether it has learned from its action before this one.
-    """
-
-    percept: int
-    learned: bool
-
-
-def action_from(numbers: Sequence[float]) -> Action:
-    """Return the action that the numbers of `ACTION_LABELS` say.
-
-    Raises:
-        ValueError: (east, north) is no primitive action, or peer is no number.
-    """
-    east, north, asked, peer, perceived = numbers
-    move = MOVE_OF.get((east, north))
-    if move is None:
-        raise ValueError(f"(east, north) is ({east:g}, {north:g}), no primitive action")
-    if not isfinite(peer):
-        raise ValueError(f"peer is {peer:g}, no robot's number")
-    return Action(move, bool(asked), int(peer) - 1, bool(perceived))

@@ -19,7 +19,7 @@ from sparse_coord_ros.nodes.messages import Converter
 from sparse_coord_ros.nodes.spin import ros_context
 from sparse_coord_ros.nodes.team import run_team
 from sparse_coord_ros.runlog import read_run, verify
-from sparse_coord_ros.wire import ACCOUNT_LABELS, ACTION_LABELS, REWARD_LABELS
+from sparse_coord_ros.wire import ACTION, REWARD
 
 SEED, STEPS, CHECKPOINT = 5, 250, 100
 PERIOD_NS = 200_000_000
@@ -99,10 +99,10 @@ def test_an_independent_reader_finds_what_the_log_says(recorded):
                     assert convert.cell(at.x, at.y) == log.cells[row, k]
                 elif kind == "reward":
                     assert list(message.position) == log.reward[row, k].tolist()
-                    assert message.name == list(REWARD_LABELS)
+                    assert message.name == list(REWARD.labels)
                 elif kind == "action":
                     assert list(message.position) == log.numbers[row, k].tolist()
-                    assert message.name == [*ACTION_LABELS, *ACCOUNT_LABELS]
+                    assert message.name == list(ACTION.labels)
                 else:
                     cells = [
                         convert.cell(p.pose.position.x, p.pose.position.y) for p in message.poses

@@ -17,8 +17,9 @@ from sparse_coord_ros.learn.learners import learner_of
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.lockstep.checkpoints import KEPT_COMMON, KEPT_OWN
 from sparse_coord_ros.lockstep.robot_side import RobotSide
-from sparse_coord_ros.lockstep.rollback import ROLL_CALL, RobotRollback, WorldRollback
+from sparse_coord_ros.lockstep.rollback import RobotRollback, WorldRollback
 from sparse_coord_ros.lockstep.world_side import WorldSide
+from sparse_coord_ros.wire.status import ROLL_CALL
 
 WORLD = -1
 QUIET = 60

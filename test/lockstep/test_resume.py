@@ -13,7 +13,8 @@ from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.learn.simulation import Learning, learn, tables_equal
 from sparse_coord_ros.lockstep.checkpoints import Checkpoints, steps_of
-from sparse_coord_ros.lockstep.rollback import Progress, WorldRollback
+from sparse_coord_ros.lockstep.rollback import WorldRollback
+from sparse_coord_ros.wire.status import Progress
 
 from .team import WORLD, Team
 

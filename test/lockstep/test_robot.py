@@ -12,7 +12,7 @@ from sparse_coord_ros.game.world import Action, Reward
 from sparse_coord_ros.learn.agent import Agent, Tables
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.lockstep.robot_side import Answer, RobotSide
-from sparse_coord_ros.wire import ANSWERED, COUNTS, LATE, NOT_ASKED, REFUSED
+from sparse_coord_ros.wire import COUNTS, PerceptEnd
 
 SOUTH, EAST = 1, 2
 ASKING_CELL, GOAL = 5, 20
@@ -463,10 +463,10 @@ def test_each_action_says_how_its_percept_ended_and_whether_it_has_learned(robot
     robot.reward(4, Reward(0.0, 0.0, 0.0, 0.0))
     robot.state(5, 20)
     assert port.accounts == [
-        (NOT_ASKED, False),
-        (ANSWERED, True),
-        (REFUSED, False),
-        (LATE, True),
+        (PerceptEnd.DID_NOT_ASK, False),
+        (PerceptEnd.ANSWERED, True),
+        (PerceptEnd.REFUSED, False),
+        (PerceptEnd.LATE, True),
     ]
     robot.state(4, ASKING_CELL)
     assert robot.counts == {
@@ -481,7 +481,11 @@ def test_an_action_said_again_says_the_same_of_itself(robot, port):
     robot.reward(1, Reward(0.0, 0.0, 0.0, 0.0))
     robot.state(2, 1)
     robot.state(2, 1)
-    assert port.accounts == [(NOT_ASKED, False), (NOT_ASKED, True), (NOT_ASKED, True)]
+    assert port.accounts == [
+        (PerceptEnd.DID_NOT_ASK, False),
+        (PerceptEnd.DID_NOT_ASK, True),
+        (PerceptEnd.DID_NOT_ASK, True),
+    ]
 
 
 def test_a_reward_is_for_one_transition_only(robot):
@@ -511,5 +515,5 @@ def test_a_robot_that_does_not_learn_says_so(robot, port):
     robot.state(1, 0)
     robot.reward(1, Reward(4.0, 0.0, 0.0, 4.0))
     robot.state(2, 1)
-    assert port.accounts == [(NOT_ASKED, False)] * 2
+    assert port.accounts == [(PerceptEnd.DID_NOT_ASK, False)] * 2
     assert (robot.counts["learned"], robot.counts["dropped"]) == (0, 0)

@@ -8,7 +8,7 @@ from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.world import Action
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.lockstep.world_side import WorldSide
-from sparse_coord_ros.wire import ARRIVED, NOBODY_LEFT, RESET, START, STEPS
+from sparse_coord_ros.wire import Began
 
 EAST, WEST, NORTH = (
     Action(2, False, -1, False),
@@ -281,18 +281,18 @@ def test_it_counts_whom_it_leaves_out_at_each_step(world):
 
 def test_it_says_why_an_episode_began():
     world = make_world(max_steps=2)
-    assert world.began == START
+    assert world.began == Began.START
     play(world, DOWN, DOWN)
     play(world, DOWN, DOWN)
-    assert world.began == STEPS
+    assert world.began == Began.STEPS
     world.new_episode()
-    assert world.began == RESET
+    assert world.began == Began.RESET
     beside = make_world()
     arrive(beside)
     beside.expire()
-    assert beside.began == NOBODY_LEFT
+    assert beside.began == Began.NOBODY_LEFT
     together = make_world()
     together.world.arrived = [False, True]
     together.world.cells = [19, 17]
     play(together, EAST)
-    assert together.began == ARRIVED
+    assert together.began == Began.ARRIVED

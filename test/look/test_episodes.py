@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sparse_coord_ros import wire
 from sparse_coord_ros.errors import BagError, RunError
 from sparse_coord_ros.game.world import Action, Reward
 from sparse_coord_ros.learn.evaluation import play
@@ -15,7 +14,7 @@ from sparse_coord_ros.look.sources import open_shown
 from sparse_coord_ros.look.steps import ended, logged_step, seen_step
 from sparse_coord_ros.palette import ANSWERED, FAILED, REFUSED
 from sparse_coord_ros.runlog import read_run
-from sparse_coord_ros.runlog.readers import NUMBERS
+from sparse_coord_ros.wire import ACTION, PerceptEnd
 
 
 @pytest.fixture(scope="module")
@@ -40,16 +39,16 @@ def test_every_episode_of_a_log(log):
 @pytest.mark.parametrize(
     ("end", "outcome", "words"),
     [
-        (wire.REFUSED, REFUSED, "refused"),
-        (wire.LATE, FAILED, "no answer"),
-        (wire.NOBODY_TO_ASK, FAILED, "no answer"),
+        (PerceptEnd.REFUSED, REFUSED, "refused"),
+        (PerceptEnd.LATE, FAILED, "no answer"),
+        (PerceptEnd.NOBODY_TO_ASK, FAILED, "no answer"),
         (77, FAILED, "no answer"),  # another writer's
     ],
 )
 def test_how_a_question_ended_is_what_the_robot_says(log, end, outcome, words):
     row, k = np.argwhere(log.asked & ~log.perceived)[0].tolist()
     numbers = log.numbers.copy()
-    numbers[row, k, NUMBERS.index("percept")] = end
+    numbers[row, k, ACTION.column("percept")] = end
     changed = replace(log, numbers=numbers)
     [one] = [question for question in logged_step(changed, row).questions if question.asker == k]
     assert one.outcome == outcome and ended(changed)[outcome][row, k]
@@ -63,13 +62,13 @@ def test_a_step_that_is_seen():
     rewards = [Reward(-1.0, -2.0, -0.5, -3.5), None, None]
     step = seen_step(Glimpse(5, (3, 4, 9), (asks, moves, None), (4, 5, 9), True, rewards))
     [question] = step.questions
-    assert (question.asker, question.peers, question.end) == (0, (1, 2), wire.REFUSED)
+    assert (question.asker, question.peers, question.end) == (0, (1, 2), PerceptEnd.REFUSED)
     assert step.rewards == ((-1.0, -2.0, -0.5, -3.5), None, None) and step.miscoordination
     assert step.moves == (2, 1, None) and step.after == (4, 5, 9)
-    told = Glimpse(5, (3, 4), (asks, moves), (4, 5), False, ends=(wire.LATE, None))
+    told = Glimpse(5, (3, 4), (asks, moves), (4, 5), False, ends=(PerceptEnd.LATE, None))
     assert seen_step(told).questions[0].outcome == FAILED
     alone = Glimpse(5, (3,), (asks,), (4,), False)
-    assert seen_step(alone).questions[0].end == wire.NOBODY_TO_ASK
+    assert seen_step(alone).questions[0].end == PerceptEnd.NOBODY_TO_ASK
 
 
 def test_which_episode(log):

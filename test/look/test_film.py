@@ -68,7 +68,7 @@ def test_robots_move_from_cell_to_cell():
 def test_outcomes_differ_in_colour_line_and_sign():
     made = {}
     [(quiet, _), *_] = frames(film(ENV1, episode([[9, 11], [10, 11]]), title="t"))
-    for end in (wire.ANSWERED, wire.REFUSED, wire.LATE):
+    for end in (wire.PerceptEnd.ANSWERED, wire.PerceptEnd.REFUSED, wire.PerceptEnd.LATE):
         outcome = Question(0, (1,), end, 1).outcome
         asking = episode([[9, 11], [10, 11]], [Question(0, (1,), end, 1)])
         [(picture, stands), *_] = frames(film(ENV1, asking, title="t"))
@@ -90,7 +90,7 @@ def test_a_miscoordination_is_marked():
 
 
 def test_words_below_the_map():
-    asks = [Question(k, tuple(set(range(8)) - {k}), wire.REFUSED, 0) for k in range(6)]
+    asks = [Question(k, tuple(set(range(8)) - {k}), wire.PerceptEnd.REFUSED, 0) for k in range(6)]
     crowd = load_scenario("crowd-8r")
     cells = [[robot.start for robot in crowd.robots]] * 2
     stage = films._Stage(crowd, episode(cells, asks), "a $x$ & <b>")
@@ -104,7 +104,7 @@ def test_words_below_the_map():
         "and 4 more ask",
     ]
     assert (
-        Question(0, (), wire.NOBODY_TO_ASK, 2).in_words(["a"])
+        Question(0, (), wire.PerceptEnd.NOBODY_TO_ASK, 2).in_words(["a"])
         == "a asks nobody: no answer, goes east"
     )
 
@@ -113,7 +113,7 @@ def test_many_questions_to_all_hide_no_robot(monkeypatch):
     monkeypatch.setattr(films, "DPI", 50)
     crowd = load_scenario("crowd-8r")
     places = [35, 36, 37, 38, 39, 40, 57, 20]  # a throng round the doorways
-    asks = [Question(k, tuple(set(range(8)) - {k}), wire.ANSWERED, 0) for k in range(6)]
+    asks = [Question(k, tuple(set(range(8)) - {k}), wire.PerceptEnd.ANSWERED, 0) for k in range(6)]
     [(quiet, _), *_] = frames(film(crowd, episode([places] * 2), title="t"))
     [(picture, _), *_] = frames(film(crowd, episode([places] * 2, asks), title="t"))
     for colour in ROBOT_COLOURS:
@@ -123,7 +123,7 @@ def test_many_questions_to_all_hide_no_robot(monkeypatch):
 def test_a_state_that_the_log_lacks_and_long_episodes(monkeypatch):
     monkeypatch.setattr(films, "MOST_STEPS", 8)
     monkeypatch.setattr(films, "SMOOTH_STEPS", 5)
-    lost = episode([[0, None], [1, 3]], [Question(0, (1,), wire.LATE, 2)])
+    lost = episode([[0, None], [1, 3]], [Question(0, (1,), wire.PerceptEnd.LATE, 2)])
     assert len(frames(film(ENV1, lost, title="t"))) == 4
     long = frames(film(ENV1, episode([[0, 3]] * 12), title="t", rate=20))
     assert sum(ms for _, ms in long) == 8 * 50 + 200

@@ -27,14 +27,14 @@ from sparse_coord_ros.nodes.messages import (
     Converter,
     read_claim,
     read_run,
-    read_status,
     read_tables_message,
     status,
     tables_message,
     typed,
 )
 from sparse_coord_ros.nodes.parameters import RCLError as KnownRCLError
-from sparse_coord_ros.wire.frame import Account
+from sparse_coord_ros.wire import Account, services
+from sparse_coord_ros.wire.status import Said, read_status
 
 NAMES = ("robot_1", "robot_2")
 SETTINGS = {"steps": 60, "epsilon": "constant:1"}
@@ -59,7 +59,7 @@ def test_what_random_bytes_bring_about_is_an_exception_or_fits():
     """Every reader of the nodes, on messages with a few bytes changed."""
     chance = random.Random(1)
     convert = Converter(make_run(load_scenario("env1"), {}))
-    values = {"step": 7, "transitions": 5, "run": "ab"}
+    values = Said("ab", "learning", 7, 5).values()
     texts = {
         convert.unpack_state: convert.pack_state(7, 3),
         convert.unpack_reward: convert.pack_reward(7, Reward(1.0, 0.0, -1.0, 0.0)),
@@ -95,8 +95,8 @@ class Fuzzer:
 
     def __init__(self, bench, run_id):
         self._chance, self.node, self._run = random.Random(2), bench.observer(), run_id
-        topics = [(topic, topic.name) for topic in interface.TEAM_TOPICS]
-        kinds = (*interface.ROBOT_TOPICS, interface.CLAIM, interface.TABLES)
+        topics = [(topic, topic.name) for topic in interface.recorded(wire.TEAM)]
+        kinds = (*interface.recorded(wire.ROBOT), interface.CLAIM, interface.TABLES)
         topics += [(topic, topic.of(name)) for topic in kinds for name in NAMES]
         topics += [(interface.CLAIM, interface.CLAIM.of("world_simulator"))]
         self._publishers = [
@@ -104,7 +104,7 @@ class Fuzzer:
             for topic, name in topics
         ]
         self._clients = [
-            self.node.create_client(GetPlan, f"{name}/{wire.ACTIVE_PERCEPTION}") for name in NAMES
+            self.node.create_client(GetPlan, services.ACTIVE_PERCEPTION.of(name)) for name in NAMES
         ]
 
     def step(self):
@@ -138,14 +138,16 @@ class Fuzzer:
         if topic.type is PoseStamped:
             return PoseStamped(header=header)
         if topic.type is JointState:
-            names = self._chance.sample([*wire.ACTION_LABELS, *wire.REWARD_LABELS], 9)
+            names = self._chance.sample([*wire.ACTION.labels, *wire.REWARD.labels], 9)
             return JointState(header=header, name=names, position=[self._number() for _ in names])
         if topic is interface.CLAIM:
-            return Header(frame_id=f"{self._chance.randrange(99)} {wire.CLAIM_RANKS[2]}")
+            return Header(frame_id=f"{self._chance.randrange(99)} joined")
         if topic is interface.STATUS:
             pairs = {"run": self._chance.choice(["", "x"]), "step": "9", "transitions": "99999"}
             values = [KeyValue(key=k, value=v) for k, v in pairs.items()]
-            state = self._chance.choice([wire.FINISHED, wire.STOPPED, wire.LEARNING])
+            state = self._chance.choice(
+                [wire.RunState.FINISHED, wire.RunState.STOPPED, wire.RunState.LEARNING]
+            )
             return DiagnosticStatus(message=state, values=values)
         if topic is interface.TABLES:
             return UInt8MultiArray(data=self._chance.randbytes(50))

@@ -21,9 +21,10 @@ from visualization_msgs.msg import MarkerArray
 
 from sparse_coord_ros.learn.run_config import run_from_yaml
 from sparse_coord_ros.learn.tables import load_tables, robot_file
-from sparse_coord_ros.nodes.messages import Converter, status_values
+from sparse_coord_ros.nodes.messages import Converter
 from sparse_coord_ros.palette import robot_colour
 from sparse_coord_ros.share import share_file
+from sparse_coord_ros.wire.status import values_of
 
 SETTINGS = {"steps": 2000, "perception": "probability:0.5", "epsilon": "constant:1"}
 SEED = 11
@@ -174,7 +175,7 @@ def test_a_late_subscriber_gets_what_is_latched(team):
     assert run_from_yaml(got["run"][0].data, where="run") == team.run
     assert got["status"][0].message == "paused"
     assert got["status"][0].name == "env1"
-    assert int(status_values(got["status"][0])["step"]) > 1
+    assert int(values_of(got["status"][0])["step"]) > 1
     info = got["map"][0].info
     assert (info.width, info.height, info.resolution) == (5, 5, RESOLUTION)
     assert got["map"][0].data.count(100) == 4
@@ -245,17 +246,17 @@ def test_percepts_have_the_own_pose_and_then_the_peers(team):
 def test_diagnostics_come_from_everybody(team):
     by_name = {m.status[0].name: m.status[0] for m in team.diagnostics}
     assert set(by_name) == {"world_simulator: run", *(f"{name}: agent" for name in NAMES)}
-    world = status_values(by_name["world_simulator: run"])
+    world = values_of(by_name["world_simulator: run"])
     assert world["budget"] == "2000"
     rates = [
-        float(status_values(m.status[0])["steps_per_second"])
+        float(values_of(m.status[0])["steps_per_second"])
         for m in team.diagnostics
         if m.status[0].name == "world_simulator: run"
     ]
     assert max(rates) > 0
     assert world["slowest_robot"] in NAMES
     assert world["timeouts"] == "0"
-    robot = status_values(by_name["robot_1: agent"])
+    robot = values_of(by_name["robot_1: agent"])
     assert int(robot["asks_answered"]) + int(robot["asks_refused"]) > 0
     assert robot["epsilon"] == "1.0000"
     assert robot["transitions_dropped"] == "0"

@@ -20,26 +20,25 @@ from sparse_coord_ros.game.scenario import load_scenario, scenario_names
 from sparse_coord_ros.game.world import Action, Reward
 from sparse_coord_ros.learn.agent import initial_tables
 from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.lockstep.rollback import Progress
-from sparse_coord_ros.nodes.episode_messages import CoordinationMapLayout, MapLayout, MarkersLayout
 from sparse_coord_ros.nodes.messages import (
     Converter,
     progress_message,
     read_claim,
-    read_progress,
-    read_status,
     read_tables_message,
     status,
-    status_values,
     tables_message,
 )
 from sparse_coord_ros.palette import DOORWAY_COLOUR, rgb
-from sparse_coord_ros.wire import ACCOUNT_LABELS, ACTION_LABELS, REWARD_LABELS
-from sparse_coord_ros.wire.frame import Account
-
-RESOLUTIONS = [0.001, 0.05, 0.3, 1 / 3, 1.0, 7.77, 1000.0]
-PERIODS = [0.001, 0.0123456789, 1 / 3, 0.1, 1.0, 59.94, 60.0]
-STEPS = [0, 1, 2, 3, 7, 10, 999, 10_000, 123_456, 500_000]
+from sparse_coord_ros.wire import ACTION, REWARD, Account, ClaimRank
+from sparse_coord_ros.wire.messages import markers_form
+from sparse_coord_ros.wire.status import (
+    Order,
+    Progress,
+    Said,
+    read_progress,
+    read_status,
+    values_of,
+)
 
 
 def labelled(labels, numbers, *, frame="map", sec=0, nanosec=0):
@@ -53,46 +52,9 @@ def converter(name="env1", **settings):
 
 @pytest.mark.parametrize("name", scenario_names())
 def test_every_cell_of_every_map_comes_back(name):
-    for resolution in RESOLUTIONS:
-        convert = converter(name, resolution=resolution)
-        for cell in range(len(convert.grid.cells)):
-            assert convert.unpack_state(convert.pack_state(9, cell)) == (9, cell)
-            position = convert.pose(9, cell).pose.position
-            for dx, dy in ((0.45, 0.45), (-0.45, 0.45), (0.45, -0.45), (-0.45, -0.45)):
-                x, y = position.x + dx * resolution, position.y + dy * resolution
-                assert convert.cell(x, y) == cell
-
-
-@pytest.mark.parametrize("name", scenario_names())
-def test_walls_and_places_outside_are_no_cells(name):
-    convert = converter(name)
-    rows, columns = convert.grid.shape
-    for row, line in enumerate(convert.grid.rows):
-        for column, symbol in enumerate(line):
-            cell = convert.cell(column + 0.5, rows - row - 0.5)
-            assert (cell is None) == (symbol == "#")
-    for x, y in ((-0.5, 0.5), (0.5, -0.5), (columns + 0.5, 0.5), (0.5, rows + 0.5)):
-        assert convert.cell(x, y) is None
-    for bad in (math.nan, math.inf, -math.inf):
-        assert convert.cell(bad, 0.5) is None
-        assert convert.cell(0.5, bad) is None
-
-
-@pytest.mark.parametrize("period", PERIODS)
-def test_every_step_comes_back(period):
-    convert = converter(step_period=period)
-    for step in STEPS:
-        sec, nanosec = convert.stamp(step)
-        assert 0 <= nanosec < 1_000_000_000
-        assert abs(sec + nanosec * 1e-9 - step * period) <= step * 0.6e-9 + 1e-6
-        assert convert.step(sec, nanosec) == step
-        assert convert.unpack_state(convert.pack_state(step, 3)) == (step, 3)
-
-
-def test_a_stamp_beside_a_step_is_the_nearest_one():
-    convert = converter(step_period=0.1)
-    assert convert.step(1, 40_000_000) == 10
-    assert convert.step(1, 60_000_000) == 11
+    convert = converter(name, resolution=1 / 3)
+    for cell in range(len(convert.grid.cells)):
+        assert convert.unpack_state(convert.pack_state(9, cell)) == (9, cell)
 
 
 def test_x_points_east_and_y_north():
@@ -100,89 +62,38 @@ def test_x_points_east_and_y_north():
     rows, _ = convert.grid.shape
     for cell, (row, column) in enumerate(convert.grid.cells):
         message = deserialize_message(convert.pack_state(4, cell), PoseStamped)
+        assert message == convert.pose(4, cell)
         assert message.pose.position.x == (column + 0.5) * 0.5
         assert message.pose.position.y == (rows - 1 - row + 0.5) * 0.5
-        assert message.pose.orientation.w == 1.0
         assert message.header.frame_id == "map"
         assert message.header.stamp == Time(sec=0, nanosec=400_000_000)
 
 
-def test_a_state_in_a_wall_names_the_map():
-    convert = converter("env1")
-    message = PoseStamped(header=Header(frame_id="map"))
-    message.pose.position.x, message.pose.position.y = 2.5, 4.5
-    with pytest.raises(ValueError, match=r"\(2\.5, 4\.5\) is no free cell of map env1"):
-        convert.unpack_state(serialize_message(message))
-
-
-def test_rewards_come_back():
-    convert = converter()
-    for reward in (Reward(10.0, -20.0, -1.0, -11.0), Reward(0.0, 0.0, 0.0, 0.1 + 0.2)):
-        assert convert.unpack_reward(convert.pack_reward(12, reward)) == (12, reward)
-        message = deserialize_message(convert.pack_reward(12, reward), JointState)
-        assert dict(zip(message.name, message.position, strict=True)) == dict(
-            list(reward._asdict().items())[:4]
-        )
-
-
-@pytest.mark.parametrize("peer", [-1, 0, 3])
-@pytest.mark.parametrize("move", range(4))
-def test_actions_come_back(move, peer):
-    convert = converter("env2-4r")
-    for asked, perceived in ((False, False), (True, False), (True, True)):
-        action = Action(move, asked, peer, perceived)
-        for account in (Account(3, True), Account(0, False)):
-            data = convert.pack_action(77, action, account)
-            assert convert.unpack_action(data) == (77, action)
-            said = deserialize_message(data, JointState)
-            assert list(said.name) == [*ACTION_LABELS, *ACCOUNT_LABELS]
-            assert list(said.position[-2:]) == list(account)
-
-
-def test_an_action_of_version_0_1_0_is_understood():
-    message = labelled(ACTION_LABELS, [1.0, 0.0, 1.0, 2.0, 1.0])
-    step, action = converter().unpack_action(serialize_message(message))
-    assert (step, action) == (0, Action(2, True, 1, True))
-
-
 @pytest.mark.parametrize(
-    ("move", "vector"),
-    [(0, (0.0, 1.0)), (1, (0.0, -1.0)), (2, (1.0, 0.0)), (3, (-1.0, 0.0))],
-    ids=["north", "south", "east", "west"],
-)
-def test_primitive_actions_are_unit_vectors(move, vector):
-    message = deserialize_message(
-        converter().pack_action(1, Action(move, True, 1, False), Account(3, True)), JointState
-    )
-    said = dict(zip(message.name, message.position, strict=True))
-    assert (said["east"], said["north"]) == vector
-    assert (said["coordinate"], said["peer"], said["perceived"]) == (1.0, 2.0, 0.0)
-
-
-@pytest.mark.parametrize("east_north", [(0.0, 0.0), (1.0, 1.0), (0.5, 0.0), (math.nan, 1.0)])
-def test_no_other_vector_is_an_action(east_north):
-    message = labelled(ACTION_LABELS, [*east_north, 0.0, 0.0, 0.0])
-    with pytest.raises(ValueError, match="no primitive action"):
-        converter().unpack_action(serialize_message(message))
-
-
-@pytest.mark.parametrize(
-    ("change", "text"),
+    ("frame", "x", "text"),
     [
-        ({"labels": [*ACTION_LABELS[:4], "peer"]}, "labels are given twice"),
-        ({"labels": ACTION_LABELS[:4]}, "no number is labelled perceived"),
-        ({"frame": "odom"}, "frame_id is 'odom', not 'map'"),
-        ({"sec": -1}, "stamp -1 s 0 ns is no time of the run"),
-        ({"nanosec": 2**32 - 1}, "stamp 0 s 4294967295 ns is no time of the run"),
-        ({"numbers": [1.0, 0.0, math.nan, 0.0, 0.0]}, "coordinate nan"),
-        ({"numbers": [1.0, 0.0, 1.0, 3.0, 1.0]}, "peer 3.0"),
-        ({"numbers": [1.0, 0.0, 1.0, 1.0, 0.5]}, "perceived 0.5"),
+        ("map", 2.5, "is at (2.5, 4.5), no free cell of map env1"),
+        ("odom", 1.5, "is in the frame 'odom'"),
     ],
 )
-def test_an_action_that_does_not_fit_the_run_is_a_value_error(change, text):
-    said = {"labels": ACTION_LABELS, "numbers": [1.0, 0.0, 0.0, 0.0, 0.0], **change}
+def test_a_state_elsewhere_is_a_value_error(frame, x, text):
+    message = PoseStamped(header=Header(frame_id=frame))
+    message.pose.position.x, message.pose.position.y = x, 4.5
     with pytest.raises(ValueError, match=re.escape(text)):
-        converter().unpack_action(serialize_message(labelled(**said)))
+        converter("env1").unpack_state(serialize_message(message))
+
+
+@pytest.mark.parametrize("referee", [False, True])
+def test_rewards_come_back(referee):
+    scenario = load_scenario("env1").with_settings({"referee": referee})
+    convert = Converter(make_run(scenario, {}))
+    partners = (2,) if referee else ()
+    for parts in ((10.0, -20.0, -1.0, -11.0), (0.0, 0.0, 0.0, 0.1 + 0.2)):
+        reward = Reward(*parts, *partners)
+        data = convert.pack_reward(12, reward)
+        assert convert.unpack_reward(data) == (12, reward)
+        labels = [*REWARD.labels, *(["partners"] if referee else [])]
+        assert list(deserialize_message(data, JointState).name) == labels
 
 
 @pytest.mark.parametrize("strange", [math.nan, math.inf, -math.inf])
@@ -194,26 +105,68 @@ def test_a_reward_that_is_not_finite_is_a_value_error(strange):
         with pytest.raises(ValueError, match="not finite"):
             convert.unpack_reward(convert.pack_reward(3, Reward(*numbers)))
         with pytest.raises(ValueError, match="not finite"):
-            convert.unpack_reward(
-                serialize_message(labelled([*REWARD_LABELS, "x"], [*numbers, 0]))
-            )
+            message = labelled([*REWARD.labels, "x"], [*numbers, 0])
+            convert.unpack_reward(serialize_message(message))
 
 
-def test_a_state_of_another_frame_is_a_value_error():
-    message = converter().pose(4, 3)
-    message.header.frame_id = "odom"
-    with pytest.raises(ValueError, match="frame_id is 'odom'"):
-        converter().unpack_state(serialize_message(message))
+@pytest.mark.parametrize("peer", [-1, 0, 3])
+@pytest.mark.parametrize(
+    ("move", "vector"), [*enumerate([(0.0, 1.0), (0.0, -1.0), (1.0, 0.0), (-1.0, 0.0)])]
+)
+def test_actions_come_back(move, vector, peer):
+    """The moves north, south, east and west are unit vectors, peers count from 1."""
+    convert = converter("env2-4r")
+    for asked, perceived in ((False, False), (True, False), (True, True)):
+        action = Action(move, asked, peer, perceived)
+        for account in (Account(3, True), Account(0, False)):
+            data = convert.pack_action(77, action, account)
+            assert convert.unpack_action(data) == (77, action)
+            assert convert.unpack_account(data) == (77, action, account)
+            said = deserialize_message(data, JointState)
+            assert list(said.name) == list(ACTION.labels)
+            assert tuple(said.position) == (*vector, asked, peer + 1, perceived, *account)
 
 
-def test_status_says_of_which_run_it_is():
-    values = {"step": 7, "transitions": 6}
-    said = read_status(status("env1", "learning", values))
-    assert said[:4] == ("", "learning", 7, 6)
-    assert read_status(status("env1", "paused", {**values, "run": "ab"})).run == "ab"
-    for bad in ({"step": 7}, {"step": "x", "transitions": 1}, {"step": -1, "transitions": 0}):
+def altered(**numbers):
+    said = dict(zip(ACTION.labels, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], strict=True)) | numbers
+    return {"labels": said, "numbers": said.values()}
+
+
+@pytest.mark.parametrize(
+    ("said", "text"),
+    [
+        ({**altered(), "labels": [*ACTION.labels[:6], "peer"]}, "labels a number twice"),
+        ({"labels": ACTION.labels[:4], "numbers": [0.0] * 4}, "no number perceived, percept"),
+        ({**altered(), "frame": "odom"}, "is in the frame 'odom', not 'map'"),
+        ({**altered(), "sec": -1}, "is stamped -1 s 0 ns, which is no time of the run"),
+        ({**altered(), "nanosec": 2**32 - 1}, "0 s 4294967295 ns, which is no time"),
+        (altered(coordinate=math.nan), "coordinate nan"),
+        (altered(peer=3.0), "peer 3.0"),
+        (altered(peer=math.nan), "peer nan"),
+        (altered(peer=math.inf), "peer inf"),
+        (altered(perceived=0.5), "perceived 0.5"),
+        (altered(percept=math.inf), "says inf, 0.0 of itself"),
+        (altered(east=0.0), "no primitive action"),
+        (altered(north=1.0), "no primitive action"),
+        (altered(east=math.nan, north=1.0), "no primitive action"),
+    ],
+)
+def test_an_action_that_does_not_fit_the_run_is_a_value_error(said, text):
+    data = serialize_message(labelled(**said))
+    with pytest.raises(ValueError, match=re.escape(text)):
+        converter().unpack_account(data)
+
+
+def test_status_comes_back():
+    order = Order("ab", 20, 41)
+    for said in (Said("id", "learning", 7, 6, 2, "start", order), Said("", "paused", 1, 0)):
+        assert read_status(status("env1", said.state, said.values())) == said
+    good = Said("", "learning", 7, 6).values()
+    for bad in ({"step": "x"}, {"step": -1}, {"rollback": "ab 1"}):
         with pytest.raises(ValueError):
-            read_status(status("env1", "learning", bad))
+            read_status(status("env1", "learning", good | bad))
+    with pytest.raises(ValueError, match="calls no value 'began'"):
+        read_status(status("a", "b", {name: good[name] for name in good if name != "began"}))
 
 
 def test_progress_comes_back_and_none_is_beyond_any_run():
@@ -225,49 +178,64 @@ def test_progress_comes_back_and_none_is_beyond_any_run():
 
 
 def test_a_claim_says_who_and_how_far():
-    assert read_claim(Header(frame_id="ab12 holding")) == ("ab12", 1)
+    assert read_claim(Header(frame_id="ab12 holding")) == ("ab12", ClaimRank.HOLDING)
     for bad in ("", "ab12", " holding", "ab12 dancing"):
         with pytest.raises(ValueError, match="is no claim"):
             read_claim(Header(frame_id=bad))
 
 
-@pytest.mark.parametrize("peer", [math.nan, math.inf, -math.inf])
-def test_an_action_with_a_strange_peer_is_a_value_error(peer):
-    message = labelled(ACTION_LABELS, [1.0, 0.0, 1.0, peer, 0.0])
-    with pytest.raises(ValueError):
-        converter().unpack_action(serialize_message(message))
+def grid_of(convert, data):
+    """Return an occupancy grid's values as the map's rows are written, the northmost first."""
+    message = deserialize_message(data, OccupancyGrid)
+    info = message.info
+    assert (info.height, info.width) == convert.grid.shape
+    assert info.resolution == convert.resolution and info.origin.orientation.w == 1.0
+    assert message.header == convert.header(3)
+    return np.flipud(np.array(message.data).reshape(convert.grid.shape))
 
 
 def test_the_map_is_drawn_from_the_south():
     convert = converter("env1", resolution=0.25)
-    message = convert.map()
-    rows, columns = convert.grid.shape
-    assert (message.info.height, message.info.width) == (rows, columns)
-    assert message.info.resolution == 0.25
-    assert message.header.frame_id == "map"
-    for row, line in enumerate(convert.grid.rows):
-        for column, symbol in enumerate(line):
-            value = message.data[(rows - 1 - row) * columns + column]
-            assert value == (100 if symbol == "#" else 0)
+    values = grid_of(convert, convert.pack_map(3))
+    walls = np.array([[sign == "#" for sign in row] for row in convert.grid.rows])
+    np.testing.assert_array_equal(values, 100 * walls)
 
 
-def read_map(data):
-    return deserialize_message(data, OccupancyGrid)
+def test_the_coordination_map_shows_where_coordinate_is_best():
+    convert = converter("env1")
+    tables = initial_tables(load_scenario("env1"))
+    tables.q_star[:] = 0.0
+    tables.q_star[:, 0] = 1.0
+    tables.q_star[7, COORDINATE] = 2.0
+    values = grid_of(convert, convert.pack_coordination_map(3, tables))
+    assert np.argwhere(values == 100).tolist() == [list(convert.grid.cells[7])]
+    assert np.count_nonzero(values == -1) == sum(r.count("#") for r in convert.grid.rows)
+    tables = initial_tables(load_scenario("env1"), asks=False)
+    assert 100 not in grid_of(convert, convert.pack_coordination_map(3, tables))
 
 
-def test_episode_messages_are_those_that_rclpy_makes():
+def test_markers_show_doorways_goals_and_robots():
     """Packed twice at different steps: what one left must not show in the other."""
-    convert = converter()
-    scenario = load_scenario("env1")
-    markers, grid = MarkersLayout(convert, scenario), MapLayout(convert)
-    for step, cells in ((3, (4, 9)), (70_000, (20, 0))):
-        wanted = serialize_message(convert.markers(step, scenario, cells))
-        got = deserialize_message(markers.pack(step, cells), MarkerArray)
-        assert got == deserialize_message(wanted, MarkerArray)
-        wanted = convert.map()
-        wanted.header = convert.header(step)
-        wanted = deserialize_message(serialize_message(wanted), OccupancyGrid)
-        assert read_map(grid.pack(step)) == wanted
+    scenario = load_scenario("env2-4r")
+    convert = converter("env2-4r", resolution=2.0)
+    for step, cells in ((8, [3, 4, 5, 6]), (70_000, [7, 4, 0, 9])):
+        array = deserialize_message(convert.pack_markers(step, cells), MarkerArray)
+        by_kind = {}
+        for marker in array.markers:
+            assert (marker.action, marker.header) == (Marker.ADD, convert.header(step))
+            position = marker.pose.position
+            by_kind.setdefault(marker.ns, {})[marker.id] = convert.cell(position.x, position.y)
+        assert set(by_kind["doorways"].values()) == scenario.map.doorways
+        assert list(by_kind["goals"].values()) == [robot.goal for robot in scenario.robots]
+        assert list(by_kind["robots"].values()) == cells
+        assert len(array.markers) == sum(len(ids) for ids in by_kind.values())
+        ns, places = markers_form(convert, scenario).read(array)
+        assert (convert.step(0, ns), places) == (step, [convert.centres[c] for c in cells])
+    [look] = {(m.color.r, m.color.g, m.color.b) for m in array.markers if m.ns == "doorways"}
+    assert look == pytest.approx(rgb(DOORWAY_COLOUR), abs=1e-6), "as in every picture, no wall"
+    shapes = {m.ns: m.type for m in array.markers}
+    wanted = {"doorways": Marker.CUBE, "goals": Marker.CYLINDER, "robots": Marker.SPHERE}
+    assert shapes == wanted
 
 
 @pytest.mark.parametrize("change", ["label", "count"])
@@ -282,49 +250,8 @@ def test_tables_travel_as_bytes(change):
         read_tables_message(message)
 
 
-def test_the_coordination_map_shows_where_coordinate_is_best():
-    scenario = load_scenario("env1")
-    convert = converter("env1")
-    tables = initial_tables(scenario)
-    tables.q_star[:] = 0.0
-    tables.q_star[:, 0] = 1.0
-    tables.q_star[7, COORDINATE] = 2.0
-    message = read_map(CoordinationMapLayout(convert).pack(3, tables))
-    rows, columns = convert.grid.shape
-    row, column = convert.grid.cells[7]
-    values = np.flipud(np.array(message.data).reshape(rows, columns))
-    assert values[row, column] == 100
-    assert np.count_nonzero(values == 100) == 1
-    assert np.count_nonzero(values == -1) == sum(r.count("#") for r in convert.grid.rows)
-
-
-def test_the_coordination_map_of_a_baseline_is_empty():
-    tables = initial_tables(load_scenario("env1"), asks=False)
-    message = read_map(CoordinationMapLayout(converter()).pack(3, tables))
-    assert 100 not in message.data
-
-
-def test_markers_show_doorways_goals_and_robots():
-    scenario = load_scenario("env2-4r")
-    convert = converter("env2-4r", resolution=2.0)
-    cells = [3, 4, 5, 6]
-    array = convert.markers(8, scenario, cells)
-    by_kind = {}
-    for marker in array.markers:
-        assert marker.action == Marker.ADD
-        assert marker.header.frame_id == "map"
-        position = marker.pose.position
-        by_kind.setdefault(marker.ns, {})[marker.id] = convert.cell(position.x, position.y)
-    assert set(by_kind["doorways"].values()) == scenario.map.doorways
-    assert list(by_kind["goals"].values()) == [robot.goal for robot in scenario.robots]
-    assert list(by_kind["robots"].values()) == cells
-    [look] = {(m.color.r, m.color.g, m.color.b) for m in array.markers if m.ns == "doorways"}
-    assert look == pytest.approx(rgb(DOORWAY_COLOUR), abs=1e-6), "as in every picture, no wall"
-    assert len(array.markers) == sum(len(ids) for ids in by_kind.values())
-
-
-def test_status_values_come_back():
+def test_values_of_a_status_come_back():
     message = status("env1", "learning", {"step": 12, "rate": 0.5}, warn=True)
-    assert status_values(message) == {"step": "12", "rate": "0.5"}
+    assert values_of(message) == {"step": "12", "rate": "0.5"}
     assert (message.name, message.message, message.level) == ("env1", "learning", message.WARN)
     assert status("env1", "learning", {}).level == message.OK

@@ -15,11 +15,10 @@ from nav_msgs.msg import OccupancyGrid
 from visualization_msgs.msg import MarkerArray
 
 from sparse_coord_ros.errors import RunError
-from sparse_coord_ros.lockstep.rollback import Order
-from sparse_coord_ros.nodes.messages import Said
 from sparse_coord_ros.nodes.spin import ros_context
 from sparse_coord_ros.nodes.team import run_team
 from sparse_coord_ros.runlog import verify
+from sparse_coord_ros.wire.status import Order, Said
 
 SEED = 7
 SETTINGS = {"steps": 600, "perception": "probability:0.7"}

@@ -9,11 +9,12 @@ from std_msgs.msg import String
 from sparse_coord_ros.errors import RunError, SettingError, TablesError
 from sparse_coord_ros.learn.run_config import run_from_yaml
 from sparse_coord_ros.learn.tables import load_team, save_team
-from sparse_coord_ros.nodes.guard import HOLDING, JOINED, STARTING, Claim
+from sparse_coord_ros.nodes.guard import Claim
 from sparse_coord_ros.nodes.member import Member
 from sparse_coord_ros.nodes.spin import ros_context
 from sparse_coord_ros.nodes.team import run_team
 from sparse_coord_ros.nodes.world_simulator import WorldSimulator
+from sparse_coord_ros.wire import ClaimRank
 
 SHORT = ["steps=40"]
 TAKEN = "^node /robot_1: the name is taken, a node that was there before has it; stop that one"
@@ -102,7 +103,7 @@ def test_a_second_robot_of_a_name_stops_though_no_world_is_there_yet(bench):
     bench.place("a"), bench.place("b")
     other = bench.robot("robot_2", place="a")
     first = bench.robot("robot_1", place="b", claim_window=0.1)
-    bench.spin_until(lambda: first.guard.claim.rank == HOLDING, "first has its name")
+    bench.spin_until(lambda: first.guard.claim.rank == ClaimRank.HOLDING, "first has its name")
     second = bench.robot("robot_1", place="a", claim_window=5.0)
     with pytest.raises(RunError, match=TAKEN):
         bench.spin_until(lambda: False)
@@ -113,15 +114,15 @@ def test_a_second_robot_of_a_name_stops_though_no_world_is_there_yet(bench):
     assert world.summary()["timeouts"] == 0
 
 
-@pytest.mark.parametrize("rank", [STARTING, HOLDING])
+@pytest.mark.parametrize("rank", [ClaimRank.STARTING, ClaimRank.HOLDING])
 def test_of_two_nodes_of_a_name_one_ends(rank):
     """Who has come less far; of two that are equally far, who has the higher identity."""
     low, high = Claim("1", rank), Claim("2", rank)
     assert high.yields_to(low) and not low.yields_to(high)
     further = Claim("3", rank + 1)
     assert low.yields_to(further) and not further.yields_to(low)
-    joined = Claim("2", JOINED)
-    assert not joined.yields_to(Claim("1", JOINED)), "nobody leaves a run for another"
+    joined = Claim("2", ClaimRank.JOINED)
+    assert not joined.yields_to(Claim("1", ClaimRank.JOINED)), "nobody leaves a run for another"
 
 
 def test_a_second_world_stops(bench):

@@ -10,12 +10,12 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
-from sparse_coord_ros import wire
 from sparse_coord_ros.bags import open_bag
 from sparse_coord_ros.nodes.messages import Converter
 from sparse_coord_ros.nodes.spin import ros_context
 from sparse_coord_ros.nodes.team import run_team
 from sparse_coord_ros.runlog import verify
+from sparse_coord_ros.wire import services
 
 NAMES = ("robot_1", "robot_2")
 TEAM = {"run", "status", "map", "markers", "scene", "world_simulator/claim"}
@@ -108,7 +108,7 @@ def test_in_one_process_an_answer_reaches_one_client(own_domain, tmp_path):
         probe = Node("probe", context=context)
 
         def look():
-            clients.append(probe.count_clients(f"robot_1/{wire.ACTIVE_PERCEPTION}"))
+            clients.append(probe.count_clients(services.ACTIVE_PERCEPTION.of("robot_1")))
             return False
 
         values = {"scenario": "crowd-3r", "set": ["steps=300"], "record": False}

@@ -17,9 +17,10 @@ from sparse_coord_ros.look.page.board import Board
 from sparse_coord_ros.look.page.controls import PAUSE, RATE, RESET, STEP, Control
 from sparse_coord_ros.look.page.live_source import LiveView
 from sparse_coord_ros.nodes import interface, team, watch
-from sparse_coord_ros.nodes.messages import Said, read_status, typed
+from sparse_coord_ros.nodes.messages import typed
 from sparse_coord_ros.nodes.watch import WatchNode, _Heard
 from sparse_coord_ros.runlog import read_run
+from sparse_coord_ros.wire.status import Said, read_status
 
 
 def heard_of(run, view):

@@ -18,9 +18,10 @@ from sparse_coord_ros.bags.reader import open_bag
 from sparse_coord_ros.bags.recover import recover
 from sparse_coord_ros.errors import BagError
 from sparse_coord_ros.learn.tables import pack_tables, unpack_robot
-from sparse_coord_ros.nodes.messages import ACTION_LAYOUT, Converter
+from sparse_coord_ros.nodes.messages import Converter
 from sparse_coord_ros.runlog import read_run, verify
 from sparse_coord_ros.runlog.explain import coordinations, explain
+from sparse_coord_ros.wire.messages import ACTION_FORM
 
 EVENT = "/robot_2/active_perception/_service_event"
 SHOWN = {"/map": "map", "/markers": "markers", "/robot_1/coordination_map": "coordination_map"}
@@ -277,9 +278,9 @@ def test_a_status_of_another_type(good, tmp_path):
 def test_a_robot_that_learns_before_it_has_acted(alter):
     def change(messages):
         place = places(messages, "/robot_1/action")[0]
-        numbers = list(ACTION_LAYOUT.unpack(messages[place].data))
+        numbers = list(ACTION_FORM.layout.unpack(messages[place].data))
         assert numbers[-1] == 0.0
-        data = ACTION_LAYOUT.pack(*numbers[:-1], 1.0)
+        data = ACTION_FORM.layout.pack(*numbers[:-1], 1.0)
         messages[place] = messages[place]._replace(data=data)
         return messages
 

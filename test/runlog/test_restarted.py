@@ -15,11 +15,13 @@ from sparse_coord_ros.bags.recover import continued
 from sparse_coord_ros.nodes.messages import status
 from sparse_coord_ros.runlog import verify
 from sparse_coord_ros.runlog.attached import read_tables
-from sparse_coord_ros.runlog.dialogue import RETURNED, SENT, Request, heard, times_asked_again
+from sparse_coord_ros.runlog.dialogue import Request, heard, times_asked_again
 from sparse_coord_ros.runlog.percepts import check_percepts
 from sparse_coord_ros.runlog.timeline import Rollback
 from sparse_coord_ros.runlog.tracks import _under_way
-from sparse_coord_ros.wire import RESUMING, STATUS_VALUES
+from sparse_coord_ros.wire import RunState
+from sparse_coord_ros.wire.events import EventKind
+from sparse_coord_ros.wire.status import Said
 
 AT = 120
 """The time step at which the recorder is killed."""
@@ -117,7 +119,8 @@ def test_a_map_that_comes_again_is_known(restarted, good):
 
 
 def test_a_world_that_is_yet_to_go_back_does_not_know_the_step(restarted, good):
-    said = status("env1", RESUMING, dict(zip(STATUS_VALUES, (1, 0, 0, "start"), strict=True)))
+    said = Said("", RunState.RESUMING, 1, 0, 0, "start")
+    said = status("env1", said.state, said.values())
     messages = list(open_bag(good.bag).messages())
     cut = AT * good.run.step_period * 1e9
     ns = max(one.log_time_ns for one in messages if one.log_time_ns < cut)
@@ -141,7 +144,12 @@ def test_of_requests_sent_again_the_newest_counts():
 
     def request(sent, returned, peer=1, step=9):
         return Request(
-            0, peer, step, (0.0, 0.0), {SENT: sent, RETURNED: returned}, answer=(9, None)
+            0,
+            peer,
+            step,
+            (0.0, 0.0),
+            {EventKind.SENT: sent, EventKind.RETURNED: returned},
+            answer=(9, None),
         )
 
     superseded, newest = request(1, 30), request(20, 31)
@@ -182,10 +190,19 @@ def test_tables_of_the_checkpoint_come_again_where_a_file_takes_the_run_back(goo
 def test_a_busy_robot_that_asks_again_does_not_wait_for_its_peer(answers, times):
     """It had an answer of the very step, and did not look at it in time."""
     requests = [
-        Request(0, 1, 9, (0.0, 0.0), {SENT: 2 * i, RETURNED: 2 * i + 1}, answer=(answer, None))
+        Request(
+            0,
+            1,
+            9,
+            (0.0, 0.0),
+            {EventKind.SENT: 2 * i, EventKind.RETURNED: 2 * i + 1},
+            answer=(answer, None),
+        )
         for i, answer in enumerate(answers)
     ]
-    other = Request(0, 2, 9, (0.0, 0.0), {SENT: 90, RETURNED: 91}, answer=(8, None))
+    other = Request(
+        0, 2, 9, (0.0, 0.0), {EventKind.SENT: 90, EventKind.RETURNED: 91}, answer=(8, None)
+    )
     assert times_asked_again(heard([*requests, other])) == times
 
 
@@ -193,7 +210,7 @@ def test_a_busy_robot_acts_on_the_answer_that_had_come(good):
     """And not on that to the request that it sent meanwhile, by when its peer was further."""
     log = verify(good.bag).log
     one = next(r for r in log.requests if r.answer is not None and r.answer[1] is not None)
-    later = max(request.wall_ns.get(RETURNED, 0) for request in log.requests)
+    later = max(request.wall_ns.get(EventKind.RETURNED, 0) for request in log.requests)
     wall = {kind: later + 1 + kind for kind in range(4)}
 
     def odd(answer):

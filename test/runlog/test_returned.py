@@ -10,9 +10,9 @@ from sparse_coord_ros.bags import BagWriter, QoS
 from sparse_coord_ros.bags.reader import open_bag
 from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.learn.tables import pack_tables, unpack_robot
-from sparse_coord_ros.lockstep.rollback import Progress
 from sparse_coord_ros.nodes.messages import progress_message
 from sparse_coord_ros.runlog import verify
+from sparse_coord_ros.wire.status import Progress
 
 AT = 120
 """The time step at which robot_2 comes back."""

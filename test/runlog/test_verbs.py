@@ -10,8 +10,9 @@ import pytest
 from sparse_coord_ros.bags.reader import open_bag
 from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.game.world import Reward
-from sparse_coord_ros.nodes.messages import REWARD_LAYOUT, Converter
+from sparse_coord_ros.nodes.messages import Converter
 from sparse_coord_ros.runlog import read_run
+from sparse_coord_ros.wire.messages import REWARD_FORM
 
 
 @pytest.fixture
@@ -34,7 +35,7 @@ def changed(good, rewritten, tmp_path):
 
     def change(messages):
         place = next(p for p, m in enumerate(messages) if m.topic == "/robot_1/reward")
-        sec, nanosec, *parts = REWARD_LAYOUT.unpack(messages[place].data)
+        sec, nanosec, *parts = REWARD_FORM.layout.unpack(messages[place].data)
         parts[3] = math.nextafter(parts[3], math.inf)
         data = convert.pack_reward(1, Reward(*parts))
         messages[place] = messages[place]._replace(data=data)

@@ -14,17 +14,10 @@ from sparse_coord_ros.bags.reader import open_bag
 from sparse_coord_ros.errors import SparseCoordError
 from sparse_coord_ros.game.world import Action, Reward
 from sparse_coord_ros.learn.tables import pack_tables, unpack_robot
-from sparse_coord_ros.nodes.messages import ACTION_LAYOUT, REWARD_LAYOUT, Converter
+from sparse_coord_ros.nodes.messages import Converter
 from sparse_coord_ros.runlog import read_run, verify
-from sparse_coord_ros.wire import (
-    ACTION_LABELS,
-    ANSWERED,
-    NOBODY_TO_ASK,
-    NOT_ASKED,
-    PERCEPT_ENDS,
-    REFUSED,
-)
-from sparse_coord_ros.wire.frame import Account
+from sparse_coord_ros.wire import ACTION, Account, PerceptEnd
+from sparse_coord_ros.wire.messages import ACTION_FORM, REWARD_FORM
 
 EVENT = "active_perception/_service_event"
 TOPICS = ("local_state", "reward", "action")
@@ -182,7 +175,7 @@ def test_what_the_log_cannot_explain_is_a_difference(record, rewritten, convert,
     def change(messages):
         places = [p for p, m in enumerate(messages) if m.topic == "/robot_3/action"]
         step, action = convert.unpack_action(messages[places[150]].data)
-        account = Account(*ACTION_LAYOUT.unpack(messages[places[150]].data)[-2:])
+        account = Account(*ACTION_FORM.layout.unpack(messages[places[150]].data)[-2:])
         turned = action._replace(move=(action.move + 1) % 4)
         data = convert.pack_action(step, turned, account)
         messages[places[150]] = messages[places[150]]._replace(data=data)
@@ -220,7 +213,7 @@ def test_a_rewritten_log_is_still_identical(alter):
 @pytest.mark.parametrize("label", ["individual", "total"])
 def test_a_changed_reward(alter, convert, moved, label):
     def data(old):
-        sec, nanosec, *parts = REWARD_LAYOUT.unpack(old)
+        sec, nanosec, *parts = REWARD_FORM.layout.unpack(old)
         reward = Reward(*parts)
         nearest = math.nextafter(getattr(reward, label), math.inf)
         return convert.pack_reward(moved, reward._replace(**{label: nearest}))
@@ -236,7 +229,7 @@ def test_a_reward_that_equals_nothing_or_too_much(alter, convert, log, moved, va
     assert log.reward[log.step == moved, 1].tolist()[0][0] == 0.0
 
     def data(old):
-        reward = Reward(*REWARD_LAYOUT.unpack(old)[2:])
+        reward = Reward(*REWARD_FORM.layout.unpack(old)[2:])
         return convert.pack_reward(moved, reward._replace(individual=value))
 
     found = alter(on("/robot_2/reward", moved, convert, data))
@@ -268,9 +261,9 @@ def test_a_changed_move(alter, convert, log, moved):
 @pytest.mark.parametrize("place", [3, 5, 6, 7, 8])
 def test_a_changed_number_of_an_action(alter, convert, asked, place):
     def data(old):
-        numbers = list(ACTION_LAYOUT.unpack(old))
+        numbers = list(ACTION_FORM.layout.unpack(old))
         numbers[place] += 2.0
-        return ACTION_LAYOUT.pack(*numbers)
+        return ACTION_FORM.layout.pack(*numbers)
 
     found = alter(on("/robot_1/action", asked[0], convert, data))
     is_first(found, asked[0], "robot_1", "")
@@ -306,10 +299,10 @@ def test_an_answered_percept_that_is_said_to_be_refused(alter, convert, log, ask
     own = serialize_message(convert.path(asked[0], log.cells[row, :1].tolist()))
 
     def action(old):
-        numbers = list(ACTION_LAYOUT.unpack(old))
-        numbers[2 + ACTION_LABELS.index("perceived")] = 0.0
-        numbers[2 + len(ACTION_LABELS)] = float(REFUSED)
-        return ACTION_LAYOUT.pack(*numbers)
+        numbers = list(ACTION_FORM.layout.unpack(old))
+        numbers[2 + ACTION.column("perceived")] = 0.0
+        numbers[2 + ACTION.column("percept")] = float(PerceptEnd.REFUSED)
+        return ACTION_FORM.layout.pack(*numbers)
 
     def change(messages):
         messages = on("/robot_1/percept", asked[0], convert, lambda old: own)(messages)
@@ -321,19 +314,19 @@ def test_an_answered_percept_that_is_said_to_be_refused(alter, convert, log, ask
     assert mine[0].computed == f"cell {log.cells[row, 1]}"
 
 
-@pytest.mark.parametrize("end", [ANSWERED, NOBODY_TO_ASK])
+@pytest.mark.parametrize("end", [PerceptEnd.ANSWERED, PerceptEnd.NOBODY_TO_ASK])
 def test_a_percept_that_ended_without_having_begun(alter, convert, moved, end):
     """Whoever does not choose COORDINATE has no percept to end."""
 
     def data(old):
-        numbers = list(ACTION_LAYOUT.unpack(old))
-        assert numbers[2 + len(ACTION_LABELS)] == NOT_ASKED
-        numbers[2 + len(ACTION_LABELS)] = float(end)
-        return ACTION_LAYOUT.pack(*numbers)
+        numbers = list(ACTION_FORM.layout.unpack(old))
+        assert numbers[2 + ACTION.column("percept")] == PerceptEnd.DID_NOT_ASK
+        numbers[2 + ACTION.column("percept")] = float(end)
+        return ACTION_FORM.layout.pack(*numbers)
 
     found = alter(on("/robot_2/action", moved, convert, data))
     is_first(found, moved, "robot_2", "percept")
-    assert (found.first.logged, found.first.computed) == (PERCEPT_ENDS[end], "did not ask")
+    assert (found.first.logged, found.first.computed) == (end.words, "did not ask")
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,8 @@ import pytest
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.world import Action
 from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.wire.frame import Frame, action_from, action_numbers
+from sparse_coord_ros.wire.frame import Frame
+from sparse_coord_ros.wire.messages import action_from, action_numbers
 
 
 @pytest.mark.parametrize("resolution", [0.05, 1 / 3, 1.0, 7.77])

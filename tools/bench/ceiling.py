@@ -15,15 +15,15 @@ from nav_msgs.srv import GetPlan
 from rclpy.context import Context
 from rclpy.node import Node
 
-from sparse_coord_ros import wire
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.world import Action, Reward
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.nodes import interface
-from sparse_coord_ros.nodes.messages import CLOCK_LAYOUT, Converter
+from sparse_coord_ros.nodes.messages import Converter
 from sparse_coord_ros.nodes.middleware import one_host
 from sparse_coord_ros.nodes.spin import ros_context, spin_nodes
-from sparse_coord_ros.wire.frame import Account
+from sparse_coord_ros.wire import Account, services
+from sparse_coord_ros.wire.messages import CLOCK_FORM
 
 ROBOTS = ("robot_1", "robot_2")
 ASK_EVERY = 10
@@ -38,7 +38,7 @@ class BareWorld(Node):
         self._left, self._acted = steps, 0
         self.started = 0.0
         self.seconds = 0.0
-        self._messages = [(self._publisher(interface.CLOCK), CLOCK_LAYOUT.pack(1, 0))]
+        self._messages = [(self._publisher(interface.CLOCK), CLOCK_FORM.layout.pack(1, 0))]
         for robot in ROBOTS:
             self._messages += [
                 (
@@ -100,8 +100,8 @@ class BareRobot(Node):
             interface.ACTION.type, interface.ACTION.of(name), interface.ACTION.qos
         )
         self._path = CONVERT.path(1, (0,))
-        self.create_service(GetPlan, f"{name}/{wire.ACTIVE_PERCEPTION}", self._on_asked)
-        self._client = self.create_client(GetPlan, f"{peer}/{wire.ACTIVE_PERCEPTION}")
+        self.create_service(GetPlan, services.ACTIVE_PERCEPTION.of(name), self._on_asked)
+        self._client = self.create_client(GetPlan, services.ACTIVE_PERCEPTION.of(peer))
         self._request = GetPlan.Request()
         self._timer = self.create_timer(0.02, self._start)
 

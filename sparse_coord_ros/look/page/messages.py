@@ -25,7 +25,7 @@ from sparse_coord_ros.palette import (
     robot_colour,
 )
 from sparse_coord_ros.version import __version__
-from sparse_coord_ros.wire import ANSWERED, PERCEPT_ENDS
+from sparse_coord_ros.wire import PerceptEnd
 
 FORMAT = 2
 """Number of the messages' format, in the message `run`."""
@@ -100,7 +100,7 @@ def frame_message(seen: TimeStep, *, state: str, **more: Any) -> Message:
                 "robot": q.asker,
                 "peers": list(q.peers),
                 "outcome": q.outcome,
-                "ended": PERCEPT_ENDS[q.end],
+                "ended": q.end.words,
             }
             for q in seen.questions
         ],
@@ -210,9 +210,9 @@ def in_words(run: RunConfig, seen: TimeStep) -> Iterator[Message]:
         here = seen.cells[k]
         whom = ", ".join(names[peer] for peer in peers) or "nobody"
         cells = [seen.cells[peer] for peer in peers]
-        told = PERCEPT_ENDS[end]
+        told = end.words
         source = "" if here is None else f" by Q*[{here}]"
-        if end == ANSWERED and cells and None not in cells:
+        if end == PerceptEnd.ANSWERED and cells and None not in cells:
             told = f"answers {', '.join(_cell(run, cell) for cell in cells)}"
             source = f" by Q^C[{', '.join(str(cell) for cell in (here, *cells))}]"
         lines = [

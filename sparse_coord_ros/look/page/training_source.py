@@ -16,7 +16,7 @@ from sparse_coord_ros.learn.simulation import Glimpse
 from sparse_coord_ros.look.page.board import Board
 from sparse_coord_ros.look.page.controls import NEXT, PAUSE, RATE, STEP, Control
 from sparse_coord_ros.look.page.live_source import LiveView
-from sparse_coord_ros.wire import FINISHED, LEARNING, PAUSED
+from sparse_coord_ros.wire import RunState
 
 LOOKS_A_SECOND = 30
 CONTROLS = (PAUSE, STEP, RATE, NEXT)
@@ -43,7 +43,7 @@ class TrainingView:
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
         self.view = LiveView(run, board, source="train", title=title, controls=CONTROLS, now=now)
-        self.view.state = LEARNING
+        self.view.state = RunState.LEARNING
         self.wants_glimpse = True
         self._controls: queue.SimpleQueue[Control] = queue.SimpleQueue()
         self._now, self._sleep = now, sleep
@@ -66,7 +66,7 @@ class TrainingView:
         self._stepping = False
         while not self._controls.empty():
             self._do(self._controls.get())
-        self.view.state = PAUSED if self._held else LEARNING
+        self.view.state = RunState.PAUSED if self._held else RunState.LEARNING
         self._show(learning)
         if self._held:
             self.wants_glimpse = self._stepping
@@ -106,6 +106,6 @@ class TrainingView:
 
     def end(self, done: Training) -> None:
         """Show what was learned at the end."""
-        self.view.state = FINISHED
+        self.view.state = RunState.FINISHED
         self.view.show(transitions=done.transitions, episode=0, rate=self._rate)
         self._show_learned(done.history, done.tables)

@@ -1,0 +1,516 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The messages of a run, packed and read by the vocabulary, without ROS.
+
+A `Form` says what the messages of a topic say, how they look as bytes, and how a decoded one is
+read. The nodes pack and read single messages by it (`Messages`), the log many at once, by columns.
+An error's text says what such a message does, such as "labels no number total".
+"""
+
+import struct
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from math import isfinite
+from typing import Any, NamedTuple, get_type_hints
+
+import numpy as np
+
+from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.game.world import Action, Reward
+from sparse_coord_ros.learn.agent import Tables
+from sparse_coord_ros.learn.run_config import RunConfig
+from sparse_coord_ros.palette import DOORWAY_COLOUR, rgb, robot_colour
+from sparse_coord_ros.wire import (
+    ACTION,
+    DOORWAYS,
+    GOALS,
+    LOCAL_STATE,
+    MAP_FRAME,
+    PARTNERS,
+    REWARD,
+    ROBOTS,
+    Account,
+    Topic,
+)
+from sparse_coord_ros.wire.cdr import (
+    Fixed,
+    Free,
+    Item,
+    Layout,
+    no_stamp,
+    nothing,
+    place,
+    place_at,
+    stamp,
+)
+from sparse_coord_ros.wire.frame import EAST_NORTH, MOVE_OF, SECOND, Frame
+from sparse_coord_ros.wire.occupancy import OccupancyData
+
+STAMPED = struct.Struct("<4xiI")
+"""How a message that begins with its stamp begins as CDR: encapsulation, sec, nanosec."""
+
+NS = ("ns", "i8")
+"""The first column of every row: the message's stamp in nanoseconds."""
+
+Fill = Callable[[np.ndarray, np.ndarray], np.ndarray | None]
+"""Puts the free fields of messages into rows; returns which make sense, None: all."""
+
+
+def stamps_of(fields: np.ndarray, prefix: str = "") -> np.ndarray:
+    """Return the stamps of messages' fields in nanoseconds, shape (messages,)."""
+    seconds = fields[f"{prefix}sec"].astype(np.int64)
+    return np.asarray(seconds * SECOND + fields[f"{prefix}nanosec"])
+
+
+def by_name(rows: np.ndarray, fields: np.ndarray) -> None:
+    """Fill rows whose columns are called as the fields are."""
+    rows["ns"] = stamps_of(fields)
+    for name in (rows.dtype.names or ())[1:]:
+        rows[name] = fields[name]
+
+
+@dataclass(frozen=True)
+class Form:
+    """What the messages of one topic say, and how they are read.
+
+    Attributes:
+        columns: structured type of a row: "ns" first, then what a message says.
+        read: gives the row of a decoded message, as a tuple; ValueError, or what else comes up,
+            where it makes no sense.
+        layouts: how messages look as bytes, each with what fills rows from their fields; others
+            are decoded and `read`.
+    """
+
+    columns: np.dtype
+    read: Callable[[Any], tuple[Any, ...]]
+    layouts: Sequence[tuple[Layout, Fill]] = ()
+
+    @property
+    def layout(self) -> Layout:
+        """The layout of a form that has one."""
+        return self.layouts[0][0]
+
+
+def nanoseconds(time: Any) -> int:
+    """Return a decoded time in nanoseconds; ValueError where it is none."""
+    if not 0 <= time.nanosec < SECOND:
+        raise ValueError(f"is stamped {time.sec} s {time.nanosec} ns, which is no time of the run")
+    return int(time.sec) * SECOND + int(time.nanosec)
+
+
+def header(prefix: str = "") -> list[Item]:
+    """Return a header's fields in the frame `map`."""
+    return [*stamp(prefix), MAP_FRAME]
+
+
+def read_header(header: Any) -> int:
+    """Return a decoded header's stamp in nanoseconds; ValueError in another frame than `map`."""
+    if header.frame_id != MAP_FRAME:
+        raise ValueError(f"is in the frame {header.frame_id!r}, not {MAP_FRAME!r}")
+    return nanoseconds(header.stamp)
+
+
+def flat_position(pose: Any) -> tuple[float, float]:
+    """Return (x, y) of a pose; ValueError where it is turned or off the ground."""
+    place, turn = pose.position, pose.orientation
+    if (place.z, turn.x, turn.y, turn.z, turn.w) != (0.0, 0.0, 0.0, 0.0, 1.0):
+        raise ValueError("holds a pose that is not flat on the map")
+    return place.x, place.y
+
+
+def read_pose(message: Any) -> tuple[int, tuple[float, float]]:
+    """Return (nanoseconds, (x, y)) of a decoded geometry_msgs/PoseStamped; ValueError."""
+    return read_header(message.header), flat_position(message.pose)
+
+
+def labelled(labels: Sequence[str]) -> Form:
+    """Return the form of a sensor_msgs/JointState whose positions, `numbers`, have labels."""
+    count = len(labels)
+
+    def read(message: Any) -> tuple[int, list[float]]:
+        ns, said = read_labelled(message)
+        missing = [label for label in labels if label not in said]
+        if missing:
+            raise ValueError(f"labels no number {', '.join(missing)}")
+        return ns, [said[label] for label in labels]
+
+    numbers = Free("numbers", f"({count},)<f8")
+    items: list[Item] = [Fixed("<u4", count), *labels, Fixed("<u4", count), numbers]
+    layout = Layout([*header(), *items, *nothing("<u4", "<u4")])
+    return Form(np.dtype([NS, ("numbers", "f8", (count,))]), read, [(layout, by_name)])
+
+
+def read_labelled(message: Any) -> tuple[int, dict[str, float]]:
+    """Return (nanoseconds, numbers by their labels) of a decoded sensor_msgs/JointState.
+
+    Raises:
+        ValueError: another frame, a label that is given twice, or labels without numbers.
+    """
+    ns, labels = read_header(message.header), [str(label) for label in message.name]
+    if len(set(labels)) < len(labels):
+        raise ValueError(f"labels a number twice: {', '.join(labels)[:200]}")
+    if len(labels) != len(message.position):
+        raise ValueError(f"has {len(labels)} labels and {len(message.position)} numbers")
+    return ns, dict(zip(labels, message.position, strict=True))
+
+
+def exactly(form: Form) -> Form:
+    """Return the form of labelled numbers that refuses others beside them."""
+    count = form.columns["numbers"].shape[0]
+
+    def read(message: Any) -> tuple[Any, ...]:
+        if len(message.name) > count:
+            raise ValueError(f"labels its numbers {', '.join(message.name)[:200]}")
+        return form.read(message)
+
+    return replace(form, read=read)
+
+
+CLOCK_FORM = Form(
+    np.dtype([NS]),
+    lambda message: (nanoseconds(message.clock),),
+    [(Layout(stamp()), by_name)],
+)
+POSE_ITEMS = [*header(), *place()]
+"""The fields of a geometry_msgs/PoseStamped."""
+
+POSE_FORM = Form(np.dtype([NS, ("xy", "2f8")]), read_pose, [(Layout(POSE_ITEMS), by_name)])
+ACTION_FORM = labelled(ACTION.labels)
+REWARD_FORM = labelled(REWARD.labels)
+REFEREED_FORM = labelled((*REWARD.labels, PARTNERS))
+"""Of rewards where the world has a `referee`."""
+
+
+def path(count: int) -> list[Item]:
+    """Return the fields of a nav_msgs/Path of some poses, whose own stamps may be any."""
+    items: list[Item] = [*header(), Fixed("<u4", count)]
+    for number in range(count):
+        items += [*header(f"{number}_"), *place(f"{number}_")]
+    return items
+
+
+def percept_form(robots: int) -> Form:
+    """Return the form of a percept: `count` positions `places`, the own one first, then NaN."""
+
+    def read(message: Any) -> tuple[int, int, list[tuple[float, float]]]:
+        places = [read_pose(pose)[1] for pose in message.poses]
+        padded = [*places, *[(np.nan, np.nan)] * robots][:robots]
+        return read_header(message.header), len(places), padded
+
+    def fill(count: int) -> Fill:
+        def put(rows: np.ndarray, fields: np.ndarray) -> None:
+            rows["ns"], rows["count"], rows["places"] = stamps_of(fields), count, np.nan
+            for number in range(count):
+                rows["places"][:, number] = fields[f"{number}_xy"]
+
+        return put
+
+    columns = np.dtype([NS, ("count", "i4"), ("places", "f8", (robots, 2))])
+    return Form(columns, read, [(Layout(path(n)), fill(n)) for n in range(1, robots + 1)])
+
+
+def grid_form(frame: Frame) -> Form:
+    """Return the form of an occupancy grid that lies on the map: its `data`, southmost first."""
+    rows, columns = frame.grid.shape
+    resolution = float(np.float32(frame.resolution))
+
+    def read(message: Any) -> tuple[int, np.ndarray]:
+        info = message.info
+        time = info.map_load_time
+        said = (info.resolution, info.width, info.height, time.sec, time.nanosec)
+        if said != (resolution, columns, rows, 0, 0):
+            raise ValueError("has another resolution or size than the map")
+        if flat_position(info.origin) != frame.origin:
+            raise ValueError("has another origin than the map")
+        if len(message.data) != rows * columns:
+            raise ValueError(f"has {len(message.data)} cells, not {rows * columns}")
+        data = bytes(value & 0xFF for value in message.data)
+        return read_header(message.header), np.frombuffer(data, dtype=np.int8)
+
+    size = [Fixed("<f4", resolution), Fixed("<u4", columns), Fixed("<u4", rows)]
+    data: list[Item] = [Fixed("<u4", rows * columns), Free("data", f"({rows * columns},)i1")]
+    layout = Layout([*header(), *no_stamp(), *size, *place_at(*frame.origin), *data])
+    return Form(np.dtype([NS, ("data", "i1", (rows * columns,))]), read, [(layout, by_name)])
+
+
+def map_form(frame: Frame) -> Form:
+    """Return the form of the map, which must be the scenario's."""
+    grid = grid_form(frame)
+    due = np.frombuffer(OccupancyData(frame).map, dtype=np.int8)
+
+    def check(rows: np.ndarray, fields: np.ndarray) -> np.ndarray:
+        by_name(rows, fields)
+        return np.asarray((fields["data"] == due).all(axis=1))
+
+    def read(message: Any) -> tuple[int, np.ndarray]:
+        ns, data = grid.read(message)
+        if not np.array_equal(data, due):
+            raise ValueError("is not the scenario's map")
+        return ns, data
+
+    return Form(grid.columns, read, [(grid.layout, check)])
+
+
+CUBE, SPHERE, CYLINDER = 1, 2, 3
+"""Shapes of visualization_msgs/Marker."""
+
+
+class Mark(NamedTuple):
+    """One marker.
+
+    Attributes:
+        space, number: namespace and number, by which it is replaced.
+        at: where it is; None: it moves.
+        look: shape, action (0: show), scale x, y, z; colour r, g, b, a.
+    """
+
+    space: str
+    number: int
+    at: tuple[float, float] | None
+    look: tuple[float, ...]
+
+
+def marks(frame: Frame, scenario: Scenario) -> list[Mark]:
+    """Return the markers of a run: doorways, then of each robot its goal and itself."""
+
+    def look(shape: int, height: float, colour: str, alpha: float = 0.8) -> tuple[float, ...]:
+        width = (0.5 if shape == SPHERE else 0.9) * frame.resolution
+        return (shape, 0, width, width, height * frame.resolution, *rgb(colour), alpha)
+
+    # The map is dark where walls are; the scene's boxes stand on the doorways' plates.
+    plate = look(CUBE, 0.05, DOORWAY_COLOUR, 0.3)
+    found = [
+        Mark(DOORWAYS, number, frame.centres[cell], plate)
+        for number, cell in enumerate(sorted(frame.grid.doorways))
+    ]
+    for k, robot in enumerate(scenario.robots):
+        colour = robot_colour(k)
+        found.append(Mark(GOALS, k, frame.centres[robot.goal], look(CYLINDER, 0.04, colour)))
+        found.append(Mark(ROBOTS, k, None, look(SPHERE, 0.5, colour)))
+    return found
+
+
+def markers_form(frame: Frame, scenario: Scenario) -> Form:
+    """Return the form of the markers: the robots' positions, `places`."""
+    due = marks(frame, scenario)
+    moving = [number for number, mark in enumerate(due) if mark.at is None]
+
+    def read(message: Any) -> tuple[int, list[tuple[float, float]]]:
+        said = [(m.ns, m.id, flat_position(m.pose)) for m in message.markers]
+        shown = [(ns, k, None if ns == ROBOTS else at) for ns, k, at in said]
+        if shown != [mark[:3] for mark in due]:
+            raise ValueError("shows other doorways, goals or robots than the scenario's")
+        if [_look(marker) for marker in message.markers] != [_float32(m.look) for m in due]:
+            raise ValueError("shows them in other shapes or colours")
+        stamps = {read_header(marker.header) for marker in message.markers}
+        if len(stamps) != 1:
+            raise ValueError("holds several stamps")
+        return stamps.pop(), [said[number][2] for number in moving]
+
+    def fill(rows: np.ndarray, fields: np.ndarray) -> np.ndarray:
+        rows["ns"] = stamps_of(fields, "0_")
+        for place_, number in enumerate(moving):
+            rows["places"][:, place_] = fields[f"{number}_xy"]
+        stamps = [stamps_of(fields, f"{number}_") for number in range(len(due))]
+        return np.asarray(np.all([one == stamps[0] for one in stamps], axis=0))
+
+    items: list[Item] = [Fixed("<u4", len(due))]
+    for i, mark in enumerate(due):
+        items += [*header(f"{i}_"), mark.space, Fixed("<i4", mark.number)]
+        items += [Fixed("<i4", number) for number in mark.look[:2]]
+        items += place(f"{i}_") if mark.at is None else place_at(*mark.at)
+        items += [Fixed("<f8", number) for number in mark.look[2:5]]
+        items += [Fixed("<f4", number) for number in mark.look[5:]]
+        items += [*no_stamp(), *nothing("u1", "<u4", "<u4"), ""]  # lifetime to texture
+        items += [*no_stamp(), "", "", *nothing("<u4", "<u4"), "", "", "", *nothing("<u4", "u1")]
+    columns = np.dtype([NS, ("places", "f8", (len(moving), 2))])
+    return Form(columns, read, [(Layout(items), fill)])
+
+
+def _look(marker: Any) -> tuple[float, ...]:
+    size, colour = marker.scale, marker.color
+    look = (marker.type, marker.action, size.x, size.y, size.z)
+    return _float32((*look, colour.r, colour.g, colour.b, colour.a))
+
+
+def _float32(look: tuple[float, ...]) -> tuple[float, ...]:
+    """Return a look with its colour as it is sent."""
+    return (*look[:5], *np.array(look[5:], dtype=np.float32).tolist())
+
+
+def reward_from(numbers: Sequence[float]) -> Reward:
+    """Return the reward that the numbers of a `reward` say.
+
+    Raises:
+        ValueError: the partners are no number.
+    """
+    individual, common, ask_cost, total, *partners = numbers
+    if not partners:
+        return Reward(individual, common, ask_cost, total)
+    if not isfinite(partners[0]):
+        raise ValueError(f"says partners {partners[0]:g}, no sum of powers of two")
+    return Reward(individual, common, ask_cost, total, int(partners[0]))
+
+
+def action_numbers(action: Action) -> tuple[float, ...]:
+    """Return the numbers of an `action` up to the account; peers count from 1, 0 is none."""
+    return (
+        *EAST_NORTH[action.move],
+        float(action.asked),
+        float(action.peer + 1),
+        float(action.perceived),
+    )
+
+
+def action_from(numbers: Sequence[float]) -> Action:
+    """Return the action that the numbers of an `action` say; the account is left out.
+
+    Raises:
+        ValueError: (east, north) is no primitive action, or peer is no number.
+    """
+    east, north, asked, peer, perceived = numbers[:5]
+    move = MOVE_OF.get((east, north))
+    if move is None:
+        raise ValueError(f"says (east, north) = ({east:g}, {north:g}), no primitive action")
+    if not isfinite(peer):
+        raise ValueError(f"says peer {peer:g}, no robot's number")
+    return Action(move, bool(asked), int(peer) - 1, bool(perceived))
+
+
+_ACCOUNT_KINDS = tuple(get_type_hints(Account).values())
+
+
+def account_from(numbers: Sequence[float]) -> Account:
+    """Return the account that the numbers of an `action` say; ValueError where one is none."""
+    said = numbers[-len(_ACCOUNT_KINDS) :]
+    if not all(map(isfinite, said)):
+        raise ValueError(f"says {', '.join(map(str, said))} of itself: not finite")
+    return Account(*(kind(number) for kind, number in zip(_ACCOUNT_KINDS, said, strict=True)))
+
+
+FLAGS = (0.0, 1.0)
+"""No and yes as numbers."""
+
+
+class Messages(Frame):
+    """The messages of one run: its time steps, its map and its metres, as CDR.
+
+    What is read is checked: the frame, the stamp, the numbers. What does not fit the run raises
+    ValueError, and so may whatever cannot be decoded at all, with any exception.
+
+    Args:
+        run: the run.
+        decode: returns the message that bytes of a topic hold, which have no known layout.
+    """
+
+    def __init__(self, run: RunConfig, decode: Callable[[Topic, bytes], Any]) -> None:
+        super().__init__(run)
+        self._decode = decode
+        self._reward = REFEREED_FORM if self.referee else REWARD_FORM
+        self._grids = OccupancyData(self)
+        self._grid = grid_form(self).layout
+        self._marks = marks(self, run.scenario)
+        self._markers = markers_form(self, run.scenario).layout
+
+    def _read(self, topic: Topic, form: Form, data: bytes) -> tuple[int, Sequence[float]]:
+        """Return (time step, numbers) of a message."""
+        said = form.layout.unpack(data)
+        if said is None:
+            ns, numbers = form.read(self._decode(topic, data))
+            return self.checked_step(*divmod(ns, SECOND)), numbers
+        sec, nanosec, *numbers = said
+        return self.checked_step(sec, nanosec), numbers
+
+    def checked_step(self, sec: int, nanosec: int) -> int:
+        """Return the time step of a stamp.
+
+        Raises:
+            ValueError: it lies before the run's beginning, or is no time.
+        """
+        if sec < 0 or not 0 <= nanosec < SECOND:
+            raise ValueError(f"is stamped {sec} s {nanosec} ns, which is no time of the run")
+        return self.step(sec, nanosec)
+
+    def pack_clock(self, step: int) -> bytes:
+        """Return the time of a time step as CDR of rosgraph_msgs/Clock."""
+        return CLOCK_FORM.layout.pack(*self.stamp(step))
+
+    def pack_state(self, step: int, cell: int) -> bytes:
+        """Return X_k(t) as CDR of geometry_msgs/PoseStamped."""
+        return POSE_FORM.layout.pack(*self.stamp(step), *self.centres[cell])
+
+    def unpack_state(self, data: bytes) -> tuple[int, int]:
+        """Return (step, cell) of a local state.
+
+        Raises:
+            ValueError: the pose lies in no free cell.
+        """
+        step, (x, y) = self._read(LOCAL_STATE, POSE_FORM, data)
+        cell = self.cell(x, y)
+        if cell is None:
+            raise ValueError(f"is at ({x:g}, {y:g}), no free cell of map {self.grid.name}")
+        return step, cell
+
+    def pack_reward(self, step: int, reward: Reward) -> bytes:
+        """Return R_k(t) and its parts as CDR of sensor_msgs/JointState."""
+        numbers = reward if self.referee else reward[: len(REWARD.labels)]
+        return self._reward.layout.pack(*self.stamp(step), *numbers)
+
+    def unpack_reward(self, data: bytes) -> tuple[int, Reward]:
+        """Return (step, reward) of a reward.
+
+        Raises:
+            ValueError: labels are missing or doubled, or a number is none.
+        """
+        step, numbers = self._read(REWARD, self._reward, data)
+        if not all(map(isfinite, numbers)):
+            raise ValueError(f"says the rewards {', '.join(map(str, numbers))}: not finite")
+        return step, reward_from(numbers)
+
+    def pack_action(self, step: int, action: Action, account: Account) -> bytes:
+        """Return an action as CDR of sensor_msgs/JointState; peers count from 1, 0 is none."""
+        return ACTION_FORM.layout.pack(*self.stamp(step), *action_numbers(action), *account)
+
+    def unpack_action(self, data: bytes) -> tuple[int, Action]:
+        """Return (step, action).
+
+        Raises:
+            ValueError: labels are missing or doubled, (east, north) is no primitive action, or
+                another number is none that a robot says.
+        """
+        return self._action(data)[:2]
+
+    def unpack_account(self, data: bytes) -> tuple[int, Action, Account]:
+        """Return (step, action, what the robot says of itself); errors as of `unpack_action`."""
+        step, action, numbers = self._action(data)
+        return step, action, account_from(numbers)
+
+    def _action(self, data: bytes) -> tuple[int, Action, Sequence[float]]:
+        step, numbers = self._read(ACTION, ACTION_FORM, data)
+        _, _, asked, peer, perceived = numbers[:5]
+        if not (asked in FLAGS and perceived in FLAGS and 0 <= peer <= self.robots):
+            raise ValueError(
+                f"says coordinate {asked}, peer {peer}, perceived {perceived}: no action"
+            )
+        return step, action_from(numbers), numbers
+
+    def pack_map(self, step: int) -> bytes:
+        """Return the map as CDR of nav_msgs/OccupancyGrid."""
+        return self._grid.pack(*self.stamp(step), self._grids.map)
+
+    def pack_coordination_map(self, step: int, tables: Tables) -> bytes:
+        """Return where a robot chooses COORDINATE as CDR of nav_msgs/OccupancyGrid.
+
+        It is 100 there, 0 elsewhere, -1 in walls.
+        """
+        return self._grid.pack(*self.stamp(step), self._grids.coordination(tables))
+
+    def pack_markers(self, step: int, cells: Sequence[int]) -> bytes:
+        """Return doorways, goals and robots as CDR of visualization_msgs/MarkerArray."""
+        values: list[float] = []
+        robots = iter(cells)
+        for mark in self._marks:
+            values += self.stamp(step)
+            if mark.at is None:
+                values += self.centres[next(robots)]
+        return self._markers.pack(*values)
