@@ -1,28 +1,54 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Whether numba is there, and compiling by it: in the background, once a machine."""
+"""Compiling by numba: once a machine, in the background, kept on disk.
+
+Functions marked by `inner` are called by compiled loops and stay plain Python for everyone else.
+Numba looks only at the file of a loop itself to see whether what it kept is still good. So each
+version of the sources has a folder of its own, named by a digest of them all.
+"""
 
 import atexit
+import fcntl
 import functools
+import hashlib
+import inspect
 import os
+import shutil
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, wait
+from contextlib import contextmanager
 from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
-from sparse_coord_ros import kept
 from sparse_coord_ros.errors import SparseCoordError
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+FOLDER_VARIABLE = "SPARSE_COORD_CACHE"
+"""Environment variable: where to keep compiled loops; empty: nowhere. Unless it is set they are
+in `sparse_coord_ros` of the user's cache directory (XDG_CACHE_HOME, or ~/.cache)."""
+
+COMPILER = ("numba", "llvmlite", "numpy")
+"""Installed packages whose versions the compiled code depends on."""
+
+SOURCES = ("game", "learn", "solve", "engine")
+"""Packages that the loops, what they call and their constants come from."""
 
 WAIT_SECONDS = 0.2
 """How long an interrupt may go unnoticed where the system does not wake up the waiting thread."""
 
 INTERRUPTED = 130
 """Exit code of a process that was interrupted."""
+
+
+# Whether numba is there, and work in the background.
 
 
 def has_numba() -> bool:
@@ -90,30 +116,60 @@ def _end_without(future: Future[Any]) -> None:
         os._exit(INTERRUPTED)
 
 
-def compile_once(key: str, warm_up: Callable[[], None]) -> None:
-    """Let numba compile, in the background; return when it has.
+# What compiled loops may call.
 
-    Args:
-        key: names the loops.
-        warm_up: calls each of them.
+_inner: dict[Callable[..., Any], bool] = {}
+_delegated: list[Callable[..., Any]] = []
+_before: list[Callable[[dict[str, Any]], None]] = []
+
+
+def inner(function: F) -> F:
+    """Let compiled loops call a function; for everyone else it stays plain Python."""
+    _inner[function] = False
+    return function
+
+
+def inlined(function: F) -> F:
+    """As `inner`, compiled into its caller: where passing many arrays takes longer than the work.
+
+    Inlining all functions would take numba half as long again to compile.
     """
-
-    def compile_or_take() -> None:
-        try:
-            warm_up()
-        except Exception as error:  # whatever a spoiled file on disk makes numba raise
-            if isinstance(error, SparseCoordError | MemoryError) or not kept.forget():
-                raise
-            warm_up()
-        kept.keep(key)
-
-    in_background(("compile", key), compile_or_take)
+    _inner[function] = True
+    return function
 
 
-def is_compiled(key: str) -> bool:
-    """Whether `compile_once` has compiled the loops of that name."""
-    future = _background.get(("compile", key))
-    return future is not None and future.done() and future.exception() is None
+def delegated(function: F) -> F:
+    """Let compiled loops call a static method of the class of a function's second argument.
+
+    It is the method that has the function's name. Its argument is a named tuple of arrays; a
+    class of its own has its own code compiled into the loops.
+    """
+    _delegated.append(function)
+    return function
+
+
+def before_compiling(function: Callable[[dict[str, Any]], None]) -> Callable[..., None]:
+    """Call a function with the compiler's options once, before the first loop is compiled."""
+    _before.append(function)
+    return function
+
+
+@functools.cache
+def _registered(function: Callable[..., Any]) -> None:
+    """Tell numba of a function, or of what is called before compiling, once."""
+    options = accepted("_nrt", False)
+    inline = accepted("forceinline", True)
+    extending = numba().extending
+    if function in _before:
+        function(options)
+    elif function in _inner:
+        extending.register_jitable(**options, **(inline if _inner[function] else {}))(function)
+    else:
+
+        def chosen(*args: Any) -> Any:
+            return getattr(args[1].instance_class, function.__name__)
+
+        extending.overload(function, jit_options={**options, **inline}, strict=False)(chosen)
 
 
 @functools.cache
@@ -121,8 +177,7 @@ def accepted(name: str, value: bool) -> dict[str, bool]:
     """Return an option of numba's that makes the loops faster, where this numba has it.
 
     `_nrt` off spares them counting references to arrays: they make none and keep none, and a step
-    of env1 takes 27 ns instead of 250. `forceinline`: see `engine.compiled.INLINED`. Neither is
-    documented.
+    of env1 takes 27 ns instead of 250. `forceinline`: see `inlined`. Neither is documented.
     """
     options = {name: value}
     try:
@@ -130,3 +185,148 @@ def accepted(name: str, value: bool) -> dict[str, bool]:
     except Exception:  # whatever a numba without the option raises: slower, the same results
         return {}
     return options
+
+
+def jit(
+    loops: Sequence[Callable[..., Any]], rule: type | None = None, *, make_arrays: bool = False
+) -> list[Callable[..., Any]]:
+    """Return loops that numba compiles when they are first called, or takes from disk.
+
+    No fast-math: the same bits as plain Python.
+
+    Args:
+        loops: the loops.
+        rule: the class whose static methods `delegated` functions call; None: there is none.
+        make_arrays: whether they make arrays, so that numba counts references to them.
+    """
+    for function in (*_before, *_inner, *_delegated):
+        _registered(function)
+    place, config = folder(rule), vars(numba().config)
+    before = config["CACHE_DIR"]
+    if place is not None:
+        config["CACHE_DIR"] = str(place)
+    options: dict[str, Any] = {} if make_arrays else dict(accepted("_nrt", False))
+    options |= {"nogil": True, "cache": place is not None}
+    try:
+        return [numba().njit(**options)(loop) for loop in loops]
+    finally:
+        config["CACHE_DIR"] = before
+
+
+# What is kept on disk.
+
+
+@functools.cache
+def folder(rule: type | None = None) -> Path | None:
+    """Return where the loops of these sources are kept; None where nothing can be kept.
+
+    Args:
+        rule: as of `jit`; the modules of its classes are among the sources.
+    """
+    named = os.environ.get(FOLDER_VARIABLE)
+    if named == "":
+        return None
+    try:
+        base = Path(named) if named else _user_cache()
+        found = base / digest_of_sources("\n".join(map(version, COMPILER)), rule)
+        found.mkdir(parents=True, exist_ok=True, mode=0o700)
+        return found if os.access(found, os.W_OK | os.X_OK) else None
+    except (OSError, RuntimeError, TypeError, PackageNotFoundError):
+        # No room, no home, no file of the rule, no numba.
+        return None
+
+
+def _user_cache() -> Path:
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "sparse_coord_ros"
+
+
+def digest_of_sources(compiler: str = "", rule: type | None = None) -> str:
+    """Return a digest of the sources of whatever computes, and of what compiles them."""
+    digest = hashlib.sha256(compiler.encode())
+    package = Path(__file__).parent
+    paths = [p for name in SOURCES for p in sorted((package / name).glob("*.py"))]
+    for path in (*paths, *_sources_of(rule)):
+        digest.update(f"\n{path.name}\n".encode() + path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _sources_of(rule: type | None) -> Iterator[Path]:
+    """Return the files in which a class and its bases of the user's own are defined."""
+    for one in () if rule is None else rule.__mro__:
+        if one.__module__.split(".")[0] not in (__name__.split(".")[0], "builtins", "typing"):
+            yield Path(inspect.getfile(one))
+
+
+def compile_once(key: str, rule: type | None, warm_up: Callable[[], None]) -> None:
+    """Let numba compile, in the background; return when it has.
+
+    Where several processes want the same loops one compiles, the others wait and take its.
+
+    Args:
+        key: names the loops.
+        rule: as of `jit`.
+        warm_up: calls each of them.
+    """
+
+    def compile_or_take() -> None:
+        with _one_process(folder(rule), key):
+            try:
+                warm_up()
+            except Exception as error:  # whatever a spoiled file on disk makes numba raise
+                if isinstance(error, SparseCoordError | MemoryError) or not forget(rule):
+                    raise
+                warm_up()
+            keep(key, rule)
+
+    in_background((key, rule), compile_or_take)
+
+
+@contextmanager
+def _one_process(place: Path | None, key: str) -> Iterator[None]:
+    """Hold a lock in the folder of the loops while they are not there; nothing where it fails."""
+    try:
+        lock = (
+            None if place is None or (place / key).exists() else (place / f"{key}.lock").open("w")
+        )
+    except OSError:
+        lock = None
+    if lock is None:
+        yield
+        return
+    with lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+
+
+def is_compiled(key: str, rule: type | None = None) -> bool:
+    """Whether `compile_once` has compiled the loops of that name in this process."""
+    future = _background.get((key, rule))
+    return future is not None and future.done() and future.exception() is None
+
+
+def is_kept(key: str, rule: type | None = None) -> bool:
+    """Whether the loops of that name were compiled before: they need no compiling now."""
+    place = folder(rule)
+    return place is not None and (place / key).exists()
+
+
+def keep(key: str, rule: type | None = None) -> None:
+    """Note that the loops of that name are compiled."""
+    place = folder(rule)
+    if place is not None:
+        try:
+            (place / key).touch()
+        except OSError:  # a full disk: they are compiled again next time
+            return
+
+
+def forget(rule: type | None = None) -> bool:
+    """Throw away what is kept, as it cannot be read; return whether there was anything."""
+    place = folder(rule)
+    there = place is not None and any(path.suffix != ".lock" for path in place.iterdir())
+    for path in place.iterdir() if place is not None else ():
+        if path.is_dir():
+            shutil.rmtree(path, ignore_errors=True)
+        elif path.suffix != ".lock":
+            path.unlink(missing_ok=True)
+    return there

@@ -3,25 +3,59 @@
 """What all tests share: a ROS domain of their own, and nothing left behind."""
 
 import os
+import random
 import signal
+import socket
 import tempfile
+import time
+from contextlib import contextmanager
 
 import pytest
 
+from sparse_coord_ros.compiling import FOLDER_VARIABLE
 from sparse_coord_ros.game.scenario import scenario_from_dict
-from sparse_coord_ros.kept import FOLDER_VARIABLE
 
-DOMAIN_ID = 1 + os.getpid() % 100
-"""Of this test run; the subprocesses that tests start are in it too."""
+DOMAINS = (*range(1, 101), *range(215, 232))
+"""ROS domains whose ports are not those that Linux hands out by itself."""
+
+
+@contextmanager
+def ros_domain():
+    """Take a ROS domain that no other test on this host is in, whichever suite it belongs to.
+
+    A socket in the abstract namespace holds it; it is gone with its process.
+    """
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline:
+        domain = random.Random().choice(DOMAINS)
+        with socket.socket(socket.AF_UNIX) as holder:
+            try:
+                holder.bind(f"\0sparse_coord_test_domain_{domain}")
+            except OSError:
+                continue
+            yield domain
+            return
+    raise TimeoutError("all ROS domains are in use")
+
+
+@pytest.fixture
+def own_domain(monkeypatch):
+    """Give a test a ROS domain: what the one before said must not be heard in this one."""
+    with ros_domain() as domain:
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+        yield domain
 
 
 @pytest.fixture(autouse=True, scope="session")
 def ros_environment():
-    """Keep ROS on this machine, in the tests' own domain, with logs that vanish."""
-    with tempfile.TemporaryDirectory(prefix="sparse_coord_test_") as folder:
+    """Keep ROS on this machine, in a domain of the run's own, with logs that vanish."""
+    with (
+        tempfile.TemporaryDirectory(prefix="sparse_coord_test_") as folder,
+        ros_domain() as domain,
+    ):
         settings = {
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-            "ROS_DOMAIN_ID": str(DOMAIN_ID),
+            "ROS_DOMAIN_ID": str(domain),
             "ROS_LOG_DIR": folder,
             # A killed process would leave shared memory behind.
             "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",

@@ -18,7 +18,6 @@ from pathlib import Path
 import numpy as np
 
 from sparse_coord_ros.engine.batch import CompiledTeam, prepare
-from sparse_coord_ros.engine.compiled import compiled
 from sparse_coord_ros.experiments.catalogue import LONG
 from sparse_coord_ros.experiments.conditions import make_condition
 from sparse_coord_ros.files import write_whole
@@ -54,7 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         scenario = condition.scenario
         rewards = found[condition].run_means("reward")
         prepare(scenario, "factored")
-        team = CompiledTeam(scenario, "factored", compiled())
+        team = CompiledTeam(scenario, "factored")
         judged = []
         for run in np.argsort(rewards)[-FEW:].tolist():
             seed = SEED + run

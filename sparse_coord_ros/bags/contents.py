@@ -15,7 +15,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, DataEnd, Footer, Header, Metadata, Schema
 
 from sparse_coord_ros.bags.layout import PARTIAL
-from sparse_coord_ros.bags.metadata import CONTINUED_RECORD
+from sparse_coord_ros.bags.metadata import CONTINUED_RECORD, FileSummary
 from sparse_coord_ros.bags.records import (
     HEAD,
     LATEST_NS,
@@ -190,6 +190,14 @@ class BagFile:
     def end_ns(self) -> int:
         """Latest log time; 0 without messages."""
         return max((block.end_ns for block in self.blocks), default=0)
+
+    @property
+    def summary(self) -> FileSummary:
+        """What `metadata.yaml` says about it."""
+        counts = dict.fromkeys((topic.name for topic in self.topics.values()), 0)
+        for channel, count in self.counts.items():
+            counts[self.topics[channel].name] += count
+        return FileSummary(self.path.name, counts, self.start_ns, self.end_ns)
 
     @property
     def lost_bytes(self) -> int:

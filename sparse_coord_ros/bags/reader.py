@@ -331,13 +331,20 @@ def bag_files(path: Path) -> list[Path]:
         matches = [_NUMBERED.fullmatch(name) for name in found]
         if None in matches or len({match[1] for match in matches if match}) > 1:
             raise BagError(f"bag {directory} has {len(found)} .mcap files: name one")
-        return [found[name] for name in sorted(found, key=number_of)]
+        return [
+            found[name] for name in sorted(found, key=lambda name: stem_and_number(Path(name))[1])
+        ]
     raise BagError(
         f"{path} is not a bag: it has no .mcap file; give a bag's directory or its file"
     )
 
 
-def number_of(name: str) -> int:
-    """Return the number in the name of a bag's file; 0 where there is none."""
-    match = _NUMBERED.fullmatch(name)
-    return int(match[2]) if match else 0
+def stem_and_number(file: Path) -> tuple[str, int]:
+    """Return what the names of a bag's files begin with, and the number in that of one of them.
+
+    They are `bag` and 0 where the name says nothing.
+    """
+    match = _NUMBERED.fullmatch(file.name)
+    if match is not None:
+        return match[1], int(match[2])
+    return file.name.removesuffix(PARTIAL).removesuffix(".mcap") or "bag", 0

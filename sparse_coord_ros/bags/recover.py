@@ -12,18 +12,16 @@ from pathlib import Path
 
 import yaml
 
-from sparse_coord_ros.bags.contents import BagFile
 from sparse_coord_ros.bags.layout import PARTIAL, open_to_read, sync_directory, write_text
 from sparse_coord_ros.bags.metadata import (
     METADATA_FILE,
     METADATA_RECORD,
     RECOVERED_RECORD,
-    FileSummary,
     bag_information,
     metadata_yaml,
 )
-from sparse_coord_ros.bags.reader import Bag, bag_files, number_of, open_bag
-from sparse_coord_ros.bags.writer import BagWriter, Earlier
+from sparse_coord_ros.bags.reader import Bag, bag_files, open_bag, stem_and_number
+from sparse_coord_ros.bags.writer import BagWriter
 from sparse_coord_ros.errors import BagError
 from sparse_coord_ros.files import take_lock
 from sparse_coord_ros.learn.run_config import RUN_FILE
@@ -86,8 +84,8 @@ def recover(path: Path) -> Recovery:
             raise BagError(f"cannot recover {files[0]}: {error.strerror}; make room") from error
 
 
-def continued(directory: Path) -> Earlier | None:
-    """Make a bag whole that a recorder is to continue, and return what it holds.
+def continued(directory: Path) -> Bag | None:
+    """Make a bag whole that a recorder is to continue, and return it.
 
     Returns:
         None where there is no bag, or nothing in it: what there is was moved aside.
@@ -114,19 +112,10 @@ def continued(directory: Path) -> Earlier | None:
     recovery = recover(directory)
     if recovery.complete and recovery.kept is not None:
         recovery.kept.unlink()  # all of it is in the file that was finished
-    bag = open_bag(directory)
-    last = bag.files[-1].path
-    return Earlier(
-        _number(last) + 1,
-        _stem(last),
-        tuple(map(_summary, bag.files)),
-        bag.topics,
-        bag.end_ns,
-        _run_id(bag),
-    )
+    return open_bag(directory)
 
 
-def _run_id(bag: Bag) -> str:
+def run_id(bag: Bag) -> str:
     """Return the identity of the run that a bag records; empty where it says none."""
     for attachment in bag.attachments:
         if attachment.name == RUN_FILE:
@@ -154,7 +143,8 @@ def _in_place(bag: Bag, directory: Path) -> Recovery:
     kept: list[Path] = []
     renamed = False
     for one in bag.files:
-        file, finished = one.path, directory / f"{_stem(one.path)}_{_number(one.path)}.mcap"
+        stem, number = stem_and_number(one.path)
+        file, finished = one.path, directory / f"{stem}_{number}.mcap"
         if not one.finished or one.damage is not None:
             with _draft(Bag([one]), directory / _DRAFT) as draft:
                 kept.append(_keep(file))
@@ -201,7 +191,7 @@ def _draft(bag: Bag, directory: Path) -> Iterator[Path]:
     shutil.rmtree(directory, ignore_errors=True)
     compression = bag.compressions[0] if len(bag.compressions) == 1 else "zstd"
     try:
-        name, number = _stem(bag.path), _number(bag.path)
+        name, number = stem_and_number(bag.path)
         with BagWriter(directory, compression=compression, name=name, number=number) as writer:
             if (note := _note(bag)) is not None:
                 writer.add_metadata(RECOVERED_RECORD, note)
@@ -255,16 +245,6 @@ def recovered_text(note: Mapping[str, str]) -> str:
     return f"{text}; damage at {note['damage']}" if note.get("damage") else text
 
 
-def _stem(file: Path) -> str:
-    """Return what the names of a bag's files begin with."""
-    stem = file.name.removesuffix(PARTIAL).removesuffix(".mcap")
-    return stem.removesuffix(f"_{_number(file)}") or "bag"
-
-
-def _number(file: Path) -> int:
-    return number_of(file.name)
-
-
 def _keep(file: Path) -> Path:
     """Give a file a second name that ends with `.damaged`, or `.damaged2` and so on."""
     kept = _free(file.with_name(f"{file.name}.damaged"))
@@ -291,13 +271,8 @@ def _describes(metadata: Path, bag: Bag) -> bool:
 def _write_metadata(metadata: Path, bag: Bag) -> None:
     if metadata.exists():
         _keep(metadata)
-    information = bag_information(list(map(_summary, bag.files)), bag.topics.values())
+    information = bag_information([file.summary for file in bag.files], bag.topics.values())
     write_text(metadata, metadata_yaml(information))
-
-
-def _summary(file: BagFile) -> FileSummary:
-    counts = Bag([file]).counts
-    return FileSummary(file.path.name, counts, file.start_ns, file.end_ns)
 
 
 @contextlib.contextmanager

@@ -4,7 +4,6 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
 
 from mcap.writer import CompressionType, Writer
 
@@ -20,6 +19,7 @@ from sparse_coord_ros.bags.metadata import (
     metadata_yaml,
 )
 from sparse_coord_ros.bags.qos import QoS, offered_qos_profiles, yaml_text
+from sparse_coord_ros.bags.reader import Bag, stem_and_number
 from sparse_coord_ros.bags.records import LARGEST_RECORD, LATEST_NS
 from sparse_coord_ros.bags.schemas import schema_text, type_hash
 from sparse_coord_ros.bags.topics import BagTopic
@@ -36,26 +36,6 @@ DEFAULT_CHUNK_SIZE = 256 * 1024
 """Bytes of uncompressed messages in a chunk: what a killed process loses at most."""
 
 _LARGEST_CHUNK_SIZE = LARGEST_RECORD // 4
-
-
-class Earlier(NamedTuple):
-    """What a bag holds already that is to be continued; `recover.continued` tells it.
-
-    Attributes:
-        number: of the file that comes next.
-        name: stem of the files.
-        files: those that are there.
-        topics: by name.
-        end_ns: latest log time.
-        run_id: identity of the run that it records; empty: unknown.
-    """
-
-    number: int
-    name: str
-    files: tuple[FileSummary, ...]
-    topics: Mapping[str, BagTopic]
-    end_ns: int
-    run_id: str = ""
 
 
 class BagWriter:
@@ -80,7 +60,7 @@ class BagWriter:
         number: of its first file.
         max_bytes: begin another file after so many; 0: never.
         max_ns: the same, after so much log time.
-        earlier: the bag that is to be continued, in that directory; None: a new one.
+        earlier: the bag in that directory that is to be continued (`recover.continued`).
         why: what the first new file then says, see `begin_file`.
 
     Raises:
@@ -97,7 +77,7 @@ class BagWriter:
         number: int = 0,
         max_bytes: int = 0,
         max_ns: int = 0,
-        earlier: Earlier | None = None,
+        earlier: Bag | None = None,
         why: Mapping[str, str] | None = None,
     ) -> None:
         """Make the directory and start the file, as the class says."""
@@ -116,22 +96,24 @@ class BagWriter:
         stem = self._directory.name if name is None else name
         if not stem or "/" in stem or "\0" in stem:
             raise BagError(f"bag name is {stem!r}: give a file name, without directories")
-        before = earlier or Earlier(number, stem, (), {}, 0)
-        self._stem, self._number = before.name, before.number
-        self._files: list[FileSummary] = [*before.files]
-        self._topics_before = before.topics
+        self._files: list[FileSummary] = []
+        self._topics_before: Mapping[str, BagTopic] = {}
+        if earlier is not None:
+            stem, last = stem_and_number(earlier.files[-1].path)
+            number = last + 1
+            self._files += [file.summary for file in earlier.files]
+            self._topics_before = earlier.topics
+        self._stem, self._number = stem, number
         self._bytes_before = 0
         self._channels: dict[str, int] = {}
         self._topics: dict[str, BagTopic] = {}
         self._counts: dict[int, int] = {}
-        self._start_file(new=earlier is None)
-        if earlier is not None:
-            self._writer.add_metadata(CONTINUED_RECORD, dict(why or {"why": RESTARTED}))
+        self._start_file(None if earlier is None else why or {"why": RESTARTED})
 
-    def _start_file(self, *, new: bool = False) -> None:
-        """Begin a file, with the channels that there are."""
+    def _start_file(self, why: Mapping[str, str] | None) -> None:
+        """Begin a file, with the channels that there are; None: the bag's first."""
         self._file_name = f"{self._stem}_{self._number}.mcap"
-        self._file = create_bag_file(self._directory, self._file_name, new=new)
+        self._file = create_bag_file(self._directory, self._file_name, new=why is None)
         self._writer = Writer(
             self._file,  # type: ignore[arg-type]  # of a stream, Writer uses write, tell and flush
             chunk_size=self._chunk_size,
@@ -145,6 +127,8 @@ class BagWriter:
         self._writer.start(profile="ros2", library=f"sparse_coord_ros {__version__}")
         for topic in self._topics.values():
             self._register(topic)
+        if why is not None:
+            self._writer.add_metadata(CONTINUED_RECORD, dict(why))
 
     def begin_file(self, why: Mapping[str, str]) -> None:
         """End the file and begin the next.
@@ -159,8 +143,7 @@ class BagWriter:
         self._finish_file()
         self._bytes_before += self._file.tell()
         self._number += 1
-        self._start_file()
-        self._writer.add_metadata(CONTINUED_RECORD, dict(why))
+        self._start_file(why)
 
     @property
     def message_count(self) -> int:

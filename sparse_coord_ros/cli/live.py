@@ -28,6 +28,7 @@ from sparse_coord_ros.nodes.parameters import (
     ROBOT_PARAMETERS,
     TEAM_PARAMETERS,
     WORLD_PARAMETERS,
+    of_table,
 )
 from sparse_coord_ros.nodes.spin import STOPPING, Stop, ros_context, signals, tidy_shared_memory
 from sparse_coord_ros.nodes.team import run_team, team_run
@@ -108,12 +109,12 @@ def _run_processes(values: dict[str, Any], stop: Stop, quiet: bool) -> dict[str,
     if not values["resume"]:
         create_output(out)
     bag = out / BAG_DIRECTORY
-    world = {name: values[name] for name in WORLD_PARAMETERS}
-    robot = {name: values[name] for name in ROBOT_PARAMETERS}
+    world = of_table(WORLD_PARAMETERS, values)
+    robot = of_table(ROBOT_PARAMETERS, values)
     nodes = [(WORLD, WORLD, world)]
     nodes += [("robot", one.name, robot) for one in run.scenario.robots]
     if values["record"]:
-        recording = {name: values[name] for name in RECORDER_PARAMETERS}
+        recording = of_table(RECORDER_PARAMETERS, values)
         nodes.append((RECORDER, RECORDER, recording | {"out": str(bag)}))
     with tempfile.TemporaryDirectory(prefix="sparse_coord_") as folder:
         processes: dict[str, Process] = {}

@@ -75,9 +75,14 @@ def execute(options: argparse.Namespace) -> int:
         else:
             print("\n".join(listed["conditions"] + listed["runs"]))
         return 0
-    if options.engine == "auto" and not compiled:
-        note_without_numba()
-    with Bar("agent-steps") as bar:
+    bar = Bar("agent-steps")
+
+    def progress(name: str, done: int, total: int) -> None:
+        if options.engine == "auto" and not compiled and not bar.began:
+            note_without_numba()
+        bar.show(done, total, name)
+
+    with bar:
         done = run_targets(
             targets,
             plan,
@@ -85,7 +90,7 @@ def execute(options: argparse.Namespace) -> int:
             engine=options.engine,
             jobs=jobs,
             scheduler=options.scheduler,
-            progress=lambda name, done, total: bar.show(done, total, name),
+            progress=progress,
             compiling=note_compiling,
             report=True,
         )

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from packaging.requirements import Requirement
 
-from sparse_coord_ros import kept
+from sparse_coord_ros import compiling
 from sparse_coord_ros.doctor.findings import FINE, HINT, WRONG, Finding
 from sparse_coord_ros.share import PACKAGE, share_folder
 from sparse_coord_ros.version import __version__
@@ -92,13 +92,13 @@ def compiler() -> Iterator[Finding]:
             "install a numba that fits this numpy: pip install --upgrade numba numpy",
         )
         return
-    folder = kept.folder()
+    folder = compiling.folder()
     if folder is None:
         yield Finding(
             HINT,
             "numba",
             f"{numba.__version__} compiles, but cannot keep it: some ten seconds a process",
-            f"make ~/.cache writable, or name a folder: export {kept.FOLDER_VARIABLE}=FOLDER",
+            f"make ~/.cache writable, or name a folder: export {compiling.FOLDER_VARIABLE}=FOLDER",
         )
     else:
         yield Finding(FINE, "numba", f"{numba.__version__} compiles, and keeps it in {folder}")

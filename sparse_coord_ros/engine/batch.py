@@ -8,29 +8,26 @@ without it `learn.simulation` and `learn.evaluation` run in processes. Where the
 closed, as by Ctrl-C, neither goes on for longer than a block of time steps.
 """
 
-import functools
 import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.compiling import compile_once, has_numba, is_compiled
+from sparse_coord_ros.compiling import compile_once, has_numba, is_compiled, is_kept
 from sparse_coord_ros.engine import kernels
 from sparse_coord_ros.engine.cluster import Cluster
-from sparse_coord_ros.engine.compiled import Loops, compiled
-from sparse_coord_ros.engine.generator import jump_table, source_of
 from sparse_coord_ros.engine.processes import in_processes
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
+from sparse_coord_ros.game.generator import jump_table, source_of
 from sparse_coord_ros.game.links import UP, link_of
 from sparse_coord_ros.game.miscoordination import meeting_places, miscoordinated
 from sparse_coord_ros.game.perception import drawn_peer, percept_probabilities
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.schedules import exploration, exploring_starts, step_sizes
 from sparse_coord_ros.game.streams import (
-    BLIND,
     DRAWS,
     EVALUATION,
     LEARNING,
@@ -38,44 +35,25 @@ from sparse_coord_ros.game.streams import (
     PEER,
     PERCEPT,
     POLICY,
-    REPLAY,
     START,
     Stream,
 )
-from sparse_coord_ros.game.world import EPISODE_GAP, FIRST_STEP, UNKNOWN_PARTNERS, Action, Position
-from sparse_coord_ros.kept import is_kept
-from sparse_coord_ros.learn.agent import NOBODY, Memory, Tables, initial_tables
+from sparse_coord_ros.game.world import EPISODE_GAP, FIRST_STEP, Action, Position
+from sparse_coord_ros.learn import loops
+from sparse_coord_ros.learn.agent import NOBODY, Memory, Tables
 from sparse_coord_ros.learn.evaluation import Trials, play
-from sparse_coord_ros.learn.factors import (
-    FactorMemory,
-    FactorRule,
-    coordination_table,
-    keys_below,
-    keys_of,
-    rows_at_most,
-    sorted_factors,
-    states_of,
-)
 from sparse_coord_ros.learn.history import History, concatenated
 from sparse_coord_ros.learn.learners import Learner, learner_of
+from sparse_coord_ros.learn.loops import Minds
+from sparse_coord_ros.learn.rows import has_room, updated_rows
 from sparse_coord_ros.learn.simulation import Glimpse, Learning, LearningState, groups_of
-from sparse_coord_ros.learn.sparse import SparseTable
 from sparse_coord_ros.solve.exact import ExactMeans, exact_means
 
 BLOCK = 2048
 """Time steps between two looks at whether anybody waits for the run and its tables have room."""
 
-FIRST_ROWS = 2 * BLOCK
-"""Rows of a sparse table at first, a power of two."""
-
-DENSE_ROWS = 2**19
-"""Rows of a robot's rho, 16 MiB, above which only those that it learned are kept."""
-
-MOST_ROWS = 2**62
-"""Rows of a sparse table over the joint state: as many as memory holds."""
-
 JUMPS = jump_table()
-"""As of `kernels.Draws`."""
+"""As of `loops.Draws`."""
 
 ENGINES = ("auto", "numba", "python")
 
@@ -144,7 +122,7 @@ def run_batch(
         return
     prepare(scenario, rule, history=history)
     stop = np.zeros(1, dtype=np.bool_)
-    team = CompiledTeam(scenario, learner, compiled(), stop)
+    team = CompiledTeam(scenario, rule, stop)
     with ThreadPoolExecutor(jobs) as pool:
         try:
             futures = [pool.submit(team.run, seed, trials, gathering=history) for seed in seeds]
@@ -226,32 +204,31 @@ def prepare(
     Raises:
         SettingError: numba is asked for and not installed.
     """
-    if uses_numba(engine, learner_of(learner)):
-        key = _loops_key(learner, history)
-        compile_once(key, lambda: _warm_up(scenario, learner, history))
+    rule = learner_of(learner)
+    if uses_numba(engine, rule):
+
+        def warm_up() -> None:
+            CompiledTeam(scenario.with_settings({"steps": 1}), rule).run(0, 1, gathering=history)
+
+        compile_once(*_loops_key(rule, history), warm_up)
 
 
 def is_prepared(*, learner: str | Learner = "coop", history: bool = False) -> bool:
     """Whether the loops for a learner need no compiling: they are, in this process or on disk."""
     key = _loops_key(learner, history)
-    return is_compiled(key) or is_kept(key)
+    return is_compiled(*key) or is_kept(*key)
 
 
 def is_loaded(*, learner: str | Learner = "coop", history: bool = False) -> bool:
     """Whether the loops for a learner are ready in this process."""
-    return is_compiled(_loops_key(learner, history))
+    return is_compiled(*_loops_key(learner, history))
 
 
-def _loops_key(learner: str | Learner, history: bool) -> str:
-    """Return what tells the compiled loops apart: numba compiles one for each kind of tables."""
-    tables = "tables" if learner_of(learner).factors is None else "factors"
-    return f"{tables}_with_history" if history else tables
-
-
-def _warm_up(scenario: Scenario, learner: str | Learner, history: bool) -> None:
-    """Call each loop once: that is when numba compiles it."""
-    team = CompiledTeam(scenario.with_settings({"steps": 1}), learner, compiled())
-    team.run(0, 1, gathering=history)
+def _loops_key(learner: str | Learner, history: bool) -> tuple[str, type | None]:
+    """Return what tells the compiled loops apart: numba compiles them for each kind of minds."""
+    minds = learner_of(learner).minds
+    name = "none" if minds is None else minds.__qualname__
+    return f"{name}_with_history" if history else name, minds
 
 
 class Stopped(Exception):  # noqa: N818 - no error: nobody waits for the run any more
@@ -263,21 +240,24 @@ class CompiledTeam:
 
     Args:
         scenario: the problem and its protocol.
-        learner: a learner, or its name.
-        loops: the compiled (or plain) loops.
+        learner: a learner, or its name; it has a compiled form.
         stop: where its one entry is set, runs raise `Stopped` at the next block.
+        loops: the loops; those compiled for the learner where None.
     """
 
     def __init__(
         self,
         scenario: Scenario,
         learner: str | Learner,
-        loops: Loops,
         stop: np.ndarray | None = None,
+        *,
+        loops: kernels.Loops | None = None,
     ) -> None:
         self.scenario = scenario
         self.learner = learner_of(learner)
-        self.loops = loops
+        self.minds: Any = self.learner.minds
+        found = kernels.compiled(self.minds) if loops is None else loops  # type: ignore[arg-type]
+        self.loops = found
         self._stop = np.zeros(1, dtype=np.bool_) if stop is None else stop
         whole = make_problem(scenario, self.learner, np.arange(len(scenario.robots)))
         groups = [np.array(members) for members in groups_of(scenario, self.learner)]
@@ -290,19 +270,19 @@ class CompiledTeam:
         """Learn once and play greedy trials with what was learned."""
         learning = CompiledLearning(self, seed, gathering=gathering)
         learning.advance(self.scenario.steps)
-        visited, tables = learning.visited, self.tables(learning.learners)
-        played = self.play(learning.learners, seed, trials) if trials else None
+        visited, tables = learning.visited, self.tables(learning.minds)
+        played = self.play(learning.minds, seed, trials) if trials else None
         exact = exact_means(self.scenario, tables, self.learner) if trials else None
         history = learning.history if gathering else None
         return Run(seed, tables, visited, played, history, exact)
 
-    def learn(self, seed: int) -> kernels.Learners:
+    def learn(self, seed: int) -> Minds:
         """Learn for the scenario's budget."""
         learning = CompiledLearning(self, seed, gathering=False)
         learning.advance(self.scenario.steps)
-        return learning.learners
+        return learning.minds
 
-    def play(self, learners: kernels.Learners, seed: int, trials: int) -> Trials:
+    def play(self, minds: Minds, seed: int, trials: int) -> Trials:
         """Play greedy trials."""
         scenario = self.scenario
         team = len(scenario.robots)
@@ -312,9 +292,9 @@ class CompiledTeam:
         game = _game(team, FIRST_STEP + EPISODE_GAP)
         choice = _choice(team)
         draws = self.draws(seed, problem, EVALUATION)
-        while game.clock[kernels.DONE] < trials:
-            learners = self.with_room(learners)
-            self.loops.play(problem, learners, game, choice, draws, results, asked, stays)
+        while game.clock[loops.DONE] < trials:
+            minds = self.with_room(minds)
+            self.loops.play(problem, minds, game, choice, draws, results, asked, stays)
             self.check_wanted()
         times = results[:, :, kernels.TIME]
         return Trials(
@@ -327,196 +307,33 @@ class CompiledTeam:
             stays=stays,
         )
 
-    def tables(self, learners: kernels.Learners) -> list[Tables]:
+    def tables(self, minds: Minds) -> list[Tables]:
         """Return what each robot learned, in the shapes of `learn.agent`."""
-        cells = len(self.scenario.map.cells)
-        if learners.factored is not None:
-            return [self._factored_tables(learners, k) for k in range(len(learners.used))]
-        if not self.learner.asks:
-            initial = initial_tables(self.scenario, asks=False).q_coord
-            return [Tables(q_star, initial) for q_star in learners.q_star]
-        if self.scenario.sparse:
-            return [
-                Tables(q_star, self._sparse_table(learners, k))
-                for k, q_star in enumerate(learners.q_star)
-            ]
-        shape = (cells, cells, PRIMITIVES)
-        return [
-            Tables(q_star, q_coord.reshape(shape))
-            for q_star, q_coord in zip(learners.q_star, learners.q_coord, strict=True)
-        ]
+        return minds.tables(self.scenario, self.learner)
 
-    def _factored_tables(self, learners: kernels.Learners, k: int) -> Tables:
-        """Return robot k's tables, with their factors."""
-        own = learners.factored
-        assert own is not None
-        robots = len(learners.used)
-        rows, keys = self._learned_rows(learners, k)
-        rho = learners.q_coord[k, rows]
-        factors = sorted_factors(own.u[k], own.r_bar[k], own.w[k], keys, rho, robots)
-        return Tables(learners.q_star[k], coordination_table(factors, k, robots), factors)
+    def initial(self) -> Minds:
+        """Return what robots know before learning."""
+        minds: Minds = self.minds.initial(self.scenario, self.learner, BLOCK)
+        return minds
 
-    @property
-    def _hashed(self) -> bool:
-        """Whether the second tables are sparse."""
-        if self.learner.factors is not None:
-            return self._rows_of_rho > DENSE_ROWS
-        return self.scenario.sparse
-
-    @property
-    def _rows_of_rho(self) -> int:
-        return keys_below(len(self.scenario.map.cells), len(self.scenario.robots))
-
-    def _learned_rows(self, learners: kernels.Learners, k: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the rows of robot k's second table that it has updated, and their keys."""
-        rows = np.flatnonzero(_updated(learners.coord_updates[k]))
-        return rows, learners.keys[k, rows] if self._hashed else rows
-
-    def _sparse_table(self, learners: kernels.Learners, k: int) -> SparseTable:
-        """Return robot k's Q^C; rows that trials only looked at are left out."""
-        cells, agents = len(self.scenario.map.cells), self.scenario.perceived
-        rows, numbers = self._learned_rows(learners, k)
-        states = np.unravel_index(numbers, (cells,) * agents)
-        keys = np.stack(states, axis=1).astype(np.int32)
-        values = learners.q_coord[k, rows]
-        return SparseTable(cells, agents, self.scenario.q_coord_init, keys, values)
-
-    def initial(self) -> kernels.Learners:
-        """Return the tables before learning."""
-        scenario = self.scenario
-        team, cells = len(scenario.robots), len(scenario.map.cells)
-        star = self.learner.tables(scenario).q_star
-        q_star = np.repeat(star[None], team, axis=0)
-        if not self.learner.asks:
-            rows = 0
-        elif self._hashed:
-            rows = FIRST_ROWS if self.learner.factors is None else self._rows_for(0)
-        elif self.learner.factors is not None:
-            rows = self._rows_of_rho
-        else:
-            rows = cells * cells
-        learners = kernels.Learners(
-            q_star=q_star,
-            q_coord=np.empty(0),
-            star_updates=np.zeros(q_star.shape, dtype=np.int32),
-            coord_updates=np.empty(0),
-            keys=np.empty(0),
-            used=np.zeros(team, dtype=np.int64),
-            factored=self._initial_factored(q_star) if self.learner.factors else None,
-        )
-        return self._with_rows(learners, rows)
-
-    def _initial_factored(self, q_star: np.ndarray) -> kernels.Factored:
-        team, cells, _ = q_star.shape
-        whole = np.zeros((3, team, cells, PRIMITIVES), dtype=np.int64)
-        return kernels.Factored(
-            u=np.full((team, cells, PRIMITIVES), self.scenario.q_coord_init),
-            r_bar=np.zeros((team, cells, PRIMITIVES)),
-            w=np.zeros((team, cells)),
-            value=q_star.max(axis=2),
-            commons=whole[0],
-            moved=whole[1],
-            successor=whole[2],
-            tried=np.zeros((team, cells * PRIMITIVES), dtype=np.int64),
-            used=np.zeros((team, 1), dtype=np.int64),
-            askers=np.zeros(team, dtype=np.int64),
-            partners=np.full(team, UNKNOWN_PARTNERS, dtype=np.int64),
-            correction=np.zeros(PRIMITIVES),
-        )
-
-    def memories(self, learners: kernels.Learners) -> tuple[Memory, ...]:
+    def memories(self, minds: Minds) -> tuple[Memory, ...]:
         """Return what each robot has learned, as an agent of `learn.agent` remembers it."""
-        return tuple(self._memory(learners, k) for k in range(len(self.scenario.robots)))
+        return tuple(minds.memory(k, self.scenario) for k in range(len(self.scenario.robots)))
 
-    def _memory(self, learners: kernels.Learners, k: int) -> Memory:
-        cells, agents = len(self.scenario.map.cells), self.scenario.perceived
-        rows, keys = self._learned_rows(learners, k)
-        order = np.argsort(keys)
-        own, factors = learners.factored, None
-        if own is None:
-            found = np.unravel_index(keys[order], (cells,) * agents)
-            states = np.stack(found, axis=1).astype(np.int32)
-        else:
-            states = states_of(keys[order], cells, len(learners.used))
-            arrays = (own.u, own.r_bar, own.w, own.commons, own.moved, own.successor)
-            learned = [array[k].copy() for array in arrays]
-            factors = FactorMemory._make([*learned, own.tried[k, : own.used[k, 0]].copy()])
-        return Memory(
-            learners.q_star[k].copy(),
-            learners.star_updates[k].astype(np.int64),
-            states,
-            learners.q_coord[k, rows[order]],
-            learners.coord_updates[k, rows[order]].astype(np.int64),
-            factors,
-        )
+    def remembered(self, memories: Sequence[Memory]) -> Minds:
+        """Return minds to go on learning with from what each robot remembers."""
+        minds = self.initial().remember(memories, self.scenario)
+        return self._larger(minds) if minds.rows.hashed else minds
 
-    def remembered(self, memories: Sequence[Memory]) -> kernels.Learners:
-        """Return tables to go on learning in from what each robot remembers."""
-        learners = self.initial()
-        for k, memory in enumerate(memories):
-            learners.q_star[k] = memory.q_star
-            learners.star_updates[k] = memory.star_updates
-        if not self.learner.asks:
-            return learners
-        cells = len(self.scenario.map.cells)
-        shape = (cells,) * self.scenario.perceived
-        keys = []
-        for k, memory in enumerate(memories):
-            own = learners.factored
-            if own is None or memory.factors is None:
-                keys.append(np.ravel_multi_index(memory.states.T, shape))
-                continue
-            keys.append(keys_of(memory.states, cells, len(memories)))
-            *arrays, tried = memory.factors
-            targets = (own.u, own.r_bar, own.w, own.commons, own.moved, own.successor)
-            for space, array in zip(targets, arrays, strict=True):
-                space[k] = array
-            own.value[k] = memory.q_star.max(axis=1)
-            own.tried[k, : len(tried)] = tried
-            own.used[k] = len(tried)
-        # A table with all that is remembered, in any order; `rehash` finds the places.
-        most = max(1, *map(len, keys))
-        listed = self._with_rows(learners, most)
-        for k, memory in enumerate(memories):
-            target = listed if self._hashed else learners
-            rows = np.arange(len(keys[k])) if self._hashed else keys[k]
-            target.q_coord[k, rows] = memory.values
-            target.coord_updates[k, rows] = memory.updates
-            if self._hashed:
-                listed.keys[k, rows] = keys[k]
-                listed.used[k] = len(rows)
-        return self._larger(listed) if self._hashed else learners
+    def with_room(self, minds: Minds) -> Minds:
+        """Return minds whose hashed tables stay half empty whatever a block brings."""
+        return minds if has_room(minds.rows, BLOCK) else self._larger(minds)
 
-    def _with_rows(self, learners: kernels.Learners, rows: int) -> kernels.Learners:
-        """Return learners whose Q^C has so many rows, all of them new."""
-        team = len(learners.used)
-        sparse_rows = rows if self._hashed else 0
-        q_coord = np.zeros((team, rows, PRIMITIVES))  # no memory until it is written to
-        if learners.factored is None:
-            q_coord[:] = self.scenario.q_coord_init
-        return learners._replace(
-            q_coord=q_coord,
-            coord_updates=np.zeros((team, rows, PRIMITIVES), dtype=np.int32),
-            keys=np.full((team, sparse_rows), kernels.FREE_PLACE, dtype=np.int64),
-            used=np.zeros(team, dtype=np.int64),
-        )
-
-    def with_room(self, learners: kernels.Learners) -> kernels.Learners:
-        """Return learners whose sparse tables stay half empty whatever a block brings."""
-        if kernels.has_room(self._trying, learners, BLOCK):
-            return learners
-        return self._larger(learners)
-
-    def _larger(self, learners: kernels.Learners) -> kernels.Learners:
-        larger = self._with_rows(learners, self._rows_for(int(learners.used.max())))
-        self.loops.rehash(learners, larger)
-        return larger
-
-    def _rows_for(self, used: int) -> int:
-        """Return how many rows leave room for a block, a power of two."""
-        problem = self._trying
-        needed = 2 * min(used + BLOCK * problem.rows_a_step, problem.most_rows)
-        return 1 << (needed - 1).bit_length()
+    def _larger(self, minds: Minds) -> Minds:
+        old = minds.rows
+        rows = old.empty(old.rows_for(int(old.used.max()), BLOCK))
+        self.loops.rehash(old, rows)
+        return minds._replace(rows=rows)
 
     def check_wanted(self) -> None:
         """Raise `Stopped` where nobody waits for the run any more."""
@@ -524,8 +341,8 @@ class CompiledTeam:
             raise Stopped
 
     def draws(
-        self, seed: int, problem: kernels.CompiledScenario, phase: int, first: int = 0
-    ) -> kernels.Draws:
+        self, seed: int, problem: loops.CompiledScenario, phase: int, first: int = 0
+    ) -> loops.Draws:
         """Return where the draws come from; the first block begins with the time step `first`."""
         team = len(problem.starts)
         links = [link_of(self.scenario.link, seed, k, phase) for k in range(team)]
@@ -535,14 +352,12 @@ class CompiledTeam:
             MOTION: True,
             PERCEPT: problem.actions > PRIMITIVES and fails,
             START: bool(problem.exploring.any()),
-            REPLAY: phase == LEARNING and problem.replays > 0,
-            BLIND: phase == LEARNING and self.learner.factors is not None and fails,
-        }
+        } | dict.fromkeys(self.minds.roles(), phase == LEARNING)
         sources = np.zeros((len(DRAWS), team, 4), dtype=np.uint64)
         for role, width in DRAWS.items():
-            for k in problem.members.tolist() if looked_at[role] else ():
+            for k in problem.members.tolist() if looked_at.get(role) else ():
                 sources[role, k] = source_of(seed, k, role, phase, first * width)
-        return kernels.Draws(
+        return loops.Draws(
             sources=sources,
             since=np.full((len(DRAWS), team), first),
             jumps=JUMPS,
@@ -565,7 +380,7 @@ class CompiledLearning:
 
     Attributes:
         done: transitions made, by each group of robots.
-        learners: the tables of all robots.
+        minds: what all robots know.
     """
 
     def __init__(
@@ -584,14 +399,14 @@ class CompiledLearning:
         self._games = [_game(robots, FIRST_STEP) for _ in team.learning]
         self._records = [_record(2 * BLOCK, robots) for _ in team.learning if gathering]
         if state is None:
-            self.learners = team.initial()
+            self.minds = team.initial()
         else:
-            self.learners = team.remembered(state.memories)
+            self.minds = team.remembered(state.memories)
             self.done = state.positions[0].transitions
             self._games = [_game_at(position) for position in state.positions]
             self._records = [_record_of(history) for history in state.histories if gathering]
         self._draws = [
-            team.draws(seed, problem, LEARNING, int(game.clock[kernels.END]))
+            team.draws(seed, problem, LEARNING, int(game.clock[loops.END]))
             for problem, game in zip(team.learning, self._games, strict=True)
         ]
 
@@ -605,10 +420,10 @@ class CompiledLearning:
         for number, (problem, game) in enumerate(zip(team.learning, self._games, strict=True)):
             part = problem._replace(budget=until)
             draws = self._draws[number]
-            while game.clock[kernels.DONE] < until:
-                self.learners = team.with_room(self.learners)
+            while game.clock[loops.DONE] < until:
+                self.minds = team.with_room(self.minds)
                 record = self._record_with_rows(number) if self._gathering else None
-                team.loops.learn(part, self.learners, game, self._choice, draws, record)
+                team.loops.learn(part, self.minds, game, self._choice, draws, record)
                 team.check_wanted()
         self.done = max(self.done, until)
 
@@ -641,8 +456,7 @@ class CompiledLearning:
         if asked and robots > 1 and scenario.peers != "all":
             draw = Stream(self._seed, k, POLICY).at(step)[PEER]
             peer = drawn_peer(k, robots, draw)
-        failed = kernels.NO_ROW if self.learners.factored is None else kernels.FAILED
-        perceived = asked and int(chosen.rows[k]) != failed
+        perceived = asked and int(chosen.rows[k]) != loops.NO_ROW
         return Action(int(chosen.moves[k]), asked, peer, perceived)
 
     def _met(self, cells: Sequence[int]) -> bool:
@@ -655,23 +469,23 @@ class CompiledLearning:
     @property
     def asked(self) -> np.ndarray:
         """How often each robot has learned from COORDINATE in each cell, shape (robots, cells)."""
-        counts: np.ndarray = self.learners.star_updates[:, :, COORDINATE].copy()
+        counts: np.ndarray = self.minds.star_updates[:, :, COORDINATE].copy()
         return counts
 
     def play(self, trials: int) -> Trials:
         """Play greedy trials with what was learned so far."""
-        self.learners = self._team.with_room(self.learners)
-        return self._team.play(self.learners, self._seed, trials)
+        self.minds = self._team.with_room(self.minds)
+        return self._team.play(self.minds, self._seed, trials)
 
     @property
     def tables(self) -> list[Tables]:
         """What every robot has learned so far; it may go on learning in them."""
-        return self._team.tables(self.learners)
+        return self._team.tables(self.minds)
 
     @property
     def visited(self) -> np.ndarray:
         """Joint states of Q^C that each robot has updated, shape (robots,), int64."""
-        return np.asarray(np.sum(_updated(self.learners.coord_updates), axis=1))
+        return np.asarray(np.sum(updated_rows(self.minds.rows.updates), axis=1))
 
     @property
     def history(self) -> History:
@@ -681,7 +495,7 @@ class CompiledLearning:
     def state(self) -> LearningState:
         """Return where the run is."""
         positions = tuple(_position(game) for game in self._games)
-        return LearningState(positions, self._team.memories(self.learners), self._histories())
+        return LearningState(positions, self._team.memories(self.minds), self._histories())
 
     def _histories(self) -> tuple[History, ...]:
         pairs = zip(self._records, self._team.learning, strict=True)
@@ -696,13 +510,6 @@ class CompiledLearning:
             arrays = [np.concatenate(pair) for pair in zip(record[1:], more[1:], strict=True)]
             self._records[number] = kernels.Record(record.used, *arrays)
         return self._records[number]
-
-
-def _updated(counts: np.ndarray) -> np.ndarray:
-    """Return which rows have a count that is not 0, shape of `counts` but for the last axis."""
-    words = counts.view(np.int64)  # two int32 each: half as many to look at
-    updated: np.ndarray = functools.reduce(np.bitwise_or, np.moveaxis(words, -1, 0)) != 0
-    return updated
 
 
 def _record(rows: int, robots: int) -> kernels.Record:
@@ -730,42 +537,42 @@ def _history(record: kernels.Record, members: np.ndarray) -> History:
     return History(**arrays, present=present)
 
 
-def _position(game: kernels.Game) -> Position:
+def _position(game: loops.Game) -> Position:
     clock, team = game.clock, len(game.cells)
-    transitions, step = int(clock[kernels.DONE]), int(clock[kernels.STEP])
-    if not clock[kernels.PLACED]:
+    transitions, step = int(clock[loops.DONE]), int(clock[loops.STEP])
+    if not clock[loops.PLACED]:
         nothing = (0,) * team, (False,) * team
         return Position(transitions, step, False, step, *nothing)
     cells = tuple(game.cells.tolist())
     arrived = tuple(map(bool, game.arrived.tolist()))
-    return Position(transitions, step, True, int(clock[kernels.EPISODE_START]), cells, arrived)
+    return Position(transitions, step, True, int(clock[loops.EPISODE_START]), cells, arrived)
 
 
-def _game_at(position: Position) -> kernels.Game:
+def _game_at(position: Position) -> loops.Game:
     """Return the game at a position; the next block of time steps begins there."""
     game = _game(len(position.cells), position.step)
-    game.clock[kernels.EPISODE_START] = position.episode_start
-    game.clock[kernels.DONE] = position.transitions
-    game.clock[kernels.PLACED] = position.under_way
-    game.clock[kernels.END] = position.step
+    game.clock[loops.EPISODE_START] = position.episode_start
+    game.clock[loops.DONE] = position.transitions
+    game.clock[loops.PLACED] = position.under_way
+    game.clock[loops.END] = position.step
     game.cells[:] = position.cells
     game.arrived[:] = position.arrived
     return game
 
 
-def _game(team: int, step: int) -> kernels.Game:
+def _game(team: int, step: int) -> loops.Game:
     clock = np.zeros(5, dtype=np.int64)
-    clock[kernels.STEP] = step
-    return kernels.Game(clock, np.zeros(team, dtype=np.int64), np.zeros(team, dtype=np.int8))
+    clock[loops.STEP] = step
+    return loops.Game(clock, np.zeros(team, dtype=np.int64), np.zeros(team, dtype=np.int8))
 
 
-def _choice(team: int) -> kernels.Choices:
-    return kernels.Choices(*np.zeros((4, team), dtype=np.int64))
+def _choice(team: int) -> loops.Choices:
+    return loops.Choices(*np.zeros((4, team), dtype=np.int64))
 
 
 def make_problem(
     scenario: Scenario, learner: Learner, members: np.ndarray
-) -> kernels.CompiledScenario:
+) -> loops.CompiledScenario:
     """Return a scenario as arrays.
 
     Args:
@@ -774,8 +581,6 @@ def make_problem(
         members: numbers of the robots that move.
     """
     grid, robots = scenario.map, scenario.robots
-    cells = len(grid.cells)
-    rule = learner.factors or FactorRule()
     free = [np.flatnonzero(grid.distances_to(robot.goal) > 0) for robot in robots]
     start_cells = np.zeros((len(robots), max(map(len, free))), dtype=np.int64)
     for k, choices in enumerate(free):
@@ -784,7 +589,7 @@ def make_problem(
     discounts = [1.0]
     for _ in range(scenario.horizon):
         discounts.append(discounts[-1] * scenario.discount)
-    return kernels.CompiledScenario(
+    return loops.CompiledScenario(
         members=members,
         starts=np.array([robot.start for robot in robots]),
         goals=np.array([robot.goal for robot in robots]),
@@ -810,10 +615,4 @@ def make_problem(
         discount=scenario.discount,
         goal_value=scenario.goal_value,
         referee=scenario.referee,
-        rows_a_step=1 if learner.factors is None else len(robots),
-        most_rows=MOST_ROWS if learner.factors is None else rows_at_most(cells, len(robots)),
-        replays=rule.replays if learner.factors else 0,
-        share=rule.share,
-        percept_update=rule.percept_update,
-        right_of_way=rule.right_of_way and len(scenario.robots) > 2,
     )

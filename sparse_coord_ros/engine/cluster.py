@@ -15,8 +15,8 @@ from contextlib import AbstractContextManager, nullcontext
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
+from sparse_coord_ros.compiling import digest_of_sources
 from sparse_coord_ros.errors import ResultsError, RunError, SettingError, SparseCoordError
-from sparse_coord_ros.kept import digest_of_sources
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -25,7 +25,6 @@ from sparse_coord_ros.engine.batch import (
     prepare,
     uses_numba,
 )
-from sparse_coord_ros.engine.compiled import compiled
 from sparse_coord_ros.engine.run_checkpoint import Checkpoint, load_checkpoint
 from sparse_coord_ros.errors import RunError, SettingError
 from sparse_coord_ros.files import write_whole
@@ -278,8 +277,7 @@ class _Course:
         self.learning: LearningRun
         if engine == "numba":
             prepare(scenario, learner, history=True)
-            team = CompiledTeam(scenario, learner, compiled())
-            self.learning = CompiledLearning(team, seed, state)
+            self.learning = CompiledLearning(CompiledTeam(scenario, learner), seed, state)
         else:
             self.learning = Learning(scenario, learner, seed, state)
 

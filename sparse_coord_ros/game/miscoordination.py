@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from sparse_coord_ros.compiling import inner
 from sparse_coord_ros.game.scenario import Scenario
 
 NOWHERE = -1
@@ -25,6 +26,7 @@ def meeting_places(scenario: Scenario) -> np.ndarray:
     return places
 
 
+@inner
 def together(place: Any, other: Any) -> Any:
     """Return whether robots at two meeting places miscoordinate: a bool, or an array of bools."""
     return (place == other) & (place != NOWHERE)

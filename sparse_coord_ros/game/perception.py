@@ -15,6 +15,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from sparse_coord_ros.compiling import inner
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.grid import GridMap
 from sparse_coord_ros.game.plugins import Registry, failing_as, is_path, is_shipped, path_of
@@ -171,6 +172,7 @@ def percept_probabilities(model: Spec, grid: GridMap) -> np.ndarray:
     return matrix
 
 
+@inner
 def succeeds(draw: Any, probability: Any) -> Any:
     """Return whether a percept succeeds: numbers or arrays of them; the loops compile it.
 
@@ -195,6 +197,7 @@ def asked_peers(peers: str, number: int, robots: int, draw: float) -> tuple[int,
     return (drawn_peer(number, robots, draw),)
 
 
+@inner
 def drawn_peer(number: int, robots: int, draw: float) -> int:
     """Return the one peer that a robot asks; arguments as of `asked_peers`. Loops compile it."""
     peer = int(draw * (robots - 1))

@@ -7,13 +7,16 @@ functions of `algorithm`.
 """
 
 from collections import Counter
-from typing import Any, NamedTuple
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from sparse_coord_ros.compiling import inlined
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
-from sparse_coord_ros.game.perception import asked_peers
+from sparse_coord_ros.game.perception import asked_peers, drawn_peer, succeeds
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.schedules import exploration, step_sizes
 from sparse_coord_ros.game.streams import (
@@ -27,6 +30,7 @@ from sparse_coord_ros.game.streams import (
     Stream,
 )
 from sparse_coord_ros.game.world import SUM_OF_PARTS, Action, Reward, RewardWeights
+from sparse_coord_ros.learn import loops
 from sparse_coord_ros.learn.algorithm import (
     epsilon_greedy,
     greatest,
@@ -35,8 +39,12 @@ from sparse_coord_ros.learn.algorithm import (
     updated,
     weighed,
 )
-from sparse_coord_ros.learn.factors import AdditiveTable, FactorMemory, Factors
+from sparse_coord_ros.learn.factors import AdditiveTable, Factors
+from sparse_coord_ros.learn.rows import MOST_ROWS, Rows, make_rows, row_to_learn
 from sparse_coord_ros.learn.sparse import SparseTable
+
+if TYPE_CHECKING:
+    from sparse_coord_ros.learn.learners import Learner
 
 NOBODY = -1
 
@@ -67,9 +75,7 @@ class Memory(NamedTuple):
             int32: the own cell, then the perceived peers'.
         values: their entries, shape (rows, 4), float64.
         updates: updates of each of them, same shape, int64.
-        factors: what else a learner that learns in factors remembers. Its `states` are those of
-            rho, shape (rows, 3), as of `Factors`, and `values` is rho; `star_updates` counts how
-            often each move was tried, and COORDINATE.
+        more: what else an agent of another kind remembers, as named arrays.
     """
 
     q_star: np.ndarray
@@ -77,7 +83,7 @@ class Memory(NamedTuple):
     states: np.ndarray
     values: np.ndarray
     updates: np.ndarray
-    factors: FactorMemory | None = None
+    more: Mapping[str, np.ndarray] = MappingProxyType({})
 
 
 MOST_JOINT_STATES = 2**63
@@ -137,6 +143,12 @@ class Agent:
         learning: False: act greedily and never update.
         phase: LEARNING or EVALUATION: which random draws the agent uses.
 
+    Attributes:
+        actions: how many actions it chooses between.
+        discount: gamma.
+        weights: as of the argument.
+        star_updates: updates of each entry of Q*, shape (cells, actions), int64.
+        coord_updates: updates of the entries of Q^C: own cell, peers' cells, move.
     """
 
     def __init__(
@@ -156,17 +168,17 @@ class Agent:
         self.goal = scenario.robots[number].goal
         self.actions = len(ACTIONS) if asks else PRIMITIVES
         self._tables = initial_tables(scenario, asks=asks) if tables is None else tables
-        self._weights = weights
+        self.weights = weights
         self._peers = tuple(k for k in range(len(scenario.robots)) if k != number)
         self._asks_whom = scenario.peers
         self._draws = Stream(seed, number, POLICY, phase)
         budget = scenario.steps if learning else 0
         self._epsilon = exploration(scenario.epsilon, budget)
         self._step_sizes = step_sizes(scenario.step_size, budget)
-        self._discount = scenario.discount
+        self.discount = scenario.discount
         self._goal_value = scenario.goal_value
-        self._star_updates = np.zeros(self._tables.q_star.shape, dtype=np.int64)
-        self._coord_updates: Counter[tuple[int, ...]] = Counter()
+        self.star_updates = np.zeros(self._tables.q_star.shape, dtype=np.int64)
+        self.coord_updates: Counter[tuple[int, ...]] = Counter()
 
     @property
     def tables(self) -> Tables:
@@ -176,12 +188,12 @@ class Agent:
     @property
     def coord_visited(self) -> int:
         """Number of joint states whose entries in Q^C were updated."""
-        return len({entry[:-1] for entry in self._coord_updates})
+        return len({entry[:-1] for entry in self.coord_updates})
 
     @property
     def asked_in(self) -> np.ndarray:
         """How often it has learned from COORDINATE in each cell, shape (cells,), int64."""
-        counts: np.ndarray = self._star_updates[:, COORDINATE]
+        counts: np.ndarray = self.star_updates[:, COORDINATE]
         return counts
 
     def epsilon(self, step: int) -> float:
@@ -260,7 +272,7 @@ class Agent:
     ) -> None:
         """Update Q^C, then Q* (Algorithm 1, lines 12 to 14 and 18).
 
-        Both bootstrap on max_b Q*(y, b) over all actions, or on the goal's value.
+        Both bootstrap on `bootstrap` of the next cell, or on the goal's value.
 
         Args:
             step: t.
@@ -274,20 +286,29 @@ class Agent:
         if not self.learning:
             return
         q_star, q_coord = self._arrays()
-        total = weighed(reward.individual, reward.common, reward.ask_cost, self._weights)
-        if next_cell == self.goal:
-            bootstrap = self._goal_value
-        else:
-            bootstrap = greatest(q_star[next_cell].tolist(), self.actions)
+        total = weighed(reward.individual, reward.common, reward.ask_cost, self.weights)
+        at_goal = next_cell == self.goal
+        bootstrap = self._goal_value if at_goal else self.bootstrap(next_cell, step)
         if perceived is not None:
             entry = (cell, *perceived, action.move)
-            alpha = self._alpha(self._coord_updates, entry, step)
+            alpha = self.step_size_of(self.coord_updates, entry, step)
             value = float(q_coord[entry])
-            q_coord[entry] = updated(value, alpha, total, self._discount, bootstrap)
+            q_coord[entry] = updated(value, alpha, total, self.discount, bootstrap)
         entry = (cell, decision.action)
-        alpha = self._alpha(self._star_updates, entry, step)
+        alpha = self.step_size_of(self.star_updates, entry, step)
         value = float(q_star[entry])
-        q_star[entry] = updated(value, alpha, total, self._discount, bootstrap)
+        q_star[entry] = updated(value, alpha, total, self.discount, bootstrap)
+
+    def bootstrap(self, cell: int, step: int) -> float:
+        """Return what it expects from a cell on, which is not its goal: max_b Q*(cell, b).
+
+        A rule of another paper is a subclass with another one; `TableMinds` has its compiled form.
+
+        Args:
+            cell: X_k(t+1).
+            step: t.
+        """
+        return greatest(self.values(cell), self.actions)
 
     def memory(self) -> Memory:
         """Return what the agent has learned; a copy.
@@ -296,12 +317,12 @@ class Agent:
         go on from here: its learning is not to be broken off.
         """
         q_star, q_coord = self._arrays()
-        states = sorted({entry[:-1] for entry in self._coord_updates})
+        states = sorted({entry[:-1] for entry in self.coord_updates})
         moves = range(PRIMITIVES)
-        updates = [[self._coord_updates[*state, move] for move in moves] for state in states]
+        updates = [[self.coord_updates[*state, move] for move in moves] for state in states]
         return Memory(
             q_star.copy(),
-            self._star_updates.copy(),
+            self.star_updates.copy(),
             np.array(states, dtype=np.int32).reshape(len(states), len(q_coord.shape) - 1),
             np.array([q_coord[state] for state in states]).reshape(len(states), PRIMITIVES),
             np.array(updates, dtype=np.int64).reshape(len(states), PRIMITIVES),
@@ -311,26 +332,229 @@ class Agent:
         """Go on with what another agent of the same run has learned."""
         q_star, q_coord = self._arrays()
         q_star[:] = memory.q_star
-        self._star_updates[:] = memory.star_updates
+        self.star_updates[:] = memory.star_updates
         rows = zip(memory.states.tolist(), memory.values, memory.updates.tolist(), strict=True)
         for state, values, updates in rows:
             for move, count in enumerate(updates):
                 if count:
                     q_coord[*state, move] = values[move]
-                    self._coord_updates[*state, move] = count
+                    self.coord_updates[*state, move] = count
 
     def _arrays(self) -> tuple[np.ndarray, np.ndarray]:
         """Return Q* and Q^C, for this to write to; a sparse Q^C is used like an array."""
         table: Any = self._tables.q_coord
         return self._tables.q_star, table
 
-    def _alpha(
+    def step_size_of(
         self, updates: np.ndarray | Counter[tuple[int, ...]], entry: tuple[int, ...], step: int
     ) -> float:
-        """Count an update of a table entry and return its step size."""
+        """Count an update of a table entry and return its step size alpha.
+
+        Args:
+            updates: the counts: `star_updates` or `coord_updates`.
+            entry: index of the entry.
+            step: the time step t.
+        """
         count = int(updates[entry]) + 1
         updates[entry] = count
         by_count, by_step = self._step_sizes
         last = len(by_count) - 1
         floor = float(by_step[min(step, last)])
         return step_size(float(by_count[min(count, last)]), floor)
+
+
+class TableMinds(NamedTuple):
+    """The compiled form of `Agent`; attributes as of `loops.Minds`.
+
+    A joint state's number in `rows` has the cells as its digits: the own cell, then the peers'.
+    """
+
+    q_star: np.ndarray
+    star_updates: np.ndarray
+    rows: Rows
+
+    @staticmethod
+    def roles() -> tuple[int, ...]:
+        """No streams beside the game's."""
+        return ()
+
+    @classmethod
+    def initial(cls, scenario: Scenario, learner: "Learner", block: int) -> "TableMinds":
+        """Return what robots know before learning; as of `loops.Minds`."""
+        team, cells = len(scenario.robots), len(scenario.map.cells)
+        q_star = np.repeat(learner.tables(scenario).q_star[None], team, axis=0)
+        first = scenario.q_coord_init
+        rows = make_rows(team, cells * cells if learner.asks else 0, first)
+        if learner.asks and scenario.sparse:
+            rows = make_rows(team, 0, first, 1, MOST_ROWS)
+            rows = rows.empty(rows.rows_for(0, block))
+        return cls(q_star, np.zeros(q_star.shape, dtype=np.int32), rows)
+
+    def tables(self, scenario: Scenario, learner: "Learner") -> list[Tables]:
+        """Return what each robot has learned; rows that trials only looked at are left out."""
+        cells, agents = len(scenario.map.cells), scenario.perceived
+        if not learner.asks:
+            initial = initial_tables(scenario, asks=False).q_coord
+            return [Tables(q_star, initial) for q_star in self.q_star]
+        if not scenario.sparse:
+            shape = (cells, cells, PRIMITIVES)
+            pairs = zip(self.q_star, self.rows.values, strict=True)
+            return [Tables(q_star, q_coord.reshape(shape)) for q_star, q_coord in pairs]
+        memories = [self.memory(k, scenario) for k in range(len(self.q_star))]
+        return [
+            Tables(q_star, SparseTable(cells, agents, self.rows.first, m.states, m.values))
+            for q_star, m in zip(self.q_star, memories, strict=True)
+        ]
+
+    def memory(self, k: int, scenario: Scenario) -> Memory:
+        """Return what robot k has learned, as its agent remembers it; a copy."""
+        rows, keys = self.rows.learned(k)
+        order = np.argsort(keys)
+        shape = (len(scenario.map.cells),) * scenario.perceived
+        return Memory(
+            self.q_star[k].copy(),
+            self.star_updates[k].astype(np.int64),
+            np.stack(np.unravel_index(keys[order], shape), axis=1).astype(np.int32),
+            self.rows.values[k, rows[order]],
+            self.rows.updates[k, rows[order]].astype(np.int64),
+        )
+
+    def remember(self, memories: Sequence[Memory], scenario: Scenario) -> "TableMinds":
+        """Return what robots know that remember all this; hashed rows are still to be placed."""
+        shape = (len(scenario.map.cells),) * scenario.perceived
+        keys = [np.ravel_multi_index(tuple(memory.states.T), shape) for memory in memories]
+        found: TableMinds = with_memories(self, memories, keys)
+        return found
+
+    @staticmethod
+    def begin_step(problem: Any, minds: Any, game: Any, choice: Any) -> None:
+        """Nothing is to be done."""
+
+    @staticmethod
+    def end_step(problem: Any, minds: Any, game: Any) -> None:
+        """Nothing is to be done."""
+
+    @staticmethod
+    def coordinate(
+        problem: loops.CompiledScenario,
+        minds: "TableMinds",
+        game: loops.Game,
+        choice: loops.Choices,
+        draws: loops.Draws,
+        step: int,
+        k: int,
+        epsilon: float,
+    ) -> int:
+        """Turn COORDINATE into a move by the row of Q^C that is perceived, or by Q*."""
+        row = loops.NO_ROW
+        if len(game.cells) > 1:
+            key = perceived_state(problem, game, k, draws, step)
+            if key != loops.NO_ROW:
+                row = row_to_learn(minds.rows, k, key)
+        choice.rows[k] = row
+        if row == loops.NO_ROW:
+            values = minds.q_star[k, game.cells[k]]
+        else:
+            values = minds.rows.values[k, row]
+        return loops.greedy_action(values, PRIMITIVES, draws, k, step, PRIMITIVE_TIE)
+
+    @staticmethod
+    def bootstrap(
+        problem: loops.CompiledScenario, minds: "TableMinds", k: int, y: int, step: int
+    ) -> float:
+        """Return max_b Q*(y, b)."""
+        return greatest(minds.q_star[k, y], problem.actions)
+
+    @staticmethod
+    def learn(
+        problem: loops.CompiledScenario,
+        minds: "TableMinds",
+        choice: loops.Choices,
+        draws: loops.Draws,
+        step: int,
+        k: int,
+        y: int,
+        individual: float,
+        common: float,
+        cost: float,
+        floor: float,
+    ) -> None:
+        """Update Q^C, then Q* (Algorithm 1, lines 12 to 14 and 18)."""
+        x, action, row = choice.cells[k], choice.actions[k], choice.rows[k]
+        reward = weighed(individual, common, cost, problem.weights)
+        if y == problem.goals[k]:
+            after = problem.goal_value
+        else:
+            after = loops.bootstrap(problem, minds, k, y, step)
+        if row != loops.NO_ROW:
+            values, updates = minds.rows.values[k, row], minds.rows.updates[k, row]
+            learn_entry(problem, values, updates, choice.moves[k], reward, after, floor)
+        values, updates = minds.q_star[k, x], minds.star_updates[k, x]
+        learn_entry(problem, values, updates, action, reward, after, floor)
+
+
+@inlined
+def learn_entry(
+    problem: loops.CompiledScenario,
+    values: np.ndarray,
+    updates: np.ndarray,
+    action: int,
+    reward: float,
+    bootstrap: float,
+    floor: float,
+) -> None:
+    """Update one entry of a row by QLUpdate, with the step size of its count."""
+    count = updates[action] + 1
+    updates[action] = count
+    alpha = step_size(problem.alpha_by_count[count], floor)
+    values[action] = updated(values[action], alpha, reward, problem.discount, bootstrap)
+
+
+@inlined
+def perceived_state(
+    problem: loops.CompiledScenario, game: loops.Game, k: int, draws: loops.Draws, step: int
+) -> int:
+    """Return the number of the joint state that robot k's COORDINATE perceives, or `NO_ROW`."""
+    cells = game.cells
+    key: int = cells[k]
+    size, team = len(problem.places), len(cells)
+    draw = loops.percept_draw(draws, k, step)
+    chances = problem.percept[key]
+    if problem.all_peers:
+        for peer in range(team):
+            if peer != k:
+                if not succeeds(draw, chances[cells[peer]]):
+                    return loops.NO_ROW
+                key = key * size + cells[peer]
+    else:
+        which = loops.drawn(draws, POLICY, k, step, PEER) if team > 2 else 0.0
+        peer = drawn_peer(k, team, which)
+        if not succeeds(draw, chances[cells[peer]]):
+            return loops.NO_ROW
+        key = key * size + cells[peer]
+    return key
+
+
+def with_memories(
+    minds: Any, memories: Sequence[Memory], keys: Sequence[np.ndarray], **arrays: np.ndarray
+) -> Any:
+    """Return the compiled form of robots that remember something.
+
+    Args:
+        minds: as `initial` returns it; its arrays are changed.
+        memories: what each robot remembers.
+        keys: the keys of each robot's rows.
+        arrays: other fields of `minds` to replace.
+
+    Returns:
+        `minds`; hashed rows are there in any order, for `rehash` to find their places.
+    """
+    rows = minds.rows
+    if rows.hashed:
+        rows = rows.empty(max(1, *map(len, keys)))
+    for k, memory in enumerate(memories):
+        minds.q_star[k] = memory.q_star
+        minds.star_updates[k] = memory.star_updates
+        if rows.values.size:
+            rows.put(k, keys[k], memory.values, memory.updates)
+    return minds._replace(rows=rows, **arrays)

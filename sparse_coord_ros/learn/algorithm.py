@@ -12,10 +12,13 @@ from typing import TypeAlias
 
 import numpy as np
 
+from sparse_coord_ros.compiling import inner
+
 Values: TypeAlias = Sequence[float] | np.ndarray
 """One row of a table: the values of the actions, in their order."""
 
 
+@inner
 def greedy(values: Values, count: int, tie: float) -> int:
     """Return the greedy action pi_g: uniform among the exact maxima of the first `count` values.
 
@@ -65,6 +68,7 @@ def epsilon_greedy(
     return greedy(values, count, tie)
 
 
+@inner
 def greatest(values: Values, count: int) -> float:
     """Return the maximum of the first `count` values: max_b Q'(y, b) of QLUpdate."""
     best: float = values[0]
@@ -74,6 +78,7 @@ def greatest(values: Values, count: int) -> float:
     return best
 
 
+@inner
 def step_size(by_count: float, by_step: float) -> float:
     """Return alpha: what the entry's own count asks for, but never less than the step's floor."""
     if by_count > by_step:
@@ -81,6 +86,7 @@ def step_size(by_count: float, by_step: float) -> float:
     return by_step
 
 
+@inner
 def weighed(individual: float, common: float, ask_cost: float, weights: Values) -> float:
     """Return what an agent learns from as R_k(t): the weighted sum of its parts.
 
@@ -95,6 +101,7 @@ def weighed(individual: float, common: float, ask_cost: float, weights: Values) 
     return weights[0] * individual + weights[1] * common + weights[2] * ask_cost
 
 
+@inner
 def updated(value: float, alpha: float, reward: float, discount: float, bootstrap: float) -> float:
     """Return the new table entry of QLUpdate (paper, Section 3.2; equation 3).
 

@@ -7,9 +7,9 @@ the caller adds; `digest`, the SHA-256 of all these (names, dtypes, shapes and b
 of the names). A file that does not fit its digest, its run or the version is refused.
 
 For robot k from 1: `q_star_k`, `star_updates_k`, `states_k`, `values_k`, `updates_k`: the fields
-of `learn.agent.Memory`; `factors_..._k`: those of `learn.factors.FactorMemory`, where there are
-any. Of G games: `transitions`, `step`, `under_way`, `episode_start`, each of shape (G,), `cells`
-and `arrived`, (G, K): the fields of `game.world.Position`.
+of `learn.agent.Memory`; `more_k_...`: what is in its `more`. Of G games: `transitions`, `step`,
+`under_way`, `episode_start`, each of shape (G,), `cells` and `arrived`, (G, K): the fields of
+`game.world.Position`.
 """
 
 import hashlib
@@ -22,7 +22,6 @@ import numpy as np
 from sparse_coord_ros.errors import RunError, newer_format
 from sparse_coord_ros.game.world import Position
 from sparse_coord_ros.learn.agent import Memory
-from sparse_coord_ros.learn.factors import FactorMemory
 from sparse_coord_ros.version import __version__
 
 FORMAT = 1
@@ -90,11 +89,9 @@ def unpack(data: bytes, run: str, *, where: str, said: str) -> dict[str, np.ndar
 def memory_arrays(memory: Memory, k: int) -> dict[str, np.ndarray]:
     """Return what robot k (from 1) has learned as named arrays."""
     whole = memory._asdict()
-    factors = whole.pop("factors")
+    more = whole.pop("more")
     arrays = {f"{name}_{k}": array for name, array in whole.items()}
-    if factors is not None:
-        arrays |= {f"factors_{name}_{k}": a for name, a in factors._asdict().items()}
-    return arrays
+    return arrays | {f"more_{k}_{name}": array for name, array in more.items()}
 
 
 def memory_from(arrays: Mapping[str, np.ndarray], k: int) -> Memory:
@@ -103,14 +100,12 @@ def memory_from(arrays: Mapping[str, np.ndarray], k: int) -> Memory:
     Raises:
         KeyError, ValueError: it is not there, or makes no sense.
     """
-    memory = Memory._make([*(arrays[f"{name}_{k}"] for name in Memory._fields[:-1]), None])
+    prefix = f"more_{k}_"
+    more = {name.removeprefix(prefix): a for name, a in arrays.items() if name.startswith(prefix)}
+    memory = Memory._make([*(arrays[f"{name}_{k}"] for name in Memory._fields[:-1]), more])
     if len({len(memory.states), len(memory.values), len(memory.updates)}) > 1:
         raise ValueError("has rows without their states")
-    if f"factors_tried_{k}" not in arrays:
-        return memory
-    return memory._replace(
-        factors=FactorMemory(*(arrays[f"factors_{name}_{k}"] for name in FactorMemory._fields))
-    )
+    return memory
 
 
 def position_arrays(positions: Sequence[Position]) -> dict[str, np.ndarray]:

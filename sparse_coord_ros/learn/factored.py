@@ -2,8 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The agent that learns Q* and Q^C in factors (`learn.factors`)."""
 
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
 import numpy as np
 
+from sparse_coord_ros.compiling import inlined
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.actions import COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.links import PerceptStream
@@ -14,14 +18,21 @@ from sparse_coord_ros.game.streams import (
     BLIND_ACTION,
     BLIND_EXPLORE,
     LEARNING,
+    PRIMITIVE_TIE,
     REPLAY,
     Stream,
 )
-from sparse_coord_ros.game.world import SUM_OF_PARTS, Action, Reward, RewardWeights
-from sparse_coord_ros.learn.agent import Agent, Decision, Memory, Tables
+from sparse_coord_ros.game.world import (
+    SUM_OF_PARTS,
+    UNKNOWN_PARTNERS,
+    Action,
+    Reward,
+    RewardWeights,
+)
+from sparse_coord_ros.learn import loops
+from sparse_coord_ros.learn.agent import Agent, Decision, Memory, Tables, with_memories
 from sparse_coord_ros.learn.factors import (
     UNSEEN,
-    FactorMemory,
     FactorRule,
     Factors,
     Own,
@@ -29,16 +40,25 @@ from sparse_coord_ros.learn.factors import (
     coordination_table,
     counted,
     key_of,
+    keys_below,
     keys_of,
     learn_asking,
     learn_correction,
     learn_move,
     refresh,
     replay,
+    rows_at_most,
     sorted_factors,
     states_of,
     unseen_key,
 )
+from sparse_coord_ros.learn.rows import FREE_PLACE, Rows, find_row, make_rows, row_to_learn
+
+if TYPE_CHECKING:
+    from sparse_coord_ros.learn.learners import Learner
+
+REMEMBERED = ("u", "r_bar", "w", "commons", "moved", "successor", "tried")
+"""Fields of `Own` that an agent remembers as `Memory.more`; of `tried` only what is in use."""
 
 STEPS_AT_ONCE = 3
 """Time steps whose askers are remembered: a peer may ask in the next step before the reward of the
@@ -130,11 +150,9 @@ class FactoredAgent(Agent):
         self._right_of_way = rule.right_of_way and self._robots > 2
         nothing = np.zeros((self._cells, PRIMITIVES), dtype=np.int64)
         factors = begun.factors
-        self._take(
-            begun.q_star,
-            np.zeros(begun.q_star.shape, dtype=np.int64),
-            FactorMemory(*factors[:3], nothing, nothing, nothing, np.empty(0, dtype=np.int64)),
-        )
+        arrays = (*factors[:3], nothing, nothing, nothing, np.empty(0, dtype=np.int64))
+        more = dict(zip(REMEMBERED, arrays, strict=True))
+        self._take(begun.q_star, np.zeros(begun.q_star.shape, dtype=np.int64), more)
         keys = keys_of(factors.states, self._cells, self._robots).tolist()
         self._rho: dict[int, list[float]] = dict(
             zip(keys, factors.corrections.tolist(), strict=True)
@@ -148,21 +166,15 @@ class FactoredAgent(Agent):
         self._blind = Stream(seed, number, BLIND, phase)
         self._askers: dict[int, dict[int, int]] = {}
 
-    def _take(self, star: np.ndarray, updates: np.ndarray, memory: FactorMemory) -> None:
+    def _take(self, star: np.ndarray, updates: np.ndarray, more: Mapping[str, np.ndarray]) -> None:
         tried = np.zeros(self._cells * PRIMITIVES, dtype=np.int64)
-        tried[: len(memory.tried)] = memory.tried
+        tried[: len(more["tried"])] = more["tried"]
         self._own = Own(
-            u=memory.individual.tolist(),
-            r_bar=memory.common.tolist(),
-            w=memory.asking.tolist(),
             star=star.tolist(),
             value=star.max(axis=1).tolist(),
             updates=updates.tolist(),
-            commons=memory.commons.tolist(),
-            moved=memory.moved.tolist(),
-            successor=memory.successor.tolist(),
-            tried=tried.tolist(),
-            used=[len(memory.tried)],
+            used=[len(more["tried"])],
+            **{name: array.tolist() for name, array in {**more, "tried": tried}.items()},
         )
 
     @property
@@ -264,8 +276,8 @@ class FactoredAgent(Agent):
             return
         own, rule, terms = self._own, self._rule, self._terms
         by_count, floor = self._by_count, self._floor[min(step, len(self._floor) - 1)]
-        individual = self._weights.individual * reward.individual
-        common = self._weights.common * (reward.common if reward.partners else 0.0)
+        individual = self.weights.individual * reward.individual
+        common = self.weights.common * (reward.common if reward.partners else 0.0)
         asked = decision.action == COORDINATE
         learn_move(
             own, cell, action.move, next_cell, individual, common, asked, terms, by_count, floor
@@ -307,7 +319,11 @@ class FactoredAgent(Agent):
         return np.array(self._own.updates, dtype=np.int64)[:, COORDINATE]
 
     def memory(self) -> Memory:
-        """Return what the agent has learned; a copy."""
+        """Return what the agent has learned; a copy.
+
+        `states` are those of rho, shape (rows, 3), as of `Factors`, and `values` is rho;
+        `star_updates` counts how often each move was tried, and COORDINATE.
+        """
         own = self._own
         keys = sorted(self._counts)
         return Memory(
@@ -316,21 +332,292 @@ class FactoredAgent(Agent):
             states_of(keys, self._cells, self._robots).reshape(len(keys), 3),
             np.array([self._rho[key] for key in keys]).reshape(len(keys), PRIMITIVES),
             np.array([self._counts[k] for k in keys], dtype=np.int64).reshape(-1, PRIMITIVES),
-            FactorMemory(
-                individual=np.array(own.u),
-                common=np.array(own.r_bar),
-                asking=np.array(own.w),
-                commons=np.array(own.commons, dtype=np.int64),
-                moved=np.array(own.moved, dtype=np.int64),
-                successor=np.array(own.successor, dtype=np.int64),
-                tried=np.array(own.tried[: own.used[0]], dtype=np.int64),
-            ),
+            {
+                **{name: np.array(getattr(own, name)) for name in REMEMBERED[:-1]},
+                "tried": np.array(own.tried[: own.used[0]], dtype=np.int64),
+            },
         )
 
     def go_on_from(self, memory: Memory) -> None:
         """Go on with what another agent of the same run has learned."""
-        assert memory.factors is not None
-        self._take(memory.q_star, memory.star_updates, memory.factors)
+        self._take(memory.q_star, memory.star_updates, memory.more)
         keys = keys_of(memory.states, self._cells, self._robots).tolist()
         self._rho |= dict(zip(keys, memory.values.tolist(), strict=True))
         self._counts = dict(zip(keys, memory.updates.tolist(), strict=True))
+
+
+DENSE_ROWS = 2**19
+"""Rows of a robot's rho, 16 MiB, above which only those that it learned are kept."""
+
+PERCEIVED = 0
+"""In place of a row of Q^C: the percept succeeded."""
+
+
+class FactoredMinds(NamedTuple):
+    """The compiled form of `FactoredAgent`.
+
+    Attributes:
+        q_star, star_updates: as of `loops.Minds`; the updates count how often each move was
+            tried, and COORDINATE.
+        rows: rho, by the keys of `learn.factors`.
+        u, r_bar, w, value, commons, moved, successor, tried, used: as of `factors.Own`, with the
+            robot as first axis.
+        askers: who asked the robot in this time step [k]: the sum of 2^j of the robots j.
+        partners: as of `game.world.Reward` [k].
+        correction: space for Q^C(x, z, .) - U(x, .) [move].
+        rule: the parts of the rule; `right_of_way` is False for two robots.
+    """
+
+    q_star: np.ndarray
+    star_updates: np.ndarray
+    rows: Rows
+    u: np.ndarray
+    r_bar: np.ndarray
+    w: np.ndarray
+    value: np.ndarray
+    commons: np.ndarray
+    moved: np.ndarray
+    successor: np.ndarray
+    tried: np.ndarray
+    used: np.ndarray
+    askers: np.ndarray
+    partners: np.ndarray
+    correction: np.ndarray
+    rule: FactorRule
+
+    @staticmethod
+    def roles() -> tuple[int, ...]:
+        """Streams that it draws from while it learns."""
+        return (REPLAY, BLIND)
+
+    @classmethod
+    def initial(cls, scenario: Scenario, learner: "Learner", block: int) -> "FactoredMinds":
+        """Return what robots know before learning; as of `loops.Minds`."""
+        team, cells = len(scenario.robots), len(scenario.map.cells)
+        q_star = np.repeat(learner.tables(scenario).q_star[None], team, axis=0)
+        keys = keys_below(cells, team)
+        rows = make_rows(
+            team, 0 if keys > DENSE_ROWS else keys, 0.0, team, rows_at_most(cells, team)
+        )
+        if keys > DENSE_ROWS:
+            rows = rows.empty(rows.rows_for(0, block))
+        counts = np.zeros((3, team, cells, PRIMITIVES), dtype=np.int64)
+        assert learner.factors is not None
+        right_of_way = learner.factors.right_of_way and team > 2
+        return cls(
+            q_star=q_star,
+            star_updates=np.zeros(q_star.shape, dtype=np.int32),
+            rows=rows,
+            u=np.full((team, cells, PRIMITIVES), scenario.q_coord_init),
+            r_bar=np.zeros((team, cells, PRIMITIVES)),
+            w=np.zeros((team, cells)),
+            value=q_star.max(axis=2),
+            commons=counts[0],
+            moved=counts[1],
+            successor=counts[2],
+            tried=np.zeros((team, cells * PRIMITIVES), dtype=np.int64),
+            used=np.zeros((team, 1), dtype=np.int64),
+            askers=np.zeros(team, dtype=np.int64),
+            partners=np.full(team, UNKNOWN_PARTNERS, dtype=np.int64),
+            correction=np.zeros(PRIMITIVES),
+            rule=learner.factors._replace(right_of_way=right_of_way),
+        )
+
+    def tables(self, scenario: Scenario, learner: "Learner") -> list[Tables]:
+        """Return what each robot has learned."""
+        found, robots = [], len(self.used)
+        for k in range(robots):
+            rows, keys = self.rows.learned(k)
+            rho = self.rows.values[k, rows]
+            factors = sorted_factors(self.u[k], self.r_bar[k], self.w[k], keys, rho, robots)
+            q_coord = coordination_table(factors, k, robots)
+            found.append(Tables(self.q_star[k], q_coord, factors))
+        return found
+
+    def memory(self, k: int, scenario: Scenario) -> Memory:
+        """Return what robot k has learned, as its agent remembers it; a copy."""
+        rows, keys = self.rows.learned(k)
+        order = np.argsort(keys)
+        more = {name: getattr(self, name)[k].copy() for name in REMEMBERED}
+        more["tried"] = more["tried"][: self.used[k, 0]]
+        return Memory(
+            self.q_star[k].copy(),
+            self.star_updates[k].astype(np.int64),
+            states_of(keys[order], len(scenario.map.cells), len(self.used)),
+            self.rows.values[k, rows[order]],
+            self.rows.updates[k, rows[order]].astype(np.int64),
+            more,
+        )
+
+    def remember(self, memories: Sequence[Memory], scenario: Scenario) -> "FactoredMinds":
+        """Return what robots know that remember all this; hashed rows are still to be placed."""
+        cells, robots = len(scenario.map.cells), len(memories)
+        for k, memory in enumerate(memories):
+            for name in REMEMBERED[:-1]:
+                getattr(self, name)[k] = memory.more[name]
+            tried = memory.more["tried"]
+            self.value[k] = memory.q_star.max(axis=1)
+            self.tried[k, : len(tried)] = tried
+            self.used[k] = len(tried)
+        keys = [keys_of(memory.states, cells, robots) for memory in memories]
+        found: FactoredMinds = with_memories(self, memories, keys)
+        return found
+
+    @staticmethod
+    def begin_step(
+        problem: loops.CompiledScenario,
+        minds: "FactoredMinds",
+        game: loops.Game,
+        choice: loops.Choices,
+    ) -> None:
+        """Nobody has asked yet; where everybody is, also who has arrived."""
+        for k in range(len(game.cells)):
+            minds.askers[k] = 0
+            choice.cells[k] = game.cells[k]
+
+    @staticmethod
+    def end_step(
+        problem: loops.CompiledScenario, minds: "FactoredMinds", game: loops.Game
+    ) -> None:
+        """Note what the referee says."""
+        if problem.referee:
+            loops.find_partners(problem, game, minds.partners)
+
+    @staticmethod
+    def coordinate(
+        problem: loops.CompiledScenario,
+        minds: "FactoredMinds",
+        game: loops.Game,
+        choice: loops.Choices,
+        draws: loops.Draws,
+        step: int,
+        k: int,
+        epsilon: float,
+    ) -> int:
+        """Turn COORDINATE into a move by U + rho; each peer that was asked takes note."""
+        x = game.cells[k]
+        seen = PERCEIVED if len(game.cells) > 1 else loops.NO_ROW
+        draw = loops.percept_draw(draws, k, step)
+        for peer in range(len(game.cells)):
+            if peer != k:
+                minds.askers[peer] |= 1 << k
+                if not succeeds(draw, problem.percept[x, game.cells[peer]]):
+                    seen = loops.NO_ROW
+                    break
+        choice.rows[k] = seen
+        values = minds.correction
+        correct(minds, k, x, game.cells, seen)
+        for b in range(PRIMITIVES):
+            values[b] = minds.u[k, x, b] + values[b]
+        if seen == loops.NO_ROW and epsilon > 0.0:
+            if loops.drawn(draws, BLIND, k, step, BLIND_EXPLORE) < epsilon:
+                return int(loops.drawn(draws, BLIND, k, step, BLIND_ACTION) * PRIMITIVES)
+        return loops.greedy_action(values, PRIMITIVES, draws, k, step, PRIMITIVE_TIE)
+
+    @staticmethod
+    def learn(
+        problem: loops.CompiledScenario,
+        minds: "FactoredMinds",
+        choice: loops.Choices,
+        draws: loops.Draws,
+        step: int,
+        k: int,
+        y: int,
+        individual: float,
+        common: float,
+        cost: float,
+        floor: float,
+    ) -> None:
+        """Learn U, r_bar or rho and W, then replay, as `FactoredAgent.learn`."""
+        weights, partners, rule = problem.weights, minds.partners[k], minds.rule
+        x, m, seen = choice.cells[k], choice.moves[k], choice.rows[k]
+        asked = choice.actions[k] == COORDINATE
+        by_count = problem.alpha_by_count
+        arrival = weights[0] * problem.goal_reward + problem.discount * problem.goal_value
+        terms = Terms(
+            weights[2] * problem.ask_cost,
+            problem.discount,
+            problem.goals[k],
+            problem.goal_value,
+            arrival,
+        )
+        own = Own(
+            minds.u[k],
+            minds.r_bar[k],
+            minds.w[k],
+            minds.q_star[k],
+            minds.value[k],
+            minds.star_updates[k],
+            minds.commons[k],
+            minds.moved[k],
+            minds.successor[k],
+            minds.tried[k],
+            minds.used[k],
+        )
+        individual = weights[0] * individual
+        if partners == 0:
+            common = 0.0
+        common = weights[1] * common
+        learn_move(own, x, m, y, individual, common, asked, terms, by_count, floor)
+        size, team = minds.q_star.shape[1], len(choice.cells)
+        perceived = asked and seen == PERCEIVED
+        if perceived or minds.askers[k] != 0:
+            for peer in range(team):
+                z = choice.cells[peer]
+                known = perceived
+                if not known and rule.share and (minds.askers[k] >> peer) & 1:
+                    known = succeeds(loops.percept_draw(draws, k, step), problem.percept[x, z])
+                if known and peer != k:
+                    share = common if (partners >> peer) & 1 else 0.0
+                    key = key_of(x, peer, z, size, team)
+                    learn_row(minds.rows, k, key, m, share, by_count, floor)
+        if asked:
+            if not perceived:
+                key = unseen_key(x, size, team)
+                learn_row(minds.rows, k, key, m, common, by_count, floor)
+            correct(minds, k, x, choice.cells, seen)
+            learn_asking(own, x, minds.correction, rule.percept_update, by_count, floor)
+        refresh(own, x, terms)
+        if rule.replays > 0:
+            replay(own, rule.replays, loops.drawn(draws, REPLAY, k, step, 0), terms)
+
+
+@inlined
+def correct(minds: FactoredMinds, k: int, x: int, cells: np.ndarray, seen: int) -> None:
+    """Set `minds.correction` to Q^C(x, z, .) - U(x, .) of what robot k perceived."""
+    correction = minds.correction
+    for b in range(PRIMITIVES):
+        correction[b] = 0.0
+    size, team = minds.q_star.shape[1], len(cells)
+    if seen == loops.NO_ROW:
+        add_row(minds.rows, k, unseen_key(x, size, team), correction)
+        return
+    for peer in range(team):
+        if peer != k and counted(k, peer, x, cells[peer], minds.rule.right_of_way):
+            add_row(minds.rows, k, key_of(x, peer, cells[peer], size, team), correction)
+
+
+@inlined
+def add_row(rows: Rows, k: int, key: int, correction: np.ndarray) -> None:
+    """Add a row of rho, if there is one."""
+    row, dense = key, rows.keys.shape[1] == 0
+    if not dense:
+        row = find_row(rows.keys[k], key)
+    if dense or rows.keys[k, row] != FREE_PLACE:
+        for b in range(PRIMITIVES):
+            correction[b] += rows.values[k, row, b]
+
+
+@inlined
+def learn_row(
+    rows: Rows,
+    k: int,
+    key: int,
+    m: int,
+    common: float,
+    by_count: np.ndarray,
+    floor: float,
+) -> None:
+    """Learn one entry of rho, in a new row if there is none."""
+    row = row_to_learn(rows, k, key)
+    learn_correction(rows.values[k, row], rows.updates[k, row], m, common, by_count, floor)

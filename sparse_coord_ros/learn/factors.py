@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sparse_coord_ros.compiling import inlined, inner
 from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.learn.algorithm import Values, greatest, step_size
 
@@ -62,26 +63,7 @@ class Factors(NamedTuple):
     corrections: np.ndarray
 
 
-class FactorMemory(NamedTuple):
-    """What one robot remembers beside its `agent.Memory`, so that another can go on.
-
-    Attributes:
-        individual, common, asking: as of `Factors`.
-        commons: updates of each entry of r_bar, shape (cells, 4), int64.
-        moved: how often a move led out of its cell, shape (cells, 4), int64.
-        successor: where it led the last time that it did, shape (cells, 4), int64.
-        tried: the moves that were tried, 4 * cell + move, in the order of their first time.
-    """
-
-    individual: np.ndarray
-    common: np.ndarray
-    asking: np.ndarray
-    commons: np.ndarray
-    moved: np.ndarray
-    successor: np.ndarray
-    tried: np.ndarray
-
-
+@inner
 def counted(number: int, peer: int, x: int, z: int, right_of_way: bool) -> bool:
     """Return whether a robot in x counts the correction of a peer that it perceives in z.
 
@@ -95,11 +77,13 @@ def counted(number: int, peer: int, x: int, z: int, right_of_way: bool) -> bool:
     return not (right_of_way and x == z and number < peer)
 
 
+@inner
 def key_of(x: int, peer: int, z: int, cells: int, robots: int) -> int:
     """Return the number of a correction's row: the own cell, the peer, the peer's cell."""
     return (x * robots + peer) * cells + z
 
 
+@inner
 def unseen_key(x: int, cells: int, robots: int) -> int:
     """Return the number of the row of failed percepts of a cell."""
     return cells * robots * cells + x
@@ -216,8 +200,11 @@ class Own(NamedTuple):
         star: Q* [x][action], kept up to date.
         value: max_b Q*(x, b) over all five actions [x], kept up to date.
         updates: how often a move was tried [x][b], and COORDINATE [x][4].
-        commons, moved, successor: as of `FactorMemory`.
-        tried: as of `FactorMemory`, with room for all.
+        commons: updates of each entry of r_bar [x][b].
+        moved: how often a move led out of its cell [x][b].
+        successor: where it led the last time that it did [x][b].
+        tried: the moves that were tried, x * moves + b, in the order of their first time, with
+            room for all.
         used: [number of moves that were tried].
     """
 
@@ -252,11 +239,13 @@ class Terms(NamedTuple):
     arrival: float
 
 
+@inner
 def toward(value: float, alpha: float, target: float) -> float:
     """Return a value moved toward a target by a share of the way."""
     return value + alpha * (target - value)
 
 
+@inlined
 def refresh(own: Own, x: int, terms: Terms) -> None:
     """Set Q*(x, .) and its maximum from the factors."""
     u, r_bar, star = own.u[x], own.r_bar[x], own.star[x]
@@ -266,6 +255,7 @@ def refresh(own: Own, x: int, terms: Terms) -> None:
     own.value[x] = greatest(star, len(ACTIONS))
 
 
+@inlined
 def learn_move(
     own: Own,
     x: int,
@@ -310,6 +300,7 @@ def learn_move(
         own.r_bar[x][m] = toward(own.r_bar[x][m], alpha, common)
 
 
+@inner
 def learn_correction(
     rho: Any, counts: Any, m: int, common: float, by_count: Values, floor: float
 ) -> None:
@@ -320,6 +311,7 @@ def learn_correction(
     rho[m] = toward(rho[m], alpha, common)
 
 
+@inlined
 def learn_asking(
     own: Own, x: int, correction: Values, percept_update: bool, by_count: Values, floor: float
 ) -> None:
@@ -347,6 +339,7 @@ def learn_asking(
             own.r_bar[x][b] = toward(own.r_bar[x][b], floor, correction[b])
 
 
+@inlined
 def replay(own: Own, replays: int, draw: float, terms: Terms) -> None:
     """Set U of moves that were tried to what the own model says of them (Dyna).
 

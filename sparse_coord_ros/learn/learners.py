@@ -19,17 +19,27 @@ from sparse_coord_ros.game.plugins import Registry, failing_as, is_shipped, path
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.streams import LEARNING
 from sparse_coord_ros.game.world import RewardWeights
-from sparse_coord_ros.learn.agent import Agent, Tables, check_joint_states, initial_tables
-from sparse_coord_ros.learn.factored import FactoredAgent, check_peers, initial_factored
+from sparse_coord_ros.learn.agent import (
+    Agent,
+    TableMinds,
+    Tables,
+    check_joint_states,
+    initial_tables,
+)
+from sparse_coord_ros.learn.factored import (
+    FactoredAgent,
+    FactoredMinds,
+    check_peers,
+    initial_factored,
+)
 from sparse_coord_ros.learn.factors import FactorRule
 
 
 class Learner:
     """One learner: its names, what it needs, and the agents that learn by it.
 
-    A subclass changes attributes, `weights` or `agent`. Where `agent` is left as it is, the
-    batch engine computes the learner compiled; else it runs in plain Python, with the same bits
-    in every way of running.
+    A subclass changes attributes, `weights` or `agent`. The engine computes a learner compiled
+    where `minds` goes with its agents; else in plain Python. The bits are the same.
 
     A name, a title and a summary are not inherited. What a subclass does wrong is said in one
     line (`PluginError`), whichever way of running calls it.
@@ -42,6 +52,9 @@ class Learner:
         alone: whether each robot learns with no other robot in the world (Indiv. of Section 4).
             Such a learner cannot run live.
         factors: the rule of a learner that learns Q* and Q^C in factors; None for the others.
+        agent_class: class of its agents.
+        minds: their compiled form, a class as of `loops.Minds`; None: there is none. A subclass
+            that changes `agent_class`, `agent` or `tables` has none unless it names one, too.
         defaults: values of scenario settings where neither the scenario nor the user chose one;
             `run.yaml` says each value that held.
     """
@@ -52,6 +65,8 @@ class Learner:
     asks: bool = True
     alone: bool = False
     factors: FactorRule | None = None
+    agent_class: type[Agent] = Agent
+    minds: type[Any] | None = TableMinds
     defaults: Mapping[str, object] = MappingProxyType({})
 
     def __init_subclass__(cls, **more: object) -> None:
@@ -95,15 +110,7 @@ class Learner:
         return RewardWeights(1.0, scenario.common_weight, 1.0)
 
     def tables(self, scenario: Scenario) -> Tables:
-        """Return the tables of one robot before learning (Algorithm 1, line 1).
-
-        Of a learner in factors those of the first robot; others have the same factors.
-
-        Raises:
-            SettingError: a learner in factors, and COORDINATE does not perceive every peer.
-        """
-        if self.factors is not None:
-            return initial_factored(scenario, 0, self.weights(scenario))
+        """Return the tables of one robot before learning (Algorithm 1, line 1)."""
         return initial_tables(scenario, asks=self.asks)
 
     def agent(
@@ -126,19 +133,28 @@ class Learner:
             learning: False: act greedily and never update.
             phase: LEARNING or EVALUATION: which random draws the agent uses.
         """
-        how: dict[str, Any] = {"learning": learning, "phase": phase}
-        how["weights"] = self.weights(scenario)
-        if self.factors is not None:
-            return FactoredAgent(scenario, number, seed, rule=self.factors, tables=tables, **how)
-        if tables is None:
-            tables = self.tables(scenario)
-        return Agent(scenario, number, seed, asks=self.asks, tables=tables, **how)
+        return self.agent_class(
+            scenario,
+            number,
+            seed,
+            asks=self.asks,
+            weights=self.weights(scenario),
+            tables=self.tables(scenario) if tables is None else tables,
+            learning=learning,
+            phase=phase,
+        )
 
     @property
     def compiled(self) -> bool:
         """Whether the compiled loops of the batch engine compute just this learner."""
-        own = type(self)
-        return own.agent is Learner.agent and own.tables is Learner.tables
+        if self.minds is None:
+            return False
+        order = type(self).__mro__
+        named, *changed = (
+            next(place for place, one in enumerate(order) if name in vars(one))
+            for name in ("minds", "agent_class", "agent", "tables")
+        )
+        return named <= min(changed)
 
     @property
     def label(self) -> str:
@@ -205,7 +221,8 @@ def _guard_agent(said: str, agent: object) -> None:
     """Let the agent of a learner of the user's own say in one line where it fails."""
     if not isinstance(agent, Agent):
         raise SettingError(f"{said}: {agent!r} is no agent, must be a sparse_coord_ros.Agent")
-    for name, doing in (("decide", "deciding"), ("act", "acting"), ("learn", "learning")):
+    doings = {"decide": "deciding", "act": "acting", "learn": "learning", "bootstrap": "learning"}
+    for name, doing in doings.items():
         method = getattr(agent, name)
         if is_shipped(method.__func__ if hasattr(method, "__func__") else method):
             continue
@@ -255,6 +272,7 @@ class Factored(Learner):
     title = "Factored"
     summary = "Algorithm 1 with Q^C as an individual part and sparse corrections"
     factors: FactorRule = FactorRule()
+    minds = FactoredMinds
     defaults = MappingProxyType(
         {"epsilon": "linear:0.3:0.02:0.8", "starts": "exploring:1:0:0.5", "peers": "all"}
     )
@@ -269,6 +287,36 @@ class Factored(Learner):
     def check(self, scenario: Scenario) -> None:
         """Raise `SettingError` unless COORDINATE perceives every peer."""
         check_peers(scenario)
+
+    def tables(self, scenario: Scenario) -> Tables:
+        """Return the first robot's tables before learning; others have the same factors.
+
+        Raises:
+            SettingError: COORDINATE does not perceive every peer.
+        """
+        return initial_factored(scenario, 0, self.weights(scenario))
+
+    def agent(
+        self,
+        scenario: Scenario,
+        number: int,
+        seed: int,
+        *,
+        tables: Tables | None = None,
+        learning: bool = True,
+        phase: int = LEARNING,
+    ) -> Agent:
+        """Return the agent of one robot; arguments as of `Learner.agent`."""
+        return FactoredAgent(
+            scenario,
+            number,
+            seed,
+            rule=self.factors,
+            weights=self.weights(scenario),
+            tables=tables,
+            learning=learning,
+            phase=phase,
+        )
 
 
 def _learner(name: str, thing: object) -> Learner:

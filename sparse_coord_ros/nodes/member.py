@@ -266,7 +266,7 @@ class Member:
 
     def _not_heard_by(self) -> str:
         """Return who is to hear this robot and does not yet, or an empty text."""
-        if not self._node.heard_by(self._action, [WORLD]):
+        if not self._node.heard_by(self._action, WORLD):
             return "the world simulator to listen to this robot"
         if self.run.recorded and not self._recorder_hears():
             return "a recorder to listen to this robot"
@@ -275,8 +275,8 @@ class Member:
     def _recorder_hears(self) -> bool:
         """Whether a recorder listens to what this robot does, asks and answers."""
         own = (self._action, self._percept)
-        return all(self._node.heard_by(publisher, [RECORDER]) for publisher in own) and all(
-            self._node.is_recorded(interface.SERVICE_EVENTS.of(robot.name))
+        return all(self._node.heard_by(publisher, RECORDER) for publisher in own) and all(
+            self._node.is_heard(interface.SERVICE_EVENTS.of(robot.name), RECORDER)
             for robot in self.run.scenario.robots
         )
 

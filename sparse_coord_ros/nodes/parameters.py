@@ -58,6 +58,9 @@ WORLD_TIMEOUT = Setting(
     "seconds without a word of the world until the node saves and ends; 0: for ever",
     low=0,
 )
+FOLLOWING = (WORLD_TIMEOUT, STARTUP_TIMEOUT, EXECUTOR)
+"""Parameters of every node that follows a run."""
+
 GO_ON, WAIT, END = "go_on", "wait", "end"
 RESUME = Setting(
     "resume",
@@ -167,10 +170,8 @@ ROBOT_PARAMETERS = SettingTable(
         Setting(
             "tables", str, "", "directory of a run whose tables to begin with; empty: the run's"
         ),
-        WORLD_TIMEOUT,
-        STARTUP_TIMEOUT,
+        *FOLLOWING,
         CLAIM_WINDOW,
-        EXECUTOR,
     ]
 )
 RECORDER_PARAMETERS = SettingTable(
@@ -178,9 +179,7 @@ RECORDER_PARAMETERS = SettingTable(
         Setting("out", str, "", "directory for the bag; empty: bag_<date>_<time>"),
         RESUME,
         *RECORDING.values(),
-        WORLD_TIMEOUT,
-        STARTUP_TIMEOUT,
-        EXECUTOR,
+        *FOLLOWING,
     ]
 )
 TEAM_PARAMETERS = SettingTable(
@@ -216,9 +215,7 @@ DRIVER_PARAMETERS = SettingTable(
             "seconds without a pose until a body that drives is stopped; 0: for ever",
             low=0,
         ),
-        WORLD_TIMEOUT,
-        STARTUP_TIMEOUT,
-        EXECUTOR,
+        *FOLLOWING,
     ]
 )
 BODY_PARAMETERS = SettingTable(
@@ -234,9 +231,7 @@ BODY_PARAMETERS = SettingTable(
         ),
         Setting("clock", bool, False, "publish the simulated time of the bodies on /clock"),
         Setting("paths", str, "", "file for where the bodies drove (.npz); empty: none"),
-        WORLD_TIMEOUT,
-        STARTUP_TIMEOUT,
-        EXECUTOR,
+        *FOLLOWING,
     ]
 )
 
@@ -404,29 +399,25 @@ class ParameterNode(Node):
         topic = self.resolve_topic_name(ROLES[role].name)
         return {info.node_name for info in self.get_publishers_info_by_topic(topic)}
 
-    def heard_by(self, publisher: Publisher, names: Collection[str]) -> bool:
-        """Whether nodes of all these roles subscribe to a topic of this node.
+    def heard_by(self, publisher: Publisher, role: str) -> bool:
+        """Whether a node of a role subscribes to a topic of this node.
 
         Bystanders (`ros2 topic echo`, RViz) do not count.
         """
-        if RECORDER in names and self._tap is not None:
-            tapped = isinstance(publisher, PackedPublisher)
+        if role == RECORDER and self._tap is not None:
+            if self._tap.closed:
+                return True
             if isinstance(publisher, PackedPublisher):
-                if publisher.line.write is None and not self._tap.closed:
-                    return False
-            if tapped or self._tap.closed:
-                names = [name for name in names if name != RECORDER]
-        infos = self.get_subscriptions_info_by_topic(publisher.topic_name)
-        matched = publisher.get_subscription_count() >= len(names)
-        heard = {info.node_name for info in infos}
-        return matched and all(heard & self.names_of(name) for name in names)
+                return publisher.line.write is not None
+        matched = publisher.get_subscription_count() > 0
+        return matched and self.is_heard(publisher.topic_name, role)
 
-    def is_recorded(self, topic: str) -> bool:
-        """Whether a recorder subscribes to a topic, or is here and has given up recording."""
-        if self._tap is not None and self._tap.closed:
+    def is_heard(self, topic: str, role: str) -> bool:
+        """Whether a node of a role subscribes to a topic; also a recorder here that gave up."""
+        if role == RECORDER and self._tap is not None and self._tap.closed:
             return True
         infos = self.get_subscriptions_info_by_topic(self.resolve_topic_name(topic))
-        return bool(self.names_of(RECORDER) & {info.node_name for info in infos})
+        return bool(self.names_of(role) & {info.node_name for info in infos})
 
     def _declare(self) -> dict[str, Any]:
         overrides = {
@@ -473,6 +464,11 @@ class ParameterNode(Node):
             self.declare_parameter(
                 name, shown, _descriptor(setting, read_only=True), ignore_override=True
             )
+
+
+def of_table(table: SettingTable, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return those of some values that are a table's."""
+    return {name: values[name] for name in table}
 
 
 def _descriptor(setting: Setting, *, read_only: bool) -> ParameterDescriptor:

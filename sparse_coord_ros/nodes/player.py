@@ -11,20 +11,15 @@ from typing import Any
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.context import Context
 from rclpy.parameter import Parameter
-from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import SetBool, Trigger
 
-from sparse_coord_ros.bags import Message
 from sparse_coord_ros.bags.playback import SECOND_NS, Playback
 from sparse_coord_ros.bags.playlist import Playlist
-from sparse_coord_ros.bags.qos import latched
-from sparse_coord_ros.bags.topics import find_clock
 from sparse_coord_ros.errors import RunError, SettingError
 from sparse_coord_ros.game.settings import Setting, SettingTable
-from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.parameters import EXECUTOR, ParameterNode
 from sparse_coord_ros.nodes.player_keys import Keyboard
-from sparse_coord_ros.nodes.player_topics import advertise
+from sparse_coord_ros.nodes.player_topics import Stage
 from sparse_coord_ros.nodes.spin import run_node, wait_for_readers
 from sparse_coord_ros.wire import services
 
@@ -82,6 +77,7 @@ class Player(ParameterNode):
         keyboard: listen to the terminal's keys, if there is one.
 
     Attributes:
+        stage: what it publishes on.
         done: whether the end of the bag was reached, or the user quits.
 
     Raises:
@@ -107,7 +103,6 @@ class Player(ParameterNode):
         )
         self.done = False
         self._begun = False
-        self._clock_ns: int | None = None
         try:
             self._open()
         except BaseException:
@@ -130,31 +125,22 @@ class Player(ParameterNode):
                 "parameter bag: none is given; start the node with --ros-args -p bag:=DIRECTORY"
             )
         patterns = [text for text in self.values["topics"] if text]
-        bag, played = advertise(self, Path(self.values["bag"]), patterns)
-        self._publishers_by_topic = played
-        self._publish_by_topic = {name: p.publish for name, p in played.items()}
-        self._clock_publisher = None
-        clock = find_clock(bag.topics, bag.counts)
-        self._clock_name = interface.CLOCK.name if clock is None else clock
-        if not (clock in played and bag.counts.get(clock, 0)):
-            topic = interface.CLOCK
-            self._clock_publisher = self.create_publisher(topic.type, topic.name, topic.qos)
-        kept = [name for name in played if name == clock or latched(bag.topics[name].qos)]
-        playlist = Playlist(bag, played, kept)
-        self._start_ns = bag.start_ns
-        self._seconds = (playlist.end_ns - bag.start_ns) / SECOND_NS
+        stage = self.stage = Stage(self, Path(self.values["bag"]), patterns)
+        playlist = Playlist(stage.bag, stage.publishers, stage.kept)
+        self._start_ns = stage.bag.start_ns
+        self._seconds = (playlist.end_ns - self._start_ns) / SECOND_NS
         self._check_position(self.values["position"])
         self._playback = Playback(
             playlist,
-            self._publish,
+            stage.publish,
             time.monotonic_ns,
-            on_time=self._on_time,
+            on_time=stage.tell,
             rate=self.values["rate"],
             loop=self.values["loop"],
             paused=self.values["start_paused"],
         )
         self.get_logger().info(
-            f"{bag.path}: {len(playlist)} messages on {len(played)} topics, "
+            f"{stage.bag.path}: {len(playlist)} messages on {len(stage.publishers)} topics, "
             f"{playlist.step_count} time steps, {self._seconds:g} s"
         )
 
@@ -164,18 +150,6 @@ class Player(ParameterNode):
         if not self._begun:
             return self.values["position"]
         return (self._playback.position_ns - self._start_ns) / SECOND_NS
-
-    def _publish(self, message: Message) -> None:
-        self._publish_by_topic[message.topic](message.data)
-
-    def _on_time(self, time_ns: int) -> None:
-        """Publish the time where the bag itself does not."""
-        if self._clock_publisher is not None and time_ns != self._clock_ns:
-            self._clock_ns = time_ns
-            message = ClockMessage()
-            seconds, message.clock.nanosec = divmod(time_ns, SECOND_NS)
-            message.clock.sec = min(seconds, 2**31 - 1)
-            self._clock_publisher.publish(message)
 
     def _tick(self) -> None:
         if not self._begun:
@@ -191,9 +165,9 @@ class Player(ParameterNode):
     def _begin(self) -> None:
         """Go to where playing begins, once the subscribers had time to come."""
         self._begun = True
-        if self.count_publishers(self._clock_name) > 1:
+        if self.count_publishers(self.stage.clock_name) > 1:
             raise RunError(
-                f"another node publishes {self._clock_name}: a live run or another player is "
+                f"another node publishes {self.stage.clock_name}: a live run or another player is "
                 "there, which this one would disturb; use another ROS_DOMAIN_ID"
             )
         self._seek(self.values["position"])
@@ -302,7 +276,7 @@ class Player(ParameterNode):
             f"{self._playback.published} messages published{kept}"
         )
         if self._playback.done:
-            wait_for_readers(self._publishers_by_topic.values())
+            wait_for_readers(self.stage.publishers.values())
 
     def destroy_node(self) -> None:
         """Give the terminal back, whatever happens, and destroy the node."""

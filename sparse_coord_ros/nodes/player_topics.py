@@ -11,44 +11,82 @@ from rclpy.exceptions import InvalidTopicNameException
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock as ClockMessage
 
 from sparse_coord_ros import wire
-from sparse_coord_ros.bags import Bag, BagTopic, QoS, open_bag, type_hash
+from sparse_coord_ros.bags import Bag, BagTopic, Message, QoS, open_bag, type_hash
 from sparse_coord_ros.bags.qos import latched
 from sparse_coord_ros.bags.topics import find_clock
 from sparse_coord_ros.errors import BagError, SettingError
 from sparse_coord_ros.nodes import interface
+from sparse_coord_ros.wire.frame import SECOND
 
 ROS_OWN = (wire.ROSOUT.name, wire.PARAMETER_EVENTS.name)
 """Topics that every node has itself."""
 
 
-def advertise(node: Node, path: Path, patterns: Sequence[str]) -> tuple[Bag, dict[str, Publisher]]:
-    """Open a bag and make the publishers of its topics; warn of what cannot be played.
+class Stage:
+    """The publishers of a bag's topics, and of a clock where the bag has none.
+
+    Warns of what cannot be played.
 
     Args:
         node: the node that publishes.
         path: the bag.
         patterns: as `chosen_topics` has them.
 
+    Attributes:
+        bag: the bag.
+        publishers: by topic.
+        clock_name: the topic of the clock.
+        clock: its publisher; None where the bag's own clock is played.
+
     Raises:
         SparseCoordError: no bag, a pattern that fits no topic, or no topic that can be played.
     """
-    bag = open_bag(path)
-    names = chosen_topics(bag, patterns)
-    warn = node.get_logger().warning
-    if bag.damage is not None:
-        played = "every message" if bag.whole else "what lies before that"
-        warn(f"{bag.path}: {bag.damage}; {played} is played")
-    elif not bag.finished:
-        warn(f"{bag.path} was never closed by its recorder: what there is of it is played")
-    publishers, skipped = make_publishers(node, bag, names)
-    if not publishers:
-        why = ", ".join(skipped) or "it has none"
-        raise BagError(f"bag {bag.path}: no topic can be played: {why}")
-    if skipped:
-        warn(f"not played: {', '.join(skipped)}")
-    return bag, publishers
+
+    def __init__(self, node: Node, path: Path, patterns: Sequence[str]) -> None:
+        bag = self.bag = open_bag(path)
+        names = chosen_topics(bag, patterns)
+        warn = node.get_logger().warning
+        if bag.damage is not None:
+            played = "every message" if bag.whole else "what lies before that"
+            warn(f"{bag.path}: {bag.damage}; {played} is played")
+        elif not bag.finished:
+            warn(f"{bag.path} was never closed by its recorder: what there is of it is played")
+        self.publishers, skipped = make_publishers(node, bag, names)
+        if not self.publishers:
+            why = ", ".join(skipped) or "it has none"
+            raise BagError(f"bag {bag.path}: no topic can be played: {why}")
+        if skipped:
+            warn(f"not played: {', '.join(skipped)}")
+        self._send = {name: publisher.publish for name, publisher in self.publishers.items()}
+        own = find_clock(bag.topics, bag.counts)
+        topic = interface.CLOCK
+        self.clock_name = topic.name if own is None else own
+        self.clock: Publisher | None = None
+        if own not in self.publishers or not bag.counts[own]:
+            self.clock = node.create_publisher(topic.type, topic.name, topic.qos)
+        self._told_ns: int | None = None
+
+    @property
+    def kept(self) -> list[str]:
+        """Topics of which the last message stays true until the next: the clock, latched ones."""
+        topics = self.bag.topics
+        return [n for n in self.publishers if n == self.clock_name or latched(topics[n].qos)]
+
+    def publish(self, message: Message) -> None:
+        """Publish a message of the bag."""
+        self._send[message.topic](message.data)
+
+    def tell(self, time_ns: int) -> None:
+        """Publish the time where the bag itself does not."""
+        if self.clock is not None and time_ns != self._told_ns:
+            self._told_ns = time_ns
+            message = ClockMessage()
+            seconds, message.clock.nanosec = divmod(time_ns, SECOND)
+            message.clock.sec = min(seconds, 2**31 - 1)
+            self.clock.publish(message)
 
 
 def chosen_topics(bag: Bag, patterns: Sequence[str]) -> list[str]:

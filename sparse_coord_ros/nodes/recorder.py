@@ -23,7 +23,7 @@ from sparse_coord_ros import wire
 from sparse_coord_ros.bags import BagWriter, QoS
 from sparse_coord_ros.bags.metadata import RESTARTED, ROLLED_BACK
 from sparse_coord_ros.bags.process import BagProcess
-from sparse_coord_ros.bags.recover import continued
+from sparse_coord_ros.bags.recover import continued, run_id
 from sparse_coord_ros.errors import BagError, RunError, SparseCoordError
 from sparse_coord_ros.learn.run_config import (
     MAP_FILE,
@@ -258,7 +258,7 @@ class Recorder(Follower):
         """Open the bag, and listen to the run's team."""
         run, text = announced
         earlier = continued(self.directory) if self.values["resume"] else None
-        if earlier is not None and earlier.run_id not in ("", run.id):
+        if earlier is not None and run_id(earlier) not in ("", run.id):
             raise RunError(
                 f"{self.directory}: holds the recording of another run; choose another one "
                 "for parameter 'out'"

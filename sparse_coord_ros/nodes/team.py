@@ -21,6 +21,7 @@ from sparse_coord_ros.nodes.parameters import (
     TEAM_PARAMETERS,
     WORLD_PARAMETERS,
     ParameterNode,
+    of_table,
     run_from_parameters,
 )
 from sparse_coord_ros.nodes.peers import Clients
@@ -100,17 +101,16 @@ def run_team(
     recorder = None
     try:
         if values["record"]:
-            own = {name: values[name] for name in RECORDER_PARAMETERS}
+            own = of_table(RECORDER_PARAMETERS, values)
             recorder = Recorder(values={**own, "out": str(out / BAG_DIRECTORY)}, **place)
             nodes.append(recorder)
-        own = {name: values[name] for name in WORLD_PARAMETERS}
-        world = WorldSimulator(values={**own, "out": str(out)}, **place)
+        values["out"] = str(out)
+        world = WorldSimulator(values=of_table(WORLD_PARAMETERS, values), **place)
         nodes.append(world)
         robots = []
         clients = Clients()
         for robot in run.scenario.robots:
-            own = {name: values[name] for name in ROBOT_PARAMETERS}
-            own["out"] = str(out)
+            own = of_table(ROBOT_PARAMETERS, values)
             robots.append(RobotNode(name=robot.name, values=own, clients=clients, **place))
             nodes.append(robots[-1])
         if page is not None:

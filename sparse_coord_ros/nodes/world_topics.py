@@ -115,11 +115,11 @@ class WorldTopics:
         for name, *own, action in zip(
             self._names, self.states, self.rewards, self.actions, strict=True
         ):
-            hears = all(heard_by(publisher, [name]) for publisher in own)
+            hears = all(heard_by(publisher, name) for publisher in own)
             if not hears or action.get_publisher_count() == 0:
                 missing.append(name)
         said = [self.clock, *self.states, *self.rewards]
-        if self._run.recorded and not all(heard_by(one, [RECORDER]) for one in said):
+        if self._run.recorded and not all(heard_by(one, RECORDER) for one in said):
             missing.append(RECORDER)
         return missing
 

@@ -14,9 +14,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.compiling import has_numba
+from sparse_coord_ros.compiling import has_numba, jit
 from sparse_coord_ros.game.actions import PRIMITIVES, STAY
-from sparse_coord_ros.kept import jit
 
 OUTCOMES = PRIMITIVES + 1
 """What a step can come to: each move, and `STAY`: a move failed, or the robot has arrived."""
@@ -435,4 +434,4 @@ def compiled() -> SearchLoops:
 
     for function in CALLED:
         numba.extending.register_jitable(function)
-    return SearchLoops(*jit(PLAIN))
+    return SearchLoops(*jit(PLAIN, make_arrays=True))

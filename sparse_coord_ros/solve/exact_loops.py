@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sparse_coord_ros.compiling import has_numba, inner, jit
 from sparse_coord_ros.game.actions import PRIMITIVES, STAY
 
 
@@ -128,6 +129,7 @@ def carry(
             break
 
 
+@inner
 def outcome(pair: Pair, k: int, x: int, z: int, outcome: int) -> float:
     """Return how likely robot k's step from x, its peer in z, is one move, or that it stays."""
     arrived = x == pair.goals[k]
@@ -139,11 +141,4 @@ def outcome(pair: Pair, k: int, x: int, z: int, outcome: int) -> float:
 @functools.cache
 def compiled() -> Callable[..., Any]:
     """Return `carry`, compiled by numba where it is installed (when it is first called)."""
-    from sparse_coord_ros.compiling import has_numba
-
-    if not has_numba():
-        return carry
-    import numba
-
-    numba.extending.register_jitable(outcome)
-    return numba.njit(nogil=True)(carry)
+    return jit([carry])[0] if has_numba() else carry

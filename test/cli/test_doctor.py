@@ -8,7 +8,7 @@ from importlib import metadata
 
 import pytest
 
-from sparse_coord_ros import kept
+from sparse_coord_ros import compiling
 from sparse_coord_ros.cli import doctor
 from sparse_coord_ros.doctor import environment, installation, round_trip
 from sparse_coord_ros.doctor.findings import FINE, HINT, WRONG, Finding
@@ -84,12 +84,12 @@ def test_numba_missing_or_broken(monkeypatch, module, level):
 
 @pytest.mark.parametrize(("kept_in", "level"), [("", HINT), ("cache", FINE)])
 def test_where_numba_keeps_what_it_compiled(monkeypatch, tmp_path, kept_in, level):
-    monkeypatch.setenv(kept.FOLDER_VARIABLE, kept_in and str(tmp_path / kept_in))
-    kept.folder.cache_clear()
+    monkeypatch.setenv(compiling.FOLDER_VARIABLE, kept_in and str(tmp_path / kept_in))
+    compiling.folder.cache_clear()
     try:
         (found,) = installation.compiler()
     finally:
-        kept.folder.cache_clear()
+        compiling.folder.cache_clear()
     assert found.level == level, found
 
 

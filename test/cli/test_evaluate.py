@@ -141,53 +141,17 @@ def test_several_runs_side_by_side(sparse_coord, folder, monkeypatch):
     assert by_trials.count(", 20 trials") == 2 and "exact," not in by_trials
 
 
-def test_several_with_exact_are_refused_where_there_is_none(sparse_coord, refused):
-    for out, name in (("a", "env1"), ("c", "env2-4r")):
-        sparse_coord("train", name, "--steps", 300, "--trials", 0, "--out", out)
-    assert "env2-4r has 4 robots" in refused("evaluate", "a", "c", "--exact")
-
-
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (["b"], ["b: no readable run.yaml", "sparse_coord train"]),
         (["a", "--trials", "0"], ["setting trials: value is '0'", "from 1"]),
-        (["a", "--trials", "x"], ["setting trials: value is 'x'", "whole number"]),
-        (["a", "--seed", "-1"], ["setting seed: value is '-1'"]),
     ],
 )
 def test_bad_input(refused, trained, arguments, words):
     trained("env1")
     message = refused("evaluate", *arguments)
     assert [word for word in words if word not in message] == []
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("scenario: [\n", ["run.yaml, line 2", "not YAML"]),
-        ("seed: 1\n", ["run.yaml", "not a run.yaml of this software"]),
-        ("", ["run.yaml", "'key: value'"]),
-    ],
-)
-def test_malformed_run_yaml(refused, trained, folder, text, words):
-    trained("env1")
-    (folder / "a" / "run.yaml").write_text(text)
-    message = refused("evaluate", "a")
-    assert [word for word in words if word not in message] == []
-
-
-def test_tables_missing(refused, trained, folder):
-    trained("env1")
-    (folder / "a" / "tables.npz").unlink()
-    message = refused("evaluate", "a")
-    assert "neither tables.npz nor tables_robot_1.npz, tables_robot_2.npz is there" in message
-
-
-def test_tables_malformed(refused, trained, folder):
-    trained("env1")
-    (folder / "a" / "tables.npz").write_bytes(b"no tables")
-    assert "tables.npz: cannot be read as tables" in refused("evaluate", "a")
 
 
 def test_tables_of_another_map(refused, trained, folder):

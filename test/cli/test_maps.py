@@ -47,22 +47,6 @@ def test_json(sparse_coord):
     assert [m["name"] for m in json.loads(sparse_coord("maps", "--json")[1])] == map_names()
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("---\n1.\n.\n", ["m.txt, line 3", "1 symbols", "equally long"]),
-        ("---\n1.\n.x\n", ["m.txt, line 3, column 2", "unknown symbol 'x'"]),
-        ("---\n1.\n.1\n", ["m.txt, line 3", "start 1 is there twice"]),
-        ("title: [\n---\n1.\n", ["m.txt", "header is not YAML"]),
-        ("..\n..\n", ["m.txt", "no line '---'"]),
-    ],
-)
-def test_malformed_map(refused, folder, text, words):
-    (folder / "m.txt").write_text(text)
-    message = refused("maps", "m.txt")
-    assert [word for word in words if word not in message] == []
-
-
 def test_unknown_map(refused):
     message = refused("maps", "sunny")
     assert "map 'sunny': no such map (did you mean 'suny'?)" in message

@@ -7,11 +7,13 @@ import os
 import shutil
 import subprocess
 import sys
+from contextlib import chdir
 
 import numpy as np
 import pytest
 import yaml
 
+from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.learn.simulation import tables_equal
 from sparse_coord_ros.learn.tables import load_tables
 
@@ -58,7 +60,7 @@ def place(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def verb(place):
-    """Return a function that runs `sparse_coord ...` in a process, in that folder."""
+    """Return a function that runs `sparse_coord ...` in that folder, in a process of its own."""
 
     def run(*arguments, cwd=place, code=0):
         done = subprocess.run(
@@ -76,14 +78,30 @@ def verb(place):
     return run
 
 
+@pytest.fixture
+def here(place, monkeypatch, capsys):
+    """Return a function that does the same in this process."""
+    monkeypatch.chdir(place)
+
+    def run(*arguments, code=0):
+        capsys.readouterr()
+        assert main([str(argument) for argument in arguments]) == code
+        said = capsys.readouterr()
+        return said.out if code == 0 else said.err
+
+    return run
+
+
 @pytest.fixture(scope="module", params=["Team", "Eager"])
 def runs(request, place, verb):
     """Return the learner and its runs: without ROS, live, and live in processes."""
     learner = f"my_code:{request.param}"
     out = [f"{request.param}_{way}" for way in ("train", "live", "processes")]
-    verb("train", "env1", "--learner", learner, *SETTINGS, "--out", out[0], "--trials", 0)
-    for directory, more in ((out[1], ()), (out[2], ("--processes",))):
-        verb("run", "env1", "--learner", learner, *SETTINGS, "--out", directory, *more)
+    how = ("env1", "--learner", learner, *SETTINGS, "--out")
+    with chdir(place):
+        assert main(["train", *how, out[0], "--trials", "0"]) == 0
+        assert main(["run", *how, out[1]]) == 0
+    verb("run", *how, out[2], "--processes")
     return learner, [place / directory for directory in out]
 
 
@@ -98,12 +116,12 @@ def test_all_ways_of_running_learn_the_same(runs):
         assert said["scenario"]["perception"] == "my_code:fog:0.5"
 
 
-def test_it_is_evaluated_verified_and_explained(runs, verb):
+def test_it_is_evaluated_verified_and_explained(runs, here):
     learner, (trained, live, _) = runs
-    data = json.loads(verb("evaluate", trained, "--trials", 3, "--json"))
+    data = json.loads(here("evaluate", trained, "--trials", 3, "--json"))
     assert data["learner"] == learner
-    assert json.loads(verb("verify", live, "--json"))["identical"] is True
-    assert "robot_" in verb("explain", live)
+    assert json.loads(here("verify", live, "--json"))["identical"] is True
+    assert "robot_" in here("explain", live)
 
 
 @pytest.mark.long
@@ -151,14 +169,14 @@ def test_where_the_module_is_missing_later_one_line_says_so(runs, verb, tmp_path
     assert [path.name for path in tmp_path.iterdir()] == ["plain"]
 
 
-def test_where_it_fails_one_line_says_so(verb, place):
+def test_where_it_fails_one_line_says_so(here, verb, place):
     broken = ("--learner", "my_code:Broken", "--steps", 50)
     blame = "error: learner 'my_code:Broken' failed while learning: KeyError: "
     for arguments in (
         ("train", "env1", *broken, "--out", "broken"),
         ("reproduce", "env1/my_code:Broken/penalty=-20", "--runs", 2, "--out", "broken_r"),
     ):
-        error = verb(*arguments, code=2)
+        error = here(*arguments, code=2)
         assert error.splitlines()[-1].startswith(blame), error
         assert "Traceback" not in error
     assert not (place / "broken").exists()

@@ -15,17 +15,13 @@ import pytest
     ("arguments", "words"),
     [
         (["env11"], ["scenario 'env11'", "did you mean 'env1'"]),
-        (["env1", "--set", "penalti=-5"], ["unknown setting 'penalti'", "did you mean 'penalty'"]),
-        (["env1", "--penalty", "5"], ["setting penalty: value is '5'", "from -1e+09 to 0"]),
-        (["env1", "--steps", "0"], ["setting steps: value is '0'", "from 1 to"]),
         (["env1", "--seed", "-1"], ["setting seed: value is '-1'", "from 0"]),
         (["env1", "--rate", "fast"], ["rate: value is 'fast'", "a number"]),
         (["env1", "--greedy"], ["--greedy needs --tables DIR"]),
     ],
 )
-@pytest.mark.parametrize("processes", [[], ["--processes"]])
-def test_bad_input(refused, arguments, words, processes):
-    message = refused("run", *arguments, *processes, "--out", "out")
+def test_bad_input(refused, arguments, words):
+    message = refused("run", *arguments, "--out", "out")
     assert [word for word in words if word not in message] == []
 
 

@@ -68,9 +68,6 @@ def pages():
     return [str(path.relative_to(ROOT)) for path in shown if path.exists()]
 
 
-DOMAIN = str(101 + os.getpid() % 100)
-"""The ROS domain of this process's commands."""
-
 LIVE_SECONDS = 7.0
 """How long processes that are started together run before they are stopped."""
 
@@ -96,7 +93,6 @@ def shell(tmp_path):
         "PYTHONPATH": str(ROOT),
         "MPLBACKEND": "Agg",
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        "ROS_DOMAIN_ID": DOMAIN,
     }
 
     def run(command, *, wait=True):
@@ -216,7 +212,6 @@ def demo(tmp_path_factory):
     verb = ("run", "env1", "--steps", "200", "--seed", "1", "--out", str(out))
     subprocess.run(
         [sys.executable, "-m", "sparse_coord_ros.executables", "sparse_coord", *verb],
-        env={**os.environ, "ROS_DOMAIN_ID": DOMAIN},
         check=True,
         capture_output=True,
     )

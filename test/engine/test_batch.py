@@ -13,12 +13,13 @@ import pytest
 
 from sparse_coord_ros.engine import batch, kernels
 from sparse_coord_ros.engine.batch import CompiledTeam, run_batch, uses_numba
-from sparse_coord_ros.engine.compiled import PLAIN, compiled
+from sparse_coord_ros.engine.kernels import PLAIN
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.actions import COORDINATE
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.agent import initial_tables
 from sparse_coord_ros.learn.evaluation import check_tables, play
+from sparse_coord_ros.learn.rows import FREE_PLACE
 from sparse_coord_ros.learn.simulation import Learning, tables_equal
 
 PROTOCOL = {
@@ -98,7 +99,7 @@ CASES = [
 def test_compiled_loops_equal_a_single_run(name, learner, settings):
     scenario = problem(name, **settings)
     expected = single(scenario, learner, 7, 20)
-    team = CompiledTeam(scenario, learner, compiled())
+    team = CompiledTeam(scenario, learner)
     assert_same_run(team.run(7, 20), expected)
     assert_same_run(team.run(7, 20, gathering=True), expected)
     if learner == "coop":
@@ -116,10 +117,10 @@ def test_compiled_loops_equal_a_single_run(name, learner, settings):
         assert (one.stays >= one.asked).all()
 
 
-@pytest.mark.parametrize("loops", [PLAIN, compiled()], ids=["plain", "compiled"])
+@pytest.mark.parametrize("loops", [PLAIN, None], ids=["plain", "compiled"])
 def test_robots_are_somewhere_until_they_arrive(loops):
     scenario = problem("env2-4r", steps=400)
-    trials = CompiledTeam(scenario, "coop", loops).run(3, 10).trials
+    trials = CompiledTeam(scenario, "coop", loops=loops).run(3, 10).trials
     assert trials.stays.dtype == np.int64
     assert (trials.stays.sum(axis=1) == trials.time_to_goal.sum(axis=0)).all()
     for k, robot in enumerate(scenario.robots):
@@ -130,7 +131,7 @@ def test_robots_are_somewhere_until_they_arrive(loops):
 def test_trials_meet_and_penalties_are_paid():
     """The cases above would say little if nobody ever met in a doorway."""
     scenario = problem("env2-4r", conflict="any_doorway", common_reward="each:0:1:0.5:3")
-    run = CompiledTeam(scenario, "noncoop", compiled()).run(7, 50)
+    run = CompiledTeam(scenario, "noncoop").run(7, 50)
     assert run.trials.miscoordinations.sum() > 0
     by_robot = run.trials.reward.mean(axis=0)
     assert by_robot.argmin() == 3 and by_robot.argmax() == 0
@@ -146,58 +147,57 @@ def test_trials_meet_and_penalties_are_paid():
 )
 def test_the_loops_as_plain_python(monkeypatch, name, learner, settings):
     monkeypatch.setattr(batch, "BLOCK", 64)
-    monkeypatch.setattr(batch, "FIRST_ROWS", 128)
     scenario = problem(name, steps=300, **settings)
     expected = single(scenario, learner, 3, 4)
-    assert_same_run(CompiledTeam(scenario, learner, PLAIN).run(3, 4), expected)
+    assert_same_run(CompiledTeam(scenario, learner, loops=PLAIN).run(3, 4), expected)
 
 
 def test_blocks_of_any_length_give_the_same_run(monkeypatch):
     scenario = problem("crowd-3r", peers="all", perception="probability:0.7")
-    team = CompiledTeam(scenario, "coop", compiled())
+    team = CompiledTeam(scenario, "coop")
     expected = team.run(5, 20)
     monkeypatch.setattr(batch, "BLOCK", 100)
     assert_same_run(team.run(5, 20), expected)
 
 
-@pytest.mark.parametrize("loops", [PLAIN, compiled()], ids=["plain", "compiled"])
+@pytest.mark.parametrize("loops", [PLAIN, None], ids=["plain", "compiled"])
 def test_sparse_tables_grow_and_always_keep_a_free_place(monkeypatch, loops):
     monkeypatch.setattr(batch, "BLOCK", 32)
-    monkeypatch.setattr(batch, "FIRST_ROWS", 64)
     scenario = problem("crowd-3r", peers="all", epsilon="constant:1", steps=2000)
     sizes = []
 
-    def learn(problem, learners, *rest):
-        before = learners.keys.shape[1]
+    def learn(problem, minds, *rest):
+        rows = minds.rows
+        before = rows.keys.shape[1]
         assert before & (before - 1) == 0
-        assert learners.used.max() + 32 <= before / 2
-        loops.learn(problem, learners, *rest)
+        assert rows.used.max() + 32 <= before / 2
+        team.loops.learn(problem, minds, *rest)
         for k in range(3):
-            assert (learners.keys[k] != kernels.FREE_PLACE).sum() == learners.used[k]
-        assert learners.used.max() <= before / 2
+            assert (rows.keys[k] != FREE_PLACE).sum() == rows.used[k]
+        assert rows.used.max() <= before / 2
         sizes.append(before)
 
-    team = CompiledTeam(scenario, "coop", loops._replace(learn=learn))
-    learners = team.learn(2)
+    team = CompiledTeam(scenario, "coop", loops=loops)
+    minds = CompiledTeam(scenario, "coop", loops=team.loops._replace(learn=learn)).learn(2)
+    learners = minds.rows
     assert len(sizes) >= 4
     assert sizes == sorted(set(sizes))
     assert learners.used.min() > 64
     expected = single(scenario, "coop", 2, 2)
-    assert tables_equal(team.tables(learners), expected.tables)
+    assert tables_equal(team.tables(minds), expected.tables)
     assert [len(pair.q_coord) for pair in expected.tables] == learners.used.tolist()
 
 
-def test_what_trials_look_at_is_not_saved(monkeypatch):
+def test_what_trials_look_at_is_not_saved():
     """Trials with hardly any learning before them perceive joint states without an update."""
-    monkeypatch.setattr(batch, "FIRST_ROWS", 8192)
     scenario = problem("crowd-3r", peers="all", steps=3)
-    team = CompiledTeam(scenario, "coop", compiled())
-    learners = team.learn(1)
+    team = CompiledTeam(scenario, "coop")
+    learners = team.with_room(team.learn(1))
     before = team.tables(learners)
-    used = learners.used.copy()
+    used = learners.rows.used.copy()
     trials = team.play(learners, 1, 20)
     assert trials.asks.sum() > 100
-    assert (learners.used > used).all()
+    assert (learners.rows.used > used).all()
     assert tables_equal(team.tables(learners), before)
     assert max(len(pair.q_coord) for pair in before) <= 3
     assert_same_run(team.run(1, 20), single(scenario, "coop", 1, 20))
@@ -206,7 +206,7 @@ def test_what_trials_look_at_is_not_saved(monkeypatch):
 def test_eight_robots_that_perceive_all_peers():
     """59^8 joint states: the tables hold what was visited."""
     scenario = problem("crowd-8r", peers="all", steps=1200)
-    run = CompiledTeam(scenario, "coop", compiled()).run(3, 5)
+    run = CompiledTeam(scenario, "coop").run(3, 5)
     assert_same_run(run, single(scenario, "coop", 3, 5))
     check_tables(scenario, run.tables, "coop")
     assert [len(pair.q_coord) for pair in run.tables] == run.visited.tolist()
@@ -259,11 +259,11 @@ def test_a_run_that_nobody_waits_for_ends_with_its_block(monkeypatch):
 
     monkeypatch.setattr(batch, "BLOCK", 32)
     monkeypatch.setattr(kernels, "begin_block", begin_three_times)
-    team = CompiledTeam(problem("env1", steps=10**5), "coop", PLAIN, stop)
+    team = CompiledTeam(problem("env1", steps=10**5), "coop", stop, loops=PLAIN)
     with pytest.raises(batch.Stopped):
         team.learn(1)
     assert len(blocks) == 3
-    learners = CompiledTeam(problem("env1", steps=10), "coop", compiled()).learn(1)
+    learners = CompiledTeam(problem("env1", steps=10), "coop").learn(1)
     stop[0] = False
     blocks.clear()
     with pytest.raises(batch.Stopped):
@@ -271,9 +271,9 @@ def test_a_run_that_nobody_waits_for_ends_with_its_block(monkeypatch):
     assert len(blocks) == 3
 
 
-@pytest.mark.parametrize("loops", [PLAIN, compiled()], ids=["plain", "compiled"])
+@pytest.mark.parametrize("loops", [PLAIN, None], ids=["plain", "compiled"])
 def test_a_stopped_run_does_not_begin(loops):
-    team = CompiledTeam(problem("env1", steps=10), "coop", loops, np.ones(1, dtype=np.bool_))
+    team = CompiledTeam(problem("env1", steps=10), "coop", np.ones(1, dtype=np.bool_), loops=loops)
     with pytest.raises(batch.Stopped):
         team.learn(1)
 

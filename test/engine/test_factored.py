@@ -7,9 +7,10 @@ import pytest
 
 from sparse_coord_ros.engine import batch
 from sparse_coord_ros.engine.batch import CompiledLearning, CompiledTeam, run_batch
-from sparse_coord_ros.engine.compiled import PLAIN, compiled
+from sparse_coord_ros.engine.kernels import PLAIN
 from sparse_coord_ros.engine.run_checkpoint import Checkpoint, load_checkpoint
 from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn import factored
 from sparse_coord_ros.learn.evaluation import play
 from sparse_coord_ros.learn.factors import FactorRule
 from sparse_coord_ros.learn.learners import Factored, learner_of
@@ -55,10 +56,10 @@ def whole(scenario, learner, seed):
     return learning
 
 
-@pytest.fixture(params=[batch.DENSE_ROWS, 0], ids=["dense", "sparse"])
+@pytest.fixture(params=[factored.DENSE_ROWS, 0], ids=["dense", "sparse"])
 def rho(request, monkeypatch):
     """How rho is kept: whole, or only the rows that were learned."""
-    monkeypatch.setattr(batch, "DENSE_ROWS", request.param)
+    monkeypatch.setattr(factored, "DENSE_ROWS", request.param)
 
 
 @pytest.mark.parametrize(("name", "settings"), CASES)
@@ -66,7 +67,7 @@ def test_compiled_loops_equal_the_agents(rho, name, settings):
     scenario = problem(name, **settings)
     expected = whole(scenario, "factored", 7)
     assert any((tables.factors.corrections < 0).any() for tables in expected.tables)
-    team = CompiledTeam(scenario, "factored", compiled())
+    team = CompiledTeam(scenario, "factored")
     run = team.run(7, 30, gathering=True)
     assert tables_equal(run.tables, expected.tables)
     assert tables_equal(team.run(7, 0).tables, expected.tables)
@@ -84,7 +85,7 @@ def test_failed_percepts_are_acted_on_in_trials_as_learned():
     tables = [t._replace(q_star=t.q_star + [0, 0, 0, 0, 1000.0]) for t in learning.tables]
     played = play(scenario, tables, trials=40, seed=3)
     assert played.asks.sum() > 500
-    team = CompiledTeam(scenario, "factored", compiled())
+    team = CompiledTeam(scenario, "factored")
     learners = team.learn(1)
     learners.q_star[:, :, 4] += 1000.0
     assert played.reward.tobytes() == team.play(learners, 3, 40).reward.tobytes()
@@ -119,7 +120,7 @@ def test_a_run_in_parts_through_files_is_the_unbroken_run(
     monkeypatch.setattr(batch, "BLOCK", 64)
     scenario, rule = problem(name, **settings), learner_of("factored")
     expected = whole(scenario, rule, 5)
-    team = CompiledTeam(scenario, rule, compiled())
+    team = CompiledTeam(scenario, rule)
     learning = CompiledLearning(team, 5)
     for part, until in enumerate((1, 63, 64, 700, 1501, scenario.steps)):
         learning.advance(until)
@@ -139,7 +140,7 @@ def test_a_run_in_parts_through_files_is_the_unbroken_run(
 def test_the_loops_as_plain_python(monkeypatch):
     monkeypatch.setattr(batch, "BLOCK", 64)
     scenario = problem("env2-4r", steps=400, perception="probability:0.7")
-    team = CompiledTeam(scenario, "factored", PLAIN)
+    team = CompiledTeam(scenario, "factored", loops=PLAIN)
     assert tables_equal(team.tables(team.learn(3)), whole(scenario, "factored", 3).tables)
 
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from sparse_coord_ros.engine.batch import CompiledLearning, CompiledTeam
-from sparse_coord_ros.engine.compiled import compiled
 from sparse_coord_ros.game import perception
 from sparse_coord_ros.game import scenario as scenarios
 from sparse_coord_ros.game.grid import GridMap
@@ -54,7 +53,7 @@ def test_the_same_bits_sparse_and_dense(small, name, learner):
         plain.advance(700)
         state = plain.state()
         plain.advance(1500)
-        team = CompiledTeam(scenario, learner, compiled())
+        team = CompiledTeam(scenario, learner)
         fast = CompiledLearning(team, 3, state)
         fast.advance(1500)
         assert (plain.visited > 0).all() == (learner == "coop")

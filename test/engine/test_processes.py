@@ -4,6 +4,7 @@
 
 import math
 import os
+import signal
 import time
 
 import pytest
@@ -64,3 +65,9 @@ def test_no_open_file_is_inherited(tmp_path):
         if found:  # the number is taken by something else
             (target,) = in_processes(os.readlink, [(f"/proc/self/fd/{file.fileno()}",)], 1)
             assert target != str(tmp_path / "lock")
+
+
+def test_an_interrupt_at_the_terminal_is_for_the_parent_alone():
+    (blocked,) = in_processes(signal.pthread_sigmask, [(signal.SIG_BLOCK, ())], 1)
+    assert signal.SIGINT in blocked
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())

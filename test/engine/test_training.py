@@ -11,7 +11,7 @@ import pytest
 
 from sparse_coord_ros.engine import batch, training
 from sparse_coord_ros.engine.batch import CompiledLearning, CompiledTeam
-from sparse_coord_ros.engine.compiled import PLAIN, compiled
+from sparse_coord_ros.engine.kernels import PLAIN
 from sparse_coord_ros.engine.training import engine_for, train
 from sparse_coord_ros.errors import RunError, SettingError
 from sparse_coord_ros.game.scenario import load_scenario
@@ -42,8 +42,8 @@ def unbroken(scenario, learner, seed):
 def make(engine, scenario, learner, seed, state=None):
     if engine == "python":
         return Learning(scenario, learner, seed, state)
-    loops = compiled() if engine == "numba" else PLAIN
-    return CompiledLearning(CompiledTeam(scenario, learner, loops), seed, state)
+    loops = None if engine == "numba" else PLAIN
+    return CompiledLearning(CompiledTeam(scenario, learner, loops=loops), seed, state)
 
 
 def assert_same(one, other):
@@ -55,8 +55,9 @@ def assert_same(one, other):
 def assert_same_state(one, other):
     assert one.positions == other.positions
     for mine, theirs in zip(one.memories, other.memories, strict=True):
-        assert mine.factors is theirs.factors is None
-        for a, b in zip(mine[:-1], theirs[:-1], strict=True):
+        assert mine.more.keys() == theirs.more.keys()
+        pairs = zip(mine[:-1], theirs[:-1], strict=True)
+        for a, b in (*pairs, *((mine.more[name], theirs.more[name]) for name in mine.more)):
             assert (a.shape, a.dtype, a.tobytes()) == (b.shape, b.dtype, b.tobytes())
     for mine, theirs in zip(one.histories, other.histories, strict=True):
         assert mine.same_bits(theirs)
@@ -65,7 +66,6 @@ def assert_same_state(one, other):
 @pytest.mark.parametrize(("name", "learner", "settings"), CASES)
 def test_a_run_in_parts_is_the_unbroken_run(monkeypatch, name, learner, settings):
     monkeypatch.setattr(batch, "BLOCK", 64)
-    monkeypatch.setattr(batch, "FIRST_ROWS", 128)
     scenario = problem(name, **settings)
     expected = unbroken(scenario, learner, 5)
     assert expected.history.length.sum() == scenario.steps * (

@@ -80,6 +80,35 @@ def test_own_learner(python):
     assert len({line.partition(":")[2] for line in lines}) == 2
 
 
+BOTH = """
+from sparse_coord_ros.compiling import has_numba
+from sparse_coord_ros.engine.batch import run_batch
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.simulation import tables_equal
+
+scenario = load_scenario("env1", steps=3000, penalty=-20)
+first, second = (
+    next(run_batch(scenario, learner, [5], trials=9, engine=engine, jobs=1))
+    for learner, engine in PAIRS
+)
+same = first.trials.reward.tobytes() == second.trials.reward.tobytes()
+print(has_numba(), same, tables_equal(first.tables, second.tables))
+"""
+
+
+def test_expected_sarsa(python):
+    """Compiled, with the bits of plain Python, which are not those of Algorithm 1."""
+    lines = python(EXAMPLES / "expected_sarsa.py", 2000).splitlines()
+    assert [line.split(":")[0] for line in lines] == ["coop", "expected_sarsa"]
+    own, path = "expected_sarsa:ExpectedSarsa", f"import sys; sys.path.append({str(EXAMPLES)!r})"
+    engines = [(own, "auto"), (own, "python")]
+    has_numba, *same = python("-c", f"{path}\nPAIRS = {engines}{BOTH}").split()
+    assert same == ["True", "True"]
+    if has_numba == "True":
+        pairs = [(own, "numba"), ("coop", "numba")]
+        assert python("-c", f"{path}\nPAIRS = {pairs}{BOTH}").split()[-1] == "False"
+
+
 @pytest.mark.long
 def test_pettingzoo_learners(python):
     pytest.importorskip("open_spiel")

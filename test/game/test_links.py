@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sparse_coord_ros.engine.batch import CompiledTeam
-from sparse_coord_ros.engine.compiled import PLAIN
+from sparse_coord_ros.engine.kernels import PLAIN
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.links import LINKS, LOST, PERIOD, PerceptStream, link_of
 from sparse_coord_ros.game.scenario import load_scenario
@@ -64,7 +64,7 @@ def test_the_factored_learner_is_compiled_with_the_same_bits(text):
     plain, up = (
         learn(one, "factored", 5) for one in (scenario, scenario.with_settings({"link": "up"}))
     )
-    numbers = CompiledTeam(scenario, "factored", PLAIN).learn(5)
+    numbers = CompiledTeam(scenario, "factored", loops=PLAIN).learn(5)
     for k, tables in enumerate(plain):
         assert numbers.q_star[k].tobytes() == tables.q_star.tobytes()
     pairs = zip(plain, up, strict=True)

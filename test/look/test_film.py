@@ -153,33 +153,14 @@ def test_animate_a_bag_and_a_run_without_one(bag, trained, tmp_path, capsys, mon
     ("arguments", "words"),
     [
         (["{bag}", "--episode", "first"], "give the number of an episode"),
-        (["{bag}", "--episode", "99999"], "there are"),
-        (["{trained}", "--episode", "100"], "there are 100"),
         (["{trained}", "--rate", "0"], "rate"),
-        (["{trained}", "--seed", "-1"], "seed"),
         (["{results}"], "holds results, which have no episodes"),
-        (["{none}"], "cannot read"),
         (["{bag}", "--greedy", "--episode", "100"], "allowed: 0 to 99"),
     ],
 )
 def test_bad_input_is_one_line(bag, trained, results, tmp_path, capsys, arguments, words):
-    places = {"bag": bag, "trained": trained, "results": results}
-    given = [text.format(**places, none=tmp_path / "none") for text in arguments]
+    given = [text.format(bag=bag, trained=trained, results=results) for text in arguments]
     out = tmp_path / "x.gif"
     assert main(["animate", *given, "--out", str(out)]) == 2
     error = capsys.readouterr().err.splitlines()[-1]
     assert error.startswith("error: ") and words in error and not out.exists()
-
-
-def test_a_bag_without_an_episode(bag, monkeypatch, tmp_path, capsys):
-    from sparse_coord_ros.runlog.log import RunLog
-
-    whole = RunLog.history
-
-    def none(self):
-        found = whole(self)
-        return replace(found, **{name: array[:0] for name, array in found.arrays().items()})
-
-    monkeypatch.setattr(RunLog, "history", none)
-    assert main(["animate", str(bag), "--out", str(tmp_path / "x.gif")]) == 2
-    assert "holds no episode to show" in capsys.readouterr().err

@@ -3,14 +3,12 @@
 """What the ROS tests share: nodes on executors of the test's own, processes, and tidiness."""
 
 import functools
-import itertools
 import json
 import os
 import re
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 from contextlib import ExitStack
 from copy import deepcopy
@@ -22,7 +20,6 @@ import pytest
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from sparse_coord_ros.files import HeldError, hold
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.world import World
 from sparse_coord_ros.learn.factors import AdditiveTable, Factors
@@ -64,11 +61,6 @@ transports of its own, shared memory among them.
 
 PATIENCE_SECONDS = 20.0
 """Far more than anything takes on a loaded machine; reached only where a test fails."""
-
-DOMAINS = range(215, 232)
-"""Their ports lie above those that Linux hands out by itself."""
-
-DOMAIN_COUNTER = itertools.count(os.getpid())
 
 SHARED_MEMORY_USED: set[str] = set()
 """Fast DDS's files in shared memory that a process of the tests has used."""
@@ -421,24 +413,8 @@ def _note_shared_memory(process: int | str = "self") -> None:
 
 
 @pytest.fixture(autouse=True)
-def own_domain(monkeypatch):
-    """Give each test a ROS domain: what the one before said must not be heard in this one.
-
-    Nor what the tests of another test run on this machine say, which hold locks on theirs.
-    """
-    deadline = time.monotonic() + PATIENCE_SECONDS
-    while True:
-        domain = DOMAINS[next(DOMAIN_COUNTER) % len(DOMAINS)]
-        path = Path(tempfile.gettempdir()) / f"sparse_coord_test_domain_{domain}.lock"
-        try:
-            lock = hold(path)
-        except HeldError:
-            assert time.monotonic() < deadline, "all ROS domains are in use"
-            continue
-        with lock:
-            monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
-            yield
-            return
+def in_own_domain(own_domain):
+    """Give each test a ROS domain of its own."""
 
 
 @pytest.fixture(autouse=True)

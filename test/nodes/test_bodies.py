@@ -75,7 +75,7 @@ def test_bodies_that_get_there_learn_what_the_grid_teaches(
     assert body.summary()["seconds"] >= summary["body_seconds"] - 1e-6
 
 
-@pytest.mark.parametrize("order", ["bdew12", "21wedb", "d1bw2e"])
+@pytest.mark.parametrize("order", ["21wedb", "d1bw2e"])
 def test_any_order(bench, tmp_path, order):
     context = bench.place()[0]
 
@@ -155,32 +155,6 @@ def test_in_many_processes_the_same_bits_and_paths(
             _, first = np.unique(kept["seconds"], return_index=True)
             found.append(kept["poses"][first].tobytes())
     assert found[0] == found[1]
-
-
-def test_two_runs_of_one_seed_drive_alike(bench, tmp_path):
-    found = []
-    for name in ("one", "two"):
-        paths = tmp_path / f"{name}.npz"
-        with_bodies(
-            bench, tmp_path / name, steps=8, body={"paths": str(paths)}, namespace=f"/{name}"
-        )
-        bench.spin_until_done()
-        with np.load(paths) as kept:
-            seconds, first = np.unique(kept["seconds"], return_index=True)
-            found.append((seconds, kept["poses"][first]))
-        bench.close()
-    assert np.array_equal(found[0][0], found[1][0])
-    assert found[0][1].tobytes() == found[1][1].tobytes()
-
-
-def test_bodies_too_slow_for_the_step_stay(bench, tmp_path):
-    driver = {"speed": 0.5, "turn": 1.5, "step_seconds": 0.2}
-    world, *_ = with_bodies(bench, tmp_path / "out", steps=6, driver=driver, slips=False)
-    bench.spin_until_done()
-    assert world.summary()["moves_failed"] > 0
-    starts = [robot.start for robot in world.run.scenario.robots]
-    assert world.summary()["bodies_lost"] == 0
-    assert len(set(world.lockstep.world.cells) | set(starts)) <= 4
 
 
 def test_without_its_driver_a_body_has_not_moved_and_the_world_goes_on(bench, tmp_path):

@@ -145,7 +145,7 @@ def test_who_goes_back_listens_anew(bench, tmp_path):
     assert (member.joined, member.lockstep.newest[0]) == (False, 0)
     bench.spin_until(lambda: member.joined, "it listens again")
     assert not set(before) & set(member._ears)
-    bench.spin_until(lambda: world.heard_by(world.topics.states[0], ["robot_1"]), "matched")
+    bench.spin_until(lambda: world.heard_by(world.topics.states[0], "robot_1"), "matched")
     world.topics.state(0, 1, 3)
     bench.spin_until(lambda: member.lockstep.newest == (1, 3), "it hears the world")
 

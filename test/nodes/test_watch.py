@@ -7,12 +7,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import recordings
 
 from sparse_coord_ros.bags.reader import open_bag
 from sparse_coord_ros.errors import RunError
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.look.page.board import Board
 from sparse_coord_ros.look.page.controls import PAUSE, RATE, RESET, STEP, Control
 from sparse_coord_ros.look.page.live_source import LiveView
@@ -23,35 +20,32 @@ from sparse_coord_ros.runlog import read_run
 from sparse_coord_ros.wire.status import Said, read_status
 
 
-def heard_of(run, view):
-    """Return what `_Heard` makes of messages, and what takes them, by topic."""
+def heard_of(run):
+    """Return what `_Heard` makes of messages, what takes them, by topic, and what it shows."""
     takes = {}
+    view = LiveView(run, Board(), source="live", title="", controls=())
 
     class Listening:
         def listen(self, topic, then, owner, *, read):
             takes[f"/{owner}/{topic.name}"] = lambda data: then(read(data))
 
-    return _Heard(SimpleNamespace(), Listening(), run, view), takes
+    return _Heard(SimpleNamespace(), Listening(), run, view), takes, view
 
 
 @pytest.mark.parametrize("name", ["env1", "env2-4r"])
-def test_what_is_heard_is_what_the_log_says(tmp_path, name):
-    settings = {"steps": 400, "perception": "probability:0.6", **recordings.OFTEN}
-    run = make_run(load_scenario(name).with_settings(settings), {"seed": 5})
-    recordings.Recording(tmp_path / "bag", run)
-    log, board = read_run(tmp_path / "bag"), Board()
-    view = LiveView(run, board, source="live", title="", controls=())
-    team_heard, heard = heard_of(run, view)
-    seen = {}
-    for message in open_bag(tmp_path / "bag").messages(set(heard)):
+def test_what_is_heard_is_what_the_log_says(record, name):
+    recorded = record(name, settings={"perception": "probability:0.5"})
+    log, seen = read_run(recorded.bag), {}
+    team_heard, heard, view = heard_of(recorded.run)
+    for message in open_bag(recorded.bag).messages(set(heard)):
         before = view.last
         heard[message.topic](message.data)
         if view.last is not before:
             view.show(transitions=team_heard.seen, episode=team_heard.episode)
-            frame = board.get("frame")
+            frame = view.board.get("frame")
             seen[frame["step"]] = frame
     assert team_heard.history.history().same_bits(log.history())
-    assert team_heard.whole and team_heard.seen == 400 == len(seen)
+    assert team_heard.whole and team_heard.seen == recorded.run.scenario.steps == len(seen)
     assert len(team_heard._states) <= 2 and len(team_heard._rewards) <= 2  # nothing piles up
     ends = {"answered": 0, "refused": 0}
     for row in np.flatnonzero(np.isin(log.step, list(seen))).tolist():
@@ -66,27 +60,17 @@ def test_what_is_heard_is_what_the_log_says(tmp_path, name):
     assert np.array_equal(asked.sum(axis=1), log.asked.sum(axis=0))
 
 
-@pytest.fixture(scope="module")
-def recorded(tmp_path_factory):
-    run = make_run(load_scenario("env1").with_settings({"steps": 300}), {"seed": 5})
-    bag = tmp_path_factory.mktemp("recorded") / "bag"
-    recordings.Recording(bag, run)
-    return run, bag
-
-
 @pytest.mark.parametrize("late", ["action", "reward", "local_state"])
-def test_topics_may_overtake_one_another(recorded, late, monkeypatch):
+def test_topics_may_overtake_one_another(good, late, monkeypatch):
     """One topic of one robot comes three time steps later than all others: nothing is lost.
 
     Neither by who stood still for seconds, with all that in the queue.
     """
     seconds = itertools.count()
     monkeypatch.setattr(watch, "time", SimpleNamespace(monotonic=lambda: next(seconds)))
-    run, bag = recorded
-    view = LiveView(run, Board(), source="live", title="", controls=())
-    team, takes = heard_of(run, view)
+    team, takes, _ = heard_of(good.run)
     held, states = [], 0
-    for message in open_bag(bag).messages(set(takes)):
+    for message in open_bag(good.bag).messages(set(takes)):
         states += message.topic == "/robot_1/local_state"
         if message.topic == f"/robot_2/{late}":
             held.append((states + 3, message))
@@ -96,38 +80,34 @@ def test_topics_may_overtake_one_another(recorded, late, monkeypatch):
         takes[message.topic](message.data)
     for _, message in held:
         takes[message.topic](message.data)
-    assert team.history.history().same_bits(read_run(bag).history())
-    assert team.whole and team.seen == 300
+    assert team.history.history().same_bits(read_run(good.bag).history())
+    assert team.whole and team.seen == good.run.scenario.steps
 
 
-def test_a_run_that_goes_back_is_shown_on(recorded):
+def test_a_run_that_goes_back_is_shown_on(good):
     """What it took back stays in the curves, and the page says so."""
-    run, bag = recorded
-    board = Board()
-    team, takes = heard_of(run, LiveView(run, board, source="live", title="", controls=()))
-    messages = list(open_bag(bag).messages(set(takes)))
+    team, takes, view = heard_of(good.run)
+    messages = list(open_bag(good.bag).messages(set(takes)))
     for message in messages[:200]:
         takes[message.topic](message.data)
     seen, waiting = team.seen, set(team._states)
     for message in messages:
         takes[message.topic](message.data)
-    assert "went back to a checkpoint" in board.get("notice")["text"] and not team.whole
-    assert team.seen == seen + 300 and not waiting & set(team._states)
+    assert "went back to a checkpoint" in view.board.get("notice")["text"] and not team.whole
+    assert team.seen == seen + good.run.scenario.steps and not waiting & set(team._states)
 
 
-def test_a_robot_that_is_left_out_holds_nobody_up(recorded):
+def test_a_robot_that_is_left_out_holds_nobody_up(good):
     """What does not come at all is waited for half a second, and then done without."""
-    run, bag = recorded
-    view = LiveView(run, Board(), source="live", title="", controls=())
-    team, takes = heard_of(run, view)
-    messages = list(open_bag(bag).messages(set(takes)))
-    for message in messages[:140]:
+    team, takes, _ = heard_of(good.run)
+    messages = list(open_bag(good.bag).messages(set(takes)))
+    for message in messages[:160]:
         if message.topic not in ("/robot_2/action", "/robot_2/reward"):
             takes[message.topic](message.data)
     assert team.seen < 5
     for _ in range(watch.LATE_TICKS + 1):
         team.tick()
-    assert team.seen > 15 and len(team._states) < 3 and team.whole
+    assert team.seen > 10 and len(team._states) < 3 and team.whole
     step = next(iter(team._states))
     team.compare(Said("", "learning", step, team.seen, left_out=team.without))
     assert team.whole  # the world says so, too
@@ -148,16 +128,13 @@ MISSED = {
 
 
 @pytest.mark.parametrize("what", MISSED)
-def test_what_was_missed_is_said_and_begins_no_episode(recorded, what):
-    run, bag = recorded
-    board = Board()
-    view = LiveView(run, board, source="live", title="", controls=())
-    team, takes = heard_of(run, view)
+def test_what_was_missed_is_said_and_begins_no_episode(good, what):
+    team, takes, view = heard_of(good.run)
     status = typed(interface.STATUS, read_status)
     takes["/status"] = lambda data: team.compare(status(data))
     topics, begin, end = MISSED[what]
     count = dict.fromkeys(takes, 0)
-    for number, message in enumerate(open_bag(bag).messages(set(takes))):
+    for number, message in enumerate(open_bag(good.bag).messages(set(takes))):
         topic = message.topic
         count[topic] += 1
         if topic not in topics or not begin < count[topic] <= end:
@@ -166,12 +143,12 @@ def test_what_was_missed_is_said_and_begins_no_episode(recorded, what):
             team.tick()
     for _ in range(watch.LATE_TICKS + 1):
         team.tick()
-    said = board.get("notice")["text"]
+    said = view.board.get("notice")["text"]
     assert team.whole == ("the curves lack" not in said) == (what == "nothing")
-    assert team.history.history().episodes == read_run(bag).history().episodes
+    assert team.history.history().episodes == read_run(good.bag).history().episodes
     view.notice("another thing")
     view.notice("")
-    assert board.get("notice")["text"] == said  # it stays
+    assert view.board.get("notice")["text"] == said  # it stays
 
 
 def test_a_page_beside_a_live_team(bench):

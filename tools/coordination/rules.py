@@ -95,8 +95,8 @@ class JointAgent(Agent):
         assert self._last is not None
         step, entry, reward = self._last
         table: Any = self._tables.q_coord
-        alpha = self._alpha(self._coord_updates, entry, step)
-        table[entry] = updated(float(table[entry]), alpha, reward, self._discount, bootstrap)
+        alpha = self.step_size_of(self.coord_updates, entry, step)
+        table[entry] = updated(float(table[entry]), alpha, reward, self.discount, bootstrap)
         self._last = None
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sparse_coord_ros.engine.batch import CompiledLearning, CompiledTeam
-from sparse_coord_ros.engine.compiled import PLAIN
+from sparse_coord_ros.engine.kernels import PLAIN
 from sparse_coord_ros.engine.training import train
 from sparse_coord_ros.game.actions import COORDINATE
 from sparse_coord_ros.game.scenario import load_scenario
@@ -38,7 +38,7 @@ def scenario(name="env1", **settings):
 def test_both_engines_show_the_same_transitions(name, learner, settings):
     problem = scenario(name, **settings)
     plain = Learning(problem, learner, 3)
-    compiled = CompiledLearning(CompiledTeam(problem, learner, PLAIN), 3)
+    compiled = CompiledLearning(CompiledTeam(problem, learner, loops=PLAIN), 3)
     asked = np.zeros_like(plain.asked)
     for _ in range(60):
         for engine in (plain, compiled):

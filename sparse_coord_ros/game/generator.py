@@ -8,13 +8,13 @@ a robot's twelve draws of a time step makes three. Numba computes with 128 bits 
 does; plain Python has its own integers, and makes the same bits.
 """
 
-import functools
 import importlib
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
+from sparse_coord_ros.compiling import before_compiling
 from sparse_coord_ros.game.streams import bit_generator
 
 MULTIPLIER = 0x2360ED051FC65DA44385DF649FCCF645
@@ -84,8 +84,8 @@ def _untyped(module: str) -> Any:
     return importlib.import_module(module)
 
 
-@functools.cache
-def let_call(**options: Any) -> None:
+@before_compiling
+def _let_call(options: dict[str, Any]) -> None:
     """Let numba's loops call `jumped` and `uniform`.
 
     Args:

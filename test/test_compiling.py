@@ -2,13 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compiled loops on disk: found again, left alone by other sources, thrown away where spoiled."""
 
+import importlib
 import os
 import subprocess
 import sys
 
 import pytest
 
-from sparse_coord_ros import kept
+from sparse_coord_ros import compiling
 from sparse_coord_ros.compiling import has_numba
 
 pytestmark = pytest.mark.skipif(not has_numba(), reason="numba is not installed")
@@ -31,16 +32,16 @@ print(there, hashlib.sha256(bits).hexdigest(), run.trials.reward.tolist())
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     """Return a folder of the test's own to keep loops in."""
-    monkeypatch.setenv(kept.FOLDER_VARIABLE, str(tmp_path))
-    kept.folder.cache_clear()
+    monkeypatch.setenv(compiling.FOLDER_VARIABLE, str(tmp_path))
+    compiling.folder.cache_clear()
     yield tmp_path
-    kept.folder.cache_clear()
+    compiling.folder.cache_clear()
 
 
 def said(folder):
     """Return what a process of its own says: whether loops were there, and what it computed."""
     command = [sys.executable, "-W", "error", "-c", PROGRAM]
-    env = os.environ | {kept.FOLDER_VARIABLE: str(folder)}
+    env = os.environ | {compiling.FOLDER_VARIABLE: str(folder)}
     done = subprocess.run(command, env=env, capture_output=True, text=True, timeout=300)
     assert (done.returncode, done.stderr) == (0, "")
     there, _, computed = done.stdout.partition(" ")
@@ -62,42 +63,58 @@ def test_found_again_and_the_same_bits(tmp_path):
 
 
 def test_where_it_is(folder, monkeypatch):
-    assert kept.folder().parent == folder
-    kept.keep("tables")
-    assert kept.is_kept("tables") and not kept.is_kept("factors")
-    kept.folder.cache_clear()
-    monkeypatch.setattr(kept, "COMPILER", (*kept.COMPILER, "mcap"))  # other versions
-    assert not kept.is_kept("tables")
-    kept.folder.cache_clear()
-    monkeypatch.setattr(kept, "SOURCES", ("core",))  # other sources
-    assert not kept.is_kept("tables")
+    assert compiling.folder().parent == folder
+    compiling.keep("tables")
+    assert compiling.is_kept("tables") and not compiling.is_kept("factors")
+    compiling.folder.cache_clear()
+    monkeypatch.setattr(compiling, "COMPILER", (*compiling.COMPILER, "mcap"))  # other versions
+    assert not compiling.is_kept("tables")
+    compiling.folder.cache_clear()
+    monkeypatch.setattr(compiling, "SOURCES", ("core",))  # other sources
+    assert not compiling.is_kept("tables")
     assert len(list(folder.iterdir())) == 3
 
 
+def test_a_changed_rule_compiles_anew(folder, monkeypatch):
+    """Also one of the user's own, whose source is none of this package's."""
+    code = "class Minds(tuple):\n    bootstrap = staticmethod(lambda: {})\n"
+    places = set()
+    monkeypatch.syspath_prepend(folder)
+    for value in (1, 2):
+        (folder / "own_rule.py").write_text(code.format(value))
+        minds = importlib.import_module("own_rule").Minds
+        compiling.folder.cache_clear()
+        places |= {compiling.folder(minds), compiling.folder()}
+        compiling.keep("Minds", minds)
+        assert compiling.is_kept("Minds", minds) and not compiling.is_kept("Minds")
+        del sys.modules["own_rule"]
+    assert len(places) == 3
+
+
 def test_what_is_spoiled_is_thrown_away(folder):
-    assert not kept.forget()
-    kept.keep("tables")
-    (kept.folder() / "engine").mkdir()
-    assert kept.forget()
-    assert not list(kept.folder().iterdir())
+    assert not compiling.forget()
+    compiling.keep("tables")
+    (compiling.folder() / "engine").mkdir()
+    assert compiling.forget()
+    assert not list(compiling.folder().iterdir())
 
 
 @pytest.mark.parametrize("how", ["empty", "a file", "no numba"])
 def test_where_nothing_can_be_kept(folder, monkeypatch, how):
     if how == "empty":
-        monkeypatch.setenv(kept.FOLDER_VARIABLE, "")
+        monkeypatch.setenv(compiling.FOLDER_VARIABLE, "")
     elif how == "a file":
         (folder / "file").touch()
-        monkeypatch.setenv(kept.FOLDER_VARIABLE, str(folder / "file"))
+        monkeypatch.setenv(compiling.FOLDER_VARIABLE, str(folder / "file"))
     else:
-        monkeypatch.setattr(kept, "COMPILER", ("no_such_package",))
-    assert kept.folder() is None
-    kept.keep("tables")
-    assert not kept.is_kept("tables")
-    assert not kept.forget()
+        monkeypatch.setattr(compiling, "COMPILER", ("no_such_package",))
+    assert compiling.folder() is None
+    compiling.keep("tables")
+    assert not compiling.is_kept("tables")
+    assert not compiling.forget()
 
 
 def test_in_the_users_cache_unless_named(folder, monkeypatch):
-    monkeypatch.delenv(kept.FOLDER_VARIABLE)
+    monkeypatch.delenv(compiling.FOLDER_VARIABLE)
     monkeypatch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
-    assert kept.folder().parent == folder / "cache" / "sparse_coord_ros"
+    assert compiling.folder().parent == folder / "cache" / "sparse_coord_ros"

@@ -1,0 +1,25 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Loops that numba compiles once for all processes of a test run."""
+
+import os
+
+import pytest
+
+from sparse_coord_ros.compiling import has_numba
+from sparse_coord_ros.engine.batch import prepare
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.learners import learner_of
+
+LOOPS = [(learner, history) for learner in ("coop", "factored") for history in (True, False)]
+
+
+@pytest.fixture(autouse=True, scope="session")
+def compiled_loops():
+    """Compile all loops; each worker of pytest-xdist begins with others, and takes the rest."""
+    if has_numba():
+        worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:])
+        for place in range(len(LOOPS)):
+            learner, history = LOOPS[(place + worker) % len(LOOPS)]
+            scenario = learner_of(learner).with_defaults(load_scenario("env1"))
+            prepare(scenario, learner, history=history)
