@@ -207,7 +207,10 @@ class SparseCoordEnv(ParallelEnv):
         return observations, rewards, terminated, truncated, infos
 
     def state(self) -> np.ndarray:
-        """Return the joint state: every robot's cell, who has arrived, and which half it is."""
+        """Return the joint state, shape (2 robots + 1,), int64.
+
+        Every robot's cell, whether each has arrived, and which half of a time step it is.
+        """
         world = self._running()
         return np.array([*world.cells, *world.arrived, self._half], dtype=np.int64)
 

@@ -5,9 +5,10 @@
 World, drivers and bodies are the same state machines that the nodes are made of, in step.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -235,7 +236,7 @@ def drive(
     Args:
         run: the run that learned them.
         tables: the tables of every robot.
-        episodes: how many.
+        episodes: how many, one at least.
         seed: of every draw: the team's and the grid's as in an evaluation, and the bodies'.
         values: `DRIVE_SETTINGS`, typed.
         followed: of so many episodes, the first ones, the path is kept.
@@ -250,55 +251,55 @@ def drive(
         scenario, seed, slips=values["slips"], phase=EVALUATION, max_steps=scenario.horizon
     )
     floor = Floor(run, values, seed, world)
-    shape = (episodes, len(tables))
-    count = np.zeros(episodes, dtype=np.int64)
-    out = Drive(
-        steps=count.copy(),
-        seconds=np.zeros(episodes),
-        arrived=np.zeros(shape, dtype=bool),
-        times=np.full(shape, scenario.horizon),
-        miscoordinations=count.copy(),
-        in_doorways=count.copy(),
-        elsewhere=count.copy(),
-        asks=np.zeros(shape, dtype=np.int64),
-        drift=np.zeros(shape),
-    )
+    arena, sent = floor.arena, floor.bodies
+    found: list[dict[str, Any]] = []
+    path: list[Moment] = []
     for episode in range(episodes):
         world.begin_episode()
         floor.on_tick = None
         if episode < followed:
 
             def keep(episode: int = episode) -> None:
-                places = tuple(body.pose[:2] for body in floor.arena.bodies)
-                out.path.append(Moment(episode, floor.arena.seconds, places))
+                path.append(
+                    Moment(episode, arena.seconds, tuple(b.pose[:2] for b in arena.bodies))
+                )
 
             floor.on_tick = keep
-        touched = len(floor.arena.touches)
-        before = floor.bodies.seconds
+        touched, before = len(arena.touches), sent.seconds
+        times = np.full(len(tables), scenario.horizon)
+        asks = np.zeros(len(tables), dtype=np.int64)
+        steps = miscoordinations = 0
         over = False
         while not over:
             _, actions = team.act(world)
-            while not floor.bodies.made(actions):
+            while not sent.made(actions):
                 floor.drive()
             outcome = world.advance(actions)
             over = outcome.episode_over
-            out.steps[episode] += 1
-            out.miscoordinations[episode] += outcome.miscoordination
-            for k, action in enumerate(actions):
-                out.asks[episode, k] += action is not None and action.asked
-            for k in outcome.arrived:
-                out.times[episode, k] = out.steps[episode]
-        out.seconds[episode] = floor.bodies.seconds - before
-        out.arrived[episode] = world.arrived
-        places = [touch.where for touch in floor.arena.touches[touched:]]
-        out.in_doorways[episode] = places.count(IN_DOORWAY)
-        out.elsewhere[episode] = places.count(ELSEWHERE)
-        out.drift[episode] = [
-            np.hypot(body.pose.x - body.odometry.x, body.pose.y - body.odometry.y)
-            for body in floor.arena.bodies
-        ]
+            steps += 1
+            miscoordinations += outcome.miscoordination
+            asks += [action is not None and action.asked for action in actions]
+            times[list(outcome.arrived)] = steps
+        places = [touch.where for touch in arena.touches[touched:]]
+        one = {
+            "steps": steps,
+            "seconds": sent.seconds - before,
+            "arrived": list(world.arrived),
+            "times": times,
+            "miscoordinations": miscoordinations,
+            "in_doorways": places.count(IN_DOORWAY),
+            "elsewhere": places.count(ELSEWHERE),
+            "asks": asks,
+            "drift": [math.dist(b.pose[:2], b.odometry[:2]) for b in arena.bodies],
+        }
+        found.append(one)
         progress(episode + 1)
-    out.moves, out.failed, out.lost = floor.moves, floor.bodies.failed, floor.bodies.lost
-    out.touches = floor.arena.touches
-    out.bumps = sum(body.bumps for body in floor.arena.bodies)
-    return out
+    return Drive(
+        **{name: np.array([one[name] for one in found]) for name in found[0]},
+        moves=floor.moves,
+        failed=sent.failed,
+        lost=sent.lost,
+        bumps=sum(body.bumps for body in arena.bodies),
+        path=path,
+        touches=arena.touches,
+    )

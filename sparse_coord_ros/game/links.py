@@ -63,7 +63,7 @@ class Link(NamedTuple):
     dead_from: int
 
     def down(self, steps: Iterable[int] | np.ndarray) -> np.ndarray:
-        """Return whether it is down at time steps, as an array of bools."""
+        """Return whether it is down at time steps, shape (steps,), bool."""
         asked = np.asarray(steps, dtype=np.int64)
         down = asked >= self.dead_from
         if len(self.pattern):

@@ -96,7 +96,12 @@ def space_of(plan: FloorPlan, radius: float, speck: float = SPECK) -> Space:
 
 
 def without_specks(pixels: np.ndarray, size: int) -> np.ndarray:
-    """Return a picture without the spots that are at most `size` pixels high and wide."""
+    """Return a picture without the spots that are at most `size` pixels high and wide.
+
+    Args:
+        pixels: the picture, shape (rows, columns), bool; as the one returned.
+        size: in pixels.
+    """
     if size < 1:
         return pixels
     labels, count = ndimage.label(pixels, structure=np.ones((3, 3), dtype=bool), output=np.int32)
@@ -109,7 +114,7 @@ def without_specks(pixels: np.ndarray, size: int) -> np.ndarray:
 def grown(pixels: np.ndarray, radius: float) -> np.ndarray:
     """Return which pixels lie within a radius (in pixels) of a set one: a dilation by a disc.
 
-    A pass over the picture for each row of the disc; ten times quicker than distances.
+    Both pictures have the shape (rows, columns), bool. A pass over the picture for each row of the disc; ten times quicker than distances.
     """
     reach = int(radius)
     out = pixels.copy()
@@ -230,7 +235,7 @@ def _close(free: np.ndarray, past: list[np.ndarray]) -> None:
 
 
 def across(free: np.ndarray, longest: int = 2) -> np.ndarray:
-    """Return the doorways of a grid, numbered from 1; 0 elsewhere.
+    """Return the doorways of a grid, numbered from 1; 0 elsewhere; shape (rows, columns), int64.
 
     A doorway is a run of at most `longest` free cells, one after the other, that each have walls
     on two opposite sides, and that lead on at both ends: to `CRUMB` cells or more. Longer runs are
