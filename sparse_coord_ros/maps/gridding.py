@@ -114,7 +114,8 @@ def without_specks(pixels: np.ndarray, size: int) -> np.ndarray:
 def grown(pixels: np.ndarray, radius: float) -> np.ndarray:
     """Return which pixels lie within a radius (in pixels) of a set one: a dilation by a disc.
 
-    Both pictures have the shape (rows, columns), bool. A pass over the picture for each row of the disc; ten times quicker than distances.
+    Both pictures have the shape (rows, columns), bool. A pass over the picture for each row of the
+    disc; ten times quicker than distances.
     """
     reach = int(radius)
     out = pixels.copy()
