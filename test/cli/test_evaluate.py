@@ -92,12 +92,6 @@ def test_exact(sparse_coord, trained, folder):
     assert data["class_bound"] == pytest.approx(118.5092, abs=1e-4)
 
 
-def test_exact_for_four_robots_is_refused(refused, trained):
-    trained("env2-4r")
-    message = refused("evaluate", "a", "--exact")
-    assert "env2-4r has 4 robots, allowed: 1 or 2" in message
-
-
 def test_exact_is_no_number_of_trials(refused, trained):
     trained("env1")
     assert "not allowed with" in refused("evaluate", "a", "--exact", "--trials", 5)

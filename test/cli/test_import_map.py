@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`sparse_coord import-map` and `export-map`: there and back, files, notes, and bad input."""
 
-import json
-
 import numpy as np
 import pytest
 import yaml
@@ -48,16 +46,6 @@ def test_a_scenario_that_learns_as_the_original(sparse_coord, folder, exported):
         "1 m a cell, lower left corner at 0,0 m",
         "",
     ]
-
-
-def test_json_and_settings(sparse_coord, folder, exported):
-    settings = ("--set", "penalty=-100", "--set", "perception=probability:0.7")
-    said = sparse_coord("import-map", exported, *ENV1, *GOALS, *settings, "--json", "--out", "i")
-    facts = json.loads(said[1])
-    assert (facts["cells"], facts["doorways"], facts["origin"]) == (21, 1, [0.0, 0.0])
-    assert facts["files"] == ["i/env1.txt", "i/env1.yaml", "i/env1.png"]
-    scenario = load_scenario(folder / "i" / "env1.yaml")
-    assert (scenario.penalty, str(scenario.perception)) == (-100.0, "probability:0.7")
 
 
 def test_places_west_and_south_of_the_origin(sparse_coord, folder, exported):

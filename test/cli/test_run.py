@@ -25,11 +25,10 @@ def test_bad_input(refused, arguments, words):
     assert [word for word in words if word not in message] == []
 
 
-@pytest.mark.parametrize("processes", [[], ["--processes"]])
-def test_existing_directory_is_not_touched(refused, folder, processes):
+def test_existing_directory_is_not_touched(refused, folder):
     (folder / "out").mkdir()
     (folder / "out" / "tables.npz").write_text("precious")
-    message = refused("run", "env1", "--steps", 5, "--out", "out", *processes)
+    message = refused("run", "env1", "--steps", 5, "--out", "out")
     assert "output directory out: exists already, nothing is overwritten" in message
 
 
@@ -57,7 +56,7 @@ def test_a_run_whose_tables_could_not_be_saved_is_not_said_to_be_unfinished(
     )
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGTERM])
 @pytest.mark.parametrize("moment", ["the run's last", "show_end", "next_wish"])
 def test_a_signal_ends_a_watched_run_in_whichever_moment(
     sparse_coord, folder, monkeypatch, number, moment

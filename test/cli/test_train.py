@@ -105,19 +105,6 @@ def test_bad_input(refused, arguments, words):
     assert [word for word in words if word not in message] == []
 
 
-def test_the_largest_seed(sparse_coord, folder):
-    seed = 2**63 - 1
-    assert sparse_coord(*SHORT, "--seed", seed, "--out", "a")[0] == 0
-    assert load_run(folder / "a").seed == seed
-
-
-def test_existing_directory_is_not_touched(refused, folder):
-    (folder / "out").mkdir()
-    (folder / "out" / "tables.npz").write_text("precious")
-    message = refused("train", "env1", "--steps", 5, "--out", "out")
-    assert "output directory out: exists already, nothing is overwritten" in message
-
-
 @pytest.mark.parametrize("engine", ["python", "numba"])
 def test_evaluations_on_the_way(sparse_coord, folder, engine):
     arguments = ("--steps", 1000, "--evaluate-every", 400, "--engine", engine, "--trials", 20)

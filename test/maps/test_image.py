@@ -84,14 +84,12 @@ def test_what_is_not_opaque_is_unknown(saved):
     ("fields", "words"),
     [
         ({"resolution": -0.05}, "field 'resolution' is -0.05, allowed: a number from 0.001"),
-        ({"resolution": 0}, "field 'resolution' is 0"),
         ({"resolution": float("nan")}, "field 'resolution' is nan"),
         ({"resolution": "left out"}, "field 'resolution' is missing"),
         ({"image": "left out"}, "field 'image' is missing"),
         ({"image": ["m.pgm"]}, "field 'image' is"),
         ({"image": "n.pgm"}, "n.pgm: no such image"),
         ({"image": "../../../../../etc/hostname"}, "cannot be read as an image"),
-        ({"image": "."}, "cannot be read as an image"),
         ({"image": "m.yaml"}, "cannot be read as an image"),
         ({"image": "a\0b"}, "field 'image' is"),
         ({"origin": [0, 0, 0.5]}, "has a yaw of 0.5, allowed: 0"),
@@ -110,22 +108,11 @@ def test_bad_fields_are_one_line(saved, fields, words):
     assert "\n" not in str(refused.value)
 
 
-def bomb():
-    """Return YAML of some hundred bytes whose value has 10^9 leaves."""
-    lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x, x]"]
-    for k in range(1, 9):
-        inside = ", ".join([f"*a{k - 1}"] * 10)
-        lines.append(f"a{k}: &a{k} [{inside}]")
-    return "\n".join([*lines, "image: *a8", ""])
-
-
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (bomb(), "its aliases (*name) stand for more than 1,000,000 values"),
         ("image: &a [*a]", "stand for more than"),
         ("image: [[[[[[[[[[[[[[1]]]]]]]]]]]]]]", "field 'image' is [[[[...]]]]"),
-        ("image: m.pgm\nimage: n.pgm\n", "is there twice"),
         ("image: [", "not YAML"),
         ("- m.pgm\n", "must be 'key: value' lines"),
         ("", "must be 'key: value' lines"),
