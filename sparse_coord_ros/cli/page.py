@@ -33,17 +33,13 @@ def served(options: argparse.Namespace, board: "Board | None" = None) -> Iterato
         SettingError: the port is none.
     """
     from sparse_coord_ros.look.page.board import Board
-    from sparse_coord_ros.look.page.server import Server, is_loopback
+    from sparse_coord_ros.look.page.server import Server
 
     port = PORT_SETTING.parse(options.port)
     server = Server(Board() if board is None else board, host=options.host, port=port)
     try:
-        if not is_loopback(options.host):
-            print(
-                f"warning: the page is served on {options.host}: whoever reaches this machine can "
-                "watch, and who has the whole address can control the run",
-                file=sys.stderr,
-            )
+        if server.warning:
+            print(f"warning: {server.warning}", file=sys.stderr)
         yield server
     finally:
         server.close()
@@ -70,7 +66,7 @@ class Wishes:
 
 
 def show_end(server: "Server", run: RunConfig, out: Path) -> None:
-    """Show what the tables of a finished run are worth."""
+    """Show the value of a finished run's tables."""
     from sparse_coord_ros.look.page.evaluation import evaluation_message
     from sparse_coord_ros.look.page.messages import notice_message
 

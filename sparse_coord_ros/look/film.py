@@ -4,7 +4,7 @@
 
 import io
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -117,13 +117,12 @@ class _Stage:
             mark = Rectangle((column + 0.18, row + 0.28), 0.64, 0.64, fill=False, linewidth=2)
             mark.set(edgecolor=robot_colour(k), linestyle=(0, (2, 1.5)))
             self._axes.add_patch(mark)
-        self._title = title
         self._lines = [
             Text(0.01, (below - 0.2 - 0.2 * n) / height, "", fontsize=9, va="center")
             for n in range(self._spoken + 1)
         ]
-        self._head = Text(0.5, 1 - 0.5 * above / height, "", fontsize=10, ha="center", va="center")
-        for text in (self._head, *self._lines):
+        head = Text(0.5, 1 - 0.5 * above / height, title, fontsize=10, ha="center", va="center")
+        for text in (head, *self._lines):
             text.set_parse_math(False)
             figure.add_artist(text)
         self._canvas.draw()
@@ -141,7 +140,8 @@ class _Stage:
         over = moved == 1.0
         together = over and self._episode.steps[step].miscoordination
         asks = self._episode.steps[step].questions if speaking else ()
-        self._put(self._meeting(step + 1) if together else [])
+        if together:
+            self._put(self._meeting(step + 1))
         self._put(self._trails(step))
         for ask in asks:
             self._put(self._question(ask, places))
@@ -149,14 +149,14 @@ class _Stage:
         for ask in asks:
             self._put(self._sign(ask, places))
         self._say(step + over, asks, together)
-        for text in (self._head, *self._lines):
+        for text in self._lines:
             self._figure.draw_artist(text)
         image = Image.frombuffer(
             "RGBA", self._canvas.get_width_height(), self._canvas.buffer_rgba().tobytes()
         )
         return image.convert("RGB").quantize(palette=self._palette, dither=Image.Dither.NONE)
 
-    def _put(self, artists: Sequence[Artist]) -> None:
+    def _put(self, artists: Iterable[Artist]) -> None:
         """Draw something for this picture only."""
         for artist in artists:
             self._axes.add_artist(artist)
@@ -176,67 +176,59 @@ class _Stage:
                 seen[cell] += 1
         return places
 
-    def _trails(self, step: int) -> list[Artist]:
-        found: list[Artist] = []
+    def _trails(self, step: int) -> Iterator[Artist]:
+        others = len(self._names) - 1
         for k in range(len(self._names)):
             x, y = self._places[self._cells[: step + 1, k]].T
-            shift = 0.1 * (k - (len(self._names) - 1) / 2) / max(1, len(self._names) - 1)
-            found.append(Line2D(x + shift, y + shift, color=_pale(robot_colour(k)), linewidth=2.5))
-        return found
+            shift = 0.1 * (k - others / 2) / max(1, others)
+            yield Line2D(x + shift, y + shift, color=_pale(robot_colour(k)), linewidth=2.5)
 
-    def _meeting(self, step: int) -> list[Artist]:
-        """Return the marks of the doorways with robots inside."""
-        found: list[Artist] = []
+    def _meeting(self, step: int) -> Iterator[Artist]:
+        """Yield the marks of the doorways with robots inside."""
         for x in self._scenario.map.doorways & set(self._cells[step].tolist()):
             row, column = self._scenario.map.cells[x]
             mark = Rectangle((column, row), 1, 1, facecolor=_pale(DOORWAY_COLOUR), hatch="xx")
             mark.set(edgecolor=DOORWAY_COLOUR, linewidth=3)
-            found.append(mark)
-        return found
+            yield mark
 
-    def _robots(self, places: np.ndarray, askers: set[int]) -> list[Artist]:
+    def _robots(self, places: np.ndarray, askers: set[int]) -> Iterator[Artist]:
         there = {k: place for k, place in enumerate(places.tolist()) if np.isfinite(place[0])}
-        found: list[Artist] = [
-            Circle(there[k], 0.4, facecolor="white", edgecolor="black", linewidth=2)
-            for k in sorted(askers & set(there))
-        ]
+        for k in sorted(askers & set(there)):
+            yield Circle(there[k], 0.4, facecolor="white", edgecolor="black", linewidth=2)
         for k, (x, y) in there.items():
             colour = robot_colour(k)
-            disc = Circle((x, y), 0.3, facecolor=colour, edgecolor="black", linewidth=0.8)
-            number = Text(x, y, str(k + 1), color=ink_on(colour), fontweight="bold")
-            number.set(ha="center", va="center_baseline", fontsize=max(6.0, 17 * self._cell))
-            found += [disc, number]
-        return found
+            yield Circle((x, y), 0.3, facecolor=colour, edgecolor="black", linewidth=0.8)
+            yield self._letter(x, y, str(k + 1), ink_on(colour), least=6.0)
 
     @staticmethod
-    def _question(ask: Question, places: np.ndarray) -> list[Artist]:
-        """Return the lines from the asker to whom it asks; thin ones to several."""
-        found: list[Artist] = []
+    def _question(ask: Question, places: np.ndarray) -> Iterator[Artist]:
+        """Yield the lines from the asker to whom it asks; thin ones to several."""
         width = 3.2 if len(ask.peers) == 1 else 1.8
         for peer in ask.peers:
             line = Line2D(*np.transpose([places[ask.asker], places[peer]]), linewidth=width)
             line.set(color=OUTCOME_COLOURS[ask.outcome], linestyle=OUTCOME_LINES[ask.outcome])
-            found.append(line)
-        return found
+            yield line
 
-    def _sign(self, ask: Question, places: np.ndarray) -> list[Artist]:
-        """Return the sign of how a question ended: nearer to the asked robot.
+    def _sign(self, ask: Question, places: np.ndarray) -> Iterator[Artist]:
+        """Yield the sign of how a question ended: nearer to the asked robot.
 
         Of a question to several it is beside the asker, once: one on each line would hide robots.
         """
-        colour = OUTCOME_COLOURS[ask.outcome]
         peer = ask.peers[0] if len(ask.peers) == 1 else ask.asker
         x, y = 0.45 * places[ask.asker] + 0.55 * places[peer]
         if len(ask.peers) > 1:
             x, y = x + 0.38, y - 0.38
         elif np.hypot(*(places[ask.asker] - places[peer])) < CLOSE:
             y -= 0.45  # it would hide their numbers
-        if not np.isfinite(x):
-            return []
-        badge = Circle((x, y), 0.22, facecolor="white", edgecolor=colour, linewidth=1.8)
-        sign = Text(x, y, OUTCOME_SIGNS[ask.outcome], color="black", fontweight="bold")
-        sign.set(ha="center", va="center_baseline", fontsize=max(7.0, 17 * self._cell))
-        return [badge, sign]
+        if np.isfinite(x):
+            colour = OUTCOME_COLOURS[ask.outcome]
+            yield Circle((x, y), 0.22, facecolor="white", edgecolor=colour, linewidth=1.8)
+            yield self._letter(x, y, OUTCOME_SIGNS[ask.outcome], "black", least=7.0)
+
+    def _letter(self, x: float, y: float, letter: str, colour: str, *, least: float) -> Text:
+        text = Text(x, y, letter, color=colour, fontweight="bold", ha="center")
+        text.set(va="center_baseline", fontsize=max(least, 17 * self._cell))
+        return text
 
     def _say(self, step: int, asks: Sequence[Question], together: bool) -> None:
         said = [ask.in_words(self._names) for ask in asks]
@@ -249,7 +241,6 @@ class _Stage:
             at += ": miscoordination"
         elif step == length:
             at += ": all there" if self._episode.arrived else ": not all there"
-        self._head.set_text(self._title)
         for text, words in zip(self._lines, [at, *said, *[""] * self._spoken], strict=False):
             text.set_text(words)
 

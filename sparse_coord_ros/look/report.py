@@ -232,11 +232,11 @@ def _command(config: RunConfig) -> str:
     base: Scenario | None = None
     with contextlib.suppress(SparseCoordError):
         base = load_scenario(config.scenario.name)
-    settings = dict.fromkeys(SETTINGS, 0)
-    if base is not None and (
-        base.computation() | settings != config.scenario.computation() | settings
+    if base is not None and (base.map, base.robots) != (
+        config.scenario.map,
+        config.scenario.robots,
     ):
-        base = None  # another map of that name
+        base = None  # another one of that name
     name = "SCENARIO.yaml" if base is None else config.scenario.name
     words = ["sparse_coord", "train", name, "--learner", config.learner]
     words += ["--seed", str(config.seed)]

@@ -562,14 +562,11 @@ def _end_of(robot: "RobotNode", step: int) -> PerceptEnd | None:
 
 def _serve(node: WatchNode) -> "Server":
     from sparse_coord_ros.look.page.board import Board
-    from sparse_coord_ros.look.page.server import Server, is_loopback
+    from sparse_coord_ros.look.page.server import Server
 
     server = Server(Board(), host=node.values["host"], port=node.values["port"])
-    if not is_loopback(node.values["host"]):
-        node.get_logger().warning(
-            f"the page is served on {node.values['host']}: whoever reaches this machine can "
-            "watch, and who has the whole address can control the run"
-        )
+    if server.warning:
+        node.get_logger().warning(server.warning)
     node.get_logger().info(f"watch it at {server.address}")
     return server
 

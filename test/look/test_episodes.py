@@ -8,8 +8,15 @@ import pytest
 from sparse_coord_ros.errors import BagError, RunError
 from sparse_coord_ros.game.world import Action, Reward
 from sparse_coord_ros.learn.evaluation import play
+from sparse_coord_ros.learn.history import History
 from sparse_coord_ros.learn.simulation import Glimpse
-from sparse_coord_ros.look.episodes import PLAYED, episode_number, logged_episode, played_episode
+from sparse_coord_ros.look.episodes import (
+    PLAYED,
+    _chosen,
+    episode_number,
+    logged_episode,
+    played_episode,
+)
 from sparse_coord_ros.look.sources import open_shown
 from sparse_coord_ros.look.steps import ended, logged_step, seen_step
 from sparse_coord_ros.palette import ANSWERED, FAILED, REFUSED
@@ -89,6 +96,23 @@ def test_which_episode(log):
         with pytest.raises(RunError, match="give the number of an episode"):
             episode_number(text)
     assert episode_number("17") == 17
+
+
+def test_of_equal_episodes_the_shortest_then_the_latest():
+    asks = np.array([[9, 9], [1, 0], [0, 0], [8, 8], [0, 3]])
+    history = History(
+        first_step=np.arange(5),
+        length=np.array([9, 5, 5, 4, 7]),
+        reward=np.ones((5, 2)),
+        miscoordinations=np.zeros(5),
+        asks=asks,
+        arrived=np.array([[True, True]] * 3 + [[True, False], [True, True]]),
+        present=np.ones((5, 2)),
+    )
+    own = np.array([False, True, True, True, True])
+    found = {what: _chosen(what, history, own, "") for what in ("best", "asks", "last")}
+    assert found == {"best": 2, "asks": 4, "last": 4}
+    assert _chosen("best", history, ~own, "") == 0
 
 
 def test_a_played_episode_is_the_trial_of_an_evaluation(trained):

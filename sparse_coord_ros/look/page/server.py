@@ -254,6 +254,7 @@ class Server:
         page: the application.
         port: the port.
         address: what to open in a browser, the token included.
+        warning: what to say where other machines reach the page; else empty.
 
     Raises:
         RunError: the port is taken, or the address is none of this machine's.
@@ -271,6 +272,12 @@ class Server:
         shown = f"[{host}]" if ":" in host else host
         shown = socket.gethostname() if host in ("0.0.0.0", "::") else shown
         self.address = f"http://{shown}:{self.port}/#{self.page.token}"
+        self.warning = ""
+        if not is_loopback(host):
+            self.warning = (
+                f"the page is served on {host}: whoever reaches this machine can watch, and who "
+                "has the whole address can control the run"
+            )
 
     def show(self, source: Controlled | None) -> None:
         """Let controls go to this source."""

@@ -22,7 +22,7 @@ LOOKS_A_SECOND = 30
 CONTROLS = (PAUSE, STEP, RATE, NEXT)
 
 
-class TrainingView:
+class TrainingView(LiveView):
     """Looks at a run; holds it, slows it down, and lets it make single steps as a page asks.
 
     Args:
@@ -42,13 +42,12 @@ class TrainingView:
         now: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        self.view = LiveView(run, board, source="train", title=title, controls=CONTROLS, now=now)
-        self.view.state = RunState.LEARNING
+        super().__init__(run, board, source="train", title=title, controls=CONTROLS, now=now)
         self.wants_glimpse = True
         self._controls: queue.SimpleQueue[Control] = queue.SimpleQueue()
-        self._now, self._sleep = now, sleep
+        self._sleep = sleep
         self._held = self._stepping = False
-        self._asked: np.ndarray | None = None
+        self._counts: np.ndarray | None = None
         self._rate = 0.0
         self._due = now()
 
@@ -58,22 +57,24 @@ class TrainingView:
 
     def look(self, learning: LearningRun, glimpse: Glimpse | None) -> int | None:
         """Look at the run; as of `engine.training.Watcher`."""
+        stepping, self._stepping = self._stepping, False
         if glimpse is not None:
-            self.view.take(glimpse)
-        elif self._stepping:  # it could not be made apart
-            self._stepping = False
+            self.take(glimpse)
+        elif stepping:  # it could not be made apart
             return 1
-        self._stepping = False
         while not self._controls.empty():
             self._do(self._controls.get())
-        self.view.state = RunState.PAUSED if self._held else RunState.LEARNING
-        self._show(learning)
+        self.state = RunState.PAUSED if self._held else RunState.LEARNING
+        self.show(transitions=learning.done, episode=0, rate=self._rate)
+        if self.slow_due():
+            self._counts = learning.asked
+            self._show_learned(learning.history, learning.tables)
         if self._held:
             self.wants_glimpse = self._stepping
             if not self._stepping:
                 self._sleep(1 / LOOKS_A_SECOND)
             return 0
-        self.wants_glimpse = self.view.board.watched
+        self.wants_glimpse = self.board.watched
         if not self._rate:
             return None
         now = self._now()
@@ -93,19 +94,13 @@ class TrainingView:
         elif control.name == STEP:
             self._held = self._stepping = True
 
-    def _show(self, learning: LearningRun) -> None:
-        self.view.show(transitions=learning.done, episode=0, rate=self._rate)
-        if self.view.slow_due():
-            self._asked = learning.asked
-            self._show_learned(learning.history, learning.tables)
-
     def _show_learned(self, history: History, tables: Sequence[Tables]) -> None:
-        step = 0 if self.view.last is None else self.view.last.step
+        step = 0 if self.last is None else self.last.step
         by_robot = {k: (step, own) for k, own in enumerate(tables)}
-        self.view.show_learned(history, by_robot, asked=self._asked)
+        self.show_learned(history, by_robot, asked=self._counts)
 
     def end(self, done: Training) -> None:
         """Show what was learned at the end."""
-        self.view.state = RunState.FINISHED
-        self.view.show(transitions=done.transitions, episode=0, rate=self._rate)
+        self.state = RunState.FINISHED
+        self.show(transitions=done.transitions, episode=0, rate=self._rate)
         self._show_learned(done.history, done.tables)

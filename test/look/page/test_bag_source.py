@@ -114,7 +114,10 @@ def test_a_bag_that_grows_is_followed(bag, tmp_path, monkeypatch):
     assert before["step"] == player.source.log.last_step
     assert player.do(SEEK, 50, seconds=1.0)["state"] == "playing"  # it follows no longer
     assert player.do(PAUSE, True)["state"] == "paused" and player.after(9.0)["step"] < 70
+    assert player.do(SEEK, 40)["state"] == "paused"
     assert player.do(SEEK, 10**6)["state"] == "following"  # and now it does
+    assert player.do(STEP, 1)["state"] == "ended"
+    assert player.do(PAUSE, False)["state"] == "following"
     with path.open("ab") as file:
         file.write(data[len(data) // 2 :])
     player.source.look()

@@ -3,6 +3,7 @@
 """The server refuses what is not its own page's, survives odd messages, and waits for nobody."""
 
 import asyncio
+import contextlib
 import json
 import socket
 import sys
@@ -52,64 +53,64 @@ def board():
     return made
 
 
-def serving(test, *, host="127.0.0.1"):
-    """Run a coroutine with a client of a page, the page and its source."""
+def served(test):
+    """Make a test of a coroutine that gets a client of a page, and the page with its source."""
 
-    async def run():
-        page = Page(board(), host=host, token="secret")
-        page.source = Told()
-        async with TestClient(TestServer(page.app)) as client:
-            await test(client, page)
+    def run():
+        async def serve():
+            page = Page(board(), token="secret")
+            page.source = Told()
+            async with TestClient(TestServer(page.app)) as client:
+                await test(client, page)
 
-    asyncio.run(run())
+        asyncio.run(serve())
+
+    run.__doc__ = test.__doc__
+    return run
 
 
-async def next_of(stream, kind):
+async def next_of(stream, *kinds):
     while True:
         message = json.loads((await stream.receive(timeout=5)).data)
-        if message["type"] == kind:
+        if message["type"] in kinds:
             return message
 
 
-def test_fixed_files_and_nothing_else():
-    async def test(client, page):
-        for name, kind in {"": "text/html", **FILES}.items():
-            answer = await client.get(f"/{name}")
-            assert (answer.status, answer.content_type) == (200, kind), name
-            assert "default-src 'none'" in answer.headers["Content-Security-Policy"]
-            text = await answer.text()
-            assert page.token not in text
-            assert "http" not in text.replace("http://www.w3.org/2000/svg", "").replace(
-                "https:", ""
-            ), f"{name} fetches something"
-        for path in ("/etc/passwd", "/page/../server.py", "/page.js/", "/%2e%2e/setup.py"):
-            assert (await client.get(path)).status == 404, path
-        assert (await client.post("/", data=b"x")).status == 405
-
-    serving(test)
+@served
+async def test_fixed_files_and_nothing_else(client, page):
+    for name, kind in {"": "text/html", **FILES}.items():
+        answer = await client.get(f"/{name}")
+        assert (answer.status, answer.content_type) == (200, kind), name
+        assert "default-src 'none'" in answer.headers["Content-Security-Policy"]
+        text = await answer.text()
+        assert page.token not in text
+        assert "http" not in text.replace("http://www.w3.org/2000/svg", "").replace(
+            "https:", ""
+        ), f"{name} fetches something"
+    for path in ("/etc/passwd", "/page/../server.py", "/page.js/", "/%2e%2e/setup.py"):
+        assert (await client.get(path)).status == 404, path
+    assert (await client.post("/", data=b"x")).status == 405
 
 
-def test_other_hosts_and_origins_are_refused():
-    async def test(client, page):
-        port = client.port
-        for name in ("127.0.0.1", "localhost", "[::1]"):
-            answer = await client.get("/", headers={"Host": f"{name}:{port}"})
-            assert answer.status == 200, name
-        for name in ("evil.example", f"evil.example:{port}", "10.0.0.7", "", "a b", "[::"):
-            assert (await client.get("/", headers={"Host": name})).status == 403, name
-        for origin in ("http://evil.example", "null", f"http://127.0.0.1:{port + 1}", "http://["):
-            for path in ("/", "/ws"):
-                answer = await client.get(path, headers={"Origin": origin})
-                assert answer.status == 403, (origin, path)
-            with pytest.raises(aiohttp.WSServerHandshakeError):
-                await client.ws_connect("/ws", headers={"Origin": origin})
-        answer = await client.get("/", headers={"Sec-Fetch-Site": "cross-site"})
-        assert answer.status == 403
-        own = {"Origin": f"http://127.0.0.1:{port}", "Host": f"127.0.0.1:{port}"}
-        async with client.ws_connect("/ws", headers=own) as stream:
-            assert (await next_of(stream, "run"))["scenario"] == "env1"
-
-    serving(test)
+@served
+async def test_other_hosts_and_origins_are_refused(client, page):
+    port = client.port
+    for name in ("127.0.0.1", "localhost", "[::1]"):
+        answer = await client.get("/", headers={"Host": f"{name}:{port}"})
+        assert answer.status == 200, name
+    for name in ("evil.example", f"evil.example:{port}", "10.0.0.7", "", "a b", "[::"):
+        assert (await client.get("/", headers={"Host": name})).status == 403, name
+    for origin in ("http://evil.example", "null", f"http://127.0.0.1:{port + 1}", "http://["):
+        for path in ("/", "/ws"):
+            answer = await client.get(path, headers={"Origin": origin})
+            assert answer.status == 403, (origin, path)
+        with pytest.raises(aiohttp.WSServerHandshakeError):
+            await client.ws_connect("/ws", headers={"Origin": origin})
+    answer = await client.get("/", headers={"Sec-Fetch-Site": "cross-site"})
+    assert answer.status == 403
+    own = {"Origin": f"http://127.0.0.1:{port}", "Host": f"127.0.0.1:{port}"}
+    async with client.ws_connect("/ws", headers=own) as stream:
+        assert (await next_of(stream, "run"))["scenario"] == "env1"
 
 
 def test_an_address_for_other_machines_is_called_by_addresses_not_by_foreign_names():
@@ -118,93 +119,82 @@ def test_an_address_for_other_machines_is_called_by_addresses_not_by_foreign_nam
     assert page.allowed(socket.gethostname()) and not page.allowed("evil.example:8765")
 
 
-def test_controls_need_the_token_and_make_sense():
-    async def test(client, page):
-        async with client.ws_connect("/ws") as stream:
-            await next_of(stream, "run")
+@served
+async def test_controls_need_the_token_and_make_sense(client, page):
+    async with client.ws_connect("/ws") as stream:
+        await next_of(stream, "run")
 
-            async def say(data):
-                await stream.send_str(data if isinstance(data, str) else json.dumps(data))
-                message = json.loads((await stream.receive(timeout=5)).data)
-                while message["type"] not in ("error", "done", "hello"):
-                    message = json.loads((await stream.receive(timeout=5)).data)
-                return message
+        async def say(data):
+            await stream.send_str(data if isinstance(data, str) else json.dumps(data))
+            return await next_of(stream, "error", "done", "hello")
 
-            for token in ({}, {"token": ""}, {"token": "wrong"}, {"token": 7}, {"token": "ü"}):
-                answer = await say({"do": PAUSE, "value": True, **token})
-                assert answer["type"] == "error" and "address" in answer["text"], token
-            odd = ("", "x", "[]", "null", "{", '{"token": NaN}', "[" * 3000, '"a"', "1e999")
-            for text in odd:
-                assert (await say(text))["type"] == "error", text
-            own = {"token": "secret"}
-            for data in ({"do": "exec", "value": "ls"}, {"do": STEP, "value": 1}):
-                assert (await say({**own, **data}))["type"] == "error", data
-            assert page.source.controls == []
-            assert (await say({**own, "do": "hello"}))["control"] is True
-            for control in (Control(PAUSE, True), Control(RATE, 5.0), Control(SEEK, 3)):
-                said = await say({**own, "do": control.name, "value": control.value})
-                assert said["type"] == "done"
-                assert page.source.controls[-1] == control
-
-    serving(test)
+        for token in ({}, {"token": ""}, {"token": "wrong"}, {"token": 7}, {"token": "ü"}):
+            answer = await say({"do": PAUSE, "value": True, **token})
+            assert answer["type"] == "error" and "address" in answer["text"], token
+        odd = ("", "x", "[]", "null", "{", '{"token": NaN}', "[" * 3000, '"a"', "1e999")
+        for text in odd:
+            assert (await say(text))["type"] == "error", text
+        own = {"token": "secret"}
+        for data in ({"do": "exec", "value": "ls"}, {"do": STEP, "value": 1}):
+            assert (await say({**own, **data}))["type"] == "error", data
+        assert page.source.controls == []
+        assert (await say({**own, "do": "hello"}))["control"] is True
+        for control in (Control(PAUSE, True), Control(RATE, 5.0), Control(SEEK, 3)):
+            said = await say({**own, "do": control.name, "value": control.value})
+            assert said["type"] == "done"
+            assert page.source.controls[-1] == control
 
 
-def test_bytes_huge_and_endless_messages_end_one_page_not_the_server():
-    async def test(client, page):
-        async with client.ws_connect("/ws") as stream:
-            await stream.send_bytes(b"\0\1")
-            assert "text" in (await next_of(stream, "error"))["text"]
-            await stream.send_str("x" * (LARGEST_MESSAGE + 1))
-            while (message := await stream.receive(timeout=5)).type is aiohttp.WSMsgType.TEXT:
-                pass
-            assert message.type in (aiohttp.WSMsgType.CLOSE, aiohttp.WSMsgType.CLOSED)
-        async with client.ws_connect("/ws") as stream:
-            for _ in range(server.ODD_MESSAGES + 1):
-                await stream.send_str("x")
-            while (message := await stream.receive(timeout=5)).type is aiohttp.WSMsgType.TEXT:
-                pass
-            assert stream.close_code == 1008
-        async with client.ws_connect("/ws") as stream:
-            await next_of(stream, "run")
-        assert (await client.get("/")).status == 200
-
-    serving(test)
+@served
+async def test_bytes_huge_and_endless_messages_end_one_page_not_the_server(client, page):
+    async with client.ws_connect("/ws") as stream:
+        await stream.send_bytes(b"\0\1")
+        assert "text" in (await next_of(stream, "error"))["text"]
+        await stream.send_str("x" * (LARGEST_MESSAGE + 1))
+        while (message := await stream.receive(timeout=5)).type is aiohttp.WSMsgType.TEXT:
+            pass
+        assert message.type in (aiohttp.WSMsgType.CLOSE, aiohttp.WSMsgType.CLOSED)
+    async with client.ws_connect("/ws") as stream:
+        for _ in range(server.ODD_MESSAGES + 1):
+            await stream.send_str("x")
+        while (message := await stream.receive(timeout=5)).type is aiohttp.WSMsgType.TEXT:
+            pass
+        assert stream.close_code == 1008
+    async with client.ws_connect("/ws") as stream:
+        await next_of(stream, "run")
+    assert (await client.get("/")).status == 200
 
 
-def test_pages_beyond_the_most_are_sent_away(monkeypatch):
-    monkeypatch.setattr(server, "MOST_PAGES", 2)
-
-    async def test(client, page):
-        async with client.ws_connect("/ws", compress=15) as one, client.ws_connect("/ws"):
+@served
+async def test_pages_beyond_the_most_are_sent_away(client, page):
+    async with contextlib.AsyncExitStack() as pages:
+        for _ in range(server.MOST_PAGES):
+            one = await pages.enter_async_context(client.ws_connect("/ws", compress=15))
             assert not one.compress  # a team in this process would pay for it
-            assert page.board.watched
-            with pytest.raises(aiohttp.WSServerHandshakeError, match="503"):
-                await client.ws_connect("/ws")
-
-    serving(test)
+        assert page.board.watched
+        with pytest.raises(aiohttp.WSServerHandshakeError, match="503"):
+            await client.ws_connect("/ws")
 
 
-def test_a_slow_page_gets_the_newest_and_nobody_waits_for_it():
-    async def test(client, page):
-        slow = await client.ws_connect("/ws")
-        slow_transport = slow._conn.transport
-        slow_transport.pause_reading()  # it stops reading altogether
-        async with client.ws_connect("/ws") as quick:
-            began, text = time.monotonic(), "x" * 200_000
-            for number in range(60):
-                page.board.put({"type": "frame", "step": number, "text": text})
-                await asyncio.sleep(0.005)
-            assert time.monotonic() - began < 5
-            while (await next_of(quick, "frame"))["step"] != 59:
-                pass
-        slow_transport.resume_reading()
-        steps = [(await next_of(slow, "frame"))["step"]]
-        while steps[-1] != 59:
-            steps.append((await next_of(slow, "frame"))["step"])
-        assert len(steps) < 45  # it missed some
-        await slow.close()
-
-    serving(test)
+@served
+async def test_a_slow_page_gets_the_newest_and_nobody_waits_for_it(client, page):
+    slow = await client.ws_connect("/ws")
+    slow_transport = slow._conn.transport
+    slow_transport.pause_reading()  # it stops reading altogether
+    async with client.ws_connect("/ws") as quick:
+        began, text = time.monotonic(), "x" * 200_000
+        for number in range(60):
+            page.board.put({"type": "frame", "step": number, "text": text})
+            await asyncio.sleep(0.005)
+        assert time.monotonic() - began < 5
+        while (await next_of(quick, "frame"))["step"] != 59:
+            pass
+    slow_transport.resume_reading()
+    steps = [(await next_of(slow, "frame"))["step"]]
+    while steps[-1] != 59:
+        steps.append((await next_of(slow, "frame"))["step"])
+    assert len(steps) < 45  # it missed some
+    await slow.close()
 
 
 def test_the_server_has_a_thread_and_a_port_of_its_own():
