@@ -23,6 +23,9 @@ NO_STEP = 0
 
 BEFORE_ANY_STEP = -1
 
+ASKS = ("answered", "refused", "late", "repeated")
+"""How percepts end, and how often a peer was asked again; see `RobotSide.asks`."""
+
 
 class RobotPort(Protocol):
     """What a robot can do to the outside."""
@@ -136,13 +139,8 @@ class RobotSide:
     """
 
     def __init__(self, run: RunConfig, agent: Agent, port: RobotPort) -> None:
-        self.agent = agent
         self.newest = (NO_STEP, -1)
-        self.asks = {"answered": 0, "refused": 0, "late": 0, "repeated": 0}
-        self.learned = 0
-        self.dropped = 0
         self._asks_before: tuple[int, ...] = ()
-        self._learned_last = False
         self._port = port
         self._max_steps = run.scenario.max_steps
         self._budget = run.scenario.steps
@@ -151,14 +149,11 @@ class RobotSide:
         self._pending: Pending | None = None
         self._asking: Asking | None = None
         self._checkpoint = run.checkpoint
-        self._handled = BEFORE_ANY_STEP
-        self._cell = -1
-        self._episode_start = NO_STEP
-        self._transitions = 0
         self._percepts = [
             PerceptStream(run.scenario.link, run.seed, k) for k in range(len(run.scenario.robots))
         ]
         self._probabilities = probability_rows(run.scenario.perception, run.scenario.map)
+        self.go_on_from(agent, None)
 
     @property
     def waiting(self) -> tuple[str, int] | None:
@@ -294,20 +289,17 @@ class RobotSide:
         self.agent = agent
         self._states.clear()
         self._reward = self._pending = self._asking = None
-        if state is None:
-            self.newest = (NO_STEP, -1)
-            self.asks = dict.fromkeys(self.asks, 0)
-            self.learned = self.dropped = self._transitions = 0
-            self._handled, self._cell, self._episode_start = BEFORE_ANY_STEP, -1, NO_STEP
-            self._learned_last = False
-            return
-        agent.go_on_from(state.memory)
-        self.newest = (state.step, state.cell)
-        *asks, self.learned, self.dropped = state.counts
-        self.asks = dict(zip(self.asks, asks, strict=True))
-        self._handled, self._cell = state.step, state.cell
-        self._transitions, self._episode_start = state.transitions, state.episode_start
-        self._learned_last = state.learned_last
+        if state is not None:
+            agent.go_on_from(state.memory)
+        begin = (BEFORE_ANY_STEP, -1, 0, NO_STEP, False, (0,) * (len(ASKS) + 2))
+        step, cell, transitions, episode_start, learned_last, counts = (
+            begin if state is None else state[:-1]
+        )
+        self.newest = (max(step, NO_STEP), cell)
+        self._handled, self._cell, self._transitions = step, cell, transitions
+        self._episode_start, self._learned_last = episode_start, learned_last
+        *asks, self.learned, self.dropped = counts
+        self.asks = dict(zip(ASKS, asks, strict=True))
 
     def _go_on(self) -> None:
         """Work off the states that have come, as far as what belongs to them is there."""

@@ -80,10 +80,8 @@ class WorldSide:
 
     def __init__(self, run: RunConfig, port: WorldPort, game: Game | None = None) -> None:
         self.world: Game = World(run.scenario, run.seed) if game is None else game
-        self.timeouts = 0
-        self.left_out = 0
+        self.timeouts = self.left_out = self.stale = 0
         self.began: str = Began.START
-        self.stale = 0
         self.absent: set[int] = set()
         self.history = HistoryRecorder(len(run.scenario.robots))
         self.watcher: Watcher | None = None
@@ -93,8 +91,7 @@ class WorldSide:
         self._budget = run.scenario.steps
         self._checkpoint = run.checkpoint
         self._robots = range(len(run.scenario.robots))
-        self._actions: list[Action | None] = [None] * len(self._robots)
-        self._rewards: list[tuple[int, Reward] | None] = [None] * len(self._robots)
+        self._begin_step()
 
     def begin_at(self, step: int, transitions: int) -> int:
         """After `go_on_from`, leave out what was done since; then call `start`.
@@ -190,8 +187,7 @@ class WorldSide:
             len(self._robots), history=history, under_way=position.under_way
         )
         self.held, self._begins = True, not position.under_way
-        self._actions = [None] * len(self._robots)
-        self._rewards = [None] * len(self._robots)
+        self._begin_step()
 
     def action(self, robot: int, step: int, action: Action) -> bool:
         """Take in a robot's action; return whether the barrier is now open."""
@@ -220,8 +216,7 @@ class WorldSide:
         self.history.add(self.world.episode, step, self._actions, outcome)
         if watcher is not None and before is not None:
             watcher(step, before, self._actions, outcome, tuple(self.world.cells))
-        self._actions = [None] * len(self._robots)
-        self._rewards = [None] * len(self._robots)
+        self._begin_step()
         for k in acted:
             self._rewards[k] = (step, outcome.rewards[k])
             self._port.reward(k, step, outcome.rewards[k])
@@ -234,6 +229,11 @@ class WorldSide:
                 self._begin_episode(Began.NOBODY_LEFT)
         self._save_where_due(step, after, self.world.step)
 
+    def _begin_step(self) -> None:
+        """Forget the actions of the last time step, and the rewards that were said with it."""
+        self._actions: list[Action | None] = [None] * len(self._robots)
+        self._rewards: list[tuple[int, Reward] | None] = [None] * len(self._robots)
+
     def new_episode(self, began: str = Began.RESET) -> None:
         """Start an episode, for a reason; actions that wait at the barrier are forgotten."""
         before = self.world.step
@@ -242,8 +242,7 @@ class WorldSide:
 
     def _begin_episode(self, began: str) -> None:
         self.began = began
-        self._actions = [None] * len(self._robots)
-        self._rewards = [None] * len(self._robots)
+        self._begin_step()
         self.world.begin_episode()
         self._port.episode(self.world.step)
         self._publish_states()

@@ -85,60 +85,6 @@ def test_a_state_is_answered_once(robot, port):
     assert robot.waiting is None
 
 
-def test_a_repeated_state_repeats_the_action(robot, port):
-    robot.state(1, 0)
-    port.take()
-    robot.state(1, 0)
-    robot.state(1, 0)
-    assert port.take() == [("act", 1, GO)] * 2
-
-
-def test_an_older_state_is_ignored(robot, port):
-    robot.state(4, 0)
-    port.take()
-    robot.state(3, 7)
-    assert port.take() == []
-    assert robot.newest == (4, 0)
-
-
-@pytest.mark.parametrize("order", ["reward first", "state first", "all twice"])
-def test_learning_takes_reward_and_state_in_any_order(robot, port, order):
-    robot.state(1, 0)
-    messages = [lambda: robot.reward(1, Reward(4.0, 0.0, 0.0, 4.0)), lambda: robot.state(2, 1)]
-    if order == "state first":
-        messages.reverse()
-    for message in messages * (2 if order == "all twice" else 1):
-        message()
-    assert q_star(robot, 0, SOUTH) == LEARNED
-    assert [done for done in port.take() if done[0] == "act"][:2] == [
-        ("act", 1, GO),
-        ("act", 2, GO),
-    ]
-
-
-def test_no_action_before_the_reward(robot, port):
-    robot.state(1, 0)
-    port.take()
-    robot.state(2, 1)
-    assert port.take() == []
-    assert robot.waiting == ("reward", 1)
-    robot.reward(1, Reward(4.0, 0.0, 0.0, 4.0))
-    assert port.take() == [("act", 2, GO)]
-    assert robot.waiting is None
-
-
-def test_rewards_of_other_steps_are_ignored(robot, port):
-    robot.reward(1, Reward(99.0, 0.0, 0.0, 99.0))
-    robot.state(1, 0)
-    robot.reward(0, Reward(99.0, 0.0, 0.0, 99.0))
-    robot.reward(2, Reward(99.0, 0.0, 0.0, 99.0))
-    robot.state(2, 1)
-    assert robot.waiting == ("reward", 1)
-    robot.reward(1, Reward(4.0, 0.0, 0.0, 4.0))
-    robot.reward(1, Reward(99.0, 0.0, 0.0, 99.0))
-    assert q_star(robot, 0, SOUTH) == LEARNED
-
-
 @pytest.mark.parametrize("gap", [2, 3, 50])
 def test_nothing_is_learned_across_a_gap(robot, port, gap):
     before = robot.agent.tables.q_star.copy()
@@ -239,17 +185,6 @@ def test_a_peer_behind_is_asked_again(robot, port, cell):
     assert port.take()[0] == ("percept", 3, ASKING_CELL, (17,))
 
 
-def test_answers_to_other_requests_are_ignored(robot, port):
-    robot.answer(1, 1, Answer(1, 17))
-    asking(robot, port, step=3)
-    robot.answer(1, 2, Answer(3, 17))
-    assert port.take() == []
-    robot.answer(1, 3, Answer(3, 17))
-    robot.answer(1, 3, Answer(3, 16))
-    assert [done[0] for done in port.take()] == ["percept", "act"]
-    assert robot.asks["answered"] == 1
-
-
 def test_a_repeated_state_does_not_ask_twice(robot, port):
     asking(robot, port)
     robot.state(1, ASKING_CELL)
@@ -298,76 +233,6 @@ def test_the_world_goes_on_while_the_robot_asks(robot, port):
 
 
 # Asking several peers.
-
-
-@pytest.fixture
-def trio():
-    """Return robot 2 of crowd-3r, which always asks both others."""
-    settings = {**SETTINGS, "peers": "all", "q_coord_init": 5}
-    scenario = load_scenario("crowd-3r").with_settings(settings)
-    agent = Agent(scenario, 1, 0)
-    agent.tables.q_star[:] = [0, 1, 2, 3, 50]
-    for action, value in enumerate([1.0, 2.0, 7.0, 3.0]):
-        agent.tables.q_coord[ASKING_CELL, 17, 9, action] = value
-    return RobotSide(make_run(scenario, {}), agent, Port())
-
-
-def test_all_peers_are_asked_one_after_the_other(trio):
-    port = trio._port
-    trio.state(1, ASKING_CELL)
-    assert port.take() == [("ask", 0, 1, ASKING_CELL)]
-    assert (trio.asking, trio.waiting) == (0, ("percept", 1))
-    trio.answer(0, 1, Answer(1, 17))
-    assert port.take() == [("ask", 2, 1, ASKING_CELL)]
-    assert (trio.asking, trio.waiting) == (2, ("percept", 1))
-    trio.answer(2, 1, Answer(1, 9))
-    action = Action(EAST, True, -1, True)
-    assert port.take() == [("percept", 1, ASKING_CELL, (17, 9)), ("act", 1, action)]
-    assert trio.asks == {"answered": 1, "refused": 0, "late": 0, "repeated": 0}
-    trio.reward(1, Reward(4.0, 0.0, 0.0, 4.0))
-    trio.state(2, 1)
-    learned = 0.5 * 7 + 0.5 * (4 + 0.95 * 50)
-    assert trio.agent.tables.q_coord[ASKING_CELL, 17, 9].tolist() == [1, 2, learned, 3]
-
-
-def test_answers_of_a_peer_that_is_not_asked_now_are_ignored(trio):
-    """A doubled answer of the first peer is no answer of the second."""
-    port = trio._port
-    trio.state(1, ASKING_CELL)
-    trio.answer(2, 1, Answer(1, 9))
-    trio.answer(0, 1, Answer(1, 17))
-    port.take()
-    trio.answer(0, 1, Answer(1, 17))
-    assert port.take() == []
-    trio.answer(2, 1, Answer(0, None))
-    assert port.take() == [("ask", 2, 1, ASKING_CELL)]
-    trio.answer(2, 1, Answer(1, 9))
-    assert port.take()[0] == ("percept", 1, ASKING_CELL, (17, 9))
-
-
-@pytest.mark.parametrize("answers", [[(0, None)], [(0, 17), (2, None)]])
-def test_a_refusal_by_any_peer_is_a_failed_percept(trio, answers):
-    port = trio._port
-    trio.state(1, ASKING_CELL)
-    for peer, cell in answers:
-        assert port.take() == [("ask", peer, 1, ASKING_CELL)]
-        trio.answer(peer, 1, Answer(1, cell))
-    action = Action(3, True, -1, False)
-    assert port.take() == [("percept", 1, ASKING_CELL, None), ("act", 1, action)]
-    assert trio.asks == {"answered": 0, "refused": 1, "late": 0, "repeated": 0}
-
-
-def test_the_deadline_of_the_second_request(trio):
-    port = trio._port
-    trio.state(1, ASKING_CELL)
-    trio.answer(0, 1, Answer(1, 17))
-    port.take()
-    trio.expire()
-    assert port.take()[0] == ("percept", 1, ASKING_CELL, None)
-    assert trio.asks == {"answered": 0, "refused": 0, "late": 1, "repeated": 0}
-    trio.state(2, ASKING_CELL)
-    trio.reward(1, Reward(0.0, 0.0, 0.0, 0.0))
-    assert port.take() == [("ask", 0, 2, ASKING_CELL)]  # from the first peer on again
 
 
 # Answering.

@@ -93,15 +93,6 @@ def test_actions_of_other_steps_are_stale(world, step):
     assert world.stale == 1
 
 
-def test_the_first_of_two_actions_counts(world):
-    world.action(0, 1, DOWN)
-    assert world.action(0, 1, EAST) is False
-    assert world.stale == 1
-    world.action(1, 1, DOWN)
-    world.advance()
-    assert world.world.cells == [4, 7]
-
-
 def play(world, *actions):
     """Make a time step with these actions, one a robot; None: none."""
     for robot, action in enumerate(actions):
@@ -217,18 +208,6 @@ def test_an_episode_in_which_nobody_can_move_any_more_ends(world):
     assert world.missing() == [0]
 
 
-def test_three_of_four():
-    world = make_world("env2-4r")
-    for robot in (0, 1, 3):
-        world.action(robot, 1, NORTH)
-    assert world.expire() == [2]
-    assert world.world.step == 2
-    world.action(0, 2, NORTH)
-    assert world.expire() == [1, 3]
-    assert (world.timeouts, world.absent) == (3, {1, 2, 3})
-    assert world.world.step == 3
-
-
 def test_repeat_says_what_the_missing_ones_may_have_lost(world, port):
     play(world, DOWN, DOWN)
     world.action(0, 2, DOWN)
@@ -246,14 +225,6 @@ def test_repeat_reaches_the_absent(world, port):
     world.action(0, 2, DOWN)
     world.repeat()
     assert port.take() == [("state", 1, 2, 3)]  # it did not act: no reward to repeat
-
-
-def test_repeat_reaches_who_has_arrived_and_answers(world, port):
-    arrive(world)
-    port.take()
-    world.repeat()
-    step, (one, other) = world.world.step, world.world.cells
-    assert {("state", 0, step, one), ("state", 1, step, other)} <= set(port.take())
 
 
 def test_repeat_in_a_new_episode_says_no_old_reward(world, port):

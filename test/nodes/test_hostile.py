@@ -21,7 +21,6 @@ from sparse_coord_ros.game.settings import SettingTable
 from sparse_coord_ros.learn.agent import Agent
 from sparse_coord_ros.learn.tables import load_team
 from sparse_coord_ros.nodes import interface
-from sparse_coord_ros.nodes.guard import Guard
 from sparse_coord_ros.nodes.middleware import SECURITY_MARK, check_participants, check_security
 from sparse_coord_ros.nodes.parameters import EXECUTOR, ParameterNode
 from sparse_coord_ros.nodes.spin import ros_context, run_node, signals
@@ -126,15 +125,26 @@ class Faulty(ParameterNode):
 
 
 @pytest.mark.parametrize(
-    ("error", "code", "text", "told"),
+    ("executor", "error", "code", "text", "told"),
     [
-        (KeyError("x"), 1, "error: unexpected KeyError: 'x' (", "Traceback (most recent call"),
-        (RunError("no such thing"), 2, "error: no such thing", "no such thing"),
-        (OSError(28, "No space left", "/a/b"), 2, "error: /a/b: No space left; ", "/a/b: No"),
+        (
+            "events",
+            KeyError("x"),
+            1,
+            "error: unexpected KeyError: 'x' (",
+            "Traceback (most recent call",
+        ),
+        ("single", RunError("no such thing"), 2, "error: no such thing", "no such thing"),
+        (
+            "events",
+            OSError(28, "No space left", "/a/b"),
+            2,
+            "error: /a/b: No space left; ",
+            "/a/b: No",
+        ),
     ],
 )
-@pytest.mark.parametrize("executor", ["events", "single"])
-def test_any_exception_saves_and_is_told(benches, capfd, error, code, text, told, executor):
+def test_any_exception_saves_and_is_told(benches, capfd, executor, error, code, text, told):
     """In one line, with an exit code, and on /rosout."""
     bench = benches(executor)
     heard = bench.observer().listen(Log, "/rosout", latched=True)
@@ -185,8 +195,7 @@ def test_a_closed_terminal_stops_a_node_but_not_one_under_nohup():
 def test_a_second_publisher_of_a_topic_is_named(bench, capfd):
     stranger = bench.observer()
     stranger.create_publisher(interface.REWARD.type, interface.REWARD.of("robot_2"), 10)
-    world = bench.world()
-    guard = Guard(world, world.intake)
+    guard = bench.world()._guard
     guard.watch(["/robot_1/reward", "/robot_2/reward"])
 
     def seen():
