@@ -109,6 +109,15 @@ def arrive(world):
     assert world.world.arrived == [True, False]
 
 
+def test_the_first_of_two_actions_counts(world):
+    world.action(0, 1, DOWN)
+    assert world.action(0, 1, EAST) is False
+    assert world.stale == 1
+    world.action(1, 1, DOWN)
+    world.advance()
+    assert world.world.cells == [4, 7]
+
+
 def test_an_arrived_robot_is_not_waited_for(world, port):
     arrive(world)
     assert world.missing() == [1]

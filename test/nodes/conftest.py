@@ -15,18 +15,15 @@ from copy import deepcopy
 from pathlib import Path
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.world import World
-from sparse_coord_ros.learn.factors import AdditiveTable, Factors
 from sparse_coord_ros.learn.history import HistoryRecorder, load_history
 from sparse_coord_ros.learn.learners import learner_of
-from sparse_coord_ros.learn.simulation import Team
-from sparse_coord_ros.learn.sparse import SparseTable
+from sparse_coord_ros.learn.simulation import Team, tables_equal
 from sparse_coord_ros.learn.tables import load_team
 from sparse_coord_ros.nodes.recorder import Recorder
 from sparse_coord_ros.nodes.robot import RobotNode
@@ -263,24 +260,7 @@ def assert_same_tables():
     """Return a check that tables and history of a run are, byte for byte, the simulation's."""
 
     def check(out: Path, said) -> None:
-        got = load_team(out, said.scenario)
-        assert len(got) == len(said.tables)
-        for k, (mine, theirs) in enumerate(zip(got, said.tables, strict=True), start=1):
-            pairs = {"q_star": (mine.q_star, theirs.q_star)}
-            if theirs.factors is not None:
-                factors = zip(Factors._fields, mine.factors, theirs.factors, strict=True)
-                pairs |= {name: (a, b) for name, a, b in factors}
-            if isinstance(theirs.q_coord, AdditiveTable):
-                assert mine.q_coord.shape == theirs.q_coord.shape
-            elif isinstance(theirs.q_coord, SparseTable):
-                assert np.array_equal(mine.q_coord.keys, theirs.q_coord.keys)
-                pairs["q_coord_rows"] = (mine.q_coord.rows, theirs.q_coord.rows)
-            else:
-                pairs["q_coord"] = (mine.q_coord, theirs.q_coord)
-            for name, (a, b) in pairs.items():
-                assert a.shape == b.shape and a.dtype == b.dtype
-                differ = np.flatnonzero(a != b)
-                assert a.tobytes() == b.tobytes(), f"{name}_{k} differs at {differ[:9]}"
+        assert tables_equal(load_team(out, said.scenario), said.tables)
         assert load_history(out).same_bits(said.history)
 
     return check
