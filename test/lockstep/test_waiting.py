@@ -4,7 +4,7 @@
 
 import pytest
 
-from sparse_coord_ros.lockstep.waiting import Deadline, Reminder, WorldPresence
+from sparse_coord_ros.lockstep.waiting import Deadline, Reminder, Silence, WorldPresence
 
 
 @pytest.fixture
@@ -105,3 +105,13 @@ def test_a_new_question_has_its_own_deadline():
     assert not deadline.passed(("percept", 10), 0.0, 2.5)
     assert not deadline.passed(("percept", 10), 0.0, 4.0)
     assert deadline.passed(("percept", 10), 0.0, 4.5)
+
+
+def test_a_world_that_stood_still_itself_calls_nobody_silent():
+    silence = Silence(0.0)
+    for now in (0.2, 0.4, 0.6):
+        silence.tick(now)
+    assert (silence.lasts(0.6), silence.stands(0.6)) == (0.6, 0.6)
+    silence.tick(5.0)
+    assert (silence.lasts(5.0), silence.stands(5.0)) == (0.0, 5.0)
+    assert silence.repeats(5.0) and not silence.repeats(5.1)
