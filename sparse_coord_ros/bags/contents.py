@@ -24,7 +24,7 @@ from sparse_coord_ros.bags.records import (
     PIECE,
     Cut,
     Damage,
-    Record,
+    RecordPlace,
     Source,
     check_crc,
     chunk_content,
@@ -310,7 +310,7 @@ class BagFile:
         chunk = parse(Chunk, data[HEAD.size :], block.offset)
         return chunk_content(chunk, block.offset, crc_required=self._own)
 
-    def _take(self, source: Source, record: Record) -> None:
+    def _take(self, source: Source, record: RecordPlace) -> None:
         """Take one record, whole or not at all; raises Damage."""
         opcode = record.opcode
         take = _TAKE.get(opcode, BagFile._skip if opcode >= 0x80 and not self._own else None)
@@ -320,32 +320,32 @@ class BagFile:
             raise Damage(record.offset, f"{describe(opcode)}, which has no business there")
         take(self, source, record)
 
-    def _body(self, source: Source, record: Record) -> bytes:
+    def _body(self, source: Source, record: RecordPlace) -> bytes:
         """Return a record's body, which goes into the checksum of the data."""
         data = source.read(record.offset, record.end - record.offset)
         self._crc = zlib.crc32(data, self._crc)
         return data[HEAD.size :]
 
-    def _skip(self, source: Source, record: Record) -> None:
+    def _skip(self, source: Source, record: RecordPlace) -> None:
         if self._checked:
             self._body(source, record)
 
-    def _take_header(self, source: Source, record: Record) -> None:
+    def _take_header(self, source: Source, record: RecordPlace) -> None:
         header = parse(Header, self._body(source, record), record.offset)
         self._own = self._crcs = header.library.startswith(OWN_LIBRARY)
 
-    def _take_metadata(self, source: Source, record: Record) -> None:
+    def _take_metadata(self, source: Source, record: RecordPlace) -> None:
         found = parse(Metadata, self._body(source, record), record.offset)
         self.metadata.append((found.name, found.metadata))
 
-    def _take_index(self, source: Source, record: Record) -> None:
+    def _take_index(self, source: Source, record: RecordPlace) -> None:
         """Pass a message index: nobody reads it, but its length tells it from a damaged chunk."""
         if self._checked:
             body = self._body(source, record)
             if int.from_bytes(body[2:6], "little") != record.length - 6:
                 raise Damage(record.offset, "a message index whose fields do not fit into it")
 
-    def _take_chunk(self, source: Source, record: Record) -> None:
+    def _take_chunk(self, source: Source, record: RecordPlace) -> None:
         if record.length < _TIMES.size:
             raise Damage(record.offset, "a chunk record whose fields do not fit into it")
         times = _TIMES.unpack(source.read(record.body, _TIMES.size))
@@ -365,7 +365,7 @@ class BagFile:
             self._count(heads)
             self.blocks.append(block)
 
-    def _take_bare(self, source: Source, record: Record) -> None:
+    def _take_bare(self, source: Source, record: RecordPlace) -> None:
         """Take a message outside of chunks, or what defines a channel."""
         offset, length = record.offset, record.end - record.offset
         head = HEAD.pack(record.opcode, record.length)
@@ -386,7 +386,7 @@ class BagFile:
             chunk=False,
         )
 
-    def _take_attachment(self, source: Source, record: Record) -> None:
+    def _take_attachment(self, source: Source, record: RecordPlace) -> None:
         """Take an attachment; check it piece by piece, as it may be larger than memory."""
         head = source.read(record.body, min(record.length, 2 * (_TIMES.size + PIECE)))
         texts, place, size = [], _TIMES.size, -1
@@ -422,7 +422,7 @@ class BagFile:
             Attachment(name, texts[1], log_ns, size, record.body + place, self)
         )
 
-    def _take_end(self, source: Source, record: Record) -> None:
+    def _take_end(self, source: Source, record: RecordPlace) -> None:
         """Take the end of the data; if the file is checked, what follows too."""
         end = parse(DataEnd, source.read(record.body, record.length), record.offset)
         self._ended = True
@@ -495,7 +495,7 @@ class BagFile:
             self.sizes[channel] += int(sizes[channel])
 
 
-_TAKE: Mapping[int, Callable[[BagFile, Source, Record], None]] = {
+_TAKE: Mapping[int, Callable[[BagFile, Source, RecordPlace], None]] = {
     Opcode.HEADER: BagFile._take_header,
     Opcode.SCHEMA: BagFile._take_bare,
     Opcode.CHANNEL: BagFile._take_bare,

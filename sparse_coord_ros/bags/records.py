@@ -60,7 +60,7 @@ class Cut(Damage):
     """The file ends within a record."""
 
 
-class Record(NamedTuple):
+class RecordPlace(NamedTuple):
     """Where a record lies in a file.
 
     Attributes:
@@ -117,13 +117,13 @@ class Source:
             raise Damage(offset + len(data), "the file has become shorter")
         return data
 
-    def record(self, offset: int, size: int) -> Record:
+    def record(self, offset: int, size: int) -> RecordPlace:
         """Return the record at an offset; raises Damage unless `size` bytes hold all of it."""
         if size - offset < HEAD.size:
             left = size - offset
             raise Cut(offset, f"the file ends within a record, of which {left} bytes are left")
         opcode, length = HEAD.unpack(self.read(offset, HEAD.size))
-        record = Record(opcode, offset, length)
+        record = RecordPlace(opcode, offset, length)
         if record.length > LARGEST_RECORD and record.opcode != Opcode.ATTACHMENT:
             raise Damage(offset, f"{describe(opcode)} of {length} bytes, which is implausible")
         if record.end > size:

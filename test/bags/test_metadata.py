@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The texts of metadata.yaml and of the QoS profiles, letter by letter as rosbag2 writes them."""
 
+from textwrap import indent
+
 import pytest
 import yaml
 from rosbags.interfaces import QosDurability, QosHistory, QosReliability
@@ -36,7 +38,7 @@ LATCHED_TEXT = """\
     nsec: 854775807
   avoid_ros_namespace_conventions: false"""
 
-METADATA_TEXT = """\
+METADATA_TEXT = f"""\
 rosbag2_bagfile_information:
   version: 9
   storage_identifier: mcap
@@ -51,21 +53,7 @@ rosbag2_bagfile_information:
         type: nav_msgs/msg/OccupancyGrid
         serialization_format: cdr
         offered_qos_profiles:
-          - history: keep_last
-            depth: 1
-            reliability: reliable
-            durability: transient_local
-            deadline:
-              sec: 9223372036
-              nsec: 854775807
-            lifespan:
-              sec: 9223372036
-              nsec: 854775807
-            liveliness: automatic
-            liveliness_lease_duration:
-              sec: 9223372036
-              nsec: 854775807
-            avoid_ros_namespace_conventions: false
+{indent(LATCHED_TEXT, " " * 10)}
         type_description_hash: RIHS01_ab
       message_count: 3
   compression_format: ""

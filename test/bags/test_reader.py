@@ -437,3 +437,47 @@ def test_parts_put_chunks_together(tmp_path, samples):
     data = [samples.cdr(STRING, at) for at in range(9)]
     for begin, expected in zip(one[0].begins.tolist(), data, strict=True):
         assert one[0].content[begin : begin + len(expected)] == expected
+
+
+def record(opcode, body):
+    return struct.pack("<BQ", opcode, len(body)) + body
+
+
+def text(said):
+    return struct.pack("<I", len(said)) + said
+
+
+def schema(data=b"int8 x"):
+    return record(3, struct.pack("<H", 1) + text(b"a/msg/A") + text(b"ros2msg") + text(data))
+
+
+def channel(of=1, topic=b"/a"):
+    return record(4, struct.pack("<HH", 1, of) + text(topic) + text(b"cdr") + text(b""))
+
+
+def message(number):
+    return record(5, struct.pack("<HIQQ", number, 0, 1, 1) + b"data")
+
+
+@pytest.mark.parametrize(
+    ("content", "problem"),
+    [
+        (schema() + channel() + message(1)[:-1], "of which the last does not fit"),
+        (schema() + channel() + record(5, b"short"), "a message without room for"),
+        (schema() + channel() + message(3), "a message of the unknown channel 3"),
+        (schema() + schema(b"int9 x"), "a second, different schema 1"),
+        (schema() + channel() + channel(topic=b"/b"), "a second, different channel 1"),
+        (schema() + channel(of=9), "topic '/a' has no type"),
+        (schema(b"\xff") + channel(), "the definition of 'a/msg/A' is not UTF-8"),
+        (record(7, bytes(6)), "a message index record within a chunk"),
+    ],
+)
+def test_a_chunk_that_makes_no_sense(tmp_path, content, problem):
+    """It has no checksum, and in its file nothing else is wrong."""
+    times = struct.pack("<QQQI", 1, 1, len(content), 0)
+    chunk = times + text(b"") + struct.pack("<Q", len(content)) + content
+    start = b"\x89MCAP0\r\n" + record(1, text(b"") + text(b""))
+    path = tmp_path / "a.mcap.partial"
+    path.write_bytes(start + record(6, chunk))
+    bag = open_bag(path)
+    assert problem in bag.damage and (bag.message_count, list(bag.messages())) == (0, [])
