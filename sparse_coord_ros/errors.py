@@ -118,6 +118,16 @@ def newer_format(where: str, found: int, known: int) -> str:
     )
 
 
+def other_format(where: str, found: int, known: int) -> str:
+    """Return what to say of a file in another format than the one that this version reads."""
+    if found > known:
+        return newer_format(where, found, known)
+    return (
+        f"{where}: is in format {found} of an earlier version, this one reads format {known}; "
+        "make it anew"
+    )
+
+
 def os_error_text(error: OSError) -> str:
     """Return what went wrong, and with which file where the system says so."""
     problem = error.strerror or str(error)

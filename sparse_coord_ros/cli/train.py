@@ -256,7 +256,7 @@ def _save(out: Path, done: Training) -> None:
             numbers = [n for m in measures for n in (m.mean, m.spread, m.standard_error)]
             writer.writerow([steps, found.trials, *numbers, found.not_arrived])
         write_whole(out / EVALUATIONS_FILE, file.getvalue())
-    save_team(out, done.tables)
+    save_team(out, done.tables, done.memories)
     (out / CHECKPOINT_FILE).unlink(missing_ok=True)
 
 

@@ -30,7 +30,7 @@ from sparse_coord_ros.errors import RunError, SettingError
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.settings import Setting
-from sparse_coord_ros.learn.agent import Tables
+from sparse_coord_ros.learn.agent import Memory, Tables
 from sparse_coord_ros.learn.evaluation import Evaluation, Trials, play, summary
 from sparse_coord_ros.learn.history import History
 from sparse_coord_ros.learn.learners import Learner, learner_of
@@ -70,6 +70,7 @@ class Training:
         evaluations: what the team was worth on the way, as (transitions, evaluation).
         transitions: transitions learned from; of a learner that learns `alone`, by each robot.
         finished: whether they are the scenario's budget.
+        memories: what each robot's agent remembers, to learn on from there.
         trials: greedy trials afterwards, arrays of shape (trials, robots), as `train_many` plays
             them; None where none were played.
     """
@@ -84,6 +85,7 @@ class Training:
     evaluations: tuple[tuple[int, Evaluation], ...]
     transitions: int
     finished: bool
+    memories: tuple[Memory, ...] = ()
     trials: Trials | None = None
 
     def save(self, directory: str | Path) -> Path:
@@ -104,7 +106,7 @@ class Training:
         folder = create_output(Path(directory))
         try:
             write_whole(folder / RUN_FILE, run.to_yaml())
-            save_team(folder, self.tables)
+            save_team(folder, self.tables, self.memories)
             self.history.save(folder)
         except BaseException as error:
             shutil.rmtree(folder, ignore_errors=True)  # leave no half of a run
@@ -301,6 +303,7 @@ class _Course:
             tuple(self.evaluations),
             self.learning.done,
             self.learning.done >= self.scenario.steps,
+            self.learning.state().memories,
         )
 
     def _learn(self, until: int, caught: list[int]) -> None:

@@ -2,9 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checkpoints as bytes: what somebody needs to go on with a run, as one .npz file.
 
-Arrays: `format`; `version`, of the software; `run`, a digest of what the run computes; whatever
-the caller adds; `digest`, the SHA-256 of all these (names, dtypes, shapes and bytes, in the order
-of the names). A file that does not fit its digest, its run or the version is refused.
+Arrays beside those of `learn.archive`: `run`, a digest of what the run computes, and whatever the
+caller adds. A file of another run or version is refused.
 
 For robot k from 1: `q_star_k`, `star_updates_k`, `states_k`, `values_k`, `updates_k`: the fields
 of `learn.agent.Memory`; `more_k_...`: what is in its `more`. Of G games: `transitions`, `step`,
@@ -12,19 +11,15 @@ of `learn.agent.Memory`; `more_k_...`: what is in its `more`. Of G games: `trans
 `game.world.Position`.
 """
 
-import hashlib
-import io
-import json
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from sparse_coord_ros.errors import RunError, newer_format
+from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.game.world import Position
+from sparse_coord_ros.learn import archive
 from sparse_coord_ros.learn.agent import Memory
 from sparse_coord_ros.version import __version__
-
-FORMAT = 1
 
 
 class BrokenCheckpointError(RunError):
@@ -38,12 +33,7 @@ def pack(run: str, arrays: Mapping[str, np.ndarray]) -> bytes:
         run: a digest of what the run computes.
         arrays: what its owner needs to go on.
     """
-    whole = {name: np.asarray(array) for name, array in arrays.items()}
-    whole |= {"format": np.array(FORMAT), "version": np.array(__version__), "run": np.array(run)}
-    whole["digest"] = np.array(_digest(whole))
-    file = io.BytesIO()
-    np.savez(file, allow_pickle=False, **whole)
-    return file.getvalue()
+    return archive.pack({**arrays, "run": np.array(run)}, compressed=False)
 
 
 def unpack(data: bytes, run: str, *, where: str, said: str) -> dict[str, np.ndarray]:
@@ -57,22 +47,11 @@ def unpack(data: bytes, run: str, *, where: str, said: str) -> dict[str, np.ndar
 
     Raises:
         BrokenCheckpointError: it cannot be read, or does not fit its digest.
-        RunError: it is of another run, version or a newer format.
+        RunError: it is of another run or version.
     """
-    try:
-        with np.load(io.BytesIO(data), allow_pickle=False) as file:
-            number = int(file["format"])
-            arrays = {name: file[name] for name in file.files} if number <= FORMAT else {}
-        if arrays and str(arrays.pop("digest", None)) != _digest(arrays):
-            raise ValueError("its contents do not fit its digest")
-        version, found = (str(arrays.pop(name, "")) for name in ("version", "run"))
-    except Exception as error:  # zip, zlib and NumPy's parser raise what a broken file makes them
-        problem = " ".join(str(error).split())
-        raise BrokenCheckpointError(
-            f"{where}: cannot be read as a checkpoint ({problem}); begin the run anew"
-        ) from None
-    if number > FORMAT:
-        raise RunError(newer_format(where, number, FORMAT))
+    how = {"what": "a checkpoint", "remedy": "begin the run anew"}
+    arrays, version = archive.unpack(data, where=where, error=BrokenCheckpointError, **how)
+    found = str(arrays.pop("run", ""))
     if version != __version__:
         raise RunError(
             f"{where}: was written by version {version} of sparse_coord_ros, this is "
@@ -98,14 +77,11 @@ def memory_from(arrays: Mapping[str, np.ndarray], k: int) -> Memory:
     """Return what `memory_arrays` took apart.
 
     Raises:
-        KeyError, ValueError: it is not there, or makes no sense.
+        KeyError: it is not there.
     """
     prefix = f"more_{k}_"
     more = {name.removeprefix(prefix): a for name, a in arrays.items() if name.startswith(prefix)}
-    memory = Memory._make([*(arrays[f"{name}_{k}"] for name in Memory._fields[:-1]), more])
-    if len({len(memory.states), len(memory.values), len(memory.updates)}) > 1:
-        raise ValueError("has rows without their states")
-    return memory
+    return Memory._make([*(arrays[f"{name}_{k}"] for name in Memory._fields[:-1]), more])
 
 
 def position_arrays(positions: Sequence[Position]) -> dict[str, np.ndarray]:
@@ -129,13 +105,3 @@ def positions_from(
     if len(positions) != games or any(len(p.cells) != robots for p in positions):
         raise ValueError("has other robots")
     return positions
-
-
-def _digest(arrays: Mapping[str, np.ndarray]) -> str:
-    """Return a digest of all arrays."""
-    said = hashlib.sha256()
-    for name in sorted(arrays):
-        array = arrays[name]
-        said.update(json.dumps([name, array.dtype.str, array.shape]).encode())
-        said.update(array.tobytes())
-    return said.hexdigest()

@@ -2,29 +2,26 @@
 # SPDX-License-Identifier: Apache-2.0
 """The learning history of a run: one row an episode, the same bits from every way of running.
 
-`history.npz` in a run's directory holds the arrays of a `History` by their names, and `format`.
+`history.npz` in a run's directory holds the arrays of a `History` by their names.
 """
 
-import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sparse_coord_ros.dataframes import data_frame
-from sparse_coord_ros.errors import RunError, newer_format
+from sparse_coord_ros.errors import RunError, os_error_text
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.world import Action, StepOutcome
+from sparse_coord_ros.learn import archive
 
 if TYPE_CHECKING:
     import pandas as pd
 
 HISTORY_FILE = "history.npz"
-HISTORY_FORMAT = 1
-"""Number of the file's format; newer ones are refused."""
-
 FIRST_EPISODES = 64
 """Rows of a recorder at first; they double when they are used up."""
 
@@ -146,10 +143,7 @@ class History:
 
     def save(self, directory: Path) -> None:
         """Write `history.npz`, whole or not at all."""
-        file = io.BytesIO()
-        arrays: dict[str, Any] = {"format": np.int64(HISTORY_FORMAT), **self.arrays()}
-        np.savez_compressed(file, **arrays)
-        write_whole(directory / HISTORY_FILE, file.getvalue())
+        write_whole(directory / HISTORY_FILE, archive.pack(self.arrays()))
 
 
 def no_history(robots: int) -> History:
@@ -171,42 +165,22 @@ def load_history(directory: Path) -> History:
     """
     path = directory / HISTORY_FILE
     try:
-        with np.load(path, allow_pickle=False) as file:
-            number = int(file["format"])
-            if number <= HISTORY_FORMAT:
-                return history_from(file)
+        data = path.read_bytes()
     except FileNotFoundError:
-        raise RunError(
-            f"{directory}: has no {HISTORY_FILE}; runs of version 0.2.0 and later have one where "
-            "they learned"
-        ) from None
-    except Exception as error:  # zip, zlib and NumPy's parser raise what a broken file makes them
-        problem = " ".join(str(error).split())
-        raise RunError(
-            f"{path}: cannot be read as a learning history ({problem}); use a file that run or "
-            "train wrote"
-        ) from None
-    raise RunError(newer_format(str(path), number, HISTORY_FORMAT))
+        raise RunError(f"{directory}: has no {HISTORY_FILE}; use a run that learned") from None
+    except OSError as error:
+        raise RunError(f"{os_error_text(error)}; use a file that run or train wrote") from None
+    how = {"what": "a learning history", "remedy": "use a file that run or train wrote"}
+    return history_from(archive.unpack(data, where=str(path), error=RunError, **how)[0])
 
 
-def history_from(arrays: Any, prefix: str = "") -> History:
+def history_from(arrays: Mapping[str, np.ndarray], prefix: str = "") -> History:
     """Return the history whose arrays stand in a mapping under their names behind a prefix.
 
     Raises:
         KeyError: one is missing.
-        ValueError: their types or shapes are not those of a history.
     """
-    found = History(*(np.ascontiguousarray(arrays[prefix + f.name]) for f in fields(History)))
-    expected = HistoryRecorder(found.present.shape[-1]).history()
-    for name, array in found.arrays().items():
-        like = expected.arrays()[name]
-        shape = (len(found.length), *like.shape[1:])
-        if array.dtype != like.dtype or array.shape != shape:
-            raise ValueError(
-                f"{name} has type {array.dtype} and shape {array.shape}, not {like.dtype} and "
-                f"{shape}"
-            )
-    return found
+    return History(*(np.ascontiguousarray(arrays[prefix + f.name]) for f in fields(History)))
 
 
 class HistoryRecorder:

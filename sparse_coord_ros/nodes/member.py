@@ -10,9 +10,10 @@ from std_srvs.srv import Trigger
 
 from sparse_coord_ros import wire
 from sparse_coord_ros.errors import RunError, TablesError, did_you_mean, os_error_text
+from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.world import Action, Reward
 from sparse_coord_ros.learn.agent import Agent, Tables
-from sparse_coord_ros.learn.tables import TEAM_FILE, pack_tables, robot_file, write_tables
+from sparse_coord_ros.learn.tables import TEAM_FILE, pack_tables, robot_file
 from sparse_coord_ros.lockstep.checkpoints import Checkpoints
 from sparse_coord_ros.lockstep.gate import StepGate
 from sparse_coord_ros.lockstep.robot_side import NO_STEP, RobotSide
@@ -300,7 +301,7 @@ class Member:
         packed, name = self._packed(), self._name
 
         def write(out: Path) -> None:
-            write_tables(robot_file(out, name), packed)
+            write_whole(robot_file(out, name), packed)
 
         place = save_somewhere(self._node, self._out, self._text, write)
         return robot_file(place, name)
@@ -308,7 +309,9 @@ class Member:
     def _packed(self) -> bytes:
         """Return the tables as they are, with what they are of."""
         agent = self.lockstep.agent
-        return pack_tables({agent.number + 1: agent.tables}, counts=self.lockstep.counts)
+        number, counts = agent.number + 1, self.lockstep.counts
+        memories = {number: agent.memory()}
+        return pack_tables({number: agent.tables}, counts=counts, memories=memories)
 
     def finish(self) -> None:
         """Publish the last coordination map and the tables, save them and let all arrive."""

@@ -20,8 +20,7 @@ from sparse_coord_ros.learn.evaluation import check_tables
 from sparse_coord_ros.learn.run_config import RUN_FILE, RunConfig, load_run
 from sparse_coord_ros.learn.tables import (
     TEAM_FILE,
-    load_counts,
-    load_tables,
+    load_saved,
     load_team,
     robot_file,
     save_team,
@@ -55,13 +54,13 @@ def gather(
         summary["recording_error"] = str(recording_error)
     parts = [robot_file(out, robot.name) for robot in scenario.robots]
     if all(part.exists() for part in parts):
-        tables = [load_tables(part, [k])[0] for k, part in enumerate(parts, start=1)]
-        counts = {r.name: load_counts(p) for r, p in zip(scenario.robots, parts, strict=True)}
+        saved = [load_saved(part, [k])[0] for k, part in enumerate(parts, start=1)]
+        counts = {r.name: one.counts for r, one in zip(scenario.robots, saved, strict=True)}
         for count in counts.values():
             del count["step"], count["learned"]
         summary["transitions_dropped"] = sum(count.pop("dropped") for count in counts.values())
         summary["asks"] = counts
-        save_team(out, tables)
+        save_team(out, [one.tables for one in saved], [one.memory for one in saved])
         for part in parts:
             part.unlink()
     write_whole(path, yaml.safe_dump(summary, sort_keys=False))

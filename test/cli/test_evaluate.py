@@ -10,8 +10,9 @@ import pytest
 
 from sparse_coord_ros.cli import evaluate as module
 from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.evaluation import TRIALS, evaluate
-from sparse_coord_ros.learn.tables import load_team
+from sparse_coord_ros.learn.tables import load_team, save_team
 from sparse_coord_ros.solve.exact import evaluate_exact
 
 
@@ -150,9 +151,7 @@ def test_bad_input(refused, trained, arguments, words):
 
 def test_tables_of_another_map(refused, trained, folder):
     trained("env1")
-    arrays = {f"q_star_{k}": np.zeros((43, 5)) for k in (1, 2)}
-    arrays |= {f"q_coord_{k}": np.zeros((43, 43, 4)) for k in (1, 2)}
-    np.savez(folder / "a" / "tables.npz", **arrays)
+    save_team(folder / "a", [Tables(np.zeros((43, 5)), np.zeros((43, 43, 4)))] * 2)
     message = refused("evaluate", "a")
     assert "q_star_1 has shape (43, 5), scenario env1 needs (21, 5)" in message
     assert "same map" in message

@@ -17,7 +17,6 @@ from sparse_coord_ros.learn.factors import UNSEEN, FactorRule, keys_of, rows_at_
 from sparse_coord_ros.learn.learners import Factored, learner_of
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.learn.simulation import learn
-from sparse_coord_ros.learn.tables import pack_tables, unpack_tables
 
 ASK = Decision(COORDINATE, (1,))
 ALPHA = 0.25
@@ -276,27 +275,6 @@ def test_tables_of_another_kind_are_refused():
         play(problem, coop, trials=2, seed=0, learner="factored")
     with pytest.raises(TablesError, match="learns in factors, the learner is coop"):
         play(problem, own, trials=2, seed=0, learner="coop")
-
-
-@pytest.mark.parametrize(
-    ("name", "array"),
-    [
-        ("rho_states_1", np.array([[2, 2, 99]], dtype=np.int32)),
-        ("rho_1", np.zeros((3, 4))),
-        ("u_1", np.zeros((21, 5))),
-        ("w_1", np.zeros(20)),
-    ],
-)
-def test_malformed_factors_are_refused(tmp_path, name, array):
-    one = agent()
-    asked(one, 1, 2, SOUTH, 3, paid(common=-20.0), (5,))
-    path = tmp_path / "tables.npz"
-    path.write_bytes(pack_tables({1: one.tables}))
-    with np.load(path) as file:
-        arrays = {**file, name: array}
-    np.savez(path, **arrays)
-    with pytest.raises(TablesError, match="cannot be read as tables"):
-        unpack_tables(path.read_bytes(), [1], where="here")
 
 
 def test_learning_goes_on_from_tables():

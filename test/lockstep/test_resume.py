@@ -235,7 +235,7 @@ def test_a_broken_file_is_named_and_an_earlier_one_is_used(tmp_path, run, played
 def test_another_run_or_version_is_refused(tmp_path, run, played, change, said, monkeypatch):
     other = run
     if "version" in change:
-        monkeypatch.setattr("sparse_coord_ros.learn.checkpoint.__version__", "9.9")
+        monkeypatch.setattr("sparse_coord_ros.learn.archive.__version__", "9.9")
     for store in saved(tmp_path, run, played).values():
         store.close()
     monkeypatch.undo()

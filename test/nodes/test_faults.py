@@ -20,7 +20,7 @@ from sparse_coord_ros.bags import open_bag
 from sparse_coord_ros.bags.recover import recover
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.history import load_history
-from sparse_coord_ros.learn.tables import load_counts, load_tables, load_team, robot_file
+from sparse_coord_ros.learn.tables import load_saved, load_tables, load_team, robot_file
 
 SIGNALS = pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["INT", "TERM"])
 FAST = {"claim_window": 0.2}
@@ -116,7 +116,7 @@ def test_a_killed_robot_is_left_out_and_may_come_back(bench, start_node, tmp_pat
         assert_ended_well(process)
     summary = yaml.safe_load((tmp_path / "summary.yaml").read_text())
     assert summary["timeouts"] >= 1
-    assert load_counts(robot_file(tmp_path, "robot_1"))["late"] >= 1
+    assert load_saved(robot_file(tmp_path, "robot_1"), [1])[0].counts["late"] >= 1
     assert_tables(robot_file(tmp_path, "robot_1"), 1)
     assert_tables(robot_file(tmp_path, "robot_2"), 2)
 
