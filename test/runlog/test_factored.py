@@ -14,7 +14,7 @@ from sparse_coord_ros.runlog.explain import coordinations, explain
 from sparse_coord_ros.runlog.trajectory import heard_askers
 
 EXPLORING = {
-    "steps": 900,
+    "steps": 600,
     "penalty": -60,
     "q_coord_init": 20,
     "epsilon": "constant:0.8",
@@ -32,8 +32,8 @@ def stamp(nanoseconds):
 def logged(record):
     """Return logs of two robots, and of four whose world has a referee, by their number."""
     made = {}
-    for name, success in (("env2-2r", 0.6), ("env2-4r", 0.85)):
-        settings = {**EXPLORING, "perception": f"probability:{success}"}
+    for name, success, link in (("env2-2r", 0.8, "lost:0.3"), ("env2-4r", 0.85, "up")):
+        settings = {**EXPLORING, "perception": f"probability:{success}", "link": link}
         one = record(name, settings, values={"learner": "factored"})
         made[len(one.names)] = one
     return made
@@ -72,6 +72,13 @@ def test_explained(logged, robots):
     assert changed > 0 and failed > 0
     # With `probability:P` the own draw decides for all peers alike, asked by them or asking.
     assert shared == 0
+
+
+def test_a_run_that_goes_on_from_tables(record, logged):
+    tables = [robot.agent.tables for robot in logged[2].recording.robots]
+    values = {"learner": "factored", "tables": "before", "seed": 8}
+    settings = {**EXPLORING, "steps": 200}
+    assert verify(record("env2-2r", settings, values=values, tables=tables).bag).same
 
 
 def test_who_asked_is_in_the_dialogue(logged):

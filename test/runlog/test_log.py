@@ -146,7 +146,7 @@ def test_a_bag_of_something_else(tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "settings"),
-    [("env1", HALF), ("env2-4r", {"max_steps": 9}), ("crowd-3r", {**HALF, "peers": "all"})],
+    [("env1", HALF), ("env2-4r", {"max_steps": 9})],
 )
 def test_its_history_is_that_of_the_simulation(record, name, settings):
     run = record(name, {"steps": 300, **settings})
