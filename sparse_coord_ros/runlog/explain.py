@@ -12,6 +12,7 @@ from sparse_coord_ros.game.world import Action
 from sparse_coord_ros.learn.agent import NOBODY, Tables
 from sparse_coord_ros.learn.factored import FactoredAgent
 from sparse_coord_ros.learn.factors import UNSEEN
+from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.runlog.agents import first_tables
 from sparse_coord_ros.runlog.dialogue import Request
 from sparse_coord_ros.runlog.log import RunLog
@@ -167,32 +168,63 @@ def _entries(
     return entries
 
 
-def _cell(log: RunLog, cell: int) -> str:
-    row, column = log.run.scenario.map.cells[cell]
+def cell_in_words(run: RunConfig, cell: int | None) -> str:
+    """Return a cell's number, row and column; None: it is not known."""
+    if cell is None:
+        return "an unknown cell"
+    row, column = run.scenario.map.cells[cell]
     return f"cell {cell} [{row}, {column}]"
+
+
+def choice_in_words(run: RunConfig, robot: int, cell: int | None) -> str:
+    """Return which robot (from 0) chooses COORDINATE, and where."""
+    name = run.scenario.robots[robot].name
+    return f"{name} in {cell_in_words(run, cell)} chooses COORDINATE"
+
+
+def move_in_words(
+    run: RunConfig, cell: int | None, perceived: Sequence[int] | None, move: int
+) -> str:
+    """Return which move COORDINATE became, and by which row of the tables.
+
+    Args:
+        run: the run.
+        cell: where the robot was; None: it is not known.
+        perceived: the cells of the peers that it perceived; None: the percept failed.
+        move: the primitive action.
+    """
+    if cell is None:
+        return f"goes {ACTIONS[move]}"
+    row = f"Q*[{cell}]"
+    if perceived is not None:
+        row = f"Q^C[{', '.join(map(str, (cell, *perceived)))}]"
+    elif run.rule.factors is not None:
+        row = f"U + rho[{cell}; failed percept]"
+    return f"goes {ACTIONS[move]} by {row}"
+
+
+def reward_in_words(run: RunConfig, reward: float, next_cell: int | None) -> str:
+    """Return what a robot got, and where its move led."""
+    return f"reward {reward:g}, to {cell_in_words(run, next_cell)}"
 
 
 def in_words(log: RunLog, one: Coordination) -> Iterator[str]:
     """Yield the lines that tell of a COORDINATE: question, answer, move, what was learned."""
-    name = log.names[one.robot]
-    peers = ", ".join(log.names[peer] for peer in one.peers) or "nobody"
-    yield f"step {one.step}: {name} in {_cell(log, one.cell)} chooses COORDINATE"
+    run = log.run
+    yield f"step {one.step}: {choice_in_words(run, one.robot, one.cell)}"
     if one.doubt is not None:
         yield f"  (the numbers may be wrong: {one.doubt}; see 'sparse_coord verify')"
     if not one.requests:
+        peers = ", ".join(log.names[peer] for peer in one.peers) or "nobody"
         yield f"  was to ask {peers}; no request is in the log"
     for request in one.requests:
         yield f"  asks {log.names[request.peer]}: {_answer(log, one, request)}"
-    source = f"Q*[{one.cell}]"
     if one.perceived is not None:
-        yield f"  perceives {', '.join(_cell(log, cell) for cell in one.perceived)}"
-        source = f"Q^C[{', '.join(map(str, (one.cell, *one.perceived)))}]"
+        yield f"  perceives {', '.join(cell_in_words(run, cell) for cell in one.perceived)}"
     else:
         yield f"  perceives nothing ({one.outcome})"
-        if log.run.rule.factors is not None:
-            source = f"U + rho[{one.cell}; failed percept]"
     values = ", ".join(f"{a} {v:.6g}" for a, v in zip(ACTIONS, one.q_values, strict=False))
-    yield f"  goes {ACTIONS[one.action.move]} by {source}: {values}"
+    yield f"  {move_in_words(run, one.cell, one.perceived, one.action.move)}: {values}"
     if not one.agrees:
         yield "  (the log says another action; see 'sparse_coord verify')"
     yield from _learned(log, one)
@@ -212,7 +244,7 @@ def _answer(log: RunLog, one: Coordination, request: Request) -> str:
     cell = Frame(log.run).cell(*position)
     if cell is None:
         return f"answers {position}, which is no free cell{took}"
-    return f"answers {_cell(log, cell)}{took}"
+    return f"answers {cell_in_words(log.run, cell)}{took}"
 
 
 def _learned(log: RunLog, one: Coordination) -> Iterator[str]:
@@ -220,7 +252,7 @@ def _learned(log: RunLog, one: Coordination) -> Iterator[str]:
     if update is None:
         yield "  learns nothing from it: no reward came in time, or the next action was another"
         return
-    yield f"  reward {update.reward:g}, to {_cell(log, update.next_cell)}"
+    yield f"  {reward_in_words(log.run, update.reward, update.next_cell)}"
     if log.run.greedy:
         yield "  learns nothing: the run is greedy"
         return

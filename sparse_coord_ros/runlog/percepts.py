@@ -3,7 +3,7 @@
 """Whether percepts ended as the robots say: by the perception model's draws and the dialogue."""
 
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -34,6 +34,14 @@ def check_percepts(log: RunLog, last: int | None) -> list[Difference]:
         last: the last time step to check; None: all.
     """
     return list(_Judge(log, log.step[-1] if last is None and len(log.step) else last or 0).all())
+
+
+class _Due(NamedTuple):
+    """What a peer must answer: the cell that it is in, and where that is, None: it refuses."""
+
+    peer: int
+    cell: int
+    where: Place | None
 
 
 class _Judge:
@@ -98,68 +106,69 @@ class _Judge:
         self, k: int, step: int, row: np.ndarray, peers: list[int], code: float
     ) -> Iterator[Difference]:
         """Judge one percept: what it shows, how it is said to have ended, what was answered."""
-        name, centres = self.log.names[k], self.frame.centres
-        count = int(row["count"])
+        name, count = self.log.names[k], int(row["count"])
         places = [tuple(place) for place in row["places"].tolist()][:count]
         here = self._cell(k, step)
-        if here is None or places[:1] != [centres[here]]:
+        if here is None or places[:1] != [self.frame.centres[here]]:
             yield Difference(step, name, "percept own", f"{places[:1]}", f"cell {here}")
             return
-        known = [self._cell(peer, step) for peer in peers]
-        cells = [cell for cell in known if cell is not None]
-        if len(cells) < len(known):
+        due = self._due(k, step, peers)
+        if due is None:
             return  # the world's check names the missing state
-        sees = [succeeds(self.draws[k][step], self.probabilities[here][cell]) for cell in cells]
-        where = [centres[cell] if seen else None for cell, seen in zip(cells, sees, strict=True)]
-        due = list(zip(peers, where, strict=True))
-        answered = bool(peers) and all(sees)
-        expected = _words(cells) if answered else PerceptEnd.REFUSED.words
-        allowed: tuple[PerceptEnd, ...] = (PerceptEnd.ANSWERED,)
-        if count == 1:
-            allowed = (
-                (PerceptEnd.REFUSED, PerceptEnd.LATE) if peers else (PerceptEnd.NOBODY_TO_ASK,)
-            )
-        elif not answered or places[1:] != where or count != 1 + len(peers):
+        where = [one.where for one in due]
+        answered = bool(due) and None not in where
+        if count > 1 and not (answered and count == 1 + len(due) and places[1:] == where):
             found = _words([self.frame.cell(*place) for place in places[1:]])
+            refused = PerceptEnd.REFUSED.words
+            expected = _words([one.cell for one in due]) if answered else refused
             yield Difference(step, name, PERCEPT.name, found, expected)
             return
+        allowed = [PerceptEnd.ANSWERED]
+        if count == 1:
+            allowed = [PerceptEnd.REFUSED, PerceptEnd.LATE] if due else [PerceptEnd.NOBODY_TO_ASK]
         if code not in allowed:
             yield self._code(step, k, code, " or ".join(end.words for end in allowed))
         elif code == PerceptEnd.ANSWERED:
-            yield from self._answers(k, step, due)
+            for one in due:
+                yield from self._answer(k, step, one)
         elif code == PerceptEnd.REFUSED:
-            yield from self._refused(k, step, due, expected=_words(cells))
+            yield from self._refused(k, step, due)
 
-    def _refused(
-        self, k: int, step: int, due: Sequence[tuple[int, Place | None]], *, expected: str
-    ) -> Iterator[Difference]:
+    def _due(self, k: int, step: int, peers: Sequence[int]) -> list[_Due] | None:
+        """Return what peers must answer a robot; None where the log lacks a state of theirs."""
+        here, found = self._cell(k, step), []
+        for peer in peers:
+            cell = self._cell(peer, step)
+            if here is None or cell is None:
+                return None
+            sees = succeeds(self.draws[k][step], self.probabilities[here][cell])
+            found.append(_Due(peer, cell, self.frame.centres[cell] if sees else None))
+        return found
+
+    def _refused(self, k: int, step: int, due: Sequence[_Due]) -> Iterator[Difference]:
         """One peer after the other has answered, up to one that refused or was further."""
-        for peer, where in due:
-            answers = [request.answer for request in self.heard.get((k, peer, step), [])]
+        for one in due:
+            answers = [request.answer for request in self.heard.get((k, one.peer, step), [])]
             if any(answer is not None and answer[0] > step for answer in answers):
                 return
-            yield from self._answers(k, step, [(peer, where)])
-            if not any(answers) or where is None:
+            yield from self._answer(k, step, one)
+            if not any(answers) or one.where is None:
                 return
-        yield Difference(step, self.log.names[k], PERCEPT.name, PerceptEnd.REFUSED.words, expected)
+        name, cells = self.log.names[k], _words([one.cell for one in due])
+        yield Difference(step, name, PERCEPT.name, PerceptEnd.REFUSED.words, cells)
 
-    def _answers(
-        self, k: int, step: int, due: Sequence[tuple[int, Place | None]]
-    ) -> Iterator[Difference]:
-        """Compare the dialogue with what peers must have answered: where they are; None: no."""
-        name = self.log.names[k]
-        for peer, where in due:
-            quantity = f"{DIALOGUE} with {self.log.names[peer]}"
-            said = "a refusal" if where is None else f"the answer {where}"
-            request = self._counting(k, peer, step, (step, where))
-            if request is None:
-                yield Difference(step, name, quantity, MISSING, said)
-            elif request.answer is None:
-                yield Difference(
-                    step, name, quantity, f"{EventKind.RETURNED.words} {MISSING}", said
-                )
-            elif request.answer != (step, where):
-                yield Difference(step, name, quantity, f"{request.answer}", said)
+    def _answer(self, k: int, step: int, due: _Due) -> Iterator[Difference]:
+        """Compare the dialogue with what a peer must have answered."""
+        request = self._counting(k, due.peer, step, (step, due.where))
+        if request is not None and request.answer == (step, due.where):
+            return
+        logged = MISSING
+        if request is not None:
+            logged = (
+                f"{request.answer}" if request.answer else f"{EventKind.RETURNED.words} {MISSING}"
+            )
+        quantity = f"{DIALOGUE} with {self.log.names[due.peer]}"
+        yield Difference(step, self.log.names[k], quantity, logged, _said(due.where))
 
     def _counting(self, k: int, peer: int, step: int, due: tuple[int, Any]) -> Request | None:
         """Return the request of several to a peer at a step that counts: the last one.
@@ -182,17 +191,15 @@ class _Judge:
         if request.answer is not None and request.said not in (None, request.answer):
             said, heard = f"{request.said}", f"{request.answer}"
             yield Difference(step, who, quantity, said, f"{heard}, as it was received")
-        here, there = self._cell(request.asker, step), self._cell(request.peer, step)
+        here, due = self._cell(request.asker, step), self._due(request.asker, step, [request.peer])
         if here is not None and request.position != self.frame.centres[here]:
             logged = f"asked from {request.position}"
             yield Difference(step, who, quantity, logged, f"{self.frame.centres[here]}")
-        elif request.answer is not None and here is not None and there is not None:
+        elif request.answer is not None and due is not None:
             at, where = request.answer
-            sees = succeeds(self.draws[request.asker][step], self.probabilities[here][there])
-            due = self.frame.centres[there] if sees and at == step else None
-            if where != due:
-                computed = "a refusal" if due is None else f"the answer {due}"
-                yield Difference(step, who, quantity, f"{request.answer}", computed)
+            must = due[0].where if at == step else None
+            if where != must:
+                yield Difference(step, who, quantity, f"{request.answer}", _said(must))
 
     def _code(self, step: int, k: int, code: float, computed: str) -> Difference:
         return Difference(step, self.log.names[k], PERCEPT.name, percept_end(code), computed)
@@ -205,3 +212,7 @@ class _Judge:
 
 def _words(cells: Sequence[int | None]) -> str:
     return ", ".join("no free cell" if cell is None else f"cell {cell}" for cell in cells)
+
+
+def _said(where: Place | None) -> str:
+    return "a refusal" if where is None else f"the answer {where}"

@@ -24,6 +24,12 @@ from sparse_coord_ros.palette import (
     OUTCOME_SIGNS,
     robot_colour,
 )
+from sparse_coord_ros.runlog.explain import (
+    cell_in_words,
+    choice_in_words,
+    move_in_words,
+    reward_in_words,
+)
 from sparse_coord_ros.version import __version__
 from sparse_coord_ros.wire import PerceptEnd
 
@@ -207,37 +213,26 @@ def in_words(run: RunConfig, seen: TimeStep) -> Iterator[Message]:
     names = [robot.name for robot in run.scenario.robots]
     for question in seen.questions:
         k, peers, end, move = question
-        here = seen.cells[k]
         whom = ", ".join(names[peer] for peer in peers) or "nobody"
-        cells = [seen.cells[peer] for peer in peers]
-        told = end.words
-        source = "" if here is None else f" by Q*[{here}]"
-        if end == PerceptEnd.ANSWERED and cells and None not in cells:
-            told = f"answers {', '.join(_cell(run, cell) for cell in cells)}"
-            source = f" by Q^C[{', '.join(str(cell) for cell in (here, *cells))}]"
+        told, perceived = end.words, None
+        cells = [cell for peer in peers if (cell := seen.cells[peer]) is not None]
+        if end == PerceptEnd.ANSWERED and cells and len(cells) == len(peers):
+            told, perceived = f"answers {', '.join(cell_in_words(run, c) for c in cells)}", cells
         lines = [
-            f"{names[k]} in {_cell(run, here)} chooses COORDINATE",
+            choice_in_words(run, k, seen.cells[k]),
             f"asks {whom}: {told}",
-            f"goes {ACTIONS[move]}{source}",
+            move_in_words(run, seen.cells[k], perceived, move),
         ]
         reward = seen.rewards[k]
         if reward is not None:
             after = None if seen.after is None else seen.after[k]
-            where = "" if after is None else f", to {_cell(run, after)}"
-            lines.append(f"reward {reward[-1]:g}{where}")
+            lines.append(reward_in_words(run, reward[-1], after))
         yield {
             "step": seen.step,
             "robot": k,
             "outcome": question.outcome,
             "lines": lines,
         }
-
-
-def _cell(run: RunConfig, cell: int | None) -> str:
-    if cell is None:
-        return "an unknown cell"
-    row, column = run.scenario.map.cells[cell]
-    return f"cell {cell} [{row}, {column}]"
 
 
 def _plain(values: np.ndarray) -> list[Any]:
