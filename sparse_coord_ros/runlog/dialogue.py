@@ -108,89 +108,85 @@ def put_together(
         names: the robots.
         frame: the run's clock.
     """
-    requests: dict[tuple[Any, ...], Request] = {}
-    problems: list[Difference] = []
+    dialogue = _Dialogue(names)
     for peer, rows in enumerate(events):
-        _put(peer, rows, requests, problems, names, frame)
-    ordered = sorted(requests.items(), key=lambda item: (item[0][2], item[0][0], item[0][3]))
-    return [request for _, request in ordered], problems
+        dialogue.add(peer, rows, steps_of(rows, frame.period))
+    ordered = sorted(dialogue.requests.items(), key=lambda one: (one[0][2], one[0][0], one[0][3]))
+    return [request for _, request in ordered], dialogue.problems
 
 
-def _put(
-    peer: int,
-    rows: np.ndarray,
-    requests: dict[tuple[Any, ...], Request],
-    problems: list[Difference],
-    names: Sequence[str],
-    frame: Frame,
-) -> None:
-    """Add what one asked robot's topic says."""
-    steps = steps_of(rows, frame.period)
-    codes = {client: code for code, client in enumerate(dict.fromkeys(rows["client"].tolist()))}
-    client = np.array([codes[one] for one in rows["client"].tolist()], dtype=np.int64)
-    server = (rows["kind"] == EventKind.RECEIVED) | (rows["kind"] == EventKind.ANSWERED)
-    writers = np.where(server, -1, client)
-    for writer in np.unique(writers).tolist():
-        mine = np.flatnonzero(writers == writer)
-        wall = rows["wall_ns"][mine]
-        late = np.maximum.accumulate(wall) - wall
-        for place in np.flatnonzero(late > 0).tolist():
-            what = f"{DIALOGUE} {EventKind(rows['kind'][mine[place]]).words}"
-            logged = f"after one that is {late[place]} ns younger"
-            step = int(steps[mine[place]])
-            problems.append(Difference(step, names[peer], what, logged, "before it"))
-    asked: dict[tuple[Any, ...], Request] = {}  # by (whether the service says so, client, number)
-    strangers: set[tuple[Any, ...]] = set()
-    columns = [rows["kind"], rows["wall_ns"], client, rows["number"], rows["request"]]
-    columns += [rows["asker"], rows["xy"], rows["seen"], steps]
-    waiting = []
-    for event in zip(*(column.tolist() for column in columns), strict=True):
-        kind, wall_ns, who, number, is_request, asker, xy, _, step = event
-        if not is_request:
-            waiting.append(event)
-            continue
-        key = (kind == EventKind.RECEIVED, who, number)
-        if asker < 0 or step == 0:
-            strangers.add(key)
-            continue
-        place_of = (asker, peer, step, number)
-        request = requests.get(place_of)
-        if request is None:
-            request = requests[place_of] = Request(asker, peer, step, tuple(xy))
-        elif request.position != tuple(xy):
-            said = f"from {request.position}"
-            problems.append(
-                _problem(names, request, EventKind(kind).words, f"from {tuple(xy)}", said)
-            )
-        asked[key] = request
-        _note(request, kind, wall_ns, problems, names)
-    for kind, wall_ns, who, number, _, _, xy, seen, step in waiting:
-        key = (kind == EventKind.ANSWERED, who, number)
-        request = asked.get(key)
-        if request is None:
-            if key not in strangers:
+class _Dialogue:
+    """Requests by (asker, peer, step, number), and what does not fit together."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self.requests: dict[tuple[int, int, int, int], Request] = {}
+        self.problems: list[Difference] = []
+        self._names = names
+
+    def add(self, peer: int, rows: np.ndarray, steps: np.ndarray) -> None:
+        """Add what one asked robot's topic says, at these time steps."""
+        codes = {one: code for code, one in enumerate(dict.fromkeys(rows["client"].tolist()))}
+        client = np.array([codes[one] for one in rows["client"].tolist()], dtype=np.int64)
+        server = (rows["kind"] == EventKind.RECEIVED) | (rows["kind"] == EventKind.ANSWERED)
+        self._check_clocks(peer, rows, steps, np.where(server, -1, client))
+        fields = [rows[name].tolist() for name in ("kind", "wall_ns", "asker", "xy", "seen")]
+        events = list(
+            zip(steps.tolist(), client.tolist(), rows["number"].tolist(), *fields, strict=True)
+        )
+        asked: dict[
+            tuple[Any, ...], Request | None
+        ] = {}  # by (whether of the service, client, number)
+        for place in np.flatnonzero(rows["request"]).tolist():
+            step, who, number, kind, wall_ns, asker, xy, _ = events[place]
+            request = None  # of a person
+            if asker >= 0 and step != 0:
+                key = (asker, peer, step, number)
+                request = self.requests.setdefault(key, Request(asker, peer, step, tuple(xy)))
+                if request.position != tuple(xy):
+                    said = f"from {request.position}"
+                    self._problem(request, kind, f"from {tuple(xy)}", said)
+                self._note(request, kind, wall_ns)
+            asked[kind == EventKind.RECEIVED, who, number] = request
+        for place in np.flatnonzero(~rows["request"]).tolist():
+            step, who, number, kind, wall_ns, _, xy, seen = events[place]
+            key_of = (kind == EventKind.ANSWERED, who, number)
+            request = asked.get(key_of)
+            if request is not None:
+                self._note(request, kind, wall_ns)
+                content = (step, tuple(xy) if seen else None)
+                if kind == EventKind.RETURNED:
+                    request.answer = content
+                else:
+                    request.said = content
+            elif key_of not in asked:
                 what = f"{DIALOGUE} {EventKind(kind).words}"
-                problems.append(Difference(step, names[peer], what, NO_REQUEST, "with it"))
-            continue
-        _note(request, kind, wall_ns, problems, names)
-        content = (step, tuple(xy) if seen else None)
-        if kind == EventKind.RETURNED:
-            request.answer = content
+                self.problems.append(
+                    Difference(step, self._names[peer], what, NO_REQUEST, "with it")
+                )
+
+    def _check_clocks(
+        self, peer: int, rows: np.ndarray, steps: np.ndarray, writers: np.ndarray
+    ) -> None:
+        """Each writer tells its events in the order of its clock."""
+        for writer in np.unique(writers).tolist():
+            mine = np.flatnonzero(writers == writer)
+            wall = rows["wall_ns"][mine]
+            late = np.maximum.accumulate(wall) - wall
+            for place in np.flatnonzero(late > 0).tolist():
+                what = f"{DIALOGUE} {EventKind(rows['kind'][mine[place]]).words}"
+                logged = f"after one that is {late[place]} ns younger"
+                step = int(steps[mine[place]])
+                self.problems.append(
+                    Difference(step, self._names[peer], what, logged, "before it")
+                )
+
+    def _note(self, request: Request, kind: int, wall_ns: int) -> None:
+        if kind in request.wall_ns:
+            self._problem(request, kind, "twice", "once")
         else:
-            request.said = content
+            request.wall_ns[kind] = wall_ns
 
-
-def _note(
-    request: Request, kind: int, wall_ns: int, problems: list[Difference], names: Sequence[str]
-) -> None:
-    if kind in request.wall_ns:
-        problems.append(_problem(names, request, EventKind(kind).words, "twice", "once"))
-    else:
-        request.wall_ns[kind] = wall_ns
-
-
-def _problem(
-    names: Sequence[str], request: Request, what: str, logged: str, computed: str
-) -> Difference:
-    quantity = f"{DIALOGUE} with {names[request.peer]}, {what}"
-    return Difference(request.step, names[request.asker], quantity, logged, computed)
+    def _problem(self, request: Request, kind: int, logged: str, computed: str) -> None:
+        quantity = f"{DIALOGUE} with {self._names[request.peer]}, {EventKind(kind).words}"
+        name = self._names[request.asker]
+        self.problems.append(Difference(request.step, name, quantity, logged, computed))

@@ -4,6 +4,7 @@
 
 import io
 import random
+import shutil
 import zipfile
 
 import numpy as np
@@ -422,9 +423,9 @@ def test_what_was_recovered_is_judged_up_to_where_it_broke_off(good, tmp_path):
     assert len(parts) > 1
 
 
-def test_recovered_from_what_was_never_closed(record):
+def test_recovered_from_what_was_never_closed(record, tmp_path):
     run = record(settings={"perception": "probability:0.5"}, finish=False)
-    found = verify(recover(run.bag).path)
+    found = verify(recover(shutil.copytree(run.bag, tmp_path / "bag")).path)
     assert [one.quantity for one in found.differences] == ["file"]
     assert found.steps > 390 and 0 < found.unchecked < 10
 
