@@ -2,5 +2,5 @@
 # SPDX-License-Identifier: Apache-2.0
 """Runs to look at: policies, episodes and curves as data, and as pictures, films and pages.
 
-Nothing here needs ROS; `policy`, `episodes` and `shown` need no Matplotlib.
+Nothing here needs ROS; `steps`, `episodes`, `policy` and `sources` need no Matplotlib.
 """

@@ -5,7 +5,6 @@
 import queue
 import threading
 import time
-from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 
@@ -84,8 +83,7 @@ class BagSource:
         self._table_steps: tuple[int, ...] = ()
         self._asked: list[tuple[int, np.ndarray]] = []
         self._asked_shown = -1
-        self._told: deque[messages.Message] = deque(maxlen=messages.DIALOGUE)
-        self._last_told = -1
+        self._newest_told: int | None = None
         self._noticed: str | None = None
         self._stop = threading.Event()
         place = self.log.path
@@ -223,18 +221,15 @@ class BagSource:
         self._show_asked(step)
 
     def _tell(self, log: RunLog, row: int) -> None:
-        """Show the questions up to a row; after a seek those of the steps before it."""
-        step, first = int(log.step[row]), int(log.step[0])
-        if step < self._last_told or self._last_told < first:
-            self._told.clear()
-            self._last_told = first - 1
-        begin = int(np.searchsorted(log.step, self._last_told, side="right"))
-        asking = begin + np.flatnonzero(log.asked[begin : row + 1].any(axis=1))
-        for place in asking[-messages.DIALOGUE :].tolist():
-            self._told.extend(messages.in_words(self.run, logged_step(log, place)))
-        if len(asking) or not self._told:
-            self.board.put(messages.dialogue_message(self._told))
-        self._last_told = step
+        """Show the last questions up to a row, where there are others than before."""
+        asking = np.flatnonzero(log.asked[: row + 1].any(axis=1))[-messages.DIALOGUE :]
+        newest = int(log.step[asking[-1]]) if len(asking) else NONE
+        if newest == self._newest_told:
+            return
+        self._newest_told = newest
+        steps = (logged_step(log, place) for place in asking.tolist())
+        told = [line for seen in steps for line in messages.in_words(self.run, seen)]
+        self.board.put(messages.dialogue_message(told[-messages.DIALOGUE :]))
 
     def _show_tables(self, step: int) -> None:
         """Show the newest tables of each robot up to a time step."""
