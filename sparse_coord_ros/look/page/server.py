@@ -47,9 +47,7 @@ ODD_MESSAGES = 100
 
 FILES = {
     "index.html": "text/html",
-    "page.js": "text/javascript",
-    "map.js": "text/javascript",
-    "curves.js": "text/javascript",
+    **dict.fromkeys(("page.js", "draw.js", "map.js", "curves.js", "panels.js"), "text/javascript"),
     "style.css": "text/css",
     "icon.svg": "image/svg+xml",
 }

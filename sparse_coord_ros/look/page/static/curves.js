@@ -1,7 +1,7 @@
 // Copyright 2026 The sparse_coord_ros authors. SPDX-License-Identifier: Apache-2.0
 // Learning curves: each point is the mean of some episodes, as `run.history` has them.
 
-import { svg, tinted } from "/map.js";
+import { svg, tinted } from "/draw.js";
 
 const WIDTH = 400, HEIGHT = 190, LEFT = 46, RIGHT = 24, TOP = 8, BOTTOM = 22;
 const DASHES = ["", "6 3", "2 3", "8 3 2 3", "12 4", "4 7", "9 3 2 3 2 3", "1 5"];

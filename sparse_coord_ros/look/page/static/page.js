@@ -2,10 +2,10 @@
 // The page: takes the stream of messages, shows the newest of each, sends what buttons and keys ask.
 
 import { Curves } from "/curves.js";
-import { TeamMap, inkOn, shape, svg, tinted } from "/map.js";
+import { $, inkOn, number, shape, svg, tinted } from "/draw.js";
+import { TeamMap } from "/map.js";
+import { agesPanel, cellPanel, dialoguePanel, evaluationPanel } from "/panels.js";
 
-const $ = (id) => document.getElementById(id);
-const number = (n) => (n === null || n === undefined ? "–" : n.toLocaleString("en"));
 const token = location.hash.slice(1);
 const RATES = [0.5, 1, 2, 5, 10, 20, 50, 100, 500, 1000, 10000];
 const HELD = ["paused", "ended", "finished", "stopped"];
@@ -32,8 +32,8 @@ function mark(what) {
     if (what.has("tables")) map.policy(tables);
     if (what.has("asked")) map.heat(asked);
     if (what.has("curves") && curves) showCurves();
-    if (what.has("evaluation")) showEvaluation();
-    if (what.has("dialogue")) showDialogue(said);
+    if (what.has("evaluation")) evaluationPanel(evaluation);
+    if (what.has("dialogue")) dialoguePanel(run, said);
     if (what.has("cell") || what.has("tables")) showCell();
   });
 }
@@ -212,7 +212,7 @@ function showFrame() {
     charts.place(frame.step);
   }
   map.move(frame, held);
-  if (tables) showAges();
+  showAges();
 }
 
 function showCurves() {
@@ -225,89 +225,11 @@ function showCurves() {
 }
 
 function showCell() {
-  const cell = map.cursorCell;
-  const body = $("cell").tBodies[0];
-  $("cell-hint").hidden = cell !== null;
-  $("ages").hidden = !tables;
-  if (cell === null || !tables) {
-    $("cell-title").textContent = "Q* of a cell";
-    body.replaceChildren();
-    return;
-  }
-  const [r, c] = run.map.cells[cell];
-  $("cell-title").textContent = `Q* of cell ${cell} [${r}, ${c}]`;
-  const rows = [row("th", ["", ...run.actions.map((name) => (name === "coordinate" ? "ask" : name))])];
-  tables.robots.forEach((own, k) => {
-    if (!own) return;
-    const values = own.q_star[cell];
-    const best = Math.max(...values.filter((v) => v !== null));
-    const one = row("td", [run.robots[k].name, ...values.map((v) => (v === null ? "–" : v.toFixed(2)))]);
-    values.forEach((v, i) => { if (v !== null && v === best) one.cells[i + 1].className = "best"; });
-    one.cells[0].style.color = tinted(run.robots[k].colour);
-    one.dataset.robot = k + 1;
-    rows.push(one);
-  });
-  body.replaceChildren(...rows);
+  cellPanel(run, tables, map.cursorCell);
   showAges();
 }
 
-// How old what the robots learned is: tables come now and then.
-function showAges() {
-  if (!tables) return;
-  const ages = tables.robots.map((own) => {
-    if (!own) return "no tables";
-    const age = frame ? frame.step - own.step : 0;
-    return age > 0 ? `step ${number(own.step)}, ${number(age)} ago` : `step ${number(own.step)}`;
-  });
-  const same = ages.every((age) => age === ages[0]);
-  $("ages").textContent = `Tables of ${same ? ages[0] : ages.map((age, k) => `${run.robots[k].name}: ${age}`).join("; ")}.`;
-}
-
-function row(kind, texts) {
-  const one = document.createElement("tr");
-  one.append(...texts.map((text) => {
-    const cell = document.createElement(kind);
-    cell.textContent = text;
-    return cell;
-  }));
-  return one;
-}
-
-function showDialogue(entries) {
-  if (!run) return;
-  $("silence").hidden = entries.length > 0;
-  $("dialogue").replaceChildren(...entries.toReversed().map((entry) => {
-    const item = document.createElement("li");
-    const said = run.outcomes[entry.outcome];
-    item.style.borderColor = tinted(run.robots[entry.robot].colour);
-    const at = document.createElement("span");
-    at.className = "at";
-    at.textContent = `step ${entry.step}: `;
-    const sign = document.createElement("span");
-    sign.className = "sign";
-    sign.style.color = tinted(said.colour);
-    sign.textContent = `${said.sign} `;
-    item.append(sign, at, entry.lines.join("; "));
-    return item;
-  }));
-}
-
-function showEvaluation() {
-  $("evaluation-panel").hidden = !evaluation;
-  if (!evaluation) return;
-  const e = evaluation;
-  const pair = (one) => `${one.mean.toFixed(2)} ± ${one.spread.toFixed(2)}`;
-  const beside = e.yardsticks.map(([name, value]) => [name, value.toFixed(2)]);
-  const none = beside.map(() => "");
-  $("evaluation").replaceChildren(
-    row("th", ["", `${e.learner}, ${e.how}`, ...beside.map(([name]) => name)]),
-    row("td", ["reward", pair(e.reward), ...beside.map(([, value]) => value)]),
-    row("td", ["time to goal", pair(e.time_to_goal), ...none]),
-    row("td", ["miscoordinations", pair(e.miscoordinations), ...none]),
-    row("td", ["questions", pair(e.asks), ...none]),
-    row("td", ["all arrive", `${(100 * e.all_arrived).toFixed(2)} %`, ...none]));
-  $("evaluation").title = e.step === null ? "of the tables at the end" : `of the tables of step ${e.step}`;
-}
+const showAges = () => agesPanel(run, tables, frame);
 
 // Buttons and keys.
 const pause = () => send("pause", !HELD.includes(frame?.state));
