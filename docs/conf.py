@@ -2,11 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sphinx: the pages of this folder, and the reference of the Python API from its docstrings."""
 
-import importlib
-
 import sparse_coord_ros
 from sparse_coord_ros.cli.main import make_parser
-from sparse_coord_ros.cli.verbs import VERBS
+from sparse_coord_ros.cli.verbs import VERBS, add_verb
 
 project = "sparse_coord_ros"
 author = "The sparse_coord_ros authors"
@@ -40,5 +38,5 @@ def every_verb():
     verbs.choices.clear()
     verbs._choices_actions.clear()
     for verb in VERBS:
-        importlib.import_module(f"sparse_coord_ros.cli.{verb.replace('-', '_')}").add_parser(verbs)
+        add_verb(verbs, verb)
     return parser

@@ -14,12 +14,11 @@ from sparse_coord_ros.learn.run_config import RUN_SETTINGS
 KINDS = (".gif",)
 RATE = Setting("rate", float, 2.0, "time steps a second", low=0.1, high=20)
 
+EXAMPLE = "sparse_coord animate runs/demo --episode best --out demo.gif"
 
-def add_parser(verbs) -> None:
-    """Add the verb."""
-    parser = shared.add_verb(
-        verbs, "animate", example="sparse_coord animate runs/demo --episode best --out demo.gif"
-    )
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments."""
     parser.add_argument(
         "source", metavar="RUN|BAG", type=Path, help="a run's directory; a bag's, or its file"
     )
@@ -40,7 +39,6 @@ def add_parser(verbs) -> None:
     parser.add_argument("--rate", default="2", help="time steps a second (default: 2)")
     pictures.add_out(parser, KINDS)
     shared.add_json(parser)
-    parser.set_defaults(execute=execute)
 
 
 def execute(options: argparse.Namespace) -> int:

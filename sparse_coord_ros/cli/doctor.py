@@ -12,17 +12,17 @@ from sparse_coord_ros.doctor.findings import WRONG, Finding
 UNWELL = 1
 WIDTH = 100
 
+EXAMPLE = "sparse_coord doctor"
 
-def add_parser(verbs) -> None:
-    """Add the verb."""
-    parser = shared.add_verb(verbs, "doctor", example="sparse_coord doctor")
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments."""
     parser.add_argument(
         "--clean",
         action="store_true",
         help="first remove what killed processes with ROS left in shared memory",
     )
     shared.add_json(parser)
-    parser.set_defaults(execute=execute)
 
 
 def execute(options: argparse.Namespace) -> int:

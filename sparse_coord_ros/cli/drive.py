@@ -21,15 +21,13 @@ FOLLOWED = Setting("followed", int, 10, "episodes in the picture", low=1, high=1
 DPI = 110
 KINDS = (".png", ".svg", ".pdf")
 
+EXAMPLE = (
+    "sparse_coord train env1 --out runs/a && sparse_coord drive runs/a --episodes 20 --out a.png"
+)
 
-def add_parser(verbs) -> None:
-    """Add the verb."""
-    parser = shared.add_verb(
-        verbs,
-        "drive",
-        example="sparse_coord train env1 --out runs/a && "
-        "sparse_coord drive runs/a --episodes 20 --out a.png",
-    )
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments."""
     parser.add_argument("directory", metavar="DIR", type=Path, help="output of run or train")
     parser.add_argument(
         "--episodes", default="100", help="greedy episodes from the starts (default: 100)"
@@ -50,7 +48,6 @@ def add_parser(verbs) -> None:
         help="the building's map, as map_server reads it, to draw the paths on",
     )
     shared.add_json(parser)
-    parser.set_defaults(execute=execute)
 
 
 def execute(options: argparse.Namespace) -> int:

@@ -27,16 +27,15 @@ if TYPE_CHECKING:
 
 PAPER_PENALTY = -20.0
 
+EXAMPLE = (
+    "sparse_coord train env1 --out runs/a && sparse_coord evaluate runs/a\n"
+    "  sparse_coord train env1 --learner noncoop --out runs/b\n"
+    "  sparse_coord evaluate runs/a runs/b"
+)
 
-def add_parser(verbs) -> None:
-    """Add the verb."""
-    parser = shared.add_verb(
-        verbs,
-        "evaluate",
-        example="sparse_coord train env1 --out runs/a && sparse_coord evaluate runs/a\n"
-        "  sparse_coord train env1 --learner noncoop --out runs/b\n"
-        "  sparse_coord evaluate runs/a runs/b",
-    )
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments."""
     parser.add_argument(
         "directories",
         metavar="DIR",
@@ -53,7 +52,6 @@ def add_parser(verbs) -> None:
     )
     parser.add_argument("--seed", default="0", help="seed of the trials (default: 0)")
     shared.add_json(parser)
-    parser.set_defaults(execute=execute)
 
 
 class Evaluated(NamedTuple):

@@ -10,12 +10,11 @@ from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.errors import RunError, did_you_mean
 from sparse_coord_ros.game.actions import ACTIONS
 
+EXAMPLE = "sparse_coord explain runs/demo/bag --step 9"
 
-def add_parser(verbs) -> None:
-    """Add the verb."""
-    parser = shared.add_verb(
-        verbs, "explain", example="sparse_coord explain runs/demo/bag --step 9"
-    )
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments."""
     shared.add_bag(parser)
     parser.add_argument(
         "--step",
@@ -24,7 +23,6 @@ def add_parser(verbs) -> None:
     )
     parser.add_argument("--robot", metavar="NAME", help="of this robot only")
     shared.add_json(parser)
-    parser.set_defaults(execute=execute)
 
 
 def execute(options: argparse.Namespace) -> int:

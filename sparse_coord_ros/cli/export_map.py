@@ -5,7 +5,6 @@
 import argparse
 from pathlib import Path
 
-from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.maps import map_of
 from sparse_coord_ros.errors import MapError
 from sparse_coord_ros.game.grid import RESOLUTIONS
@@ -15,12 +14,11 @@ from sparse_coord_ros.maps.image import MOST_PIXELS, write_floor_plan
 RESOLUTION = Setting("--resolution", float, 1.0, "metres a cell", *RESOLUTIONS)
 PIXELS = Setting("--pixels", int, 10, "pixels along the side of a cell", 1, 1000)
 
+EXAMPLE = "sparse_coord export-map env1 --out env1_map"
 
-def add_parser(verbs) -> None:
-    """Add the verb."""
-    parser = shared.add_verb(
-        verbs, "export-map", example="sparse_coord export-map env1 --out env1_map"
-    )
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments."""
     parser.add_argument("map", metavar="MAP", help="a map's name, a map file, or a scenario file")
     parser.add_argument("--resolution", help="metres a cell (default: the map's own, or 1)")
     parser.add_argument(
@@ -30,7 +28,6 @@ def add_parser(verbs) -> None:
         "--image", choices=("pgm", "png"), default="pgm", help="the image's format (default: pgm)"
     )
     parser.add_argument("--out", type=Path, help="directory (default: here)")
-    parser.set_defaults(execute=execute)
 
 
 def execute(options: argparse.Namespace) -> int:

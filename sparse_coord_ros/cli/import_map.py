@@ -26,16 +26,15 @@ PLACE = re.compile(r"^-[\d.]")
 
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
 
+EXAMPLE = (
+    "sparse_coord export-map env1 --out env1_map && sparse_coord import-map "
+    "env1_map/env1.yaml --cell 1 --radius 0.1 --start 0.5,4.5 4.5,4.5 --goal 4.5,0.5 0.5,0.5 "
+    "--out imported"
+)
 
-def add_parser(verbs) -> None:
-    """Add the verb."""
-    parser = shared.add_verb(
-        verbs,
-        "import-map",
-        example="sparse_coord export-map env1 --out env1_map && sparse_coord import-map "
-        "env1_map/env1.yaml --cell 1 --radius 0.1 --start 0.5,4.5 4.5,4.5 --goal 4.5,0.5 0.5,0.5 "
-        "--out imported",
-    )
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments."""
     # argparse takes -3,2 for an option unless it looks like a negative number.
     parser._negative_number_matcher = PLACE
     parser.add_argument("map", metavar="MAP.yaml", type=Path, help="the YAML file of the map")
@@ -67,7 +66,6 @@ def add_parser(verbs) -> None:
         "--replace", action="store_true", help="replace what an earlier import-map wrote there"
     )
     shared.add_json(parser)
-    parser.set_defaults(execute=execute)
 
 
 def execute(options: argparse.Namespace) -> int:

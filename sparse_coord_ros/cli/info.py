@@ -9,13 +9,13 @@ from sparse_coord_ros.bags.qos import latched
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.learn.run_config import RUN_RECORD
 
+EXAMPLE = "sparse_coord info runs/demo/bag"
 
-def add_parser(verbs) -> None:
-    """Add the verb."""
-    parser = shared.add_verb(verbs, "info", example="sparse_coord info runs/demo/bag")
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments."""
     shared.add_bag(parser)
     shared.add_json(parser)
-    parser.set_defaults(execute=execute)
 
 
 def execute(options: argparse.Namespace) -> int:

@@ -3,7 +3,6 @@
 """Entry point of `sparse_coord`."""
 
 import argparse
-import importlib
 import os
 import signal
 import sys
@@ -11,7 +10,7 @@ import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 
-from sparse_coord_ros.cli.verbs import VERBS, Parser
+from sparse_coord_ros.cli.verbs import VERBS, Parser, add_verb
 from sparse_coord_ros.errors import EXIT_BAD_INPUT, SparseCoordError
 from sparse_coord_ros.version import __version__
 
@@ -36,9 +35,7 @@ def make_parser(chosen: str | None = None) -> argparse.ArgumentParser:
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB")
     for verb, text in VERBS.items():
         if verb == chosen:
-            importlib.import_module(f"sparse_coord_ros.cli.{verb.replace('-', '_')}").add_parser(
-                verbs
-            )
+            add_verb(verbs, verb)
         else:
             verbs.add_parser(verb, help=text)
     return parser

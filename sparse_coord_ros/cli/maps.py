@@ -11,10 +11,11 @@ from sparse_coord_ros.game.buildings import SIZES, Building, building_text
 from sparse_coord_ros.game.grid import GridMap, load_map, map_names
 from sparse_coord_ros.game.scenario import load_scenario
 
+EXAMPLE = "sparse_coord maps env1"
 
-def add_parser(verbs) -> None:
-    """Add the verb."""
-    parser = shared.add_verb(verbs, "maps", example="sparse_coord maps env1")
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments."""
     parser.add_argument(
         "name", metavar="NAME", nargs="?", help="a map's name, a map file, or a scenario file"
     )
@@ -34,7 +35,6 @@ def add_parser(verbs) -> None:
         "--seed", metavar="N", help="of the building (with --generate; default: 0)"
     )
     shared.add_json(parser)
-    parser.set_defaults(execute=execute)
 
 
 def execute(options: argparse.Namespace) -> int:

@@ -25,14 +25,11 @@ from sparse_coord_ros.solve.shipped import ClassBound, shipped_best_team, shippe
 PICTURES = (".png", ".pdf", ".svg")
 OF_THE_SEARCH = ("restarts", "seed", "out", "picture")
 
+EXAMPLE = "sparse_coord optimum env1 --penalty -100"
 
-def add_parser(verbs) -> None:
-    """Add the verb."""
-    parser = shared.add_verb(
-        verbs,
-        "optimum",
-        example="sparse_coord optimum env1 --penalty -100",
-    )
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments."""
     shared.add_scenario(parser)
     parser.add_argument(
         "--class",
@@ -49,7 +46,6 @@ def add_parser(verbs) -> None:
     )
     parser.add_argument("--picture", type=Path, help="with --class: draw the team, e.g. team.png")
     shared.add_json(parser)
-    parser.set_defaults(execute=execute)
 
 
 def execute(options: argparse.Namespace) -> int:

@@ -11,25 +11,12 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from sparse_coord_ros.cli.verbs import VERBS
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.game.scenario import Scenario, load_scenario, scenario_names
 from sparse_coord_ros.game.settings import parse_assignments
 from sparse_coord_ros.learn.learners import LEARNERS
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS
 from sparse_coord_ros.look.page.controls import HOST, PORT
-
-
-def add_verb(verbs, name: str, *, example: str) -> argparse.ArgumentParser:
-    """Add a verb's parser, with a working example below its help."""
-    help = VERBS[name]
-    return verbs.add_parser(
-        name,
-        help=help,
-        description=f"{help[0].upper()}{help[1:]}.",
-        epilog=f"example:\n  {example}",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
 
 
 def ros_missing(error: ImportError, alternative: str | None = None) -> RunError:

@@ -15,12 +15,11 @@ DPI = Setting("dpi", int, 110, "dots an inch of a PNG", low=20, high=600)
 MOST_RUNS = 8
 """Runs in one picture: so many lines can be told apart."""
 
+EXAMPLE = "sparse_coord plot runs/demo --what policy,length --out demo.png"
 
-def add_parser(verbs) -> None:
-    """Add the verb."""
-    parser = shared.add_verb(
-        verbs, "plot", example="sparse_coord plot runs/demo --what policy,length --out demo.png"
-    )
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments."""
     parser.add_argument(
         "sources",
         metavar="RUN|BAG|RESULTS",
@@ -37,7 +36,6 @@ def add_parser(verbs) -> None:
     parser.add_argument("--dpi", default="110", help="dots an inch of a PNG (default: 110)")
     pictures.add_out(parser, KINDS)
     shared.add_json(parser)
-    parser.set_defaults(execute=execute)
 
 
 def execute(options: argparse.Namespace) -> int:

@@ -10,19 +10,17 @@ from sparse_coord_ros.cli import options as shared
 EXIT_LOST = 1
 """Exit code where a part of the original could not be restored."""
 
+EXAMPLE = (
+    "sparse_coord recover runs/demo/bag\n\n"
+    "exit codes: 0 the bag was whole or all of it is restored, 1 a damaged or cut part is\n"
+    "lost, 2 nothing can be read, or the result cannot be written"
+)
 
-def add_parser(verbs) -> None:
-    """Add the verb."""
-    parser = shared.add_verb(
-        verbs,
-        "recover",
-        example="sparse_coord recover runs/demo/bag\n\n"
-        "exit codes: 0 the bag was whole or all of it is restored, 1 a damaged or cut part is\n"
-        "lost, 2 nothing can be read, or the result cannot be written",
-    )
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments."""
     shared.add_bag(parser)
     shared.add_json(parser)
-    parser.set_defaults(execute=execute)
 
 
 def execute(options: argparse.Namespace) -> int:

@@ -11,12 +11,11 @@ from sparse_coord_ros.errors import SettingError
 OPTIONS = {"bag": "BAG", "rate": "--rate", "position": "--start", "topics": "--topics"}
 """What the player's parameters are called here."""
 
+EXAMPLE = "sparse_coord replay runs/demo/bag --rate 2 --start 12.5"
 
-def add_parser(verbs) -> None:
-    """Add the verb."""
-    parser = shared.add_verb(
-        verbs, "replay", example="sparse_coord replay runs/demo/bag --rate 2 --start 12.5"
-    )
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments."""
     shared.add_bag(parser)
     parser.add_argument(
         "--rate", default="1", metavar="R", help="seconds of the bag played a second (default: 1)"
@@ -41,7 +40,6 @@ def add_parser(verbs) -> None:
         help="begin paused; space goes on, the right arrow or the service /player/step shows the "
         "next time step",
     )
-    parser.set_defaults(execute=execute)
 
 
 def execute(options: argparse.Namespace) -> int:

@@ -10,12 +10,11 @@ from sparse_coord_ros.cli import pictures
 
 KINDS = (".html", ".htm")
 
+EXAMPLE = "sparse_coord report runs/demo --out demo.html"
 
-def add_parser(verbs) -> None:
-    """Add the verb."""
-    parser = shared.add_verb(
-        verbs, "report", example="sparse_coord report runs/demo --out demo.html"
-    )
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments."""
     parser.add_argument(
         "source",
         metavar="RUN|BAG|RESULTS",
@@ -29,7 +28,6 @@ def add_parser(verbs) -> None:
     )
     pictures.add_out(parser, KINDS)
     shared.add_json(parser)
-    parser.set_defaults(execute=execute)
 
 
 def execute(options: argparse.Namespace) -> int:

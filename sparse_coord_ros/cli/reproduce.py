@@ -26,15 +26,14 @@ from sparse_coord_ros.experiments.store import RUNS, TRIALS, Plan
 from sparse_coord_ros.learn.evaluation import summary
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS, make_run
 
+EXAMPLE = (
+    "sparse_coord reproduce table1 table2 --out results\n"
+    "  sparse_coord reproduce env2-4r/coop/penalty=-20/3 --out results"
+)
 
-def add_parser(verbs) -> None:
-    """Add the verb."""
-    parser = shared.add_verb(
-        verbs,
-        "reproduce",
-        example="sparse_coord reproduce table1 table2 --out results\n"
-        "  sparse_coord reproduce env2-4r/coop/penalty=-20/3 --out results",
-    )
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments."""
     parser.add_argument(
         "targets",
         metavar="WHAT",
@@ -54,7 +53,6 @@ def add_parser(verbs) -> None:
     add_computing(parser)
     parser.add_argument("--list", action="store_true", help="list the conditions and stop")
     shared.add_json(parser)
-    parser.set_defaults(execute=execute)
 
 
 def execute(options: argparse.Namespace) -> int:

@@ -17,14 +17,11 @@ if TYPE_CHECKING:
     from sparse_coord_ros.look.page.server import Server
     from sparse_coord_ros.nodes.spin import Stop
 
+EXAMPLE = "sparse_coord run env1 --steps 2000 --seed 7\n  sparse_coord run --resume runs/a"
 
-def add_parser(verbs) -> None:
-    """Add the verb."""
-    parser = shared.add_verb(
-        verbs,
-        "run",
-        example="sparse_coord run env1 --steps 2000 --seed 7\n  sparse_coord run --resume runs/a",
-    )
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments."""
     shared.add_scenario(parser, optional=True)
     shared.add_learning(parser)
     shared.add_learner(parser)
@@ -68,7 +65,6 @@ def add_parser(verbs) -> None:
     parser.add_argument("--greedy", action="store_true", help="act on --tables without learning")
     shared.add_watch(parser)
     shared.add_json(parser)
-    parser.set_defaults(execute=execute)
 
 
 def execute(options: argparse.Namespace) -> int:

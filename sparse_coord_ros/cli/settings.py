@@ -35,11 +35,11 @@ class Group(NamedTuple):
     settings: Mapping[str, Setting]
 
 
-def add_parser(verbs) -> None:
-    """Add the verb."""
-    parser = shared.add_verb(
-        verbs, "settings", example="sparse_coord settings\n  sparse_coord settings link starts"
-    )
+EXAMPLE = "sparse_coord settings\n  sparse_coord settings link starts"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments."""
     parser.add_argument(
         "names",
         metavar="NAME",
@@ -47,7 +47,6 @@ def add_parser(verbs) -> None:
         help=f"settings, learners, or groups: {', '.join(ALWAYS)} (default: all)",
     )
     shared.add_json(parser)
-    parser.set_defaults(execute=execute)
 
 
 def execute(options: argparse.Namespace) -> int:

@@ -15,22 +15,20 @@ from sparse_coord_ros.learn.tables import TEAM_FILE, save_team
 
 STEP = Setting("step", int, 0, "time step", low=0)
 
+EXAMPLE = (
+    "sparse_coord tables runs/demo/bag\n"
+    "  sparse_coord tables runs/demo/bag --step 0 --out runs/then"
+)
 
-def add_parser(verbs) -> None:
-    """Add the verb."""
-    parser = shared.add_verb(
-        verbs,
-        "tables",
-        example="sparse_coord tables runs/demo/bag\n"
-        "  sparse_coord tables runs/demo/bag --step 0 --out runs/then",
-    )
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments."""
     shared.add_bag(parser)
     parser.add_argument(
         "--step", metavar="N", help="the checkpoint's time step; without: say which"
     )
     parser.add_argument("--out", type=Path, metavar="DIR", help="where to write them")
     shared.add_json(parser)
-    parser.set_defaults(execute=execute)
 
 
 def execute(options: argparse.Namespace) -> int:

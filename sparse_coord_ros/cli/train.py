@@ -55,15 +55,14 @@ TRIALS = Setting("trials", int, 1000, "trials of the evaluation", low=0, high=10
 FAR = 0.05
 """A goal whose value is discounted to less than this share, seen from the start, is far away."""
 
+EXAMPLE = (
+    "sparse_coord train env1 --learner coop --steps 1e5 --seed 7\n"
+    "  sparse_coord train --resume runs/a"
+)
 
-def add_parser(verbs) -> None:
-    """Add the verb."""
-    parser = shared.add_verb(
-        verbs,
-        "train",
-        example="sparse_coord train env1 --learner coop --steps 1e5 --seed 7\n"
-        "  sparse_coord train --resume runs/a",
-    )
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments."""
     shared.add_scenario(parser, optional=True)
     shared.add_learning(parser)
     shared.add_learner(parser)
@@ -93,7 +92,6 @@ def add_parser(verbs) -> None:
     )
     shared.add_watch(parser)
     shared.add_json(parser)
-    parser.set_defaults(execute=execute)
 
 
 def execute(options: argparse.Namespace) -> int:

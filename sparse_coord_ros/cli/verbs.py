@@ -3,8 +3,9 @@
 """The verbs, and a parser whose errors are one line; nothing that takes time to import."""
 
 import argparse
+import importlib
 from collections.abc import Mapping
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from sparse_coord_ros.errors import EXIT_BAD_INPUT
 
@@ -32,7 +33,7 @@ VERBS: Mapping[str, str] = {
     "report": "tell all of a run, or of results, in one HTML file: pictures, worth, faults",
     "reproduce": "reproduce the paper's tables and figures, and go beyond them",
 }
-"""Every verb and what it does; `sparse_coord_ros.cli.<verb>` is imported where it is chosen."""
+"""Every verb and what it does; its module is imported where it is chosen."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -41,3 +42,26 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Say what is wrong in one line and exit."""
         self.exit(EXIT_BAD_INPUT, f"error: {message}; see {self.prog} --help\n")
+
+
+def add_verb(verbs: Any, name: str) -> None:
+    """Import a verb's module and add its parser.
+
+    The module has an `EXAMPLE` that works, `add_arguments(parser)`, and `execute(options)`, which
+    returns the exit code.
+
+    Args:
+        verbs: the subparsers of `sparse_coord`.
+        name: the verb.
+    """
+    module = importlib.import_module(f"sparse_coord_ros.cli.{name.replace('-', '_')}")
+    help = VERBS[name]
+    parser = verbs.add_parser(
+        name,
+        help=help,
+        description=f"{help[0].upper()}{help[1:]}.",
+        epilog=f"example:\n  {module.EXAMPLE}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    module.add_arguments(parser)
+    parser.set_defaults(execute=module.execute)

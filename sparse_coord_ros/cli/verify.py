@@ -16,16 +16,16 @@ NOT_COMPARED = (
     "come within an episode; fields that the team does not use (all: docs/log.md)"
 )
 
+EXAMPLE = "sparse_coord verify runs/demo/bag"
 
-def add_parser(verbs) -> None:
-    """Add the verb."""
-    parser = shared.add_verb(verbs, "verify", example="sparse_coord verify runs/demo/bag")
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments."""
     shared.add_bag(parser)
     parser.add_argument(
         "--all", action="store_true", help=f"print all differences, not the first {SHOWN}"
     )
     shared.add_json(parser)
-    parser.set_defaults(execute=execute)
 
 
 def execute(options: argparse.Namespace) -> int:

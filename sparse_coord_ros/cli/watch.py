@@ -9,10 +9,11 @@ from pathlib import Path
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.page import announce, served
 
+EXAMPLE = "sparse_coord watch runs/demo/bag"
 
-def add_parser(verbs) -> None:
-    """Add the verb."""
-    parser = shared.add_verb(verbs, "watch", example="sparse_coord watch runs/demo/bag")
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments."""
     parser.add_argument(
         "bag",
         metavar="BAG",
@@ -26,7 +27,6 @@ def add_parser(verbs) -> None:
     )
     parser.add_argument("--step", default="0", metavar="T", help="of a bag: begin at time step T")
     shared.add_page(parser)
-    parser.set_defaults(execute=execute)
 
 
 def execute(options: argparse.Namespace) -> int:
