@@ -94,40 +94,38 @@ class Layout:
 
     def _one(self, expected: bytes, free: list[tuple[np.dtype, int]]) -> None:
         """Prepare for single messages: fixed bytes and free fields in turn."""
-        whole, said = "<", "<"
-        self._fixed: list[tuple[bytes, int]] = []
-        order: list[tuple[bool, int]] = []  # whether a value is given, and which one
-        values = end = 0
+        codes, end, fixed, is_free = "<", 0, [], []
         for kind, begin in [*free, (None, self.size)]:
             if begin > end:
-                whole, said = f"{whole}{begin - end}s", f"{said}{begin - end}x"
-                order.append((False, len(self._fixed)))
-                self._fixed.append((expected[end:begin], end))
+                codes += f"{begin - end}s"
+                fixed.append(expected[end:begin])
+                is_free.append(False)
             if kind is not None:
                 code, count = _struct_code(kind)
-                whole, said, end = whole + code, said + code, begin + kind.itemsize
-                order += [(True, values + place) for place in range(count)]
-                values += count
-        self._constants = tuple(data for data, _ in self._fixed)
-        self._whole, self._said = struct.Struct(whole), struct.Struct(said)
-        first = len(self._fixed)
-        self._in_order = itemgetter(*(place + first * given for given, place in order))
+                codes, end = codes + code, begin + kind.itemsize
+                is_free += [True] * count
+        self._struct, self._constants = struct.Struct(codes), tuple(fixed)
+        counts = np.cumsum(is_free)
+        places = np.where(is_free, len(fixed) + counts - 1, np.arange(len(counts)) - counts)
+        self._whole = itemgetter(*places.tolist())
+        self._fixed_of = itemgetter(*np.flatnonzero(~np.array(is_free)).tolist(), 0)
+        self._free_of = itemgetter(*np.flatnonzero(is_free).tolist())
 
     def pack(self, *values: Any) -> bytes:
         """Return a message: the values of the free fields, arrays number by number.
 
         Arrays of bytes are given as one value.
         """
-        return self._whole.pack(*self._in_order(self._constants + values))
+        return self._struct.pack(*self._whole(self._constants + values))
 
     def unpack(self, data: bytes) -> tuple[Any, ...] | None:
         """Return the values of one message, as `pack` takes them; None: of another layout."""
         if len(data) != self.size:
             return None
-        for expected, begin in self._fixed:
-            if not data.startswith(expected, begin):
-                return None
-        return self._said.unpack(data)
+        found = self._struct.unpack(data)
+        if self._fixed_of(found)[:-1] != self._constants:
+            return None
+        return self._free_of(found)
 
     def read(self, content: bytes, begins: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Read messages of this size.

@@ -10,6 +10,7 @@ An error's text says what such a message does, such as "labels no number total".
 import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import isfinite
 from typing import Any, NamedTuple, get_type_hints
 
@@ -85,7 +86,7 @@ class Form:
     read: Callable[[Any], tuple[Any, ...]]
     layouts: Sequence[tuple[Layout, Fill]] = ()
 
-    @property
+    @cached_property
     def layout(self) -> Layout:
         """The layout of a form that has one."""
         return self.layouts[0][0]
