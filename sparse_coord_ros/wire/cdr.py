@@ -125,7 +125,8 @@ class Layout:
         found = self._struct.unpack(data)
         if self._fixed_of(found)[:-1] != self._constants:
             return None
-        return self._free_of(found)
+        values: tuple[Any, ...] = self._free_of(found)
+        return values
 
     def read(self, content: bytes, begins: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Read messages of this size.
