@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parameters of the nodes: described, checked at once, and fixed but for the rate."""
 
+from pathlib import Path
+
 import pytest
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
@@ -12,13 +14,17 @@ from sparse_coord_ros.game.scenario import SETTINGS
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS
 from sparse_coord_ros.nodes import recorder, robot, team, world_simulator
 from sparse_coord_ros.nodes.parameters import (
+    BODY_PARAMETERS,
+    DRIVER_PARAMETERS,
     RECORDER_PARAMETERS,
     ROBOT_PARAMETERS,
     TEAM_PARAMETERS,
     WORLD_PARAMETERS,
     ParameterNode,
 )
+from sparse_coord_ros.nodes.player import PLAYER_PARAMETERS
 from sparse_coord_ros.nodes.spin import ros_context
+from sparse_coord_ros.nodes.watch import WATCH_PARAMETERS
 
 TABLES = {
     "world_simulator": WORLD_PARAMETERS,
@@ -208,3 +214,24 @@ def test_all_others_are_fixed(bench):
     assert not set_one(observer, "sed", seed).successful
     response = observer.call(ListParameters, "world_simulator/list_parameters")
     assert set(WORLD_PARAMETERS) <= set(response.result.names)
+
+
+def test_the_documentation_lists_the_parameters():
+    tables = {
+        **{name: table for name, table in TABLES.items() if name != "team"},
+        "driver": DRIVER_PARAMETERS,
+        "body": BODY_PARAMETERS,
+        "player": PLAYER_PARAMETERS,
+        "watch": WATCH_PARAMETERS,
+    }
+    nodes: dict[tuple[str, ...], list[str]] = {}
+    for node, table in tables.items():
+        for one in table.values():
+            default = "" if one.default in ("", [""]) else str(one.default)
+            default = default.lower() if one.kind is bool else default
+            meaning = f"{one.help} ({one.allowed})" if one.choices else one.help
+            if one.name not in SETTINGS:
+                nodes.setdefault((one.name, default, meaning), []).append(node)
+    rows = [f"| {', '.join(of)} | {' | '.join(row)} |" for row, of in nodes.items()]
+    text = (Path(__file__).parents[2] / "docs" / "interface.md").read_text()
+    assert "\n".join(["|---|---|---|---|", *rows, ""]) in text, "\n".join(rows)
