@@ -54,8 +54,9 @@ def protocol_document(
     """
     head, first = HEADS[task.learner], next(iter(task.starts))
     best = min(finalists, key=lambda one: one.loss)
-    rows = [["(the protocol found)", *_row(reference)]]
-    rows += [[f"{name} = {value:g}", *_row(one)] for name, value, one in variations]
+    others: dict[str, list[str]] = {}
+    for name, value, one in variations:
+        others.setdefault(name, []).append(f"{value:g}: {_loss(one)}")
     parts = [
         "# The learning protocol\n" if task is COOP else f"# The protocol of {task.learner}\n",
         _introduction(plan, final_plan, outcomes, best, task),
@@ -74,11 +75,10 @@ def protocol_document(
         ),
         _measures() if task is COOP else MEASURES_OF_FACTORED,
         f"## The search\n\n{FIRST[task.learner]}, then changes of the best so far, and protocols "
-        "drawn at random. Each protocol that was better than all before it, by its number in the "
-        "search, and what it changes in the one above.\n\n" + _progress(outcomes, head, first),
-        f"## The final\n\nThe best {len(finalists)} of the search, judged again with "
-        f"{final_plan.runs} learning runs and other seeds, as the best of many noisy estimates is "
-        "often a lucky one.\n\n"
+        "drawn at random. Each that was better than all before it, and what it changes in the one "
+        "above.\n\n" + _progress(outcomes, head, first),
+        f"## The final\n\nThe best {len(finalists)} judged again, with {final_plan.runs} runs and "
+        "other seeds: the best of many noisy estimates is often a lucky one.\n\n"
         + _table(
             ["what differs from the protocol found", *head],
             [
@@ -86,31 +86,30 @@ def protocol_document(
                 for one in sorted(finalists, key=lambda one: one.loss)
             ],
         ),
-        "## One choice at a time\n\nThe protocol found with one choice changed, with the runs and "
-        "seeds of the search: what each of them is there for. A change that loses much more was "
-        "not judged to the end.\n\n" + _table(["changed", *head], rows),
+        "## One choice at a time\n\nThe loss of the protocol found, with the search's runs and "
+        f"seeds, is {_loss(reference)}; with one choice changed it is the following. A change "
+        "that loses much more (>) was not judged to the end.\n\n"
+        + _table(
+            ["choice", "loss with"], [[name, ", ".join(own)] for name, own in others.items()]
+        ),
     ]
     return "\n".join(parts)
 
 
 FIRST = {
-    "coop": "It tries the textbook protocol and the best of earlier searches, which had fewer "
-    "runs and other seeds",
+    "coop": "It tries the textbook protocol and the best of earlier searches",
     "factored": "It tries the learner's defaults and Coop.'s protocol",
 }
 OPEN = {
     "coop": "Algorithm 1 leaves step sizes, exploration, initial tables, start states, the length "
-    "of episodes and the treatment of the goal open. One protocol is to serve all nine scenarios; "
-    "only the step budget differs, as in the paper.",
+    "of episodes and the treatment of the goal open. One protocol serves all nine scenarios.",
     "factored": "The factored learner leaves step sizes, exploration, the initial U, start states "
-    "and the length of episodes open. One protocol is to serve all scenarios.",
+    "and the length of episodes open. One protocol serves all scenarios.",
 }
 MEASURES_OF_FACTORED = (
-    "\nA column says how much reward is missing to the class bound, the best team of this form, "
-    "exact for each team, at penalty -100 after 10^5 steps or at -20 with the paper's budgets; in "
-    "env2-4r to robots that never meet, which no team reaches. A *failed team* is one that does "
-    "not arrive in 99.9 % of its trials; one in a hundred counts as 1. The *loss* adds it all "
-    "up.\n"
+    "\nA column says how much reward is missing to the class bound (in env2-4r to robots that "
+    "never meet), at penalty -100 after 10^5 steps or at -20 with the paper's budgets. The *loss* "
+    "adds it up; a *failed team* in a hundred counts as 1.\n"
 )
 
 
@@ -139,9 +138,8 @@ def _introduction(
     return (
         f"{OPEN[task.learner]} A search tried {len(outcomes)} protocols, {whole} of them to the "
         f"end, with {plan.runs} learning runs of {plan.trials} trials in each scenario and seeds "
-        f"from {plan.seed} on; the final had "
-        f"{final_plan.runs} runs and seeds from {final_plan.seed} on (version {__version__}). "
-        f"What it found:\n\n```yaml\n{lines}\n```\n\n{default} "
+        f"from {plan.seed}; the final had {final_plan.runs} runs and seeds from {final_plan.seed} "
+        f"(version {__version__}). It found:\n\n```yaml\n{lines}\n```\n\n{default} "
         f"{'`make study` searches' if task is COOP else 'This searches'} again:\n\n```\n"
         f"python -m tools.study {options}--candidates {len(outcomes)} --runs {plan.runs} "
         f"--trials {plan.trials} --seed {plan.seed} --out study\n```\n"
@@ -151,14 +149,14 @@ def _introduction(
 def _measures() -> str:
     targets = ", ".join(f"{CLOSED[name]:.0%} in {name}" for name in CLOSE)
     return (
-        "\n*Closed* is the share of the gap between Non-coop. and the exact joint optimum that "
-        f"Coop. closes at penalty -100 after 10^5 steps; the aim is {targets}, and the search "
-        f"asks for {MARGIN:.0%} more. *Worst difference* is the least reward of Coop. less that "
-        "of the better baseline (the exact value of shortest paths; in the small scenarios also "
-        "Non-coop.), over the nine scenarios at penalty -20 and the paper's "
-        f"budgets. *Most asks* is the most COORDINATE a trial in {', '.join(SPARSE)}, where none "
-        "is needed. A *failed team* is one that does not arrive in 99.9 % of its trials. The "
-        "*loss* adds up what is missed: 0 means nothing.\n"
+        "\n- *Closed*: the share of the gap from Non-coop. to the joint optimum that Coop. closes "
+        f"at penalty -100 after 10^5 steps. The aim is {targets}; the search asks for "
+        f"{MARGIN:.0%} more.\n"
+        "- *Worst difference*: the least reward of Coop. less that of the better baseline, over "
+        "the nine scenarios at penalty -20 and the paper's budgets.\n"
+        f"- *Most asks*: COORDINATE a trial in {', '.join(SPARSE)}, where none is needed.\n"
+        "- *Failed team*: some robot fails to arrive in more than one trial of a thousand.\n"
+        "- *Loss*: what is missed, added up.\n"
     )
 
 
@@ -179,19 +177,23 @@ def _changes(old: Choices, new: Choices) -> str:
     return ", ".join(changed) or "-"
 
 
+def _loss(one: Judgement) -> str:
+    return f"{one.loss:.2f}" if one.whole else f"> {one.loss:.0f}"
+
+
 def _row(one: Judgement) -> list[str]:
+    loss = _loss(one)
     if not one.closed:
-        loss = f"{one.loss:.2f}" if one.whole else f"> {one.loss:.0f}"
         missing = [
             f"{-one.difference[text]:.2f}" if text in one.difference else "-" for text in JUDGED
         ]
         return [loss, *missing, f"{one.failed_teams} of {one.teams}"]
     if not one.whole:
         closed = [f"{one.closed[name]:.0%}" if name in one.closed else "-" for name in CLOSE]
-        return [f"> {one.loss:.0f}", *closed, "-", "-", f"{one.failed_teams} of {one.teams}"]
+        return [loss, *closed, "-", "-", f"{one.failed_teams} of {one.teams}"]
     worst = min(one.difference, key=lambda name: one.difference[name])
     return [
-        f"{one.loss:.2f}",
+        loss,
         *(f"{one.closed[name]:.0%}" for name in CLOSE),
         f"{one.difference[worst]:+.2f} ({worst})",
         f"{max(one.asks.values()):.3f}",
