@@ -72,17 +72,19 @@ def add_set(parser: argparse.ArgumentParser, help: str) -> None:
     )
 
 
-def add_learning(parser: argparse.ArgumentParser) -> None:
-    """Add the options of a learning run."""
+def add_run(parser: argparse.ArgumentParser, *, resume: str) -> None:
+    """Add the options of a learning run: what learns, where it goes, and whether it goes on.
+
+    Args:
+        parser: of the verb.
+        resume: help of --resume.
+    """
+    add_scenario(parser, optional=True)
     parser.add_argument("--steps", help="step budget in transitions (default: the scenario's)")
     parser.add_argument("--seed", default="0", help="seed of every random draw (default: 0)")
     parser.add_argument(
         "--out", type=Path, help="output directory, must not exist (default: runs/<name>_<time>)"
     )
-
-
-def add_learner(parser: argparse.ArgumentParser) -> None:
-    """Add --learner."""
     known = [f"{name}: {learner.summary}" for name, learner in LEARNERS.registered.items()]
     learner = parser.add_argument(
         "--learner",
@@ -90,6 +92,7 @@ def add_learner(parser: argparse.ArgumentParser) -> None:
         help=f"{'; '.join(known)}; or one of your own as module:Class (default: coop)",
     )
     completed_by(learner, lambda: LEARNERS.names)
+    parser.add_argument("--resume", type=Path, metavar="DIR", help=resume)
 
 
 def add_page(parser: argparse.ArgumentParser) -> None:

@@ -22,15 +22,10 @@ EXAMPLE = "sparse_coord run env1 --steps 2000 --seed 7\n  sparse_coord run --res
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
-    shared.add_scenario(parser, optional=True)
-    shared.add_learning(parser)
-    shared.add_learner(parser)
-    parser.add_argument(
-        "--resume",
-        type=Path,
-        metavar="DIR",
-        help="go on with a run that ended too early, from its last common checkpoint, instead of "
-        "SCENARIO; DIR is its output directory",
+    shared.add_run(
+        parser,
+        resume="go on with a run that ended too early, from its last common checkpoint, instead "
+        "of SCENARIO; DIR is its output directory",
     )
     parser.add_argument(
         "--executor",
@@ -78,13 +73,9 @@ def execute(options: argparse.Namespace) -> int:
         values = {"resume": True, "out": str(options.resume), "scenario": "", "set": [""]}
     else:
         values = _new(options)
-    values |= {"executor": options.executor, "rate": options.rate}
-    values |= {"compression": options.compression}
-    values |= {
-        name: getattr(options, name)
-        for name in ("max_bagfile_size", "max_bagfile_duration")
-        if getattr(options, name) is not None
-    }
+    for name in ("executor", "rate", "compression", "max_bagfile_size", "max_bagfile_duration"):
+        if getattr(options, name) is not None:
+            values[name] = getattr(options, name)
     if options.watch:
         return _watched(options, values)
     return _run(options, values)

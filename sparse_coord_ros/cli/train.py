@@ -63,14 +63,9 @@ EXAMPLE = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
-    shared.add_scenario(parser, optional=True)
-    shared.add_learning(parser)
-    shared.add_learner(parser)
-    parser.add_argument(
-        "--resume",
-        type=Path,
-        metavar="DIR",
-        help="go on with an interrupted run, instead of SCENARIO; DIR is its output directory",
+    shared.add_run(
+        parser,
+        resume="go on with an interrupted run, instead of SCENARIO; DIR is its output directory",
     )
     parser.add_argument(
         "--engine",
