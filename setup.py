@@ -57,7 +57,6 @@ setup(
         "matplotlib",
         "pandas",
         "pillow",
-        "Jinja2",
         "tqdm",
         "aiohttp>=3.8",
         "argcomplete>=3",
