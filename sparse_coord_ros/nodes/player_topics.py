@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which topics of a bag are played, and their publishers: recorded names, types and QoS."""
 
-import importlib
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -129,28 +128,23 @@ def make_publishers(
     for name in names:
         topic = bag.topics[name]
         try:
-            kind = message_class(topic)
+            kind = class_of(topic)
             publishers[name] = node.create_publisher(kind, name, offered_qos(topic.qos))
         except (ImportError, AttributeError, ValueError, InvalidTopicNameException) as error:
             skipped.append(f"{name} ({' '.join(str(error).split())})")
     return publishers, skipped
 
 
-def message_class(topic: BagTopic) -> type:
+def class_of(topic: BagTopic) -> type:
     """Return the class of a topic's messages, the one that wrote the recorded bytes.
 
     Raises:
         ValueError: the type is not installed, or another version of it; says so.
     """
     name = topic.type_name
-    package, _, rest = name.partition("/")
-    kind, _, stem = rest.partition("/")
-    base, _, part = stem.partition("_")
     try:
-        found = getattr(importlib.import_module(f"{package}.{kind}"), base)
-        for attribute in {"": [], "FeedbackMessage": ["Impl", part]}.get(part, [part]):
-            found = getattr(found, attribute)
-    except (ImportError, AttributeError, ValueError, TypeError):
+        found: type = interface.message_class(name)
+    except (ImportError, AttributeError, ValueError):
         raise ValueError(f"type {name} is not installed") from None
     installed = type_hash(name)
     if topic.type_hash and installed and topic.type_hash != installed:

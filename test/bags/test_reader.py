@@ -389,6 +389,17 @@ def test_every_checksum_of_an_own_bag_is_there(tmp_path, bag, kind, place, what)
     assert f"the checksum of {what} is" in open_bag(file).damage
 
 
+def test_a_chunk_does_not_pass_for_a_message_index(tmp_path, bag):
+    """Nobody reads these: a flipped bit of an unfinished bag would lose the chunk unseen."""
+    file = tmp_path / "run" / "run_0.mcap.partial"
+    data = bytearray(file.read_bytes())
+    begin, _ = places_of(data, 0x06)[1]
+    data[begin] = 0x07
+    changed = tmp_path / "changed.mcap.partial"
+    changed.write_bytes(data)
+    assert f"byte {begin}: a message index whose fields do not fit" in open_bag(changed).damage
+
+
 @pytest.mark.parametrize("place", [9, 17])
 def test_a_chunk_that_says_other_times(tmp_path, bag, place):
     file = tmp_path / "run" / "run_0.mcap.partial"

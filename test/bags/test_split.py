@@ -133,12 +133,13 @@ def test_a_topic_that_says_nothing_any_more_is_still_counted(tmp_path, samples):
     directory = tmp_path / "bag"
     begin(directory, samples)[0].close()
     with BagWriter(directory, earlier=continued(directory)) as writer:
-        channel = writer.add_topic("/a", STRING, QoS())
+        channel = writer.add_topic("/b", STRING, QoS())  # here it has the number of /a
         writer.write(channel, samples.cdr(STRING), 30, 30)
     text = (directory / "metadata.yaml").read_text()
     topics = yaml.safe_load(text)["rosbag2_bagfile_information"]["topics_with_message_count"]
     counts = {one["topic_metadata"]["name"]: one["message_count"] for one in topics}
-    assert counts == {"/a": 16, "/b": 15}
+    assert counts == {"/a": 15, "/b": 16}
+    assert said(open_bag(directory))[-2:] == [("/b", 29), ("/b", 30)]
 
 
 def test_a_killed_recorder_goes_on_in_the_next_file(tmp_path, samples):
