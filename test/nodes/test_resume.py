@@ -140,7 +140,7 @@ def test_who_goes_back_listens_anew(bench, tmp_path):
     bench.spin_until(lambda: world.lockstep.complete, "the first barrier")
     member = robots[0].member
     before = list(member._ears)
-    member.world_said(Said("", "", 0, 0, Order("an order", 0, 1)))
+    member.world_said(Said("", "", 0, 0, order=Order("an order", 0, 1)))
     member._on_state((1, 3))
     assert (member.joined, member.lockstep.newest[0]) == (False, 0)
     bench.spin_until(lambda: member.joined, "it listens again")
