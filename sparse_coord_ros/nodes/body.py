@@ -33,7 +33,6 @@ from sparse_coord_ros.nodes.messages import (
     read_goals,
     read_reached,
     status,
-    typed,
 )
 from sparse_coord_ros.nodes.parameters import BODY_PARAMETERS
 from sparse_coord_ros.nodes.spin import run_node
@@ -102,14 +101,13 @@ class BodyNode(Follower):
         self._pose_publishers = [self.announce(interface.POSE, name) for name in names]
         self._odometry_publishers = [self.announce(interface.ODOMETRY, name) for name in names]
         convert = Converter(run)
-        read = typed(interface.BODY_GOALS, functools.partial(read_goals, convert, names))
+        read = functools.partial(read_goals, convert, names)
         self.intake.listen(interface.BODY_GOALS, self._on_goals, read=read)
         for k, name in enumerate(names):
             take = functools.partial(self._on_command, k)
-            read = typed(interface.CMD_VEL, read_command)
-            self.intake.listen(interface.CMD_VEL, take, name, read=read)
-            read = typed(interface.REACHED, functools.partial(read_reached, convert, k))
-            self.intake.listen(interface.REACHED, self._on_reached, name, read=read)
+            self.intake.listen(interface.CMD_VEL, take, name, read=read_command)
+            report = functools.partial(read_reached, convert, k)
+            self.intake.listen(interface.REACHED, self._on_reached, name, read=report)
         if self.values["body_rate"] > 0:
             self.create_timer(self.values["period"] / self.values["body_rate"], self._on_time)
         self._say(arena, look=True)

@@ -28,7 +28,6 @@ from sparse_coord_ros.nodes.messages import (
     Converter,
     reached_message,
     read_goals,
-    typed,
 )
 from sparse_coord_ros.nodes.parameters import DRIVER_PARAMETERS, TF
 from sparse_coord_ros.nodes.spin import run_node, wait_for_readers
@@ -110,9 +109,7 @@ class DriverNode(Follower):
         self.driver = Driver(ground, limits_of(self.values, ground.side), number)
         self._convert = Converter(run)
         read = functools.partial(read_goals, self._convert, names)
-        self.intake.listen(
-            interface.BODY_GOALS, self._on_goals, read=typed(interface.BODY_GOALS, read)
-        )
+        self.intake.listen(interface.BODY_GOALS, self._on_goals, read=read)
         if self.values["pose_type"] == TF:
             self._hear_transforms()
         else:

@@ -12,7 +12,7 @@ from sparse_coord_ros.game.settings import SettingTable
 from sparse_coord_ros.lockstep.waiting import WorldPresence
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.intake import Intake
-from sparse_coord_ros.nodes.messages import Announced, read_run, typed
+from sparse_coord_ros.nodes.messages import Announced, read_run
 from sparse_coord_ros.nodes.parameters import ParameterNode
 from sparse_coord_ros.nodes.tap import Tap
 from sparse_coord_ros.wire.status import Said, read_status
@@ -68,9 +68,8 @@ class Follower(ParameterNode):
         self.presence: WorldPresence | None = None
         self._reported = time.monotonic()
         self._stopping: float | None = None
-        self.intake.listen(interface.RUN, self._on_run, read=typed(interface.RUN, read_run))
-        read = typed(interface.STATUS, read_status)
-        self.intake.listen(interface.STATUS, self._on_status, read=read)
+        self.intake.listen(interface.RUN, self._on_run, read=read_run)
+        self.intake.listen(interface.STATUS, self._on_status, read=read_status)
         self.create_timer(self.tick_seconds, self._tick)
 
     def may_begin(self, now: float) -> bool:

@@ -23,7 +23,7 @@ from typing import NamedTuple
 from sparse_coord_ros.errors import NameTakenError
 from sparse_coord_ros.nodes.intake import Intake
 from sparse_coord_ros.nodes.interface import CLAIM, CLAIMS_QOS
-from sparse_coord_ros.nodes.messages import read_claim, typed
+from sparse_coord_ros.nodes.messages import read_claim
 from sparse_coord_ros.nodes.parameters import ParameterNode
 from sparse_coord_ros.wire import ClaimRank
 
@@ -66,8 +66,7 @@ class Guard:
         self._since = divmod(time.time_ns(), 1_000_000_000)
         self._warned = False
         self._topics: list[str] = []
-        read = typed(CLAIM, read_claim)
-        intake.listen(CLAIM, self._on_claim, "~", read=read, qos=CLAIMS_QOS)
+        intake.listen(CLAIM, self._on_claim, "~", read=read_claim, qos=CLAIMS_QOS)
         self._publisher = node.create_publisher(CLAIM.type, CLAIM.of("~"), CLAIM.qos)
         self._say()
 

@@ -38,7 +38,8 @@ class Intake:
         owner: str = "",
         *,
         name: str = "",
-        read: Callable[[bytes], Any] | None = None,
+        read: Callable[[Any], Any] = lambda message: message,
+        unpack: Callable[[bytes], Any] | None = None,
         qos: QoSProfile | None = None,
     ) -> Any:
         """Subscribe to a topic of the team, or of a robot's or node's own, and return that.
@@ -48,16 +49,15 @@ class Intake:
             then: called with what a message says.
             owner: whose topic it is.
             name: the topic's name, where it is given.
-            read: what a message's bytes say; any exception drops the message. None: rclpy's
-                message object.
+            read: what a message object says; any exception drops the message.
+            unpack: what a message's bytes say, without rclpy's object; in place of `read`.
             qos: the subscription's profile; None: that of the topic.
         """
         name = name or (topic.of(owner) if owner else topic.name)
-        understand = read or (lambda data: deserialize_message(data, topic.type))
 
         def take(data: bytes) -> None:
             try:
-                said = understand(data)
+                said = unpack(data) if unpack else read(deserialize_message(data, topic.type))
             except Exception as error:  # rclpy, struct, Unicode: whatever the bytes bring about
                 self.drop(name, error)
                 return

@@ -260,8 +260,8 @@ class Member:
             self._node.get_logger().info(f"joined run {run.scenario.name}, seed {run.seed}")
         listen, convert = self._node.intake.listen, self._convert
         self._ears = [
-            listen(interface.REWARD, self._on_reward, self._name, read=convert.unpack_reward),
-            listen(interface.LOCAL_STATE, self._on_state, self._name, read=convert.unpack_state),
+            listen(interface.REWARD, self._on_reward, self._name, unpack=convert.unpack_reward),
+            listen(interface.LOCAL_STATE, self._on_state, self._name, unpack=convert.unpack_state),
         ]
         self.joined = True
 

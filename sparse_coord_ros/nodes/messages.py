@@ -4,8 +4,8 @@
 
 import math
 from array import array as packed
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
@@ -17,7 +17,7 @@ from std_msgs.msg import Header, MultiArrayDimension, String, UInt8MultiArray
 
 from sparse_coord_ros.learn.run_config import RunConfig, run_from_yaml
 from sparse_coord_ros.lockstep.bodies import LOST, BodyGoal, Goals, Reached
-from sparse_coord_ros.nodes.interface import RosTopic, bind
+from sparse_coord_ros.nodes.interface import bind
 from sparse_coord_ros.wire import BODY_GOALS, GOAL_LABELS, MAP_FRAME, REACHED, RUN, ClaimRank
 from sparse_coord_ros.wire.messages import Messages, read_labelled
 from sparse_coord_ros.wire.status import Progress
@@ -48,11 +48,6 @@ class Converter(Messages):
         """Return the cells' centres as a path, leaving out None."""
         poses = [self.pose(step, cell) for cell in cells if cell is not None]
         return Path(header=self.header(step), poses=poses)
-
-
-def typed(topic: RosTopic, read: Callable[[Any], Any]) -> Callable[[bytes], Any]:
-    """Return `read`, which takes a topic's message objects, as a function of their bytes."""
-    return lambda data: read(deserialize_message(data, topic.type))
 
 
 class Announced(NamedTuple):

@@ -40,7 +40,6 @@ from sparse_coord_ros.nodes.messages import (
     progress_message,
     read_tables_message,
     status,
-    typed,
 )
 from sparse_coord_ros.nodes.parameters import RECORDER_PARAMETERS
 from sparse_coord_ros.nodes.spin import run_node
@@ -302,9 +301,8 @@ class Recorder(Follower):
             def attach(said: tuple[bytes, int, str], robot: str = robot.name) -> None:
                 recording.attach_tables(robot, *said)
 
-            read = typed(interface.TABLES, read_tables_message)
             name = interface.TABLES.of(robot.name)
-            self._subscribe(interface.TABLES, name, attach, read)
+            self._subscribe(interface.TABLES, name, attach, read=read_tables_message)
 
     def _channel(self, topic: interface.RosTopic, name: str) -> int:
         """Register a topic and return its channel in the bag."""
@@ -318,19 +316,19 @@ class Recorder(Follower):
         if self._tap is not None and topic.tapped:
             self._tap.line(self.resolve_topic_name(name)).write = self.guarded(write)
         else:
-            self._subscribe(topic, name, write, bytes)
+            self._subscribe(topic, name, write, unpack=bytes)
 
     def _subscribe(
         self,
         topic: interface.RosTopic,
         name: str,
         then: Callable[[Any], None],
-        read: Callable[[bytes], Any],
+        **how: Any,
     ) -> None:
         """Listen to a topic with a queue that nothing is pushed out of; as `Intake.listen`."""
         latched = topic.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
         own = interface.RECORDER_LATCHED_QOS if latched else interface.RECORDER_QOS
-        self.intake.listen(topic, then, name=name, read=read, qos=own)
+        self.intake.listen(topic, then, name=name, qos=own, **how)
 
     def world_said(self, said: Said) -> None:
         """Go back where the world says so, and tell it; take in its time."""

@@ -14,7 +14,6 @@ from sparse_coord_ros.lockstep.rollback import WorldRollback
 from sparse_coord_ros.lockstep.world_side import WorldSide
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.intake import Intake
-from sparse_coord_ros.nodes.messages import typed
 from sparse_coord_ros.nodes.parameters import CONTINUE, ROLL_BACK, ParameterNode
 from sparse_coord_ros.wire import RECORDER
 from sparse_coord_ros.wire.status import NO_ORDER, ROLL_CALL, Progress, read_progress
@@ -50,12 +49,11 @@ class Returning:
         self._under_way = False
         self._recorder_obeyed = NO_ORDER
         self._since = 0.0
-        read = typed(interface.PROGRESS, read_progress)
         for robot, name in enumerate(self._names):
             then = functools.partial(self._on_progress, robot)
-            intake.listen(interface.PROGRESS, then, name, read=read)
+            intake.listen(interface.PROGRESS, then, name, read=read_progress)
         if run.recorded:
-            intake.listen(interface.PROGRESS, self._on_recorder, RECORDER, read=read)
+            intake.listen(interface.PROGRESS, self._on_recorder, RECORDER, read=read_progress)
 
     @property
     def calling(self) -> bool:

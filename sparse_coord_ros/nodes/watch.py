@@ -51,7 +51,6 @@ from sparse_coord_ros.nodes.messages import (
     Announced,
     Converter,
     read_tables_message,
-    typed,
 )
 from sparse_coord_ros.nodes.parameters import EXECUTOR, ParameterNode
 from sparse_coord_ros.nodes.spin import run_node
@@ -392,18 +391,14 @@ class _Heard:
         convert = self._convert
         self._subscriptions = []
         for k, robot in enumerate(run.scenario.robots):
-            for topic, then, read in (
-                (interface.LOCAL_STATE, self._on_state, convert.unpack_state),
-                (interface.ACTION, self._on_action, convert.unpack_account),
-                (interface.REWARD, self._on_reward, convert.unpack_reward),
-                (interface.TABLES, self._on_tables, typed(interface.TABLES, read_tables_message)),
-                (
-                    interface.COORDINATION_MAP,
-                    self._on_map,
-                    typed(interface.COORDINATION_MAP, _grid),
-                ),
+            for topic, then, how in (
+                (interface.LOCAL_STATE, self._on_state, {"unpack": convert.unpack_state}),
+                (interface.ACTION, self._on_action, {"unpack": convert.unpack_account}),
+                (interface.REWARD, self._on_reward, {"unpack": convert.unpack_reward}),
+                (interface.TABLES, self._on_tables, {"read": read_tables_message}),
+                (interface.COORDINATION_MAP, self._on_map, {"read": _grid}),
             ):
-                heard = intake.listen(topic, functools.partial(then, k), robot.name, read=read)
+                heard = intake.listen(topic, functools.partial(then, k), robot.name, **how)
                 self._subscriptions.append(heard)
 
     def leave(self) -> None:

@@ -12,7 +12,7 @@ from sparse_coord_ros.lockstep.bodies import BodiesSide, BodyWorld, Goals, Reach
 from sparse_coord_ros.lockstep.waiting import Reminder
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.intake import Intake
-from sparse_coord_ros.nodes.messages import Converter, goals_message, read_reached, typed
+from sparse_coord_ros.nodes.messages import Converter, goals_message, read_reached
 from sparse_coord_ros.nodes.parameters import ParameterNode
 
 DRIVER = "driver"
@@ -45,7 +45,7 @@ class WorldBodies:
         self._publisher = node.announce(interface.BODY_GOALS)
         self._subscriptions = []
         for robot, name in enumerate(self._names):
-            read = typed(interface.REACHED, functools.partial(read_reached, self._convert, robot))
+            read = functools.partial(read_reached, self._convert, robot)
             heard = intake.listen(interface.REACHED, self._on_reached, name, read=read)
             self._subscriptions.append(heard)
 

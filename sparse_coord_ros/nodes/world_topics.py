@@ -83,7 +83,7 @@ class WorldTopics:
                 interface.ACTION,
                 functools.partial(then, robot),
                 name,
-                read=functools.partial(read, robot),
+                unpack=functools.partial(read, robot),
             )
             for robot, name in enumerate(self._names)
         ]

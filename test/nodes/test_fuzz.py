@@ -14,7 +14,7 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.srv import GetPlan
 from rclpy._rclpy_pybind11 import RCLError
-from rclpy.serialization import serialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, String, UInt8MultiArray
 
@@ -30,7 +30,6 @@ from sparse_coord_ros.nodes.messages import (
     read_tables_message,
     status,
     tables_message,
-    typed,
 )
 from sparse_coord_ros.nodes.parameters import RCLError as KnownRCLError
 from sparse_coord_ros.wire import Account, services
@@ -88,6 +87,10 @@ def test_what_random_bytes_bring_about_is_an_exception_or_fits():
                 assert said[0] >= 0 and said[1].move in range(4) and said[1].peer in (-1, 0, 1)
     assert passed > 300
     assert dropped > 300
+
+
+def typed(topic, read):
+    return lambda data: read(deserialize_message(data, topic.type))
 
 
 class Fuzzer:

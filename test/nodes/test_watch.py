@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from rclpy.serialization import deserialize_message
 
 from sparse_coord_ros.bags.reader import open_bag
 from sparse_coord_ros.errors import RunError
@@ -14,7 +15,6 @@ from sparse_coord_ros.look.page.board import Board
 from sparse_coord_ros.look.page.controls import PAUSE, RATE, RESET, STEP, Control
 from sparse_coord_ros.look.page.live_source import LiveView
 from sparse_coord_ros.nodes import interface, team, watch
-from sparse_coord_ros.nodes.messages import typed
 from sparse_coord_ros.nodes.watch import WatchNode, _Heard
 from sparse_coord_ros.runlog import read_run
 from sparse_coord_ros.wire.status import Said, read_status
@@ -26,8 +26,9 @@ def heard_of(run):
     view = LiveView(run, Board(), source="live", title="", controls=())
 
     class Listening:
-        def listen(self, topic, then, owner, *, read):
-            takes[f"/{owner}/{topic.name}"] = lambda data: then(read(data))
+        def listen(self, topic, then, owner, *, read=None, unpack=None):
+            unpack = unpack or (lambda data: read(deserialize_message(data, topic.type)))
+            takes[f"/{owner}/{topic.name}"] = lambda data: then(unpack(data))
 
     return _Heard(SimpleNamespace(), Listening(), run, view), takes, view
 
@@ -130,8 +131,9 @@ MISSED = {
 @pytest.mark.parametrize("what", MISSED)
 def test_what_was_missed_is_said_and_begins_no_episode(good, what):
     team, takes, view = heard_of(good.run)
-    status = typed(interface.STATUS, read_status)
-    takes["/status"] = lambda data: team.compare(status(data))
+    takes["/status"] = lambda data: team.compare(
+        read_status(deserialize_message(data, interface.STATUS.type))
+    )
     topics, begin, end = MISSED[what]
     count = dict.fromkeys(takes, 0)
     for number, message in enumerate(open_bag(good.bag).messages(set(takes))):
