@@ -19,11 +19,12 @@ from sparse_coord_ros.errors import BagError
 # deadline, lifespan or lease.
 _INFINITE = {"sec": 9223372036, "nsec": 854775807}
 
-_ALLOWED = {
+_POLICIES = {
     "reliability": ("reliable", "best_effort"),
-    "durability": ("volatile", "transient_local"),
+    "durability": ("transient_local", "volatile"),
     "history": ("keep_last", "keep_all"),
 }
+"""In the order of rmw's numbers from 1, by which rosbag2 called them before version 9."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ class QoS:
         """Refuse values that rosbag2 could not read back."""
         for field in fields(self):
             value = getattr(self, field.name)
-            allowed = _ALLOWED.get(field.name)
+            allowed = _POLICIES.get(field.name)
             if allowed is None:
                 if isinstance(value, bool) or not isinstance(value, int) or value < 0:
                     raise BagError(f"QoS depth is {value!r}: give a whole number, 0 or more")
@@ -83,14 +84,6 @@ def offered_qos_profiles(profiles: Iterable[QoS]) -> str:
     return yaml_text([profile.as_mapping() for profile in profiles])
 
 
-_OLD_NAMES = {
-    "reliability": ("reliable", "reliable", "best_effort"),
-    "durability": ("volatile", "transient_local", "volatile"),
-    "history": ("keep_last", "keep_last", "keep_all"),
-}
-"""Policies by rmw's numbers, as rosbag2 before version 9 wrote them; 0: the system's default."""
-
-
 @functools.lru_cache
 def profiles_from_text(text: str) -> tuple[QoS, ...]:
     """Return the profiles of a channel's `offered_qos_profiles`, in any version's spelling.
@@ -107,12 +100,12 @@ def profiles_from_text(text: str) -> tuple[QoS, ...]:
 
 def _profile(entry: dict[str, Any]) -> QoS:
     values = {}
-    for name, old_names in _OLD_NAMES.items():
-        value = entry.get(name, 0)
-        if isinstance(value, int):
-            value = old_names[value] if 0 <= value < len(old_names) else old_names[0]
-        # What rosbag2 calls unknown, system_default or best_available.
-        values[name] = value if value in _ALLOWED[name] else old_names[0]
+    for name, allowed in _POLICIES.items():
+        value = entry.get(name)
+        if isinstance(value, int) and 1 <= value <= len(allowed):
+            value = allowed[value - 1]
+        # Else it is what rosbag2 calls unknown, system_default or best_available.
+        values[name] = value if value in allowed else getattr(QoS, name)
     return QoS(depth=entry.get("depth", QoS.depth), **values)
 
 

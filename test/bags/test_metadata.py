@@ -121,7 +121,7 @@ def test_rosbags_reads_the_profiles():
     ("policy", "value", "allowed"),
     [
         ("reliability", "sure", "reliable, best_effort"),
-        ("durability", "latched", "volatile, transient_local"),
+        ("durability", "latched", "transient_local, volatile"),
         ("history", 1, "keep_last, keep_all"),
         ("depth", -1, "0 or more"),
         ("depth", 2.5, "0 or more"),
