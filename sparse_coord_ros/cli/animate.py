@@ -57,7 +57,7 @@ def execute(options: argparse.Namespace) -> int:
                 f"{options.source} holds results, which have no episodes; give a run's directory "
                 "or a bag"
             )
-        say = pictures.Progress()
+        say = pictures.Announcer()
         shown = open_shown(options.source, say, say.share)
         scenario = shown.config.scenario
         greedy = options.greedy or shown.bag is None

@@ -60,7 +60,7 @@ def execute(options: argparse.Namespace) -> int:
     values = {**DRIVE_SETTINGS.defaults(), **given}
     run = load_run(options.directory)
     tables = load_team(options.directory, run.scenario)
-    say, tenth = pictures.Progress(), max(1, episodes // 10)
+    say, tenth = pictures.Announcer(), max(1, episodes // 10)
     driven = drive(
         run,
         tables,

@@ -23,7 +23,7 @@ EVERY_SECONDS = 2.0
 """Between two lines that say how far it is."""
 
 
-class Progress:
+class Announcer:
     """Says on stderr what takes a while, and how far it is."""
 
     def __init__(self) -> None:

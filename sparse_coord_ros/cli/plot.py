@@ -47,7 +47,7 @@ def execute(options: argparse.Namespace) -> int:
         from sparse_coord_ros.look import figures
         from sparse_coord_ros.look.sources import is_results, open_shown
 
-        say = pictures.Progress()
+        say = pictures.Announcer()
         results = [path for path in options.sources if is_results(path)]
         if results:
             if len(options.sources) > 1:

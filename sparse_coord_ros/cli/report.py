@@ -38,7 +38,7 @@ def execute(options: argparse.Namespace) -> int:
         from sparse_coord_ros.look.results import ResultsShown
         from sparse_coord_ros.look.sources import is_results, open_shown
 
-        say = pictures.Progress()
+        say = pictures.Announcer()
         if is_results(options.source):
             say("drawing")
             page = report.results_report(ResultsShown(options.source))
