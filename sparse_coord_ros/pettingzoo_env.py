@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -21,8 +22,8 @@ import numpy as np
 from sparse_coord_ros.errors import RunError, SettingError
 from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.grid import WALL
-from sparse_coord_ros.game.links import PerceptStream
-from sparse_coord_ros.game.perception import asked_peers, probability_rows, succeeds
+from sparse_coord_ros.game.links import Percepts
+from sparse_coord_ros.game.perception import asked_peers
 from sparse_coord_ros.game.scenario import Scenario, loaded
 from sparse_coord_ros.game.streams import EVALUATION, LEARNING, PEER, POLICY, Stream
 from sparse_coord_ros.game.world import Action, World
@@ -104,7 +105,6 @@ class SparseCoordEnv(ParallelEnv):
         self._number = {name: k for k, name in enumerate(self.possible_agents)}
         self._phase = EVALUATION if starts == "fixed" else LEARNING
         self._goal_value = scenario.discount * scenario.goal_value if goal_value else 0.0
-        self._probabilities = probability_rows(scenario.perception, scenario.map)
         cells, team = len(scenario.map.cells), len(scenario.robots)
         self.state_space = spaces.MultiDiscrete([cells] * team + [2] * team + [2])
         self._world: World | None = None
@@ -145,9 +145,7 @@ class SparseCoordEnv(ParallelEnv):
             self._world = World(self.scenario, chosen, phase=self._phase, max_steps=horizon)
             numbers = range(len(self.possible_agents))
             self._peer_draws = [Stream(chosen, k, POLICY, self._phase) for k in numbers]
-            self._percept_draws = [
-                PerceptStream(self.scenario.link, chosen, k, self._phase) for k in numbers
-            ]
+            self._percepts = Percepts(self.scenario, chosen, self._phase)
             for name, space in self.action_spaces.items():
                 space.seed(chosen + self._number[name])
         else:
@@ -174,7 +172,9 @@ class SparseCoordEnv(ParallelEnv):
             for k, action in chosen.items():
                 if action == COORDINATE:
                     self._asked[k] = self._peers(world, k)
-                    self._seen[k] = self._perceived(world, k, self._asked[k])
+                    cells = tuple(world.cells[peer] for peer in self._asked[k])
+                    sees = partial(self._percepts.sees, world.step, k, world.cells[k])
+                    self._seen[k] = cells if cells and all(map(sees, cells)) else None
             nothing = dict.fromkeys(self.agents, False)
             return (
                 self._observations(),
@@ -272,15 +272,6 @@ class SparseCoordEnv(ParallelEnv):
     def _peers(self, world: World, k: int) -> tuple[int, ...]:
         draw = self._peer_draws[k].at(world.step)[PEER]
         return asked_peers(self.scenario.peers, k, len(self.possible_agents), draw)
-
-    def _perceived(self, world: World, k: int, peers: tuple[int, ...]) -> tuple[int, ...] | None:
-        """Return the cells of the asked peers; None unless the percept of each succeeds."""
-        if not peers:
-            return None
-        draw = self._percept_draws[k].at(world.step)[0]
-        chances = self._probabilities[world.cells[k]]
-        cells = tuple(world.cells[peer] for peer in peers)
-        return cells if all(succeeds(draw, chances[cell]) for cell in cells) else None
 
     def _observations(self) -> dict[str, Any]:
         return {name: self._observation(self._number[name]) for name in self.agents}

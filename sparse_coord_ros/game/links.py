@@ -9,14 +9,19 @@ time steps and comes again after them. While a link is down the draw of the perc
 which no probability exceeds: so every way of running, compiled or not, asks one question only.
 """
 
+import functools
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.game.perception import probability_rows, succeeds
 from sparse_coord_ros.game.specs import Number, Spec, SpecFamily
 from sparse_coord_ros.game.streams import LEARNING, PERCEPT, Stream, bit_generator
+
+if TYPE_CHECKING:
+    from sparse_coord_ros.game.scenario import Scenario
 
 UP = Spec("up")
 """The link that never fails."""
@@ -119,3 +124,23 @@ class PerceptStream(Stream):
         super()._fill(step)
         for place in np.flatnonzero(self._link.down(range(self._first, self._last))):
             self._rows[place] = [LOST]
+
+
+class Percepts:
+    """Active perception in a run: which percepts succeed.
+
+    Args:
+        scenario: the problem.
+        seed, phase: as of `Stream`.
+    """
+
+    def __init__(self, scenario: "Scenario", seed: int, phase: int = LEARNING) -> None:
+        self._stream = functools.cache(
+            lambda asker: PerceptStream(scenario.link, seed, asker, phase)
+        )
+        self._probabilities = probability_rows(scenario.perception, scenario.map)
+
+    def sees(self, step: int, asker: int, here: int, there: int) -> bool:
+        """Whether a robot in cell `here` perceives a robot in cell `there` at a time step."""
+        draw = self._stream(asker).at(step)[0]
+        return bool(succeeds(draw, self._probabilities[here][there]))

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The agent that learns Q* and Q^C in factors (`learn.factors`)."""
 
+import functools
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -10,8 +11,8 @@ import numpy as np
 from sparse_coord_ros.compiling import inlined
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.actions import COORDINATE, PRIMITIVES
-from sparse_coord_ros.game.links import PerceptStream
-from sparse_coord_ros.game.perception import percept_probabilities, succeeds
+from sparse_coord_ros.game.links import Percepts
+from sparse_coord_ros.game.perception import succeeds
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.streams import (
     BLIND,
@@ -160,8 +161,7 @@ class FactoredAgent(Agent):
         self._counts: dict[int, list[int]] = {}
         self._by_count = self._step_sizes.by_count.tolist()
         self._floor = self._step_sizes.by_step.tolist()
-        self._percepts = PerceptStream(scenario.link, seed, number, phase)
-        self._probabilities = percept_probabilities(scenario.perception, scenario.map).tolist()
+        self._percepts = Percepts(scenario, seed, phase)
         self._replays = Stream(seed, number, REPLAY, phase)
         self._blind = Stream(seed, number, BLIND, phase)
         self._askers: dict[int, dict[int, int]] = {}
@@ -300,10 +300,8 @@ class FactoredAgent(Agent):
             return dict(zip(self._peers, perceived, strict=True))
         if not self._rule.share or step not in self._askers:
             return {}
-        draw = self._percepts.at(step)[0]
-        probabilities = self._probabilities[cell]
-        askers = sorted(self._askers[step].items())
-        return {peer: place for peer, place in askers if succeeds(draw, probabilities[place])}
+        sees = functools.partial(self._percepts.sees, step, self.number, cell)
+        return {peer: place for peer, place in sorted(self._askers[step].items()) if sees(place)}
 
     def _key(self, cell: int, peer: int, place: int) -> int:
         return key_of(cell, peer, place, self._cells, self._robots)

@@ -7,8 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.game.links import PerceptStream
-from sparse_coord_ros.game.perception import probability_rows, succeeds
+from sparse_coord_ros.game.links import Percepts
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.streams import LEARNING
 from sparse_coord_ros.game.world import Action, Position, Reward, StepOutcome, World
@@ -37,10 +36,7 @@ class Team:
     ) -> None:
         self.agents = agents
         self._of = {agent.number: agent for agent in agents}
-        self._percepts = [
-            PerceptStream(scenario.link, seed, agent.number, phase) for agent in agents
-        ]
-        self._probabilities = probability_rows(scenario.perception, scenario.map)
+        self._percepts = Percepts(scenario, seed, phase)
 
     def act(self, world: World) -> tuple[list[Choice | None], list[Action | None]]:
         """Let every agent that has not arrived choose.
@@ -57,7 +53,7 @@ class Team:
                 continue
             cell = world.cells[k]
             decision = agent.decide(world.step, cell)
-            perceived = self._perceive(world, k, decision)
+            perceived = self._perceived(world, k, decision.peers)
             action = agent.act(world.step, cell, decision, perceived)
             choices[k] = (cell, decision, action, perceived)
             actions[k] = action
@@ -71,18 +67,14 @@ class Team:
                 reward = outcome.rewards[agent.number]
                 agent.learn(world.step - 1, *choice, reward, world.cells[agent.number])
 
-    def _perceive(self, world: World, k: int, decision: Decision) -> tuple[int, ...] | None:
-        """Return the cells of the asked peers; None unless the percept of each succeeds."""
-        if not decision.peers:
-            return None
-        peer_cells = tuple(world.cells[peer] for peer in decision.peers)
-        draw = self._percepts[k].at(world.step)[0]
-        probabilities = self._probabilities[world.cells[k]]
-        for peer, cell in zip(decision.peers, peer_cells, strict=True):
-            self._of[peer].asked(world.step, k, world.cells[k])
-            if not succeeds(draw, probabilities[cell]):
+    def _perceived(self, world: World, k: int, peers: tuple[int, ...]) -> tuple[int, ...] | None:
+        """Ask peers, one after the other; return their cells, None where one is not perceived."""
+        step, here = world.step, world.cells[k]
+        for peer in peers:
+            self._of[peer].asked(step, k, here)
+            if not self._percepts.sees(step, k, here, world.cells[peer]):
                 return None
-        return peer_cells
+        return tuple(world.cells[peer] for peer in peers) or None
 
 
 class LearningState(NamedTuple):

@@ -11,8 +11,7 @@ from collections import deque
 from typing import NamedTuple, Protocol
 
 from sparse_coord_ros.game.actions import COORDINATE
-from sparse_coord_ros.game.links import PerceptStream
-from sparse_coord_ros.game.perception import probability_rows, succeeds
+from sparse_coord_ros.game.links import Percepts
 from sparse_coord_ros.game.world import Action, Reward
 from sparse_coord_ros.learn.agent import Agent, Decision, Memory
 from sparse_coord_ros.learn.run_config import RunConfig
@@ -149,10 +148,7 @@ class RobotSide:
         self._pending: Pending | None = None
         self._asking: Asking | None = None
         self._checkpoint = run.checkpoint
-        self._percepts = [
-            PerceptStream(run.scenario.link, run.seed, k) for k in range(len(run.scenario.robots))
-        ]
-        self._probabilities = probability_rows(run.scenario.perception, run.scenario.map)
+        self._percepts = Percepts(run.scenario, run.seed)
         self.go_on_from(agent, None)
 
     @property
@@ -249,8 +245,7 @@ class RobotSide:
         if own_step != step or asker_cell is None:
             return Answer(own_step, None)
         self.agent.asked(step, asker, asker_cell)
-        draw = self._percepts[asker].at(step)[0]
-        seen = succeeds(draw, self._probabilities[asker_cell][own_cell])
+        seen = self._percepts.sees(step, asker, asker_cell, own_cell)
         return Answer(own_step, own_cell if seen else None)
 
     def snapshot(self) -> RobotState:

@@ -13,7 +13,6 @@ from sparse_coord_ros.game.scenario import load_scenario, scenario_from_dict
 from sparse_coord_ros.learn.agent import initial_tables
 from sparse_coord_ros.learn.simulation import Learning
 from sparse_coord_ros.learn.sparse import SparseTable
-from sparse_coord_ros.solve.exact import evaluate_exact
 
 
 def room(side):
@@ -73,18 +72,6 @@ def test_the_same_bits_sparse_and_dense(small, name, learner):
     again.advance(1500)
     for one, two in zip(again.tables, dense, strict=True):
         assert one.q_coord.tobytes() == two.q_coord.tobytes()
-
-
-def test_exact_evaluation_of_sparse_tables(small):
-    scenario = load_scenario("env1", steps=3000)
-    due = Learning(scenario, "coop", 1)
-    due.advance(3000)
-    expected = evaluate_exact(scenario, due.tables, learner="coop")
-    small(0)
-    found = Learning(scenario, "coop", 1)
-    found.advance(3000)
-    again = evaluate_exact(scenario, found.tables, learner="coop")
-    assert (again.reward, again.asks) == (expected.reward, expected.asks)
 
 
 def test_percepts_by_lists_and_by_array(monkeypatch):

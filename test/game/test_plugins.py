@@ -6,7 +6,6 @@ import importlib.metadata
 import pickle
 import sys
 
-import numpy as np
 import pytest
 
 import sparse_coord_ros as sc
@@ -16,7 +15,7 @@ from sparse_coord_ros.game import plugins
 from sparse_coord_ros.game.perception import MODELS
 from sparse_coord_ros.learn.learners import LEARNERS, learner_of
 from sparse_coord_ros.learn.run_config import make_run, run_from_yaml
-from sparse_coord_ros.learn.simulation import learn, tables_equal
+from sparse_coord_ros.learn.simulation import learn
 
 MODULE = """
 import numpy as np
@@ -243,13 +242,8 @@ def test_names_that_collide(module):
         ("Odd", ["failed while making its tables: AttributeError", line("no_such")]),
     ],
 )
-@pytest.mark.parametrize("in_processes", [False, True])
-def test_a_learner_that_fails_is_blamed(module, small, name, words, in_processes):
-    def batch(scenario, learner, seed):
-        seeds = [seed, seed + 1]
-        return list(run_batch(scenario, learner, seeds, trials=1, jobs=2, engine="python"))
-
-    message = refusal(batch if in_processes else learn, small, f"their_code:{name}", 1)
+def test_a_learner_that_fails_is_blamed(module, small, name, words):
+    message = refusal(learn, small, f"their_code:{name}", 1)
     assert f"learner 'their_code:{name}'" in message
     assert [word for word in words if word not in message] == []
 
@@ -286,28 +280,6 @@ def test_a_model_that_fails_is_blamed(module, small, model, words):
     message = refusal(use)
     assert model.removesuffix(":2") in message
     assert [word for word in words if word not in message] == []
-
-
-def test_agents_of_ones_own_learn_in_plain_python_only(module, small):
-    eager = learner_of(f"{module}:Eager")
-    assert not eager.compiled
-    assert "no compiled form" in refusal(
-        lambda: list(run_batch(small, eager, [1], trials=0, engine="numba"))
-    )
-    [run] = run_batch(small, eager, [1], trials=0)
-    assert tables_equal(run.tables, learn(small, eager, 1))
-    assert not tables_equal(run.tables, learn(small, "coop", 1))
-
-
-def test_weights_are_compiled_with_the_same_bits(module):
-    scenario = sc.load_scenario("env1", steps=3000)
-    plain, fast = (
-        next(iter(run_batch(scenario, f"{module}:Team", [3], trials=2, engine=engine)))
-        for engine in ("python", "numba")
-    )
-    assert tables_equal(plain.tables, fast.tables)
-    assert not tables_equal(plain.tables, learn(scenario, "coop", 3))
-    assert np.array_equal(plain.trials.reward, fast.trials.reward)
 
 
 def test_a_learner_goes_to_other_processes(module):

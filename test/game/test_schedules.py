@@ -26,10 +26,6 @@ def test_power_step_size():
     assert (np.diff(table[1:]) < 0).all()
 
 
-def test_power_zero_is_constant_one():
-    assert step_sizes(STEP_SIZE.parse("power:0"), 5).by_count[1:].tolist() == [1.0] * 5
-
-
 def test_power_step_sizes_do_not_depend_on_numpy_s_vector_instructions():
     code = (
         "import hashlib; from sparse_coord_ros.game.schedules import STEP_SIZE, step_sizes; "
@@ -61,9 +57,3 @@ def test_linear_epsilon_falls_over_its_fraction_and_then_holds():
     assert table[5] == pytest.approx(0.75)
     assert table[10:].tolist() == [0.5] * 11
     assert (np.diff(table[:11]) < 0).all()
-
-
-def test_linear_epsilon_over_nothing_drops_at_once():
-    assert exploration(EPSILON.parse("linear:1:0.1:0"), 3).tolist() == pytest.approx(
-        [1, 0.1, 0.1, 0.1]
-    )

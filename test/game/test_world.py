@@ -65,14 +65,6 @@ def test_arrival_pays_once_and_the_arrived_robot_stays(make):
     assert second.episode_over
 
 
-def test_a_failed_move_does_not_arrive(make):
-    world = World(make("12", **{**SURE, "move_success": 0.01}), 0)
-    outcome = world.advance([go(EAST), go(WEST)])
-    assert outcome.arrived == ()
-    assert world.cells == [0, 1]
-    assert outcome.rewards[0].total == 0.0
-
-
 def test_a_missing_action_is_staying(make):
     world = World(make(**SURE), 0)
     world.advance([None, go(WEST)])
@@ -108,15 +100,6 @@ def test_passing_each_other_is_no_miscoordination(make):
     assert not world.advance([go(EAST), go(WEST)]).miscoordination
 
 
-@pytest.mark.parametrize(("conflict", "counts"), [("same_cell", False), ("any_doorway", True)])
-def test_conflict_in_one_doorway_or_in_any(make, conflict, counts):
-    world = World(make("1DD2", conflict=conflict, **SURE), 0)
-    assert world.advance([go(EAST), go(WEST)]).miscoordination is counts  # one robot in each
-    world = World(make("1DD2", conflict=conflict, **SURE), 0)
-    assert not world.advance([go(EAST), None]).miscoordination
-    assert world.advance([go(EAST), go(WEST)]).miscoordination  # both in the same
-
-
 def test_steps_episodes_and_their_gap(make):
     world = World(make(max_steps=3, **SURE), 0)
     assert (world.step, world.episode, world.transitions) == (FIRST_STEP, 0, 0) == (1, 0, 0)
@@ -130,12 +113,6 @@ def test_steps_episodes_and_their_gap(make):
     assert world.cells == [0, 6]
     over = [world.advance([go(NORTH), go(NORTH)]).episode_over for _ in range(3)]
     assert over == [False, False, True]
-
-
-def test_max_steps_of_the_caller(make):
-    world = World(make(max_steps=3, **SURE), 0, max_steps=2)
-    over = [world.advance([go(NORTH), go(NORTH)]).episode_over for _ in range(2)]
-    assert over == [False, True]
 
 
 def starts(scenario, episodes, **options):
@@ -156,27 +133,6 @@ def test_random_starts_are_uniform_never_the_goal_never_cut_off(make):
         assert set(counted) == set(range(6)) - {robot.goal}
         assert sum((n - 800) ** 2 / 800 for n in counted.values()) < 18.5  # chi squared, 0.1 %
     assert abs(np.corrcoef(drawn.T)[0, 1]) < 4 / 4000**0.5
-
-
-def test_random_starts_do_not_depend_on_how_the_episode_went(make):
-    scenario = make(starts="random", max_steps=5)
-    one, other = World(scenario, 3), World(scenario, 3)
-    for _ in range(2):
-        one.advance([go(EAST), go(EAST)])
-        other.advance([None, go(WEST)])
-    one.begin_episode()
-    other.begin_episode()
-    assert one.cells == other.cells
-
-
-def test_mixed_starts_draw_robot_by_robot(make):
-    drawn = starts(make("1....2", starts="mixed:0.3"), 4000)
-    stays = drawn == [0, 5]
-    expected = 0.7 + 0.3 / 5
-    assert (
-        np.abs(stays.mean(axis=0) - expected).max() < 4 * (expected * (1 - expected) / 4000) ** 0.5
-    )
-    assert abs(np.corrcoef(stays.T)[0, 1]) < 4 / 4000**0.5
 
 
 @pytest.mark.parametrize(

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """One agent: the lines of Algorithm 1, in the paper's order, with hand-computed numbers."""
 
-from collections import Counter
-
 import numpy as np
 import pytest
 
@@ -12,14 +10,9 @@ from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.streams import (
     EVALUATION,
     LEARNING,
-    PEER,
-    POLICY,
-    PRIMITIVE_TIE,
-    TIE,
-    Stream,
 )
 from sparse_coord_ros.game.world import Action, Reward
-from sparse_coord_ros.learn.agent import NOBODY, Agent, Decision, Tables, initial_tables
+from sparse_coord_ros.learn.agent import NOBODY, Agent, Decision, Tables
 from sparse_coord_ros.learn.learners import learner_of
 
 HALF = {"step_size": "constant:0.5", "epsilon": "constant:0"}
@@ -68,70 +61,6 @@ def test_initial_tables(learner):
 
 
 # Line 4: pi_epsilon.
-
-
-def test_decide_is_greedy_over_five_columns(agent):
-    tables = filled()
-    tables.q_star[2] = [1, 9, 2, 3, 4]
-    one = agent(tables=tables)
-    assert {one.decide(t, 2) for t in range(20)} == {Decision(SOUTH)}
-    assert {one.decide(t, 3) for t in range(20)} == {ASK}  # the fifth column is greatest there
-
-
-def test_decide_breaks_ties_with_the_tie_draw(agent):
-    tables = filled()
-    tables.q_star[2] = [5, 1, 5, 5, 1]
-    one, draws = agent(tables=tables, seed=4), Stream(4, 0, POLICY)
-    for t in range(50):
-        tie = draws.at(t)[TIE]
-        assert one.decide(t, 2).action == [0, 2, 3][int(tie * 3)]
-
-
-def test_decide_explores_with_epsilon_of_the_step(agent):
-    tables = filled()
-    tables.q_star[:] = [1, 0, 0, 0, 0]
-    one = agent(tables=tables, epsilon="linear:1:0:0.5", steps=4000)
-    explored = [one.decide(t, 0).action != NORTH for t in range(4000)]
-    first, last = sum(explored[:1000]), sum(explored[2000:])
-    assert abs(first - 1000 * 0.75 * 0.8) < 4 * (1000 * 0.6 * 0.4) ** 0.5
-    assert last == 0
-    assert one.epsilon(0) == 1.0
-    assert one.epsilon(10**9) == 0.0
-
-
-def test_explored_actions_are_uniform_over_five_for_coop(agent):
-    one = agent(epsilon="constant:1")
-    counted = Counter(one.decide(t, 0).action for t in range(5000))
-    assert sorted(counted) == [0, 1, 2, 3, 4]
-    assert all(abs(count - 1000) < 4 * (1000 * 0.8) ** 0.5 for count in counted.values())
-
-
-@pytest.mark.parametrize("learner", ["noncoop", "indiv"])
-@pytest.mark.parametrize("epsilon", ["constant:0", "constant:1", "constant:0.5"])
-def test_baselines_never_coordinate(agent, learner, epsilon):
-    one = agent(learner, epsilon=epsilon)
-    chosen = {one.decide(t, t % 6).action for t in range(500)}
-    assert chosen == {0, 1, 2, 3}
-
-
-def test_the_asked_peer_is_another_robot_drawn_uniformly(make):
-    robots = {"a": (1, 2), "b": (2, 1), "c": ([0, 1], 1), "d": ([0, 2], 1)}
-    scenario = make(robots=robots, **HALF)
-    tables = filled()
-    two, draws = Agent(scenario, 2, 9, tables=tables), Stream(9, 2, POLICY)
-    peers = [two.decide(t, 0).peers for t in range(3000)]
-    assert peers == [([0, 1, 3][int(draws.at(t)[PEER] * 3)],) for t in range(3000)]
-    counted = Counter(peer for (peer,) in peers)
-    assert sorted(counted) == [0, 1, 3]
-    assert all(abs(count - 1000) < 4 * (1000 * 2 / 3) ** 0.5 for count in counted.values())
-
-
-def test_with_peers_all_every_other_robot_is_asked(make):
-    robots = {"a": (1, 2), "b": (2, 1), "c": ([0, 1], 1), "d": ([0, 2], 1)}
-    scenario = make(robots=robots, peers="all", **HALF)
-    sparse = initial_tables(scenario).q_coord
-    two = Agent(scenario, 2, 9, tables=Tables(filled().q_star, sparse))
-    assert {two.decide(t, 0) for t in range(50)} == {Decision(COORDINATE, (0, 1, 3))}
 
 
 def test_with_peers_all_q_coord_is_over_the_whole_joint_state(make):
@@ -183,60 +112,7 @@ def test_learning_and_evaluation_draw_differently(make):
 # Lines 5 to 10.
 
 
-@pytest.mark.parametrize("move", range(4))
-def test_a_primitive_decision_is_the_action(agent, move):
-    one = agent(tables=filled())
-    assert one.act(1, 2, Decision(move), None) == Action(move, False, NOBODY, False)
-
-
-def test_line_7_percept_acts_on_q_coord_of_the_joint_state(agent):
-    tables = filled()
-    tables.q_coord[2, 5] = [3, 1, 9, 2]
-    tables.q_coord[5, 2] = [3, 9, 1, 2]  # the other way round: the asker's cell comes first
-    tables.q_star[2] = [9, 0, 0, 0, 0]
-    assert agent(tables=tables).act(1, 2, ASK, (5,)) == Action(EAST, True, 1, True)
-
-
-def test_line_9_failed_percept_acts_on_q_star_over_primitive_actions(agent):
-    tables = filled()
-    tables.q_star[2] = [1, 2, 0, 7, 1000]  # COORDINATE is greatest and is no primitive action
-    tables.q_coord[2] = [9, 0, 0, 0]
-    assert agent(tables=tables).act(1, 2, ASK, None) == Action(WEST, True, 1, False)
-
-
-@pytest.mark.parametrize("perceived", [None, (5,)])
-def test_lines_7_and_9_break_ties_with_a_draw_of_their_own(agent, perceived):
-    tables = filled()
-    tables.q_star[2] = [6, 1, 1, 6, 6]
-    tables.q_coord[2, 5] = [6, 1, 1, 6]
-    one, draws = agent(tables=tables, seed=4), Stream(4, 0, POLICY)
-    moves = [one.act(t, 2, ASK, perceived).move for t in range(50)]
-    assert moves == [[NORTH, WEST][int(draws.at(t)[PRIMITIVE_TIE] * 2)] for t in range(50)]
-    assert set(moves) == {NORTH, WEST}
-
-
 # Lines 12 to 18.
-
-
-def test_line_18_updates_the_chosen_action_and_nothing_else(agent):
-    tables, before = filled(), filled()
-    one = agent(tables=tables)
-    one.learn(1, 2, Decision(EAST), Action(EAST, False, NOBODY, False), None, paid(-20.0), 3)
-    # Q*(3, .) = 16 .. 20: the maximum is in the fifth column.
-    before.q_star[2, EAST] = 0.5 * 13 + 0.5 * (-20 + 0.95 * 20)
-    assert tables.q_star == pytest.approx(before.q_star, rel=1e-15)
-    assert (tables.q_coord == before.q_coord).all()
-
-
-def test_the_bootstrap_is_over_five_columns_for_both_tables(agent):
-    tables, before = filled(), filled()
-    tables.q_star[3] = before.q_star[3] = [1, 2, 3, 4, 50]
-    one = agent(tables=tables)
-    one.learn(1, 2, ASK, Action(SOUTH, True, 1, True), (5,), paid(7.0), 3)
-    before.q_star[2, COORDINATE] = 0.5 * before.q_star[2, 4] + 0.5 * (7 + 0.95 * 50)
-    before.q_coord[2, 5, SOUTH] = 0.5 * before.q_coord[2, 5, 1] + 0.5 * (7 + 0.95 * 50)
-    assert tables.q_star == pytest.approx(before.q_star, rel=1e-15)
-    assert tables.q_coord == pytest.approx(before.q_coord, rel=1e-15)
 
 
 def test_line_13_comes_before_line_18(agent):
@@ -249,15 +125,6 @@ def test_line_13_comes_before_line_18(agent):
     bootstrap_before = 0.95 * 10
     assert tables.q_coord[2, 5, SOUTH] == 0.5 * 40 + 0.5 * (100 + bootstrap_before)
     assert tables.q_star[2, COORDINATE] == 0.5 * 10 + 0.5 * (100 + bootstrap_before)
-
-
-def test_q_coord_bootstraps_on_q_star_not_on_itself(agent):
-    tables = filled()
-    tables.q_coord[:] = 1e6
-    tables.q_star[3] = 2.0
-    one = agent(tables=tables)
-    one.learn(1, 2, ASK, Action(EAST, True, 1, True), (5,), paid(0.0), 3)
-    assert tables.q_coord[2, 5, EAST] == 0.5 * 1e6 + 0.5 * 0.95 * 2
 
 
 def test_failed_percept_updates_coordinate_of_q_star_only(agent):
@@ -283,25 +150,6 @@ def test_the_goal_is_worth_goal_value_whatever_its_row_says(agent, goal_value):
     assert (tables.q_star[6] == 5000.0).all()
 
 
-def test_only_the_own_goal_ends_learning(agent):
-    tables = filled()
-    tables.q_star[6] = 40.0
-    one = agent(number=1, tables=tables, goal_value=200)  # its goal is cell 0
-    one.learn(1, 5, Decision(EAST), Action(EAST, False, NOBODY, False), None, paid(0.0), 6)
-    assert tables.q_star[5, EAST] == 0.5 * 28 + 0.5 * 0.95 * 40
-
-
-@pytest.mark.parametrize("learner", ["noncoop", "indiv"])
-def test_baselines_bootstrap_over_four_columns_and_keep_nan(agent, learner):
-    tables, before = filled(baseline=True), filled(baseline=True)
-    one = agent(learner, tables=tables)
-    one.learn(1, 2, Decision(NORTH), Action(NORTH, False, NOBODY, False), None, paid(0.0), 3)
-    before.q_star[2, NORTH] = 0.5 * 11 + 0.5 * 0.95 * 19
-    assert tables.q_star == pytest.approx(before.q_star, rel=1e-15, nan_ok=True)
-    assert np.isnan(tables.q_star[:, COORDINATE]).all()
-    assert (tables.q_coord == before.q_coord).all()
-
-
 def test_step_sizes_count_the_updates_of_each_entry(agent):
     """With alpha 1/n and nothing to bootstrap on, an entry is the mean of its rewards."""
     tables = Tables(np.zeros((7, 5)), np.zeros((7, 7, 4)))
@@ -325,17 +173,3 @@ def test_without_learning_nothing_changes_and_nothing_is_explored(make):
     one.learn(1, 2, ASK, Action(EAST, True, 1, True), (5,), paid(99.0), 3)
     assert (tables.q_star == before.q_star).all()
     assert (tables.q_coord == before.q_coord).all()
-
-
-def test_the_floor_of_a_step_size_is_that_of_the_time_step(agent):
-    """However often an entry was updated: halfway through the budget alpha is at least 0.5."""
-    tables = Tables(np.zeros((7, 5)), np.zeros((7, 7, 4)))
-    one = agent(tables=tables, step_size="floored:1:1:0", steps=100, discount=0)
-    for step, reward in [(25, 8.0), (50, 4.0), (75, 0.0), (200, 3.0)]:
-        one.learn(
-            step, 2, Decision(EAST), Action(EAST, False, NOBODY, False), None, paid(reward), 2
-        )
-    # Alpha: the greater of 1/n and the floor: 1, then 1/2, then 1/3, then 1/4.
-    assert tables.q_star[2, EAST] == pytest.approx(((8 + 4) / 2 * 2 / 3) * 3 / 4 + 3 / 4)
-    one.learn(10, 2, Decision(EAST), Action(EAST, False, NOBODY, False), None, paid(0.0), 2)
-    assert tables.q_star[2, EAST] == pytest.approx(3.75 * 0.1)

@@ -9,7 +9,7 @@ from sparse_coord_ros.errors import PluginError, SettingError
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.world import SUM_OF_PARTS, Action, Reward, RewardWeights
 from sparse_coord_ros.learn.agent import NOBODY, Agent, Decision
-from sparse_coord_ros.learn.learners import LEARNERS, Learner, learner_of, register_learner
+from sparse_coord_ros.learn.learners import LEARNERS, Learner, learner_of
 from sparse_coord_ros.learn.run_config import make_run, run_from_yaml
 from sparse_coord_ros.learn.simulation import learn, tables_equal
 
@@ -88,42 +88,6 @@ def test_a_learner_with_agents_of_its_own_is_never_compiled():
     assert not tables_equal(run.tables, learn(scenario, "coop", 3))
     with pytest.raises(SettingError, match="no compiled form"):
         list(run_batch(scenario, Plain, [3], trials=0, engine="numba"))
-
-
-def test_a_learner_is_named_by_its_module_in_files():
-    run = make_run(load_scenario("env1"), {"learner": learner_of(Heavy)})
-    assert run.learner == f"{__name__}:Heavy"
-    assert run_from_yaml(run.to_yaml(), where="here").rule is learner_of(Heavy)
-
-
-def test_registered_by_name():
-    class Named(Heavy):
-        name = "named"
-
-    register_learner(Named)
-    assert learner_of("named").label == "named"
-    assert "named" in LEARNERS.names
-    with pytest.raises(SettingError, match="is no learner; it must be a subclass"):
-        register_learner(int)
-
-
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        (
-            "cop",
-            "unknown learner 'cop' .did you mean 'coop'.*coop, noncoop, indiv, factored, .*or",
-        ),
-        ("no_such_module:Thing", "learner 'no_such_module:Thing' is not there .*install it"),
-        ("json:Thing", "is not there .*has no attribute 'Thing'"),
-        ("json:dumps", "is no learner"),
-        ("", "unknown learner ''"),
-    ],
-)
-def test_names_of_no_learner(name, words):
-    with pytest.raises(SettingError, match=words) as caught:
-        learner_of(name)
-    assert "\n" not in str(caught.value)
 
 
 def test_with_defaults_of_ones_own_that_fails():

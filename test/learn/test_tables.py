@@ -101,16 +101,6 @@ def test_the_order_of_learning_does_not_show_in_the_file(tmp_path, sparse_team):
     assert files[0] == files[1]
 
 
-def test_names_and_shapes_in_the_file(tmp_path, team):
-    save_team(tmp_path, team)
-    with np.load(tmp_path / TEAM_FILE) as file:
-        shapes = {name: file[name].shape for name in file.files}
-    assert {name: shape for name, shape in shapes.items() if name != "format"} == {
-        **{f"q_star_{k}": (21, 5) for k in (1, 2)},
-        **{f"q_coord_{k}": (21, 21, 4) for k in (1, 2)},
-    }
-
-
 def test_robots_files_apart(tmp_path, team):
     scenario = load_scenario("env1")
     for k, robot in enumerate(scenario.robots):
@@ -142,12 +132,6 @@ def test_not_a_tables_file(tmp_path, content):
     path.write_bytes(content)
     message = refusal(load_team, tmp_path, load_scenario("env1"))
     assert f"{path}: cannot be read as tables" in message
-
-
-def test_an_array_file_is_no_tables_file(tmp_path):
-    with (tmp_path / TEAM_FILE).open("wb") as file:
-        np.save(file, np.zeros(3))
-    assert "cannot be read as tables" in refusal(load_team, tmp_path, load_scenario("env1"))
 
 
 def test_a_spoiled_byte_is_refused_or_without_effect(tmp_path, team):
