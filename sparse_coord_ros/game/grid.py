@@ -201,12 +201,12 @@ def _header(text: str, where: str) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for key, value in header.items():
         if key == "resolution":
-            found[key] = _number(value, *RESOLUTIONS, f"map {where}: header key 'resolution'")
+            found[key] = number_of(value, *RESOLUTIONS, f"map {where}: header key 'resolution'")
         elif key == "origin":
             what = f"map {where}: header key 'origin'"
             if not isinstance(value, list) or len(value) != 2:
                 raise MapError(f"{what} is {in_short(value)}, allowed: [x, y] in metres")
-            x, y = (_number(one, -FURTHEST, FURTHEST, what) for one in value)
+            x, y = (number_of(one, -FURTHEST, FURTHEST, what) for one in value)
             found[key] = (x, y)
         else:
             found[key] = str(value or "").strip()
@@ -215,10 +215,21 @@ def _header(text: str, where: str) -> dict[str, Any]:
     return found
 
 
-def _number(value: object, low: float, high: float, what: str) -> float:
+def number_of(value: object, low: float, high: float, what: str) -> float:
+    """Return a field of a map's file that is a number.
+
+    Args:
+        value: what the file says; None: nothing.
+        low: smallest number allowed.
+        high: largest number allowed.
+        what: file and field, for the error.
+
+    Raises:
+        MapError: it is none, or out of range.
+    """
     number = isinstance(value, int | float) and not isinstance(value, bool)
     if not number or not low <= value <= high:  # type: ignore[operator]
-        shown = in_short(value)
+        shown = "missing" if value is None else in_short(value)
         raise MapError(f"{what} is {shown}, allowed: a number from {low:g} to {high:g}")
     return float(value)  # type: ignore[arg-type]
 

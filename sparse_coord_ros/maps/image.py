@@ -15,7 +15,15 @@ from PIL import Image
 
 from sparse_coord_ros.errors import MapError, ScenarioError, in_short
 from sparse_coord_ros.files import write_whole
-from sparse_coord_ros.game.grid import DOORWAY, FURTHEST, IMAGES, RESOLUTIONS, WALL, GridMap
+from sparse_coord_ros.game.grid import (
+    DOORWAY,
+    FURTHEST,
+    IMAGES,
+    RESOLUTIONS,
+    WALL,
+    GridMap,
+    number_of,
+)
 from sparse_coord_ros.game.scenario import parse_yaml
 
 MOST_YAML = 2**16
@@ -73,18 +81,21 @@ def read_floor_plan(path: Path) -> FloorPlan:
             f"{path}: is an image; give the YAML file that belongs to it"
             + (f": {beside}" if beside.exists() else ", with image, resolution and origin")
         )
-    data = _fields(path)
+    data = {"occupied_thresh": OCCUPIED_ABOVE, "free_thresh": FREE_BELOW} | _fields(path)
     where = str(path)
     image = data.get("image")
     if not isinstance(image, str) or not image or "\0" in image:
         raise MapError(f"{where}: field 'image' is {_shown(image)}, must name the image's file")
-    resolution = _number(data, "resolution", where, *RESOLUTIONS)
-    origin = _origin(data.get("origin", [0.0, 0.0, 0.0]), where)
+
+    def number(name: str, low: float, high: float) -> float:
+        return number_of(data.get(name), low, high, f"{where}: field {name!r}")
+
+    resolution = number("resolution", *RESOLUTIONS)
+    origin = _origin(data.get("origin", [0.0, 0.0, 0.0]), f"{where}: field 'origin'")
     negate = data.get("negate", 0)
     if negate not in (0, 1):
         raise MapError(f"{where}: field 'negate' is {_shown(negate)}, allowed: 0 or 1")
-    above = _number({"occupied_thresh": OCCUPIED_ABOVE} | data, "occupied_thresh", where, 0, 1)
-    below = _number({"free_thresh": FREE_BELOW} | data, "free_thresh", where, 0, 1)
+    above, below = number("occupied_thresh", 0, 1), number("free_thresh", 0, 1)
     if below >= above:
         raise MapError(
             f"{where}: field 'free_thresh' is {below:g}, allowed: less than occupied_thresh "
@@ -126,31 +137,14 @@ def _shown(value: object) -> str:
     return "missing" if value is None else in_short(value)
 
 
-def _number(data: dict[str, Any], name: str, where: str, low: float, high: float) -> float:
-    value = data.get(name)
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not number or not low <= value <= high:  # type: ignore[operator]
-        raise MapError(
-            f"{where}: field {name!r} is {_shown(value)}, allowed: a number from {low:g} to "
-            f"{high:g}"
-        )
-    return float(value)  # type: ignore[arg-type]
-
-
-def _origin(value: object, where: str) -> tuple[float, float]:
-    numbers = isinstance(value, list) and len(value) in (2, 3)
-    if not numbers or not all(
-        isinstance(n, int | float) and not isinstance(n, bool) and abs(n) <= FURTHEST
-        for n in value  # type: ignore[attr-defined]
-    ):
-        raise MapError(
-            f"{where}: field 'origin' is {_shown(value)}, allowed: [x, y, yaw] in metres, radians"
-        )
-    x, y, yaw = [*map(float, value), 0.0][:3]  # type: ignore[call-overload]
+def _origin(value: object, what: str) -> tuple[float, float]:
+    if not isinstance(value, list) or len(value) not in (2, 3):
+        raise MapError(f"{what} is {_shown(value)}, allowed: [x, y, yaw] in metres, radians")
+    x, y, yaw = (number_of(one, -FURTHEST, FURTHEST, what) for one in [*value, 0.0][:3])
     if abs(math.remainder(yaw, math.tau)) > LEVEL:
         raise MapError(
-            f"{where}: field 'origin' has a yaw of {yaw:g}, allowed: 0, as cells lie along the "
-            "image; turn the image so that its rows lie along the frame's x axis, and set 0"
+            f"{what} has a yaw of {yaw:g}, allowed: 0, as cells lie along the image; turn the "
+            "image so that its rows lie along the frame's x axis, and set 0"
         )
     return x, y
 
