@@ -60,7 +60,6 @@ setup(
         "tqdm",
         "aiohttp>=3.8",
         "argcomplete>=3",
-        "packaging",
     ],
     extras_require={
         # ROS 2 from PyPI, for machines that have none; never needed beside an installed ROS 2.

@@ -1,13 +1,11 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Is everything installed that this package needs, and does numba compile?"""
+"""Is this package installed as a whole, and does numba compile?"""
 
 import platform
 from collections.abc import Iterator
 from importlib import metadata
 from pathlib import Path
-
-from packaging.requirements import Requirement
 
 from sparse_coord_ros import compiling
 from sparse_coord_ros.doctor.findings import FINE, HINT, WRONG, Finding
@@ -16,7 +14,7 @@ from sparse_coord_ros.version import __version__
 
 
 def installation() -> Iterator[Finding]:
-    """Look at this package, and at what it requires; extras are looked at where they are used."""
+    """Look at this package; `pip check` says whether what it requires fits."""
     package = Path(__file__).parents[1]
     here = f"{__version__} in {package}, Python {platform.python_version()}"
     try:
@@ -43,30 +41,6 @@ def installation() -> Iterator[Finding]:
         )
     else:
         yield Finding(FINE, "package", here)
-    yield from requirements(metadata.requires(PACKAGE) or [])
-
-
-def requirements(required: list[str]) -> Iterator[Finding]:
-    """Look at what the package requires.
-
-    Args:
-        required: the requirements, as the package's metadata has them; those of extras are left
-            out.
-    """
-    wrong = 0
-    for one in map(Requirement, required):
-        if one.marker is not None and not one.marker.evaluate({"extra": ""}):
-            continue
-        try:
-            version = metadata.version(one.name)
-        except metadata.PackageNotFoundError:
-            version = ""
-        if not version or not one.specifier.contains(version, prereleases=True):
-            wrong += 1
-            text = f"{one.name} is {version or 'missing'}, needed: {one.specifier or 'any'}"
-            yield Finding(WRONG, "packages", text, f"pip install '{one.name}{one.specifier}'")
-    if not wrong:
-        yield Finding(FINE, "packages", "all that is required is installed")
 
 
 def compiler() -> Iterator[Finding]:
