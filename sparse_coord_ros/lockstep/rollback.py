@@ -18,24 +18,17 @@ from sparse_coord_ros.lockstep.world_side import WorldSide, WorldState
 from sparse_coord_ros.wire.status import NO_ORDER, ROLL_CALL, Order, Progress
 
 
-class WorldStore(Protocol):
-    """Where the world's checkpoints are; `checkpoints.Checkpoints` is one."""
+class Store(Protocol):
+    """Where a node's checkpoints are; `checkpoints.Checkpoints` is one."""
 
     def steps(self) -> list[int]:
-        """Return the steps that it can go on from."""
+        """Return the steps that it can go on from, the newest first."""
 
     def load_world(self, step: int) -> WorldState | None:
-        """Return where it was; None: at the beginning."""
-
-
-class RobotStore(Protocol):
-    """Where a robot's checkpoints are; `checkpoints.Checkpoints` is one."""
-
-    def steps(self) -> list[int]:
-        """Return the steps that it can go on from."""
+        """Return where the world was; None: at the beginning."""
 
     def load_robot(self, step: int) -> RobotState | None:
-        """Return where it was; None: at the beginning."""
+        """Return where the robot was; None: at the beginning."""
 
 
 class WorldRollback:
@@ -53,7 +46,7 @@ class WorldRollback:
         lost: transitions that a world which came back knows nothing of.
     """
 
-    def __init__(self, side: WorldSide, store: WorldStore | None, robots: int) -> None:
+    def __init__(self, side: WorldSide, store: Store | None, robots: int) -> None:
         self.order = Order()
         self.replaced = self.taken_back = self.lost = 0
         self._side, self._store = side, store
@@ -163,7 +156,7 @@ class RobotRollback:
     def __init__(
         self,
         side: RobotSide,
-        store: RobotStore | None,
+        store: Store | None,
         fresh: Callable[[], Agent],
         life: str,
         *,
