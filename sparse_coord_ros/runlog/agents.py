@@ -109,45 +109,47 @@ class AgentCheck:
         begun, difference = first_tables(self.log, self.k)
         if difference is not None or begun is None:  # that there are none is said elsewhere
             return difference
-        log, trajectory = self.log, self.trajectory
+        trajectory = self.trajectory
         limit = len(trajectory.step)
         if self.last is not None:
             limit = int(np.searchsorted(trajectory.step, self.last, side="right"))
         odd = self._odd_numbers(limit)
-        replay = Replay(log, trajectory, fresh_agent(log, self.k, begun))
-        stops = sorted([*self._table_stops(), *self._map_stops()], key=lambda stop: stop[:2])
-        states = log.tracks.states[self.k].step
-        for step, _, what in stops:
+        limit = limit if odd is None else odd[0]
+        replay = Replay(self.log, trajectory, fresh_agent(self.log, self.k, begun))
+        difference = self._first_shown(replay, limit)
+        if difference is None:
+            replay.advance(limit)
+            difference = None if odd is None else odd[1]
+            if replay.other is not None:
+                logged = self.log.numbers[trajectory.row[replay.reached], self.k]
+                step = int(trajectory.step[replay.reached])
+                said = said_otherwise(logged, replay.other)
+                difference = self._differ(step, ACTION.name, *said)
+        self.choices = replay.reached
+        if not self.log.run.greedy:
+            self.updates = int(trajectory.learned[: replay.reached].sum())
+        return difference
+
+    def _first_shown(self, replay: Replay, limit: int) -> Difference | None:
+        """Replay up to an action; return the first tables or map that the agent has not."""
+        end = int(self.log.tracks.states[self.k].step.max(initial=0))
+        for step, _, what in sorted(
+            [*self._table_stops(), *self._map_stops()], key=lambda stop: stop[:2]
+        ):
             if self.last is not None and step > self.last:
-                break
-            if isinstance(what, RecordedTables) and step > states.max(initial=0):
-                end = int(states.max(initial=0))
+                return None
+            if isinstance(what, RecordedTables) and step > end:
                 return self._differ(step, TABLES.name, "there", f"the log ends at step {end}")
-            to = int(np.searchsorted(trajectory.step, step))
-            if odd is not None and to > odd[0]:
-                break
-            if not replay.advance(to):
-                break
+            to = int(np.searchsorted(self.trajectory.step, step))
+            if to > limit or not replay.advance(to):
+                return None
             if isinstance(what, RecordedTables):
                 difference = self._compare_tables(what, replay, to)
             else:
                 difference = self._compare_map(step, what, replay)
             if difference is not None:
-                return self._counted(replay, difference)
-        replay.advance(limit if odd is None else odd[0])
-        if replay.other is not None:
-            logged = log.numbers[trajectory.row[replay.reached], self.k]
-            step = int(trajectory.step[replay.reached])
-            said = said_otherwise(logged, replay.other)
-            return self._counted(replay, self._differ(step, ACTION.name, *said))
-        return self._counted(replay, None if odd is None else odd[1])
-
-    def _counted(self, replay: Replay, difference: Difference | None) -> Difference | None:
-        self.choices = replay.reached
-        self.updates = int(self.trajectory.learned[: replay.reached].sum()) * (
-            not self.log.run.greedy
-        )
-        return difference
+                return difference
+        return None
 
     def _odd_numbers(self, limit: int) -> tuple[int, Difference] | None:
         """Return the first action whose numbers cannot be, whatever is learned."""

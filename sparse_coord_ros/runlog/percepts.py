@@ -115,16 +115,21 @@ class _Judge:
         due = self._due(k, step, peers)
         if due is None:
             return  # the world's check names the missing state
-        where = [one.where for one in due]
-        answered = bool(due) and None not in where
-        if count > 1 and not (answered and count == 1 + len(due) and places[1:] == where):
+        expected = [one.where for one in due]
+        if count > 1 and (None in expected or [count, *places[1:]] != [1 + len(due), *expected]):
             found = _words([self.frame.cell(*place) for place in places[1:]])
-            refused = PerceptEnd.REFUSED.words
-            expected = _words([one.cell for one in due]) if answered else refused
-            yield Difference(step, name, PERCEPT.name, found, expected)
+            refused = None in expected or not due
+            words = PerceptEnd.REFUSED.words if refused else _words([one.cell for one in due])
+            yield Difference(step, name, PERCEPT.name, found, words)
             return
+        yield from self._end(k, step, code, due, shown=count > 1)
+
+    def _end(
+        self, k: int, step: int, code: float, due: Sequence[_Due], *, shown: bool
+    ) -> Iterator[Difference]:
+        """Judge how a percept is said to have ended, by what it shows and the dialogue."""
         allowed = [PerceptEnd.ANSWERED]
-        if count == 1:
+        if not shown:
             allowed = [PerceptEnd.REFUSED, PerceptEnd.LATE] if due else [PerceptEnd.NOBODY_TO_ASK]
         if code not in allowed:
             yield self._code(step, k, code, " or ".join(end.words for end in allowed))

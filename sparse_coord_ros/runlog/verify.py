@@ -12,7 +12,7 @@ import numpy as np
 from sparse_coord_ros.runlog.agents import AgentCheck
 from sparse_coord_ros.runlog.copies import check_repeats, check_world_maps, repeat_count
 from sparse_coord_ros.runlog.difference import MISSING, Difference
-from sparse_coord_ros.runlog.game_check import check_world
+from sparse_coord_ros.runlog.game_check import WorldCheck, check_world
 from sparse_coord_ros.runlog.log import RunLog, read_run
 from sparse_coord_ros.runlog.percepts import check_percepts
 from sparse_coord_ros.runlog.returned import left_open
@@ -100,16 +100,9 @@ def verify(path: Path) -> Verification:
     log = read_run(path)
     last = log.last_step
     unchecked = 0 if last is None else int(np.count_nonzero(log.step > last))
-    differences = check_percepts(log, last)
-    differences += [p for p in log.problems if last is None or p.step is None or p.step <= last]
-    differences += check_repeats(log, last)
     world = check_world(log, last)
-    differences += [] if world.difference is None else [world.difference]
-    differences += check_world_maps(log, world.starts, world.end, last)
     agents = [AgentCheck(log, k, world.starts, last) for k in range(len(log.names))]
-    for agent in agents:
-        differences += agent.differences()
-    found = sorted(dict.fromkeys(differences), key=lambda one: one.rank)
+    found = _differences(log, last, world, agents)
     lost = [one for one in found if _lost(log, one)]
     missed = set(lost)
     ordered = [one for one in found if one not in missed]
@@ -135,6 +128,20 @@ def verify(path: Path) -> Verification:
         repeats=repeat_count(log),
         unchecked=unchecked,
     )
+
+
+def _differences(
+    log: RunLog, last: int | None, world: WorldCheck, agents: Sequence[AgentCheck]
+) -> list[Difference]:
+    """Return all that differs up to a time step, in the order of time."""
+    found = check_percepts(log, last)
+    found += [p for p in log.problems if last is None or p.step is None or p.step <= last]
+    found += check_repeats(log, last)
+    found += [] if world.difference is None else [world.difference]
+    found += check_world_maps(log, world.starts, world.end, last)
+    for agent in agents:
+        found += agent.differences()
+    return sorted(dict.fromkeys(found), key=lambda one: one.rank)
 
 
 EPISODES = {topic.name: topic for topic in (MAP, MARKERS, COORDINATION_MAP)}

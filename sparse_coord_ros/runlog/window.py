@@ -138,40 +138,46 @@ class LongLog:
         Args:
             begin: the time step at which an episode begins; 0: the log.
         """
-        period = self.period
-        robots, cells = len(self.run.scenario.robots), len(self.run.scenario.map.cells)
-        while True:
-            places = [one for one in self.blocks if one.end_ns >= begin * period]
-            size, taken = STRETCH_BYTES, 0
-            while True:  # an episode may be longer than a stretch
-                while taken < len(places) and size > 0:
-                    size -= places[taken].length
-                    taken += 1
-                whole = taken == len(places)
-                if not taken:
-                    return
-                last = max(place.end_ns for place in places[:taken]) // period
-                bag = self.bag.between(begin * period, last * period)
-                log = log_of(tracks_of(bag, self._source, MOVES)).between(begin, last)
-                whole = whole or self.bag.damage is not None
-                history = log.history()
-                if whole or history.episodes > 1:
-                    break
-                size = STRETCH_BYTES * 4
+        while (stretch := self._stretch(begin)) is not None:
+            log, last, whole = stretch
+            history = log.history()
             end, open_step = last + 1, None
             if not whole:
                 end = int(history.first_step[-1])
                 history = History(**{n: a[:-1] for n, a in history.arrays().items()})
             elif not self.bag.finished and self.bag.damage is None and history.episodes:
                 end = open_step = int(history.first_step[-1])
-            asked = np.zeros((robots, cells), dtype=np.int64)
-            mine = (log.step < end)[:, None] & log.asked & (log.cells >= 0)
-            rows, who = np.nonzero(mine)
-            np.add.at(asked, (who, log.cells[rows, who]), 1)
-            yield Episodes(history, asked, end - 1, open_step)
+            yield Episodes(history, self._asked_in(log, end), end - 1, open_step)
             if whole:
                 return
             begin = end
+
+    def _stretch(self, begin: int) -> tuple[RunLog, int, bool] | None:
+        """Return what was recorded from an episode's start on, until when, and if that is all.
+
+        If not, an episode ends in it: one may be longer than `STRETCH_BYTES`. None: nothing.
+        """
+        places = [one for one in self.blocks if one.end_ns >= begin * self.period]
+        size, taken = STRETCH_BYTES, 0
+        while places:
+            while taken < len(places) and size > 0:
+                size -= places[taken].length
+                taken += 1
+            last = max(place.end_ns for place in places[:taken]) // self.period
+            bag = self.bag.between(begin * self.period, last * self.period)
+            log = log_of(tracks_of(bag, self._source, MOVES)).between(begin, last)
+            whole = taken == len(places) or self.bag.damage is not None
+            if whole or log.history().episodes > 1:
+                return log, last, whole
+            size = STRETCH_BYTES * 4
+        return None
+
+    def _asked_in(self, log: RunLog, end: int) -> np.ndarray:
+        """Return how often each robot chose COORDINATE in each cell before a step, (K, cells)."""
+        asked = np.zeros((len(log.names), len(self.run.scenario.map.cells)), dtype=np.int64)
+        rows, who = np.nonzero((log.step < end)[:, None] & log.asked & (log.cells >= 0))
+        np.add.at(asked, (who, log.cells[rows, who]), 1)
+        return asked
 
     def tables_before(self, robot: int, step: int | None = None) -> RecordedTables | None:
         """Return a robot's newest tables of a time step or earlier; None: there are none.
