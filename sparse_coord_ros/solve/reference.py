@@ -74,7 +74,7 @@ def _miscoordination_probability(scenario: Scenario, turning: str) -> np.ndarray
     transition = np.stack([_transition(scenario, robot, turning) for robot in robots])
     place = np.zeros(transition.shape[:2])  # [k, x]: probability of robot k in cell x
     place[numbers, [robot.start for robot in robots]] = 1.0
-    in_doorway: list[np.ndarray] = []
+    in_doorway: list[list[np.ndarray]] = []
     all_arrived: list[float] = []
     moving = np.ones(place.shape, dtype=bool)
     moving[numbers, goals] = False
@@ -87,11 +87,11 @@ def _miscoordination_probability(scenario: Scenario, turning: str) -> np.ndarray
             break
         all_arrived.append(place[numbers, goals].prod())
         place = np.einsum("kx,kxy->ky", place, transition)
-        in_doorway.append(np.array([place[:, cells].sum(axis=1) for cells in meeting]))
-    occupied = np.stack(in_doorway, axis=-1).reshape(len(meeting), len(robots), -1)
+        in_doorway.append([place[:, cells].sum(axis=1) for cells in meeting])
+    occupied = np.array(in_doorway).reshape(len(in_doorway), len(meeting), len(robots))
     # Robots that have all arrived, in one doorway, end the trial: those steps are not made.
     crowded_at_home = float(miscoordinated(places[goals]))
-    apart = _one_each(occupied.swapaxes(0, 1))
+    apart = _one_each(occupied.T)
     return np.maximum(1.0 - apart - crowded_at_home * np.array(all_arrived), 0.0)
 
 

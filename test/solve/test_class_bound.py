@@ -278,7 +278,7 @@ def scenario_of(title):
     return load_scenario(name).with_settings({"penalty": penalty})
 
 
-@pytest.mark.parametrize("title", SHIPPED["bounds"])
+@pytest.mark.parametrize("title", [one for one in SHIPPED["bounds"] if one.endswith("-100")])
 def test_a_shipped_team_is_worth_what_is_said(title):
     scenario = scenario_of(title)
     bound = shipped_class_bound(scenario)

@@ -13,7 +13,7 @@ from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.learners import learner_of
 from sparse_coord_ros.learn.simulation import learn, tables_equal
 from tools.c_loop import loop
-from tools.c_loop.loop import CLoop, FactoredCLoop
+from tools.c_loop.loop import CLoop
 
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
 
@@ -43,32 +43,6 @@ def test_c_loop_learns_the_same_bits(name, settings):
     c_loop = CLoop(scenario)
     for seed in (0, 7):
         assert tables_equal(c_loop.learn(c_loop.sources(seed)), learn(scenario, "coop", seed))
-
-
-@needs_compiler
-@pytest.mark.parametrize(
-    ("name", "settings", "learner"),
-    [
-        ("env1", {"steps": 2000}, "factored"),
-        ("env2-4r", {"steps": 1200}, "tools.coordination.rules:FiveReplays"),
-        ("env2-4r", {"steps": 1200}, "tools.coordination.rules:NoRightOfWay"),
-        (
-            "env2-4r",
-            {"steps": 1200, "perception": "probability:0.7", "credit": "team", "referee": "off"},
-            "factored",
-        ),
-        (
-            "env2-2r",
-            {"steps": 1500, "perception": "range:3", "conflict": "any_doorway"},
-            "factored",
-        ),
-    ],
-)
-def test_the_c_loop_of_the_factored_learner_learns_the_same_bits(name, settings, learner):
-    rule = learner_of(learner)
-    scenario = rule.with_defaults(load_scenario(name).with_settings({"penalty": -50, **settings}))
-    c_loop = FactoredCLoop(scenario, rule)
-    assert tables_equal(c_loop.learn(c_loop.sources(7)), learn(scenario, rule, 7))
 
 
 @needs_compiler

@@ -19,7 +19,7 @@ from sparse_coord_ros.errors import SparseCoordError
 from sparse_coord_ros.game.scenario import Scenario, load_scenario
 from sparse_coord_ros.learn.learners import learner_of
 from sparse_coord_ros.learn.simulation import learn
-from tools.c_loop.loop import c_loop_of
+from tools.c_loop.loop import CLoop
 
 MEASURED = (
     ("env1", "coop", 1.0),
@@ -67,8 +67,9 @@ def measure_here(name: str, learner: str, steps: int, runs: int, repeats: int) -
     except SparseCoordError as error:
         missing.append(f"{ENGINE}: {error}")
     try:
-        c_loop = c_loop_of(learner, scenario)
-        ways |= {(C_LOOP, n): (runs, partial(c_loop.learn_runs, runs, n)) for n in threads}
+        if learner == "coop":  # there is one of the paper's learner alone
+            loop = CLoop(scenario)
+            ways |= {(C_LOOP, n): (runs, partial(loop.learn_runs, runs, n)) for n in threads}
     except SparseCoordError as error:
         missing.append(f"{C_LOOP}: {error}")
     few = min(runs, PYTHON_RUNS)
