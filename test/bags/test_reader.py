@@ -11,7 +11,6 @@ import zlib
 
 import lz4.frame
 import pytest
-import yaml
 import zstandard
 from mcap.records import Chunk
 from mcap.writer import CompressionType, Writer
@@ -231,23 +230,6 @@ def test_files_of_others_than_ros_2_are_refused_not_called_damaged(tmp_path):
     )
 
 
-def test_several_metadata_records_of_one_name_are_all_there(tmp_path):
-    with BagWriter(tmp_path / "run") as writer:
-        for seed in "78":
-            writer.add_metadata("run", {"seed": seed})
-            writer.add_metadata(f"other {seed}", {})
-    bag = open_bag(tmp_path / "run")
-    records = [(name, dict(texts)) for name, texts in bag.metadata_records]
-    assert records[:-1] == [
-        ("run", {"seed": "7"}),
-        ("other 7", {}),
-        ("run", {"seed": "8"}),
-        ("other 8", {}),
-    ]
-    assert set(bag.metadata) == {"run", "other 7", "other 8", "rosbag2"}
-    assert (bag.metadata["run"], bag.recovered) == ({"seed": "7"}, None)
-
-
 def test_the_directory_of_a_run_stands_for_its_bag(tmp_path, bag):
     """`run` prints that directory; a bag in the directory itself comes first."""
     bag.close()
@@ -319,20 +301,6 @@ def test_huge_lengths_take_no_memory(tmp_path, length):
         bag = open_bag(path)
         assert bag.damage.startswith(f"byte {len(start)}: a")
         assert (bag.message_count, bag.files[0].readable_bytes) == (0, len(start))
-
-
-def test_times_of_a_bag_whose_chunks_are_out_of_order(tmp_path, samples):
-    """The earliest and the latest of all messages, wherever they lie."""
-    with BagWriter(tmp_path / "run", chunk_size=1) as writer:
-        channel = writer.add_topic("/a", STRING, QoS())
-        for at in (50, 90, 20, 70, 40):
-            writer.write(channel, samples.cdr(STRING, 0), at, at)
-    found = open_bag(tmp_path / "run")
-    assert (found.damage, found.start_ns, found.end_ns) == (None, 20, 90)
-    said = yaml.safe_load((tmp_path / "run" / "metadata.yaml").read_text())
-    said = said["rosbag2_bagfile_information"]
-    assert said["starting_time"]["nanoseconds_since_epoch"] == 20
-    assert said["duration"]["nanoseconds"] == 70
 
 
 def places_of(data, wanted):
@@ -434,20 +402,6 @@ def test_a_topic_with_a_second_type(tmp_path):
     bag = open_bag(tmp_path / "other.mcap")
     assert "topic '/a' has a second type" in bag.damage
     assert bag.counts == {"/a": 1}
-
-
-def test_parts_put_chunks_together(tmp_path, samples):
-    with BagWriter(tmp_path / "run", chunk_size=1) as writer:
-        channel = writer.add_topic("/a", STRING, QoS())
-        for at in range(9):
-            writer.write(channel, samples.cdr(STRING, at), at, at)
-    found = open_bag(tmp_path / "run")
-    one, several = list(found.parts(10**6)), list(found.parts())
-    assert (len(one), len(several)) == (1, 9)
-    assert one[0].heads["log_ns"].tolist() == list(range(9))
-    data = [samples.cdr(STRING, at) for at in range(9)]
-    for begin, expected in zip(one[0].begins.tolist(), data, strict=True):
-        assert one[0].content[begin : begin + len(expected)] == expected
 
 
 def record(opcode, body):

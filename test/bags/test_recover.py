@@ -269,7 +269,7 @@ def test_sequence_numbers_and_foreign_types_are_carried_over(tmp_path):
     assert bag.topics == {"/a": topic}
     assert [message.sequence for message in bag.messages()] == [5, 7, 6]
     seeds = [texts["seed"] for name, texts in bag.metadata_records if name == "run"]
-    assert seeds == ["7", "8"]
+    assert seeds == ["7", "8"] and bag.metadata["run"] == {"seed": "7"}
 
 
 def test_bag_that_is_being_recorded_is_refused(tmp_path, samples):

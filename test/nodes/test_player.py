@@ -24,7 +24,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from sparse_coord_ros.bags import BagTopic, BagWriter, QoS, open_bag
 from sparse_coord_ros.cli.main import main as sparse_coord
-from sparse_coord_ros.errors import BagError, RunError
+from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.nodes.player import REMEDY, Player, main
 from sparse_coord_ros.nodes.player_topics import chosen_topics
 
@@ -339,15 +339,6 @@ def test_what_is_readable_of_a_broken_bag_is_played(bench, tmp_path, capfd, dama
     warnings = [line for line in capfd.readouterr().err.splitlines() if "WARN" in line]
     assert len(warnings) == 1
     assert ("never closed" if damage == "partial" else "byte ") in warnings[0]
-
-
-def test_a_bag_that_is_cut_while_it_is_played_stops_the_player(bench, tmp_path):
-    write_bag(tmp_path / "bag")
-    (file,) = (tmp_path / "bag").glob("*.mcap")
-    there = Audience(bench, file)
-    os.truncate(file, 100)
-    with pytest.raises(BagError, match="has changed while it was"):
-        there.set("position", 4.9)
 
 
 @pytest.mark.parametrize(
