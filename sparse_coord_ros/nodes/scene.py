@@ -18,12 +18,7 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from sparse_coord_ros.nodes.messages import Converter
-from sparse_coord_ros.palette import (
-    DOORWAY_COLOUR,
-    FAILED,
-    OUTCOME_COLOURS,
-    rgb,
-)
+from sparse_coord_ros.palette import DOORWAY_COLOUR, FAILED, OUTCOME_COLOURS, rgb
 from sparse_coord_ros.wire import OCCUPANCY, QUESTIONS, ROBOT_NAMES, WORDS, PerceptEnd
 
 MOST_OFTEN = 30.0
@@ -56,7 +51,10 @@ class Scene:
             actions: the newest action of each robot, as bytes; of robots that asked nobody, or in
                 another step than the one before, no question is shown.
         """
-        found = [self._name(step, k, cells[k]) for k in range(len(self._names))]
+        found = [
+            self._text(step, ROBOT_NAMES, k, name, cells[k], 0.38)
+            for k, name in enumerate(self._names)
+        ]
         for k in range(len(self._names)):
             found += self._question(step, k, cells, actions.get(k))
         inside = Counter(cells)
@@ -85,16 +83,13 @@ class Scene:
         marker.color = ColorRGBA(r=red, g=green, b=blue, a=alpha)
         return marker
 
-    def _text(self, step: int, space: str, number: int, text: str) -> Marker:
-        marker = self._marker(step, space, number, Marker.TEXT_VIEW_FACING, "#000000")
-        marker.text, marker.scale.z = text, 0.22 * self._convert.resolution
-        return marker
-
-    def _name(self, step: int, k: int, cell: int) -> Marker:
-        marker = self._text(step, ROBOT_NAMES, k, self._names[k])
-        place, metres = marker.pose.position, self._convert.resolution
-        place.x, place.y = self._convert.centres[cell]
-        place.y, place.z = place.y + 0.38 * metres, 0.7 * metres
+    def _text(self, step: int, space: str, k: int, text: str, cell: int, north: float) -> Marker:
+        """Return a text `north` of a cell's centre, in cells."""
+        marker = self._marker(step, space, k, Marker.TEXT_VIEW_FACING, "#000000")
+        metres, (x, y) = self._convert.resolution, self._convert.centres[cell]
+        marker.text, marker.scale.z = text, 0.22 * metres
+        place = marker.pose.position
+        place.x, place.y, place.z = x, y + north * metres, 0.7 * metres
         return marker
 
     def _question(
@@ -116,11 +111,7 @@ class Scene:
                 x, y = self._convert.centres[cell]
                 line.points.append(Point(x=x, y=y, z=0.6 * metres))
         whom = self._names[peer] if peer >= 0 else "all"
-        said = self._text(step, WORDS, k, f"asks {whom}: {outcome}")
-        said.pose.position.x, said.pose.position.y = self._convert.centres[cells[k]]
-        said.pose.position.y -= 0.4 * metres
-        said.pose.position.z = 0.7 * metres
-        return [line, said]
+        return [line, self._text(step, WORDS, k, f"asks {whom}: {outcome}", cells[k], -0.4)]
 
     def _read(self, step: int, action: bytes) -> tuple[int, str] | None:
         """Return whom an action asked (from 0, -1: all) and how it ended; None: it did not ask."""

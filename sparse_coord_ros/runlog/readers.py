@@ -17,10 +17,10 @@ from sparse_coord_ros.wire.messages import (
     Form,
     exactly,
     grid_form,
-    map_form,
     markers_form,
     percept_form,
 )
+from sparse_coord_ros.wire.occupancy import OccupancyData
 from sparse_coord_ros.wire.status import read_status
 
 KEEPER = Form(np.dtype([("message", "O")]), lambda message: (message,))
@@ -31,7 +31,7 @@ def team_forms(run: RunConfig, frame: Frame) -> dict[wire.Topic, Form]:
     """Return the forms of the team's topics; rows of `status` hold a `Said` each."""
     return {
         wire.CLOCK: CLOCK_FORM,
-        wire.MAP: map_form(frame),
+        wire.MAP: grid_form(frame, OccupancyData(frame).map),
         wire.MARKERS: markers_form(frame, run.scenario),
         wire.STATUS: Form(np.dtype([("status", "O")]), lambda message: (read_status(message),)),
     }

@@ -210,10 +210,16 @@ def percept_form(robots: int) -> Form:
     return Form(columns, read, [(Layout(path(n)), fill(n)) for n in range(1, robots + 1)])
 
 
-def grid_form(frame: Frame) -> Form:
-    """Return the form of an occupancy grid that lies on the map: its `data`, southmost first."""
+def grid_form(frame: Frame, due: bytes | None = None) -> Form:
+    """Return the form of an occupancy grid on the map: its `data`, southmost first.
+
+    Args:
+        frame: the run's frame.
+        due: what the data must be; None: anything.
+    """
     rows, columns = frame.grid.shape
     resolution = float(np.float32(frame.resolution))
+    expected = None if due is None else np.frombuffer(due, dtype=np.int8)
 
     def read(message: Any) -> tuple[int, np.ndarray]:
         info = message.info
@@ -223,33 +229,21 @@ def grid_form(frame: Frame) -> Form:
             raise ValueError("has another resolution or size than the map")
         if flat_position(info.origin) != frame.origin:
             raise ValueError("has another origin than the map")
-        if len(message.data) != rows * columns:
-            raise ValueError(f"has {len(message.data)} cells, not {rows * columns}")
         data = bytes(value & 0xFF for value in message.data)
+        if len(data) != rows * columns:
+            raise ValueError(f"has {len(data)} cells, not {rows * columns}")
+        if due not in (None, data):
+            raise ValueError("is not the scenario's map")
         return read_header(message.header), np.frombuffer(data, dtype=np.int8)
+
+    def fill(rows: np.ndarray, fields: np.ndarray) -> np.ndarray | None:
+        by_name(rows, fields)
+        return None if expected is None else (fields["data"] == expected).all(axis=1)
 
     size = [Fixed("<f4", resolution), Fixed("<u4", columns), Fixed("<u4", rows)]
     data: list[Item] = [Fixed("<u4", rows * columns), Free("data", f"({rows * columns},)i1")]
     layout = Layout([*header(), *no_stamp(), *size, *place_at(*frame.origin), *data])
-    return Form(np.dtype([NS, ("data", "i1", (rows * columns,))]), read, [(layout, by_name)])
-
-
-def map_form(frame: Frame) -> Form:
-    """Return the form of the map, which must be the scenario's."""
-    grid = grid_form(frame)
-    due = np.frombuffer(OccupancyData(frame).map, dtype=np.int8)
-
-    def check(rows: np.ndarray, fields: np.ndarray) -> np.ndarray:
-        by_name(rows, fields)
-        return np.asarray((fields["data"] == due).all(axis=1))
-
-    def read(message: Any) -> tuple[int, np.ndarray]:
-        ns, data = grid.read(message)
-        if not np.array_equal(data, due):
-            raise ValueError("is not the scenario's map")
-        return ns, data
-
-    return Form(grid.columns, read, [(grid.layout, check)])
+    return Form(np.dtype([NS, ("data", "i1", (rows * columns,))]), read, [(layout, fill)])
 
 
 CUBE, SPHERE, CYLINDER = 1, 2, 3

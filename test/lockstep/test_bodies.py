@@ -101,7 +101,7 @@ def test_who_does_not_report_has_not_moved(made):
     assert world.cells == before and side.lost == 2
 
 
-def test_reports_of_older_errands_count_for_nothing(made):
+def test_reports_of_older_goals_count_for_nothing(made):
     _, side, port = made
     actions = (go(SOUTH), go(SOUTH))
     side.made(actions)

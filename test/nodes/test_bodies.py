@@ -194,7 +194,7 @@ def test_at_their_own_speed(bench, tmp_path):
     assert world.summary()["transitions"] == 5
 
 
-def test_errands_and_reports_travel(own_domain):
+def test_goals_and_reports_travel(own_domain):
     run = make_run(load_scenario("env1"), {})
     convert, names = Converter(run), [robot.name for robot in run.scenario.robots]
     goals = Goals(3, 17, False, 4.5, (BodyGoal(1, 4, 5),))
@@ -232,7 +232,7 @@ def test_bad_speeds_are_refused(speed):
         read_command(message)
 
 
-def test_bad_errands_are_refused():
+def test_bad_goals_are_refused():
     run = make_run(load_scenario("env1"), {})
     convert, names = Converter(run), ["robot_1", "robot_2"]
     message = goals_message(convert, Goals(1, 2, True, 0.0, (BodyGoal(0, 1, 1),)), names)

@@ -107,10 +107,6 @@ def step_of(stamp):
     return int(ns(stamp) // (PERIOD * 1e9))
 
 
-def numbers(message):
-    return dict(zip(message.name, message.position, strict=True))
-
-
 def centre(said, cell):
     """Return (x, y) in metres, worked out from the map's text."""
     row, column = said.scenario.map.cells[cell]
@@ -200,33 +196,6 @@ def test_the_clock_is_that_of_the_steps(team):
     states = {step_of(message.header.stamp) for message in team.states["robot_1"]}
     assert steps == sorted(set(steps))
     assert states == set(steps)
-
-
-def test_rewards_add_up(team):
-    for k, name in enumerate(NAMES):
-        assert len(team.rewards[name]) > 20
-        for message in team.rewards[name]:
-            said = numbers(message)
-            assert list(said) == ["individual", "common", "ask_cost", "total"]
-            assert said["total"] == said["individual"] + said["common"] + said["ask_cost"]
-            step = step_of(message.header.stamp)
-            assert tuple(message.position) == team.said.rewards[k, step][:4]
-    assert any(m.position[2] == -1.0 for m in team.rewards["robot_1"])
-
-
-def test_actions_are_labelled(team):
-    vectors = [(0.0, 1.0), (0.0, -1.0), (1.0, 0.0), (-1.0, 0.0)]
-    for k, name in enumerate(NAMES):
-        assert len(team.actions[name]) > 20
-        for message in team.actions[name]:
-            said = numbers(message)
-            labels = ["east", "north", "coordinate", "peer", "perceived", "percept", "learned"]
-            assert list(said) == labels
-            action = team.said.actions[k, step_of(message.header.stamp)]
-            assert (said["east"], said["north"]) == vectors[action.move]
-            assert said["coordinate"] == action.asked
-            assert said["peer"] == (2 - k if action.asked else 0)
-            assert said["perceived"] == action.perceived
 
 
 def test_percepts_have_the_own_pose_and_then_the_peers(team):

@@ -238,6 +238,39 @@ def test_markers_show_doorways_goals_and_robots():
     assert shapes == wanted
 
 
+def other_look(markers):
+    markers[0].color.r = 0.5
+
+
+def other_stamp(markers):
+    markers[-1].header.stamp.sec += 1
+
+
+def other_frame(markers):
+    markers[0].header.frame_id = "odom"
+
+
+def other_place(markers):
+    markers[0].pose.position.x += 1.0
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        (other_look, "other shapes or colours"),
+        (other_stamp, "several stamps"),
+        (other_frame, "in the frame 'odom'"),
+        (other_place, "other doorways"),
+    ],
+)
+def test_other_markers_are_a_value_error(change, text):
+    convert = converter()
+    array = deserialize_message(convert.pack_markers(8, [3, 4]), MarkerArray)
+    change(array.markers)
+    with pytest.raises(ValueError, match=text):
+        markers_form(convert, load_scenario("env1")).read(array)
+
+
 @pytest.mark.parametrize("change", ["label", "count"])
 def test_tables_travel_as_bytes(change):
     message = tables_message(b"some bytes", 7, "final")
