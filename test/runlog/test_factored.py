@@ -10,7 +10,7 @@ from sparse_coord_ros.game.world import UNKNOWN_PARTNERS
 from sparse_coord_ros.learn.factors import UNSEEN
 from sparse_coord_ros.learn.simulation import learn, tables_equal
 from sparse_coord_ros.runlog import read_run, verify
-from sparse_coord_ros.runlog.explain import coordinations, explain
+from sparse_coord_ros.runlog.explain import coordinations, explained
 from sparse_coord_ros.runlog.trajectory import heard_askers
 
 EXPLORING = {
@@ -55,8 +55,7 @@ def test_verified(logged, robots):
 def test_explained(logged, robots):
     log = read_run(logged[robots].bag)
     changed = shared = failed = 0
-    for step in coordinations(log, 0):
-        one = explain(log, 0, step)
+    for one in explained(log, 0, coordinations(log, 0)):
         assert one.agrees and one.doubt is None
         if one.update is None:
             continue

@@ -7,7 +7,7 @@ import random
 import pytest
 
 from sparse_coord_ros.runlog import read_run, verify
-from sparse_coord_ros.runlog.explain import coordinations, explain
+from sparse_coord_ros.runlog.explain import coordinations, explained
 
 STEPS = 150
 RUNS = (
@@ -68,8 +68,7 @@ def test_each_coordination_of_a_disturbed_run_is_explained(record):
     log = read_run(run.bag)
     ends = set()
     for k in range(4):
-        for step in coordinations(log, k):
-            one = explain(log, k, step)
+        for one in explained(log, k, coordinations(log, k)):
             assert one.agrees and one.doubt is None
             ends.add(one.outcome)
     assert {"answered", "refused"} <= ends

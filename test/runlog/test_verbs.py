@@ -12,6 +12,7 @@ from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.game.world import Reward
 from sparse_coord_ros.nodes.messages import Converter
 from sparse_coord_ros.runlog import read_run
+from sparse_coord_ros.runlog.explain import coordinations, explained
 from sparse_coord_ros.wire.messages import REWARD_FORM
 
 
@@ -128,22 +129,17 @@ def test_explain_tells_the_whole_dialogue(sparse_coord, good):
     assert 0 < one["requests"][0]["seconds"] < 0.01
 
 
-def test_explain_names_the_table_entries_as_they_become(sparse_coord, good):
+def test_explain_names_the_table_entries_as_they_become(good):
     """The last change of an entry that is told is what the final tables hold."""
-    log = read_run(good.bag)
-    final = {}
-    for step in log.step[log.perceived[:, 0]].tolist():
-        out = sparse_coord("explain", good.bag, "--step", step, "--robot", "robot_1", "--json")[1]
-        (one,) = json.loads(out)["coordinations"]
-        if one["q_coord"] is not None:
-            final[*one["q_coord"]["state"], one["q_coord"]["action"]] = one["q_coord"]["after"]
+    log, final = read_run(good.bag), {}
+    for one in explained(log, 0, coordinations(log, 0)):
+        if one.update is not None and one.update.coord is not None:
+            entry, _, after = one.update.coord
+            final[entry] = after
     learned = log.tables[0, int(log.step[-1])].q_coord
-    moves = ["north", "south", "east", "west"]
-    told = {(*state, moves.index(move)): value for (*state, move), value in final.items()}
-    assert len(told) > 5
-    for entry, value in told.items():
-        assert learned[entry] == value
-    assert (learned != 200.0).sum() == len(told)
+    assert len(final) > 5
+    assert all(learned[entry] == value for entry, value in final.items())
+    assert (learned != 200.0).sum() == len(final)
 
 
 def test_explain_finds_the_next_one(sparse_coord, good):
