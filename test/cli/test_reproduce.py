@@ -89,22 +89,6 @@ def test_a_single_run_is_that_run(sparse_coord, folder):
     assert json.loads(out)["learner"] == "coop"
 
 
-@pytest.mark.long
-@pytest.mark.parametrize(("runs", "trials"), [(1, 5), (2, 1), (1, 1)])
-def test_a_single_run_or_trial_has_no_standard_error(sparse_coord, runs, trials, recwarn):
-    few = ("--runs", runs, "--trials", trials)
-    code, out, err = sparse_coord("reproduce", "table1", *few, "--out", "r")
-    assert (code, list(recwarn)) == (0, [])
-    assert "nan" not in out
-    code, out, _ = sparse_coord("reproduce", "table1", *few, "--out", "r", "--json")
-    reward = json.loads(out, parse_constant=pytest.fail)["conditions"][0]["reward"]
-    assert (reward["standard_error"] is None) == (runs == 1)
-    one = "env1/coop/penalty=-20"
-    code, out, _ = sparse_coord("reproduce", one, f"{one}/0", *few, "--out", "r")
-    row = next(line for line in out.splitlines() if line.startswith(one)).split()
-    assert (row[4] == "-") == (runs == 1)
-
-
 def test_list(sparse_coord, folder):
     code, out, _ = sparse_coord("reproduce", "table1", "table2", "--list")
     assert (code, len(out.splitlines())) == (0, 12)
