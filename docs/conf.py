@@ -28,7 +28,8 @@ autodoc_default_options = {"members": True, "show-inheritance": True}
 autodoc_mock_imports = ["rclpy"]
 napoleon_use_ivar = True
 default_role = "code"  # docstrings have `names` in single backquotes
-suppress_warnings = ["myst.xref_missing"]  # links to files of the repository
+# Links to files of the repository; names that the API and a module of it both have.
+suppress_warnings = ["myst.xref_missing", "ref.python"]
 
 
 def every_verb():
