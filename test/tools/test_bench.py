@@ -30,7 +30,7 @@ def test_batch_beside_the_c_loop():
 def test_without_numba_and_a_compiler(monkeypatch):
     monkeypatch.setattr(engine, "has_numba", lambda: False)
     monkeypatch.setattr(loop, "COMPILER", "no_such_compiler")
-    found = batch.measure_here("env1", "noncoop", steps=100, runs=1, repeats=1)
+    found = batch.measure_here("env1", "coop", steps=100, runs=1, repeats=1)
     numba, compiler = found["missing"]
     assert "numba" in numba and "there is no C compiler (no_such_compiler)" in compiler
     assert [one["way"] for one in found["rates"]] == [batch.PYTHON]
