@@ -67,7 +67,7 @@ class Training:
         tables: what each robot learned.
         history: one row an episode.
         visited: joint states of Q^C that each robot has updated, shape (robots,), int64.
-        evaluations: what the team was worth on the way, as (transitions, evaluation).
+        evaluations: evaluations of the team on the way, as (transitions, evaluation).
         transitions: transitions learned from; of a learner that learns `alone`, by each robot.
         finished: whether they are the scenario's budget.
         memories: what each robot's agent remembers, to learn on from there.
@@ -248,14 +248,14 @@ def train(
         if evaluate_every is None:
             evaluate_every, trials = saved.evaluate_every, saved.trials
     chosen = engine_for(scenario, rule, engine)
-    course = _Course(
+    under_way = _RunUnderWay(
         scenario, rule, seed, chosen, evaluate_every or 0, trials, checkpoint, progress, saved
     )
-    course.watcher = watcher
-    return course.run(scenario.steps if until is None else min(until, scenario.steps))
+    under_way.watcher = watcher
+    return under_way.run(scenario.steps if until is None else min(until, scenario.steps))
 
 
-class _Course:
+class _RunUnderWay:
     """A run under way; arguments as of `train`."""
 
     def __init__(
@@ -344,7 +344,7 @@ class _Course:
         return watcher.look(learning, learning.glimpse() if apart else None)
 
     def evaluation(self) -> Evaluation:
-        """Return what the team is worth now."""
+        """Evaluate the team as it is now."""
         if isinstance(self.learning, CompiledLearning):
             return summary(self.learning.play(self.trials))
         tables = self.learning.tables

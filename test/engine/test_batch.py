@@ -17,8 +17,7 @@ from sparse_coord_ros.engine.kernels import PLAIN
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.actions import COORDINATE
 from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.agent import initial_tables
-from sparse_coord_ros.learn.evaluation import check_tables, play
+from sparse_coord_ros.learn.evaluation import play
 from sparse_coord_ros.learn.rows import FREE_PLACE
 from sparse_coord_ros.learn.simulation import Learning, tables_equal
 
@@ -152,14 +151,6 @@ def test_the_loops_as_plain_python(monkeypatch, name, learner, settings):
     assert_same_run(CompiledTeam(scenario, learner, loops=PLAIN).run(3, 4), expected)
 
 
-def test_blocks_of_any_length_give_the_same_run(monkeypatch):
-    scenario = problem("crowd-3r", peers="all", perception="probability:0.7")
-    team = CompiledTeam(scenario, "coop")
-    expected = team.run(5, 20)
-    monkeypatch.setattr(batch, "BLOCK", 100)
-    assert_same_run(team.run(5, 20), expected)
-
-
 @pytest.mark.parametrize("loops", [PLAIN, None], ids=["plain", "compiled"])
 def test_sparse_tables_grow_and_always_keep_a_free_place(monkeypatch, loops):
     monkeypatch.setattr(batch, "BLOCK", 32)
@@ -203,16 +194,6 @@ def test_what_trials_look_at_is_not_saved():
     assert_same_run(team.run(1, 20), single(scenario, "coop", 1, 20))
 
 
-def test_eight_robots_that_perceive_all_peers():
-    """59^8 joint states: the tables hold what was visited."""
-    scenario = problem("crowd-8r", peers="all", steps=1200)
-    run = CompiledTeam(scenario, "coop").run(3, 5)
-    assert_same_run(run, single(scenario, "coop", 3, 5))
-    check_tables(scenario, run.tables, "coop")
-    assert [len(pair.q_coord) for pair in run.tables] == run.visited.tolist()
-    assert min(run.visited) > 10
-
-
 @pytest.mark.parametrize("learner", ["coop", "indiv"])
 def test_both_engines_give_the_same_runs_in_the_order_of_the_seeds(learner):
     settings = {"peers": "all", "perception": "probability:0.8", "q_star_init": 250}
@@ -228,25 +209,6 @@ def test_both_engines_give_the_same_runs_in_the_order_of_the_seeds(learner):
         assert_same_run(one, other)
         assert (other.trials.asks.sum() > 0) == (learner == "coop")
     assert not tables_equal(numba[0].tables, numba[1].tables)
-
-
-@pytest.mark.parametrize("engine", ["python", "numba"])
-def test_a_batch_without_trials(engine):
-    scenario = problem("env1", steps=50)
-    (run,) = run_batch(scenario, "coop", [4], trials=0, engine=engine, jobs=1)
-    assert run.trials is None
-    assert run.history is None
-    assert tables_equal(run.tables, single(scenario, "coop", 4, 2).tables)
-
-
-def test_baselines_keep_the_initial_q_coord():
-    for peers in ("one", "all"):
-        scenario = problem("crowd-3r", steps=100, peers=peers)
-        (run,) = run_batch(scenario, "noncoop", [0], trials=0, jobs=1)
-        initial = initial_tables(scenario, asks=False)
-        for tables in run.tables:
-            assert tables_equal([initial._replace(q_star=tables.q_star)], [tables])
-        assert run.visited.tolist() == [0, 0, 0]
 
 
 def test_a_run_that_nobody_waits_for_ends_with_its_block(monkeypatch):
