@@ -143,4 +143,5 @@ class Percepts:
     def sees(self, step: int, asker: int, here: int, there: int) -> bool:
         """Whether a robot in cell `here` perceives a robot in cell `there` at a time step."""
         draw = self._stream(asker).at(step)[0]
-        return bool(succeeds(draw, self._probabilities[here][there]))
+        seen: bool = succeeds(draw, self._probabilities[here][there])
+        return seen

@@ -153,6 +153,7 @@ class World:
         self._goals = [robot.goal for robot in scenario.robots]
         self._next_cell = scenario.map.next_cell.tolist()
         self._places = meeting_places(scenario).tolist()
+        self._plays = [k in self.agents for k in numbers]
         self._motion = [Stream(seed, k, MOTION, phase) for k in numbers]
         self._start = [Stream(seed, k, START, phase) for k in numbers]
         self._exploring = None
@@ -213,7 +214,8 @@ class World:
             cells[k] = self.led(k, action.move)
             if cells[k] == goals[k]:
                 arrivals.append(k)
-        places = [self._places[x] if k in self.agents else NOWHERE for k, x in enumerate(cells)]
+        pairs = zip(cells, self._plays, strict=True)
+        places = [self._places[x] if plays else NOWHERE for x, plays in pairs]
         inside = [place for place in places if place != NOWHERE]
         miscoordination = len(inside) > 1 and miscoordinated(inside)
         rewards = []
