@@ -109,6 +109,7 @@ class Layout:
         places = np.where(is_free, len(fixed) + counts - 1, np.arange(len(counts)) - counts)
         self._whole = itemgetter(*places.tolist())
         self._fixed_of = itemgetter(*np.flatnonzero(~np.array(is_free)).tolist(), 0)
+        self._fixed = (*fixed, fixed[0])  # of one place an itemgetter would make no tuple
         self._free_of = itemgetter(*np.flatnonzero(is_free).tolist())
 
     def pack(self, *values: Any) -> bytes:
@@ -123,7 +124,7 @@ class Layout:
         if len(data) != self.size:
             return None
         found = self._struct.unpack(data)
-        if self._fixed_of(found)[:-1] != self._constants:
+        if self._fixed_of(found) != self._fixed:
             return None
         values: tuple[Any, ...] = self._free_of(found)
         return values

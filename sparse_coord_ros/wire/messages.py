@@ -407,14 +407,13 @@ class Messages(Frame):
         self._marks = marks(self, run.scenario)
         self._markers = markers_form(self, run.scenario).layout
 
-    def _read(self, topic: Topic, form: Form, data: bytes) -> tuple[int, Sequence[float]]:
-        """Return (time step, numbers) of a message."""
+    def _read(self, topic: Topic, form: Form, data: bytes) -> tuple[Any, ...]:
+        """Return (sec, nanosec, *numbers) of a message."""
         said = form.layout.unpack(data)
         if said is None:
             ns, numbers = form.read(self._decode(topic, data))
-            return self.checked_step(*divmod(ns, SECOND)), numbers
-        sec, nanosec, *numbers = said
-        return self.checked_step(sec, nanosec), numbers
+            said = *divmod(ns, SECOND), *numbers
+        return said
 
     def checked_step(self, sec: int, nanosec: int) -> int:
         """Return the time step of a stamp.
@@ -440,11 +439,11 @@ class Messages(Frame):
         Raises:
             ValueError: the pose lies in no free cell.
         """
-        step, (x, y) = self._read(LOCAL_STATE, POSE_FORM, data)
+        sec, nanosec, x, y = self._read(LOCAL_STATE, POSE_FORM, data)
         cell = self.cell(x, y)
         if cell is None:
             raise ValueError(f"is at ({x:g}, {y:g}), no free cell of map {self.grid.name}")
-        return step, cell
+        return self.checked_step(sec, nanosec), cell
 
     def pack_reward(self, step: int, reward: Reward) -> bytes:
         """Return R_k(t) and its parts as CDR of sensor_msgs/JointState."""
@@ -457,10 +456,10 @@ class Messages(Frame):
         Raises:
             ValueError: labels are missing or doubled, or a number is none.
         """
-        step, numbers = self._read(REWARD, self._reward, data)
+        sec, nanosec, *numbers = self._read(REWARD, self._reward, data)
         if not all(map(isfinite, numbers)):
             raise ValueError(f"says the rewards {', '.join(map(str, numbers))}: not finite")
-        return step, reward_from(numbers)
+        return self.checked_step(sec, nanosec), reward_from(numbers)
 
     def pack_action(self, step: int, action: Action, account: Account) -> bytes:
         """Return an action as CDR of sensor_msgs/JointState; peers count from 1, 0 is none."""
@@ -473,7 +472,8 @@ class Messages(Frame):
             ValueError: labels are missing or doubled, (east, north) is no primitive action, or
                 another number is none that a robot says.
         """
-        return self._action(data)[:2]
+        step, action, _ = self._action(data)
+        return step, action
 
     def unpack_account(self, data: bytes) -> tuple[int, Action, Account]:
         """Return (step, action, what the robot says of itself); errors as of `unpack_action`."""
@@ -481,13 +481,13 @@ class Messages(Frame):
         return step, action, account_from(numbers)
 
     def _action(self, data: bytes) -> tuple[int, Action, Sequence[float]]:
-        step, numbers = self._read(ACTION, ACTION_FORM, data)
+        sec, nanosec, *numbers = self._read(ACTION, ACTION_FORM, data)
         _, _, asked, peer, perceived = numbers[:5]
         if not (asked in FLAGS and perceived in FLAGS and 0 <= peer <= self.robots):
             raise ValueError(
                 f"says coordinate {asked}, peer {peer}, perceived {perceived}: no action"
             )
-        return step, action_from(numbers), numbers
+        return self.checked_step(sec, nanosec), action_from(numbers), numbers
 
     def pack_map(self, step: int) -> bytes:
         """Return the map as CDR of nav_msgs/OccupancyGrid."""
