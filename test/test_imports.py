@@ -138,7 +138,7 @@ def test_help_of_the_largest_verb_compiles_and_draws_nothing():
 def test_command_line_without_ros(tmp_path):
     (tmp_path / "text").write_text("no bag")
     with BagWriter(tmp_path / "bag") as bag:
-        bag.add_metadata("sparse_coord_ros", {"seed": "1", "format": "2"})
+        bag.add_metadata("sparse_coord_ros", {"seed": "1", "format": "3"})
         bag.attach("run.yaml", make_run(load_scenario("env1"), {}).to_yaml().encode(), "")
     out = python(
         "from sparse_coord_ros.cli.main import main\n"

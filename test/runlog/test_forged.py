@@ -22,6 +22,7 @@ from sparse_coord_ros.learn.tables import pack_tables, unpack_robot
 from sparse_coord_ros.nodes.messages import Converter
 from sparse_coord_ros.runlog import read_run, verify
 from sparse_coord_ros.runlog.explain import coordinations, explain, explained
+from sparse_coord_ros.wire import BAG_FORMAT
 from sparse_coord_ros.wire.messages import ACTION_FORM
 
 EVENT = "/robot_2/active_perception/_service_event"
@@ -140,7 +141,7 @@ def test_a_second_run(alter):
 def test_a_second_metadata_record(good, tmp_path):
     source = open_bag(good.bag)
     with BagWriter(tmp_path / "bag") as bag:
-        bag.add_metadata("sparse_coord_ros", {"scenario": "other", "format": "2"})
+        bag.add_metadata("sparse_coord_ros", {"scenario": "other", "format": str(BAG_FORMAT)})
         bag.add_metadata("sparse_coord_ros", dict(source.metadata["sparse_coord_ros"]))
         bag.attach("run.yaml", source.attachments[0].data, "application/yaml")
     found = [str(one) for one in verify(tmp_path / "bag").differences]
