@@ -52,22 +52,27 @@ def gather(
     summary["interrupted"] = interrupted
     if recording_error is not None:
         summary["recording_error"] = str(recording_error)
-    parts = [robot_file(out, robot.name) for robot in scenario.robots]
-    if all(part.exists() for part in parts):
-        saved = [load_saved(part, [k])[0] for k, part in enumerate(parts, start=1)]
-        counts = {r.name: one.counts for r, one in zip(scenario.robots, saved, strict=True)}
-        for count in counts.values():
-            del count["step"], count["learned"]
-        summary["transitions_dropped"] = sum(count.pop("dropped") for count in counts.values())
-        summary["asks"] = counts
-        save_team(out, [one.tables for one in saved], [one.memory for one in saved])
-        for part in parts:
-            part.unlink()
+    summary |= _join_tables(out, scenario)
     write_whole(path, yaml.safe_dump(summary, sort_keys=False))
     finished = summary.get("transitions", 0) >= scenario.steps
     if finished and not interrupted and (out / TEAM_FILE).exists():
         remove_checkpoints(out)
     return summary
+
+
+def _join_tables(out: Path, scenario: Scenario) -> dict[str, Any]:
+    """Join the robots' tables where all are there; return what they say of the run."""
+    parts = [robot_file(out, robot.name) for robot in scenario.robots]
+    if not all(part.exists() for part in parts):
+        return {}
+    saved = [load_saved(part, [k])[0] for k, part in enumerate(parts, start=1)]
+    save_team(out, [one.tables for one in saved], [one.memory for one in saved])
+    for part in parts:
+        part.unlink()
+    asks = {r.name: one.counts for r, one in zip(scenario.robots, saved, strict=True)}
+    for count in asks.values():
+        del count["step"], count["learned"]
+    return {"transitions_dropped": sum(one.pop("dropped") for one in asks.values()), "asks": asks}
 
 
 def resumed_run(values: Mapping[str, Any]) -> RunConfig:
