@@ -228,6 +228,11 @@ def asks_at(game: WeightedGame, policy: ClassTeam, k: int, x: int) -> bool:
     return bool(policy.asks[k, x] and x != game.goals[k])
 
 
+def tried(chooses: bool, seen: int) -> range:
+    """Return the moves after a percept to look at: all of one that chooses, else its own."""
+    return range(PRIMITIVES) if chooses else range(seen, seen + 1)
+
+
 def best_at(
     game: WeightedGame, policy: ClassTeam, free: np.ndarray, value: np.ndarray, x: int, y: int
 ) -> float:
@@ -243,8 +248,8 @@ def best_at(
     chooses0, chooses1 = sees[0] > 0.0 and free[0], sees[1] > 0.0 and free[1]
     seen0, seen1 = policy.seen[0, x, y], policy.seen[1, y, x]
     best, best0, best1 = -np.inf, seen0, seen1
-    for i in range(0 if chooses0 else seen0, PRIMITIVES if chooses0 else seen0 + 1):
-        for j in range(0 if chooses1 else seen1, PRIMITIVES if chooses1 else seen1 + 1):
+    for i in tried(chooses0, seen0):
+        for j in tried(chooses1, seen1):
             gain, stay = expected(game, value, x, y, sees, (i, j), (move0, move1))
             found = (gain - cost) / (1.0 - game.discount * stay)
             if found > best + 1e-12:
@@ -416,6 +421,7 @@ CALLED: tuple[Callable[..., Any], ...] = (
     outcome,
     expected,
     asks_at,
+    tried,
     best_at,
     sweep,
     solve,

@@ -2,10 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Results of conditions: how to pick some, what is known to compare them with, and their CSV."""
 
+import math
 from collections.abc import Iterable
 from dataclasses import asdict
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from sparse_coord_ros.experiments.store import BY_ROBOT, SUMS, ConditionResult, standard_error
@@ -91,8 +93,7 @@ def _row(result: ConditionResult) -> dict[str, Any]:
         row |= {f"{name}_{key}": value for key, value in asdict(result.measure(name)).items()}
     for name in PAPER_MEASURES:
         printed = paper(result, name)
-        row[f"paper_{name}_mean"] = printed.mean if printed else None
-        row[f"paper_{name}_spread"] = printed.spread if printed else None
+        row |= {f"paper_{name}_{key}": getattr(printed, key, None) for key in ("mean", "spread")}
     row |= {f"shortest_path_{name}": result.reference[name] for name in PAPER_MEASURES}
     for name in (
         *("optimum", "optimum_exact", "arrived", "failed_teams", "joint_states"),
@@ -104,9 +105,7 @@ def _row(result: ConditionResult) -> dict[str, Any]:
     for name, values in {**by_robot, "common_reward_factor": factors}.items():
         row |= {f"{name}_robot_{k}": value for k, value in enumerate(values, start=1)}
     for name in (*SUMS, "arrived"):
-        known = result.exact is not None
-        row[f"exact_{name}_mean"] = float(result.run_means(name).mean()) if known else None
-        row[f"exact_{name}_standard_error"] = (
-            standard_error(result.run_means(name)) if known else None
-        )
+        exact = np.array((result.exact or {}).get(name, [math.nan]))
+        row[f"exact_{name}_mean"] = float(exact.mean())
+        row[f"exact_{name}_standard_error"] = standard_error(exact)
     return {**row, "class_bound": class_bound(result), "best_team": best_team(result)}

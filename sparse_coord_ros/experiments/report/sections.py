@@ -43,6 +43,7 @@ from sparse_coord_ros.experiments.report.text import (
 )
 from sparse_coord_ros.experiments.store import ConditionResult
 from sparse_coord_ros.learn.evaluation import Measure
+from sparse_coord_ros.learn.learners import learner_of
 
 Results = Sequence[ConditionResult]
 
@@ -54,7 +55,7 @@ ARRIVE = 0.999
 
 
 @dataclass(frozen=True)
-class Claim:
+class Finding:
     """A line of the findings.
 
     Attributes:
@@ -83,7 +84,7 @@ class Section:
     """
 
     rows: Sequence[Row]
-    claims: Sequence[Claim] = ()
+    claims: Sequence[Finding] = ()
     values: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -155,10 +156,10 @@ def _rewards(table: str, results: Results) -> Section:
             if one.best("asks").mean < analysis.RARE
         },
     }
-    return Section(rows, [Claim("The mean rewards", table, measured, same, shown)], values)
+    return Section(rows, [Finding("The mean rewards", table, measured, same, shown)], values)
 
 
-def reward_claims(source: str, results: Results) -> list[Claim]:
+def reward_claims(source: str, results: Results) -> list[Finding]:
     """Return how Coop. fares against the baselines, Indiv. against exact values; who arrives."""
     below = []
     for own in by_scenario(results):
@@ -172,7 +173,7 @@ def reward_claims(source: str, results: Results) -> list[Claim]:
     better = len(coop) - len(below)
     but = f"; not in {', '.join(below)}" if below else ""
     return [
-        Claim(
+        Finding(
             "Coop. is worth no less than the baselines",
             source,
             f"at least the better baseline minus {MARGIN} in {of(better, len(coop))} "
@@ -180,7 +181,7 @@ def reward_claims(source: str, results: Results) -> list[Claim]:
             better,
             len(coop),
         ),
-        Claim(
+        Finding(
             "Indiv. learns shortest paths",
             "exact values",
             f"within {analysis.AGREE:g} standard errors of their exact value in "
@@ -188,7 +189,7 @@ def reward_claims(source: str, results: Results) -> list[Claim]:
             exact,
             len(indiv),
         ),
-        Claim(
+        Finding(
             f"With Coop. every robot arrives in at least {percent(ARRIVE)} of the trials",
             "our target",
             f"in {percent(arrived, 2)}; in {failed(coop)} teams some robot fails more often than "
@@ -206,7 +207,7 @@ def _table2(results: Results) -> Section:
         rows += _beside_paper(results, measure, {"measure": text})
         same, shown = _as_paper(results, measure)
         measured = f"{of(same, shown)} rows agree"
-        claims.append(Claim(f"The {text}", "Table 2", measured, same, shown))
+        claims.append(Finding(f"The {text}", "Table 2", measured, same, shown))
     means = {
         one.scenario.name: one.best("miscoordinations").mean
         for one in pick(results, learner="coop")
@@ -214,58 +215,86 @@ def _table2(results: Results) -> Section:
     told = named({name: f"{mean:.2f}" for name, mean in means.items()})
     never = list(means.values()).count(0)
     claims.append(
-        Claim("Coop. never miscoordinates", "Table 2", f"per episode: {told}", never, len(means))
+        Finding("Coop. never miscoordinates", "Table 2", f"per episode: {told}", never, len(means))
     )
     return Section(rows, claims)
 
 
+@dataclass(frozen=True)
+class Fall:
+    """What learners lose from the least penalty to the greatest, in one scenario and budget.
+
+    Attributes:
+        dear: Coop. at the greatest penalty.
+        free: Coop. at the least.
+        lost: the loss of each learner, by name, of each run: shape (runs,).
+        bound: by how much the class bound falls; NaN where it is unknown.
+    """
+
+    dear: ConditionResult
+    free: ConditionResult
+    lost: Mapping[str, np.ndarray]
+    bound: float
+
+    @property
+    def row(self) -> Row:
+        """Its row in the table."""
+        exact = fixed(max(0.0, self.free.optimum - self.dear.optimum))
+        return {
+            "scenario": self.free.scenario.name,
+            "steps": steps(self.free.scenario),
+            **{learner_of(name).title: with_error(paired(v)) for name, v in self.lost.items()},
+            CLASS: fixed(self.bound),
+            "joint optimum": exact if self.free.optimum_exact else None,
+        }
+
+    @property
+    def surely_less(self) -> bool:
+        """Whether Coop. surely loses less than both baselines."""
+        over = [paired(self.lost[name] - self.lost["coop"]) for name in ("indiv", "noncoop")]
+        return all(map(surely_positive, over))
+
+
+def _fall(results: Results) -> Fall:
+    """Return the fall from the conditions of one scenario and budget."""
+    lost = {}
+    for learner in LEARNERS:
+        if own := pick(results, learner=learner):
+            dear, free = _ends(own, lambda one: one.scenario.penalty)
+            lost[learner] = free.run_means("reward") - dear.run_means("reward")
+    dear, free = _ends(pick(results, learner="coop"), lambda one: one.scenario.penalty)
+    bound = (class_bound(free) or math.nan) - (class_bound(dear) or math.nan)
+    return Fall(dear, free, lost, bound)
+
+
 def _figure4(results: Results) -> Section:
-    rows: list[Row] = []
-    ratios: dict[str, float] = {}
-    less: list[str] = []
-    coop_falls = []
-    for own in by_scenario(results):
-        for budget in dict.fromkeys(one.scenario.steps for one in own):
-            group = pick(own, steps=budget)
-            ends = {
-                learner: _ends(pick(group, learner=learner), lambda one: one.scenario.penalty)
-                for learner in LEARNERS
-                if pick(group, learner=learner)
-            }
-            falls = {
-                learner: free.run_means("reward") - dear.run_means("reward")
-                for learner, (dear, free) in ends.items()
-            }
-            dear, free = ends["coop"]
-            bound = (class_bound(free) or math.nan) - (class_bound(dear) or math.nan)
-            if bound > 0.0 and "factored" in falls and budget == LONG["steps"]:
-                ratios[free.scenario.name] = falls["factored"].mean() / bound
-            exact = fixed(max(0.0, free.optimum - dear.optimum)) if free.optimum_exact else None
-            rows.append(
-                {
-                    "scenario": free.scenario.name,
-                    "steps": steps(free.scenario),
-                    **{ends[k][0].learner.title: with_error(paired(v)) for k, v in falls.items()},
-                    CLASS: fixed(bound),
-                    "joint optimum": exact,
-                }
-            )
-            coop_falls.append(falls["coop"].mean())
-            over = [paired(falls[name] - falls["coop"]) for name in ("indiv", "noncoop")]
-            less += ["surely"] * all(map(surely_positive, over))
+    falls = [
+        _fall(pick(own, steps=budget))
+        for own in by_scenario(results)
+        for budget in dict.fromkeys(one.scenario.steps for one in own)
+    ]
+    ratios = {
+        one.free.scenario.name: one.lost["factored"].mean() / one.bound
+        for one in falls
+        if one.bound > 0.0 and "factored" in one.lost
+        if one.free.scenario.steps == LONG["steps"]
+    }
+    rows = [one.row for one in falls]
+    coop_falls = [one.lost["coop"].mean() for one in falls]
+    less = sum(one.surely_less for one in falls)
     lowest = f"{min(one.scenario.penalty for one in results):g}"
     within = sum(ratio <= FALLS.get(name, math.inf) for name, ratio in ratios.items())
     claims = [
-        Claim(
+        Finding(
             "The reward of Coop. stays about the same while the penalty grows, and that of the "
             "baselines falls",
             "Figure 4",
             f"from 0 to {lowest} Coop. loses {min(coop_falls):.1f} to {max(coop_falls):.1f}; "
-            f"surely less than both baselines in {of(len(less), len(rows))} cases",
-            len(less),
+            f"surely less than both baselines in {of(less, len(rows))} cases",
+            less,
             len(rows),
         ),
-        Claim(
+        Finding(
             f"From a penalty of 0 to {lowest}, given 10^5 steps, Factored loses hardly more than "
             "the best team of its form, at most so many times as much: "
             + named({name: f"{limit:g}" for name, limit in FALLS.items()}),
@@ -333,7 +362,7 @@ def _penalty100(results: Results) -> Section:
         )
         aims = named({name: percent(targets[name], 0) for name in found if name in targets})
         told = named({name: share(one) for name, one in found.items()})
-        claims.append(Claim(text + aims, "our target", told, met, len(found)))
+        claims.append(Finding(text + aims, "our target", told, met, len(found)))
     return Section(rows, claims)
 
 
@@ -359,7 +388,7 @@ def _ask_cost(results: Results) -> Section:
         less.append(difference(free, dear, "asks"))
     claim = "Robots ask less where asking costs more"
     measured = f"COORDINATE per robot and episode: {named(told)}"
-    return Section(rows, [Claim(claim, "open question (Section 5)", measured, *_surely(less))])
+    return Section(rows, [Finding(claim, "open question (Section 5)", measured, *_surely(less))])
 
 
 def _beats_shortest_paths(result: ConditionResult) -> bool:
@@ -389,7 +418,7 @@ def _perception(results: Results) -> Section:
     measured = f"gain from percepts that never succeed to those that always do: {told}"
     claim = "Percepts that fail cost reward"
     source = "open question (Section 5)"
-    return Section(rows, [Claim(claim, source, measured, *_surely(gains.values()))])
+    return Section(rows, [Finding(claim, source, measured, *_surely(gains.values()))])
 
 
 def _uneven(results: Results) -> Section:
@@ -412,7 +441,7 @@ def _uneven(results: Results) -> Section:
     sure, cases = _surely(gains)
     measured = f"worth more in {better} cases (even r^C among them), surely in {sure}"
     claim = "Coop. is worth more than Non-coop. where r^C is uneven too"
-    return Section(rows, [Claim(claim, "open question (Section 5)", measured, sure, cases)])
+    return Section(rows, [Finding(claim, "open question (Section 5)", measured, sure, cases)])
 
 
 def _crowd(results: Results) -> Section:
@@ -436,14 +465,14 @@ def _crowd(results: Results) -> Section:
         pick(results, learner="factored"),
     )
     claims = [
-        Claim(
+        Finding(
             "In larger teams too, Coop. is worth more than Non-coop.",
             "open question (footnote 3)",
             f"surely in {of(*one)} team sizes with one peer, in {of(*every)} with all peers",
             one[0] + every[0],
             one[1] + every[1],
         ),
-        Claim(
+        Finding(
             "Factored is worth more than Non-coop., whatever the team size",
             "our target",
             f"surely in {of(*factored)} team sizes",
@@ -482,7 +511,7 @@ def _where(results: Results) -> Section:
         f"explains in {of(sum(apart), len(apart))} scenarios"
     )
     claim = "Robots coordinate only where they must"
-    return Section(rows, [Claim(claim, "central claim", measured, sum(apart), len(apart))])
+    return Section(rows, [Finding(claim, "central claim", measured, sum(apart), len(apart))])
 
 
 def _default(results: Results) -> Section:
