@@ -82,12 +82,7 @@ def execute(options: argparse.Namespace) -> int:
     given = parse_assignments(options.assignments)
     if given and not robots:
         raise SettingError("--set needs a scenario: give --start and --goal of the robots")
-    name = options.map.stem if options.name is None else options.name
-    if not NAME.fullmatch(name):
-        raise MapError(
-            f"name {name[:100]!r}: allowed are up to 100 letters, digits, '_', '-' and '.'; "
-            "choose one with --name"
-        )
+    name = _checked(options.map.stem if options.name is None else options.name)
     folder = options.out or Path(f"{name}_map")
     text, scenario_file, picture = (folder / f"{name}{end}" for end in (".txt", ".yaml", ".png"))
     _check_free(options.map, folder, [text, scenario_file, picture], options.replace)
@@ -152,6 +147,15 @@ def _print(facts: dict[str, Any]) -> None:
     for note in facts["notes"]:
         print(f"note: {note}")
     print("written: " + ", ".join(facts["files"]))
+
+
+def _checked(name: str) -> str:
+    if not NAME.fullmatch(name):
+        raise MapError(
+            f"name {name[:100]!r}: allowed are up to 100 letters, digits, '_', '-' and '.'; "
+            "choose one with --name"
+        )
+    return name
 
 
 def _metres(flag: str, text: str) -> float:

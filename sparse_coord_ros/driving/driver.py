@@ -103,6 +103,12 @@ class Driver:
         if now == self._answered and not self._unheard:
             return None, None
         self._answered = now
+        return self._steered(goals, goal, pose, now)
+
+    def _steered(
+        self, goals: Goals, goal: BodyGoal, pose: Pose, now: float
+    ) -> tuple[Command, Reached | None]:
+        """Steer to the next place of the way; stop where it ends, or when time is over."""
         if self._began is None:
             self._began = now
         if self._way is None:
