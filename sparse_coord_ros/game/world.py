@@ -153,7 +153,7 @@ class World:
         self._goals = [robot.goal for robot in scenario.robots]
         self._next_cell = scenario.map.next_cell.tolist()
         self._places = meeting_places(scenario).tolist()
-        self._plays = [k in self.agents for k in numbers]
+        self._out = [k for k in numbers if k not in self.agents]
         self._motion = [Stream(seed, k, MOTION, phase) for k in numbers]
         self._start = [Stream(seed, k, START, phase) for k in numbers]
         self._exploring = None
@@ -214,8 +214,9 @@ class World:
             cells[k] = self.led(k, action.move)
             if cells[k] == goals[k]:
                 arrivals.append(k)
-        pairs = zip(cells, self._plays, strict=True)
-        places = [self._places[x] if plays else NOWHERE for x, plays in pairs]
+        places = [self._places[x] for x in cells]
+        for k in self._out:
+            places[k] = NOWHERE
         inside = [place for place in places if place != NOWHERE]
         miscoordination = len(inside) > 1 and miscoordinated(inside)
         rewards = []

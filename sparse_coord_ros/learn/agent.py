@@ -308,7 +308,7 @@ class Agent:
             cell: X_k(t+1).
             step: t.
         """
-        return greatest(self.values(cell), self.actions)
+        return greatest(self._tables.q_star[cell].tolist(), self.actions)
 
     def memory(self) -> Memory:
         """Return what the agent has learned; a copy.

@@ -53,7 +53,8 @@ class Team:
                 continue
             cell = world.cells[k]
             decision = agent.decide(world.step, cell)
-            perceived = self._perceived(world, k, decision.peers)
+            peers = decision.peers
+            perceived = self._perceived(world, k, peers) if peers else None
             action = agent.act(world.step, cell, decision, perceived)
             choices[k] = (cell, decision, action, perceived)
             actions[k] = action
@@ -74,7 +75,7 @@ class Team:
             self._of[peer].asked(step, k, here)
             if not self._percepts.sees(step, k, here, world.cells[peer]):
                 return None
-        return tuple(world.cells[peer] for peer in peers) or None
+        return tuple(world.cells[peer] for peer in peers)
 
 
 class LearningState(NamedTuple):
