@@ -20,6 +20,7 @@ import numpy as np
 from sparse_coord_ros.engine.batch import CompiledTeam, prepare
 from sparse_coord_ros.experiments.catalogue import LONG
 from sparse_coord_ros.experiments.conditions import make_condition
+from sparse_coord_ros.experiments.runner import Computing
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.solve.shipped import BestTeam, game_digest
 from sparse_coord_ros.version import __version__
@@ -46,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     [study] = [one for one in STUDIES if one.name == "many"]
     own = [one for one in study.conditions if one.learner == "factored"]
-    found = results_of(replace(study, conditions=own), options.out, jobs=1)
+    found = results_of(replace(study, conditions=own), options.out, Computing(jobs=1))
     teams = {}
     for name in MANY:
         condition = make_condition(name, "factored", LONG)

@@ -17,7 +17,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from sparse_coord_ros.dataframes import data_frame
-from sparse_coord_ros.engine.batch import agent_steps, is_prepared, prepare, run_batch, uses_numba
+from sparse_coord_ros.engine.batch import (
+    Run,
+    agent_steps,
+    is_prepared,
+    prepare,
+    run_batch,
+    uses_numba,
+)
 from sparse_coord_ros.engine.cluster import Cluster, check_place, cluster_at
 from sparse_coord_ros.errors import (
     ResultsError,
@@ -275,35 +282,48 @@ def run_targets(
     opened: AbstractContextManager[Results | None]
     opened = nullcontext() if out is None else open_results(out, plan)
     with opened as results, cluster_at(scheduler) as cluster:
+        by = Computing(engine, jobs, cluster)
         found = compute(
-            targets.conditions,
-            plan,
-            results=results,
-            engine=engine,
-            jobs=jobs,
-            cluster=cluster,
-            progress=progress,
-            compiling=compiling,
+            targets.conditions, plan, by, results=results, progress=progress, compiling=compiling
         )
         played = []
         if results is not None:
-            played = [
-                one_run(results, condition, number, engine=engine, jobs=jobs, cluster=cluster)
-                for condition, number in targets.runs
-            ]
+            played = [one_run(results, *one, by) for one in targets.runs]
             if report and targets.experiments:
                 _report(results, targets.experiments, found)
     return ExperimentResults(plan, targets, found, tuple(played))
 
 
+@dataclass(frozen=True)
+class Computing:
+    """By what runs are computed; attributes as of `run_batch`."""
+
+    engine: str = "auto"
+    jobs: int | None = None
+    cluster: Cluster | None = None
+
+    def runs(
+        self, condition: Condition, seeds: Sequence[int], trials: int, *, history: bool = False
+    ) -> Iterator[Run]:
+        """Yield learning runs of a condition, as `run_batch` does."""
+        return run_batch(
+            condition.scenario,
+            condition.learner,
+            seeds,
+            trials=trials,
+            engine=self.engine,
+            jobs=self.jobs,
+            history=history,
+            cluster=self.cluster,
+        )
+
+
 def compute(
     conditions: Iterable[Condition],
     plan: Plan,
+    by: Computing = Computing(),  # noqa: B008 - it never changes
     *,
     results: Results | None = None,
-    engine: str = "auto",
-    jobs: int | None = None,
-    cluster: Cluster | None = None,
     progress: Progress = no_progress,
     compiling: Callable[[], None] = lambda: None,
 ) -> dict[str, ConditionResult]:
@@ -312,10 +332,8 @@ def compute(
     Args:
         conditions: what to compute.
         plan: first seed, learning runs and trials.
+        by: engine, threads or cluster.
         results: the results directory, open; None: nothing is saved.
-        engine: as of `run_batch`.
-        jobs: as of `run_batch`.
-        cluster: as of `run_batch`.
         progress: see `Progress`.
         compiling: called before some seconds go by in which numba compiles, if they do.
     """
@@ -323,10 +341,10 @@ def compute(
     there = {one.id: None if results is None else results.load(one) for one in conditions}
     missing = [one for one in conditions if there[one.id] is None]
     found = {name: result for name, result in there.items() if result is not None}
-    if cluster is not None:
-        computed = _on_cluster(cluster, missing, plan, engine, progress)
+    if by.cluster is not None:
+        computed = _on_cluster(by.cluster, missing, plan, by.engine, progress)
     else:
-        computed = _here(missing, plan, engine, jobs, progress, compiling)
+        computed = _here(missing, plan, by, progress, compiling)
     for one, result in computed:
         if results is not None:
             results.save(one, result)
@@ -340,22 +358,19 @@ Computed = Iterator[tuple[Condition, ConditionResult]]
 def _here(
     conditions: Sequence[Condition],
     plan: Plan,
-    engine: str,
-    jobs: int | None,
+    by: Computing,
     progress: Progress,
     compiling: Callable[[], None],
 ) -> Computed:
     """Compute conditions on this machine, one after the other."""
     done, total = 0, _all_steps(conditions, plan)
     for one in conditions:
-        if uses_numba(engine, learner_of(one.learner)) and not is_prepared(learner=one.learner):
+        if uses_numba(by.engine, learner_of(one.learner)) and not is_prepared(learner=one.learner):
             compiling()
-            prepare(one.scenario, one.learner, engine=engine)
+            prepare(one.scenario, one.learner, engine=by.engine)
         progress(one.id, done, total)
         samples = []
-        for run in run_batch(
-            one.scenario, one.learner, plan.seeds, trials=plan.trials, engine=engine, jobs=jobs
-        ):
+        for run in by.runs(one, plan.seeds, plan.trials):
             samples.append(sample(run))
             done += agent_steps(one.scenario)
             progress(one.id, done, total)
@@ -456,15 +471,7 @@ def complete(
     return shown, known
 
 
-def one_run(
-    results: Results,
-    condition: Condition,
-    number: int,
-    *,
-    engine: str = "auto",
-    jobs: int | None = None,
-    cluster: Cluster | None = None,
-) -> SingleRun:
+def one_run(results: Results, condition: Condition, number: int, by: Computing) -> SingleRun:
     """Compute one run of a condition and save what it learned, as `train` does.
 
     Where that run is there already, only its trials are played again.
@@ -473,25 +480,15 @@ def one_run(
         ResultsError: something else is in its place, or it cannot be written.
     """
     seed, trials = results.plan.seed + number, results.plan.trials
-    scenario, learner = condition.scenario, condition.learner
     folder = results.run_folder(condition, number)
-    run_config = make_run(scenario, {"seed": seed, "learner": learner})
+    run_config = make_run(condition.scenario, {"seed": seed, "learner": condition.learner})
     try:
         if folder.exists():
             played = _played_again(folder, run_config, trials)
             return SingleRun(condition, seed, played, folder)
     except OSError as error:
         raise unusable_file(folder, error, "read") from None
-    [run] = run_batch(
-        scenario,
-        learner,
-        [seed],
-        trials=trials,
-        engine=engine,
-        jobs=jobs,
-        history=True,
-        cluster=cluster,
-    )
+    [run] = by.runs(condition, [seed], trials, history=True)
     assert run.trials is not None
     assert run.history is not None
     partial = folder.with_name(f"{folder.name}.partial")

@@ -10,14 +10,13 @@ import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from sparse_coord_ros.cli.computing import add_computing, jobs_of
 from sparse_coord_ros.cli.verbs import Parser
 from sparse_coord_ros.engine.cluster import cluster_at
 from sparse_coord_ros.errors import EXIT_BAD_INPUT, SparseCoordError
 from sparse_coord_ros.experiments.conditions import Condition
-from sparse_coord_ros.experiments.runner import compute
+from sparse_coord_ros.experiments.runner import Computing, compute
 from sparse_coord_ros.experiments.store import ConditionResult, Plan, open_results
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.learn.learners import learner_of
@@ -40,9 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         chosen = _chosen(options.studies, options.out)
         with cluster_at(options.scheduler) as cluster:
             for study in chosen:
-                found = results_of(
-                    study, options.out, engine=options.engine, jobs=jobs, cluster=cluster
-                )
+                found = results_of(study, options.out, Computing(options.engine, jobs, cluster))
                 table = study.table(found.__getitem__)
                 page = with_table(options.page.read_text("utf-8"), study, table)
                 write_whole(options.page, page)
@@ -61,13 +58,13 @@ def _chosen(names: Sequence[str], out: Path) -> list[Study]:
     return [*chosen, scale(out / "buildings")] if not names or "scale" in names else chosen
 
 
-def results_of(study: Study, out: Path, **where: Any) -> "dict[Condition, ConditionResult]":
+def results_of(study: Study, out: Path, by: Computing) -> "dict[Condition, ConditionResult]":
     """Return the results of a study's conditions, computed where they are not there yet.
 
     Args:
         study: the study.
         out: the results directory.
-        where: by what it is computed: engine, jobs and cluster of `experiments.runner.compute`.
+        by: engine, threads or cluster.
     """
     found: dict[Condition, ConditionResult] = {}
     for exact, runs in zip((True, False), study.runs, strict=True):
@@ -76,7 +73,7 @@ def results_of(study: Study, out: Path, **where: Any) -> "dict[Condition, Condit
         if not own:
             continue
         with open_results(out / f"{runs}-runs-{plan.trials}-trials", plan) as results:
-            by_id = compute(own, plan, results=results, progress=_say, **where)
+            by_id = compute(own, plan, by, results=results, progress=_say)
         found |= {one: by_id[one.id] for one in own}
     return found
 

@@ -8,10 +8,10 @@ learner's; `--help` lists the options.
 
 import argparse
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import pandas as pd
 from tqdm import tqdm
@@ -22,7 +22,7 @@ from sparse_coord_ros.cli.verbs import Parser
 from sparse_coord_ros.engine.cluster import cluster_at
 from sparse_coord_ros.errors import EXIT_BAD_INPUT, SparseCoordError
 from sparse_coord_ros.experiments.conditions import Condition
-from sparse_coord_ros.experiments.runner import compute
+from sparse_coord_ros.experiments.runner import Computing, compute
 from sparse_coord_ros.experiments.store import (
     ConditionResult,
     Plan,
@@ -99,10 +99,10 @@ def execute(options: argparse.Namespace) -> int:
         open_results(options.out / "final", final_plan) as finals,
         cluster_at(options.scheduler) as cluster,
     ):
-        where = {"engine": options.engine, "jobs": jobs, "cluster": cluster}
-        result = partial(_result, searched, where)
+        by = Computing(options.engine, jobs, cluster)
+        result = partial(_result, searched, by)
         outcomes = _listed(search(result, candidates, task=task), "search", candidates)
-        again = final(outcomes, partial(_result, finals, where), task)
+        again = final(outcomes, partial(_result, finals, by), task)
         finalists = _listed(again, "final", FINALISTS)
         best = min(finalists, key=lambda one: one.loss)
         reference = task.judge(best.choices, result, float("inf"))
@@ -128,8 +128,8 @@ def _listed(items: Iterator[T], title: str, total: int) -> list[T]:
     return list(tqdm(items, desc=title, total=total, disable=None, file=sys.stderr))
 
 
-def _result(results: Results, where: Mapping[str, Any], condition: Condition) -> ConditionResult:
-    return compute([condition], results.plan, results=results, **where)[condition.id]
+def _result(results: Results, by: Computing, condition: Condition) -> ConditionResult:
+    return compute([condition], results.plan, by, results=results)[condition.id]
 
 
 def _csv(outcomes: Sequence[Judgement], task: Task) -> str:
