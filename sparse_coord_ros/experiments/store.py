@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sparse_coord_ros.engine.batch import Run
-from sparse_coord_ros.errors import ResultsError, SettingError
+from sparse_coord_ros.errors import ResultsError, SettingError, other_format
 from sparse_coord_ros.experiments.conditions import Condition, parse_id
 from sparse_coord_ros.files import PARTIAL, take_lock, write_whole
 from sparse_coord_ros.game.actions import PRIMITIVES
@@ -400,10 +400,7 @@ def _load(path: Path, condition: Condition, plan: Plan) -> ConditionResult:
 def _check_format(path: Path, found: int) -> None:
     """Raise `ResultsError` unless a file is in the format of this version."""
     if found != FORMAT:
-        raise ResultsError(
-            f"{path}: is in format {found}, this version reads format {FORMAT}; compute it in "
-            "another directory, or use the sparse_coord_ros that wrote it"
-        )
+        raise ResultsError(other_format(str(path), found, FORMAT))
 
 
 def read_results(directory: Path) -> tuple[Plan, list[ConditionResult]]:

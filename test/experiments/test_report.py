@@ -309,6 +309,13 @@ def test_numbers_of_a_table_are_those_of_the_runs():
     assert verdicts(found.claims) == [(2, 9)]
 
 
+def test_who_hardly_asks_is_named_with_what_there_is_to_gain():
+    means = {"reward": 119.0, "time_to_goal": 10.0, "asks": 0.01, "miscoordinations": 0.4}
+    quiet = {"means": {name: [mean] * 4 for name, mean in means.items()}}
+    found = section("table1", {"env1/coop/penalty=-20": quiet})
+    assert found.values["silent"] == {"env1": "(2.21)"}
+
+
 @pytest.mark.parametrize(
     ("coop", "told", "met"),
     [
