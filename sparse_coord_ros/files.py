@@ -66,20 +66,19 @@ def take_lock(file: IO[Any] | int, *, exclusive: bool = True, wait: bool = False
     return True
 
 
-def hold(path: Path, mode: int = 0o666) -> IO[str]:
+def hold(path: Path) -> IO[str]:
     """Hold a file for this process alone until it is closed; it says which process that is.
 
     The file stays when it is given up, and whoever comes next holds it.
 
     Args:
         path: the file; it is made where it is missing.
-        mode: its permissions then.
 
     Raises:
         HeldError: another process holds it.
         OSError: it cannot be opened.
     """
-    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, mode)
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW)
     file = os.fdopen(descriptor, "r+", errors="replace")
     if not take_lock(file):
         with file:

@@ -2,8 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Starts the nodes of a live run: in this process, or each in its own."""
 
+import errno
 import os
 import signal
+import socket
+import struct
 import subprocess
 import sys
 import tempfile
@@ -19,7 +22,6 @@ from rclpy.logging import LoggingSeverity, set_logger_level
 from sparse_coord_ros.bags.reader import BAG_DIRECTORY
 from sparse_coord_ros.cli.options import note
 from sparse_coord_ros.errors import EXIT_BAD_INPUT, BagError, RunError
-from sparse_coord_ros.files import HeldError, hold
 from sparse_coord_ros.learn.run_config import create_output
 from sparse_coord_ros.nodes.middleware import check_participants, one_host
 from sparse_coord_ros.nodes.outputs import gather
@@ -87,19 +89,30 @@ def sole_team() -> Iterator[None]:
         RunError: another `sparse_coord run` of this user has it.
     """
     domain = os.environ.get("ROS_DOMAIN_ID", "0")
-    path = Path(tempfile.gettempdir()) / f"sparse_coord_{os.getuid()}_domain_{domain}.lock"
+    address = f"\0sparse_coord_{os.getuid()}_domain_{domain}"  # no file; gone with its process
+    with socket.socket(socket.AF_UNIX) as holder:
+        try:
+            holder.bind(address)
+            holder.listen()
+        except OSError as error:
+            if error.errno == errno.EADDRINUSE:
+                raise RunError(
+                    f"ROS domain {domain}: {_listener(address)} runs a team in it; wait for its "
+                    "end, or choose another ROS_DOMAIN_ID"
+                ) from None
+            # A system without such addresses: the nodes' guards decide.
+        yield
+
+
+def _listener(address: str) -> str:
+    """Return which process listens at a Unix address, in words."""
     try:
-        file = hold(path, 0o600)
-    except HeldError as error:
-        raise RunError(
-            f"ROS domain {domain}: {error} runs a team in it; wait for its end, or choose another "
-            "ROS_DOMAIN_ID"
-        ) from None
-    except OSError:  # a folder that cannot be written: the claims of the nodes decide
-        yield
-        return
-    with file:
-        yield
+        with socket.socket(socket.AF_UNIX) as visitor:
+            visitor.connect(address)
+            credentials = visitor.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12)
+            return f"process {struct.unpack('3i', credentials)[0]}"
+    except OSError:  # it has just ended
+        return "another process"
 
 
 def _run_processes(values: dict[str, Any], stop: Stop, quiet: bool) -> dict[str, Any]:
