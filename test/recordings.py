@@ -9,15 +9,17 @@ from typing import NamedTuple
 
 import yaml
 from nav_msgs.srv import GetPlan
-from rclpy.serialization import serialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import String
 
 from sparse_coord_ros import wire
 from sparse_coord_ros.bags import BagWriter, QoS
+from sparse_coord_ros.bags.metadata import ROLLED_BACK
 from sparse_coord_ros.bags.reader import open_bag
+from sparse_coord_ros.bags.recover import continued
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.run_config import make_run
-from sparse_coord_ros.learn.tables import pack_tables
+from sparse_coord_ros.learn.tables import pack_tables, unpack_robot
 from sparse_coord_ros.lockstep.robot_side import RobotSide
 from sparse_coord_ros.lockstep.world_side import WorldSide
 from sparse_coord_ros.nodes.messages import Converter, status
@@ -344,6 +346,59 @@ def rewritten(
         for one in attach(attached):
             new.attach(one.name, one.data, one.media_type, one.log_time_ns)
     return directory
+
+
+def copied(writer, source, messages, attachments=(), *, prefix=""):
+    """Write messages and attachments of a bag into another one, which gets all its topics."""
+    channels = {
+        topic.name: writer.add_topic(prefix + topic.name, topic.type_name, topic.qos[0])
+        for topic in source.topics.values()
+    }
+    for one in messages:
+        writer.write(channels[one.topic], one.data, one.log_time_ns, one.publish_time_ns)
+    for one in attachments:
+        writer.attach(one.name, one.data, one.media_type, one.log_time_ns)
+
+
+def rolled_back(run, directory, step, *, after, missed=0):
+    """Write a bag of two files: so many steps after a checkpoint the team went back to it.
+
+    The recorder that writes the second file gets tables of before from the robots, and misses the
+    first steps if it is told to.
+    """
+    bag, period = open_bag(run.bag), run.run.step_period * 1e9
+
+    def before(found):
+        return [one for one in found if one.log_time_ns < (step + after) * period]
+
+    rewritten(run.bag, directory, before, before)
+    why = {"why": ROLLED_BACK, "step": str(step), "first": str(step)}
+    with BagWriter(directory, earlier=continued(directory), why=why) as writer:
+        messages = [m for m in bag.messages() if m.log_time_ns >= (step + missed) * period]
+        tables = [one for one in bag.attachments if one.log_time_ns >= step * period]
+        copied(writer, bag, messages, [*before(tables), *tables])
+    return directory
+
+
+def each(topic, kind, change, which=slice(None)):
+    """Return a change of a topic's decoded messages."""
+
+    def changed(messages):
+        places = [place for place, one in enumerate(messages) if one.topic == topic]
+        for place in places[which]:
+            message = deserialize_message(messages[place].data, kind)
+            change(message)
+            messages[place] = messages[place]._replace(data=serialize_message(message))
+        return messages
+
+    return changed
+
+
+def with_tables(attached, number, change):
+    """Return an attachment in which `change` has altered a robot's tables and counts."""
+    tables, counts = unpack_robot(attached.data, number, where="")
+    change(tables, counts)
+    return attached._replace(data=pack_tables({number: tables}, counts=counts))
 
 
 def recorded(directory, name="env1", settings=None, *, values=None, **options):

@@ -45,14 +45,19 @@ def originals(tmp_path_factory, samples):
         bag = open_bag(path)
         assert (bag.finished, bag.damage, bag.message_count) == (True, None, 40)
         assert bag.compressions == (compression,)
-        found[compression] = SimpleNamespace(
-            data=path.read_bytes(),
-            messages=list(bag.messages()),
-            attachments=[(one, one.data) for one in bag.attachments],
-            topics=dict(bag.topics),
-            data_end=bag.files[0].readable_bytes,
-        )
+        found[compression] = content(bag)
     return found
+
+
+def content(bag):
+    """Return a bag's bytes and what is in it."""
+    return SimpleNamespace(
+        data=bag.path.read_bytes(),
+        messages=list(bag.messages()),
+        attachments=[(one, one.data) for one in bag.attachments],
+        topics=dict(bag.topics),
+        data_end=bag.files[0].readable_bytes,
+    )
 
 
 def damaged(data, draw):
@@ -160,13 +165,7 @@ def tiny(tmp_path_factory, samples):
         channel = bag.add_topic("/a", STRING, QoS())
         for i in range(3):
             bag.write(channel, samples.cdr(STRING), i, i)
-    bag = open_bag(path)
-    return SimpleNamespace(
-        data=bag.path.read_bytes(),
-        messages=list(bag.messages()),
-        attachments=[(one, one.data) for one in bag.attachments],
-        topics=bag.topics,
-    )
+    return content(open_bag(path))
 
 
 @pytest.mark.long

@@ -121,19 +121,6 @@ def test_an_independent_reader_finds_what_the_log_says(recorded):
         assert set(events) == {0, 1, 2, 3}, "sent, received, answered, its answer received"
 
 
-def test_log_times_are_those_of_the_steps(recorded):
-    for name in STEP_TOPICS:
-        for time_ns, message in recorded.topics[name]:
-            stamp = message.header.stamp
-            assert time_ns == stamp.sec * 1_000_000_000 + stamp.nanosec
-    for time_ns, message in recorded.topics["/clock"]:
-        assert time_ns == message.clock.sec * 1_000_000_000 + message.clock.nanosec
-    clocks = [step_of(time_ns) for time_ns, _ in recorded.topics["/clock"]]
-    assert clocks == recorded.log.step.tolist()
-    times = [time_ns for messages in recorded.topics.values() for time_ns, _ in messages]
-    assert step_of(max(times)) == recorded.log.step[-1]
-
-
 def test_the_run_is_in_the_bag(recorded):
     ((_, message),) = recorded.topics["/run"]
     assert run_from_yaml(message.data, where="topic run") == recorded.run

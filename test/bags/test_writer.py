@@ -16,7 +16,6 @@ import pytest
 from mcap.reader import NonSeekingReader, SeekingReader, make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from sparse_coord_ros.bags import (
     BagError,
@@ -43,10 +42,6 @@ TYPES = (
     "rcl_interfaces/msg/Log",
     "rcl_interfaces/msg/ParameterEvent",
 )
-EVENT_TYPE = "nav_msgs/srv/GetPlan_Event"
-EVENT_TOPIC = "/robot1/active_perception/_service_event"
-# rosbags files a service's types below `msg`.
-EVENT_TYPE_OF_ROSBAGS = "nav_msgs/srv/msg/GetPlan_Event"
 LATCHED = QoS(durability="transient_local", depth=1)
 STRING = "std_msgs/msg/String"
 
@@ -142,28 +137,6 @@ def test_file_is_complete(bag_directory):
     with (bag_directory / "run_0.mcap").open("rb") as stream:
         scanned = list(NonSeekingReader(stream, validate_crcs=True).iter_messages())
     assert len(scanned) == 33
-
-
-def test_service_events_are_kept_and_decode(tmp_path, samples):
-    """A service event channel has a usable schema and does not spoil the bag for rosbags."""
-    event_store = get_typestore(Stores.EMPTY)
-    event_store.register(get_types_from_msg(schema_text(EVENT_TYPE), EVENT_TYPE))
-    events = type(samples)(event_store)
-    with BagWriter(tmp_path / "events") as bag:
-        channel = bag.add_topic(EVENT_TOPIC, EVENT_TYPE, QoS())
-        bag.write(channel, events.cdr(EVENT_TYPE_OF_ROSBAGS), 1, 1)
-        bag.write(bag.add_topic("/chatter", STRING, QoS()), samples.cdr(STRING), 2, 2)
-    summary = mcap_reader(tmp_path / "events").get_summary()
-    [channel] = [c for c in summary.channels.values() if c.topic == EVENT_TOPIC]
-    schema = summary.schemas[channel.schema_id]
-    assert (schema.name, schema.encoding) == (EVENT_TYPE, "ros2msg")
-    assert schema.data.decode() == schema_text(EVENT_TYPE)
-    with AnyReader([tmp_path / "events"]) as reader:
-        (event, _, data), (text, _, text_data) = reader.messages()
-        assert (event.topic, event.msgtype, event.digest) == (EVENT_TOPIC, EVENT_TYPE, "")
-        decoded = reader.deserialize(data, EVENT_TYPE_OF_ROSBAGS)
-        assert events.same(events.message(EVENT_TYPE_OF_ROSBAGS), decoded)
-        assert samples.same(samples.message(STRING), reader.deserialize(text_data, text.msgtype))
 
 
 @pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])

@@ -392,6 +392,11 @@ class Team:
         self.ends(self.world.side.world.step)
         return self
 
+    def later(self, deliveries, fault):
+        """Let a fault happen after so many deliveries more."""
+        self.faults.append((self.deliveries + deliveries, fault))
+        self.faults.sort(key=lambda one: one[0])
+
     def deadline(self):
         """Pass the robots' deadlines or, where they have none, the world's."""
         awake = [who for who in self.up if who not in self.asleep]

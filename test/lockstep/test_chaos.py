@@ -45,8 +45,7 @@ def killed(who, pause, how, team):
             team.start(who, resume=how != "anew")
         team.disturbed |= how == "anew"
 
-    team.faults.append((team.deliveries + pause, again))
-    team.faults.sort(key=lambda fault: fault[0])
+    team.later(pause, again)
 
 
 def killed_saving(who, pause, how, team):
@@ -61,8 +60,7 @@ def killed_saving(who, pause, how, team):
             elif team.up[who] is seen:
                 seen.store.killed = None
 
-        team.faults.append((team.deliveries + 40 * pause, again))
-        team.faults.sort(key=lambda fault: fault[0])
+        team.later(40 * pause, again)
 
 
 def everybody(pause, how, team):
@@ -74,8 +72,7 @@ def everybody(pause, how, team):
 def asleep(who, pause, how, team):
     """Stop a process for a while."""
     team.asleep.add(who)
-    team.faults.append((team.deliveries + pause, lambda team: team.asleep.discard(who)))
-    team.faults.sort(key=lambda fault: fault[0])
+    team.later(pause, lambda team: team.asleep.discard(who))
 
 
 WHO = st.integers(WORLD, 1)

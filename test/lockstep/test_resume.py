@@ -66,14 +66,6 @@ def test_whoever_dies_while_it_saves(who, when):
     assert tables_equal(team.tables, learn(scenario, "coop", 5))
 
 
-def test_a_robot_that_comes_back_takes_everybody_back():
-    scenario = problem("env1")
-    team = Team(scenario, 4)
-    team.play([(600, lambda t: t.kill(1)), (620, lambda t: t.start(1, resume=True))])
-    assert team.world.back.taken_back == 1
-    assert tables_equal(team.tables, learn(scenario, "coop", 5))
-
-
 @pytest.mark.parametrize("every", (24, 36, 48))
 def test_a_robot_comes_back_at_any_step(every):
     """Also where it had arrived and only answers, and hears the world long after it has come."""

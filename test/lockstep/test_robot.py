@@ -5,9 +5,7 @@
 import numpy as np
 import pytest
 
-from sparse_coord_ros.game.perception import MODELS
 from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.game.streams import PERCEPT, Stream
 from sparse_coord_ros.game.world import Action, Reward
 from sparse_coord_ros.learn.agent import Agent, Tables
 from sparse_coord_ros.learn.run_config import make_run
@@ -232,9 +230,6 @@ def test_the_world_goes_on_while_the_robot_asks(robot, port):
     assert port.take() == []
 
 
-# Asking several peers.
-
-
 # Answering.
 
 
@@ -258,34 +253,11 @@ def test_a_person_gets_the_newest_state_whatever_the_model():
     assert robot.asked(1, 4, 3) == Answer(4, None)
 
 
-def test_the_draw_belongs_to_asker_and_step_and_asking_twice_changes_nothing():
-    robot = make_robot(perception="probability:0.6")
-    draws = Stream(0, 1, PERCEPT)
-    seen = []
-    for step in range(1, 60):
-        robot.state(step, 0)
-        answers = [robot.asked(1, step, 3) for _ in range(3)]
-        assert answers == [Answer(step, 0 if draws.at(step)[0] < 0.6 else None)] * 3
-        seen.append(answers[0].cell is not None)
-        robot.asked(1, 0, None)
-    assert 20 < sum(seen) < 50
-
-
 def test_the_model_decides_from_both_places():
     robot = make_robot(perception="line_of_sight")
     robot.state(1, 0)  # the north-west corner
     assert robot.asked(1, 1, 3).cell is None  # behind the wall
     assert robot.asked(1, 1, 1).cell == 0
-
-
-def test_the_model_is_looked_up_from_the_asker_to_the_asked(monkeypatch):
-    """The shipped models are symmetric; one that is not tells the two apart."""
-    one_way = lambda grid: np.triu(np.ones((len(grid.cells), len(grid.cells))))  # noqa: E731
-    monkeypatch.setitem(MODELS._known, "never", one_way)
-    robot = make_robot(perception="never")
-    robot.state(1, 7)
-    assert robot.asked(1, 1, 3).cell == 7
-    assert robot.asked(1, 1, 8).cell is None
 
 
 def test_checkpoints_and_episodes_are_told_before_the_action():

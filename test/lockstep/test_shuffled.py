@@ -104,21 +104,6 @@ def test_perception_that_works_one_way(monkeypatch):
     assert tables_equal(played(scenario, 1).tables, learn(scenario, "coop", 5))
 
 
-def test_percepts_are_those_of_the_simulation_whatever_the_order():
-    scenario = problem("env2-4r", perception="probability:0.7", steps=300)
-    teams = [played(scenario, shuffle) for shuffle in (0, 1)]
-    one, other = (sorted(team.percepts, key=str) for team in teams)
-    assert one == other
-    assert teams[0].percepts != teams[1].percepts  # the order did differ
-
-
-def test_noncoop():
-    scenario = problem("env2-4r", steps=400, max_steps=50)
-    team = played(scenario, 1, learner="noncoop", doubled=0.2)
-    assert tables_equal(team.tables, learn(scenario, "noncoop", 5))
-    assert team.percepts == []
-
-
 @pytest.mark.parametrize("doubled", [0.0, 0.2])
 @pytest.mark.parametrize(
     ("name", "settings"),

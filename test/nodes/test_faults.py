@@ -9,64 +9,14 @@ from types import SimpleNamespace
 
 import pytest
 import yaml
-from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
-from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-from rcl_interfaces.srv import SetParameters
 from rosbags.highlevel import AnyReader
-from sensor_msgs.msg import JointState
 
-from sparse_coord_ros.bags import open_bag
-from sparse_coord_ros.bags.recover import recover
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.history import load_history
-from sparse_coord_ros.learn.tables import load_saved, load_tables, load_team, robot_file
+from sparse_coord_ros.learn.tables import load_tables, load_team, robot_file
 
-SIGNALS = pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["INT", "TERM"])
 FAST = {"claim_window": 0.2}
-
-
-class Team:
-    """World, two robots and perhaps a recorder, each a process, and an observer of them."""
-
-    def __init__(self, bench, start_node, out, *, record=False, **values):
-        self._start, self._bench, self._out = start_node, bench, out
-        self.observer = bench.observer()
-        self.states = self.observer.listen(PoseStamped, "robot_1/local_state")
-        self.actions = {
-            name: self.observer.listen(JointState, f"{name}/action")
-            for name in ("robot_1", "robot_2")
-        }
-        self.status = self.observer.listen(DiagnosticStatus, "status", latched=True)
-        self.world = start_node(
-            "world_simulator",
-            "world_simulator",
-            **{"scenario": "env1", "out": out, "recorded": record, **FAST, **values},
-        )
-        self.recorder = start_node("recorder", "recorder", out=out / "bag") if record else None
-        self.robots = {name: self.start_robot(name) for name in ("robot_1", "robot_2")}
-
-    def start_robot(self, name):
-        return self._start("robot", name, out=self._out, **FAST)
-
-    def wait_for_steps(self, count=5):
-        """Wait for some more local states."""
-        before = len(self.states)
-        self._bench.spin_until(lambda: len(self.states) >= before + count, "steps go on")
-
-    def unwatched(self):
-        """Take the observer away: its readers' acknowledgements would be waited for."""
-        self._bench.destroy(self.observer)
-
-    def set_rate(self, rate):
-        value = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=rate)
-        request = SetParameters.Request(parameters=[Parameter(name="rate", value=value)])
-        response = self.observer.call(SetParameters, "world_simulator/set_parameters", request)
-        assert response.results[0].successful
-
-
-def steps(actions):
-    return [round((m.header.stamp.sec + m.header.stamp.nanosec * 1e-9) / 0.1) for m in actions]
 
 
 def assert_ended_well(process):
@@ -88,72 +38,35 @@ def assert_tables(path, number):
     assert (tables.q_star != 0).any()
 
 
-@pytest.mark.long
-def test_a_killed_robot_is_left_out_and_may_come_back(bench, start_node, tmp_path):
-    values = {"set": ["steps=100000", "epsilon=constant:1"], "rate": 80.0}
-    times = {"step_timeout": 0.6, "percept_timeout": 0.2}
-    team = Team(bench, start_node, tmp_path, **values, **times)
-    team.wait_for_steps()
-    bench.spin_until(lambda: team.actions["robot_2"], "robot_2 is heard")
-
-    team.robots["robot_2"].send_signal(signal.SIGKILL)
-    assert team.robots["robot_2"].exit_code() == -signal.SIGKILL
-    team.wait_for_steps(60)  # the barrier opens without it, and asks of it do not hold up
-    alone = len(team.actions["robot_2"])
-    last = steps(team.actions["robot_2"])[-1]
-    team.wait_for_steps(10)
-    assert len(team.actions["robot_2"]) == alone
-    assert "robot_2 gone or silent for" in team.world.output
-    assert not robot_file(tmp_path, "robot_2").exists()
-
-    team.robots["robot_2"] = team.start_robot("robot_2")
-    bench.spin_until(lambda: len(team.actions["robot_2"]) > alone + 20, "robot_2 acts again")
-    assert steps(team.actions["robot_2"])[alone] > last + 60
-
-    team.unwatched()
-    team.world.send_signal(signal.SIGINT)
-    for process in (team.world, *team.robots.values()):
-        assert_ended_well(process)
-    summary = yaml.safe_load((tmp_path / "summary.yaml").read_text())
-    assert summary["timeouts"] >= 1
-    assert load_saved(robot_file(tmp_path, "robot_1"), [1])[0].counts["late"] >= 1
-    assert_tables(robot_file(tmp_path, "robot_1"), 1)
-    assert_tables(robot_file(tmp_path, "robot_2"), 2)
-
-
-def test_a_killed_team_leaves_a_readable_bag(bench, start_node, tmp_path):
-    """It looks unfinished, for it is."""
-    team = Team(bench, start_node, tmp_path, record=True, rate=100.0)
-    team.wait_for_steps(20)
-    for process in (team.recorder, team.world, *team.robots.values()):
-        process.send_signal(signal.SIGKILL)
-        assert process.exit_code() == -signal.SIGKILL
-    assert [path.name for path in (tmp_path / "bag").iterdir()] == ["bag_0.mcap.partial"]
-    assert not open_bag(tmp_path / "bag").finished
-    recover(tmp_path / "bag")
-    assert_bag_is_whole(tmp_path / "bag")
-
-
 def test_nodes_end_well_on_a_signal(bench, start_node, tmp_path):
     number = signal.SIGTERM
-    team = Team(bench, start_node, tmp_path, record=True, rate=100.0)
-    team.wait_for_steps(20)
+    observer = bench.observer()
+    states = observer.listen(PoseStamped, "robot_1/local_state")
+    run = {"scenario": "env1", "out": tmp_path, "recorded": True, "rate": 100.0, **FAST}
+    world = start_node("world_simulator", "world_simulator", **run)
+    recorder = start_node("recorder", "recorder", out=tmp_path / "bag")
+    one, other = (start_node("robot", f"robot_{k}", out=tmp_path, **FAST) for k in (1, 2))
 
-    team.recorder.send_signal(number)
-    assert_ended_well(team.recorder)
+    def wait_for_steps(count=5):
+        before = len(states)
+        bench.spin_until(lambda: len(states) >= before + count, "steps go on")
+
+    wait_for_steps(20)
+    recorder.send_signal(number)
+    assert_ended_well(recorder)
     assert_bag_is_whole(tmp_path / "bag")
-    team.wait_for_steps()
+    wait_for_steps()
 
-    team.robots["robot_2"].send_signal(number)
-    assert_ended_well(team.robots["robot_2"])
+    other.send_signal(number)
+    assert_ended_well(other)
     assert_tables(robot_file(tmp_path, "robot_2"), 2)
-    team.wait_for_steps()
+    wait_for_steps()
 
-    team.unwatched()
-    team.world.send_signal(number)
-    assert_ended_well(team.world)
+    bench.destroy(observer)  # its readers' acknowledgements would be waited for
+    world.send_signal(number)
+    assert_ended_well(world)
     assert yaml.safe_load((tmp_path / "summary.yaml").read_text())["transitions"] >= 25
-    assert_ended_well(team.robots["robot_1"])
+    assert_ended_well(one)
     assert_tables(robot_file(tmp_path, "robot_1"), 1)
     scenario = SimpleNamespace(robots=load_scenario("env1").robots)
     assert len(load_team(tmp_path, scenario)) == 2
@@ -211,7 +124,7 @@ def test_a_signal_while_modules_are_imported(name, code, number):
 
 
 @pytest.mark.long
-@SIGNALS
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["INT", "TERM"])
 @pytest.mark.parametrize("processes", [[], ["--processes"]], ids=["one process", "processes"])
 def test_run_ends_well_on_a_signal(start, tmp_path, number, processes):
     out = tmp_path / "out"

@@ -13,7 +13,6 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import OccupancyGrid, Path
 from nav_msgs.srv import GetPlan
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
@@ -57,7 +56,7 @@ TOPICS = TEAM | {f"{name}/{topic}": of for name in NAMES for topic, of in ROBOT.
 
 
 @pytest.fixture(scope="module")
-def team(module_bench, simulate, tmp_path_factory):
+def team(module_bench, tmp_path_factory):
     """Return a paused team that was watched for a while."""
     bench = module_bench
     observer = bench.observer()
@@ -65,8 +64,6 @@ def team(module_bench, simulate, tmp_path_factory):
         bench=bench,
         observer=observer,
         out=tmp_path_factory.mktemp("team"),
-        said=simulate("env1", SETTINGS, seed=SEED),
-        clock=observer.listen(Clock, "/clock"),
         diagnostics=observer.listen(DiagnosticArray, "diagnostics"),
         states={n: observer.listen(PoseStamped, f"{n}/local_state") for n in NAMES},
         rewards={n: observer.listen(JointState, f"{n}/reward") for n in NAMES},
@@ -100,18 +97,6 @@ def team(module_bench, simulate, tmp_path_factory):
 
 def ns(stamp):
     return stamp.sec * 1_000_000_000 + stamp.nanosec
-
-
-def step_of(stamp):
-    assert ns(stamp) % (PERIOD * 1e9) == 0
-    return int(ns(stamp) // (PERIOD * 1e9))
-
-
-def centre(said, cell):
-    """Return (x, y) in metres, worked out from the map's text."""
-    row, column = said.scenario.map.cells[cell]
-    rows = len(said.scenario.map.rows)
-    return ((column + 0.5) * RESOLUTION, (rows - 1 - row + 0.5) * RESOLUTION)
 
 
 def xy(pose):
@@ -179,37 +164,6 @@ def test_a_late_subscriber_gets_what_is_latched(team):
     coordination = np.array(got["coordination"][0].data)
     assert set(coordination.tolist()) <= {-1, 0, 100}
     assert np.count_nonzero(coordination == -1) == 4
-
-
-def test_local_states_are_cells_centres_at_their_step(team):
-    for k, name in enumerate(NAMES):
-        assert len(team.states[name]) > 20
-        for message in team.states[name]:
-            assert message.header.frame_id == "map"
-            cell = team.said.states[step_of(message.header.stamp)][k]
-            assert xy(message.pose) == centre(team.said, cell)
-            assert message.pose.orientation.w == 1.0
-
-
-def test_the_clock_is_that_of_the_steps(team):
-    steps = [step_of(message.clock) for message in team.clock]
-    states = {step_of(message.header.stamp) for message in team.states["robot_1"]}
-    assert steps == sorted(set(steps))
-    assert states == set(steps)
-
-
-def test_percepts_have_the_own_pose_and_then_the_peers(team):
-    lengths = set()
-    for k, name in enumerate(NAMES):
-        for message in team.percepts[name]:
-            own, perceived = team.said.percepts[k, step_of(message.header.stamp)]
-            cells = [own, *(perceived or ())]
-            assert message.header.frame_id == "map"
-            assert [xy(stamped.pose) for stamped in message.poses] == [
-                centre(team.said, cell) for cell in cells
-            ]
-            lengths.add(len(cells))
-    assert lengths == {1, 2}
 
 
 def test_diagnostics_come_from_everybody(team):

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parameters of the nodes: described, checked at once, and fixed but for the rate."""
 
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -48,42 +49,43 @@ TYPES = {
 
 
 @pytest.fixture
-def context():
-    with ros_context() as context:
-        yield context
+def made():
+    """Return a function that makes a node with a table of parameters."""
+    with ros_context() as context, ExitStack() as stack:
+
+        def make(table, **values):
+            node = ParameterNode("node", table, context=context, values=values)
+            stack.callback(node.destroy_node)
+            return node
+
+        yield make
 
 
 @pytest.mark.parametrize("name", TABLES)
-def test_every_parameter_is_described(context, name):
+def test_every_parameter_is_described(made, name):
     table = TABLES[name]
-    node = ParameterNode("node", table, context=context, values={})
-    try:
-        for key, setting in table.items():
-            descriptor = node.describe_parameter(key)
-            assert len(descriptor.description) > 10
-            kind = setting.kind if isinstance(setting.kind, type) else str  # a family: a text
-            assert descriptor.type == TYPES[kind]
-            assert descriptor.additional_constraints == f"allowed: {setting.allowed}"
-            assert descriptor.read_only == (key != "rate")
-            assert node.get_parameter(key).value == setting.parse(setting.default)
-        assert node.values == table.defaults()
-    finally:
-        node.destroy_node()
+    node = made(table)
+    for key, setting in table.items():
+        descriptor = node.describe_parameter(key)
+        assert len(descriptor.description) > 10
+        kind = setting.kind if isinstance(setting.kind, type) else str  # a family: a text
+        assert descriptor.type == TYPES[kind]
+        assert descriptor.additional_constraints == f"allowed: {setting.allowed}"
+        assert descriptor.read_only == (key != "rate")
+        assert node.get_parameter(key).value == setting.parse(setting.default)
+    assert node.values == table.defaults()
 
 
-def test_ranges_are_in_the_descriptors(context):
-    node = ParameterNode("node", WORLD_PARAMETERS, context=context, values={})
-    try:
-        (span,) = node.describe_parameter("step_period").floating_point_range
-        assert (span.from_value, span.to_value) == (0.001, 60.0)
-        (span,) = node.describe_parameter("seed").integer_range
-        assert (span.from_value, span.to_value) == (0, 2**63 - 1)
-        constraints = node.describe_parameter("step_timeout").additional_constraints
-        assert constraints == "allowed: a number of at least 0.1"
-        constraints = node.describe_parameter("executor").additional_constraints
-        assert constraints == "allowed: events or single"
-    finally:
-        node.destroy_node()
+def test_ranges_are_in_the_descriptors(made):
+    node = made(WORLD_PARAMETERS)
+    (span,) = node.describe_parameter("step_period").floating_point_range
+    assert (span.from_value, span.to_value) == (0.001, 60.0)
+    (span,) = node.describe_parameter("seed").integer_range
+    assert (span.from_value, span.to_value) == (0, 2**63 - 1)
+    constraints = node.describe_parameter("step_timeout").additional_constraints
+    assert constraints == "allowed: a number of at least 0.1"
+    constraints = node.describe_parameter("executor").additional_constraints
+    assert constraints == "allowed: events or single"
 
 
 def test_a_runs_settings_are_the_worlds_parameters():
@@ -95,23 +97,20 @@ def test_no_scenario_setting_is_called_like_a_parameter():
 
 
 @pytest.mark.parametrize("name", TABLES)
-def test_a_node_minds_only_its_own_of_a_teams_parameters(context, name):
+def test_a_node_minds_only_its_own_of_a_teams_parameters(made, name):
     """One file, or a launch file's group, may give all of them to every node."""
     values = {
         "out": "x", "seed": 7, "record": True, "compression": "lz4", "world_timeout": 9.0,
         "penalty": -100.0, "perception": "never",
     }  # fmt: skip
-    node = ParameterNode("node", TABLES[name], context=context, values=values)
-    try:
-        own = {key: value for key, value in values.items() if key in TABLES[name]}
-        assert {key: node.values[key] for key in own} == own
-        assert set(node.values) == set(TABLES[name])
-        if "set" in own or "set" in node.values:
-            assert node.values["set"][1:] == ["penalty=-100.0", "perception=never"]
-        else:
-            assert not node.has_parameter("penalty")
-    finally:
-        node.destroy_node()
+    node = made(TABLES[name], **values)
+    own = {key: value for key, value in values.items() if key in TABLES[name]}
+    assert {key: node.values[key] for key in own} == own
+    assert set(node.values) == set(TABLES[name])
+    if "set" in own or "set" in node.values:
+        assert node.values["set"][1:] == ["penalty=-100.0", "perception=never"]
+    else:
+        assert not node.has_parameter("penalty")
 
 
 def test_scenario_settings_are_parameters_of_the_world(bench):
@@ -130,19 +129,16 @@ def test_scenario_settings_are_parameters_of_the_world(bench):
         ({"set": "steps=7"}, "parameter set: value is 'steps=7', allowed: a list of texts"),
     ],
 )
-def test_bad_values_stop_a_node_at_once(context, values, text):
+def test_bad_values_stop_a_node_at_once(made, values, text):
     with pytest.raises(SettingError, match=f"^node node: {text}"):
-        ParameterNode("node", WORLD_PARAMETERS, context=context, values=values)
+        made(WORLD_PARAMETERS, **values)
 
 
-def test_whole_numbers_do_for_numbers(context):
+def test_whole_numbers_do_for_numbers(made):
     """`-p rate:=5` is an integer to ROS, though the parameter is a double."""
-    node = ParameterNode("node", WORLD_PARAMETERS, context=context, values={"rate": 5})
-    try:
-        assert node.values["rate"] == 5.0
-        assert node.get_parameter("rate").type_ == node.get_parameter("step_timeout").type_
-    finally:
-        node.destroy_node()
+    node = made(WORLD_PARAMETERS, rate=5)
+    assert node.values["rate"] == 5.0
+    assert node.get_parameter("rate").type_ == node.get_parameter("step_timeout").type_
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from nav_msgs.srv import GetPlan
 from sparse_coord_ros.lockstep.waiting import Deadline, WorldPresence
 from sparse_coord_ros.nodes import peers
 from sparse_coord_ros.nodes.member import Member
-from sparse_coord_ros.nodes.peers import Clients, Peer, Peers
+from sparse_coord_ros.nodes.peers import Peer, Peers
 from sparse_coord_ros.nodes.robot import LAST_WORDS_SECONDS, RobotNode
 
 
@@ -75,14 +75,6 @@ class Node:
 @pytest.fixture
 def node():
     return Node()
-
-
-def test_robots_that_share_clients_have_one_for_each_peer(node):
-    clients, made = Clients(), []
-    node.create_client = lambda kind, name: made.append(name) or Node()
-    first = [clients.of(name, node) for name in ("robot_2", "robot_3")]
-    assert [clients.of(name, node) for name in ("robot_2", "robot_3")] == first
-    assert made == ["robot_2/active_perception", "robot_3/active_perception"]
 
 
 def test_a_peer_that_gave_up_is_asked_but_not_waited_for(node):
@@ -162,9 +154,3 @@ def test_the_deadline_of_what_is_waited_for():
     assert done == ["gave up", "expired"]
     Peers.keep_the_deadline(peers, 12.1)
     assert done == ["gave up", "expired", "expired"], "no peer is to blame for a late reward"
-    for step, now in ((5, 13.0), (6, 13.9), (6, 14.8)):
-        lockstep.waiting = ("reward", step)
-        Peers.keep_the_deadline(peers, now)
-    lockstep.waiting = None
-    Peers.keep_the_deadline(peers, 99.0)
-    assert len(done) == 3

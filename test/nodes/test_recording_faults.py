@@ -145,26 +145,6 @@ def test_a_full_disk_ends_the_recording_but_not_the_run(start, tmp_path, full_di
     assert_bag_is_cut(out / "bag")
 
 
-def test_a_recorder_whose_disk_is_full_ends_with_a_line(start_node, tmp_path, full_disk):
-    """The others, started by hand, go on and finish."""
-    out, quick = tmp_path / "out", {"claim_window": 0.1}
-    recorder = start_node("recorder", "recorder", out=out / "bag", compression="none")
-    settings = {"set": [f"steps={STEPS_UNTIL_FULL}"], "recorded": True, "out": out, **quick}
-    world = start_node("world_simulator", "world_simulator", scenario="env1", **settings)
-    names = ("robot_1", "robot_2")
-    robots = [start_node("robot", name, out=out, **quick) for name in names]
-    assert recorder.exit_code() == 2, recorder.output
-    (line,) = [line for line in recorder.output.splitlines() if "[INFO]" not in line]
-    assert re.match(r"error: cannot write .*bag_0\.mcap\.partial beyond \d+ bytes: File too", line)
-    for process in (world, *robots):
-        assert process.exit_code() == 0, process.output
-        assert "Traceback" not in process.output
-    summary = yaml.safe_load((out / "summary.yaml").read_text())
-    assert (summary["transitions"], summary["timeouts"]) == (STEPS_UNTIL_FULL, 0)
-    assert all((out / f"tables_{name}.npz").exists() for name in names)
-    assert_bag_is_cut(out / "bag")
-
-
 def test_a_bag_that_breaks_before_the_first_step_does_not_hold_up_the_run(tmp_path, monkeypatch):
     class Broken(BagProcess):
         def attach(self, name, data, media_type, log_time_ns=0):

@@ -152,16 +152,6 @@ def test_who_goes_back_listens_anew(bench, tmp_path):
 
 @pytest.mark.long
 @pytest.mark.parametrize("who", ["robot_2", "world_simulator"])
-def test_who_comes_back_takes_everybody_back(start_node, tmp_path, said, assert_same_tables, who):
-    out = tmp_path / "out"
-    nodes = by_hand(start_node, out)
-    summary = killed_and_resumed(start_node, nodes, who, out)
-    assert (summary["taken_back"], summary["transitions_lost"]) == (1, 0)
-    assert_same_tables(out, said)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("who", ["robot_2", "world_simulator"])
 def test_who_goes_on_shows_nothing_of_the_time_before(bench, tmp_path, who):
     """It knows its checkpoint; the recorder was there all the time, and wrote later things."""
     out = tmp_path / "out"

@@ -10,6 +10,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from recordings import copied
 
 from sparse_coord_ros.bags import BagWriter
 from sparse_coord_ros.bags.playlist import Playlist
@@ -189,14 +190,7 @@ def test_a_team_in_a_namespace_with_a_clock_of_its_own(good, tmp_path):
     source, bag = open_bag(good.bag), tmp_path / "bag"
     with BagWriter(bag) as new:
         new.add_metadata("sparse_coord_ros", source.metadata["sparse_coord_ros"])
-        channels = {
-            name: new.add_topic(f"/team_a{name}", topic.type_name, topic.qos[0])
-            for name, topic in source.topics.items()
-        }
-        for one in source.messages():
-            new.write(channels[one.topic], one.data, one.log_time_ns, one.publish_time_ns)
-        for one in source.attachments:
-            new.attach(one.name, one.data, one.media_type, one.log_time_ns)
+        copied(new, source, source.messages(), source.attachments, prefix="/team_a")
     found = verify(bag)
     assert found.same, found.first
     assert found.steps == 250

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 from rclpy.serialization import serialize_message
+from recordings import copied, rolled_back
 
 from sparse_coord_ros.bags import BagWriter
 from sparse_coord_ros.bags.metadata import ROLLED_BACK
@@ -43,15 +44,9 @@ def restarted(good, rewritten, tmp_path):
 
         rewritten(good.bag, directory, before, before)
         writer = BagWriter(directory, earlier=continued(directory))
-        channels = {
-            topic.name: writer.add_topic(topic.name, topic.type_name, topic.qos[0])
-            for topic in bag.topics.values()
-        }
-        for one in after([one for one in bag.messages() if one.log_time_ns >= cut]):
-            writer.write(channels[one.topic], one.data, one.log_time_ns, one.publish_time_ns)
-        for one in bag.attachments:
-            if one.name.startswith("tables/") and not one.name.endswith("_0.npz"):
-                writer.attach(one.name, one.data, one.media_type, one.log_time_ns)
+        tables = [one for one in bag.attachments if one.name.startswith("tables/")]
+        again = [one for one in tables if not one.name.endswith("_0.npz")]
+        copied(writer, bag, after([m for m in bag.messages() if m.log_time_ns >= cut]), again)
         writer.close()
         return verify(directory)
 
@@ -77,32 +72,13 @@ def test_a_recorder_that_comes_back_after_the_run_names_the_gap(restarted, at):
 
 
 @pytest.mark.parametrize("missed", [0, 3])
-def test_a_recorder_that_comes_back_as_the_team_goes_back(record, rewritten, tmp_path, missed):
+def test_a_recorder_that_comes_back_as_the_team_goes_back(record, tmp_path, missed):
     """It gets tables of before from the robots, and may miss the first steps: a named gap."""
     run = record(settings={"steps": 200}, values={"checkpoint": 10})
-    bag, directory = open_bag(run.bag), tmp_path / "bag"
     period = run.run.step_period * 1e9
-    tables = [one for one in bag.attachments if one.name.startswith("tables/")]
-    step = min(round(one.log_time_ns / period) for one in tables if one.log_time_ns > 50 * period)
-
-    def before(found):
-        return [one for one in found if one.log_time_ns < (step + 25) * period]
-
-    rewritten(run.bag, directory, before, before)
-    why = {"why": ROLLED_BACK, "step": str(step), "first": str(step)}
-    writer = BagWriter(directory, earlier=continued(directory), why=why)
-    channels = {
-        topic.name: writer.add_topic(topic.name, topic.type_name, topic.qos[0])
-        for topic in bag.topics.values()
-    }
-    for one in bag.messages():
-        if one.log_time_ns >= (step + missed) * period:
-            writer.write(channels[one.topic], one.data, one.log_time_ns, one.publish_time_ns)
-    for one in [*before(tables), *tables]:
-        if one.log_time_ns >= step * period:
-            writer.attach(one.name, one.data, one.media_type, one.log_time_ns)
-    writer.close()
-    found = verify(directory)
+    times = [one.log_time_ns for one in open_bag(run.bag).attachments]
+    step = min(round(ns / period) for ns in times if ns > 50 * period)
+    found = verify(rolled_back(run, tmp_path / "bag", step, after=25, missed=missed))
     gaps = [(step, step + missed - 1)] if missed else []
     assert found.log.tracks.gaps == gaps
     assert [one.quantity for one in found.differences] == ["recording"] * len(gaps)
@@ -139,18 +115,14 @@ def test_an_answer_to_a_question_of_before_a_roll_back():
     assert not _under_way(56, None)
 
 
+def request(sent, returned, peer=1, step=9, answer=9):
+    """Return a request of robot 1 for a step, by when it was sent and its answer came."""
+    times = {EventKind.SENT: sent, EventKind.RETURNED: returned}
+    return Request(0, peer, step, (0.0, 0.0), times, answer=(answer, None))
+
+
 def test_of_requests_sent_again_the_newest_counts():
     """A peer that stood still answers all of them, when its asker has given the others up."""
-
-    def request(sent, returned, peer=1, step=9):
-        return Request(
-            0,
-            peer,
-            step,
-            (0.0, 0.0),
-            {EventKind.SENT: sent, EventKind.RETURNED: returned},
-            answer=(9, None),
-        )
 
     superseded, newest = request(1, 30), request(20, 31)
     behind, asked_again = request(1, 2, step=8), request(3, 4, step=8)
@@ -177,32 +149,12 @@ def test_tables_of_the_checkpoint_come_again_where_a_file_takes_the_run_back(goo
 
 @pytest.mark.parametrize(
     ("answers", "times"),
-    [
-        ([9], 0),
-        ([8, 9], 1),
-        ([8, 8, 9], 2),
-        ([8, 8], 1),
-        ([9, 9], 0),
-        ([9, 10], 0),
-        ([8, 9, 9], 1),
-    ],
+    [([9], 0), ([8, 9], 1), ([8, 8, 9], 2), ([8, 8], 1), ([9, 10], 0), ([8, 9, 9], 1)],
 )
 def test_a_busy_robot_that_asks_again_does_not_wait_for_its_peer(answers, times):
     """It had an answer of the very step, and did not look at it in time."""
-    requests = [
-        Request(
-            0,
-            1,
-            9,
-            (0.0, 0.0),
-            {EventKind.SENT: 2 * i, EventKind.RETURNED: 2 * i + 1},
-            answer=(answer, None),
-        )
-        for i, answer in enumerate(answers)
-    ]
-    other = Request(
-        0, 2, 9, (0.0, 0.0), {EventKind.SENT: 90, EventKind.RETURNED: 91}, answer=(8, None)
-    )
+    requests = [request(2 * i, 2 * i + 1, answer=answer) for i, answer in enumerate(answers)]
+    other = request(90, 91, peer=2, answer=8)
     assert times_asked_again(heard([*requests, other])) == times
 
 

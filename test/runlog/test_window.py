@@ -9,10 +9,8 @@ import pytest
 import recordings
 
 from sparse_coord_ros import wire
-from sparse_coord_ros.bags import BagWriter, contents, open_bag
-from sparse_coord_ros.bags.metadata import ROLLED_BACK
+from sparse_coord_ros.bags import contents, open_bag
 from sparse_coord_ros.bags.reader import bag_files
-from sparse_coord_ros.bags.recover import continued
 from sparse_coord_ros.errors import BagError
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.history import concatenated
@@ -46,31 +44,15 @@ def test_a_stretch_is_what_the_whole_log_has_there(bag):
     log.close()
 
 
-def test_of_several_files_what_was_superseded_is_left_out(record, rewritten, tmp_path):
+def test_of_several_files_what_was_superseded_is_left_out(record, tmp_path):
     """A run that went back to a checkpoint is the log of an unbroken run."""
     run = record(
         settings={"steps": 600, "perception": "probability:0.6"}, values={"checkpoint": 9}
     )
-    whole, directory, period = open_bag(run.bag), tmp_path / "bag", run.run.step_period * 1e9
-    tables = [one for one in whole.attachments if one.name.startswith("tables/robot_1_")]
-    step = min(n for n in (int(one.name[15:-4]) for one in tables) if n > 200)
-
-    def before(found):
-        return [one for one in found if one.log_time_ns < (step + 60) * period]
-
-    rewritten(run.bag, directory, before, before)
-    why = {"why": ROLLED_BACK, "step": str(step), "first": str(step)}
-    with BagWriter(directory, earlier=continued(directory), why=why) as writer:
-        channels = {
-            topic.name: writer.add_topic(topic.name, topic.type_name, topic.qos[0])
-            for topic in whole.topics.values()
-        }
-        for one in whole.messages():
-            if one.log_time_ns >= step * period:
-                writer.write(channels[one.topic], one.data, one.log_time_ns, one.publish_time_ns)
-        for one in whole.attachments:
-            if one.log_time_ns >= step * period:
-                writer.attach(one.name, one.data, one.media_type, one.log_time_ns)
+    names = [one.name for one in open_bag(run.bag).attachments]
+    steps = [int(name[15:-4]) for name in names if name.startswith("tables/robot_1_")]
+    step = min(n for n in steps if n > 200)
+    directory = recordings.rolled_back(run, tmp_path / "bag", step, after=60)
     due, log = read_run(run.bag), LongLog(directory)
     assert len(log.bag.files) == 2 and read_run(directory).tracks.rollbacks
     assert log.last_step == due.step[-1] and log.table_steps() == LongLog(run.bag).table_steps()

@@ -39,7 +39,6 @@ def test_both_engines_show_the_same_transitions(name, learner, settings):
     problem = scenario(name, **settings)
     plain = Learning(problem, learner, 3)
     compiled = CompiledLearning(CompiledTeam(problem, learner, loops=PLAIN), 3)
-    asked = np.zeros_like(plain.asked)
     for _ in range(60):
         for engine in (plain, compiled):
             engine.advance(engine.done + 2)
@@ -49,7 +48,7 @@ def test_both_engines_show_the_same_transitions(name, learner, settings):
     assert np.array_equal(plain.asked, compiled.asked)
     if learner == "coop":
         assert plain.asked.sum() == plain.history.asks.sum() > 10
-    assert asked.shape == (len(problem.robots), len(problem.map.cells))
+    assert plain.asked.shape == (len(problem.robots), len(problem.map.cells))
     assert tables_equal(plain.tables, compiled.tables)
 
 
