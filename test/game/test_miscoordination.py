@@ -64,3 +64,13 @@ def test_a_state_that_nobody_knows_is_none():
     scenario = scenario_from_dict(parse_yaml(CORRIDOR, where=""), where="", name="corridor")
     found = miscoordinations(scenario, np.array([[-1, -1, 2], [-1, 2, 2], [-1, -1, -1]]))
     assert found.tolist() == [False, True, False]
+
+
+def test_the_first_cell_can_be_a_doorway_too():
+    data = {
+        "map": {"name": "end", "text": "---\nD.12"},
+        "robots": {"a": {"start": 1, "goal": 2}, "b": {"start": 2, "goal": 1}},
+    }
+    scenario = scenario_from_dict(data, where="", name="end")
+    found = miscoordinations(scenario, np.array([[0, 0], [0, 1], [0, -1]]))
+    assert found.tolist() == [True, False, False]
