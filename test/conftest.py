@@ -6,14 +6,16 @@ import os
 import random
 import signal
 import socket
+import subprocess
+import sys
 import tempfile
 import time
 from contextlib import contextmanager
 
 import pytest
+from teams import drawn
 
 from sparse_coord_ros.compiling import FOLDER_VARIABLE
-from sparse_coord_ros.game.scenario import scenario_from_dict
 
 DOMAINS = (*range(1, 101), *range(215, 232))
 """ROS domains whose ports are not those that Linux hands out by itself."""
@@ -127,20 +129,31 @@ def pytest_configure(config):
         os.environ["HYPOTHESIS_STORAGE_DIRECTORY"] = f"{folder.name}/hypothesis"
 
 
-CORRIDOR = "1..D..2"
+@pytest.fixture(scope="session")
+def python():
+    """Return a function that runs Python in a process of its own and returns what it did.
+
+    Unless its exit code is the one awaited, the test fails. It finds what this process finds.
+    """
+
+    def run(*arguments, cwd=None, env=None, code=0):
+        path = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+        done = subprocess.run(
+            [sys.executable, *map(str, arguments)],
+            cwd=cwd,
+            env={**os.environ, **path, **(env or {})},
+            capture_output=True,
+            text=True,
+            timeout=100,
+        )
+        assert done.returncode == code, done.stderr
+        assert "Traceback" not in done.stderr
+        return done
+
+    return run
 
 
 @pytest.fixture
 def make():
-    """Return a maker of scenarios from the rows of a map, robots as {name: (start, goal)}."""
-
-    def maker(grid=CORRIDOR, robots=None, **settings):
-        robots = robots or {"robot_1": (1, 2), "robot_2": (2, 1)}
-        data = {
-            "map": {"name": "drawn", "text": f"title: drawn\n---\n{grid}\n"},
-            "robots": {name: {"start": s, "goal": g} for name, (s, g) in robots.items()},
-            **settings,
-        }
-        return scenario_from_dict(data, where="drawn.yaml", name="drawn")
-
-    return maker
+    """Return a maker of scenarios: `teams.drawn`."""
+    return drawn

@@ -28,18 +28,6 @@ def test_the_new_content_takes_the_place_of_the_old(file, data):
     assert content(file.parent) == {"run.yaml": "new é".encode()}
 
 
-def test_until_all_is_written_the_old_content_is_there(file, monkeypatch):
-    seen, replace = [], os.replace
-
-    def look(partial, path):
-        seen.append((file.read_text(encoding="utf-8"), partial.read_text(encoding="utf-8")))
-        replace(partial, path)
-
-    monkeypatch.setattr(os, "replace", look)
-    write_whole(file, "new")
-    assert seen == [("old", "new")]
-
-
 def test_where_writing_fails_nothing_has_changed(file):
     with pytest.raises(TypeError):
         write_whole(file, 5)

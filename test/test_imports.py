@@ -3,9 +3,6 @@
 """The ROS-free parts import, and work, where ROS is not installed; imports point down only."""
 
 import ast
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -34,17 +31,10 @@ def load(package):
 """
 
 
-def python(code):
-    """Run code in a fresh interpreter without ROS and return what it printed."""
-    done = subprocess.run(
-        [sys.executable, "-c", WITHOUT_ROS + code],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+@pytest.fixture
+def bare(python):
+    """Return a function that runs code in an interpreter without ROS: what it printed."""
+    return lambda code: python("-c", WITHOUT_ROS + code).stdout
 
 
 LEVELS = (
@@ -73,8 +63,8 @@ def test_no_import_points_up():
 
 
 @pytest.mark.parametrize("package", sorted(set().union(*LEVELS[1:])))
-def test_imports_without_ros(package):
-    assert int(python(f"print(len(load({package!r})))")) > 1
+def test_imports_without_ros(bare, package):
+    assert int(bare(f"print(len(load({package!r})))")) > 1
 
 
 def imported(path):
@@ -88,8 +78,8 @@ def imported(path):
         yield from names
 
 
-def test_learning_needs_numpy_and_yaml_only():
-    out = python(
+def test_learning_needs_numpy_and_yaml_only(bare):
+    out = bare(
         "before = {n.split('.')[0] for n in sys.modules}  # site hooks\n"
         "load('learn')\n"
         "known = sys.stdlib_module_names | {'sparse_coord_ros'}\n"
@@ -99,22 +89,25 @@ def test_learning_needs_numpy_and_yaml_only():
     assert out.split() == ["numpy", "yaml"]
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["maps"], ["optimum", "env1"]])
-def test_help_and_small_verbs_start_fast(arguments):
-    out = python(
+@pytest.mark.parametrize(
+    "arguments", [["--help"], ["maps"], ["optimum", "env1"], ["reproduce", "--help"]]
+)
+def test_help_and_small_verbs_start_fast(bare, arguments):
+    out = bare(
         "from sparse_coord_ros.cli.main import main\n"
         "try:\n"
         f"    main({arguments!r})\n"
         "except SystemExit:\n"
         "    pass\n"
-        "heavy = ('argcomplete', 'numba', 'matplotlib', 'sparse_coord_ros.engine')\n"
+        "heavy = ['argcomplete', 'numba', 'matplotlib']\n"
+        f"heavy += ['sparse_coord_ros.engine'] * ('reproduce' not in {arguments})\n"
         "print([n for n in heavy if n in sys.modules])"
     )
     assert out.splitlines()[-1] == "[]"
 
 
-def test_the_doctor_without_ros():
-    out = python(
+def test_the_doctor_without_ros(bare):
+    out = bare(
         "from sparse_coord_ros.cli.main import main\n"
         "from sparse_coord_ros.doctor import round_trip\n"
         "round_trip.round_trip = lambda changes=None: {'missing': 'no rclpy'}\n"
@@ -123,24 +116,12 @@ def test_the_doctor_without_ros():
     assert "is not there (no rclpy)" in out
 
 
-def test_help_of_the_largest_verb_compiles_and_draws_nothing():
-    out = python(
-        "from sparse_coord_ros.cli.main import main\n"
-        "try:\n"
-        "    main(['reproduce', '--help'])\n"
-        "except SystemExit:\n"
-        "    pass\n"
-        "print([n for n in ('numba', 'matplotlib') if n in sys.modules])"
-    )
-    assert out.splitlines()[-1] == "[]"
-
-
-def test_command_line_without_ros(tmp_path):
+def test_command_line_without_ros(bare, tmp_path):
     (tmp_path / "text").write_text("no bag")
     with BagWriter(tmp_path / "bag") as bag:
         bag.add_metadata("sparse_coord_ros", {"seed": "1", "format": "3"})
         bag.attach("run.yaml", make_run(load_scenario("env1"), {}).to_yaml().encode(), "")
-    out = python(
+    out = bare(
         "from sparse_coord_ros.cli.main import main\n"
         "assert main(['maps', 'env1']) == 0\n"
         "assert main(['optimum', 'env1']) == 0\n"

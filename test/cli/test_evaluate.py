@@ -5,14 +5,12 @@
 import json
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from sparse_coord_ros.cli import evaluate as module
 from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.evaluation import TRIALS, evaluate
-from sparse_coord_ros.learn.tables import load_team, save_team
+from sparse_coord_ros.learn.tables import load_team
 from sparse_coord_ros.solve.exact import evaluate_exact
 
 
@@ -60,20 +58,6 @@ def test_another_penalty_is_not_compared_with_the_paper(sparse_coord, trained):
     out = sparse_coord("evaluate", "a", "--trials", 5)[1]
     assert "env1, penalty -100" in out
     assert "paper" not in out
-
-
-def test_four_robots_have_a_bound(sparse_coord, trained):
-    trained("env2-4r")
-    out = sparse_coord("evaluate", "a", "--trials", 2)[1]
-    assert "bound (robots alone)" in out
-    assert "111.32" in out
-
-
-def test_robots_that_do_not_arrive_are_counted(sparse_coord, trained):
-    trained("env1", "--set", "horizon=3")
-    out = sparse_coord("evaluate", "a", "--trials", 7)[1]
-    assert "0 of 7" in out
-    assert "in 7 of 7 trials some robot did not arrive" in out
 
 
 def test_exact(sparse_coord, trained, folder):
@@ -147,11 +131,3 @@ def test_bad_input(refused, trained, arguments, words):
     trained("env1")
     message = refused("evaluate", *arguments)
     assert [word for word in words if word not in message] == []
-
-
-def test_tables_of_another_map(refused, trained, folder):
-    trained("env1")
-    save_team(folder / "a", [Tables(np.zeros((43, 5)), np.zeros((43, 43, 4)))] * 2)
-    message = refused("evaluate", "a")
-    assert "q_star_1 has shape (43, 5), scenario env1 needs (21, 5)" in message
-    assert "same map" in message

@@ -76,11 +76,8 @@ def test_nothing_is_overwritten_unasked(sparse_coord, folder, exported, refused)
     ("arguments", "words"),
     [
         ((*ENV1,), "--start has 2 places and --goal 0"),
-        ((*ENV1, "--goal", "4.5,0.5", "x,y"), "place 'x,y': write it as X,Y in metres"),
-        ((*ENV1, "--goal", "4.5,0.5", "2.5,4.5"), "--goal of robot_2 at 2.5,4.5 is in no free"),
         (("--cell", "wide", "--radius", "0.1"), "--cell: value is 'wide', allowed: a number"),
         (("--cell", "-1", "--radius", "0.1"), "--cell is -1, allowed: 0.1 to 1000"),
-        (("--cell", "inf", "--radius", "0.1"), "--cell: value is 'inf'"),
         (("--cell", "1", "--radius", "9"), "finds no room"),
         (("--cell", "1", "--radius", "0.1", "--name", "../up"), "name '../up': allowed are"),
         (("--cell", "1", "--radius", "0.1", "--set", "steps=9"), "--set needs a scenario"),

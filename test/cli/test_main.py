@@ -3,10 +3,7 @@
 """What all verbs share: exit codes, help, bad input without a traceback."""
 
 import errno
-import os
 import signal
-import subprocess
-import sys
 
 import pytest
 
@@ -24,13 +21,6 @@ def test_help_names_every_verb(sparse_coord):
     code, out, _ = sparse_coord("--help")
     assert code == 0
     assert [verb for verb in VERBS if verb not in out] == []
-
-
-@pytest.mark.parametrize("verb", VERBS)
-def test_every_verb_has_help_with_an_example(sparse_coord, verb):
-    code, out, _ = sparse_coord(verb, "--help")
-    assert code == 0
-    assert f"example:\n  sparse_coord {'train' if verb == 'evaluate' else verb}" in out
 
 
 @pytest.mark.parametrize(
@@ -51,22 +41,14 @@ def test_usage_errors(sparse_coord, folder, arguments, words):
     assert list(folder.iterdir()) == []
 
 
-def test_interrupted(sparse_coord, monkeypatch):
-    def interrupt(*_, **__):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("sparse_coord_ros.cli.maps.load_map", interrupt)
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_interrupted_or_terminated(sparse_coord, monkeypatch, number):
+    monkeypatch.setattr(
+        "sparse_coord_ros.cli.maps.load_map", lambda *_, **__: signal.raise_signal(number)
+    )
+    before = signal.getsignal(number)
     assert sparse_coord("maps", "env1") == (module.INTERRUPTED, "", "interrupted\n")
-
-
-def test_terminated_is_interrupted(sparse_coord, monkeypatch):
-    def terminate(*_, **__):
-        signal.raise_signal(signal.SIGTERM)
-
-    before = signal.getsignal(signal.SIGTERM)
-    monkeypatch.setattr("sparse_coord_ros.cli.maps.load_map", terminate)
-    assert sparse_coord("maps", "env1") == (module.INTERRUPTED, "", "interrupted\n")
-    assert signal.getsignal(signal.SIGTERM) == before
+    assert signal.getsignal(number) == before
 
 
 @pytest.mark.parametrize(
@@ -89,16 +71,10 @@ def test_what_the_system_refuses_is_one_short_line(sparse_coord, monkeypatch, er
     assert len(err) < 400
 
 
-def test_as_a_process_bad_input_is_one_line(tmp_path):
-    done = subprocess.run(
-        [sys.executable, "-m", "sparse_coord_ros.cli.main", "train", "env11"],
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
-    assert (done.returncode, done.stdout) == (2, "")
+def test_as_a_process_bad_input_is_one_line(python, tmp_path):
+    verb = ("-m", "sparse_coord_ros.cli.main", "train", "env11")
+    done = python(*verb, cwd=tmp_path, code=2)
+    assert done.stdout == ""
     assert done.stderr.startswith(
         "error: scenario 'env11': no such scenario (did you mean 'env1'?)"
     )
@@ -106,11 +82,9 @@ def test_as_a_process_bad_input_is_one_line(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_help_does_not_wait_for_numpy():
+def test_help_does_not_wait_for_numpy(python):
     code = "import sys; from sparse_coord_ros.cli.main import make_parser; make_parser()"
-    subprocess.run(
-        [sys.executable, "-c", f"{code}; assert 'numpy' not in sys.modules"], check=True
-    )
+    python("-c", f"{code}; assert 'numpy' not in sys.modules")
 
 
 @pytest.mark.parametrize(
@@ -121,11 +95,9 @@ def test_help_does_not_wait_for_numpy():
         ("sparse_coord train env1 --learner f", ["factored"]),
     ],
 )
-def test_the_tab_key(tmp_path, line, answer):
+def test_the_tab_key(python, tmp_path, line, answer):
     """What argcomplete's code in a shell asks, and how it is answered."""
     asked = {"_ARGCOMPLETE": "1", "_ARGCOMPLETE_IFS": " ", "COMP_LINE": line}
     asked |= {"COMP_POINT": str(len(line)), "_ARGCOMPLETE_STDOUT_FILENAME": str(tmp_path / "said")}
-    command = [sys.executable, "-m", "sparse_coord_ros.executables", "sparse_coord"]
-    path = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    subprocess.run(command, env={**os.environ, **path, **asked}, cwd=tmp_path, timeout=60)
+    python("-m", "sparse_coord_ros.executables", "sparse_coord", env=asked, cwd=tmp_path)
     assert (tmp_path / "said").read_text().split() == answer

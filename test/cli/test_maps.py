@@ -47,11 +47,6 @@ def test_json(sparse_coord):
     assert [m["name"] for m in json.loads(sparse_coord("maps", "--json")[1])] == map_names()
 
 
-def test_unknown_map(refused):
-    message = refused("maps", "sunny")
-    assert "map 'sunny': no such map (did you mean 'suny'?)" in message
-
-
 def test_a_generated_building(sparse_coord, folder):
     numbers = ("--rooms", "2", "--size", "3", "--robots", "5", "--seed", "4")
     code, out, err = sparse_coord("maps", "--generate", "b.yaml", *numbers)

@@ -3,10 +3,6 @@
 """A learner and a perception model of the user's own, in one file, in every verb."""
 
 import json
-import os
-import shutil
-import subprocess
-import sys
 from contextlib import chdir
 
 import numpy as np
@@ -59,20 +55,13 @@ def place(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def verb(place):
+def verb(place, python):
     """Return a function that runs `sparse_coord ...` in that folder, in a process of its own."""
 
-    def run(*arguments, cwd=place, code=0):
-        done = subprocess.run(
-            [sys.executable, "-P", "-m", "sparse_coord_ros.cli.main", *map(str, arguments)],
-            cwd=cwd,
-            # Not the current directory: the verbs have to find modules there by themselves.
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
-            capture_output=True,
-            text=True,
-            timeout=100,
-        )
-        assert done.returncode == code, done.stderr
+    def run(*arguments, code=0):
+        # -P: the verbs have to find modules in the current directory by themselves.
+        command = ("-P", "-m", "sparse_coord_ros.cli.main")
+        done = python(*command, *arguments, cwd=place, code=code)
         return done.stdout if code == 0 else done.stderr
 
     return run
@@ -142,31 +131,6 @@ def test_reproduce_names_it_in_ids(place, verb):
     assert again == found[0]
     reward = json.loads(found[0])["conditions"][1]["reward"]["mean"]
     assert np.isfinite(reward)
-
-
-@pytest.mark.long
-def test_where_the_module_is_missing_later_one_line_says_so(runs, verb, tmp_path):
-    learner, (trained, live, _) = runs
-    shutil.copytree(trained, tmp_path / "plain")
-    text = (tmp_path / "plain/run.yaml").read_text().replace("my_code:fog:0.5", "always")
-    (tmp_path / "plain/run.yaml").write_text(text)
-    few = ("--runs", 2, "--trials", 3)
-    for arguments, missing in (
-        (("evaluate", trained), "my_code:fog"),
-        (("evaluate", "plain"), learner),
-        (("verify", live), "my_code:fog"),
-        (("explain", live), "my_code:fog"),
-        (("train", "env1", "--learner", learner), learner),
-        (("run", "env1", "--learner", learner), learner),
-        (("run", "env1", "--set", "perception=my_code:fog:0.5"), "my_code:fog"),
-        (("optimum", "env1", "--set", "perception=my_code:fog:0.5"), "my_code:fog"),
-        (("reproduce", f"env1/{learner}/penalty=-20", *few), learner),
-    ):
-        error = verb(*arguments, cwd=tmp_path, code=2)
-        assert error.count("\n") == 1, error
-        assert error.startswith("error: ")
-        assert f"'{missing}' is not there (No module named 'my_code')" in error
-    assert [path.name for path in tmp_path.iterdir()] == ["plain"]
 
 
 def test_where_it_fails_one_line_says_so(here, verb, place):

@@ -61,19 +61,6 @@ def test_interrupted_in_a_condition_it_goes_on_with_that_one(sparse_coord, folde
     assert resumed == sparse_coord(*arguments, "--out", "fresh")[1]
 
 
-def test_both_engines_print_the_same(sparse_coord):
-    one = "env1/coop/penalty=-100,steps=2000"
-    out = [
-        sparse_coord("reproduce", one, *FEW, "--out", engine, "--engine", engine, "--json")[1]
-        for engine in ("numba", "python")
-    ]
-    assert out[0] == out[1]
-    everything = json.loads(out[0])
-    [data] = everything["conditions"]
-    assert data["id"] == one
-    assert (data["runs"], data["trials"]) == (2, 5)
-
-
 def test_a_single_run_is_that_run(sparse_coord, folder):
     target = "env1/coop/penalty=-20,steps=3000/3"
     arguments = ("--runs", "4", "--trials", "5", "--seed", "10", "--out", "r")

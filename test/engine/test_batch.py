@@ -116,17 +116,6 @@ def test_compiled_loops_equal_a_single_run(name, learner, settings):
         assert (one.stays >= one.asked).all()
 
 
-@pytest.mark.parametrize("loops", [PLAIN, None], ids=["plain", "compiled"])
-def test_robots_are_somewhere_until_they_arrive(loops):
-    scenario = problem("env2-4r", steps=400)
-    trials = CompiledTeam(scenario, "coop", loops=loops).run(3, 10).trials
-    assert trials.stays.dtype == np.int64
-    assert (trials.stays.sum(axis=1) == trials.time_to_goal.sum(axis=0)).all()
-    for k, robot in enumerate(scenario.robots):
-        assert trials.stays[k, robot.start] >= 10
-        assert trials.stays[k, robot.goal] == 0
-
-
 def test_trials_meet_and_penalties_are_paid():
     """The cases above would say little if nobody ever met in a doorway."""
     scenario = problem("env2-4r", conflict="any_doorway", common_reward="each:0:1:0.5:3")
@@ -231,13 +220,6 @@ def test_a_run_that_nobody_waits_for_ends_with_its_block(monkeypatch):
     with pytest.raises(batch.Stopped):
         team.play(learners, 1, 10**5)
     assert len(blocks) == 3
-
-
-@pytest.mark.parametrize("loops", [PLAIN, None], ids=["plain", "compiled"])
-def test_a_stopped_run_does_not_begin(loops):
-    team = CompiledTeam(problem("env1", steps=10), "coop", np.ones(1, dtype=np.bool_), loops=loops)
-    with pytest.raises(batch.Stopped):
-        team.learn(1)
 
 
 def test_a_closed_batch_ends_soon():

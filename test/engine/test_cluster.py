@@ -151,20 +151,13 @@ def test_workers_that_die_of_a_task_are_named():
     ],
 )
 def test_a_scheduler_that_is_not_there_is_one_line(address, words, monkeypatch):
+    """No client is made: half-made ones kept the next one from starting."""
     monkeypatch.setattr(module, "WAIT_SECONDS", 0.3)
+    monkeypatch.setattr("distributed.Client", lambda *_, **__: pytest.fail("a client was made"))
     with pytest.raises((RunError, SettingError)) as caught:
         sc.run_experiment(CONDITIONS[0], scheduler=address, **PLAN)
     assert [word for word in words if word not in str(caught.value)] == []
     assert "\n" not in str(caught.value)
-
-
-def test_no_client_is_made_of_a_scheduler_that_is_not_there(monkeypatch):
-    """Half-made ones were collected in the thread of the next one, which then did not start."""
-    monkeypatch.setattr(module, "WAIT_SECONDS", 0.3)
-    monkeypatch.setattr("distributed.Client", lambda *_, **__: pytest.fail("a client was made"))
-    for address in ("tcp://127.0.0.1:1", "nonsense"):
-        with pytest.raises((RunError, SettingError)):
-            Cluster(address)
 
 
 def test_a_cluster_without_workers_is_one_line(monkeypatch):

@@ -15,7 +15,6 @@ from sparse_coord_ros.learn.evaluation import play
 from sparse_coord_ros.learn.factors import FactorRule
 from sparse_coord_ros.learn.learners import Factored, learner_of
 from sparse_coord_ros.learn.simulation import Learning, tables_equal
-from sparse_coord_ros.learn.tables import load_team, save_team
 from sparse_coord_ros.solve.exact import evaluate_exact
 
 SETTINGS = {"steps": 2500, "max_steps": 30, "penalty": -50, "q_coord_init": 60}
@@ -142,16 +141,3 @@ def test_the_loops_as_plain_python(monkeypatch):
     scenario = problem("env2-4r", steps=400, perception="probability:0.7")
     team = CompiledTeam(scenario, "factored", loops=PLAIN)
     assert tables_equal(team.tables(team.learn(3)), whole(scenario, "factored", 3).tables)
-
-
-@pytest.mark.parametrize("name", ["env1", "env2-4r"])
-def test_tables_in_a_file(tmp_path, name):
-    scenario = problem(name)
-    tables = whole(scenario, "factored", 2).tables
-    save_team(tmp_path, tables)
-    read = load_team(tmp_path, scenario)
-    assert tables_equal(read, tables)
-    joint = tuple(range(len(tables)))
-    for mine, theirs in zip(read, tables, strict=True):
-        assert np.array_equal(mine.q_coord[joint], theirs.q_coord[joint])
-        assert mine.q_coord.shape == theirs.q_coord.shape

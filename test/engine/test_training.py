@@ -90,16 +90,6 @@ def test_a_run_in_parts_is_the_unbroken_run(monkeypatch, name, learner, settings
         assert_same(learning, expected)
 
 
-def test_the_loops_as_plain_python_in_parts(monkeypatch):
-    monkeypatch.setattr(batch, "BLOCK", 32)
-    scenario = problem("env1", steps=300)
-    learning = make("plain", scenario, "coop", 2)
-    for until in (7, 100, 300):
-        learning.advance(until)
-        learning = make("plain", scenario, "coop", 2, learning.state())
-    assert_same(learning, unbroken(scenario, "coop", 2))
-
-
 @pytest.mark.parametrize("engine", ["python", "numba"])
 def test_history_says_what_happened(engine):
     settings = {"conflict": "any_doorway", "starts": "random", "q_star_init": 0, "steps": 4000}
@@ -217,22 +207,6 @@ def test_a_second_interrupt_does_not_wait(tmp_path):
     finally:
         signal.signal(signal.SIGINT, before)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_checkpoints_are_written_every_so_often(tmp_path, monkeypatch):
-    monkeypatch.setattr(training, "SAVE_SECONDS", 0.0)
-    file = tmp_path / "checkpoint.npz"
-    found = []
-    scenario = problem("env1", steps=5000)
-    train(
-        scenario,
-        engine="python",
-        checkpoint=file,
-        progress=lambda done, budget: found.append(file.exists()),
-    )
-    assert found[0] is False and found[-1] is True
-    done = train(scenario, engine="python", checkpoint=file, resume=True)
-    assert_same(done, unbroken(scenario, "coop", 0))
 
 
 def test_what_cannot_be_gone_on_with(tmp_path):

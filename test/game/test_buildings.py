@@ -37,10 +37,3 @@ def test_too_many_joint_states_matter_to_who_numbers_them():
         learner_of("coop").check(scenario)
     learner_of("factored").check(scenario)
     assert learner_of("factored").tables(scenario).q_coord.shape[:2] == (132, 132)
-
-
-def test_numbers_are_checked():
-    with pytest.raises(SettingError, match="rooms: value is 0, allowed"):
-        generated_building(rooms=0)
-    with pytest.raises(SettingError, match="37 robots need"):
-        generated_building(rooms=2, rows=2, size=4, robots=37)

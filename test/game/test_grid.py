@@ -12,29 +12,17 @@ from sparse_coord_ros.game.grid import UNREACHABLE, load_map, map_names, parse_m
 
 # name: cells, doorways, starts, digest of the rows (a difference means that the map changed).
 MAPS = {
-    "env1": (21, [(2, 2)], {1: (0, 0), 2: (0, 4)}, "23b4a2f6aa5db123"),
-    "env2": (
-        36,
-        [(2, 3), (3, 2), (3, 4), (4, 3)],
-        {1: (0, 1), 2: (0, 5), 3: (6, 5), 4: (6, 1)},
-        "3f61e7619d8b4260",
-    ),
-    "isr": (43, [(7, 1), (7, 5)], {1: (7, 0), 2: (7, 6)}, "76786d4d40601941"),
-    "pentagon": (52, [(4, 7), (4, 9)], {1: (3, 7), 2: (4, 10)}, "6d241537b19fc0d6"),
-    "mit": (49, [(2, 1), (2, 15)], {1: (2, 0), 2: (2, 16)}, "7811241549ff7efd"),
-    "cit": (70, [(1, 4), (4, 6)], {1: (0, 3), 2: (5, 8)}, "775cb92ecbf4ffcd"),
-    "suny": (74, [(4, 21), (7, 18)], {1: (3, 22), 2: (8, 17)}, "3d84912815ab0999"),
-    "cmu": (133, [(5, 16), (5, 17)], {1: (6, 3), 2: (6, 32)}, "ea76c91e89e5dbee"),
-    "crowd": (
-        59,
-        [(1, 4), (3, 4), (5, 4)],
-        {
-            **{1: (0, 2), 2: (0, 6), 3: (6, 0), 4: (6, 6)},
-            **{5: (0, 0), 6: (0, 8), 7: (6, 2), 8: (6, 8)},
-        },
-        "4df2d3c171bae37a",
-    ),
+    "env1": "23b4a2f6aa5db123",
+    "env2": "3f61e7619d8b4260",
+    "isr": "76786d4d40601941",
+    "pentagon": "6d241537b19fc0d6",
+    "mit": "7811241549ff7efd",
+    "cit": "775cb92ecbf4ffcd",
+    "suny": "3d84912815ab0999",
+    "cmu": "ea76c91e89e5dbee",
+    "crowd": "4df2d3c171bae37a",
 }
+"""The shipped maps, with the digest of their rows."""
 
 
 def refusal(text):
@@ -51,13 +39,9 @@ def test_every_shipped_map_is_in_the_list():
 
 @pytest.mark.parametrize("name", MAPS)
 def test_shipped_map(name):
-    cells, doorways, starts, digest = MAPS[name]
     grid = load_map(name)
     assert grid.name == name
-    assert len(grid.cells) == cells
-    assert [grid.cells[x] for x in sorted(grid.doorways)] == doorways
-    assert {digit: grid.cells[x] for digit, x in grid.starts.items()} == starts
-    assert hashlib.sha256("\n".join(grid.rows).encode()).hexdigest()[:16] == digest
+    assert hashlib.sha256("\n".join(grid.rows).encode()).hexdigest()[:16] == MAPS[name]
     assert grid.title
     assert grid.source
     assert "[source]" in grid.provenance or "[chosen]" in grid.provenance
@@ -111,7 +95,6 @@ def test_header_is_optional_and_line_ends_do_not_matter():
         ("", ["m.txt", "no line '---'", "title, source, provenance"]),
         ("title: x\n---\n", ["m.txt", "no grid", "'#' wall"]),
         ("---\n...\n..\n", ["m.txt, line 3", "2 symbols", "first row has 3", "fill with '#'"]),
-        ("---\n..\n\n..\n", ["m.txt, line 3", "0 symbols"]),
         ("a: b\n---\n..\n", ["m.txt", "unknown header key 'a'", "allowed: title"]),
         ("titel: b\n---\n..\n", ["unknown header key 'titel'", "did you mean 'title'"]),
         ("title: b\n---\n..\n.x\n", ["line 4, column 2", "unknown symbol 'x'", "'D' doorway"]),

@@ -52,18 +52,6 @@ def test_range_is_straight_through_walls_and_includes_its_limit():
     ]
 
 
-def test_line_of_sight_in_env1_goes_through_the_doorway_only():
-    grid = load_map("env1")
-    seen = matrix("line_of_sight", grid)
-    sees = lambda a, b: seen[grid.number[a], grid.number[b]]  # noqa: E731
-    assert sees((2, 0), (2, 4)) == 1
-    assert sees((0, 0), (4, 4)) == 1  # the diagonal crosses the doorway, and corners with a way
-    assert sees((0, 0), (0, 4)) == 0
-    assert sees((0, 0), (4, 1)) == 1
-    assert sees((0, 1), (4, 3)) == 0
-    assert sees((1, 1), (3, 3)) == 1
-
-
 def test_line_of_sight_does_not_pass_between_two_walls_that_touch():
     grid = parse_map("---\n.#\n#.\n", name="m", where="m.txt")
     assert matrix("line_of_sight", grid).tolist() == [[1, 0], [0, 1]]

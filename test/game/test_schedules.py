@@ -2,10 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Schedules: step sizes by update, exploration by time step, the same bits on every processor."""
 
-import os
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 
@@ -26,7 +22,7 @@ def test_power_step_size():
     assert (np.diff(table[1:]) < 0).all()
 
 
-def test_power_step_sizes_do_not_depend_on_numpy_s_vector_instructions():
+def test_power_step_sizes_do_not_depend_on_numpy_s_vector_instructions(python):
     code = (
         "import hashlib; from sparse_coord_ros.game.schedules import STEP_SIZE, step_sizes; "
         "table = step_sizes(STEP_SIZE.parse('power:0.6'), 20000).by_count; "
@@ -34,13 +30,7 @@ def test_power_step_sizes_do_not_depend_on_numpy_s_vector_instructions():
     )
     without = "AVX512F AVX512CD AVX512_SKX AVX512_CLX AVX512_CNL AVX512_ICL AVX512_SPR X86_V4"
     digests = {
-        subprocess.run(
-            [sys.executable, "-W", "ignore", "-c", code],
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), **change},
-            capture_output=True,
-            text=True,
-            check=True,
-        ).stdout
+        python("-W", "ignore", "-c", code, env=change).stdout
         for change in ({}, {"NPY_DISABLE_CPU_FEATURES": without})
     }
     assert len(digests) == 1

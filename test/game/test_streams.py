@@ -31,15 +31,6 @@ def test_numbers_that_key_the_streams_never_change():
 
 
 @pytest.mark.parametrize("role", ROLES)
-def test_a_fixed_number_of_draws_a_step(role):
-    stream = Stream(7, 0, role)
-    for step in (0, 1, BLOCK - 1, BLOCK, 12345):
-        draws = stream.at(step)
-        assert len(draws) == DRAWS[role]
-        assert all(0.0 <= draw < 1.0 for draw in draws)
-
-
-@pytest.mark.parametrize("role", ROLES)
 def test_order_does_not_matter(role):
     steps = [500, 3, BLOCK, 3, 10_000, BLOCK - 1, 500, 0]
     one, other = Stream(7, 1, role), Stream(7, 1, role)

@@ -7,10 +7,6 @@ import pytest
 
 from sparse_coord_ros.game.actions import COORDINATE, EAST, NORTH, SOUTH, WEST
 from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.game.streams import (
-    EVALUATION,
-    LEARNING,
-)
 from sparse_coord_ros.game.world import Action, Reward
 from sparse_coord_ros.learn.agent import NOBODY, Agent, Decision, Tables
 from sparse_coord_ros.learn.learners import learner_of
@@ -98,20 +94,6 @@ def test_a_robot_alone_asks_nobody(make):
     assert alone.act(0, 0, Decision(COORDINATE), None) == Action(WEST, True, NOBODY, False)
 
 
-def test_learning_and_evaluation_draw_differently(make):
-    scenario = make(**HALF)
-    tables = filled()
-    tables.q_star[:] = 0
-    chosen = [
-        [Agent(scenario, 0, 0, tables=tables, phase=p).decide(t, 0).action for t in range(40)]
-        for p in (LEARNING, EVALUATION)
-    ]
-    assert chosen[0] != chosen[1]
-
-
-# Lines 5 to 10.
-
-
 # Lines 12 to 18.
 
 
@@ -135,34 +117,6 @@ def test_failed_percept_updates_coordinate_of_q_star_only(agent):
     before.q_star[2, COORDINATE] = 0.5 * 15 + 0.5 * (-1 + 0.95 * 10)
     assert tables.q_star == pytest.approx(before.q_star, rel=1e-15)
     assert (tables.q_coord == before.q_coord).all()
-
-
-@pytest.mark.parametrize("goal_value", [0.0, 200.0, -3.0])
-def test_the_goal_is_worth_goal_value_whatever_its_row_says(agent, goal_value):
-    tables = filled()
-    tables.q_star[6] = 5000.0
-    one = agent(tables=tables, goal_value=goal_value)
-    one.learn(1, 5, ASK, Action(EAST, True, 1, True), (3,), paid(9.0), 6)
-    assert tables.q_star[5, 4] == 0.5 * 30 + 0.5 * (9 + 0.95 * goal_value)
-    assert tables.q_coord[5, 3, EAST] == 0.5 * (100 + 5 * 28 + 3 * 4 + 2) + 0.5 * (
-        9 + 0.95 * goal_value
-    )
-    assert (tables.q_star[6] == 5000.0).all()
-
-
-def test_step_sizes_count_the_updates_of_each_entry(agent):
-    """With alpha 1/n and nothing to bootstrap on, an entry is the mean of its rewards."""
-    tables = Tables(np.zeros((7, 5)), np.zeros((7, 7, 4)))
-    one = agent(tables=tables, step_size="power:1", discount=0)
-    for reward, perceived in [(4.0, (5,)), (8.0, (5,)), (3.0, (1,)), (9.0, None)]:
-        one.learn(
-            1, 2, ASK, Action(EAST, True, 1, perceived is not None), perceived, paid(reward), 2
-        )
-    one.learn(1, 2, Decision(EAST), Action(EAST, False, NOBODY, False), None, paid(7.0), 2)
-    assert tables.q_star[2, COORDINATE] == pytest.approx(6.0, rel=1e-15)
-    assert tables.q_coord[2, 5, EAST] == pytest.approx(6.0, rel=1e-15)
-    assert tables.q_coord[2, 1, EAST] == 3.0
-    assert tables.q_star[2, EAST] == 7.0
 
 
 def test_without_learning_nothing_changes_and_nothing_is_explored(make):

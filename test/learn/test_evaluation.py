@@ -7,6 +7,7 @@ import statistics
 
 import numpy as np
 import pytest
+from teams import walking
 
 from sparse_coord_ros.errors import TablesError
 from sparse_coord_ros.game.scenario import load_scenario
@@ -15,40 +16,12 @@ from sparse_coord_ros.learn.evaluation import Trials, check_tables, evaluate, pl
 from sparse_coord_ros.learn.sparse import SparseTable
 
 GAMMA = 0.95
-NEVER_CHOSEN = -1e9
-
-
-def shortest_path_tables(scenario, coordinate=np.nan):
-    """Return tables of robots that follow shortest paths; the fifth column is `coordinate`.
-
-    Q^C leads along shortest paths too.
-    """
-    tables = []
-    for robot in scenario.robots:
-        worth = -scenario.map.distances_to(robot.goal)[scenario.map.next_cell].astype(float)
-        q_star = np.column_stack([worth, np.full(len(worth), coordinate)])
-        tables.append(Tables(q_star, np.repeat(worth[:, None, :], len(worth), axis=1)))
-    return tables
-
-
-def test_shortest_paths_of_env1_are_worth_the_exact_value():
-    scenario = load_scenario("env1")
-    tables = shortest_path_tables(scenario, NEVER_CHOSEN)
-    result = evaluate(scenario, tables, trials=1500, seed=1)
-    assert abs(result.reward.mean - 119.68) < 4 * result.reward.standard_error
-    assert abs(result.miscoordinations.mean - 0.4115) < 4 * result.miscoordinations.standard_error
-    assert abs(result.time_to_goal.mean - 8 / 0.8) < 4 * result.time_to_goal.standard_error
-    assert result.reward.spread == pytest.approx(12.4, abs=0.8)
-    assert result.time_to_goal.spread == pytest.approx(math.sqrt(0.2 * 8) / 0.8, abs=0.1)
-    assert result.asks.mean == 0
-    assert result.not_arrived == 0
-    assert result.trials == 1500
 
 
 def test_sure_moves_by_hand(make):
     """Both enter the doorway of 1..D..2 at step 3 and arrive at step 6."""
     scenario = make(move_success=1)
-    result = evaluate(scenario, shortest_path_tables(scenario), trials=3, seed=0)
+    result = evaluate(scenario, walking(scenario), trials=3, seed=0)
     assert result.reward.mean == pytest.approx(200 * GAMMA**5 - 20 * GAMMA**2, rel=1e-12)
     assert result.miscoordinations.mean == 1
     assert result.time_to_goal.mean == 6
@@ -59,7 +32,7 @@ def test_sure_moves_by_hand(make):
 def test_asking_every_step_by_hand(make, perception):
     """Robot 1 acts once in each of the first five cells, robot 2 in each of the last five."""
     scenario = make("1....2", move_success=1, perception=perception, ask_cost=0.5)
-    tables = shortest_path_tables(scenario, coordinate=1e9)
+    tables = walking(scenario, coordinate=1e9)
     result = evaluate(scenario, tables, trials=3, seed=0)
     costs = 0.5 * sum(GAMMA**t for t in range(5))
     assert result.reward.mean == pytest.approx(200 * GAMMA**4 - costs, rel=1e-12)
@@ -72,50 +45,12 @@ def test_asking_every_step_by_hand(make, perception):
 
 def test_a_perceived_peer_means_acting_on_q_coord(make):
     scenario = make("1....2", move_success=1)
-    tables = shortest_path_tables(scenario, coordinate=1e9)
+    tables = walking(scenario, coordinate=1e9)
     for pair in tables:
         pair.q_coord[:] = [1, 0, 0, 0]  # north: a wall
     assert evaluate(scenario, tables, trials=1, seed=0).not_arrived == 1
     blind = scenario.with_settings({"perception": "never"})
     assert evaluate(blind, tables, trials=1, seed=0).not_arrived == 0
-
-
-def test_robots_that_pay_differently_are_worth_differently(make):
-    robots = {"a": ([0, 0], [0, 4]), "b": ([0, 4], [0, 0]), "c": ([0, 4], [0, 3])}
-    scenario = make("..D..", robots, move_success=1, common_reward="each:0:1:2")
-    reward = play(scenario, shortest_path_tables(scenario), trials=2, seed=0).reward
-    by_hand = [200 * GAMMA**3, 200 * GAMMA**3 - 20 * GAMMA, 200 - 40 * GAMMA]
-    assert reward == pytest.approx(np.array([by_hand] * 2), rel=1e-12)
-
-
-def test_spread_is_over_robots_and_the_error_over_trials(make):
-    scenario = make("1...2.", {"a": (1, 2), "b": (2, [0, 5])}, move_success=1)
-    result = evaluate(scenario, shortest_path_tables(scenario), trials=5, seed=0)
-    assert (result.time_to_goal.mean, result.time_to_goal.spread) == (2.5, 1.5)
-    assert result.time_to_goal.standard_error == 0
-
-
-def test_teams_that_never_arrive(make):
-    scenario = make(horizon=37)
-    tables = shortest_path_tables(scenario)
-    tables[0].q_star[:, 0] = 1.0  # robot 1 moves north, into the wall, for ever
-    result = evaluate(scenario, tables, trials=20, seed=0)
-    assert result.not_arrived == 20
-    assert 37 / 2 < result.time_to_goal.mean < 37
-    tables[1].q_star[:, 0] = 1.0
-    result = evaluate(scenario, tables, trials=20, seed=0)
-    assert result.not_arrived == 20
-    assert (result.time_to_goal.mean, result.time_to_goal.spread) == (37, 0)
-    assert result.reward.mean == 0
-
-
-def test_repeatable_by_seed_and_without_effect_on_the_tables():
-    scenario = load_scenario("env1")
-    tables = shortest_path_tables(scenario, NEVER_CHOSEN)
-    before = [pair.q_star.copy() for pair in tables]
-    results = [evaluate(scenario, tables, trials=100, seed=s).to_dict() for s in (1, 1, 2)]
-    assert results[0] == results[1] != results[2]
-    assert all((pair.q_star == old).all() for pair, old in zip(tables, before, strict=True))
 
 
 def test_tables_that_do_not_fit():

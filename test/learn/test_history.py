@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The learning history: what goes into a row, curves, data frames and files."""
 
-import builtins
-
 import pytest
 
 from sparse_coord_ros.errors import RunError
@@ -138,19 +136,6 @@ def test_data_frame():
         "arrived": True,
         "miscoordinations": 2,
     }
-
-
-def test_without_pandas(monkeypatch):
-    real = builtins.__import__
-
-    def missing(name, *arguments, **keywords):
-        if name == "pandas":
-            raise ImportError("no pandas here")
-        return real(name, *arguments, **keywords)
-
-    monkeypatch.setattr(builtins, "__import__", missing)
-    with pytest.raises(RunError, match="pip install pandas"):
-        recorded().history().to_pandas()
 
 
 def test_file(tmp_path):

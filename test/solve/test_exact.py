@@ -6,11 +6,12 @@ import math
 
 import numpy as np
 import pytest
+from teams import drawn, walking
 
 from sparse_coord_ros.engine.batch import run_batch
 from sparse_coord_ros.errors import SettingError, TablesError
 from sparse_coord_ros.game.actions import COORDINATE
-from sparse_coord_ros.game.scenario import load_scenario, scenario_from_dict
+from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.agent import Agent, Tables
 from sparse_coord_ros.learn.evaluation import evaluate, play
 from sparse_coord_ros.learn.learners import Learner, learner_of
@@ -23,23 +24,7 @@ ROOMS = "1..D...\n.#.#.#.\n...D..2"
 
 
 def made(grid=ROOMS, robots=None, **settings):
-    robots = robots or {"a": (1, 2), "b": (2, 1)}
-    data = {
-        "map": {"name": "drawn", "text": f"title: drawn\n---\n{grid}\n"},
-        "robots": {name: {"start": s, "goal": g} for name, (s, g) in robots.items()},
-        **settings,
-    }
-    return scenario_from_dict(data, where="drawn.yaml", name="drawn")
-
-
-def walking(scenario, coordinate=np.nan):
-    """Return tables of robots on shortest paths; `coordinate` is the value of asking."""
-    tables = []
-    for robot in scenario.robots:
-        worth = -scenario.map.distances_to(robot.goal)[scenario.map.next_cell].astype(float)
-        q_star = np.column_stack([worth, np.full(len(worth), coordinate)])
-        tables.append(Tables(q_star, np.repeat(worth[:, None, :], len(worth), axis=1)))
-    return tables
+    return drawn(grid, robots, **settings)
 
 
 def undecided(scenario, seed=1):
@@ -162,35 +147,12 @@ def test_one_robot_that_asks_nobody():
     assert found.asks.mean == 2
 
 
-def test_sure_moves_by_hand():
-    """Both enter the doorway of 1..D..2 at step 3 and arrive at step 6."""
-    scenario = made("1..D..2", move_success=1)
-    found = evaluate_exact(scenario, walking(scenario))
-    assert found.reward.mean == pytest.approx(200 * GAMMA**5 - 20 * GAMMA**2, rel=1e-12)
-    assert found.reward.spread == pytest.approx(0, abs=1e-4)
-    assert found.reward.standard_error == 0
-    assert (found.miscoordinations.mean, found.time_to_goal.mean) == (1, 6)
-    assert found.joint_states == 6
-    assert found.stays.tolist() == [[1] * 6 + [0], [0] + [1] * 6]
-
-
 def test_the_step_of_the_last_arrival_counts():
     """Both goals are the doorway's cell: the step that ends in it is a miscoordination."""
     scenario = made("1D2", {"a": (1, [0, 1]), "b": (2, [0, 1])}, move_success=1)
     found = evaluate_exact(scenario, walking(scenario))
     assert found.reward.mean == pytest.approx(200 - 20, rel=1e-12)
     assert (found.miscoordinations.mean, found.all_arrived) == (1, 1)
-
-
-def test_a_team_that_never_arrives():
-    scenario = made("1..D..2", horizon=37)
-    tables = walking(scenario)
-    for pair in tables:
-        pair.q_star[:, 0] = 1.0  # north, into the wall, for ever
-    found = evaluate_exact(scenario, tables)
-    assert (found.time_to_goal.mean, found.time_to_goal.spread) == (37, 0)
-    assert (found.reward.mean, found.all_arrived, found.joint_states) == (0, 0, 1)
-    assert found.stays.sum() == 74
 
 
 def test_half_a_team_that_never_arrives():

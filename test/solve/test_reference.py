@@ -57,22 +57,6 @@ def test_time_to_goal(name):
     assert reference.time_to_goal == pytest.approx(moves[name] / 0.8, rel=1e-12)
 
 
-def test_one_doorway_by_hand(make):
-    """Both in the doorway after step 1, both through after step 2."""
-    reference = shortest_path_reference(make("1D2", move_success=1))
-    assert reference.reward == pytest.approx(200 * GAMMA - 20, abs=1e-9)
-    assert (reference.time_to_goal, reference.miscoordinations) == (2, 1)
-
-
-@pytest.mark.parametrize(
-    ("grid", "conflict", "steps"),
-    [("1DD2", "same_cell", 0), ("1DD2", "any_doorway", 2), ("1D.D2", "any_doorway", 2)],
-)
-def test_two_doorways_by_hand(make, grid, conflict, steps):
-    reference = shortest_path_reference(make(grid, move_success=1, conflict=conflict))
-    assert reference.miscoordinations == pytest.approx(steps, abs=1e-12)
-
-
 def test_a_step_with_two_meetings_counts_once(make):
     grid = "1D2\n###\n3D4"
     robots = {"a": (1, 2), "b": (2, 1), "c": (3, 4), "d": (4, 3)}
