@@ -35,6 +35,9 @@ def go(move):
     return Action(move, False, -1, False)
 
 
+SOUTHWARD = (go(SOUTH), go(SOUTH))
+
+
 @pytest.fixture
 def made():
     """Return a world with sure moves and fixed starts, its side of the bodies, and the port."""
@@ -50,11 +53,19 @@ def arrive(side, goals, **cells):
         side.reached(Reached(goal.robot, goals.number, cell, cell == goal.end, 1.5, 2.5))
 
 
+@pytest.fixture
+def placed(made):
+    """Return the same with the bodies placed, and sent south."""
+    _, side, port = made
+    side.made(SOUTHWARD)
+    arrive(side, port.goals[0])
+    return made
+
+
 def test_bodies_are_placed_first_and_then_sent_and_then_the_step_is_made(made):
     world, side, port = made
-    actions = (go(SOUTH), go(SOUTH))
     starts = list(world.cells)
-    assert not side.made(actions) and not side.made(actions)
+    assert not side.made(SOUTHWARD) and not side.made(SOUTHWARD)
     (placed,) = port.goals
     assert placed == Goals(
         1, 1, True, BEGIN, tuple(BodyGoal(k, c, c) for k, c in enumerate(starts))
@@ -65,47 +76,38 @@ def test_bodies_are_placed_first_and_then_sent_and_then_the_step_is_made(made):
     sent = port.goals[1]
     south = [int(world.scenario.map.next_cell[c, SOUTH]) for c in starts]
     assert sent.bodies == tuple(BodyGoal(k, starts[k], south[k]) for k in (0, 1))
-    assert not sent.place and not side.made(actions) and sent.since == BEGIN
+    assert not sent.place and not side.made(SOUTHWARD) and sent.since == BEGIN
     arrive(side, sent)
-    assert side.made(actions) and side.seconds == 1.5
-    world.advance(actions)
+    assert side.made(SOUTHWARD) and side.seconds == 1.5
+    world.advance(SOUTHWARD)
     assert world.cells == south
-    assert not side.made(actions)
+    assert not side.made(SOUTHWARD)
     assert len(port.goals) == 3 and not port.goals[2].place  # the same episode
     assert port.goals[2].since == 2.5
 
 
-def test_where_the_poses_say_it_is_counts(made):
-    world, side, port = made
-    actions = (go(SOUTH), go(SOUTH))
-    side.made(actions)
-    arrive(side, port.goals[0])
+def test_where_the_poses_say_it_is_counts(placed):
+    world, side, port = placed
     arrive(side, port.goals[1], robot_1=world.cells[0], robot_2=LOST)
     before = list(world.cells)
-    assert side.made(actions)
-    world.advance(actions)
+    assert side.made(SOUTHWARD)
+    world.advance(SOUTHWARD)
     assert world.cells == before
     assert (side.failed, side.lost) == (2, 1)
 
 
-def test_who_does_not_report_has_not_moved(made):
-    world, side, port = made
-    actions = (go(SOUTH), go(SOUTH))
-    side.made(actions)
-    arrive(side, port.goals[0])
+def test_who_does_not_report_has_not_moved(placed):
+    world, side, port = placed
     before = list(world.cells)
     side.reached(Reached(0, 2, LOST, False, 9.0, 0.0))
     assert side.give_up() == [1]
-    assert side.made(actions)
-    world.advance(actions)
+    assert side.made(SOUTHWARD)
+    world.advance(SOUTHWARD)
     assert world.cells == before and side.lost == 2
 
 
-def test_reports_of_older_goals_count_for_nothing(made):
-    _, side, port = made
-    actions = (go(SOUTH), go(SOUTH))
-    side.made(actions)
-    arrive(side, port.goals[0])
+def test_reports_of_older_goals_count_for_nothing(placed):
+    _, side, port = placed
     assert not side.reached(Reached(0, 1, 3, True, 1.0, 0.0))
     assert not side.reached(Reached(5, 2, 3, True, 1.0, 0.0))
     assert side.waiting == [0, 1]
@@ -113,14 +115,14 @@ def test_reports_of_older_goals_count_for_nothing(made):
 
 def test_a_new_episode_places_them_again_even_in_the_middle_of_a_move(made):
     world, side, port = made
-    side.made((go(SOUTH), go(SOUTH)))
+    side.made(SOUTHWARD)
     arrive(side, port.goals[0])
     arrive(side, port.goals[1])
-    side.made((go(SOUTH), go(SOUTH)))
-    world.advance((go(SOUTH), go(SOUTH)))
-    side.made((go(SOUTH), go(SOUTH)))
+    side.made(SOUTHWARD)
+    world.advance(SOUTHWARD)
+    side.made(SOUTHWARD)
     world.begin_episode()
-    assert not side.made((go(SOUTH), go(SOUTH)))
+    assert not side.made(SOUTHWARD)
     assert port.goals[-1].place
     assert [goal.end for goal in port.goals[-1].bodies] == world.cells
 
@@ -129,10 +131,9 @@ def test_who_slips_is_sent_nowhere():
     scenario = load_scenario("env1").with_settings({"move_success": 0.01, "starts": "fixed"})
     world, port = BodyWorld(scenario, 1), Port()
     side = BodiesSide(world, port)
-    actions = (go(SOUTH), go(SOUTH))
-    side.made(actions)
+    side.made(SOUTHWARD)
     arrive(side, port.goals[0])
-    assert len(port.goals) == 1 and side.made(actions)
+    assert len(port.goals) == 1 and side.made(SOUTHWARD)
     assert BodyWorld(scenario, 1, slips=False).wanted(0, SOUTH) != world.cells[0]
 
 

@@ -96,8 +96,8 @@ def typed(topic, read):
 class Fuzzer:
     """Says random things on every topic and asks random things of every service of a team."""
 
-    def __init__(self, bench, run_id):
-        self._chance, self.node, self._run = random.Random(2), bench.observer(), run_id
+    def __init__(self, bench):
+        self._chance, self.node = random.Random(2), bench.observer()
         topics = [(topic, topic.name) for topic in interface.recorded(wire.TEAM)]
         kinds = (*interface.recorded(wire.ROBOT), interface.CLAIM, interface.TABLES)
         topics += [(topic, topic.of(name)) for topic in kinds for name in NAMES]
@@ -163,38 +163,32 @@ def resident():
     return int(text.split("VmRSS:")[1].split()[0])
 
 
-def attack(bench, tmp_path, seconds):
-    """Run a team under fire, then let it finish; return the memory on the way and at the end."""
+@pytest.mark.long
+@pytest.mark.timeout(900)
+def test_minutes_of_fuzz_change_nothing(bench, tmp_path, simulate, assert_same_tables, capfd):
+    """A team under fire, which may finish then; neither does it take ever more memory."""
     settings = [f"{name}={value}" for name, value in SETTINGS.items()]
-    world = bench.world(out=str(tmp_path), set=settings, rate=20 / seconds, recorded=True)
+    world = bench.world(out=str(tmp_path), set=settings, rate=20 / SECONDS, recorded=True)
     recorder = bench.recorder(tmp_path / "bag")
     bench.robots(out=str(tmp_path))
     bench.spin_until(lambda: world.lockstep.complete, "the first barrier")
-    fuzzer = Fuzzer(bench, world.run.id)
+    fuzzer = Fuzzer(bench)
     begun, memory, turns = time.monotonic(), [], itertools.count()
 
     def over():
         if next(turns) % 6 == 0:  # a turn takes in one message of each executor
             fuzzer.step()
-        if time.monotonic() - begun > seconds * 0.4 and not memory:
+        if time.monotonic() - begun > SECONDS * 0.4 and not memory:
             memory.append(resident())
-        return time.monotonic() - begun > seconds
+        return time.monotonic() - begun > SECONDS
 
-    bench.spin_until(over, "all is said", seconds=seconds + 60)
-    memory.append(resident())
+    bench.spin_until(over, "all is said", seconds=SECONDS + 60)
+    assert resident() - memory[0] < SPARE_KIB
     bench.destroy(fuzzer.node)
     world.values["rate"] = 0.0
     bench.spin_until_done()
     assert recorder.error is None
     assert world.summary()["timeouts"] == 0
     assert world.summary()["messages_dropped"] > 0
-    return memory
-
-
-@pytest.mark.long
-@pytest.mark.timeout(900)
-def test_minutes_of_fuzz_change_nothing(bench, tmp_path, simulate, assert_same_tables, capfd):
-    before, after = attack(bench, tmp_path, SECONDS)
     assert_same_tables(tmp_path, simulate("env1", SETTINGS))
     assert "Traceback" not in capfd.readouterr().err
-    assert after - before < SPARE_KIB

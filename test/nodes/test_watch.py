@@ -10,7 +10,6 @@ import pytest
 from rclpy.serialization import deserialize_message
 
 from sparse_coord_ros.bags.reader import open_bag
-from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.look.page.board import Board
 from sparse_coord_ros.look.page.controls import PAUSE, RATE, RESET, STEP, Control
 from sparse_coord_ros.look.page.live_source import LiveView
@@ -206,13 +205,3 @@ def test_a_team_in_one_process_with_a_page(bench, tmp_path):
         assert board.get("tables")["robots"][0]["step"] > 0
     finally:
         page.close()
-
-
-def test_a_taken_port_stops_the_node(bench):
-    context = bench.place()[0]
-    one = WatchNode(context=context, values={"port": 0})
-    try:
-        with pytest.raises(RunError, match="--port 0 takes a free one"):
-            WatchNode(context=context, values={"port": one.server.port})
-    finally:
-        one.destroy_node()
