@@ -118,3 +118,18 @@ def test_in_the_users_cache_unless_named(folder, monkeypatch):
     monkeypatch.delenv(compiling.FOLDER_VARIABLE)
     monkeypatch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
     assert compiling.folder().parent == folder / "cache" / "sparse_coord_ros"
+
+
+def test_work_that_failed_is_done_again_and_work_that_is_done_is_not():
+    tries = []
+
+    def work():
+        tries.append("try")
+        if len(tries) == 1:
+            raise MemoryError
+        return 5
+
+    with pytest.raises(MemoryError):
+        compiling.in_background("test work", work)
+    assert [compiling.in_background("test work", work) for _ in range(2)] == [5, 5]
+    assert len(tries) == 2

@@ -285,3 +285,11 @@ def test_learning_goes_on_from_tables():
     greedy = Factored().agent(problem, 0, 9, tables=tables[0], learning=False)
     moved(greedy, 1, 2, EAST, 3, paid(common=-20.0))
     assert greedy.tables.factors.common.tobytes() == tables[0].factors.common.tobytes()
+
+
+def test_who_asked_in_the_last_steps_is_remembered_and_older_ones_are_not():
+    one = agent()
+    for step in range(1, 6):
+        one.asked(step, 1, 6)
+    known = [(1, 6) in one.corrections(step, 2, None, EAST) for step in range(1, 6)]
+    assert known == [False, False, True, True, True]

@@ -1,13 +1,19 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The wire has one vocabulary: no other module spells its topics or types."""
+"""The wire has one vocabulary, which no other module spells, and says what makes sense."""
 
 import ast
 from pathlib import Path
 
+import pytest
+
 import sparse_coord_ros
 from sparse_coord_ros import wire
-from sparse_coord_ros.wire import services
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.run_config import make_run
+from sparse_coord_ros.wire import PerceptEnd, services
+from sparse_coord_ros.wire.frame import SECOND
+from sparse_coord_ros.wire.messages import Messages
 
 PACKAGE = Path(sparse_coord_ros.__file__).parent
 TOPICS = wire.TOPICS
@@ -39,3 +45,16 @@ def test_names_and_labels_are_there_once():
     labels = [label for topic in TOPICS for label in topic.labels]
     assert len({*wire.ACTION.labels}) == len(wire.ACTION.labels) and "percept" in labels
     assert wire.tables_attachment("robot_1", 7) == "tables/robot_1_7.npz"
+
+
+def test_a_percept_of_which_nobody_says_how_it_ended():
+    assert PerceptEnd.untold(perceived=True, peers=2) is PerceptEnd.ANSWERED
+    assert PerceptEnd.untold(perceived=False, peers=2) is PerceptEnd.REFUSED
+    assert PerceptEnd.untold(perceived=False, peers=0) is PerceptEnd.NOBODY_TO_ASK
+
+
+@pytest.mark.parametrize("nanosec", [-1, SECOND])
+def test_a_stamp_has_nanoseconds_below_a_second(nanosec):
+    messages = Messages(make_run(load_scenario("env1"), {}), lambda topic, data: None)
+    with pytest.raises(ValueError, match="no time of the run"):
+        messages.checked_step(3, nanosec)

@@ -1,0 +1,46 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The container of tables, histories and checkpoints: its digest covers all that is in it."""
+
+import io
+
+import numpy as np
+import pytest
+
+from sparse_coord_ros.errors import TablesError
+from sparse_coord_ros.learn import archive
+
+ARRAYS = {"a": np.arange(1.0, 7.0).reshape(2, 3), "b": np.zeros(2, dtype=np.int64)}
+
+
+def read(data):
+    return archive.unpack(
+        data, where="a.npz", what="tables", remedy="use another", error=TablesError
+    )[0]
+
+
+def test_arrays_come_back():
+    found = read(archive.pack(ARRAYS))
+    assert found.keys() == ARRAYS.keys()
+    for name, array in ARRAYS.items():
+        assert found[name].dtype == array.dtype
+        np.testing.assert_array_equal(found[name], array)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        {"a": ARRAYS["a"].reshape(3, 2)},
+        {"a": ARRAYS["a"].view(np.int64)},
+        {"a": ARRAYS["a"] + 1},
+        {"c": np.zeros(1)},
+    ],
+    ids=["shape", "dtype", "values", "one more"],
+)
+def test_a_digest_is_of_names_dtypes_shapes_and_values(other):
+    with np.load(io.BytesIO(archive.pack(ARRAYS))) as file:
+        arrays = dict(file)
+    changed = io.BytesIO()
+    np.savez(changed, **{**arrays, **other})
+    with pytest.raises(TablesError, match="its contents do not fit its digest"):
+        read(changed.getvalue())
