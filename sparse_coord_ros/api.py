@@ -230,7 +230,7 @@ def load_run(directory: str | Path) -> SavedRun:
     """Open a run's directory; its tables and its history are read when they are first used.
 
     Raises:
-        RunError: there is no run, or it is of a newer version.
+        RunError: there is no run, or it is in another format.
         SettingError: its learner or its perception model is missing here.
     """
     if not isinstance(directory, str | os.PathLike):

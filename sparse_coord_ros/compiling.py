@@ -38,8 +38,8 @@ in `sparse_coord_ros` of the user's cache directory (XDG_CACHE_HOME, or ~/.cache
 COMPILER = ("numba", "llvmlite", "numpy")
 """Installed packages whose versions the compiled code depends on."""
 
-SOURCES = ("game", "learn", "solve", "engine")
-"""Packages that the loops, what they call and their constants come from."""
+SOURCES = ("compiling.py", "game/*.py", "learn/*.py", "solve/*.py", "engine/*.py")
+"""Files that the loops, what they call and their constants come from."""
 
 WAIT_SECONDS = 0.2
 """How long an interrupt may go unnoticed where the system does not wake up the waiting thread."""
@@ -240,11 +240,19 @@ def _user_cache() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "sparse_coord_ros"
 
 
-def digest_of_sources(compiler: str = "", rule: type | None = None) -> str:
-    """Return a digest of the sources of whatever computes, and of what compiles them."""
+def digest_of_sources(
+    compiler: str = "", rule: type | None = None, sources: Sequence[str] = ()
+) -> str:
+    """Return a digest of sources of this package.
+
+    Args:
+        compiler: what compiles them, and its version.
+        rule: as of `folder`.
+        sources: patterns of the files, from the package's folder; `SOURCES` where there are none.
+    """
     digest = hashlib.sha256(compiler.encode())
     package = Path(__file__).parent
-    paths = [p for name in SOURCES for p in sorted((package / name).glob("*.py"))]
+    paths = [path for pattern in sources or SOURCES for path in sorted(package.glob(pattern))]
     for path in (*paths, *_sources_of(rule)):
         digest.update(f"\n{path.name}\n".encode() + path.read_bytes())
     return digest.hexdigest()[:16]

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Data frames for those who have pandas; nothing else of the package needs it."""
+"""Data frames, with one clear line where pandas is missing."""
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING

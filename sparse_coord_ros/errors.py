@@ -110,18 +110,13 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     return f" (did you mean {near[0]!r}?)" if near else ""
 
 
-def newer_format(where: str, found: int, known: int) -> str:
-    """Return what to say of a file in a format that a later version brought."""
-    return (
-        f"{where}: is in format {found}, this version reads formats up to {known}; update "
-        "sparse_coord_ros"
-    )
-
-
 def other_format(where: str, found: int, known: int) -> str:
     """Return what to say of a file in another format than the one that this version reads."""
     if found > known:
-        return newer_format(where, found, known)
+        return (
+            f"{where}: is in format {found}, this version reads format {known}; update "
+            "sparse_coord_ros"
+        )
     return (
         f"{where}: is in format {found} of an earlier version, this one reads format {known}; "
         "make it anew"

@@ -116,10 +116,6 @@ class Browser:
         features = [{"name": "prefers-color-scheme", "value": scheme}]
         self.ask("Emulation.setEmulatedMedia", features=features)
 
-    def see_as(self, deficiency: str) -> None:
-        """Simulate how somebody sees: achromatopsia, deuteranopia, protanopia, none, ..."""
-        self.ask("Emulation.setEmulatedVisionDeficiency", type=deficiency)
-
     def open(self, address: str) -> None:
         """Open an address."""
         self.ask("Page.navigate", url="about:blank")

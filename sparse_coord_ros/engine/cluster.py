@@ -166,8 +166,8 @@ def _import_error(error: BaseException | None) -> ImportError | None:
 
 @functools.cache
 def own_sources() -> str:
-    """Return a digest of the sources that this process computes with: those of its first call."""
-    return digest_of_sources()
+    """Return a digest of this package's sources, as they were at this process's first call."""
+    return digest_of_sources(sources=["**/*.py"])
 
 
 def _call(sources: str, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:

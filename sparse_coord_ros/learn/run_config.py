@@ -18,7 +18,7 @@ from typing import Any
 
 import yaml
 
-from sparse_coord_ros.errors import RunError, SettingError, did_you_mean, newer_format
+from sparse_coord_ros.errors import RunError, SettingError, did_you_mean, other_format
 from sparse_coord_ros.game.grid import RESOLUTIONS
 from sparse_coord_ros.game.perception import check_percepts
 from sparse_coord_ros.game.scenario import Scenario, parse_yaml, scenario_from_dict
@@ -31,7 +31,7 @@ RUN_FILE, SCENARIO_FILE, MAP_FILE = "run.yaml", "scenario.yaml", "map.txt"
 """The files that say what a run is: in its directory the first, in its bag all."""
 
 FORMAT = 2
-"""Number of the format of `run.yaml`, its field `format`. Files of 0.1.0 have none: format 1."""
+"""Number of the format of `run.yaml`, its field `format`."""
 
 RUN_RECORD = "sparse_coord_ros"
 """Name of the bag's metadata record about the run."""
@@ -194,19 +194,19 @@ def versions() -> dict[str, str]:
 
 
 def run_from_yaml(text: str, *, where: str) -> RunConfig:
-    """Read a run back; settings that the text lacks have the values that hold for older files.
+    """Read a run back; settings that the text lacks have their defaults.
 
     Raises:
-        RunError: it is no run, has an unknown field, or is in a newer format.
+        RunError: it is no run, has an unknown field, or is in another format.
         ScenarioError: not YAML, or the scenario in it is malformed.
         SettingError: a bad value.
     """
     data = parse_yaml(text, where=where)
     written = data.pop("format", 1)
     if not isinstance(written, int) or written < 1:
-        raise RunError(f"{where}: field 'format' is {written!r}, allowed: 1 to {FORMAT}")
-    if written > FORMAT:
-        raise RunError(newer_format(where, written, FORMAT))
+        raise RunError(f"{where}: field 'format' is {written!r}, allowed: {FORMAT}")
+    if written != FORMAT:
+        raise RunError(other_format(where, written, FORMAT))
     known = [f.name for f in fields(RunConfig)]
     for name in data:
         if name not in known:

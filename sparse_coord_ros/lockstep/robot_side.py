@@ -15,14 +15,14 @@ from sparse_coord_ros.game.links import Percepts
 from sparse_coord_ros.game.world import Action, Reward
 from sparse_coord_ros.learn.agent import Agent, Decision, Memory
 from sparse_coord_ros.learn.run_config import RunConfig
-from sparse_coord_ros.wire import Account, PerceptEnd
+from sparse_coord_ros.wire import COUNTS, Account, PerceptEnd
 
 NO_STEP = 0
 """The step of a request by a person, who does not know the time step."""
 
 BEFORE_ANY_STEP = -1
 
-ASKS = ("answered", "refused", "late", "repeated")
+ASKS = COUNTS[:4]
 """How percepts end, and how often a peer was asked again; see `RobotSide.asks`."""
 
 

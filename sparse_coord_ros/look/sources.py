@@ -142,10 +142,11 @@ class Shown:
         return play(scenario, tables, trials=TRIALS, seed=0, learner=self.config.rule)
 
     def has(self, what: str) -> bool:
-        """Return whether `log`, `tables` or `history` can be read."""
+        """Return whether `log`, `tables` or `history` can be read, and say why where not."""
         try:
             getattr(self, what)
-        except SparseCoordError:
+        except SparseCoordError as error:
+            self.say(f"left out {what}: {error}")
             return False
         return True
 

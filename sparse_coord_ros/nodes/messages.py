@@ -61,7 +61,7 @@ def read_run(message: String) -> Announced:
     """Return the run that a world announces.
 
     Raises:
-        SparseCoordError: it is none, or one of a newer version.
+        SparseCoordError: it is none, or one in another format.
     """
     return Announced(run_from_yaml(message.data, where=f"topic {RUN.name}"), message.data)
 

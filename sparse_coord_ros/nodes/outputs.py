@@ -26,6 +26,7 @@ from sparse_coord_ros.learn.tables import (
     save_team,
 )
 from sparse_coord_ros.lockstep.checkpoints import CHECKPOINTS, remove_checkpoints
+from sparse_coord_ros.lockstep.robot_side import ASKS
 from sparse_coord_ros.nodes.parameters import run_from_parameters
 from sparse_coord_ros.version import __version__
 
@@ -69,10 +70,11 @@ def _join_tables(out: Path, scenario: Scenario) -> dict[str, Any]:
     save_team(out, [one.tables for one in saved], [one.memory for one in saved])
     for part in parts:
         part.unlink()
-    asks = {r.name: one.counts for r, one in zip(scenario.robots, saved, strict=True)}
-    for count in asks.values():
-        del count["step"], count["learned"]
-    return {"transitions_dropped": sum(one.pop("dropped") for one in asks.values()), "asks": asks}
+    asks = {
+        robot.name: {how: one.counts[how] for how in ASKS}
+        for robot, one in zip(scenario.robots, saved, strict=True)
+    }
+    return {"transitions_dropped": sum(one.counts["dropped"] for one in saved), "asks": asks}
 
 
 def resumed_run(values: Mapping[str, Any]) -> RunConfig:

@@ -198,7 +198,7 @@ def check_pictures(page, shell):
 
 SERVES = ("watch",)
 """Verbs that go on until somebody stops them."""
-LONG_VERBS = ("doctor", "reproduce", "bench", "run", "train", "watch", "report", "replay")
+LONG_VERBS = ("doctor", "reproduce", "run", "train", "watch", "report", "replay")
 NEEDS_A_BAG = (
     *("watch", "info", "verify", "explain", "replay", "recover"),
     *("plot", "animate", "report", "tables"),

@@ -68,7 +68,8 @@ def test_missing_and_unknown_fields(run):
 
 def test_formats_of_run_yaml(run):
     assert "format: 2" in run.to_yaml()
-    assert run_from_yaml(spoiled(run, format=None), where="here") == run
+    for older in (None, 1):
+        assert "format 1 of an earlier version" in refusal(spoiled(run, format=older), RunError)
     assert "format 3, this version reads" in refusal(spoiled(run, format=3), RunError)
     assert "'format' is 'two'" in refusal(spoiled(run, format="two"), RunError)
 
@@ -88,7 +89,7 @@ def test_the_digest_of_a_run(run):
         ("scenario: [\n", ScenarioError, "line 2"),
         ("", ScenarioError, "'key: value'"),
         ("just text", ScenarioError, "is str"),
-        ("seed: 1\n", RunError, "scenario"),
+        ("format: 2\nseed: 1\n", RunError, "scenario"),
     ],
 )
 def test_malformed_run_yaml(text, error, words):

@@ -32,11 +32,12 @@ ODD = {topic.type_name for topic in TOPICS} | {
 
 def test_only_the_vocabulary_spells_topics_and_types():
     spelled = set()
-    for part in ("bags", "runlog", "nodes", "lockstep", "cli", "bench"):
-        for path in sorted((PACKAGE / part).rglob("*.py")):
-            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-                if isinstance(node, ast.Constant) and node.value in ODD:
-                    spelled.add((path.name, node.value))
+    for path in PACKAGE.rglob("*.py"):
+        if path.relative_to(PACKAGE).parts[0] in ("wire", "experiments"):  # tables/ of a report
+            continue
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Constant) and node.value in ODD:
+                spelled.add((path.name, node.value))
     assert not spelled
 
 
