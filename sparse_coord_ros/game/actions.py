@@ -11,7 +11,7 @@ MOVES = {"north": (-1, 0), "south": (1, 0), "east": (0, 1), "west": (0, -1)}
 DIRECTIONS = tuple(MOVES.values())
 """The change of (row, column) of each move, by its number."""
 
-NORTH, SOUTH, EAST, WEST = range(len(MOVES))
+NORTH, SOUTH, EAST, WEST = range(4)
 
 PRIMITIVES = len(MOVES)
 """Number of primitive actions."""
