@@ -5,10 +5,9 @@
 from typing import Any
 
 from sparse_coord_ros.game.actions import COORDINATE, PRIMITIVES
-from sparse_coord_ros.game.scenario import Scenario
-from sparse_coord_ros.game.streams import EXPLORE, EXPLORED_ACTION, LEARNING, PRIMITIVE_TIE
+from sparse_coord_ros.game.streams import EXPLORE, EXPLORED_ACTION, PRIMITIVE_TIE
 from sparse_coord_ros.game.world import Action, Reward
-from sparse_coord_ros.learn.agent import Agent, Decision, Tables
+from sparse_coord_ros.learn.agent import Agent, Decision
 from sparse_coord_ros.learn.algorithm import epsilon_greedy, greatest, updated
 from sparse_coord_ros.learn.factors import FactorRule
 from sparse_coord_ros.learn.learners import Factored, Learner
@@ -103,22 +102,4 @@ class JointAgent(Agent):
 class JointState(Learner):
     """Independent learners, each with a table over the full joint state. Plain Python."""
 
-    def agent(
-        self,
-        scenario: Scenario,
-        number: int,
-        seed: int,
-        *,
-        tables: Tables | None = None,
-        learning: bool = True,
-        phase: int = LEARNING,
-    ) -> Agent:
-        """Return the agent of one robot; arguments as of `Learner.agent`."""
-        return JointAgent(
-            scenario,
-            number,
-            seed,
-            tables=self.tables(scenario) if tables is None else tables,
-            learning=learning,
-            phase=phase,
-        )
+    agent_class = JointAgent
