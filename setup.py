@@ -25,6 +25,7 @@ setup(
         PACKAGE: ["py.typed"],
         f"{PACKAGE}.experiments.report": ["templates/*"],
         f"{PACKAGE}.look": ["templates/*"],
+        f"{PACKAGE}.nodes": ["*.yaml"],
         f"{PACKAGE}.look.page": ["static/*"],
     },
     data_files=[

@@ -109,7 +109,7 @@ def groups() -> dict[str, Group]:
 def _nodes() -> Mapping[str, SettingTable]:
     """Return the parameters of each node; nothing where there is no ROS 2."""
     try:
-        from sparse_coord_ros.nodes import parameters, player, watch
+        from sparse_coord_ros.nodes import parameters
     except ImportError:
         return {}
     return {
@@ -118,8 +118,8 @@ def _nodes() -> Mapping[str, SettingTable]:
         "recorder": parameters.RECORDER_PARAMETERS,
         "driver": parameters.DRIVER_PARAMETERS,
         "body": parameters.BODY_PARAMETERS,
-        "player": player.PLAYER_PARAMETERS,
-        "watch": watch.WATCH_PARAMETERS,
+        "player": parameters.PLAYER_PARAMETERS,
+        "watch": parameters.WATCH_PARAMETERS,
     }
 
 

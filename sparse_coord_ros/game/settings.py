@@ -5,7 +5,10 @@
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Protocol
+
+import yaml
 
 from sparse_coord_ros.errors import SettingError, did_you_mean
 from sparse_coord_ros.game.specs import Form
@@ -167,6 +170,20 @@ class SettingTable(Mapping[str, Setting]):
                     f"allowed: {', '.join(self)}"
                 )
         return {name: self[name].parse(value) for name, value in values.items()}
+
+
+def tables_from_yaml(path: Path) -> dict[str, SettingTable]:
+    """Return the tables of settings in a YAML file: by table and name the fields of a `Setting`.
+
+    The default says the kind. What lies below the key `shared` is there for YAML's anchors.
+    """
+    said: dict[str, dict[str, Any]] = yaml.safe_load(path.read_text(encoding="utf-8"))
+    said.pop("shared")
+    for table in said.values():
+        for name, one in table.items():
+            choices = tuple(one.get("choices", ()))
+            table[name] = Setting(name, type(one["default"]), **{**one, "choices": choices})
+    return {name: SettingTable(table.values()) for name, table in said.items()}
 
 
 def parse_assignments(texts: Iterable[str]) -> dict[str, str]:

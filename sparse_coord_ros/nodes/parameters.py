@@ -5,6 +5,7 @@
 import functools
 import time
 from collections.abc import Callable, Collection, Mapping
+from pathlib import Path
 from typing import Any, cast
 
 from rcl_interfaces.msg import (
@@ -23,9 +24,15 @@ from rclpy.publisher import Publisher
 from sparse_coord_ros.driving.trials import BODY_SETTINGS, DRIVER_SETTINGS, SLIPS
 from sparse_coord_ros.errors import RunError, SettingError, SparseCoordError, failure_of
 from sparse_coord_ros.game.scenario import SETTINGS, Scenario, load_scenario, scenario_names
-from sparse_coord_ros.game.settings import Setting, SettingTable, parse_assignments
+from sparse_coord_ros.game.settings import (
+    Setting,
+    SettingTable,
+    parse_assignments,
+    tables_from_yaml,
+)
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS, RunConfig, make_run
 from sparse_coord_ros.lockstep.waiting import Reminder
+from sparse_coord_ros.look.page.controls import HOST, PORT_SETTING
 from sparse_coord_ros.nodes.interface import RECORDING as RECORDING_TOPIC
 from sparse_coord_ros.nodes.interface import RUN, RosTopic
 from sparse_coord_ros.nodes.tap import Line, PackedPublisher, Tap
@@ -33,206 +40,38 @@ from sparse_coord_ros.wire import RECORDER, WORLD
 
 RCLError = rclpy_implementation.RCLError
 
-EXECUTOR = Setting(
-    "executor",
-    str,
-    "events",
-    "what runs the callbacks: rclpy's EventsExecutor or its SingleThreadedExecutor",
-    choices=("events", "single"),
-)
-STARTUP_TIMEOUT = Setting(
-    "startup_timeout", float, 60.0, "seconds to wait for the other nodes; 0: for ever", low=0
-)
-CLAIM_WINDOW = Setting(
-    "claim_window",
-    float,
-    0.5,
-    "seconds that a starting node waits for a sign of an earlier one of its name",
-    low=0,
-    high=60,
-)
-WORLD_TIMEOUT = Setting(
-    "world_timeout",
-    float,
-    60.0,
-    "seconds without a word of the world until the node saves and ends; 0: for ever",
-    low=0,
-)
-FOLLOWING = (WORLD_TIMEOUT, STARTUP_TIMEOUT, EXECUTOR)
-"""Parameters of every node that follows a run."""
-
 GO_ON, WAIT, END = "go_on", "wait", "end"
-RESUME = Setting(
-    "resume",
-    bool,
-    False,
-    "go on with the run in out, from the newest checkpoint that everybody has",
-)
+"""What `lost_robot` says."""
 ROLL_BACK, CONTINUE = "rollback", "continue"
-RECORDING = SettingTable(
-    [
-        Setting(
-            "max_bagfile_size",
-            int,
-            0,
-            "bytes after which another file of the bag begins, at least 65536; 0: never",
-            low=0,
-            high=2**53,
-            least=2**16,
-        ),
-        Setting(
-            "max_bagfile_duration",
-            float,
-            0.0,
-            "simulated seconds after which another file of the bag begins; 0: never",
-            low=0,
-            high=1e9,
-        ),
-        Setting(
-            "compression",
-            str,
-            "zstd",
-            "of the bag's chunks",
-            choices=("zstd", "lz4", "none"),
-        ),
-        Setting(
-            "flush_seconds",
-            float,
-            1.0,
-            "seconds of recording that a killed recorder loses at most",
-            low=0.02,
-            high=3600,
-        ),
-        Setting(
-            "flush_steps",
-            int,
-            1000,
-            "time steps of recording that a killed recorder loses at most",
-            low=1,
-            high=10_000_000,
-        ),
-    ]
-)
-
-WORLD_PARAMETERS = SettingTable(
-    [
-        Setting("scenario", str, "", "name of a shipped scenario or path of a scenario file"),
-        Setting("set", list, [""], "changed scenario settings, each key=value"),
-        Setting(
-            "rate", float, 0.0, "time steps a second; 0: as fast as the team acts", low=0, high=1e6
-        ),
-        Setting("out", str, "", "directory for run.yaml and summary.yaml; empty: none"),
-        RESUME,
-        Setting(
-            "returning",
-            str,
-            ROLL_BACK,
-            "what the world does when a robot, or the world itself, comes back with resume: take "
-            "everybody back to the last common checkpoint, or go on with what is lost",
-            choices=(ROLL_BACK, CONTINUE),
-        ),
-        Setting(
-            "lost_robot",
-            str,
-            GO_ON,
-            "what the world does without a robot that is silent for step_timeout",
-            choices=(GO_ON, WAIT, END),
-        ),
-        Setting(
-            "lost_timeout",
-            float,
-            60.0,
-            "seconds that the world stands still for lost robots before it ends; 0: for ever",
-            low=0,
-        ),
-        Setting(
-            "bodies", bool, False, "the robots have bodies: each step waits for their drivers"
-        ),
-        SLIPS,
-        Setting(
-            "body_timeout",
-            float,
-            60.0,
-            "seconds without a driver's report until its robot's move counts as not made; 0: for "
-            "ever",
-            low=0,
-        ),
-        STARTUP_TIMEOUT,
-        CLAIM_WINDOW,
-        EXECUTOR,
-        *RUN_SETTINGS.values(),
-    ]
-)
-ROBOT_PARAMETERS = SettingTable(
-    [
-        RESUME,
-        Setting("out", str, "", "directory for the learned tables; empty: they are not saved"),
-        Setting(
-            "tables", str, "", "directory of a run whose tables to begin with; empty: the run's"
-        ),
-        *FOLLOWING,
-        CLAIM_WINDOW,
-    ]
-)
-RECORDER_PARAMETERS = SettingTable(
-    [
-        Setting("out", str, "", "directory for the bag; empty: bag_<date>_<time>"),
-        RESUME,
-        *RECORDING.values(),
-        *FOLLOWING,
-    ]
-)
-TEAM_PARAMETERS = SettingTable(
-    {
-        **WORLD_PARAMETERS,
-        **ROBOT_PARAMETERS,
-        **RECORDING,
-        "out": Setting("out", str, "", "output directory; empty: <scenario>_<date>_<time>"),
-        "record": Setting("record", bool, True, "record the run to MCAP"),
-    }.values()
-)
-
+"""What `returning` says."""
 TF = "tf"
-POSE_TYPES = ("pose", "pose_with_covariance", "odometry", TF)
-DRIVER_PARAMETERS = SettingTable(
-    [
-        Setting("robot", str, "", "whose body to drive: the robot's name"),
-        *DRIVER_SETTINGS.values(),
-        Setting(
-            "pose_type",
-            str,
-            "pose",
-            "what says where the body is: the topic <robot>/pose as PoseStamped, "
-            "PoseWithCovarianceStamped or Odometry, or the transform to base_frame",
-            choices=POSE_TYPES,
-        ),
-        Setting("map_frame", str, "map", "the frame of the poses; it must be that of the map"),
-        Setting("base_frame", str, "", "of the body, for tf; empty: <robot>/base_link"),
-        Setting(
-            "pose_timeout",
-            float,
-            1.0,
-            "seconds without a pose until a body that drives is stopped; 0: for ever",
-            low=0,
-        ),
-        *FOLLOWING,
-    ]
+"""The `pose_type` that is no message of its own."""
+
+_TABLES = tables_from_yaml(Path(__file__).with_name("parameters.yaml"))
+
+
+def _table(node: str, *more: Mapping[str, Setting]) -> SettingTable:
+    """Return what `parameters.yaml` says of a node, and more settings."""
+    return SettingTable(one for table in (_TABLES[node], *more) for one in table.values())
+
+
+WORLD_PARAMETERS = _table("world_simulator", {"slips": SLIPS}, RUN_SETTINGS)
+ROBOT_PARAMETERS = _table("robot")
+RECORDER_PARAMETERS = _table("recorder")
+TEAM_PARAMETERS = SettingTable(
+    {**WORLD_PARAMETERS, **ROBOT_PARAMETERS, **_TABLES["team"]}.values()
 )
-BODY_PARAMETERS = SettingTable(
-    [
-        *BODY_SETTINGS.values(),
-        Setting(
-            "body_rate",
-            float,
-            0.0,
-            "simulated seconds a second; 0: in step with the drivers, as fast as they are",
-            low=0,
-            high=1000,
+DRIVER_PARAMETERS = _table("driver", DRIVER_SETTINGS)
+BODY_PARAMETERS = _table("body", BODY_SETTINGS)
+PLAYER_PARAMETERS = _table("player")
+WATCH_PARAMETERS = _table(
+    "watch",
+    {
+        "host": Setting(
+            "host", str, HOST, "address to serve; another one lets other machines watch"
         ),
-        Setting("clock", bool, False, "publish the simulated time of the bodies on /clock"),
-        Setting("paths", str, "", "file for where the bodies drove (.npz); empty: none"),
-        *FOLLOWING,
-    ]
+        "port": PORT_SETTING,
+    },
 )
 
 ALL_NAMES = (

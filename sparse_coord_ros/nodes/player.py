@@ -16,41 +16,12 @@ from std_srvs.srv import SetBool, Trigger
 from sparse_coord_ros.bags.playback import SECOND_NS, Playback
 from sparse_coord_ros.bags.playlist import Playlist
 from sparse_coord_ros.errors import RunError, SettingError
-from sparse_coord_ros.game.settings import Setting, SettingTable
-from sparse_coord_ros.nodes.parameters import EXECUTOR, ParameterNode
+from sparse_coord_ros.nodes.parameters import PLAYER_PARAMETERS, ParameterNode
 from sparse_coord_ros.nodes.player_keys import Keyboard
 from sparse_coord_ros.nodes.player_topics import Stage
 from sparse_coord_ros.nodes.spin import run_node, wait_for_readers
 from sparse_coord_ros.wire import services
 
-LOWEST_RATE, HIGHEST_RATE = 0.01, 1000.0
-PLAYER_PARAMETERS = SettingTable(
-    [
-        Setting("bag", str, "", "the bag to play: its directory or its MCAP file"),
-        Setting(
-            "rate",
-            float,
-            1.0,
-            "seconds of the bag played a second",
-            low=LOWEST_RATE,
-            high=HIGHEST_RATE,
-        ),
-        Setting(
-            "position",
-            float,
-            0.0,
-            "where to begin, or to go on: seconds after the bag's first message",
-            low=0,
-        ),
-        Setting("loop", bool, False, "begin again at the end"),
-        Setting("start_paused", bool, False, "show the first time step, and wait"),
-        Setting("topics", list, [""], "only these topics: names, or patterns like /robot_1/*"),
-        Setting(
-            "delay", float, 0.5, "seconds given to subscribers to find the player", low=0, high=60
-        ),
-        EXECUTOR,
-    ]
-)
 CHANGEABLE = ("rate", "position")
 
 KEYS_SECONDS = 0.05
@@ -253,9 +224,9 @@ class Player(ParameterNode):
         elif key == "on":
             self._set("position", min(self._seconds, self._position + SEEK_SECONDS))
         elif key == "faster":
-            self._set("rate", min(HIGHEST_RATE, rate * 2))
+            self._set("rate", min(PLAYER_PARAMETERS["rate"].high, rate * 2))
         elif key == "slower":
-            self._set("rate", max(LOWEST_RATE, rate / 2))
+            self._set("rate", max(PLAYER_PARAMETERS["rate"].low, rate / 2))
 
     def _set(self, name: str, value: float) -> None:
         self.set_parameters([Parameter(name, value=value)])

@@ -26,7 +26,6 @@ from std_srvs.srv import SetBool, Trigger
 from sparse_coord_ros import wire
 from sparse_coord_ros.game.actions import ACTIONS
 from sparse_coord_ros.game.miscoordination import meeting_places, miscoordinated
-from sparse_coord_ros.game.settings import Setting, SettingTable
 from sparse_coord_ros.game.world import FIRST_STEP, Action, Reward, StepOutcome
 from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.history import HistoryRecorder
@@ -34,10 +33,8 @@ from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.learn.simulation import Glimpse
 from sparse_coord_ros.learn.tables import unpack_robot
 from sparse_coord_ros.look.page.controls import (
-    HOST,
     NEXT,
     PAUSE,
-    PORT_SETTING,
     RATE,
     RESET,
     STEP,
@@ -52,7 +49,7 @@ from sparse_coord_ros.nodes.messages import (
     Converter,
     read_tables_message,
 )
-from sparse_coord_ros.nodes.parameters import EXECUTOR, ParameterNode
+from sparse_coord_ros.nodes.parameters import WATCH_PARAMETERS, ParameterNode
 from sparse_coord_ros.nodes.spin import run_node
 from sparse_coord_ros.wire import WORLD, Account, PerceptEnd, services
 from sparse_coord_ros.wire.status import Said
@@ -73,14 +70,6 @@ LATE_TICKS = 10
 the node: a process that stood still has what it waits for in its queue."""
 
 CONTROLS = (PAUSE, STEP, RATE, RESET)
-
-WATCH_PARAMETERS = SettingTable(
-    [
-        Setting("host", str, HOST, "address to serve; another one lets other machines watch"),
-        PORT_SETTING,
-        EXECUTOR,
-    ]
-)
 
 
 class Controls:

@@ -22,7 +22,7 @@ from sparse_coord_ros.learn.agent import Agent
 from sparse_coord_ros.learn.tables import load_team
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.middleware import SECURITY_MARK, check_participants, check_security
-from sparse_coord_ros.nodes.parameters import EXECUTOR, ParameterNode
+from sparse_coord_ros.nodes.parameters import ROBOT_PARAMETERS, ParameterNode
 from sparse_coord_ros.nodes.spin import ros_context, run_node, signals
 from sparse_coord_ros.nodes.team import run_team
 from sparse_coord_ros.runlog.verify import verify
@@ -111,7 +111,7 @@ class Faulty(ParameterNode):
     """A node whose timer does what nobody expected."""
 
     def __init__(self, context, error, executor):
-        table = SettingTable([EXECUTOR])
+        table = SettingTable([ROBOT_PARAMETERS["executor"]])
         super().__init__("faulty", table, context=context, values={"executor": executor})
         self.said = []
         self.create_timer(0.01, lambda: self._raise(error))
