@@ -7,16 +7,14 @@ import math
 import sys
 import time
 from collections import Counter
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, Twist
 from nav_msgs.msg import Odometry
-from rclpy.context import Context
 from rclpy.publisher import Publisher
 from std_msgs.msg import Header
 
@@ -24,17 +22,12 @@ from sparse_coord_ros.driving.arena import ELSEWHERE, IN_DOORWAY, Arena, Noise
 from sparse_coord_ros.driving.ground import Ground, Pose
 from sparse_coord_ros.driving.steering import Command
 from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.lockstep.bodies import BEGIN, Goals, Reached
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.follower import Follower
-from sparse_coord_ros.nodes.messages import (
-    Announced,
-    Converter,
-    read_goals,
-    read_reached,
-    status,
-)
-from sparse_coord_ros.nodes.parameters import BODY_PARAMETERS
+from sparse_coord_ros.nodes.messages import Converter, read_goals, read_reached, status
+from sparse_coord_ros.nodes.parameters import BODY_PARAMETERS, Place
 from sparse_coord_ros.nodes.spin import run_node
 from sparse_coord_ros.wire import MAP_FRAME
 from sparse_coord_ros.wire.frame import SECOND
@@ -54,9 +47,7 @@ class BodyNode(Follower):
     """Hears what bodies are to do (Twist), and says where they are (PoseStamped, Odometry).
 
     Args:
-        context: the ROS context.
-        namespace: the team's namespace.
-        values: parameters given by the program; None: by the command line.
+        place: where the node is made, and with what: see `Place`.
 
     Attributes:
         arena: the bodies; None: no run has begun.
@@ -65,16 +56,8 @@ class BodyNode(Follower):
         SparseCoordError: a bad parameter, a body that does not fit its cells.
     """
 
-    def __init__(
-        self,
-        *,
-        context: Context,
-        namespace: str = "",
-        values: Mapping[str, Any] | None = None,
-    ) -> None:
-        super().__init__(
-            "body", BODY_PARAMETERS, context=context, namespace=namespace, values=values
-        )
+    def __init__(self, **place: Unpack[Place]) -> None:
+        super().__init__("body", BODY_PARAMETERS, **place)
         self.arena: Arena | None = None
         self._said = time.monotonic()
         self._paths: list[list[float]] = []
@@ -87,9 +70,8 @@ class BodyNode(Follower):
                 f"parameter paths: value is {self.values['paths']!r}, allowed: a file .npz"
             )
 
-    def begin(self, announced: Announced) -> None:
+    def begin(self, run: RunConfig) -> None:
         """Put the bodies at the scenario's starts."""
-        run = announced.run
         names = [robot.name for robot in run.scenario.robots]
         self._names = names
         ground = Ground(run, self.values["radius"])

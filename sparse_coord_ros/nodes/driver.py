@@ -5,12 +5,10 @@
 import functools
 import sys
 import time
-from collections.abc import Mapping
-from typing import Any
+from typing import Any, Unpack
 
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist
 from nav_msgs.msg import Odometry
-from rclpy.context import Context
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from sparse_coord_ros.driving.driver import Driver
@@ -19,17 +17,17 @@ from sparse_coord_ros.driving.steering import STOP, Command
 from sparse_coord_ros.driving.transforms import Tree, yaw_of
 from sparse_coord_ros.driving.trials import limits_of
 from sparse_coord_ros.errors import RunError, SettingError, did_you_mean
+from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.lockstep.bodies import Goals
 from sparse_coord_ros.lockstep.waiting import Reminder
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.follower import Follower
 from sparse_coord_ros.nodes.messages import (
-    Announced,
     Converter,
     reached_message,
     read_goals,
 )
-from sparse_coord_ros.nodes.parameters import DRIVER_PARAMETERS, TF
+from sparse_coord_ros.nodes.parameters import DRIVER_PARAMETERS, TF, Place
 from sparse_coord_ros.nodes.spin import run_node, wait_for_readers
 
 POSES_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -53,10 +51,8 @@ class DriverNode(Follower):
     """Drives the body of one robot.
 
     Args:
-        context: the ROS context.
-        namespace: the team's namespace.
-        values: parameters given by the program; None: by the command line.
         name: the node's name unless the command line remaps it.
+        place: where the node is made, and with what: see `Place`.
 
     Attributes:
         driver: what drives the body; None: no run has begun.
@@ -66,17 +62,8 @@ class DriverNode(Follower):
             not fit its cells, no tf2_msgs where tf is asked for.
     """
 
-    def __init__(
-        self,
-        *,
-        context: Context,
-        namespace: str = "",
-        values: Mapping[str, Any] | None = None,
-        name: str = "driver",
-    ) -> None:
-        super().__init__(
-            name, DRIVER_PARAMETERS, context=context, namespace=namespace, values=values
-        )
+    def __init__(self, *, name: str = "driver", **place: Unpack[Place]) -> None:
+        super().__init__(name, DRIVER_PARAMETERS, **place)
         self._robot = self.values["robot"]
         if not self._robot:
             self.destroy_node()
@@ -95,9 +82,8 @@ class DriverNode(Follower):
         topic = interface.CMD_VEL
         self._cmd_vel = self.create_publisher(topic.type, topic.of(self._robot), topic.qos)
 
-    def begin(self, announced: Announced) -> None:
+    def begin(self, run: RunConfig) -> None:
         """Begin with a run: hear goals and poses."""
-        run = announced.run
         names = [robot.name for robot in run.scenario.robots]
         if self._robot not in names:
             raise RunError(

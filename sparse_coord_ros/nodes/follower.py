@@ -3,18 +3,14 @@
 """A node that follows a run: it begins when a world announces one, and ends with it."""
 
 import time
-from collections.abc import Mapping
-from typing import Any
-
-from rclpy.context import Context
+from typing import Unpack
 
 from sparse_coord_ros.game.settings import SettingTable
+from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.lockstep.waiting import WorldPresence
 from sparse_coord_ros.nodes import interface
-from sparse_coord_ros.nodes.intake import Intake
-from sparse_coord_ros.nodes.messages import Announced, read_run
-from sparse_coord_ros.nodes.parameters import ParameterNode
-from sparse_coord_ros.nodes.tap import Tap
+from sparse_coord_ros.nodes.messages import read_run
+from sparse_coord_ros.nodes.parameters import ParameterNode, Place
 from sparse_coord_ros.wire.status import Said, read_status
 
 TICK_SECONDS = 0.02
@@ -34,14 +30,10 @@ class Follower(ParameterNode):
     Args:
         name: the node's name unless the command line remaps it.
         table: its parameters; without `world_timeout` the world is waited for for ever.
-        context: the ROS context.
-        namespace: the team's namespace.
-        values: parameters given by the program; None: by the command line.
-        tap: the way to a recorder in the same process.
+        place: where the node is made, and with what: see `Place`.
 
     Attributes:
-        intake: its subscriptions.
-        announced: the run, once it is announced.
+        run: the run, once it is announced.
         status: what the world said last.
         presence: whether the run's world is there; None: the node has not begun.
 
@@ -51,19 +43,9 @@ class Follower(ParameterNode):
 
     tick_seconds = TICK_SECONDS
 
-    def __init__(
-        self,
-        name: str,
-        table: SettingTable,
-        *,
-        context: Context,
-        namespace: str = "",
-        values: Mapping[str, Any] | None = None,
-        tap: Tap | None = None,
-    ) -> None:
-        super().__init__(name, table, context=context, namespace=namespace, values=values, tap=tap)
-        self.intake = Intake(self)
-        self.announced: Announced | None = None
+    def __init__(self, name: str, table: SettingTable, **place: Unpack[Place]) -> None:
+        super().__init__(name, table, **place)
+        self.run: RunConfig | None = None
         self.status: Said | None = None
         self.presence: WorldPresence | None = None
         self._reported = time.monotonic()
@@ -80,7 +62,7 @@ class Follower(ParameterNode):
         """Wait for a run to be announced; called with every tick until one is."""
         self.check_startup_time()
 
-    def begin(self, announced: Announced) -> None:
+    def begin(self, run: RunConfig) -> None:
         """Begin with a run."""
 
     def world_said(self, said: Said) -> None:
@@ -96,7 +78,7 @@ class Follower(ParameterNode):
         """Whether nothing is left to do after the run's end."""
         return True
 
-    def another_run(self, announced: Announced) -> None:
+    def another_run(self, run: RunConfig) -> None:
         """Another run was announced: stay with the present one."""
         assert self.presence is not None
         self.presence.another_run()
@@ -120,11 +102,11 @@ class Follower(ParameterNode):
             return self.all_done(now)
         return now - self._stopping > STOP_SECONDS
 
-    def _on_run(self, announced: Announced) -> None:
-        if self.presence is None or self.announced is None:
-            self.announced = announced
-        elif announced.run.id != self.announced.run.id:
-            self.another_run(announced)
+    def _on_run(self, run: RunConfig) -> None:
+        if self.presence is None or self.run is None:
+            self.run = run
+        elif run.id != self.run.id:
+            self.another_run(run)
 
     def _on_status(self, said: Said) -> None:
         self.status = said
@@ -141,10 +123,10 @@ class Follower(ParameterNode):
         now = time.monotonic()
         if self.presence is None:
             ready = self.may_begin(now)
-            if self.announced is None:
+            if self.run is None:
                 self.wait()
             elif ready:
-                self._begin(self.announced, now)
+                self._begin(self.run, now)
             return
         self.go_on(now)
         if now - self._reported >= REPORT_SECONDS:
@@ -164,9 +146,9 @@ class Follower(ParameterNode):
         if gone:
             self.lost(gone)
 
-    def _begin(self, announced: Announced, now: float) -> None:
-        run, patience = announced.run, self.values.get("world_timeout", 0.0)
+    def _begin(self, run: RunConfig, now: float) -> None:
+        patience = self.values.get("world_timeout", 0.0)
         self.presence = WorldPresence(run.id, run.scenario.steps, patience, now)
-        self.begin(announced)
+        self.begin(run)
         if self.status is not None:
             self._on_status(self.status)

@@ -21,7 +21,6 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 from sparse_coord_ros.errors import NameTakenError
-from sparse_coord_ros.nodes.intake import Intake
 from sparse_coord_ros.nodes.interface import CLAIM, CLAIMS_QOS
 from sparse_coord_ros.nodes.messages import read_claim
 from sparse_coord_ros.nodes.parameters import ParameterNode
@@ -52,21 +51,20 @@ class Guard:
 
     Args:
         node: the node; its `fail` is called where another node keeps the name.
-        intake: the node's subscriptions.
 
     Attributes:
         claim: what the node says of itself.
         doubled: topics that a second node was seen to publish.
     """
 
-    def __init__(self, node: ParameterNode, intake: Intake) -> None:
+    def __init__(self, node: ParameterNode) -> None:
         self._node = node
         self.claim = Claim(uuid.uuid4().hex, ClaimRank.STARTING)
         self.doubled: set[str] = set()
         self._since = divmod(time.time_ns(), 1_000_000_000)
         self._warned = False
         self._topics: list[str] = []
-        intake.listen(CLAIM, self._on_claim, "~", read=read_claim, qos=CLAIMS_QOS)
+        node.intake.listen(CLAIM, self._on_claim, "~", read=read_claim, qos=CLAIMS_QOS)
         self._publisher = node.create_publisher(CLAIM.type, CLAIM.of("~"), CLAIM.qos)
         self._say()
 

@@ -13,6 +13,7 @@ from sparse_coord_ros.errors import RunError, TablesError, did_you_mean, os_erro
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.world import Action, Reward
 from sparse_coord_ros.learn.agent import Agent, Tables
+from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.learn.tables import TEAM_FILE, pack_tables, robot_file
 from sparse_coord_ros.lockstep.checkpoints import Checkpoints
 from sparse_coord_ros.lockstep.gate import StepGate
@@ -23,7 +24,6 @@ from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.follower import Follower
 from sparse_coord_ros.nodes.guard import Guard
 from sparse_coord_ros.nodes.messages import (
-    Announced,
     Converter,
     progress_message,
     status,
@@ -45,7 +45,7 @@ class Member:
     Args:
         node: the robot's node, which follows the run.
         guard: guards its name.
-        announced: the run.
+        run: the run.
         clients: those of the robots of this process.
 
     Attributes:
@@ -56,16 +56,14 @@ class Member:
         SparseCoordError: the scenario has no such robot, or the tables to begin with do not fit.
     """
 
-    def __init__(
-        self, node: Follower, guard: Guard, announced: Announced, clients: Clients
-    ) -> None:
+    def __init__(self, node: Follower, guard: Guard, run: RunConfig, clients: Clients) -> None:
         self._node, self._guard, self._name = node, guard, node.get_name()
-        self.run, self._text = run, text = announced
+        self.run, self._text = run, run.to_yaml()
         self._number = self._place_in_team()
         self._convert = Converter(run)
         own = [robot_file(Path(), self._name).name, TEAM_FILE]
         resumed = node.values["resume"]
-        self._out = open_output(node.values["out"], text, [] if resumed else own)
+        self._out = open_output(node.values["out"], self._text, [] if resumed else own)
         self._checkpoints: Checkpoints | None = None
         if self._out is not None:
             self._checkpoints = Checkpoints(self._out, self._name, run)
@@ -96,7 +94,7 @@ class Member:
         self.joined = False
         self._ears: list[Any] = []
         self._ready_since = 0.0
-        self._peers = Peers(node, node.intake, run, self._convert, self.lockstep, clients)
+        self._peers = Peers(node, run, self._convert, self.lockstep, clients)
         node.create_service(Trigger, services.SAVE.of("~"), self._on_save)
         self._say_progress()
 

@@ -5,7 +5,6 @@
 import math
 from array import array as packed
 from collections.abc import Iterable, Mapping, Sequence
-from typing import NamedTuple
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
@@ -50,20 +49,13 @@ class Converter(Messages):
         return Path(header=self.header(step), poses=poses)
 
 
-class Announced(NamedTuple):
-    """A run that a world has announced, and the text of it."""
-
-    run: RunConfig
-    text: str
-
-
-def read_run(message: String) -> Announced:
+def read_run(message: String) -> RunConfig:
     """Return the run that a world announces.
 
     Raises:
         SparseCoordError: it is none, or one in another format.
     """
-    return Announced(run_from_yaml(message.data, where=f"topic {RUN.name}"), message.data)
+    return run_from_yaml(message.data, where=f"topic {RUN.name}")
 
 
 def progress_message(name: str, said: Progress) -> DiagnosticStatus:

@@ -6,7 +6,7 @@ import functools
 import time
 from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, TypedDict, Unpack, cast
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -33,6 +33,7 @@ from sparse_coord_ros.game.settings import (
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS, RunConfig, make_run
 from sparse_coord_ros.lockstep.waiting import Reminder
 from sparse_coord_ros.look.page.controls import HOST, PORT_SETTING
+from sparse_coord_ros.nodes.intake import Intake
 from sparse_coord_ros.nodes.interface import RECORDING as RECORDING_TOPIC
 from sparse_coord_ros.nodes.interface import RUN, RosTopic
 from sparse_coord_ros.nodes.tap import Line, PackedPublisher, Tap
@@ -92,20 +93,34 @@ ROS_PARAMETERS = ("use_sim_time", "start_type_description_service")
 ROS_PARAMETERS_PREFIX = "qos_overrides."
 
 
+class Place(TypedDict, total=False):
+    """Where a node is made, and with what.
+
+    Attributes:
+        context: the ROS context.
+        namespace: the team's namespace.
+        values: parameters given by the program; None: those of the command line count.
+        tap: the way to a recorder in the same process; None: a recorder subscribes as others do.
+    """
+
+    context: Context
+    namespace: str
+    values: Mapping[str, Any] | None
+    tap: Tap | None
+
+
 class ParameterNode(Node):
     """A node whose parameters come from one table and are checked at once.
 
     Args:
         name: the node's name unless it is remapped.
         table: its parameters.
-        context: the ROS context.
-        namespace: the team's namespace.
-        values: values given by the program; None: those of the command line count.
         changeable: parameters that can be set while the node runs.
-        tap: the way to a recorder in the same process; None: a recorder subscribes as others do.
+        place: where the node is made, and with what.
 
     Attributes:
         values: every parameter, typed.
+        intake: its subscriptions.
         full_name: its name with its namespace, as diagnostics say it: `team_a/robot_1`.
         born: when the node began, by the monotonic clock.
         failure: why the node must stop, or None.
@@ -120,18 +135,16 @@ class ParameterNode(Node):
         name: str,
         table: SettingTable,
         *,
-        context: Context | None = None,
-        namespace: str = "",
-        values: Mapping[str, Any] | None = None,
         changeable: Collection[str] = CHANGEABLE,
-        tap: Tap | None = None,
+        **place: Unpack[Place],
     ) -> None:
+        values = place.get("values")
         given = [Parameter(key, value=value) for key, value in (values or {}).items()]
         try:
             super().__init__(
                 name,
-                context=context,
-                namespace=namespace,
+                context=place.get("context"),
+                namespace=place.get("namespace", ""),
                 use_global_arguments=values is None,
                 parameter_overrides=given,
                 automatically_declare_parameters_from_overrides=True,
@@ -146,7 +159,8 @@ class ParameterNode(Node):
         self.failure: SparseCoordError | None = None
         self.done = False
         self._table, self._changeable = table, changeable
-        self._tap = tap
+        self._tap = place.get("tap")
+        self.intake = Intake(self)
         try:
             self.values = self._declare()
         except BaseException:

@@ -23,7 +23,6 @@ from rclpy.task import Future
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.lockstep.robot_side import Answer, RobotSide
 from sparse_coord_ros.lockstep.waiting import Deadline
-from sparse_coord_ros.nodes.intake import Intake
 from sparse_coord_ros.nodes.interface import ACTIVE_PERCEPTION_TYPE, STEP_QOS
 from sparse_coord_ros.nodes.messages import Converter
 from sparse_coord_ros.nodes.parameters import ParameterNode
@@ -159,7 +158,6 @@ class Peers:
 
     Args:
         node: the robot's node.
-        intake: counts what does not fit the run.
         run: the run.
         convert: between its steps and cells and messages.
         side: the robot's side of the lock step.
@@ -169,13 +167,12 @@ class Peers:
     def __init__(
         self,
         node: ParameterNode,
-        intake: Intake,
         run: RunConfig,
         convert: Converter,
         side: RobotSide,
         clients: Clients,
     ) -> None:
-        self._intake, self._convert, self._side = intake, convert, side
+        self._intake, self._convert, self._side = node.intake, convert, side
         self._names = [robot.name for robot in run.scenario.robots]
         self._service = ACTIVE_PERCEPTION.of(node.get_name())
         self._deadline = Deadline(run.percept_timeout, run.step_timeout)

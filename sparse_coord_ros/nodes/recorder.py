@@ -7,14 +7,13 @@ import shutil
 import struct
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.context import Context
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
@@ -35,15 +34,13 @@ from sparse_coord_ros.learn.run_config import (
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.follower import Follower
 from sparse_coord_ros.nodes.messages import (
-    Announced,
     Converter,
     progress_message,
     read_tables_message,
     status,
 )
-from sparse_coord_ros.nodes.parameters import RECORDER_PARAMETERS
+from sparse_coord_ros.nodes.parameters import RECORDER_PARAMETERS, Place
 from sparse_coord_ros.nodes.spin import run_node
-from sparse_coord_ros.nodes.tap import Tap
 from sparse_coord_ros.wire import NODE, RECORDER, ROBOT, TEAM, WORLD
 from sparse_coord_ros.wire.frame import SECOND
 from sparse_coord_ros.wire.messages import STAMPED
@@ -102,9 +99,9 @@ class Recording:
         self._count = self._steps = 0
         self._tables: dict[str, tuple[int, bytes]] = {}
 
-    def begin(self, run_text: str, channel: int) -> None:
+    def begin(self, channel: int) -> None:
         """Write down what the run is; not where its bag is continued, which has it."""
-        bag, scenario = self.bag, self.run.scenario
+        bag, scenario, run_text = self.bag, self.run.scenario, self.run.to_yaml()
         record = {**self.run.record(), wire.FORMAT_KEY: str(wire.BAG_FORMAT)}
         bag.add_metadata(RUN_RECORD, record)
         text = yaml.safe_dump(scenario.to_dict(), sort_keys=False, allow_unicode=True)
@@ -194,10 +191,7 @@ class Recorder(Follower):
     """Writes down every topic of the team and the service events, as they are.
 
     Args:
-        context: the ROS context.
-        namespace: the team's namespace.
-        values: parameters given by the program; None: by the command line.
-        tap: the way from the other nodes where they are in this process. The recorder then writes
+        place: where the node is made, and with what: see `Place`. With a tap the recorder writes
             by another process, and an error of the recording does not stop the others.
 
     Attributes:
@@ -209,22 +203,8 @@ class Recorder(Follower):
         SparseCoordError: a bad parameter, an existing directory, no world simulator, a full disk.
     """
 
-    def __init__(
-        self,
-        *,
-        context: Context,
-        namespace: str = "",
-        values: Mapping[str, Any] | None = None,
-        tap: Tap | None = None,
-    ) -> None:
-        super().__init__(
-            RECORDER,
-            RECORDER_PARAMETERS,
-            context=context,
-            namespace=namespace,
-            values=values,
-            tap=tap,
-        )
+    def __init__(self, **place: Unpack[Place]) -> None:
+        super().__init__(RECORDER, RECORDER_PARAMETERS, **place)
         out = self.values["out"] or datetime.now().strftime("bag_%Y%m%d_%H%M%S")
         self.directory = Path(out)
         if self.directory.exists() and not self.values["resume"]:
@@ -253,9 +233,8 @@ class Recorder(Follower):
         going_back = said is None or (said.state == wire.RunState.RESUMING and not said.order.name)
         return not (self.values["resume"] and going_back)
 
-    def begin(self, announced: Announced) -> None:
+    def begin(self, run: RunConfig) -> None:
         """Open the bag, and listen to the run's team."""
-        run, text = announced
         earlier = continued(self.directory) if self.values["resume"] else None
         if earlier is not None and run_id(earlier) not in ("", run.id):
             raise RunError(
@@ -276,7 +255,7 @@ class Recorder(Follower):
         )
         channel = self._channel(interface.RUN, interface.RUN.name)
         if earlier is None:
-            recording.begin(text, channel)
+            recording.begin(channel)
         else:
             goes_back = why_of(order)["why"] == ROLLED_BACK
             first_ns = (order.first - 1) * recording.convert.period

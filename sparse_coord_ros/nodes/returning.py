@@ -13,7 +13,6 @@ from sparse_coord_ros.lockstep.checkpoints import Checkpoints
 from sparse_coord_ros.lockstep.rollback import WorldRollback
 from sparse_coord_ros.lockstep.world_side import WorldSide
 from sparse_coord_ros.nodes import interface
-from sparse_coord_ros.nodes.intake import Intake
 from sparse_coord_ros.nodes.parameters import CONTINUE, ROLL_BACK, ParameterNode
 from sparse_coord_ros.wire import RECORDER
 from sparse_coord_ros.wire.status import NO_ORDER, ROLL_CALL, Progress, read_progress
@@ -24,7 +23,6 @@ class Returning:
 
     Args:
         node: the world's node; its parameters `resume` and `returning` say what is due.
-        intake: its subscriptions.
         run: the run.
         side: the world's side of the lock step.
         store: the world's checkpoints; None: it keeps none.
@@ -37,7 +35,6 @@ class Returning:
     def __init__(
         self,
         node: ParameterNode,
-        intake: Intake,
         run: RunConfig,
         side: WorldSide,
         store: Checkpoints | None,
@@ -51,9 +48,9 @@ class Returning:
         self._since = 0.0
         for robot, name in enumerate(self._names):
             then = functools.partial(self._on_progress, robot)
-            intake.listen(interface.PROGRESS, then, name, read=read_progress)
+            node.intake.listen(interface.PROGRESS, then, name, read=read_progress)
         if run.recorded:
-            intake.listen(interface.PROGRESS, self._on_recorder, RECORDER, read=read_progress)
+            node.intake.listen(interface.PROGRESS, self._on_recorder, RECORDER, read=read_progress)
 
     @property
     def calling(self) -> bool:

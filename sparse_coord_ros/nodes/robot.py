@@ -3,19 +3,15 @@
 """The robot node: one agent of Algorithm 1, which knows of its peers only what they answer."""
 
 import sys
-from collections.abc import Mapping
-from typing import Any
+from typing import Unpack
 
-from rclpy.context import Context
-
+from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.nodes.follower import Follower
 from sparse_coord_ros.nodes.guard import Guard
 from sparse_coord_ros.nodes.member import Member
-from sparse_coord_ros.nodes.messages import Announced
-from sparse_coord_ros.nodes.parameters import ROBOT_PARAMETERS
+from sparse_coord_ros.nodes.parameters import ROBOT_PARAMETERS, Place
 from sparse_coord_ros.nodes.peers import Clients
 from sparse_coord_ros.nodes.spin import run_node
-from sparse_coord_ros.nodes.tap import Tap
 from sparse_coord_ros.wire.status import Said
 
 LAST_WORDS_SECONDS = 2.0
@@ -26,12 +22,9 @@ class RobotNode(Follower):
     """Gets a name, becomes a member of the team that is announced, and leaves it at the end.
 
     Args:
-        context: the ROS context.
         name: the robot's name unless the command line remaps it.
-        namespace: the team's namespace.
-        values: parameters given by the program; None: by the command line.
-        tap: the way to a recorder in the same process.
         clients: those of the robots of the same process; None: it is alone.
+        place: where the node is made, and with what: see `Place`.
 
     Attributes:
         guard: guards its name.
@@ -45,20 +38,11 @@ class RobotNode(Follower):
     member: Member | None = None
 
     def __init__(
-        self,
-        *,
-        context: Context,
-        name: str = "robot",
-        namespace: str = "",
-        values: Mapping[str, Any] | None = None,
-        tap: Tap | None = None,
-        clients: Clients | None = None,
+        self, *, name: str = "robot", clients: Clients | None = None, **place: Unpack[Place]
     ) -> None:
-        super().__init__(
-            name, ROBOT_PARAMETERS, context=context, namespace=namespace, values=values, tap=tap
-        )
+        super().__init__(name, ROBOT_PARAMETERS, **place)
         self._peer_clients = Clients() if clients is None else clients
-        self.guard = Guard(self, self.intake)
+        self.guard = Guard(self)
 
     def may_begin(self, now: float) -> bool:
         """Whether nobody who had the name before has been heard in time."""
@@ -67,9 +51,9 @@ class RobotNode(Follower):
         self.guard.hold()
         return True
 
-    def begin(self, announced: Announced) -> None:
+    def begin(self, run: RunConfig) -> None:
         """Become a member of the team."""
-        self.member = Member(self, self.guard, announced, self._peer_clients)
+        self.member = Member(self, self.guard, run, self._peer_clients)
 
     def world_said(self, said: Said) -> None:
         """Take in what the world says."""

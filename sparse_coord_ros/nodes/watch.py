@@ -45,7 +45,6 @@ from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.follower import Follower
 from sparse_coord_ros.nodes.intake import Intake
 from sparse_coord_ros.nodes.messages import (
-    Announced,
     Converter,
     read_tables_message,
 )
@@ -279,9 +278,8 @@ class WatchNode(Follower):
             text = f"waiting for a team: no world simulator is on {where} yet"
             board.put({"type": "notice", "text": text})
 
-    def begin(self, announced: Announced) -> None:
+    def begin(self, run: RunConfig) -> None:
         """Show the run that is announced."""
-        run = announced.run
         self._heard, self._transitions = time.monotonic(), 0
         title = f"team in {self.get_namespace()}"
         view = LiveView(run, self.server.board, source="live", title=title, controls=CONTROLS)
@@ -289,11 +287,11 @@ class WatchNode(Follower):
         self.team = _Heard(self, self.intake, run, view)
         self.get_logger().info(f"{run.scenario.name}: {len(run.scenario.robots)} robots")
 
-    def another_run(self, announced: Announced) -> None:
+    def another_run(self, run: RunConfig) -> None:
         """Let another run take the place of the one that is shown."""
         if self.team is not None:
             self.team.leave()
-        self.announced, self.presence = announced, None
+        self.run, self.presence = run, None
 
     def world_said(self, said: Said) -> None:
         """Show the world's state, and compare what was heard with what it has done."""

@@ -11,7 +11,6 @@ from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.lockstep.bodies import BodiesSide, BodyWorld, Goals, Reached
 from sparse_coord_ros.lockstep.waiting import Reminder
 from sparse_coord_ros.nodes import interface
-from sparse_coord_ros.nodes.intake import Intake
 from sparse_coord_ros.nodes.messages import Converter, goals_message, read_reached
 from sparse_coord_ros.nodes.parameters import ParameterNode
 
@@ -24,7 +23,6 @@ class WorldBodies:
 
     Args:
         node: the world's node.
-        intake: its subscriptions.
         run: the run.
         there: called when all bodies that were waited for are there, or given up.
 
@@ -33,9 +31,7 @@ class WorldBodies:
         side: sends them.
     """
 
-    def __init__(
-        self, node: ParameterNode, intake: Intake, run: RunConfig, there: Callable[[], None]
-    ) -> None:
+    def __init__(self, node: ParameterNode, run: RunConfig, there: Callable[[], None]) -> None:
         self._node, self._there, self._convert = node, there, Converter(run)
         self._names = [robot.name for robot in run.scenario.robots]
         self.game = BodyWorld(run.scenario, run.seed, slips=node.values["slips"])
@@ -46,7 +42,7 @@ class WorldBodies:
         self._subscriptions = []
         for robot, name in enumerate(self._names):
             read = functools.partial(read_reached, self._convert, robot)
-            heard = intake.listen(interface.REACHED, self._on_reached, name, read=read)
+            heard = node.intake.listen(interface.REACHED, self._on_reached, name, read=read)
             self._subscriptions.append(heard)
 
     def send(self, goals: Goals) -> None:

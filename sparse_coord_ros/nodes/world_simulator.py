@@ -5,13 +5,11 @@
 import sys
 import time
 import uuid
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import yaml
-from rclpy.context import Context
 from rclpy.timer import Timer
 from std_srvs.srv import SetBool, Trigger
 
@@ -27,7 +25,6 @@ from sparse_coord_ros.lockstep.checkpoints import Checkpoints
 from sparse_coord_ros.lockstep.waiting import REPEAT_SECONDS, Reminder, Silence
 from sparse_coord_ros.lockstep.world_side import WorldSide
 from sparse_coord_ros.nodes.guard import Guard
-from sparse_coord_ros.nodes.intake import Intake
 from sparse_coord_ros.nodes.outputs import (
     SUMMARY_FILE,
     open_output,
@@ -40,11 +37,11 @@ from sparse_coord_ros.nodes.parameters import (
     GO_ON,
     WORLD_PARAMETERS,
     ParameterNode,
+    Place,
     run_from_parameters,
 )
 from sparse_coord_ros.nodes.returning import Returning
 from sparse_coord_ros.nodes.spin import run_node, tidy_shared_memory, wait_for_readers
-from sparse_coord_ros.nodes.tap import Tap
 from sparse_coord_ros.nodes.world_bodies import DRIVER, WorldBodies
 from sparse_coord_ros.nodes.world_speed import WorldSpeed
 from sparse_coord_ros.nodes.world_topics import WorldTopics
@@ -61,10 +58,7 @@ class WorldSimulator(ParameterNode):
     all have acted.
 
     Args:
-        context: the ROS context.
-        namespace: the team's namespace.
-        values: parameters given by the program; None: by the command line.
-        tap: the way to a recorder in the same process.
+        place: where the node is made, and with what: see `Place`.
 
     Attributes:
         run: the run.
@@ -73,7 +67,6 @@ class WorldSimulator(ParameterNode):
         topics: what it publishes.
         speed: how fast the run goes.
         returning: takes the team back where that is due; None: the world has not opened yet.
-        intake: its subscriptions.
 
     Raises:
         SparseCoordError: a bad parameter, a taken name, robots that do not come.
@@ -85,37 +78,27 @@ class WorldSimulator(ParameterNode):
     _rate_timer: Timer | None = None
     _paused = _single = _stopped = False
 
-    def __init__(
-        self,
-        *,
-        context: Context,
-        namespace: str = "",
-        values: Mapping[str, Any] | None = None,
-        tap: Tap | None = None,
-    ) -> None:
-        super().__init__(
-            WORLD, WORLD_PARAMETERS, context=context, namespace=namespace, values=values, tap=tap
-        )
+    def __init__(self, **place: Unpack[Place]) -> None:
+        super().__init__(WORLD, WORLD_PARAMETERS, **place)
         if self.values["resume"]:
             self.run = resumed_run(self.values)
         else:
             self.run = replace(run_from_parameters(self.values), id=uuid.uuid4().hex)
         self.show_settings(self.run.scenario)
         self._names = [robot.name for robot in self.run.scenario.robots]
-        self.intake = Intake(self)
-        self._guard = Guard(self, self.intake)
+        self._guard = Guard(self)
         self._silence = Silence(time.monotonic())
         self._reminder = Reminder()
         self.bodies: WorldBodies | None = None
         if self.values["bodies"]:
-            self.bodies = WorldBodies(self, self.intake, self.run, self._advance_where_due)
+            self.bodies = WorldBodies(self, self.run, self._advance_where_due)
         game: Game = World(self.run.scenario, self.run.seed)
         if self.bodies is not None:
             game = self.bodies.game
         self.topics = WorldTopics(
             self, self.run, game, self._silence, self._save, frames=self.bodies is None
         )
-        self.topics.hear_actions(self.intake, self._on_action)
+        self.topics.hear_actions(self._on_action)
         self._guard.watch(self.topics.own + ([] if self.bodies is None else self.bodies.own))
         self.lockstep = WorldSide(self.run, self.topics, game)
         self.speed = WorldSpeed(game, self._names, time.monotonic())
@@ -222,7 +205,7 @@ class WorldSimulator(ParameterNode):
             for line in self._checkpoints.broken:
                 self.get_logger().warning(line)
         self.returning = Returning(
-            self, self.intake, self.run, self.lockstep, self._checkpoints, self._on_return
+            self, self.run, self.lockstep, self._checkpoints, self._on_return
         )
         self.create_service(SetBool, services.PAUSE.of("~"), self._on_pause)
         self.create_service(Trigger, services.RESET.of("~"), self._on_reset)

@@ -16,7 +16,6 @@ from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.lockstep.waiting import Silence
 from sparse_coord_ros.lockstep.world_side import WorldSide
 from sparse_coord_ros.nodes import interface
-from sparse_coord_ros.nodes.intake import Intake
 from sparse_coord_ros.nodes.messages import Converter, status
 from sparse_coord_ros.nodes.parameters import ParameterNode
 from sparse_coord_ros.nodes.scene import Scene, ScenePublisher
@@ -68,9 +67,7 @@ class WorldTopics:
         self.rewards = [node.announce(interface.REWARD, name) for name in self._names]
         self.actions: list[Any] = []
 
-    def hear_actions(
-        self, intake: Intake, then: Callable[[int, tuple[int, Action]], None]
-    ) -> None:
+    def hear_actions(self, then: Callable[[int, tuple[int, Action]], None]) -> None:
         """Call `then` with a robot's number and what its actions say."""
 
         def read(robot: int, data: bytes) -> tuple[int, Action]:
@@ -79,7 +76,7 @@ class WorldTopics:
             return said
 
         self.actions = [
-            intake.listen(
+            self._node.intake.listen(
                 interface.ACTION,
                 functools.partial(then, robot),
                 name,

@@ -10,7 +10,6 @@ from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.nodes import follower as module
 from sparse_coord_ros.nodes.follower import Follower
-from sparse_coord_ros.nodes.messages import Announced
 from sparse_coord_ros.nodes.parameters import ROBOT_PARAMETERS
 from sparse_coord_ros.nodes.spin import ros_context
 from sparse_coord_ros.wire import RunState
@@ -29,8 +28,7 @@ def node(own_domain):
 
 
 def announced(name):
-    run = replace(make_run(load_scenario("env1"), {}), id=name)
-    return Announced(run, "")
+    return replace(make_run(load_scenario("env1"), {}), id=name)
 
 
 def test_it_stays_with_its_run_when_another_one_is_announced(node):
@@ -39,8 +37,8 @@ def test_it_stays_with_its_run_when_another_one_is_announced(node):
     node._on_run(announced("first"))
     assert not others, "a world repeats what it announces"
     node._on_run(announced("second"))
-    assert [other.run.id for other in others] == ["second"]
-    assert node.announced.run.id == "first"
+    assert [other.id for other in others] == ["second"]
+    assert node.run.id == "first"
 
 
 def test_at_a_signal_it_waits_for_the_world_s_last_word_but_not_for_ever(node, monkeypatch):
