@@ -17,7 +17,7 @@ import numpy as np
 
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.perception import probability_rows, succeeds
-from sparse_coord_ros.game.specs import Number, Spec, SpecFamily
+from sparse_coord_ros.game.specs import Form, Number, Spec, SpecFamily, probability
 from sparse_coord_ros.game.streams import LEARNING, PERCEPT, Stream, bit_generator
 
 if TYPE_CHECKING:
@@ -28,18 +28,14 @@ UP = Spec("up")
 
 LINKS = SpecFamily(
     "link",
-    {
-        "up": (),
-        "lost": (Number("p", 0.0, 1.0),),
-        "bursts": (Number("p_down", 0.0, 1.0), Number("p_up", 0.0, 1.0)),
-        "dead": (Number("step", 0.0),),
-    },
-    {
-        "up": "never fails",
-        "lost": "fails at each time step with this probability",
-        "bursts": "goes down and comes back, each time step with a probability",
-        "dead": "is dead from this time step on",
-    },
+    Form("up", "never fails"),
+    Form("lost", "fails at each time step with this probability", (probability("p"),)),
+    Form(
+        "bursts",
+        "goes down and comes back, each time step with a probability",
+        (probability("p_down"), probability("p_up")),
+    ),
+    Form("dead", "is dead from this time step on", (Number("step", 0.0),)),
 )
 """How a robot's link fails."""
 

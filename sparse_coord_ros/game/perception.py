@@ -65,43 +65,39 @@ def register_perception(name: str, model: PerceptionModel) -> PerceptionModel:
 class PerceptionFamily(SpecFamily):
     """The setting `perception`: the models of this package, and those of the user's own."""
 
-    def __init__(self) -> None:
-        super().__init__("perception", {})
-
     @property
     def forms(self) -> tuple[Form, ...]:
-        """The registered models."""
-        return self._named.forms
+        """The registered models, without those that are `module:function`."""
+        return tuple(_form(n, model) for n, model in MODELS.registered.items() if ":" not in n)
 
     @property
     def usage(self) -> str:
         """The allowed forms, for help and error texts."""
         return f"{super().usage}, or one of your own as module:function"
 
-    @property
-    def _named(self) -> SpecFamily:
-        """The registered models, without those that are `module:function`."""
-        own = {name: m for name, m in MODELS.registered.items() if ":" not in name}
-        return SpecFamily(
-            self.setting,
-            {name: _numbers(model) for name, model in own.items()},
-            {name: (inspect.getdoc(model) or "").split("\n")[0] for name, model in own.items()},
-        )
-
     def parse(self, value: object) -> Spec:
         """Read a model with its numbers; errors as of `SpecFamily.parse`."""
         if isinstance(value, Spec):
             return value
-        text = str(value)
-        parts = text.split(":")
-        kind = ":".join(parts[:2]) if is_path(":".join(parts[:2])) else parts[0]
-        if kind not in MODELS.names and not is_path(kind):
-            named = self._named.kinds
-            raise self.unknown(text, parts[0], {**dict.fromkeys(MODELS.names, ()), **named})
+        parts = str(value).split(":")
+        words = 2 if is_path(":".join(parts[:2])) else 1
+        kind = ":".join(parts[:words])
+        if kind not in MODELS.names and words == 1:
+            raise self.unknown(str(value), MODELS.names)
         model = MODELS.find(kind)
-        rest = text.removeprefix(kind).removeprefix(":")
-        spec = self.numbered(text, kind, rest.split(":") if rest else [], _numbers(model))
+        spec = self.numbered(_form(kind, model), parts[words:])
         return Spec(_portable(kind, model), spec.numbers)
+
+
+def _form(name: str, model: PerceptionModel) -> Form:
+    numbers = getattr(model, "numbers", None)
+    if numbers is None:
+        try:
+            names = list(inspect.signature(model).parameters)[1:]
+        except ValueError:  # some functions in C do not say
+            names = []
+        numbers = map(Number, names)
+    return Form(name, (inspect.getdoc(model) or "").split("\n")[0], tuple(numbers))
 
 
 def _portable(kind: str, model: PerceptionModel) -> str:
@@ -113,18 +109,7 @@ def _portable(kind: str, model: PerceptionModel) -> str:
     return path
 
 
-def _numbers(model: PerceptionModel) -> tuple[Number, ...]:
-    said = getattr(model, "numbers", None)
-    if said is None:
-        try:
-            names = list(inspect.signature(model).parameters)[1:]
-        except ValueError:  # some functions in C do not say
-            names = []
-        said = tuple(Number(name) for name in names)
-    return tuple(said)
-
-
-PERCEPTION = PerceptionFamily()
+PERCEPTION = PerceptionFamily("perception")
 """The perception models that a scenario can name."""
 
 

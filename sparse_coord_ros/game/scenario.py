@@ -17,42 +17,27 @@ from sparse_coord_ros.game.grid import UNREACHABLE, GridMap, load_map, parse_map
 from sparse_coord_ros.game.links import LINKS
 from sparse_coord_ros.game.perception import PERCEPTION
 from sparse_coord_ros.game.schedules import EPSILON, STARTS, STEP_SIZE
-from sparse_coord_ros.game.settings import Setting, SettingTable
-from sparse_coord_ros.game.specs import Number, Spec, SpecFamily
+from sparse_coord_ros.game.settings import setting, settings_of
+from sparse_coord_ros.game.specs import Form, Number, Spec, SpecFamily
 from sparse_coord_ros.share import share_file, share_names
 
 COMMON_REWARD = SpecFamily(
     "common_reward",
-    {"same": (), "each": (Number("factor", 0.0, 1e6, repeated=True),)},
-    {
-        "same": "every robot pays the penalty",
-        "each": "each robot, in the scenario's order, pays its own factor times the penalty",
-    },
+    Form("same", "every robot pays the penalty"),
+    Form(
+        "each",
+        "each robot, in the scenario's order, pays its own factor times the penalty",
+        (Number("factor", 0.0, 1e6, repeated=True),),
+    ),
 )
 """Who pays what of r^C (paper, Section 5)."""
 
 
-class CreditFamily(SpecFamily):
-    """The setting `credit`: a lone number is a weight."""
-
-    def parse(self, value: object) -> Spec:
-        """Read a credit; errors as of `SpecFamily.parse`."""
-        text = str(value)
-        try:
-            float(text)
-        except ValueError:
-            return super().parse(value)
-        return super().parse(f"weight:{text}")
-
-
-CREDIT = CreditFamily(
+CREDIT = SpecFamily(
     "credit",
-    {"own": (), "team": (), "weight": (Number("w", 0.0, 1e6),)},
-    {
-        "own": "once",
-        "team": "as often as there are robots that it falls on",
-        "weight": "as often as this number says; a number alone means this too",
-    },
+    Form("own", "once"),
+    Form("team", "as often as there are robots that it falls on"),
+    Form("weight", "as often as this number says", (Number("w", 0.0, 1e6),)),
 )
 """How much a robot weighs r^C while it learns."""
 
@@ -68,126 +53,11 @@ MOST_VALUES = 1_000_000
 LONGEST = 1_000_000
 """Most steps of an episode or a trial."""
 
-LARGEST_VALUE = 1e9
+LARGEST = 1e9
 """Largest reward, cost or initial value: sums of them stay numbers."""
 
 LONGEST_NAME = 100
 """Letters of a robot's name: DDS takes 255 of a topic, its namespace included."""
-
-SETTINGS = SettingTable(
-    [
-        Setting(
-            "steps", int, 10_000, "step budget of learning, in transitions", low=1, high=10**7
-        ),
-        Setting(
-            "goal_reward",
-            float,
-            10.0,
-            "r^I paid on arrival and each step after it",
-            low=0,
-            high=LARGEST_VALUE,
-        ),
-        Setting(
-            "penalty",
-            float,
-            -20.0,
-            "r^C of one miscoordination, paid to all",
-            low=-LARGEST_VALUE,
-            high=0,
-        ),
-        Setting(
-            "common_reward",
-            COMMON_REWARD,
-            "same",
-            "what each robot pays of r^C: the penalty, or its own factor times the penalty",
-        ),
-        Setting(
-            "ask_cost",
-            float,
-            1.0,
-            "cost of choosing COORDINATE, answered or not",
-            low=0,
-            high=LARGEST_VALUE,
-        ),
-        Setting("discount", float, 0.95, "gamma", low=0, high=0.999),
-        Setting("move_success", float, 0.8, "probability that a move succeeds", low=0.01, high=1),
-        Setting(
-            "conflict",
-            str,
-            "same_cell",
-            "when a step is a miscoordination: two robots in the same doorway, or in any doorways",
-            choices=("same_cell", "any_doorway"),
-        ),
-        Setting("perception", PERCEPTION, "always", "when the percept of COORDINATE succeeds"),
-        Setting(
-            "link", LINKS, "up", "when a robot's COORDINATE gets no answer: lost, late or refused"
-        ),
-        Setting(
-            "peers",
-            str,
-            "one",
-            "whom COORDINATE perceives: one peer drawn at random, or all of them",
-            choices=PEERS,
-        ),
-        Setting(
-            "credit",
-            CREDIT,
-            "own",
-            "how much r^C counts in learning: once, for each robot that it falls on, or a number",
-        ),
-        Setting(
-            "referee",
-            bool,
-            False,
-            "whether the reward says with whom a robot was in a miscoordination",
-        ),
-        Setting(
-            "max_steps",
-            int,
-            100,
-            "a learning episode ends after as many steps",
-            low=1,
-            high=LONGEST,
-        ),
-        Setting(
-            "horizon",
-            int,
-            100,
-            "an evaluation trial ends after as many steps",
-            low=1,
-            high=LONGEST,
-        ),
-        Setting("starts", STARTS, "exploring:1:0.2:0.5", "start cells of learning episodes"),
-        Setting("step_size", STEP_SIZE, "floored:0.5:0.1:0.01", "alpha of QLUpdate"),
-        Setting("epsilon", EPSILON, "linear:0.15:0.02:0.8", "exploration of pi_epsilon"),
-        Setting(
-            "q_star_init",
-            float,
-            20.0,
-            "initial value of Q*",
-            low=-LARGEST_VALUE,
-            high=LARGEST_VALUE,
-        ),
-        Setting(
-            "q_coord_init",
-            float,
-            200.0,
-            "initial value of Q^C",
-            low=-LARGEST_VALUE,
-            high=LARGEST_VALUE,
-        ),
-        Setting(
-            "goal_value",
-            float,
-            200.0,
-            "value of being at the goal while learning: 200 = absorbing goal that pays 10 a "
-            "step for ever, 0 = a single payment",
-            low=-LARGEST_VALUE,
-            high=LARGEST_VALUE,
-        ),
-    ]
-)
-"""Every setting of a scenario that `--set` and the `set` parameter can change."""
 
 DIALOGUE = ("perception", "link", "peers")
 """The settings that say whom COORDINATE asks and when the answer comes."""
@@ -210,7 +80,7 @@ class Robot:
 
 @dataclass(frozen=True)
 class Scenario:
-    """One learning problem and its protocol; the settings are described in `SETTINGS`.
+    """One learning problem and its protocol: robots on a map, and the settings.
 
     `given` names the settings that somebody chose, in the file or later; a learner may have
     defaults of its own for the others (`Learner.defaults`).
@@ -220,27 +90,63 @@ class Scenario:
     map: GridMap
     robots: tuple[Robot, ...]
     paper: Mapping[str, Mapping[str, Any]] = field(compare=False)
-    steps: int
-    goal_reward: float
-    penalty: float
-    common_reward: Spec
-    ask_cost: float
-    discount: float
-    move_success: float
-    conflict: str
-    perception: Spec
-    link: Spec
-    peers: str
-    max_steps: int
-    horizon: int
-    starts: Spec
-    step_size: Spec
-    epsilon: Spec
-    q_star_init: float
-    q_coord_init: float
-    goal_value: float
-    credit: Spec
-    referee: bool
+    steps: int = setting(10_000, "step budget of learning, in transitions", low=1, high=10**7)
+    goal_reward: float = setting(
+        10.0, "r^I paid on arrival and each step after it", low=0, high=LARGEST
+    )
+    penalty: float = setting(
+        -20.0, "r^C of one miscoordination, paid to all", low=-LARGEST, high=0
+    )
+    common_reward: Spec = setting(
+        "same",
+        "what each robot pays of r^C: the penalty, or its own factor times the penalty",
+        COMMON_REWARD,
+    )
+    ask_cost: float = setting(
+        1.0, "cost of choosing COORDINATE, answered or not", low=0, high=LARGEST
+    )
+    discount: float = setting(0.95, "gamma", low=0, high=0.999)
+    move_success: float = setting(0.8, "probability that a move succeeds", low=0.01, high=1)
+    conflict: str = setting(
+        "same_cell",
+        "when a step is a miscoordination: two robots in the same doorway, or in any doorways",
+        choices=("same_cell", "any_doorway"),
+    )
+    perception: Spec = setting("always", "when the percept of COORDINATE succeeds", PERCEPTION)
+    link: Spec = setting(
+        "up", "when a robot's COORDINATE gets no answer: lost, late or refused", LINKS
+    )
+    peers: str = setting(
+        "one",
+        "whom COORDINATE perceives: one peer drawn at random, or all of them",
+        choices=PEERS,
+    )
+    credit: Spec = setting(
+        "own",
+        "how much r^C counts in learning: once, for each robot that it falls on, or as weighed",
+        CREDIT,
+    )
+    referee: bool = setting(
+        False, "whether the reward says with whom a robot was in a miscoordination"
+    )
+    max_steps: int = setting(
+        100, "a learning episode ends after as many steps", low=1, high=LONGEST
+    )
+    horizon: int = setting(
+        100, "an evaluation trial ends after as many steps", low=1, high=LONGEST
+    )
+    starts: Spec = setting("exploring:1:0.2:0.5", "start cells of learning episodes", STARTS)
+    step_size: Spec = setting("floored:0.5:0.1:0.01", "alpha of QLUpdate", STEP_SIZE)
+    epsilon: Spec = setting("linear:0.15:0.02:0.8", "exploration of pi_epsilon", EPSILON)
+    q_star_init: float = setting(20.0, "initial value of Q*", low=-LARGEST, high=LARGEST)
+    q_coord_init: float = setting(200.0, "initial value of Q^C", low=-LARGEST, high=LARGEST)
+    goal_value: float = setting(
+        200.0,
+        "value of being at the goal while learning: 200 = absorbing goal that pays 10 a step for "
+        "ever, 0 = a single payment",
+        low=-LARGEST,
+        high=LARGEST,
+    )
     given: frozenset[str] = field(default=frozenset(), compare=False)
 
     def __post_init__(self) -> None:
@@ -257,9 +163,7 @@ class Scenario:
     @property
     def penalties(self) -> tuple[float, ...]:
         """r^C of one miscoordination for each robot (paper, Section 5)."""
-        if self.common_reward.kind == "same":
-            return (self.penalty,) * len(self.robots)
-        return tuple(factor * self.penalty for factor in self.common_reward.numbers)
+        return tuple(factor * self.penalty for factor in self._factors)
 
     @property
     def common_weight(self) -> float:
@@ -330,6 +234,10 @@ class Scenario:
     def _plain_settings(self) -> dict[str, int | float | str]:
         values = {name: getattr(self, name) for name in SETTINGS}
         return {n: str(v) if isinstance(v, Spec) else v for n, v in values.items()}
+
+
+SETTINGS = settings_of(Scenario)
+"""Every setting of a scenario that `--set` and the `set` parameter can change."""
 
 
 def dense_nbytes(cells: int, agents: int) -> int:
@@ -492,10 +400,6 @@ def scenario_from_dict(
     if "map" not in data:
         raise ScenarioError(f"{where}: field 'map' is missing; name a shipped map or a map file")
     grid = _map(data["map"], where, beside)
-    try:
-        given = SETTINGS.parse({k: v for k, v in data.items() if k in SETTINGS})
-    except SettingError as error:
-        raise ScenarioError(f"{where}: {error}") from None
     name = str(data.get("name", name))
     if not re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}", name):
         raise ScenarioError(
@@ -504,11 +408,9 @@ def scenario_from_dict(
         )
     robots = _robots(data.get("robots"), grid, where)
     paper = _paper(data.get("paper", {}), where)
-    settings = {**SETTINGS.defaults(), **given}
     try:
-        return Scenario(
-            name=name, map=grid, robots=robots, paper=paper, given=frozenset(given), **settings
-        )
+        given = SETTINGS.parse({k: v for k, v in data.items() if k in SETTINGS})
+        return Scenario(name, grid, robots, paper, **given, given=frozenset(given))
     except SettingError as error:
         raise ScenarioError(f"{where}: {error}") from None
 
@@ -537,18 +439,11 @@ def _robots(value: object, grid: GridMap, where: str) -> tuple[Robot, ...]:
             raise ScenarioError(
                 f"{where}: robot {name}: is {entry!r}, must be {{start: ..., goal: ...}}"
             )
-        if not str(name).isidentifier() or not str(name).isascii():
+        good = str(name).isidentifier() and str(name).isascii() and len(str(name)) <= LONGEST_NAME
+        if not good or name in RESERVED_NAMES:
             raise ScenarioError(
-                f"{where}: robot name {str(name)!r} is no ROS name; use letters, digits and _"
-            )
-        if len(str(name)) > LONGEST_NAME:
-            raise ScenarioError(
-                f"{where}: robot name {str(name)!r} has {len(str(name))} letters, allowed: at "
-                f"most {LONGEST_NAME}, as topics are named after it; shorten it"
-            )
-        if name in RESERVED_NAMES:
-            raise ScenarioError(
-                f"{where}: robot name {name!r} is that of another node; choose e.g. robot_1"
+                f"{where}: robot name {str(name)!r}: allowed: up to {LONGEST_NAME} letters, "
+                f"digits and '_', no digit first, not {', '.join(RESERVED_NAMES)}; e.g. robot_1"
             )
         start = _cell(entry["start"], grid, f"{where}: robot {name}: start")
         goal = _cell(entry["goal"], grid, f"{where}: robot {name}: goal")
@@ -595,21 +490,17 @@ def _cell(value: object, grid: GridMap, where: str) -> int:
     )
 
 
-def _paper(value: object, where: str) -> dict[str, dict[str, Any]]:
+def _paper(value: Any, where: str) -> dict[str, dict[str, Any]]:
     """Check the paper's rows: learner -> measure -> [mean, spread]."""
-    if not isinstance(value, dict):
-        raise ScenarioError(f"{where}: field 'paper' must map learners to measures")
-    for learner, row in value.items():
-        if learner not in PAPER_LEARNERS or not isinstance(row, dict):
-            raise ScenarioError(
-                f"{where}: paper: unknown learner {learner!r}; "
-                f"allowed: {', '.join(PAPER_LEARNERS)}"
-            )
-        for measure, pair in row.items():
+    rows: dict[str, Any] = value if isinstance(value, dict) else {"": value}
+    for learner, row in rows.items():
+        for measure, pair in row.items() if isinstance(row, dict) else [("", row)]:
             numbers = isinstance(pair, list) and all(isinstance(v, int | float) for v in pair)
-            if measure not in PAPER_MEASURES or not numbers or len(pair) != 2:
+            known = learner in PAPER_LEARNERS and measure in PAPER_MEASURES
+            if not known or not numbers or len(pair) != 2:
                 raise ScenarioError(
-                    f"{where}: paper: {learner}: {measure} is {pair!r}; allowed: "
-                    f"{', '.join(PAPER_MEASURES)}, each [mean, spread]"
+                    f"{where}: paper: {learner}: {measure} is {pair!r}; allowed: for each of "
+                    f"{', '.join(PAPER_LEARNERS)}: {', '.join(PAPER_MEASURES)}, each [mean, "
+                    "spread]"
                 )
-    return value
+    return rows

@@ -11,63 +11,41 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.game.specs import Number, Spec, SpecFamily
+from sparse_coord_ros.game.specs import Form, Spec, SpecFamily, probability
+
+FALL = (probability("first"), probability("last"), probability("fraction"))
+"""Numbers of what falls linearly from first to last over a fraction of the budget, then stays."""
 
 STEP_SIZE = SpecFamily(
     "step_size",
-    {
-        "constant": (Number("alpha", 0.0, 1.0),),
-        "power": (Number("exponent", 0.0, 1.0),),
-        "floored": (
-            Number("exponent", 0.0, 1.0),
-            Number("first", 0.0, 1.0),
-            Number("last", 0.0, 1.0),
-        ),
-    },
-    {
-        "constant": "the same at each update",
-        "power": "n^-exponent at the n-th update of a table entry",
-        "floored": "that power, but never less than a floor that falls linearly over the budget",
-    },
+    Form("constant", "the same at each update", (probability("alpha"),)),
+    Form("power", "n^-exponent at the n-th update of a table entry", (probability("exponent"),)),
+    Form(
+        "floored",
+        "that power, but never less than a floor that falls linearly over the budget",
+        (probability("exponent"), *FALL[:2]),
+    ),
 )
 """The step size alpha of an update. With a floor the first updates average, the later ones track
 peers that still learn."""
 
 EPSILON = SpecFamily(
     "epsilon",
-    {
-        "constant": (Number("epsilon", 0.0, 1.0),),
-        "linear": (
-            Number("first", 0.0, 1.0),
-            Number("last", 0.0, 1.0),
-            Number("fraction", 0.0, 1.0),
-        ),
-    },
-    {
-        "constant": "the same at each time step",
-        "linear": "falls from first to last over that fraction of the budget",
-    },
+    Form("constant", "the same at each time step", (probability("epsilon"),)),
+    Form("linear", "falls from first to last over that fraction of the budget", FALL),
 )
 """The probability of a random action."""
 
 STARTS = SpecFamily(
     "starts",
-    {
-        "fixed": (),
-        "random": (),
-        "mixed": (Number("p_random", 0.0, 1.0),),
-        "exploring": (
-            Number("first", 0.0, 1.0),
-            Number("last", 0.0, 1.0),
-            Number("fraction", 0.0, 1.0),
-        ),
-    },
-    {
-        "fixed": "at the scenario's starts",
-        "random": "at exploring starts: any cell with a way to the goal",
-        "mixed": "each robot with this probability at an exploring start",
-        "exploring": "the same; the probability falls over that fraction of the budget",
-    },
+    Form("fixed", "at the scenario's starts"),
+    Form("random", "at exploring starts: any cell with a way to the goal"),
+    Form(
+        "mixed",
+        "each robot with this probability at an exploring start",
+        (probability("p_random"),),
+    ),
+    Form("exploring", "the same; the probability falls over that fraction of the budget", FALL),
 )
 """Where learning episodes begin."""
 
@@ -138,7 +116,7 @@ def exploring_starts(schedule: Spec, budget: int) -> np.ndarray:
 
 
 def _linear(numbers: tuple[float, ...], budget: int) -> np.ndarray:
-    """Fall from the first number to the second over a fraction of the budget, then stay."""
+    """Return the numbers of a `FALL` by time step, shape (budget + 1,)."""
     first, last, fraction = numbers
     span = max(1.0, fraction * budget)
     done = np.minimum(np.arange(budget + 1, dtype=np.float64) / span, 1.0)

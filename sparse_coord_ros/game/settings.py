@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Typed settings with ranges: one table for YAML files, `--set key=value` and ROS parameters."""
 
-from collections.abc import Iterable, Iterator, Mapping
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -16,7 +17,8 @@ from sparse_coord_ros.game.specs import Form
 LARGEST_WHOLE = 2**53
 """Whole numbers written like 1e5 are taken up to here: further on floats skip some."""
 
-TRUE, FALSE = ("true", "yes", "on", "1"), ("false", "no", "off", "0")
+TRUTHS = dict.fromkeys(("true", "yes", "on", "1"), True)
+TRUTHS |= dict.fromkeys(("false", "no", "off", "0"), False)
 
 
 class Family(Protocol):
@@ -90,49 +92,56 @@ class Setting:
         if not isinstance(self.kind, type):
             return self.kind.parse(value)
         try:
-            parsed = self._converted(value)
-        except (TypeError, ValueError, OverflowError):
-            raise self._error(value) from None
-        if self.choices and parsed not in self.choices:
-            raise self._error(value)
-        if self.kind in (int, float) and not (
-            (self.low is None or parsed >= self.low) and (self.high is None or parsed <= self.high)
-        ):
-            raise self._error(value)
-        if self.least is not None and parsed != 0 and parsed < self.least:
-            raise self._error(value)
+            parsed = CONVERTERS[self.kind](value)
+            fits = not self.choices or parsed in self.choices
+            if self.kind in (int, float):
+                fits = (self.low is None or parsed >= self.low) and (
+                    self.high is None or parsed <= self.high
+                )
+                fits = fits and (self.least is None or parsed == 0 or parsed >= self.least)
+        except (TypeError, ValueError, OverflowError, KeyError):
+            fits = False
+        if not fits:
+            raise SettingError(f"setting {self.name}: value is {value!r}, allowed: {self.allowed}")
         return parsed
 
-    def _error(self, value: object) -> SettingError:
-        return SettingError(f"setting {self.name}: value is {value!r}, allowed: {self.allowed}")
 
-    def _converted(self, value: object) -> Any:
-        if self.kind is list:
-            if not isinstance(value, list | tuple) or not all(isinstance(v, str) for v in value):
-                raise TypeError
-            return list(value)
-        if self.kind is str:
-            if not isinstance(value, str | int | float) or isinstance(value, bool):
-                raise TypeError
-            return str(value)
-        if self.kind is bool:
-            text = str(value).lower()
-            if text not in TRUE + FALSE:
-                raise ValueError
-            return text in TRUE
-        if isinstance(value, bool):
-            raise TypeError
-        number = float(value)  # type: ignore[arg-type]  # what is no number raises
-        if number != number or number in (float("inf"), float("-inf")):
-            raise ValueError
-        if self.kind is float:
-            return number
-        with suppress(ValueError):
-            if isinstance(value, str | int):  # exact: a float cannot hold every 64-bit seed
-                return int(value)
-        if int(number) != number or abs(number) > LARGEST_WHOLE:
-            raise ValueError
-        return int(number)
+def _number(value: Any) -> float:
+    if isinstance(value, bool) or not math.isfinite(float(value)):
+        raise ValueError
+    return float(value)
+
+
+def _whole(value: Any) -> int:
+    number = _number(value)
+    with suppress(ValueError):
+        if isinstance(value, str | int):  # exact: a float cannot hold every 64-bit seed
+            return int(value)
+    if int(number) != number or abs(number) > LARGEST_WHOLE:
+        raise ValueError
+    return int(number)
+
+
+def _text(value: Any) -> str:
+    if not isinstance(value, str | int | float) or isinstance(value, bool):
+        raise TypeError
+    return str(value)
+
+
+def _texts(value: Any) -> list[str]:
+    if not isinstance(value, list | tuple) or not all(isinstance(v, str) for v in value):
+        raise TypeError
+    return list(value)
+
+
+CONVERTERS: Mapping[type, Callable[[Any], Any]] = {
+    bool: lambda value: TRUTHS[str(value).lower()],
+    int: _whole,
+    float: _number,
+    str: _text,
+    list: _texts,
+}
+"""What reads the values of each type; it raises where a value is none."""
 
 
 class SettingTable(Mapping[str, Setting]):
@@ -184,6 +193,27 @@ def tables_from_yaml(path: Path) -> dict[str, SettingTable]:
             choices = tuple(one.get("choices", ()))
             table[name] = Setting(name, type(one["default"]), **{**one, "choices": choices})
     return {name: SettingTable(table.values()) for name, table in said.items()}
+
+
+def setting(default: Any, help: str, kind: Family | None = None, **limits: Any) -> Any:
+    """Return a field of a dataclass that is a setting, for `settings_of`.
+
+    Args:
+        default: the value where none is given.
+        help: one line: meaning and unit.
+        kind: what reads its values; None: they are of the field's type.
+        limits: `low`, `high` and `choices` of `Setting`.
+    """
+    said = {"default": default, "help": help, "kind": kind, **limits}
+    return field(default=default if kind is None else kind.parse(default), metadata=said)
+
+
+def settings_of(dataclass_type: type) -> SettingTable:
+    """Return the settings among the fields of a dataclass, in their order."""
+    found: list[tuple[str, Any, dict[str, Any]]] = [
+        (f.name, f.type, dict(f.metadata)) for f in fields(dataclass_type) if f.metadata
+    ]
+    return SettingTable(Setting(n, said.pop("kind") or kind, **said) for n, kind, said in found)
 
 
 def parse_assignments(texts: Iterable[str]) -> dict[str, str]:

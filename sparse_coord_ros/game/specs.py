@@ -7,8 +7,8 @@ settings. A family of them (the perception models, the schedules) is one `SpecFa
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from sparse_coord_ros.errors import SettingError, did_you_mean
@@ -40,6 +40,11 @@ class Number:
         return f"a number of at most {self.high:g}" if math.isfinite(self.high) else "a number"
 
 
+def probability(name: str) -> Number:
+    """Return a number from 0 to 1."""
+    return Number(name, 0.0, 1.0)
+
+
 @dataclass(frozen=True)
 class Spec:
     """A parsed setting: the kind and its numbers; `str()` writes it as it was read."""
@@ -54,43 +59,45 @@ class Spec:
 
 
 class Form(NamedTuple):
-    """One way to write a setting, e.g. `probability:P`.
+    """One kind that a setting allows, e.g. `probability:P`.
 
     Attributes:
-        text: how it is written; capital letters stand for numbers.
-        numbers: what these are.
+        kind: its name.
         meaning: one line.
+        numbers: what follows the name.
     """
 
-    text: str
-    numbers: tuple[Number, ...]
+    kind: str
     meaning: str
+    numbers: tuple[Number, ...] = ()
+
+    @property
+    def repeated(self) -> bool:
+        """Whether its last number can be given several times."""
+        return bool(self.numbers) and self.numbers[-1].repeated
+
+    @property
+    def text(self) -> str:
+        """How it is written; capital letters stand for numbers."""
+        names = [number.name.upper() for number in self.numbers]
+        return ":".join([self.kind, *names, *["..."] * self.repeated])
 
 
-@dataclass(frozen=True)
 class SpecFamily:
     """The kinds that one setting allows, each with its numbers.
 
-    Attributes:
+    Args:
         setting: the setting's name.
-        kinds: the numbers of each kind.
-        meanings: one line for each kind.
+        forms: the kinds.
     """
 
-    setting: str
-    kinds: Mapping[str, tuple[Number, ...]]
-    meanings: Mapping[str, str] = field(default_factory=dict)
+    def __init__(self, setting: str, *forms: Form) -> None:
+        self.setting, self._forms = setting, forms
 
     @property
     def forms(self) -> tuple[Form, ...]:
         """The allowed forms, one for each kind."""
-        forms = []
-        for kind, numbers in self.kinds.items():
-            text = ":".join([kind, *(number.name.upper() for number in numbers)])
-            repeated = bool(numbers) and numbers[-1].repeated
-            meaning = self.meanings.get(kind, "")
-            forms.append(Form(f"{text}:..." if repeated else text, numbers, meaning))
-        return tuple(forms)
+        return self._forms
 
     @property
     def usage(self) -> str:
@@ -105,57 +112,50 @@ class SpecFamily:
         """
         if isinstance(value, Spec):
             return value
-        text = str(value)
-        kind, *texts = text.split(":")
-        if kind not in self.kinds:
-            raise self.unknown(text, kind, self.kinds)
-        return self.numbered(text, kind, texts, self.kinds[kind])
+        kind, *numbers = str(value).split(":")
+        for form in self.forms:
+            if form.kind == kind:
+                return self.numbered(form, numbers)
+        raise self.unknown(str(value), [form.kind for form in self.forms])
 
-    def unknown(
-        self, text: str, kind: str, known: Mapping[str, tuple[Number, ...]]
-    ) -> SettingError:
+    def unknown(self, text: str, known: Sequence[str]) -> SettingError:
         """Return the error for a kind that is not known; a lone number may lack its kind."""
-        first = next((k for k, wanted in known.items() if len(wanted) == 1), None)
-        hint = did_you_mean(kind, known)
-        if first is not None and _is_number(text):
-            hint = f" (did you mean '{first}:{text}'?)"
+        first = [form.kind for form in self.forms if len(form.numbers) == 1]
+        hint = did_you_mean(text.split(":")[0], known)
+        if first and not math.isnan(_number(text)):
+            hint = f" (did you mean '{first[0]}:{text}'?)"
         return SettingError(
             f"setting {self.setting}: unknown value {text!r}{hint}; allowed: {self.usage}"
         )
 
-    def numbered(
-        self, text: str, kind: str, texts: Sequence[str], wanted: tuple[Number, ...]
-    ) -> Spec:
-        """Return a spec of the numbers of a kind.
+    def numbered(self, form: Form, texts: Sequence[str]) -> Spec:
+        """Return a spec of a kind and the texts of its numbers.
 
         Raises:
             SettingError: wrong count of numbers, or a number out of range.
         """
-        repeated = bool(wanted) and wanted[-1].repeated
-        if repeated:
+        wanted = form.numbers
+        if form.repeated:
             wanted += wanted[-1:] * (len(texts) - len(wanted))
         if len(texts) != len(wanted):
             plural = "s" * (len(texts) != 1)
             raise SettingError(
-                f"setting {self.setting}: {text!r} has {len(texts)} number{plural}, {kind!r} "
-                f"takes {len(wanted)}{' or more' if repeated else ''}; allowed: {self.usage}"
+                f"setting {self.setting}: {':'.join([form.kind, *texts])!r} has {len(texts)} "
+                f"number{plural}, {form.kind!r} takes {len(wanted)}"
+                f"{' or more' if form.repeated else ''}; allowed: {self.usage}"
             )
-        return Spec(kind, tuple(self._number(n, t) for n, t in zip(wanted, texts, strict=True)))
-
-    def _number(self, number: Number, text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not number.low <= value <= number.high:
-            raise SettingError(
-                f"setting {self.setting}: {number.name} is {text!r}, allowed: {number.allowed}"
-            )
-        return value
+        values = tuple(map(_number, texts))
+        for number, value, text in zip(wanted, values, texts, strict=True):
+            if not number.low <= value <= number.high:
+                raise SettingError(
+                    f"setting {self.setting}: {number.name} is {text!r}, allowed: {number.allowed}"
+                )
+        return Spec(form.kind, values)
 
 
-def _is_number(text: str) -> bool:
+def _number(text: str) -> float:
+    """Return a text as a number; NaN where it is none."""
     try:
-        return math.isfinite(float(text))
+        return float(text)
     except ValueError:
-        return False
+        return math.nan

@@ -22,7 +22,7 @@ from sparse_coord_ros.errors import RunError, SettingError, did_you_mean, other_
 from sparse_coord_ros.game.grid import RESOLUTIONS
 from sparse_coord_ros.game.perception import check_percepts
 from sparse_coord_ros.game.scenario import Scenario, parse_yaml, scenario_from_dict
-from sparse_coord_ros.game.settings import Setting, SettingTable
+from sparse_coord_ros.game.settings import setting, settings_of
 from sparse_coord_ros.game.specs import Form
 from sparse_coord_ros.learn.learners import LEARNERS, Learner, learner_of
 from sparse_coord_ros.version import __version__
@@ -48,7 +48,7 @@ class LearnerName:
     @property
     def forms(self) -> tuple[Form, ...]:
         """The learners that are registered."""
-        return tuple(Form(name, (), one.summary) for name, one in LEARNERS.registered.items())
+        return tuple(Form(name, one.summary) for name, one in LEARNERS.registered.items())
 
     def parse(self, value: object) -> str:
         """Return the learner's name as files have it.
@@ -61,62 +61,38 @@ class LearnerName:
 
 LEARNER = LearnerName()
 
-RUN_SETTINGS = SettingTable(
-    [
-        Setting("seed", int, 0, "seed of every random draw", low=0, high=2**63 - 1),
-        Setting("learner", LEARNER, "coop", "who learns; coop is Algorithm 1 of the paper"),
-        Setting("greedy", bool, False, "act on learned tables, without exploring or learning"),
-        Setting("step_period", float, 0.1, "simulated seconds a time step", low=1e-3, high=60),
-        Setting(
-            "resolution",
-            float,
-            0.0,
-            "metres a cell, at least 0.001; 0: the map's own, or 1 where it shows no real place",
-            low=0,
-            high=RESOLUTIONS[1],
-        ),
-        Setting("step_timeout", float, 5.0, "seconds until a silent robot is left out", low=0.1),
-        Setting(
-            "percept_timeout",
-            float,
-            2.0,
-            "seconds until an unanswered request is a failed percept",
-            low=0.05,
-        ),
-        Setting("tables", str, "", "directory of a run whose tables to begin with; empty: none"),
-        Setting("recorded", bool, False, "do not start before a recorder listens"),
-        Setting(
-            "checkpoint",
-            int,
-            10_000,
-            "time steps between two recordings of the learned tables; 0: only at the end",
-            low=0,
-            high=2**31 - 1,
-        ),
-    ]
-)
-"""Parameters of a run that belong to no scenario."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class RunConfig:
-    """A run; its fields are described in `RUN_SETTINGS`.
+    """A run: a scenario, and settings that belong to no scenario.
 
     `versions` names what computed it. `id` tells one live run from every other: the world makes it
     when it announces the run; what never was live has none.
     """
 
     scenario: Scenario
-    seed: int = 0
-    learner: str = "coop"
-    greedy: bool = False
-    step_period: float = 0.1
-    resolution: float = 0.0
-    step_timeout: float = 5.0
-    percept_timeout: float = 2.0
-    tables: str = ""
-    recorded: bool = False
-    checkpoint: int = 10_000
+    seed: int = setting(0, "seed of every random draw", low=0, high=2**63 - 1)
+    learner: str = setting("coop", "who learns; coop is Algorithm 1 of the paper", LEARNER)
+    greedy: bool = setting(False, "act on learned tables, without exploring or learning")
+    step_period: float = setting(0.1, "simulated seconds a time step", low=1e-3, high=60)
+    resolution: float = setting(
+        0.0,
+        "metres a cell, at least 0.001; 0: the map's own, or 1 where it shows no real place",
+        low=0,
+        high=RESOLUTIONS[1],
+    )
+    step_timeout: float = setting(5.0, "seconds until a silent robot is left out", low=0.1)
+    percept_timeout: float = setting(
+        2.0, "seconds until an unanswered request is a failed percept", low=0.05
+    )
+    tables: str = setting("", "directory of a run whose tables to begin with; empty: none")
+    recorded: bool = setting(False, "do not start before a recorder listens")
+    checkpoint: int = setting(
+        10_000,
+        "time steps between two recordings of the learned tables; 0: only at the end",
+        low=0,
+        high=2**31 - 1,
+    )
     versions: Mapping[str, str]
     id: str = ""
 
@@ -166,6 +142,10 @@ class RunConfig:
         return named | {f"version_{name}": str(value) for name, value in self.versions.items()}
 
 
+RUN_SETTINGS = settings_of(RunConfig)
+"""Parameters of a run that belong to no scenario."""
+
+
 def make_run(scenario: Scenario, values: Mapping[str, object]) -> RunConfig:
     """Build a run of this software's versions.
 
@@ -176,8 +156,8 @@ def make_run(scenario: Scenario, values: Mapping[str, object]) -> RunConfig:
     Raises:
         SettingError: an unknown name or a bad value.
     """
-    settings = {**RUN_SETTINGS.defaults(), **RUN_SETTINGS.parse(values)}
-    learner = learner_of(settings["learner"])
+    settings = RUN_SETTINGS.parse(values)
+    learner = learner_of(settings.get("learner", RunConfig.learner))
     scenario = learner.with_defaults(scenario)
     learner.check(scenario)
     check_percepts(scenario.map)
@@ -221,8 +201,7 @@ def run_from_yaml(text: str, *, where: str) -> RunConfig:
                 "mapping; use the file that run or train wrote"
             )
     scenario = scenario_from_dict(data["scenario"], where=f"{where} (scenario)", name="scenario")
-    given = RUN_SETTINGS.parse({n: data[n] for n in RUN_SETTINGS if n in data})
-    settings = {**RUN_SETTINGS.defaults(), **given}
+    settings = RUN_SETTINGS.parse({n: data[n] for n in RUN_SETTINGS if n in data})
     return RunConfig(
         scenario=scenario, versions=data["versions"], id=str(data.get("id", "")), **settings
     )

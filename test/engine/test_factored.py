@@ -22,7 +22,7 @@ CASES = [
     ("env1", {}),
     ("env1", {"perception": "probability:0.7", "common_reward": "each:1:0.5", "credit": "team"}),
     ("env2-2r", {"perception": "line_of_sight", "goal_value": 0, "step_size": "constant:0.2"}),
-    ("env2-4r", {"perception": "range:4", "credit": 2}),
+    ("env2-4r", {"perception": "range:4", "credit": "weight:2"}),
     ("env2-4r", {"conflict": "any_doorway", "perception": "probability:0.8"}),
     ("env2-4r", {"referee": False, "starts": "fixed"}),
 ]

@@ -8,9 +8,9 @@ import pytest
 
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.settings import Setting, SettingTable, parse_assignments
-from sparse_coord_ros.game.specs import Number, Spec, SpecFamily
+from sparse_coord_ros.game.specs import Form, Number, Spec, SpecFamily
 
-MODE = SpecFamily("mode", {"off": (), "level": (Number("x", 0, 1),)})
+MODE = SpecFamily("mode", Form("off", ""), Form("level", "", (Number("x", 0, 1),)))
 TABLE = SettingTable(
     [
         Setting("count", int, 3, "a count", low=1, high=2**63 - 1),

@@ -5,16 +5,14 @@
 import pytest
 
 from sparse_coord_ros.errors import SettingError
-from sparse_coord_ros.game.specs import Number, Spec, SpecFamily
+from sparse_coord_ros.game.specs import Form, Number, Spec, SpecFamily, probability
 
 FAMILY = SpecFamily(
     "light",
-    {
-        "off": (),
-        "level": (Number("x", 0.0, 1.0),),
-        "ramp": (Number("a"), Number("b")),
-        "stops": (Number("a"), Number("x", 0.0, 1.0, repeated=True)),
-    },
+    Form("off", ""),
+    Form("level", "", (probability("x"),)),
+    Form("ramp", "", (Number("a"), Number("b"))),
+    Form("stops", "", (Number("a"), Number("x", 0.0, 1.0, repeated=True))),
 )
 
 

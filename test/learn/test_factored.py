@@ -166,7 +166,7 @@ def test_credit_weighs_the_common_part():
         ("env1", {"credit": "team"}, 2),
         ("env2-4r", {"credit": "team"}, 4),
         ("env2-4r", {"credit": "team", "common_reward": "each:1:0:2:1"}, 3),
-        ("env2-4r", {"credit": 2.5}, 2.5),
+        ("env2-4r", {"credit": "weight:2.5"}, 2.5),
         ("env2-4r", {"credit": "weight:0"}, 0),
     ],
 )
@@ -181,7 +181,7 @@ def test_a_bad_credit_is_named():
     with pytest.raises(SettingError, match="credit.*'ours'.*own, team, weight:W"):
         plain.with_settings({"credit": "ours"})
     with pytest.raises(SettingError, match="credit: w is '-1'.*from 0"):
-        plain.with_settings({"credit": -1})
+        plain.with_settings({"credit": "weight:-1"})
 
 
 # More than two robots.

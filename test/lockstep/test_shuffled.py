@@ -109,7 +109,10 @@ def test_perception_that_works_one_way(monkeypatch):
     ("name", "settings"),
     [
         ("env1", {"perception": "probability:0.7", "steps": 1500}),
-        ("env1", {"perception": "line_of_sight", "steps": 1500, "max_steps": 40, "credit": 3}),
+        (
+            "env1",
+            {"perception": "line_of_sight", "steps": 1500, "max_steps": 40, "credit": "weight:3"},
+        ),
         ("env2-4r", {"perception": "probability:0.7", "steps": 600, "conflict": "any_doorway"}),
         ("env2-4r", {"perception": "range:5", "steps": 600, "peers": "all"}),
         ("env2-4r", {"steps": 500, "referee": False}),

@@ -269,12 +269,12 @@ def _ablation(found: Found) -> str:
 
 
 CREDITS: Mapping[str, tuple[str, ...]] = {
-    "env1": ("own", "1.5", "team"),
-    "env2-2r": ("own", "1.5", "team"),
-    "pentagon": ("own", "1.5", "team"),
-    "env2-4r": ("own", "2", "team"),
-    "crowd-6r": ("own", "2", "team"),
-    "crowd-8r": ("own", "2", "team"),
+    "env1": ("own", "weight:1.5", "team"),
+    "env2-2r": ("own", "weight:1.5", "team"),
+    "pentagon": ("own", "weight:1.5", "team"),
+    "env2-4r": ("own", "weight:2", "team"),
+    "crowd-6r": ("own", "weight:2", "team"),
+    "crowd-8r": ("own", "weight:2", "team"),
 }
 
 
