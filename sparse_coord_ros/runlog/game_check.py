@@ -1,34 +1,28 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The world once more, from the seed and the logged actions: every transition at once.
+"""The world once more, from the seed and the logged actions: `World` makes each step again."""
 
-Each is computed from the logged states before it. As long as nothing differs these are the
-computed ones, so that the first difference is the one that stepping the world would find.
-"""
-
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.game.miscoordination import (
-    NOWHERE,
-    meeting_places,
-    miscoordinations,
-    partners_of,
-)
-from sparse_coord_ros.game.schedules import exploring_starts
-from sparse_coord_ros.game.streams import MOTION, START
-from sparse_coord_ros.game.world import EPISODE_GAP, FIRST_STEP
+from sparse_coord_ros.game.world import EPISODE_GAP, Action, World
+from sparse_coord_ros.learn.agent import NOBODY
 from sparse_coord_ros.runlog.difference import MISSING, Difference
-from sparse_coord_ros.runlog.draws import draws_at
-from sparse_coord_ros.runlog.log import RunLog, merged
+from sparse_coord_ros.runlog.log import NONE, RunLog, merged
 from sparse_coord_ros.runlog.tracks import THE_CLOCK
-from sparse_coord_ros.wire import ACTION, LOCAL_STATE, PARTNERS, REWARD, STATUS, Began, RunState
+from sparse_coord_ros.wire import (
+    ACTION,
+    LOCAL_STATE,
+    OVER,
+    PARTNERS,
+    REWARD,
+    STATUS,
+    Began,
+    RunState,
+)
 from sparse_coord_ros.wire.frame import Frame
-
-Finding = tuple[int, Difference]
-"""The row of a difference, and what differs."""
 
 
 class WorldCheck(NamedTuple):
@@ -39,7 +33,7 @@ class WorldCheck(NamedTuple):
         transitions: steps of the world that agree.
         left_out: number of (robot, step) that the world made without the robot's action.
         resets: episodes that began early: by a reset, or as no robot was left to wait for.
-        starts: the first time steps of the episodes.
+        starts: the first time steps of the episodes, int64, shape (n,).
         end: the last time step that was computed.
     """
 
@@ -65,255 +59,172 @@ def check_world(log: RunLog, last: int | None) -> WorldCheck:
 
 
 class _Walk:
+    """A world that makes the logged steps, as long as it comes to the logged states and rewards.
+
+    Attributes:
+        world: the world, in the time step that is looked at.
+        made: transitions that agree.
+        left_out, resets, starts: as of `WorldCheck`, so far.
+        went_on: whether the time step before was a transition.
+        over: whether that ended the episode.
+        reasons: why the episode can have begun.
+    """
+
     def __init__(self, log: RunLog, last: int | None) -> None:
-        self.log, self.last = log, last
-        self.scenario, self.robots = log.run.scenario, range(len(log.names))
-        self.frame = Frame(log.run)
+        self.log, self.last, self.frame = log, last, Frame(log.run)
+        self.world = World(log.run.scenario, log.run.seed)
+        self.robots = range(len(log.names))
         tracks = log.tracks
         # Steps that only actions or percepts speak of are not the world's.
-        speakers = (*tracks.states, *tracks.rewards, tracks.clock)
-        steps = merged([track.step for track in speakers])
-        steps = steps if last is None else steps[steps <= last]
-        self.steps = steps
-        self.in_log = np.isin(steps, log.step)
-        rows = np.minimum(np.searchsorted(log.step, steps), max(len(log.step) - 1, 0))
-
-        def at(values: np.ndarray, nothing: float) -> np.ndarray:
-            found = np.full((len(steps), *values.shape[1:]), nothing, dtype=values.dtype)
-            found[self.in_log] = values[rows[self.in_log]]
-            return found
-
-        self.cells, self.centred = at(log.cells, -1), at(log.centred, False)
-        self.move, self.asked = at(log.move, -1), at(log.asked, False)
-        self.reward, self.position = at(log.reward, np.nan), at(log.position, np.nan)
-        if self.scenario.referee:
-            self.reward = np.concatenate(
-                [self.reward, at(log.partners, np.nan)[..., None]], axis=2
-            )
-        self.numbers = at(log.numbers, np.nan)
-        self.rewarded = np.stack([track.has(steps) for track in tracks.rewards], axis=1)
-        self.stated = np.stack([track.has(steps) for track in tracks.states], axis=1)
-        self.acted = np.stack([track.has(steps) for track in tracks.actions], axis=1)
-        self.made = np.asarray(self.rewarded.any(axis=1))
-        goals = np.array([robot.goal for robot in self.scenario.robots])
-        self.arrived: np.ndarray = np.equal(self.cells, goals)
-        self.goals = goals
-        # Transitions before each row.
-        self.before = np.concatenate([[0], np.cumsum(self.made)])[:-1]
-        self.finished: np.ndarray = np.greater_equal(self.before, self.scenario.steps)
-        begins = np.concatenate([[True], ~self.made[:-1]])[: len(steps)]
-        begun = np.maximum.accumulate(np.where(begins, np.arange(len(steps)), 0))
-        self.begins, self.begun = begins, begun
-        self.used_up: np.ndarray = np.asarray(steps - steps[begun] >= self.scenario.max_steps)
-        self.over: np.ndarray = np.asarray(self.arrived.all(axis=1) | self.used_up)
-        self.left_out = self.made[:, None] & ~self.rewarded & ~self.arrived
-        counted = np.cumsum(self.left_out.sum(axis=1))
-        self.left_before = np.concatenate([[0], counted])[:-1]
+        steps = merged([track.step for track in (*tracks.states, *tracks.rewards, tracks.clock)])
+        self.steps = (steps if last is None else steps[steps <= last]).tolist()
+        self.clock = set(tracks.clock.step.tolist())
+        self.rewarded = [set(track.step.tolist()) for track in tracks.rewards]
+        self.acted = [set(track.step.tolist()) for track in tracks.actions]
+        known = set(self.steps)
+        self.statuses = [status for status in tracks.statuses if status.step in known]
+        self.row = {step: row for row, step in enumerate(log.step.tolist())}
+        self.cells, self.centred = log.cells.tolist(), log.centred.tolist()
+        self.move, self.asked = log.move.tolist(), log.asked.tolist()
+        self.reward = log.reward
+        if log.run.scenario.referee:
+            self.reward = np.concatenate([log.reward, log.partners[..., None]], axis=2)
+        self.made = self.left_out = self.resets = 0
+        self.starts: list[int] = []
+        self.went_on = self.over = False
+        self.reasons: tuple[str, ...] = (Began.START,)
 
     def check(self) -> WorldCheck:
         """Return the first difference, and what was there before it."""
-        place, difference = len(self.steps), None
-        found = list(self._found()) if len(self.steps) else []
-        if found:
-            place, difference = min(found, key=lambda one: one[0])
-        elif self.last is None:
-            difference = self._end()
-        rows = slice(0, place + (difference is None))
-        early = self.begins.copy()
-        early[1:] &= ~self.over[:-1]
-        early[:1] = False
-        end = min(place, len(self.steps) - 1)
-        # Where the first difference is no time step that was not due, its row is one of the run.
-        known = place + (place <= end and not self._gaps()[place])
-        return WorldCheck(
-            difference=difference,
-            transitions=int(self.made[:place].sum()),
-            left_out=int(self.left_out[:place].sum()),
-            resets=int(early[rows].sum()),
-            starts=self.steps[:known][self.begins[:known]],
-            end=int(self.steps[end]) if len(self.steps) else FIRST_STEP,
-        )
+        found = next((found for step in self.steps if (found := self._step(step))), None)
+        if found is None and self.last is None:
+            found = self._end()
+        starts = np.array(self.starts, dtype=np.int64)
+        end = self.world.step
+        return WorldCheck(found, self.made, self.left_out, self.resets, starts, end)
 
-    def _found(self) -> Iterator[Finding]:
-        """Yield the first difference of each kind."""
-        for row in _first(self._gaps()):
-            yield row, self._gap(row)
-        for row in _first(~self.log.tracks.clock.has(self.steps)):
-            yield row, Difference(int(self.steps[row]), None, THE_CLOCK, MISSING, "this step")
-        due = self._due_cells()
-        for k in self.robots:
-            for row in _first(~self.centred[:, k] | (self.cells[:, k] != due[:, k])):
-                stated = self.stated[row, k]
-                logged = self._place(*self.position[row, k].tolist()) if stated else MISSING
-                computed = self._place(*self.frame.centres[due[row, k]])
-                yield row, self._differ(row, k, LOCAL_STATE.name, logged, computed)
-        yield from self._statuses()
-        for k in self.robots:
-            yield from self._rewards(k)
+    def _step(self, step: int) -> Difference | None:
+        """Return the first thing that differs in a time step, and make it."""
+        found = self._arrive(step)
+        if found is None and step not in self.clock:
+            found = Difference(step, None, THE_CLOCK, MISSING, "this step")
+        found = found or self._states(step) or self._statuses(step)
+        self.went_on = any(step in steps for steps in self.rewarded)
+        return found or (self._transition(step) if self.went_on else None)
 
-    # The clock.
+    def _arrive(self, step: int) -> Difference | None:
+        """Come to a time step of the log: the next one, or that of a new episode."""
+        world = self.world
+        due = world.step
+        if self.starts and not self.went_on:
+            if world.transitions == world.scenario.steps:
+                return Difference(step, None, LOCAL_STATE.name, "there", "the run is over")
+            if step == due + 1:
+                acted = [k for k in self.robots if due in self.acted[k]]
+                what = (acted[0], REWARD.name) if acted else (0, ACTION.name)
+                also = "it acted and " if acted else ""
+                return self._differ(due, *what, MISSING, f"one: {also}the world went on")
+            due += EPISODE_GAP
+        if step != due:
+            return self._differ(due, 0, LOCAL_STATE.name, MISSING, "a state")
+        if self.starts and not self.went_on:
+            self.reasons = (Began.STEPS,) if self.over else (Began.RESET, Began.NOBODY_LEFT)
+            self.reasons = (Began.ARRIVED,) if all(world.arrived) else self.reasons
+            self.resets += not self.over
+            self.over = False
+            world.begin_episode()
+        if not self.went_on:
+            self.starts.append(step)
+        return None
 
-    def _gaps(self) -> np.ndarray:
-        """Return at which rows another time step was due, or none."""
-        due = np.empty_like(self.steps)
-        due[:1] = FIRST_STEP
-        due[1:] = self.steps[:-1] + np.where(self.made[:-1], 1, EPISODE_GAP)
-        over = np.zeros(len(self.steps), dtype=bool)
-        over[1:] = self.finished[:-1] & ~self.made[:-1]
-        return np.asarray((self.steps != due) | over)
-
-    def _gap(self, row: int) -> Difference:
-        name = self.log.names[0]
-        if row == 0:
-            return Difference(FIRST_STEP, name, LOCAL_STATE.name, MISSING, "a state")
-        before, step = int(self.steps[row - 1]), int(self.steps[row])
-        if self.made[row - 1]:
-            return Difference(before + 1, name, LOCAL_STATE.name, MISSING, "a state")
-        if self.finished[row - 1]:
-            return Difference(step, None, LOCAL_STATE.name, "there", "the run is over")
-        if step != before + 1:
-            return Difference(before + EPISODE_GAP, name, LOCAL_STATE.name, MISSING, "a state")
-        for k in np.flatnonzero(self.acted[row - 1]).tolist():
-            due = "one: it acted and the world went on"
-            return self._differ(row - 1, k, REWARD.name, MISSING, due)
-        return self._differ(row - 1, 0, ACTION.name, MISSING, "one: the world went on")
-
-    # States.
-
-    def _due_cells(self) -> np.ndarray:
-        """Return in which cells the robots must be, shape (n, K)."""
-        steps, scenario = self.steps, self.scenario
-        next_cell = np.asarray(scenario.map.next_cell)
-        share = exploring_starts(scenario.starts, scenario.steps)
-        share = share[np.clip(steps, 0, len(share) - 1)]
-        due = np.empty_like(self.cells)
-        self.after = np.empty_like(self.cells)
-        for k in self.robots:
-            moves = draws_at(self.log.run.seed, k, MOTION, steps)[:, 0] < scenario.move_success
-            moves &= self.rewarded[:, k] & (self.move[:, k] >= 0)
-            led = next_cell[self.cells[:, k], self.move[:, k]]
-            self.after[:, k] = np.where(moves, led, self.cells[:, k])
-            draws = draws_at(self.log.run.seed, k, START, steps[self.begins])
-            free = np.flatnonzero(scenario.map.distances_to(scenario.robots[k].goal) > 0)
-            drawn = free[(draws[:, 1] * len(free)).astype(np.int64)]
-            due[1:, k] = self.after[:-1, k]
-            start = scenario.robots[k].start
-            due[self.begins, k] = np.where(draws[:, 0] < share[self.begins], drawn, start)
-        return due
+    def _states(self, step: int) -> Difference | None:
+        row = self.row.get(step)
+        for k, cell in enumerate(self.world.cells):
+            if row is None or not self.centred[row][k] or self.cells[row][k] != cell:
+                logged = MISSING
+                if self.log.tracks.states[k].has(np.array(step)):
+                    logged = self._place(*self.log.position[row, k].tolist())
+                computed = self._place(*self.frame.centres[cell])
+                return self._differ(step, k, LOCAL_STATE.name, logged, computed)
+        return None
 
     def _place(self, x: float, y: float) -> str:
         cell = self.frame.cell(x, y)
         return f"{'no free cell' if cell is None else f'cell {cell}'} ({x!r}, {y!r})"
 
-    # What the world says of itself.
-
-    def _statuses(self) -> Iterator[Finding]:
-        """Yield the first status that says otherwise than the log counts.
-
-        A reward that is missing looks like a robot that was left out; there it is named.
-        """
-        named = 0
-        for status in self.log.tracks.statuses:
-            row = int(np.searchsorted(self.steps, status.step))
-            if row == len(self.steps) or self.steps[row] != status.step:
+    def _statuses(self, step: int) -> Difference | None:
+        """Compare what the world says of itself with what was counted."""
+        while self.statuses and self.statuses[0].step <= step:
+            status = self.statuses.pop(0)
+            if status.transitions != self.made:
+                odd = f"{status.transitions} transitions", f"{self.made}"
+            elif status.left_out != self.left_out:
+                odd = f"{status.left_out} robots' steps left out", f"{self.left_out}"
+            elif status.began not in self.reasons:
+                odd = f"episode began: {status.began}", " or ".join(self.reasons)
+            else:
                 continue
-            counted, said = int(self.left_before[row]), status.left_out
-            pairs = np.argwhere(self.left_out[named:row]) + [named, 0]
-            reasons = self._reasons(row)
-            odd: tuple[str, str] | None = None
-            if status.transitions != self.before[row]:
-                odd = f"{status.transitions} transitions", f"{self.before[row]}"
-            elif said is not None and counted > said and len(pairs):
-                acted = [pair for pair in pairs.tolist() if self.acted[*pair]]
-                at, k = acted[0] if acted else pairs[0].tolist()
-                quantity = REWARD.name if acted else ACTION.name
-                due = "one, for the world does not say that it left the robot out"
-                yield at, self._differ(at, k, quantity, MISSING, due)
-                return
-            elif said is not None and counted != said:
-                odd = f"{said} robots' steps left out", f"{counted}"
-            elif status.began is not None and status.began not in reasons:
-                odd = f"episode began: {status.began}", " or ".join(reasons)
-            if odd is not None:
-                yield row, Difference(status.step, None, STATUS.name, *odd)
-                return
-            named = row
+            return Difference(status.step, None, STATUS.name, *odd)
+        return None
 
-    def _reasons(self, row: int) -> tuple[str, ...]:
-        """Return why the episode of a row can have begun."""
-        begun = int(self.begun[row])
-        if begun == 0:
-            return (Began.START,)
-        if self.arrived[begun - 1].all():
-            return (Began.ARRIVED,)
-        return (Began.STEPS,) if self.used_up[begun - 1] else (Began.RESET, Began.NOBODY_LEFT)
-
-    # Rewards.
-
-    def _rewards(self, k: int) -> Iterator[Finding]:
-        """Yield the first odd reward of a robot of each kind; after `_due_cells`."""
-        mine, acted = self.rewarded[:, k], self.acted[:, k]
-        over = self.finished | self.over
-        none = mine & (over | self.arrived[:, k])
-        none &= ~self.begins | self.finished  # an episode's first state is not its last
-        for row in _first(none):
-            logged = f"{tuple(self.reward[row, k].tolist())}"
-            computed = "none" if over[row] else "none: it has arrived"
-            yield row, self._differ(row, k, REWARD.name, logged, computed)
-        for row in _first(mine & ~acted):
-            yield row, self._differ(row, k, ACTION.name, MISSING, "one, for it is rewarded")
-        for row in _first(mine & acted & (self.move[:, k] < 0)):
-            logged = f"(east, north) {tuple(self.numbers[row, k, :2].tolist())}"
-            yield row, self._differ(row, k, ACTION.name, logged, "an action")
-        said, due = np.ascontiguousarray(self.reward[:, k]), self._due_rewards(k)
-        for row in _first(mine & (said.view(np.int64) != due.view(np.int64)).any(axis=1)):
-            logged, computed = _parts(said[row].tolist()), _parts(due[row].tolist())
-            yield row, self._differ(row, k, REWARD.name, logged, computed)
-
-    def _due_rewards(self, k: int) -> np.ndarray:
-        """Return the numbers of a robot's rewards after each step, shape (n, 4 or 5)."""
-        scenario = self.scenario
-        conflict = miscoordinations(scenario, self.after)
-        common = np.where(conflict, scenario.penalties[k], 0.0)
-        individual = np.where(self.after[:, k] == self.goals[k], scenario.goal_reward, 0.0)
-        cost = np.where(self.asked[:, k], -scenario.ask_cost, 0.0)
-        numbers = [individual, common, cost, individual + common + cost]
-        if scenario.referee:
-            places = np.where(self.after < 0, NOWHERE, meeting_places(scenario)[self.after])
-            numbers.append(np.zeros(len(self.after)) + partners_of(k, places.T))
-        return np.stack(numbers, axis=1)
-
-    # The end.
+    def _transition(self, step: int) -> Difference | None:
+        """Let the world make a transition with the actions of whom the log rewards."""
+        world, row = self.world, self.row[step]
+        actions: list[Action | None] = [None] * len(self.robots)
+        over = self.over or world.transitions == world.scenario.steps
+        for k in self.robots:
+            if step not in self.rewarded[k]:
+                continue
+            if over or world.arrived[k]:
+                logged = f"{tuple(self.reward[row, k].tolist())}"
+                computed = "none" if over else "none: it has arrived"
+                return self._differ(step, k, REWARD.name, logged, computed)
+            move = self.move[row][k]
+            if step not in self.acted[k]:
+                return self._differ(step, k, ACTION.name, MISSING, "one, for it is rewarded")
+            if move == NONE:
+                logged = f"(east, north) {tuple(self.log.numbers[row, k, :2].tolist())}"
+                return self._differ(step, k, ACTION.name, logged, "an action")
+            actions[k] = Action(move, self.asked[row][k], NOBODY, False)
+        left = [k for k in self.robots if actions[k] is None and not world.arrived[k]]
+        if left and self.statuses and self.left_out + len(left) > self.statuses[0].left_out:
+            # A reward that is missing looks like a robot that was left out.
+            acted = [k for k in left if step in self.acted[k]]
+            quantity = REWARD.name if acted else ACTION.name
+            due = "one, for the world does not say that it left the robot out"
+            return self._differ(step, (acted or left)[0], quantity, MISSING, due)
+        outcome = world.advance(actions)
+        for k, reward in enumerate(outcome.rewards):
+            said = self.reward[row, k]
+            due_numbers = np.array(reward[: len(said)], dtype=np.float64)
+            if actions[k] is not None and said.tobytes() != due_numbers.tobytes():
+                logged, computed = _parts(said.tolist()), _parts(due_numbers.tolist())
+                return self._differ(step, k, REWARD.name, logged, computed)
+        self.over = outcome.episode_over
+        self.made += 1
+        self.left_out += len(left)
+        return None
 
     def _end(self) -> Difference | None:
         """The log must say how the run ended, and end there."""
-        name, step, finished, transitions = self.log.names[0], FIRST_STEP, False, 0
-        if len(self.steps):
-            step, transitions = int(self.steps[-1]), int(self.before[-1])
-            finished = bool(self.finished[-1])
-            if self.made[-1]:
-                return Difference(step + 1, name, LOCAL_STATE.name, MISSING, "a state")
-            if self.over[-1] and not self.begins[-1] and not finished:
-                return Difference(step + EPISODE_GAP, name, LOCAL_STATE.name, MISSING, "a state")
-        statuses = self.log.tracks.statuses
-        end = statuses[-1] if statuses else None
-        if end is None or end.state not in (RunState.FINISHED, RunState.STOPPED):
+        world = self.world
+        left = world.scenario.steps - world.transitions
+        if self.went_on or (self.over and left):
+            due = world.step + (0 if self.went_on else EPISODE_GAP)
+            return self._differ(due, 0, LOCAL_STATE.name, MISSING, "a state")
+        end = next(reversed(self.log.tracks.statuses), None)
+        if end is None or end.state not in OVER:
             odd = MISSING if end is None else repr(end.state), "the end of the run"
-        elif end.step != step:
+        elif end.step != world.step:
             odd = f"step {end.step}", "the last step"
-        elif (end.state == RunState.FINISHED) != finished:
-            odd = repr(end.state), f"{self.scenario.steps - transitions} steps of the budget left"
+        elif (end.state == RunState.FINISHED) != (left == 0):
+            odd = repr(end.state), f"{left} steps of the budget left"
         else:
             return None
-        return Difference(step, None, STATUS.name, *odd)
+        return Difference(world.step, None, STATUS.name, *odd)
 
-    def _differ(self, row: int, k: int, quantity: str, logged: str, computed: str) -> Difference:
-        return Difference(int(self.steps[row]), self.log.names[k], quantity, logged, computed)
-
-
-def _first(wrong: np.ndarray) -> list[int]:
-    """Return the first row that is wrong, if there is one."""
-    return [int(np.argmax(wrong))] if wrong.any() else []
+    def _differ(self, step: int, k: int, quantity: str, logged: str, computed: str) -> Difference:
+        return Difference(step, self.log.names[k], quantity, logged, computed)
 
 
 def _parts(numbers: Sequence[float]) -> str:
