@@ -5,6 +5,8 @@ RUN := runs/demo_$(shell date +%Y%m%d_%H%M%S)
 PYTHON ?= python3
 # Stay on this machine, so that demos on one network do not meet.
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
+# Some containers set this: every process, and the tests start hundreds, would compile all modules anew.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo test check-long reproduce study lint types docs coverage bench clean
 
