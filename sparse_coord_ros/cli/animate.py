@@ -35,8 +35,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="play greedy episodes on the learned tables instead of showing recorded ones; a run "
         "without a bag is always shown so",
     )
-    parser.add_argument("--seed", default="0", help="seed of greedy episodes (default: 0)")
-    parser.add_argument("--rate", default="2", help="time steps a second (default: 2)")
+    shared.add_setting(parser, RUN_SETTINGS["seed"], "seed of greedy episodes")
+    shared.add_setting(parser, RATE)
     pictures.add_out(parser, KINDS)
     shared.add_json(parser)
 
@@ -44,8 +44,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> int:
     """Run the verb."""
     pictures.check_out(options.out, KINDS)
-    rate = RATE.parse(options.rate)
-    seed = RUN_SETTINGS["seed"].parse(options.seed)
     with pictures.drawing():
         from sparse_coord_ros.look import film
         from sparse_coord_ros.look.episodes import episode_number, logged_episode, played_episode
@@ -64,7 +62,7 @@ def execute(options: argparse.Namespace) -> int:
         if greedy:
             say("playing greedy episodes on the learned tables")
             episode = played_episode(
-                scenario, shown.tables, wanted, seed=seed, learner=shown.config.rule
+                scenario, shown.tables, wanted, seed=options.seed, learner=shown.config.rule
             )
         else:
             episode = logged_episode(shown.log, wanted)
@@ -74,7 +72,7 @@ def execute(options: argparse.Namespace) -> int:
         kind = "greedy episode" if episode.greedy else "episode"
         say(f"drawing {kind} {episode.number}, {steps} steps")
         title = f"{scenario.name}, {kind} {episode.number}"
-        data = film.film(scenario, episode, title=title, rate=rate)
+        data = film.film(scenario, episode, title=title, rate=options.rate)
     pictures.write(
         options.out,
         data,

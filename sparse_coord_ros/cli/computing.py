@@ -10,7 +10,6 @@ from tqdm import tqdm
 
 from sparse_coord_ros.cli.options import note
 from sparse_coord_ros.engine.batch import ENGINES
-from sparse_coord_ros.engine.cluster import check_place
 from sparse_coord_ros.experiments.store import JOBS
 
 
@@ -22,24 +21,13 @@ def add_computing(parser: argparse.ArgumentParser) -> None:
         default="auto",
         help="numba, python, or auto: numba where it is installed; the results are the same",
     )
-    parser.add_argument("--jobs", help=f"{JOBS.help} (default: all cores)")
+    parser.add_argument("--jobs", type=JOBS.parse, help=f"{JOBS.help} (default: all cores)")
     parser.add_argument(
         "--scheduler",
         metavar="ADDRESS",
         help="compute on a Dask cluster, whose scheduler has this address, e.g. "
         "tcp://10.0.0.1:8786 (default: on this machine); the results are the same",
     )
-
-
-def jobs_of(options: argparse.Namespace) -> int | None:
-    """Return --jobs.
-
-    Raises:
-        SettingError: a bad one, or one beside --scheduler.
-    """
-    jobs = None if options.jobs is None else JOBS.parse(options.jobs)
-    check_place(jobs, options.scheduler)
-    return jobs
 
 
 def note_compiling() -> None:

@@ -9,6 +9,7 @@ import numpy as np
 
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli import pictures
+from sparse_coord_ros.cli.computing import Bar
 from sparse_coord_ros.driving.trials import DRIVE_SETTINGS, Drive, drive
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.settings import Setting, parse_assignments
@@ -16,8 +17,10 @@ from sparse_coord_ros.learn.evaluation import Trials, play
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS, RunConfig, load_run
 from sparse_coord_ros.learn.tables import load_team
 
-EPISODES = Setting("episodes", int, 100, "episodes", low=2, high=1_000_000)
-FOLLOWED = Setting("followed", int, 10, "episodes in the picture", low=1, high=1000)
+EPISODES = Setting("episodes", int, 100, "greedy episodes from the starts", low=2, high=1_000_000)
+FOLLOWED = Setting(
+    "followed", int, 10, "episodes in the picture, the first ones", low=1, high=1000
+)
 DPI = 110
 KINDS = (".png", ".svg", ".pdf")
 
@@ -29,18 +32,14 @@ EXAMPLE = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
     parser.add_argument("directory", metavar="DIR", type=Path, help="output of run or train")
-    parser.add_argument(
-        "--episodes", default="100", help="greedy episodes from the starts (default: 100)"
-    )
-    parser.add_argument("--seed", default="0", help="seed of every random draw (default: 0)")
+    shared.add_setting(parser, EPISODES)
+    shared.add_setting(parser, RUN_SETTINGS["seed"])
     settings = [f"{s.name}: {s.help} (default: {s.default})" for s in DRIVE_SETTINGS.values()]
     shared.add_set(
         parser, f"change a setting of the bodies; may be repeated: {'; '.join(settings)}"
     )
     parser.add_argument("--out", type=Path, metavar="FILE", help="draw the paths over the map")
-    parser.add_argument(
-        "--followed", default="10", help="episodes in the picture, the first ones (default: 10)"
-    )
+    shared.add_setting(parser, FOLLOWED)
     parser.add_argument(
         "--plan",
         type=Path,
@@ -52,24 +51,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Run the verb."""
-    episodes = EPISODES.parse(options.episodes)
-    seed = RUN_SETTINGS["seed"].parse(options.seed)
-    followed = FOLLOWED.parse(options.followed) if options.out is not None else 0
+    episodes, seed = options.episodes, options.seed
     kind = "" if options.out is None else pictures.check_out(options.out, KINDS)
     given = DRIVE_SETTINGS.parse(parse_assignments(options.assignments))
     values = {**DRIVE_SETTINGS.defaults(), **given}
     run = load_run(options.directory)
     tables = load_team(options.directory, run.scenario)
-    say, tenth = pictures.Announcer(), max(1, episodes // 10)
-    driven = drive(
-        run,
-        tables,
-        episodes=episodes,
-        seed=seed,
-        values=values,
-        followed=followed,
-        progress=lambda done: say(f"{done} of {episodes} driven") if done % tenth == 0 else None,
-    )
+    with Bar("episodes") as bar:
+        driven = drive(
+            run,
+            tables,
+            episodes=episodes,
+            seed=seed,
+            values=values,
+            followed=0 if options.out is None else options.followed,
+            progress=lambda done: bar.show(done, episodes),
+        )
     grid = play(run.scenario, tables, trials=episodes, seed=seed, learner=run.rule)
     facts = facts_of(run, driven, grid, values["speed"])
     if options.out is not None:

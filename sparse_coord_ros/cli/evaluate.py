@@ -44,13 +44,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="output of run or train; several are compared, exactly where that can be",
     )
     how = parser.add_mutually_exclusive_group()
-    how.add_argument("--trials", help=f"Monte-Carlo trials (default: {TRIALS.default})")
+    how.add_argument(
+        "--trials", type=TRIALS.parse, help=f"{TRIALS.help} (default: {TRIALS.default})"
+    )
     how.add_argument(
         "--exact",
         action="store_true",
         help="compute the measures instead, for one or two robots: no trials, no standard error",
     )
-    parser.add_argument("--seed", default="0", help="seed of the trials (default: 0)")
+    shared.add_setting(parser, RUN_SETTINGS["seed"], "seed of the trials")
     shared.add_json(parser)
 
 
@@ -64,11 +66,10 @@ class Evaluated(NamedTuple):
 
 def execute(options: argparse.Namespace) -> int:
     """Run the verb."""
-    trials = TRIALS.parse(TRIALS.default if options.trials is None else options.trials)
-    seed = RUN_SETTINGS["seed"].parse(options.seed)
+    trials = options.trials or TRIALS.default
     several = len(options.directories) > 1
     exact = True if options.exact else None if several and options.trials is None else False
-    found = [evaluated(path, trials, seed, exact=exact) for path in options.directories]
+    found = [evaluated(path, trials, options.seed, exact=exact) for path in options.directories]
     if options.json:
         facts = [facts_of(one) for one in found]
         shared.print_json({"runs": facts} if several else facts[0])

@@ -3,12 +3,16 @@
 """`sparse_coord explain`: each COORDINATE of a time step, from the question to the table entry."""
 
 import argparse
-import re
 from typing import Any
 
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.errors import RunError, did_you_mean
 from sparse_coord_ros.game.actions import ACTIONS
+from sparse_coord_ros.game.settings import Setting
+
+STEP = Setting(
+    "step", int, 0, "time step, or the next one at which somebody coordinates", low=0, high=2**53
+)
 
 EXAMPLE = "sparse_coord explain runs/demo/bag --step 9"
 
@@ -16,11 +20,7 @@ EXAMPLE = "sparse_coord explain runs/demo/bag --step 9"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
     shared.add_bag(parser)
-    parser.add_argument(
-        "--step",
-        default="0",
-        help="time step, or the next one at which somebody coordinates (default: the first)",
-    )
+    shared.add_setting(parser, STEP)
     parser.add_argument("--robot", metavar="NAME", help="of this robot only")
     shared.add_json(parser)
 
@@ -30,9 +30,7 @@ def execute(options: argparse.Namespace) -> int:
     from sparse_coord_ros.runlog import read_run
     from sparse_coord_ros.runlog.explain import coordinations, explain, in_words
 
-    if not re.fullmatch("[0-9]{1,18}", options.step):
-        raise RunError(f"--step is {options.step[:40]!r}: give a time step, a whole number from 0")
-    wanted = int(options.step)
+    wanted = options.step
     log = read_run(options.bag)
     asked = _robots(log, options.robot)
     steps = sorted({t for k in asked for t in coordinations(log, k)})

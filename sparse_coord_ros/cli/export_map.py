@@ -5,14 +5,15 @@
 import argparse
 from pathlib import Path
 
+from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.maps import map_of
 from sparse_coord_ros.errors import MapError
 from sparse_coord_ros.game.grid import RESOLUTIONS
 from sparse_coord_ros.game.settings import Setting
 from sparse_coord_ros.maps.image import MOST_PIXELS, write_floor_plan
 
-RESOLUTION = Setting("--resolution", float, 1.0, "metres a cell", *RESOLUTIONS)
-PIXELS = Setting("--pixels", int, 10, "pixels along the side of a cell", 1, 1000)
+RESOLUTION = Setting("resolution", float, 1.0, "metres a cell", *RESOLUTIONS)
+PIXELS = Setting("pixels", int, 10, "pixels along the side of a cell", 1, 1000)
 
 EXAMPLE = "sparse_coord export-map env1 --out env1_map"
 
@@ -20,10 +21,10 @@ EXAMPLE = "sparse_coord export-map env1 --out env1_map"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
     parser.add_argument("map", metavar="MAP", help="a map's name, a map file, or a scenario file")
-    parser.add_argument("--resolution", help="metres a cell (default: the map's own, or 1)")
     parser.add_argument(
-        "--pixels", default=str(PIXELS.default), help=f"{PIXELS.help} (default: {PIXELS.default})"
+        "--resolution", type=RESOLUTION.parse, help="metres a cell (default: the map's own, or 1)"
     )
+    shared.add_setting(parser, PIXELS)
     parser.add_argument(
         "--image", choices=("pgm", "png"), default="pgm", help="the image's format (default: pgm)"
     )
@@ -33,8 +34,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> int:
     """Run the verb."""
     grid = map_of(options.map)
-    resolution = RESOLUTION.parse(options.resolution or grid.resolution or 1.0)
-    pixels = PIXELS.parse(options.pixels)
+    resolution = options.resolution or grid.resolution or 1.0
+    pixels = options.pixels
     if grid.shape[0] * grid.shape[1] * pixels**2 > MOST_PIXELS:
         raise MapError(f"--pixels {pixels}: the image would have more than {MOST_PIXELS:,} pixels")
     folder = options.out or Path()

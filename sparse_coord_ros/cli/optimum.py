@@ -22,6 +22,7 @@ from sparse_coord_ros.solve.optimum import LARGEST, independent_bound, joint_opt
 from sparse_coord_ros.solve.reference import shortest_path_reference
 from sparse_coord_ros.solve.shipped import ClassBound, shipped_best_team, shipped_class_bound
 
+SEED = RUN_SETTINGS["seed"]
 PICTURES = (".png", ".pdf", ".svg")
 OF_THE_SEARCH = ("restarts", "seed", "out", "picture")
 
@@ -37,8 +38,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         dest="class_bound",
         help="search for the best team of two robots that has Algorithm 1's form",
     )
-    parser.add_argument("--restarts", help="with --class: random beginnings (default: 20)")
-    parser.add_argument("--seed", help="with --class: seed of the search (default: 0)")
+    for setting, what in ((RESTARTS, "random beginnings"), (SEED, "seed of the search")):
+        parser.add_argument(
+            f"--{setting.name}",
+            type=setting.parse,
+            help=f"with --class: {what} (default: {setting.default})",
+        )
     parser.add_argument(
         "--out",
         type=Path,
@@ -87,8 +92,7 @@ def execute(options: argparse.Namespace) -> int:
 def _class_bound(options: argparse.Namespace, scenario: Scenario) -> int:
     """Search for the class bound, and say what was found."""
     check_class(scenario)
-    restarts = RESTARTS.parse(20 if options.restarts is None else options.restarts)
-    seed = RUN_SETTINGS["seed"].parse(0 if options.seed is None else options.seed)
+    restarts = RESTARTS.default if options.restarts is None else options.restarts
     picture = options.picture
     if picture is not None and picture.suffix.lower() not in PICTURES:
         raise SettingError(f"--picture {picture}: allowed: a name ending in {', '.join(PICTURES)}")
@@ -99,7 +103,11 @@ def _class_bound(options: argparse.Namespace, scenario: Scenario) -> int:
             print(f"restart {done} of {of}, best {best:.4f}", end=end, file=sys.stderr, flush=True)
 
     found = class_bound(
-        scenario, restarts=restarts, seed=seed, file=options.out, progress=progress
+        scenario,
+        restarts=restarts,
+        seed=options.seed or SEED.default,
+        file=options.out,
+        progress=progress,
     )
     if picture is not None:
         _draw(picture, scenario, found)

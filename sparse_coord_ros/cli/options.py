@@ -13,10 +13,16 @@ from typing import Any
 
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.game.scenario import Scenario, load_scenario, scenario_names
-from sparse_coord_ros.game.settings import parse_assignments
+from sparse_coord_ros.game.settings import Setting, parse_assignments
 from sparse_coord_ros.learn.learners import LEARNERS
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS
 from sparse_coord_ros.look.page.controls import HOST, PORT
+
+FIXED = (
+    *("scenario", "penalty", "assignments", "steps", "seed", "out", "learner"),
+    *("checkpoint", "tables", "greedy", "no_record"),
+)
+"""What a run that is resumed has already, by the options' names in the namespace."""
 
 
 def ros_missing(error: ImportError, alternative: str | None = None) -> RunError:
@@ -27,6 +33,26 @@ def ros_missing(error: ImportError, alternative: str | None = None) -> RunError:
     ]
     ways += [] if alternative is None else [f"use '{alternative}'"]
     return RunError(f"ROS 2 is not there ({error}); {', '.join(ways[:-1])}, or {ways[-1]}")
+
+
+def add_setting(
+    parser: argparse.ArgumentParser, setting: Setting, help: str | None = None, **more: Any
+) -> None:
+    """Add the option of a setting, with its default; a bad value raises `SettingError`.
+
+    Args:
+        parser: of the verb.
+        setting: its name is the option's.
+        help: what it is, instead of the setting's own words.
+        more: further arguments of `add_argument`.
+    """
+    parser.add_argument(
+        f"--{setting.name.replace('_', '-')}",
+        type=setting.parse,
+        default=setting.default,
+        help=f"{help or setting.help} (default: {setting.default})",
+        **more,
+    )
 
 
 def add_bag(parser: argparse.ArgumentParser) -> None:
@@ -81,15 +107,15 @@ def add_run(parser: argparse.ArgumentParser, *, resume: str) -> None:
     """
     add_scenario(parser, optional=True)
     parser.add_argument("--steps", help="step budget in transitions (default: the scenario's)")
-    parser.add_argument("--seed", default="0", help="seed of every random draw (default: 0)")
+    add_setting(parser, RUN_SETTINGS["seed"])
     parser.add_argument(
         "--out", type=Path, help="output directory, must not exist (default: runs/<name>_<time>)"
     )
     known = [f"{name}: {learner.summary}" for name, learner in LEARNERS.registered.items()]
     learner = parser.add_argument(
         "--learner",
-        default="coop",
-        help=f"{'; '.join(known)}; or one of your own as module:Class (default: coop)",
+        default=RUN_SETTINGS["learner"].default,
+        help=f"{'; '.join(known)}; or one of your own as module:Class (default: %(default)s)",
     )
     completed_by(learner, lambda: LEARNERS.names)
     parser.add_argument("--resume", type=Path, metavar="DIR", help=resume)
@@ -123,33 +149,23 @@ def add_watch(parser: argparse.ArgumentParser) -> None:
     add_page(parser)
 
 
-def nothing_else_given(options: argparse.Namespace, verb: str) -> None:
+def nothing_else_given(options: argparse.Namespace) -> None:
     """Refuse what would change a run that is resumed.
 
     Raises:
         RunError: something is given beside --resume.
     """
+    names = {name: f"--{name.replace('_', '-')}" for name in FIXED}
+    names |= {"scenario": "SCENARIO", "assignments": "--set"}
     given = [
-        name
-        for name, value, default in (
-            ("SCENARIO", options.scenario, None),
-            ("--penalty", options.penalty, None),
-            ("--set", options.assignments, []),
-            ("--steps", options.steps, None),
-            ("--seed", options.seed, str(RUN_SETTINGS["seed"].default)),
-            ("--out", options.out, None),
-            ("--learner", options.learner, RUN_SETTINGS["learner"].default),
-            ("--checkpoint", getattr(options, "checkpoint", None), None),
-            ("--tables", getattr(options, "tables", None), None),
-            ("--greedy", getattr(options, "greedy", False), False),
-            ("--no-record", getattr(options, "no_record", False), False),
-        )
-        if value != default
+        shown
+        for name, shown in names.items()
+        if getattr(options, name, None) != options.parser.get_default(name)
     ]
     if given:
         raise RunError(
             f"{', '.join(given)} cannot change a run that is resumed; leave it out: "
-            f"sparse_coord {verb} --resume {options.resume}"
+            f"sparse_coord {options.verb} --resume {options.resume}"
         )
 
 
@@ -175,20 +191,20 @@ def scenario_of(options: argparse.Namespace) -> Scenario:
     """Return the scenario that the options describe.
 
     Raises:
+        RunError: none is given.
         ScenarioError: no such scenario, or a malformed one.
         SettingError: a bad --set, --penalty or --steps.
     """
+    if options.scenario is None:
+        raise RunError(
+            f"a SCENARIO is missing, or --resume DIR; see sparse_coord {options.verb} --help"
+        )
     return load_scenario(options.scenario).with_settings(settings_of(options))
 
 
 def output_directory(options: argparse.Namespace, name: str) -> Path:
     """Return the output directory: --out, or one with a time stamp."""
-    return options.out or new_directory(name)
-
-
-def new_directory(name: str) -> Path:
-    """Return an output directory of a run, with a time stamp."""
-    return Path("runs") / f"{name}_{datetime.now():%Y%m%d_%H%M%S}"
+    return options.out or Path("runs") / f"{name}_{datetime.now():%Y%m%d_%H%M%S}"
 
 
 def note(text: str) -> None:

@@ -6,18 +6,21 @@ import argparse
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from sparse_coord_ros.errors import RunError, SparseCoordError
-from sparse_coord_ros.learn.run_config import RunConfig
+from sparse_coord_ros.learn.run_config import load_run
 from sparse_coord_ros.learn.tables import load_team
 from sparse_coord_ros.look.page.controls import NEXT, PORT_SETTING, Control
 
 if TYPE_CHECKING:
     from sparse_coord_ros.look.page.board import Board
     from sparse_coord_ros.look.page.server import Server
+    from sparse_coord_ros.nodes.spin import Stop
+
+Team = TypeVar("Team")
 
 
 @contextmanager
@@ -65,18 +68,51 @@ class Wishes:
         self.next = control.value
 
 
-def show_end(server: "Server", run: RunConfig, out: Path) -> None:
+def one_by_one(
+    options: argparse.Namespace,
+    begin: Callable[[argparse.Namespace], tuple[Path, Team]],
+    play: Callable[[argparse.Namespace, Path, Team, "Server"], int],
+    stop: "Stop | None" = None,
+) -> int:
+    """Let teams learn one after the other on a page, as it wants them; return the exit code.
+
+    Args:
+        options: of the verb; the next team's scenario and penalty are those that the page wants.
+        begin: returns a team's output directory, and what it is made of.
+        play: lets it learn until it is done; returns the exit code.
+        stop: catches the signals that end the waiting between two teams; None: Ctrl-C does.
+    """
+    out, team = begin(options)
+    with served(options) as server:
+        announce(server, options)
+        while True:
+            code = play(options, out, team, server)
+            if code:
+                return code
+            try:
+                with nullcontext() if stop is None else stop.at_once():
+                    show_end(server, out)
+                    wish = next_wish(server, lambda: bool(stop))
+            except KeyboardInterrupt:
+                return 0
+            options.scenario, options.penalty = wish["scenario"], wish["penalty"]
+            options.out = options.resume = None
+            out, team = begin(options)
+
+
+def show_end(server: "Server", out: Path) -> None:
     """Show the value of a finished run's tables."""
     from sparse_coord_ros.look.page.evaluation import evaluation_message
     from sparse_coord_ros.look.page.messages import notice_message
 
     try:
+        run = load_run(out)
         server.board.put(evaluation_message(run, load_team(out, run.scenario), None))
     except SparseCoordError as error:
         server.board.put(notice_message(str(error)))
 
 
-def next_wish(server: "Server", stop: Callable[[], bool] = lambda: False) -> Mapping[str, Any]:
+def next_wish(server: "Server", stop: Callable[[], bool]) -> Mapping[str, Any]:
     """Wait for what the page wants next; Ctrl-C ends the waiting.
 
     Args:

@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "length (the first of these), percepts (how they ended; needs a bag); of results: "
         "conditions, asks, or an experiment's name; several with commas (default: all there is)",
     )
-    parser.add_argument("--dpi", default="110", help="dots an inch of a PNG (default: 110)")
+    shared.add_setting(parser, DPI)
     pictures.add_out(parser, KINDS)
     shared.add_json(parser)
 
@@ -41,7 +41,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> int:
     """Run the verb."""
     kind = pictures.check_out(options.out, KINDS)
-    dpi = DPI.parse(options.dpi)
     with pictures.drawing():
         from sparse_coord_ros.experiments.report.charts import rendered
         from sparse_coord_ros.look import figures
@@ -68,7 +67,7 @@ def execute(options: argparse.Namespace) -> int:
             what = ",".join(whats)
             figure = figures.runs_figure(runs, whats)
         say(f"drawing {what}")
-        data = rendered(figure, kind, dpi)
+        data = rendered(figure, kind, options.dpi)
     pictures.write(options.out, data, json=options.json, what=what)
     return 0
 

@@ -9,7 +9,6 @@ from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.computing import (
     Bar,
     add_computing,
-    jobs_of,
     note_compiling,
     note_without_numba,
 )
@@ -47,9 +46,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=Path("results"),
         help="results directory; what it holds already is not computed again (default: results)",
     )
-    parser.add_argument("--runs", default="100", help=f"{RUNS.help} (default: 100)")
-    parser.add_argument("--trials", default="1000", help=f"{TRIALS.help} (default: 1000)")
-    parser.add_argument("--seed", default="0", help="seed of run 0; run i has seed + i (0)")
+    shared.add_setting(parser, RUNS)
+    shared.add_setting(parser, TRIALS)
+    shared.add_setting(parser, RUN_SETTINGS["seed"], "seed of run 0; run i has seed + i")
     add_computing(parser)
     parser.add_argument("--list", action="store_true", help="list the conditions and stop")
     shared.add_json(parser)
@@ -57,12 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Run the verb."""
-    plan = Plan(
-        RUN_SETTINGS["seed"].parse(options.seed),
-        RUNS.parse(options.runs),
-        TRIALS.parse(options.trials),
-    )
-    jobs = jobs_of(options)
+    plan = Plan(options.seed, options.runs, options.trials)
     compiled = options.scheduler is not None or uses_numba(options.engine)
     targets = parse_targets(options.targets)
     check_runs(targets, plan)
@@ -86,7 +80,7 @@ def execute(options: argparse.Namespace) -> int:
             plan,
             out=options.out,
             engine=options.engine,
-            jobs=jobs,
+            jobs=options.jobs,
             scheduler=options.scheduler,
             progress=progress,
             compiling=note_compiling,

@@ -4,12 +4,13 @@
 
 import argparse
 import sys
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.errors import BagError, RunError
-from sparse_coord_ros.learn.run_config import RUN_SETTINGS, load_run
+from sparse_coord_ros.learn.run_config import RUN_SETTINGS
 from sparse_coord_ros.learn.tables import TEAM_FILE
 from sparse_coord_ros.lockstep.checkpoints import CHECKPOINTS
 
@@ -52,6 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--checkpoint",
+        type=RUN_SETTINGS["checkpoint"].parse,
         metavar="STEPS",
         help="record the tables and save what --resume needs each so many steps (default: 10000; "
         "0: only at the end)",
@@ -68,21 +70,8 @@ def execute(options: argparse.Namespace) -> int:
         import rclpy  # noqa: F401
     except ImportError as error:
         raise shared.ros_missing(error, "sparse_coord train") from None
-    if options.resume is not None:
-        shared.nothing_else_given(options, "run")
-        values = {"resume": True, "out": str(options.resume), "scenario": "", "set": [""]}
-    else:
-        values = _new(options)
-    for name in ("executor", "rate", "compression", "max_bagfile_size", "max_bagfile_duration"):
-        if getattr(options, name) is not None:
-            values[name] = getattr(options, name)
-    if options.watch:
-        return _watched(options, values)
-    return _run(options, values)
-
-
-def _watched(options: argparse.Namespace, values: dict[str, Any]) -> int:
-    """Run teams one after the other, as the page wants them."""
+    if not options.watch:
+        return _run(options, *_begin(options))
     from sparse_coord_ros.cli import page
     from sparse_coord_ros.nodes.spin import signals
 
@@ -92,34 +81,21 @@ def _watched(options: argparse.Namespace, values: dict[str, Any]) -> int:
             "watch' beside it"
         )
     # One handler for all runs and what is between them: no signal falls into a gap.
-    with page.served(options) as server, signals() as stop:
-        page.announce(server, options)
-        while True:
-            code = _run(options, values, server, stop)
-            if code:
-                return code
-            out = Path(values["out"])
-            try:
-                with stop.at_once():
-                    page.show_end(server, load_run(out), out)
-                    wish = page.next_wish(server, lambda: bool(stop))
-            except KeyboardInterrupt:
-                return 0
-            kept = [text for text in values["set"] if text and not text.startswith("penalty=")]
-            values["scenario"], values["resume"] = wish["scenario"], False
-            values["set"] = [*kept, f"penalty={wish['penalty']}"]
-            values["out"] = str(shared.new_directory(wish["scenario"]))
+    with signals() as stop:
+        return page.one_by_one(options, _begin, partial(_run, stop=stop), stop)
 
 
 def _run(
     options: argparse.Namespace,
+    out: Path,
     values: dict[str, Any],
     page: "Server | None" = None,
+    *,
     stop: "Stop | None" = None,
 ) -> int:
+    """Let one team learn; return the exit code."""
     from sparse_coord_ros.cli import live
 
-    out = Path(values["out"])
     summary = live.run(
         values, processes=options.processes, quiet=options.json, page=page, stop=stop
     )
@@ -139,26 +115,23 @@ def _run(
     return 130 if summary["interrupted"] else 0
 
 
-def _new(options: argparse.Namespace) -> dict[str, Any]:
-    """Return the parameters of a team that begins a run."""
-    if options.scenario is None:
-        raise RunError("a SCENARIO is missing, or --resume DIR; see sparse_coord run --help")
-    scenario = shared.scenario_of(options)
-    if options.greedy and not options.tables:
-        raise RunError("--greedy needs --tables DIR, the output directory of a run to act on")
-    checkpoint = {} if options.checkpoint is None else {"checkpoint": options.checkpoint}
-    RUN_SETTINGS.parse({"seed": options.seed, **checkpoint})
-    return {
-        "scenario": options.scenario,
-        "set": [f"{name}={value}" for name, value in shared.settings_of(options).items()] or [""],
-        "seed": options.seed,
-        "learner": options.learner,
-        "out": str(shared.output_directory(options, scenario.name)),
-        "record": not options.no_record,
-        "tables": options.tables or "",
-        "greedy": options.greedy,
-        **checkpoint,
-    }
+def _begin(options: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
+    """Return a team's output directory and its parameters."""
+    names = ["executor", "rate", "compression", "max_bagfile_size", "max_bagfile_duration"]
+    if options.resume is not None:
+        shared.nothing_else_given(options)
+        out = options.resume
+        values = {"resume": True, "scenario": "", "set": [""]}
+    else:
+        out = shared.output_directory(options, shared.scenario_of(options).name)
+        if options.greedy and not options.tables:
+            raise RunError("--greedy needs --tables DIR, the output directory of a run to act on")
+        names += ["scenario", "seed", "learner", "tables", "greedy", "checkpoint"]
+        changed = [f"{name}={value}" for name, value in shared.settings_of(options).items()]
+        values = {"set": changed or [""], "record": not options.no_record}
+    given = {name: getattr(options, name) for name in names}
+    values |= {name: value for name, value in given.items() if value is not None}
+    return out, {**values, "out": str(out)}
 
 
 def _print(out, summary) -> None:

@@ -25,7 +25,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
     shared.add_bag(parser)
     parser.add_argument(
-        "--step", metavar="N", help="the checkpoint's time step; without: say which"
+        "--step",
+        type=STEP.parse,
+        metavar="N",
+        help="the checkpoint's time step; without: say which",
     )
     parser.add_argument("--out", type=Path, metavar="DIR", help="where to write them")
     shared.add_json(parser)
@@ -45,7 +48,7 @@ def execute(options: argparse.Namespace) -> int:
     common = sorted(set.intersection(*(set(known) for known in of_each)))
     said: dict[str, Any] = {"bag": str(options.bag), "steps": common}
     if options.out is not None:
-        step = STEP.parse(options.step)
+        step = options.step
         if step not in common:
             known = ", ".join(map(str, common)) or "none"
             raise RunError(

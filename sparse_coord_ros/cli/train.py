@@ -23,9 +23,9 @@ from sparse_coord_ros.engine.training import (
     train,
     worth_compiling,
 )
-from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.errors import RunError, os_error_text
 from sparse_coord_ros.files import write_whole
-from sparse_coord_ros.game.scenario import SETTINGS, Scenario, load_scenario
+from sparse_coord_ros.game.scenario import SETTINGS, Scenario
 from sparse_coord_ros.game.settings import Setting
 from sparse_coord_ros.learn.evaluation import Evaluation
 from sparse_coord_ros.learn.history import HISTORY_FILE
@@ -76,12 +76,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--evaluate-every",
+        type=EVERY.parse,
         metavar="STEPS",
         help=f"evaluate each so many steps too, by {EVERY_TRIALS.default} trials, into "
         f"{EVALUATIONS_FILE}",
     )
     parser.add_argument(
         "--trials",
+        type=TRIALS.parse,
         help="Monte-Carlo trials of what was learned (default: none where it can be computed, as "
         "for two robots, else 1000; 0: do not evaluate it)",
     )
@@ -91,45 +93,41 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Run the verb."""
-    trials = None if options.trials is None else TRIALS.parse(options.trials)
-    every = None if options.evaluate_every is None else EVERY.parse(options.evaluate_every)
-    begin = _begin if options.resume is None else _go_on
     if not options.watch:
-        _run(options, *begin(options), trials, every)
-        return 0
+        return _learn(options, *_begin(options))
     from sparse_coord_ros.cli import page
 
-    with page.served(options) as server:
-        out, run = begin(options)  # after the port is ours: a taken one leaves no directory
-        page.announce(server, options)
-        while True:
-            _run(options, out, run, trials, every, server)
-            try:
-                page.show_end(server, run, out)
-                wish = page.next_wish(server)
-            except KeyboardInterrupt:
-                return 0
-            scenario = load_scenario(wish["scenario"]).with_settings(
-                {**shared.settings_of(options), "penalty": wish["penalty"]}
-            )
-            options.resume = None
-            out, run = _make(options, scenario, shared.new_directory(scenario.name))
+    return page.one_by_one(options, _begin, _learn)
 
 
-def _run(
-    options: argparse.Namespace,
-    out: Path,
-    run: RunConfig,
-    trials: int | None,
-    every: int | None,
-    server: "Server | None" = None,
-) -> None:
+def _begin(options: argparse.Namespace) -> tuple[Path, RunConfig]:
+    """Return a run's directory, and what it is."""
+    out = options.resume
+    if out is None:
+        scenario = shared.scenario_of(options)
+        run = make_run(scenario, {"seed": options.seed, "learner": options.learner})
+        return shared.output_directory(options, scenario.name), run
+    shared.nothing_else_given(options)
+    run = load_run(out)
+    if not (out / CHECKPOINT_FILE).exists():
+        what = "is finished" if (out / TEAM_FILE).exists() else "has no checkpoint"
+        raise RunError(f"{out}: the run {what}, there is nothing to go on with; begin another one")
+    return out, run
+
+
+def _learn(
+    options: argparse.Namespace, out: Path, run: RunConfig, server: "Server | None" = None
+) -> int:
     """Let one team learn, save what it learned, and say so."""
-    checkpoint = out / CHECKPOINT_FILE
-    resumed = options.resume is not None
+    checkpoint, resumed = out / CHECKPOINT_FILE, options.resume is not None
+    engine_for(run.scenario, run.rule, options.engine)  # refused before a directory is made
+    if not resumed:
+        create_output(out)
     view = None
     bar = Bar("steps", quiet=options.json)
     try:
+        if not resumed:
+            write_whole(out / RUN_FILE, run.to_yaml())
         if server is not None:
             from sparse_coord_ros.look.page.training_source import TrainingView
 
@@ -141,7 +139,7 @@ def _run(
                 run.rule,
                 run.seed,
                 engine=_ready_engine(options, run),
-                evaluate_every=every,
+                evaluate_every=options.evaluate_every,
                 trials=EVERY_TRIALS.default,
                 progress=bar.show,
                 checkpoint=checkpoint,
@@ -150,53 +148,21 @@ def _run(
             )
         _save(out, done)
     except BaseException as error:
-        saved = checkpoint.exists() and (bar.began or not resumed)
-        if isinstance(error, OSError) and not isinstance(error, BrokenPipeError):
-            go_on = f"make room, and go on with: sparse_coord train --resume {out}"
-            anew = f"make room, remove {out}, and begin the run anew"
-            raise RunError(
-                f"{error.filename or out}: cannot be written ({error.strerror or error}); "
-                f"{go_on if saved else anew}"
-            ) from None
-        if saved:
-            shared.note(
-                f"what was learned is saved; go on with: sparse_coord train --resume {out}"
-            )
+        left = ""
+        if checkpoint.exists() and (bar.began or not resumed):
+            left = f"what was learned is saved; go on with: sparse_coord train --resume {out}"
         elif not resumed and not (out / TEAM_FILE).exists():
             _remove(out)  # leave no half of a run
-            if isinstance(error, KeyboardInterrupt):
-                shared.note("nothing that was learned is saved, nothing is left")
+            left = "nothing that was learned is saved, nothing is left"
+        if isinstance(error, OSError) and not isinstance(error, BrokenPipeError):
+            raise RunError(f"{os_error_text(error)}; make room; {left}") from None
+        if left and (checkpoint.exists() or isinstance(error, KeyboardInterrupt)):
+            shared.note(left)
         raise
     if view is not None:
         view.end(done)
-    _say(out, run, done, trials, as_json=options.json)
-
-
-def _begin(options: argparse.Namespace) -> tuple[Path, RunConfig]:
-    if options.scenario is None:
-        raise RunError("a SCENARIO is missing, or --resume DIR; see sparse_coord train --help")
-    scenario = shared.scenario_of(options)
-    return _make(options, scenario, shared.output_directory(options, scenario.name))
-
-
-def _make(
-    options: argparse.Namespace, scenario: Scenario, directory: Path
-) -> tuple[Path, RunConfig]:
-    """Make a run's directory, with its `run.yaml`."""
-    run = make_run(scenario, {"seed": options.seed, "learner": options.learner})
-    engine_for(scenario, run.rule, options.engine)  # refused before a directory is made
-    out = create_output(directory)
-    try:
-        write_whole(out / RUN_FILE, run.to_yaml())
-    except BaseException as error:
-        _remove(out)
-        if isinstance(error, OSError):
-            raise RunError(
-                f"{out / RUN_FILE}: cannot be written ({error.strerror}); make room, or choose "
-                "another --out"
-            ) from None
-        raise
-    return out, run
+    _say(out, run, done, options.trials, as_json=options.json)
+    return 0
 
 
 def _remove(out: Path) -> None:
@@ -207,17 +173,6 @@ def _remove(out: Path) -> None:
         out.rmdir()
 
 
-def _go_on(options: argparse.Namespace) -> tuple[Path, RunConfig]:
-    shared.nothing_else_given(options, "train")
-    run = load_run(options.resume)
-    if not (options.resume / CHECKPOINT_FILE).exists():
-        what = "is finished" if (options.resume / TEAM_FILE).exists() else "has no checkpoint"
-        raise RunError(
-            f"{options.resume}: the run {what}, there is nothing to go on with; begin another one"
-        )
-    return options.resume, run
-
-
 def _ready_engine(options: argparse.Namespace, run: RunConfig) -> str:
     """Return what computes the run; say that numba compiles first, or that it is missing."""
     engine = engine_for(run.scenario, run.rule, options.engine)
@@ -226,12 +181,8 @@ def _ready_engine(options: argparse.Namespace, run: RunConfig) -> str:
     if engine == "numba" and not is_prepared(learner=run.rule, history=True):
         note_compiling()
         prepare(run.scenario, run.rule, engine=engine, history=True)
-    elif (
-        options.engine == "auto"
-        and run.rule.compiled
-        and worth_compiling(run.scenario, run.rule)
-        and not has_numba()
-    ):
+    missed = options.engine == "auto" and run.rule.compiled and not has_numba()
+    if missed and worth_compiling(run.scenario, run.rule):
         note_without_numba()
     return engine
 
@@ -311,9 +262,8 @@ def advice(scenario: Scenario, done: Training) -> list[str]:
     last = slice(history.episodes // 2, None)
     arrived = history.arrived[last][history.present[last]].mean()
     longer = (
-        scenario.steps * 10 <= (SETTINGS["steps"].high or 0),
         f"In the second half of learning {arrived:.0%} of the robots' episodes ended at the goal; "
-        f"learn longer: --steps {10 * scenario.steps}.",
+        f"learn longer: --steps {10 * scenario.steps}."
     )
     causes = [
         (
@@ -343,6 +293,4 @@ def advice(scenario: Scenario, done: Training) -> list[str]:
         ),
     ]
     tips = [text for holds, text in causes if holds]
-    if longer[0]:
-        tips.insert(1, longer[1])
-    return tips[:2]
+    return [*tips[:1], longer]

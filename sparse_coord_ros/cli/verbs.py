@@ -64,4 +64,4 @@ def add_verb(verbs: Any, name: str) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     module.add_arguments(parser)
-    parser.set_defaults(execute=module.execute)
+    parser.set_defaults(execute=module.execute, parser=parser)

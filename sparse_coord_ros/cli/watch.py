@@ -8,6 +8,10 @@ from pathlib import Path
 
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.page import announce, served
+from sparse_coord_ros.game.settings import Setting
+
+RATE = Setting("rate", float, 10.0, "of a bag: time steps a second", low=0.001, high=1e6)
+STEP = Setting("step", int, 0, "of a bag: time step to begin at", low=0, high=2**53)
 
 EXAMPLE = "sparse_coord watch runs/demo/bag"
 
@@ -22,10 +26,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="a bag's or a run's directory, or a file; one that is still being recorded is "
         "followed (default: the team that runs now, over its ROS topics)",
     )
-    parser.add_argument(
-        "--rate", default="10", metavar="HZ", help="of a bag: time steps a second (default: 10)"
-    )
-    parser.add_argument("--step", default="0", metavar="T", help="of a bag: begin at time step T")
+    shared.add_setting(parser, RATE)
+    shared.add_setting(parser, STEP)
     shared.add_page(parser)
 
 
@@ -46,20 +48,16 @@ def _live(options: argparse.Namespace) -> int:
 
 
 def _bag(options: argparse.Namespace) -> int:
-    from sparse_coord_ros.game.settings import Setting
+    from sparse_coord_ros.look.page import controls
     from sparse_coord_ros.look.page.bag_source import BagSource
     from sparse_coord_ros.look.page.board import Board
-    from sparse_coord_ros.look.page.controls import RATE, SEEK, Control
 
-    rate = Setting("rate", float, 10.0, "time steps a second", low=0.001, high=1e6)
-    step = Setting("step", int, 0, "time step to begin at", low=0, high=2**53)
-    controls = [Control(RATE, rate.parse(options.rate))]
-    controls += [Control(SEEK, step.parse(options.step))] if options.step != "0" else []
     source = BagSource(options.bag, Board())
     with served(options, source.board) as server, suppress(KeyboardInterrupt):
         announce(server, options)
-        for control in controls:
-            source.control(control)
+        source.control(controls.Control(controls.RATE, options.rate))
+        if options.step:
+            source.control(controls.Control(controls.SEEK, options.step))
         server.show(source)
         source.play()
     return 0

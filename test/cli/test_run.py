@@ -71,7 +71,7 @@ def test_a_signal_ends_a_watched_run_in_whichever_moment(
             signal.raise_signal(number)
         return {"interrupted": False, "transitions": 5}
 
-    def show_end(server, run, out):
+    def show_end(server, out):
         if moment == "show_end":
             with suppress(KeyboardInterrupt):  # as in a destructor, where nobody hears it
                 signal.raise_signal(number)
@@ -82,7 +82,6 @@ def test_a_signal_ends_a_watched_run_in_whichever_moment(
         assert next(times) < 3, "it goes on waiting"
 
     monkeypatch.setattr("sparse_coord_ros.cli.live.run_team", run_team)
-    monkeypatch.setattr("sparse_coord_ros.cli.run.load_run", lambda out: None)
     monkeypatch.setattr(page, "show_end", show_end)
     monkeypatch.setattr(page, "time", SimpleNamespace(sleep=sleep))
     before = signal.getsignal(number)

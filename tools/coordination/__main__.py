@@ -11,7 +11,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from sparse_coord_ros.cli.computing import add_computing, jobs_of
+from sparse_coord_ros.cli.computing import add_computing
 from sparse_coord_ros.cli.verbs import Parser
 from sparse_coord_ros.engine.cluster import cluster_at
 from sparse_coord_ros.errors import EXIT_BAD_INPUT, SparseCoordError
@@ -35,11 +35,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     add_computing(parser)
     options = parser.parse_args(arguments)
     try:
-        jobs = jobs_of(options)
         chosen = _chosen(options.studies, options.out)
         with cluster_at(options.scheduler) as cluster:
             for study in chosen:
-                found = results_of(study, options.out, Computing(options.engine, jobs, cluster))
+                found = results_of(
+                    study, options.out, Computing(options.engine, options.jobs, cluster)
+                )
                 table = study.table(found.__getitem__)
                 page = with_table(options.page.read_text("utf-8"), study, table)
                 write_whole(options.page, page)

@@ -17,7 +17,7 @@ import pandas as pd
 from tqdm import tqdm
 
 from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.cli.computing import add_computing, jobs_of
+from sparse_coord_ros.cli.computing import add_computing
 from sparse_coord_ros.cli.verbs import Parser
 from sparse_coord_ros.engine.cluster import cluster_at
 from sparse_coord_ros.errors import EXIT_BAD_INPUT, SparseCoordError
@@ -91,7 +91,6 @@ def execute(options: argparse.Namespace) -> int:
         TRIALS.parse(options.trials),
     )
     candidates = CANDIDATES.parse(options.candidates)
-    jobs = jobs_of(options)
     task = TASKS[options.learner]
     final_plan = Plan(plan.seed + FINAL_SEEDS, FINAL_RUNS * plan.runs, plan.trials)
     with (
@@ -99,7 +98,7 @@ def execute(options: argparse.Namespace) -> int:
         open_results(options.out / "final", final_plan) as finals,
         cluster_at(options.scheduler) as cluster,
     ):
-        by = Computing(options.engine, jobs, cluster)
+        by = Computing(options.engine, options.jobs, cluster)
         result = partial(_result, searched, by)
         outcomes = _listed(search(result, candidates, task=task), "search", candidates)
         again = final(outcomes, partial(_result, finals, by), task)
