@@ -48,6 +48,7 @@ def execute(options: argparse.Namespace) -> int:
         from sparse_coord_ros.look import film
         from sparse_coord_ros.look.episodes import episode_number, logged_episode, played_episode
         from sparse_coord_ros.look.sources import is_results, open_shown
+        from sparse_coord_ros.look.steps import questions_of
 
         wanted = episode_number(options.episode)
         if is_results(options.source):
@@ -80,7 +81,7 @@ def execute(options: argparse.Namespace) -> int:
         episode=episode.number,
         greedy=episode.greedy,
         steps=steps,
-        asks=sum(len(step.questions) for step in episode.steps),
+        asks=sum(len(questions_of(step)) for step in episode.steps),
         arrived=episode.arrived,
     )
     return 0

@@ -102,14 +102,14 @@ def one_by_one(
 
 def show_end(server: "Server", out: Path) -> None:
     """Show the value of a finished run's tables."""
-    from sparse_coord_ros.look.page.evaluation import evaluation_message
-    from sparse_coord_ros.look.page.messages import notice_message
+    from sparse_coord_ros.look.page.evaluation import evaluation_fields
 
     try:
         run = load_run(out)
-        server.board.put(evaluation_message(run, load_team(out, run.scenario), None))
+        found = evaluation_fields(run, load_team(out, run.scenario), None)
+        server.board.put("evaluation", **found)
     except SparseCoordError as error:
-        server.board.put(notice_message(str(error)))
+        server.board.put("notice", text=str(error))
 
 
 def next_wish(server: "Server", stop: Callable[[], bool]) -> Mapping[str, Any]:

@@ -97,18 +97,18 @@ class Glimpse(NamedTuple):
 
     Attributes:
         step: the time step t (of robots that learn alone: of the first one).
-        cells: X_k(t).
+        cells: X_k(t); None where nobody told it.
         actions: what each robot did; None where it did not act.
-        after: X_k(t+1).
+        after: X_k(t+1), likewise; None: nobody told any.
         miscoordination: whether robots ended up in the same doorway.
         rewards: R_k(t); empty: not told.
         ends: how percepts ended, numbers of `wire.PerceptEnd`; empty: not told.
     """
 
     step: int
-    cells: tuple[int, ...]
+    cells: tuple[int | None, ...]
     actions: tuple[Action | None, ...]
-    after: tuple[int, ...]
+    after: tuple[int | None, ...] | None
     miscoordination: bool
     rewards: Sequence[Reward | None] = ()
     ends: Sequence[int | None] = ()

@@ -17,7 +17,7 @@ from sparse_coord_ros.learn.evaluation import greedy_team
 from sparse_coord_ros.learn.history import History, HistoryRecorder
 from sparse_coord_ros.learn.learners import Learner
 from sparse_coord_ros.learn.simulation import Glimpse, Team
-from sparse_coord_ros.look.steps import TimeStep, logged_step, seen_step
+from sparse_coord_ros.look.steps import logged_step
 from sparse_coord_ros.runlog.log import RunLog
 
 LAST, BEST = "last", "best"
@@ -41,7 +41,7 @@ class Episode:
 
     number: int
     greedy: bool
-    steps: tuple[TimeStep, ...]
+    steps: tuple[Glimpse, ...]
     arrived: bool
 
 
@@ -119,7 +119,7 @@ def played_episode(
     return Episode(number, True, played[number], bool(history.arrived[number].all()))
 
 
-def _play(world: World, team: Team, recorder: HistoryRecorder) -> Iterator[TimeStep]:
+def _play(world: World, team: Team, recorder: HistoryRecorder) -> Iterator[Glimpse]:
     """Play an episode."""
     world.begin_episode()
     over = False
@@ -128,16 +128,8 @@ def _play(world: World, team: Team, recorder: HistoryRecorder) -> Iterator[TimeS
         _, actions = team.act(world)
         outcome = world.advance(actions)
         recorder.add(world.episode, step, actions, outcome)
-        yield seen_step(
-            Glimpse(
-                step=step,
-                cells=cells,
-                actions=tuple(actions),
-                after=tuple(world.cells),
-                miscoordination=outcome.miscoordination,
-                rewards=outcome.rewards,
-            )
-        )
+        after = tuple(world.cells)
+        yield Glimpse(step, cells, tuple(actions), after, outcome.miscoordination, outcome.rewards)
         over = outcome.episode_over
 
 

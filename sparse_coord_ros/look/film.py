@@ -19,7 +19,7 @@ from PIL import Image
 from sparse_coord_ros.experiments.report.map_pictures import draw_map
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.look.episodes import Episode
-from sparse_coord_ros.look.steps import Question
+from sparse_coord_ros.look.steps import Question, questions_of
 from sparse_coord_ros.palette import (
     DOORWAY_COLOUR,
     OUTCOME_COLOURS,
@@ -78,7 +78,7 @@ def film(scenario: Scenario, episode: Episode, *, title: str, rate: float = 2.0)
     shown = min(len(episode.steps), MOST_STEPS)
     glide = (0.35, 0.7) if shown <= SMOOTH_STEPS else ()
     for step in range(shown):
-        if episode.steps[step].questions:
+        if questions_of(episode.steps[step]):
             shoot(step, 0.0, TALK, speaking=True)
         for moved in glide:
             shoot(step, moved, 0.15)
@@ -101,7 +101,7 @@ class _Stage:
         cell = min(LARGEST_CELL, LONGEST_SIDE / max(rows, columns))
         self._cell = cell = max(SMALLEST_CELL, cell)
         steps = episode.steps
-        self._spoken = min(SENTENCES, max((len(one.questions) for one in steps), default=0))
+        self._spoken = min(SENTENCES, max((len(questions_of(one)) for one in steps), default=0))
         above, below = 0.32, 0.34 + 0.2 * self._spoken
         width = max(LEAST_WIDTH, columns * cell + 0.2)
         height = rows * cell + above + below
@@ -139,7 +139,7 @@ class _Stage:
         self._canvas.restore_region(self._empty)
         over = moved == 1.0
         together = over and self._episode.steps[step].miscoordination
-        asks = self._episode.steps[step].questions if speaking else ()
+        asks = questions_of(self._episode.steps[step]) if speaking else ()
         if together:
             self._put(self._meeting(step + 1))
         self._put(self._trails(step))

@@ -3,14 +3,13 @@
 """One time step of a team as data, from a log or as it happens: all that shows a team reads it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from sparse_coord_ros.game.actions import ACTIONS
 from sparse_coord_ros.game.miscoordination import miscoordinations
-from sparse_coord_ros.game.world import Action
+from sparse_coord_ros.game.world import Action, Reward
 from sparse_coord_ros.learn.agent import NOBODY
 from sparse_coord_ros.learn.simulation import Glimpse
 from sparse_coord_ros.palette import ANSWERED, FAILED, REFUSED
@@ -47,79 +46,47 @@ class Question(NamedTuple):
         return f"{names[self.asker]} asks {whom}: {ended}, goes {ACTIONS[self.move]}"
 
 
-@dataclass(frozen=True)
-class TimeStep:
-    """What K robots did at one time step; None where nobody says it.
+def questions_of(seen: Glimpse) -> tuple[Question, ...]:
+    """Return who asked whom at a time step.
 
-    Attributes:
-        step: t.
-        cells: X_k(t).
-        moves: the primitive actions; None of robots that did not act.
-        questions: who asked whom.
-        rewards: R_k(t) as (individual, common, cost of asking, total).
-        after: where it led, X_k(t+1).
-        miscoordination: whether it ended in one.
+    Where nobody tells how a percept ended, none was late: it was seen in one process.
     """
+    found = []
+    for k, action in enumerate(seen.actions):
+        if action is None or not action.asked:
+            continue
+        others = tuple(peer for peer in range(len(seen.actions)) if peer != k)
+        peers = others if action.peer == NOBODY else (action.peer,)
+        end = seen.ends[k] if seen.ends and not action.perceived else None
+        if end is None:
+            end = PerceptEnd.untold(perceived=action.perceived, peers=len(peers))
+        found.append(Question(k, peers, PerceptEnd(end), action.move))
+    return tuple(found)
 
-    step: int
-    cells: tuple[int | None, ...]
-    moves: tuple[int | None, ...] = ()
-    questions: tuple[Question, ...] = ()
-    rewards: tuple[tuple[float, ...] | None, ...] = ()
-    after: tuple[int | None, ...] | None = None
-    miscoordination: bool = False
 
+def logged_step(log: RunLog, row: int) -> Glimpse:
+    """Return a time step of a log, given by its row; None in it: what the log lacks.
 
-def logged_step(log: RunLog, row: int) -> TimeStep:
-    """Return a time step of a log, given by its row."""
-    questions = tuple(
-        Question(
-            k,
-            _peers(k, int(log.peer[row, k]), len(log.names)),
-            _logged_end(log, row, k),
-            int(log.move[row, k]),
-        )
-        for k in np.flatnonzero(log.asked[row]).tolist()
-    )
-    rewards = tuple(None if r[-1] != r[-1] else tuple(r) for r in log.reward[row].tolist())
+    How a percept ended is as the robot says: late where that is nothing known.
+    """
+    said = zip(log.move[row], log.asked[row], log.peer[row], log.perceived[row], strict=True)
+    rewards = [None if r[-1] != r[-1] else Reward(*r) for r in log.reward[row].tolist()]
     followed = row + 1 < len(log.step) and log.step[row + 1] == log.step[row] + 1
-    acted = any(reward is not None for reward in rewards)
-    return TimeStep(
+    acted = followed and any(reward is not None for reward in rewards)
+    ends = [PerceptEnd.said(end) for end in log.ended[row]]
+    return Glimpse(
         step=int(log.step[row]),
         cells=_known(log.cells[row]),
-        moves=_known(log.move[row]),
-        questions=questions,
-        rewards=rewards,
+        actions=tuple(
+            None if move == NONE else Action(int(move), bool(asked), int(peer), bool(perceived))
+            for move, asked, peer, perceived in said
+        ),
         after=_known(log.cells[row + 1]) if followed else None,
         miscoordination=bool(
-            followed and acted and miscoordinations(log.run.scenario, log.cells[[row + 1]])[0]
+            acted and miscoordinations(log.run.scenario, log.cells[[row + 1]])[0]
         ),
-    )
-
-
-def seen_step(seen: Glimpse) -> TimeStep:
-    """Return a time step that was seen as it happened."""
-    rewards = seen.rewards or (None,) * len(seen.actions)
-    return TimeStep(
-        step=seen.step,
-        cells=seen.cells,
-        moves=tuple(None if action is None else action.move for action in seen.actions),
-        questions=tuple(
-            Question(
-                k,
-                peers := _peers(k, action.peer, len(seen.actions)),
-                _seen_end(seen, k, action, peers),
-                action.move,
-            )
-            for k, action in enumerate(seen.actions)
-            if action is not None and action.asked
-        ),
-        rewards=tuple(
-            None if action is None or reward is None else tuple(reward[:4])
-            for action, reward in zip(seen.actions, rewards, strict=True)
-        ),
-        after=seen.after,
-        miscoordination=seen.miscoordination,
+        rewards=rewards,
+        ends=[PerceptEnd.LATE if end is None else end for end in ends],
     )
 
 
@@ -130,27 +97,6 @@ def ended(log: RunLog) -> dict[str, np.ndarray]:
     return {ANSWERED: answered, REFUSED: refused, FAILED: log.asked & ~answered & ~refused}
 
 
-def _logged_end(log: RunLog, row: int, k: int) -> PerceptEnd:
-    """Return how a percept ended as the robot says; LATE where that is nothing known."""
-    if log.perceived[row, k]:
-        return PerceptEnd.ANSWERED
-    end = PerceptEnd.said(log.ended[row, k])
-    return PerceptEnd.LATE if end is None else end
-
-
-def _seen_end(seen: Glimpse, k: int, action: Action, peers: tuple[int, ...]) -> PerceptEnd:
-    """Return how a percept ended; where nobody tells it, as in one process, where none is late."""
-    told = seen.ends[k] if seen.ends else None
-    if told is not None and not action.perceived:
-        return PerceptEnd(told)
-    return PerceptEnd.untold(perceived=action.perceived, peers=len(peers))
-
-
-def _peers(robot: int, peer: int, robots: int) -> tuple[int, ...]:
-    """Return whom a robot asks: one peer, or (NOBODY) all others."""
-    return (peer,) if peer != NOBODY else tuple(k for k in range(robots) if k != robot)
-
-
-def _known(numbers: np.ndarray) -> tuple[int | None, ...]:
-    """Return cells or moves, shape (K,), with None in place of NONE."""
-    return tuple(None if number == NONE else number for number in numbers.tolist())
+def _known(cells: np.ndarray) -> tuple[int | None, ...]:
+    """Return cells, shape (K,), with None in place of NONE."""
+    return tuple(None if cell == NONE else cell for cell in cells.tolist())

@@ -276,7 +276,7 @@ class WatchNode(Follower):
         if board.get("notice") is None:
             where = self.resolve_topic_name(interface.RUN.name)
             text = f"waiting for a team: no world simulator is on {where} yet"
-            board.put({"type": "notice", "text": text})
+            board.put("notice", text=text)
 
     def begin(self, run: RunConfig) -> None:
         """Show the run that is announced."""

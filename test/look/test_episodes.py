@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sparse_coord_ros.errors import BagError, RunError
-from sparse_coord_ros.game.world import Action, Reward
+from sparse_coord_ros.game.world import Action
 from sparse_coord_ros.learn.evaluation import play
 from sparse_coord_ros.learn.history import History
 from sparse_coord_ros.learn.simulation import Glimpse
@@ -18,7 +18,7 @@ from sparse_coord_ros.look.episodes import (
     played_episode,
 )
 from sparse_coord_ros.look.sources import open_shown
-from sparse_coord_ros.look.steps import ended, logged_step, seen_step
+from sparse_coord_ros.look.steps import ended, logged_step, questions_of
 from sparse_coord_ros.palette import ANSWERED, FAILED, REFUSED
 from sparse_coord_ros.runlog import read_run
 from sparse_coord_ros.wire import ACTION, PerceptEnd
@@ -35,7 +35,7 @@ def test_every_episode_of_a_log(log):
         one = logged_episode(log, number)
         assert len(one.steps) == history.length[number]
         assert sum(s.miscoordination for s in one.steps) == history.miscoordinations[number]
-        questions = [question for step in one.steps for question in step.questions]
+        questions = [question for step in one.steps for question in questions_of(step)]
         asked = [question.asker for question in questions]
         assert [asked.count(k) for k in range(2)] == history.asks[number].tolist()
         assert one.arrived == history.arrived[number].all()
@@ -57,25 +57,21 @@ def test_how_a_question_ended_is_what_the_robot_says(log, end, outcome, words):
     numbers = log.numbers.copy()
     numbers[row, k, ACTION.column("percept")] = end
     changed = replace(log, numbers=numbers)
-    [one] = [question for question in logged_step(changed, row).questions if question.asker == k]
+    [one] = [one for one in questions_of(logged_step(changed, row)) if one.asker == k]
     assert one.outcome == outcome and ended(changed)[outcome][row, k]
     assert one.in_words(log.names).startswith(f"{log.names[k]} asks {log.names[1 - k]}: {words}")
     np.testing.assert_array_equal(sum(ended(changed).values()), log.asked)
 
 
-def test_a_step_that_is_seen():
-    """What nobody tells is None; how a percept ended is guessed only where nobody tells it."""
+def test_how_a_question_ended_is_guessed_only_where_nobody_tells_it():
     asks, moves = Action(2, True, -1, False), Action(1, False, -1, False)
-    rewards = [Reward(-1.0, -2.0, -0.5, -3.5), None, None]
-    step = seen_step(Glimpse(5, (3, 4, 9), (asks, moves, None), (4, 5, 9), True, rewards))
-    [question] = step.questions
-    assert (question.asker, question.peers, question.end) == (0, (1, 2), PerceptEnd.REFUSED)
-    assert step.rewards == ((-1.0, -2.0, -0.5, -3.5), None, None) and step.miscoordination
-    assert step.moves == (2, 1, None) and step.after == (4, 5, 9)
+    seen = Glimpse(5, (3, 4, 9), (asks, moves, None), (4, 5, 9), True)
+    [question] = questions_of(seen)
+    assert question == (0, (1, 2), PerceptEnd.REFUSED, 2)
     told = Glimpse(5, (3, 4), (asks, moves), (4, 5), False, ends=(PerceptEnd.LATE, None))
-    assert seen_step(told).questions[0].outcome == FAILED
+    assert questions_of(told)[0].outcome == FAILED
     alone = Glimpse(5, (3,), (asks,), (4,), False)
-    assert seen_step(alone).questions[0].end == PerceptEnd.NOBODY_TO_ASK
+    assert questions_of(alone)[0].end == PerceptEnd.NOBODY_TO_ASK
 
 
 def test_which_episode(log):
@@ -85,9 +81,9 @@ def test_which_episode(log):
     starts = tuple(robot.start for robot in log.run.scenario.robots)
     assert best.steps[0].cells == starts and best.arrived
     own = [one for n in range(history.episodes) if (one := logged_episode(log, n)).arrived]
-    asks = [sum(len(step.questions) for step in one.steps) for one in own]
+    asks = [sum(len(questions_of(step)) for step in one.steps) for one in own]
     busiest = logged_episode(log, "asks")
-    assert busiest.arrived and sum(len(s.questions) for s in busiest.steps) == max(asks)
+    assert busiest.arrived and sum(len(questions_of(s)) for s in busiest.steps) == max(asks)
     with pytest.raises(RunError, match=r"--episode is 9999, there are \d+; allowed: 0 to"):
         logged_episode(log, 9999)
     with pytest.raises(RunError, match="holds no episode to show"):
@@ -121,7 +117,7 @@ def test_a_played_episode_is_the_trial_of_an_evaluation(trained):
     trials = play(scenario, shown.tables, trials=5, seed=2, learner="coop")
     for number in range(5):
         one = played_episode(scenario, shown.tables, number, seed=2)
-        assert sum(len(step.questions) for step in one.steps) == trials.asks[number].sum()
+        assert sum(len(questions_of(step)) for step in one.steps) == trials.asks[number].sum()
         assert sum(s.miscoordination for s in one.steps) == trials.miscoordinations[number]
         assert len(one.steps) == trials.time_to_goal[number].max()
     assert played_episode(scenario, shown.tables, "last", seed=2).number == PLAYED - 1

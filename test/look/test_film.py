@@ -4,7 +4,7 @@
 
 import io
 import json
-from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -13,10 +13,12 @@ from PIL import Image
 from sparse_coord_ros import wire
 from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.game.world import Action
+from sparse_coord_ros.learn.simulation import Glimpse
 from sparse_coord_ros.look import film as films
 from sparse_coord_ros.look.episodes import Episode
 from sparse_coord_ros.look.film import film
-from sparse_coord_ros.look.steps import Question, TimeStep
+from sparse_coord_ros.look.steps import Question
 from sparse_coord_ros.palette import (
     ANSWERED,
     DOORWAY_COLOUR,
@@ -34,11 +36,18 @@ ENV1 = load_scenario("env1")
 
 def episode(cells, questions=(), met=False):
     """Return an episode; questions are those of its first step, robots meet in its last one."""
+    still = [Action(0, False, -1, False)] * len(cells[0])
+    asking, ends = list(still), [None] * len(still)
+    for k, peers, end, move in questions:
+        peer = peers[0] if len(peers) == 1 else -1
+        asking[k] = Action(move, True, peer, end == wire.PerceptEnd.ANSWERED)
+        ends[k] = end
     steps = [
-        TimeStep(t, cells[t], questions=() if t else tuple(questions), after=cells[t + 1])
-        for t in range(len(cells) - 1)
+        Glimpse(t, tuple(before), tuple(still), tuple(after), miscoordination=False)
+        for t, (before, after) in enumerate(pairwise(cells))
     ]
-    steps[-1] = replace(steps[-1], miscoordination=met)
+    steps[0] = steps[0]._replace(actions=tuple(asking), ends=ends)
+    steps[-1] = steps[-1]._replace(miscoordination=met)
     return Episode(0, True, tuple(steps), arrived=False)
 
 

@@ -50,7 +50,7 @@ def test_what_is_heard_is_what_the_log_says(record, name):
     ends = {"answered": 0, "refused": 0}
     for row in np.flatnonzero(np.isin(log.step, list(seen))).tolist():
         frame = seen[int(log.step[row])]
-        assert frame["cells"] == log.cells[row].tolist()
+        assert list(frame["cells"]) == log.cells[row].tolist()
         assert [a["robot"] for a in frame["asks"]] == np.flatnonzero(log.asked[row]).tolist()
         for ask in frame["asks"]:
             ends[ask["outcome"]] += 1
@@ -167,7 +167,7 @@ def test_a_page_beside_a_live_team(bench):
     step = world.lockstep.world.step
     node.controls.control(Control(STEP, 1))
     bench.spin_until(lambda: board.get("frame")["step"] == step, "one step more")
-    assert board.get("frame")["cells"] == list(node.team.view.last.cells)
+    assert board.get("frame")["cells"] == node.team.view.last.cells
     node.controls.control(Control(RATE, 500.0))
     bench.spin_until(lambda: world.values["rate"] == 500.0, "the rate")
     episode = world.lockstep.world.episode

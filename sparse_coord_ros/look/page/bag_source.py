@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A bag on the page: played, held, stepped, sought in; followed while it grows."""
 
+import bisect
 import queue
 import threading
 import time
@@ -17,7 +18,7 @@ from sparse_coord_ros.learn.history import History, concatenated, no_history
 from sparse_coord_ros.look.page import messages
 from sparse_coord_ros.look.page.board import Board
 from sparse_coord_ros.look.page.controls import PAUSE, RATE, SEEK, STEP, Control
-from sparse_coord_ros.look.page.evaluation import evaluation_message
+from sparse_coord_ros.look.page.evaluation import evaluation_fields
 from sparse_coord_ros.look.steps import logged_step
 from sparse_coord_ros.runlog.log import NONE, RunLog
 from sparse_coord_ros.runlog.window import LongLog
@@ -79,17 +80,20 @@ class BagSource:
         self._then = now()
         self._controls: queue.SimpleQueue[Control] = queue.SimpleQueue()
         self._window: RunLog | None = None
-        self._shown: tuple[int, str, float, int] | None = None
-        self._table_steps: tuple[int, ...] = ()
+        self._shown: dict[str, object] = {}
         self._asked: list[tuple[int, np.ndarray]] = []
-        self._asked_shown = -1
-        self._newest_told: int | None = None
-        self._noticed: str | None = None
         self._stop = threading.Event()
         place = self.log.path
         title = str(place if place.is_dir() else place.parent)
-        board.put(messages.run_message(self.run, source="bag", title=title, controls=CONTROLS))
+        fields = messages.run_fields(self.run)
+        board.put("run", source="bag", title=title, controls=CONTROLS, **fields)
         self._notice()
+
+    def _new(self, what: str, key: object) -> bool:
+        """Whether what is to be shown is not what was shown last."""
+        new = self._shown.get(what) != key
+        self._shown[what] = key
+        return new
 
     def _grows(self) -> bool:
         """Whether a recorder holds the file's lock; one that was renamed or removed has none."""
@@ -210,12 +214,10 @@ class BagSource:
         if row < 0:
             return
         step = int(log.step[row])
-        shown = (step, self.state, self.rate, self.log.last_step)
-        if shown != self._shown:
-            self._shown = shown
-            seen = logged_step(log, row)
-            more = {"rate": self.rate, "first": self.first, "last": self.log.last_step}
-            self.board.put(messages.frame_message(seen, state=self.state, **more))
+        around = {"rate": self.rate, "first": self.first, "last": self.log.last_step}
+        if self._new("frame", (step, self.state, around)):
+            fields = messages.frame_fields(logged_step(log, row))
+            self.board.put("frame", state=self.state, **around, **fields)
             self._tell(log, row)
         self._show_tables(step)
         self._show_asked(step)
@@ -223,13 +225,10 @@ class BagSource:
     def _tell(self, log: RunLog, row: int) -> None:
         """Show the last questions up to a row, where there are others than before."""
         asking = np.flatnonzero(log.asked[: row + 1].any(axis=1))[-messages.DIALOGUE :]
-        newest = int(log.step[asking[-1]]) if len(asking) else NONE
-        if newest == self._newest_told:
-            return
-        self._newest_told = newest
-        steps = (logged_step(log, place) for place in asking.tolist())
-        told = [line for seen in steps for line in messages.in_words(self.run, seen)]
-        self.board.put(messages.dialogue_message(told[-messages.DIALOGUE :]))
+        if self._new("dialogue", log.step[asking[-1:]].tolist()):
+            steps = (logged_step(log, place) for place in asking.tolist())
+            told = [line for seen in steps for line in messages.in_words(self.run, seen)]
+            self.board.put("dialogue", entries=told[-messages.DIALOGUE :])
 
     def _show_tables(self, step: int) -> None:
         """Show the newest tables of each robot up to a time step."""
@@ -237,9 +236,8 @@ class BagSource:
             max((at for at in steps if at <= step), default=NONE)
             for steps in self.log.table_steps()
         )
-        if due == self._table_steps:
+        if not self._new("tables", due):
             return
-        self._table_steps = due
         found: dict[int, tuple[int, Tables]] = {}
         for k in range(len(due)):
             try:
@@ -249,16 +247,13 @@ class BagSource:
                 continue
             if entry is not None:
                 found[k] = (entry.step, entry.tables)
-        self.board.put(messages.tables_message(self.run, found))
+        self.board.put("tables", robots=messages.table_fields(self.run, found))
 
     def _show_asked(self, step: int) -> None:
         """Show how often was asked in each cell, as far as that was counted up to a time step."""
-        untils = [until for until, _ in self._asked]
-        place = int(np.searchsorted(untils, step, side="right")) - 1
-        if place >= 0 and place != self._asked_shown:
-            self._asked_shown = place
-            until, asked = self._asked[place]
-            self.board.put(messages.asked_message(asked, until))
+        place = bisect.bisect(self._asked, step, key=lambda counted: counted[0]) - 1
+        if place >= 0 and self._new("asked", place):
+            self.board.put("asked", robots=self._asked[place][1].tolist())
 
     def _notice(self) -> None:
         """Say what state the file is in."""
@@ -271,12 +266,11 @@ class BagSource:
             text = "never closed by its recorder: what there is of it is shown"
         else:
             text = ""
-        if text != self._noticed:
-            self._noticed = text
-            self.board.put(messages.notice_message(text))
+        if self._new("notice", text):
+            self.board.put("notice", text=text)
 
     def _damaged(self, error: SparseCoordError) -> None:
-        self.board.put(messages.notice_message(f"damaged: {error}"))
+        self.board.put("notice", text=f"damaged: {error}")
 
     # In a thread beside it.
 
@@ -304,10 +298,10 @@ class BagSource:
                     if time.monotonic() - put > CURVES_SECONDS:
                         put = time.monotonic()
                         share = begin / max(1, self.log.last_step)
-                        self.board.put(messages.curves_message(history, until=share))
+                        self.board.put("curves", read=share, **messages.curve_fields(history))
                     time.sleep(0.002)  # playing comes first
                 if history is not before or self.board.get("curves") is None:
-                    self.board.put(messages.curves_message(history))
+                    self.board.put("curves", read=1.0, **messages.curve_fields(history))
                 if not growing:
                     break
                 self._stop.wait(LOOK_SECONDS)
@@ -323,4 +317,4 @@ class BagSource:
         if len(found) == len(robots) and any(entry.step for entry in found):
             step = min(entry.step for entry in found)
             tables = [entry.tables for entry in found]
-            self.board.put(evaluation_message(self.run, tables, step))
+            self.board.put("evaluation", **evaluation_fields(self.run, tables, step))

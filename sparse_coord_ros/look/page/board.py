@@ -8,13 +8,9 @@ what it has had: whoever is slow misses messages, and nobody waits for it.
 
 import json
 import threading
-from collections.abc import Mapping
 from typing import Any
 
-from sparse_coord_ros.look.page.messages import Message
-
-ORDER = ("run", "notice", "frame", "tables", "asked", "curves", "dialogue", "evaluation")
-"""The types of messages, in the order in which a page gets them."""
+Message = dict[str, Any]
 
 
 class Board:
@@ -27,7 +23,6 @@ class Board:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._messages: dict[str, tuple[int, Message]] = {}
-        self._texts: dict[str, tuple[int, str]] = {}
         self._version = 0
         self._pages = 0
 
@@ -46,40 +41,27 @@ class Board:
         with self._lock:
             self._pages -= 1
 
-    def put(self, message: Message) -> None:
+    def put(self, kind: str, **fields: Any) -> None:
         """Put a message in place of the one before of its type."""
         with self._lock:
             self._version += 1
-            self._messages[message["type"]] = (self._version, message)
+            self._messages[kind] = (self._version, {"type": kind, **fields})
 
     def clear(self) -> None:
         """Take all messages away, as another run begins."""
         with self._lock:
             self._messages.clear()
-            self._texts.clear()
 
     def get(self, kind: str) -> Message | None:
         """Return the newest message of a type."""
         found = self._messages.get(kind)
         return None if found is None else found[1]
 
-    def newer(self, seen: Mapping[str, int]) -> list[tuple[str, int, str]]:
-        """Return type, version and text of the messages that are newer than what was seen."""
+    def newer(self, seen: int) -> list[tuple[int, str]]:
+        """Return version and text of the messages that are newer than a version, oldest first."""
         with self._lock:
-            due = {k: m for k, m in self._messages.items() if m[0] > seen.get(k, 0)}
-        found = []
-        for kind in sorted(due, key=_place):
-            version, message = due[kind]
-            text = self._texts.get(kind)
-            if text is None or text[0] != version:
-                text = self._texts[kind] = (version, _json(message))
-            found.append((kind, version, text[1]))
-        return found
-
-
-def _place(kind: str) -> int:
-    return ORDER.index(kind) if kind in ORDER else len(ORDER)
-
-
-def _json(message: Any) -> str:
-    return json.dumps(message, allow_nan=False, separators=(",", ":"))
+            due = sorted(one for one in self._messages.values() if one[0] > seen)
+        return [
+            (version, json.dumps(message, allow_nan=False, separators=(",", ":")))
+            for version, message in due
+        ]

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.run_config import RunConfig
-from sparse_coord_ros.look.page.messages import Message
+from sparse_coord_ros.look.page.board import Message
 from sparse_coord_ros.solve.exact import evaluate_best
 from sparse_coord_ros.solve.shipped import yardsticks
 
@@ -16,7 +16,7 @@ TRIALS = 300
 MEASURES = ("reward", "time_to_goal", "miscoordinations", "asks")
 
 
-def evaluation_message(run: RunConfig, tables: Sequence[Tables], step: int | None) -> Message:
+def evaluation_fields(run: RunConfig, tables: Sequence[Tables], step: int | None) -> Message:
     """Return the evaluation of tables: exact for one or two robots, else by `TRIALS` trials.
 
     Args:
@@ -30,14 +30,10 @@ def evaluation_message(run: RunConfig, tables: Sequence[Tables], step: int | Non
     result = evaluate_best(run.scenario, tables, trials=TRIALS, learner=run.rule)
     measures = {name: getattr(result, name) for name in MEASURES}
     return {
-        "type": "evaluation",
         "how": result.how,
         "step": step,
         "learner": run.rule.title or run.learner,
-        **{
-            name: {"mean": round(measure.mean, 4), "spread": round(measure.spread, 4)}
-            for name, measure in measures.items()
-        },
-        "all_arrived": round(result.all_arrived, 6),
-        "yardsticks": [[name, round(value, 4)] for name, value in yardsticks(run.scenario)],
+        **{name: {"mean": one.mean, "spread": one.spread} for name, one in measures.items()},
+        "all_arrived": result.all_arrived,
+        "yardsticks": yardsticks(run.scenario),
     }

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A team that learns now on the page, whatever tells of it: ROS, or the simulation."""
+"""A team that learns now, on the page: the newest transition, and what is costly seldom."""
 
 import time
 from collections import deque
@@ -13,17 +13,13 @@ from sparse_coord_ros.learn.history import History
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.learn.simulation import Glimpse
 from sparse_coord_ros.look.page import messages
-from sparse_coord_ros.look.page.board import Board
-from sparse_coord_ros.look.steps import TimeStep, seen_step
+from sparse_coord_ros.look.page.board import Board, Message
 
 SLOW_SECONDS = 1.0
 """Between two messages of curves, tables and asks, or longer:"""
 
 SLOW_SHARE = 0.01
 """Share of the time that making them may take. A long run has long curves."""
-
-WORDS_SECONDS = 0.2
-"""Between two messages of questions in words: quicker nobody reads."""
 
 
 class LiveView:
@@ -32,7 +28,9 @@ class LiveView:
     Args:
         run: the run.
         board: where the messages go.
-        source, title, controls: as of `messages.run_message`.
+        source: live or train.
+        title: what the page is called.
+        controls: what a page may ask for.
         now: a monotonic clock, in seconds.
 
     Attributes:
@@ -58,22 +56,20 @@ class LiveView:
         self._now = now
         self.last: Glimpse | None = None
         self._shown: tuple[Glimpse | None, str, float] | None = None
-        self._told: deque[messages.Message] = deque(maxlen=messages.DIALOGUE)
-        self._slow = self._counted = self._worded = -1e9
-        self._words_due = False
-        self._began: float | None = None
-        self._count_then = 0
-        self._speed: float | None = None
+        self._told: deque[Message] = deque(maxlen=messages.DIALOGUE)
+        self._slow, self._began = -np.inf, 0.0
+        self._counted: tuple[float, int] | None = None
+        self._speed: int | None = None
         self._lacking = ""
         board.clear()
-        board.put(messages.run_message(run, source=source, title=title, controls=controls))
-        board.put(messages.dialogue_message([]))
+        fields = messages.run_fields(run)
+        board.put("run", source=source, title=title, controls=controls, **fields)
         self.notice("")
 
     def notice(self, text: str) -> None:
         """Show a line; an empty one takes it away. What the curves lack stays beside it."""
         said = "; ".join(one for one in (text, self._lacking) if one)
-        self.board.put(messages.notice_message(said))
+        self.board.put("notice", text=said)
 
     def lack(self, text: str) -> None:
         """Say, for as long as the run is shown, what the curves lack."""
@@ -85,7 +81,9 @@ class LiveView:
         self.last = seen
         for k, action in enumerate(seen.actions):
             if action is not None and action.asked:
-                self.asked[k][seen.cells[k]] += 1
+                cell = seen.cells[k]
+                assert cell is not None  # who acts knows where it is
+                self.asked[k][cell] += 1
 
     def show(
         self, *, transitions: int, episode: int, rate: float = 0.0, still: Sequence[int] = ()
@@ -99,57 +97,44 @@ class LiveView:
             still: where the robots are, while there was no transition.
         """
         now = self._now()
-        self._show_words()
-        if now - self._counted >= SLOW_SECONDS:
-            passed = now - self._counted
-            self._speed = None if passed > 60 else (transitions - self._count_then) / passed
-            self._counted, self._count_then = now, transitions
+        if self._counted is None:
+            self._counted = now, transitions
+        elif now - self._counted[0] >= SLOW_SECONDS:
+            then, made = self._counted
+            self._speed = round((transitions - made) / (now - then))
+            self._counted = now, transitions
         key = (self.last, self.state, rate)
         if key == self._shown:
             return
-        last = self.last
-        new = self._shown is None or self._shown[0] is not last
+        new = self._shown is None or self._shown[0] is not self.last
         self._shown = key
-        if last is None:
-            seen = TimeStep(0, tuple(still) or (None,) * len(self.asked))
-        else:
-            seen = seen_step(last)
+        seen = self.last
+        if seen is None:
+            robots = len(self.asked)
+            seen = Glimpse(0, tuple(still) or (None,) * robots, (None,) * robots, None, False)
         self.board.put(
-            messages.frame_message(
-                seen,
-                state=self.state,
-                transitions=transitions,
-                episode=episode,
-                rate=rate,
-                speed=None if self._speed is None else round(self._speed),
-            )
+            "frame",
+            state=self.state,
+            transitions=transitions,
+            episode=episode,
+            rate=rate,
+            speed=self._speed,
+            **messages.frame_fields(seen),
         )
-        if new and seen.questions:
-            self._told.extend(messages.in_words(self.run, seen))
-            self._words_due = True
-            self._show_words()
-
-    def _show_words(self, *, at_once: bool = False) -> None:
-        """Show the questions in words, where there are new ones and it is time for them."""
-        if not self._words_due:
-            return
-        now = self._now()
-        if at_once or now - self._worded >= WORDS_SECONDS:
-            self._words_due, self._worded = False, now
-            self.board.put(messages.dialogue_message(self._told))
+        said = list(messages.in_words(self.run, seen)) if new else []
+        if said:
+            self._told.extend(said)
+            self.board.put("dialogue", entries=list(self._told))
 
     def slow_due(self) -> bool:
         """Return whether it is time for `show_learned`: once a second where a page is there."""
-        now = self._now()
-        if not self.board.watched or now < self._slow:
-            return False
-        self._began = now
-        return True
+        self._began = self._now()
+        return self.board.watched and self._began >= self._slow
 
     def show_learned(
         self,
         history: History,
-        tables: Mapping[int, tuple[int, Tables]] | None,
+        tables: Mapping[int, tuple[int, Tables]],
         rings: Mapping[int, np.ndarray] | None = None,
         *,
         asked: np.ndarray | None = None,
@@ -158,18 +143,13 @@ class LiveView:
 
         Args:
             history: the episodes so far.
-            tables: as of `messages.tables_message`; None: as before.
+            tables: as of `messages.table_fields`.
             rings: likewise.
-            asked: as `asked`, where somebody else has counted.
+            asked: as `asked`, where somebody else has counted, shape (K, cells).
         """
-        self._show_words(at_once=True)
-        self.board.put(messages.curves_message(history))
-        if tables is not None:
-            self.board.put(messages.tables_message(self.run, tables, rings))
-        step = 0 if self.last is None else self.last.step
-        counted = np.array(self.asked) if asked is None else asked
-        self.board.put(messages.asked_message(counted, step))
-        if self._began is not None:
-            now = self._now()
-            self._slow = now + max(SLOW_SECONDS, (now - self._began) / SLOW_SHARE)
-            self._began = None
+        self.board.put("curves", read=1.0, **messages.curve_fields(history))
+        self.board.put("tables", robots=messages.table_fields(self.run, tables, rings))
+        counted = self.asked if asked is None else asked.tolist()
+        self.board.put("asked", robots=[list(row) for row in counted])
+        now = self._now()
+        self._slow = now + max(SLOW_SECONDS, (now - self._began) / SLOW_SHARE)

@@ -12,6 +12,7 @@ import errno
 import hmac
 import ipaddress
 import json
+import os
 import secrets
 import socket
 import threading
@@ -42,9 +43,6 @@ FRAMES_A_SECOND = 20
 """Messages of one type that a page gets at most in a second."""
 
 HEARTBEAT_SECONDS = 20.0
-ODD_MESSAGES = 100
-"""After so many messages that make no sense a page is sent away."""
-
 FILES = {
     "index.html": "text/html",
     **dict.fromkeys(("page.js", "draw.js", "map.js", "curves.js", "panels.js"), "text/javascript"),
@@ -87,6 +85,7 @@ class Page:
         for name in FILES:
             self.app.router.add_get(f"/{name}", self._file)
         self.app.router.add_get("/ws", self._stream)
+        self.app.on_response_prepare.append(_add_headers)
         self.app.on_shutdown.append(self._close_all)
 
     def allowed(self, host: str) -> bool:
@@ -94,46 +93,27 @@ class Page:
 
         Addresses are: a foreign page can bring the browser here only by a name of its own.
         """
-        name = urlsplit(f"//{host}").hostname or ""
-        if name in self._names:
-            return True
-        try:
-            address = ipaddress.ip_address(name)
-        except ValueError:
-            return False
-        return address.is_loopback if self._local else True
+        with suppress(ValueError):  # it is neither a name nor an address
+            name = urlsplit(f"//{host}").hostname or ""
+            local = name in self._names or ipaddress.ip_address(name).is_loopback
+            return local or not self._local
+        return False
 
     @web.middleware
     async def _guard(
         self, request: web.Request, handler: Callable[[web.Request], Awaitable[web.StreamResponse]]
     ) -> web.StreamResponse:
-        try:
-            refusal = self._refusal(request)
-            if refusal is not None:
-                response: web.StreamResponse = web.Response(status=403, text=refusal + "\n")
-            else:
-                response = await handler(request)
-        except web.HTTPException as error:
-            response = web.Response(status=error.status, text=f"{error.reason}\n")
-        if not response.prepared:
-            response.headers.update(HEADERS)
-        return response
-
-    def _refusal(self, request: web.Request) -> str | None:
-        try:
-            if not self.allowed(request.headers.get("Host", "")):
-                return "refused: the request names another host"
-            origin = request.headers.get("Origin")
-            if origin is not None:
-                parts = urlsplit(origin)
-                same = parts.netloc.lower() == request.headers["Host"].lower()
-                if parts.scheme not in ("http", "https") or not same:
-                    return "refused: the request comes from another origin"
-        except ValueError:  # a malformed name
-            return "refused: the request names another host"
-        if request.headers.get("Sec-Fetch-Site", "none") not in ("same-origin", "none"):
-            return "refused: the request comes from another origin"
-        return None
+        host = request.headers.get("Host", "").lower()
+        if not self.allowed(host):
+            raise web.HTTPForbidden(text="refused: the request names another host\n")
+        own = (f"http://{host}", f"https://{host}")
+        site = request.headers.get("Sec-Fetch-Site", "none")
+        if request.headers.get("Origin", own[0]).lower() not in own or site not in (
+            "same-origin",
+            "none",
+        ):
+            raise web.HTTPForbidden(text="refused: the request comes from another origin\n")
+        return await handler(request)
 
     async def _file(self, request: web.Request) -> web.Response:
         name = request.path[1:] or "index.html"
@@ -151,7 +131,9 @@ class Page:
         self.board.page_came()
         sender = asyncio.create_task(self._send(stream))
         try:
-            await self._hear(stream)
+            async for message in stream:
+                if message.type is not WSMsgType.ERROR:
+                    await stream.send_json(self._answer(message.data))
         finally:
             sender.cancel()
             with suppress(asyncio.CancelledError, ConnectionError, RuntimeError):
@@ -166,44 +148,32 @@ class Page:
         It looks for that so many times a second. A source that woke it up would pay for that: in
         a team's own process each of a thread's turns stops the others.
         """
-        seen: dict[str, int] = {}
-        await stream.send_str(json.dumps(_hello(control=False)))
+        seen = 0
+        await stream.send_json(_hello(control=False))
         while True:
-            for kind, version, text in self.board.newer(seen):
-                seen[kind] = version
+            for version, text in self.board.newer(seen):
                 await stream.send_str(text)
+                seen = version
             await asyncio.sleep(1.0 / FRAMES_A_SECOND)
 
-    async def _hear(self, stream: web.WebSocketResponse) -> None:
-        """Answer a page's messages, until it goes or has said too much that makes no sense."""
-        odd = 0
-        async for message in stream:
-            if message.type not in (WSMsgType.TEXT, WSMsgType.BINARY):
-                break
-            try:
-                answer = self._answer(message.data)
-            except SparseCoordError as error:
-                odd += 1
-                answer = {"type": "error", "text": str(error)}
-            if odd > ODD_MESSAGES:
-                await stream.close(code=1008, message=b"too many messages make no sense")
-                break
-            await stream.send_str(json.dumps(answer))
-
     def _answer(self, text: str | bytes) -> dict[str, Any]:
-        """Do what a page asks for, and return what to tell it.
+        """Do what a page asks for, and return what to tell it."""
+        try:
+            return self._done(json.loads(text))
+        except SparseCoordError as error:
+            return {"type": "error", "text": str(error)}
+        except (ValueError, RecursionError):
+            return {"type": "error", "text": "a message is a JSON object; this one is none"}
+
+    def _done(self, data: Any) -> dict[str, Any]:
+        """Do what a page asks for, and return what came of it.
 
         Raises:
             SparseCoordError: it cannot be done; one line for the page.
         """
-        try:
-            data = json.loads(text, parse_constant=_no_number) if isinstance(text, str) else None
-        except (ValueError, RecursionError):
-            data = None
         if not isinstance(data, dict):
-            raise SettingError("a message is a JSON object as text; this one is none")
-        token = data.get("token")
-        given = token.encode(errors="replace") if isinstance(token, str) else b""
+            raise ValueError(data)
+        given = str(data.get("token")).encode(errors="replace")
         if not hmac.compare_digest(given, self.token.encode()):
             raise SettingError(
                 "controls need the address as it was printed, with what follows the #"
@@ -226,18 +196,15 @@ def _hello(*, control: bool) -> dict[str, Any]:
     return {"type": "hello", "scenarios": scenario_names(), "control": control}
 
 
-def _no_number(text: str) -> None:
-    raise ValueError(f"{text} is no number of JSON")
+async def _add_headers(_: web.Request, response: web.StreamResponse) -> None:
+    response.headers.update(HEADERS)
 
 
 def is_loopback(host: str) -> bool:
     """Return whether an address reaches this machine only."""
-    if host == "localhost":
-        return True
-    try:
+    with suppress(ValueError):  # it is no address
         return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
+    return host == "localhost"
 
 
 class Server:
@@ -263,10 +230,8 @@ class Server:
         self.port = self._listening.getsockname()[1]
         self.board, self.page = board, Page(board, host=host)
         self._loop, self._stop = asyncio.new_event_loop(), asyncio.Event()
-        ready = threading.Event()
-        self._thread = threading.Thread(target=self._serve, args=(ready,), daemon=True)
+        self._thread = threading.Thread(target=self._serve, daemon=True)
         self._thread.start()
-        ready.wait()
         shown = f"[{host}]" if ":" in host else host
         shown = socket.gethostname() if host in ("0.0.0.0", "::") else shown
         self.address = f"http://{shown}:{self.port}/#{self.page.token}"
@@ -287,42 +252,28 @@ class Server:
             self._loop.call_soon_threadsafe(self._stop.set)
             self._thread.join(5.0)
 
-    def _serve(self, ready: threading.Event) -> None:
-        asyncio.set_event_loop(self._loop)
-        try:
-            self._loop.run_until_complete(self._run(ready))
-        finally:
-            ready.set()
-            self._loop.close()
+    def _serve(self) -> None:
+        self._loop.run_until_complete(self._run())
+        self._loop.close()
 
-    async def _run(self, ready: threading.Event) -> None:
+    async def _run(self) -> None:
         runner = web.AppRunner(self.page.app, access_log=None, shutdown_timeout=1.0)
         await runner.setup()
         await web.SockSite(runner, self._listening).start()
-        ready.set()
-        try:
-            await self._stop.wait()
-        finally:
-            await runner.cleanup()
+        await self._stop.wait()
+        await runner.cleanup()
 
 
 def _listen(host: str, port: int) -> socket.socket:
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    listening = socket.socket(family, socket.SOCK_STREAM)
     try:
-        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        listening.bind((host, port))
-        listening.listen(16)
-        return listening
+        return socket.create_server((host, port), family=family)
     except OSError as error:
-        listening.close()
-        why = {
-            errno.EADDRINUSE: f"something else listens there on {host}; --port 0 takes a free "
-            "one, or choose another",
-            errno.EACCES: "this user may not listen there; choose one from 1024",
-        }.get(error.errno or 0)
-        if why is not None:
-            raise RunError(f"--port is {port}: {why}") from None
+        if error.errno in (errno.EADDRINUSE, errno.EACCES):
+            raise RunError(
+                f"--port is {port}: {os.strerror(error.errno)} on {host}; --port 0 takes a free "
+                "one, or choose another from 1024"
+            ) from None
         raise RunError(
             f"--host is {host!r}: cannot be served ({error.strerror}); give an address of this "
             f"machine, or leave it out: {HOST}"

@@ -4,13 +4,11 @@
 
 import queue
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
 from sparse_coord_ros.engine.training import LearningRun, Training
-from sparse_coord_ros.learn.agent import Tables
-from sparse_coord_ros.learn.history import History
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.learn.simulation import Glimpse
 from sparse_coord_ros.look.page.board import Board
@@ -68,7 +66,7 @@ class TrainingView(LiveView):
         self.show(transitions=learning.done, episode=0, rate=self._rate)
         if self.slow_due():
             self._counts = learning.asked
-            self._show_learned(learning.history, learning.tables)
+            self._show_learned(learning)
         if self._held:
             self.wants_glimpse = self._stepping
             if not self._stepping:
@@ -94,13 +92,13 @@ class TrainingView(LiveView):
         elif control.name == STEP:
             self._held = self._stepping = True
 
-    def _show_learned(self, history: History, tables: Sequence[Tables]) -> None:
+    def _show_learned(self, learning: LearningRun | Training) -> None:
         step = 0 if self.last is None else self.last.step
-        by_robot = {k: (step, own) for k, own in enumerate(tables)}
-        self.show_learned(history, by_robot, asked=self._counts)
+        tables = {k: (step, own) for k, own in enumerate(learning.tables)}
+        self.show_learned(learning.history, tables, asked=self._counts)
 
     def end(self, done: Training) -> None:
         """Show what was learned at the end."""
         self.state = RunState.FINISHED
         self.show(transitions=done.transitions, episode=0, rate=self._rate)
-        self._show_learned(done.history, done.tables)
+        self._show_learned(done)

@@ -48,14 +48,10 @@ def test_each_value_shown_is_the_log_s(player, bag):
     for row in (0, 5, 100, 333, len(log.step) - 2):
         frame = player.do(SEEK, int(log.step[row]))
         assert frame["step"] == log.step[row]
-        assert frame["cells"] == log.cells[row].tolist()
-        acting = log.move[row] >= 0
-        assert [m is not None for m in frame["moves"]] == acting.tolist()
+        assert list(frame["cells"]) == log.cells[row].tolist()
         assert [a["robot"] for a in frame["asks"]] == np.flatnonzero(log.asked[row]).tolist()
         for ask in frame["asks"]:
             assert (ask["outcome"] == "answered") == log.perceived[row, ask["robot"]]
-        totals = [None if r is None else r[3] for r in frame["rewards"]]
-        assert totals == [None if np.isnan(r) else r for r in log.reward[row, :, 3]]
     json.dumps(player.board.get("tables"), allow_nan=False)
 
 

@@ -10,7 +10,6 @@ from sparse_coord_ros.game.world import Action, Reward, StepOutcome
 from sparse_coord_ros.learn.history import History, HistoryRecorder, no_history
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.learn.simulation import Glimpse
-from sparse_coord_ros.look.page import live_source as live
 from sparse_coord_ros.look.page import messages
 from sparse_coord_ros.look.page.board import Board
 from sparse_coord_ros.look.page.live_source import LiveView
@@ -31,38 +30,25 @@ def ask(view, step):
     view.show(transitions=step, episode=0)
 
 
-def last_said(view):
-    entries = view.board.get("dialogue")["entries"]
-    return entries[-1]["step"] if entries else None
-
-
-def test_words_come_no_quicker_than_anybody_reads_and_none_is_lost(view):
-    ask(view, 1)
-    assert last_said(view) == 1  # at once, after silence
-    for step in range(2, 6):
-        view.time += 0.9 * live.WORDS_SECONDS / 4
+def test_the_newest_questions_are_told_once(view):
+    for step in range(50):
         ask(view, step)
-        assert view.board.get("frame")["step"] == step and last_said(view) == 1
-    view.time += live.WORDS_SECONDS
-    view.show(transitions=5, episode=0)  # nothing is new
-    assert [entry["step"] for entry in view.board.get("dialogue")["entries"]] == [1, 2, 3, 4, 5]
-    ask(view, 6)
-    assert last_said(view) == 5
-    view.show_learned(no_history(2), None)  # the end of a run
-    assert last_said(view) == 6
+        view.show(transitions=step, episode=1)  # nothing is new
+    told = [entry["step"] for entry in view.board.get("dialogue")["entries"]]
+    assert told == list(range(50 - messages.DIALOGUE, 50))
 
 
 @pytest.mark.parametrize(("took", "pause"), [(0.001, 1.0), (0.05, 5.0)])
 def test_what_takes_long_comes_seldom(view, monkeypatch, took, pause):
     def slow_message(history):
         view.time += took
-        return {"type": "curves"}
+        return {}
 
-    monkeypatch.setattr(messages, "curves_message", slow_message)
+    monkeypatch.setattr(messages, "curve_fields", slow_message)
     assert not view.slow_due()  # nobody looks
     view.board.page_came()
     assert view.slow_due()
-    view.show_learned(no_history(2), None)
+    view.show_learned(no_history(2), {})
     view.time += 0.99 * pause
     assert not view.slow_due()
     view.time += 0.02 * pause
@@ -85,10 +71,10 @@ def test_curves_of_a_long_run_are_means_and_take_no_copy_of_it():
     history = recorder.look()
     assert history.same_bits(recorder.history())
     assert not history.length.flags.owndata and recorder.history().length.flags.owndata
-    message = messages.curves_message(history)
+    message = messages.curve_fields(history)
     assert message["window"] == 5 and len(message["length"]) == 200
     assert message["step"] == list(range(0, 3000, 15))
     assert message["asks"] == [[0.6, 0.4] * 100, [0.0] * 200]
     parts = [{name: array[half::2] for name, array in history.arrays().items()} for half in (1, 0)]
     mixed = History(**{name: np.concatenate([p[name] for p in parts]) for name in parts[0]})
-    assert messages.curves_message(mixed) == message
+    assert messages.curve_fields(mixed) == message

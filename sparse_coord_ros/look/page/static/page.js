@@ -119,7 +119,7 @@ function begin() {
   $("title").textContent = run.title;
   document.title = `${run.scenario} – sparse_coord watch`;
   const team = run.robots.length === 1 ? "1 robot" : `${run.robots.length} robots`;
-  $("about").textContent = `${run.scenario}, ${run.learner_title} ${run.greedy ? "(greedy), " : ""}${team}, penalty ${run.penalty}, percepts: ${run.perception}, seed ${run.seed}`;
+  $("about").textContent = `${run.scenario}, ${run.learner} ${run.greedy ? "(greedy), " : ""}${team}, penalty ${run.penalty}, percepts: ${run.perception}, seed ${run.seed}`;
   $("map-title").textContent = run.map.name;
   $("map-title").title = run.map.title;
   $("foot").textContent = `sparse_coord_ros ${run.version}`;
