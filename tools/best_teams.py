@@ -11,7 +11,6 @@ best few are learned again and judged by fresh trials.
 import argparse
 import json
 from collections.abc import Sequence
-from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -24,7 +23,7 @@ from sparse_coord_ros.experiments.runner import Computing
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.solve.shipped import BestTeam, game_digest
 from sparse_coord_ros.version import __version__
-from tools.coordination.__main__ import results_of
+from tools.coordination.__main__ import finder
 from tools.coordination.studies import MANY, SEED, STUDIES
 
 FILE = Path(__file__).resolve().parents[1] / "config" / "best_teams.json"
@@ -46,13 +45,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--file", type=Path, default=FILE)
     options = parser.parse_args(arguments)
     [study] = [one for one in STUDIES if one.name == "many"]
-    own = [one for one in study.conditions if one.learner == "factored"]
-    found = results_of(replace(study, conditions=own), options.out, Computing(jobs=1))
+    found = finder(study, options.out, Computing(jobs=1))
     teams = {}
     for name in MANY:
         condition = make_condition(name, "factored", LONG)
         scenario = condition.scenario
-        rewards = found[condition].run_means("reward")
+        rewards = found(condition).run_means("reward")
         prepare(scenario, "factored")
         team = CompiledTeam(scenario, "factored")
         judged = []

@@ -25,13 +25,12 @@ def test_every_study_has_its_place_in_the_document():
 
 def test_a_small_study_is_computed_kept_and_written(tmp_path, monkeypatch, capsys):
     given = {"penalty": -100, "steps": 400}
-    conditions = [make_condition("env1", "factored", given)]
 
     def table(found):
-        result = found(conditions[0])
+        result = found(make_condition("env1", "factored", given))
         return f"| {never_asks(result):.2f} | {failed_share(result):.2f} |\n"
 
-    study = Study("small", (2, 2), 5, conditions, table)
+    study = Study("small", (2, 2), 5, table)
     monkeypatch.setattr(tool, "STUDIES", (study,))
     monkeypatch.setattr(tool, "NAMES", ["small"])
     page = tmp_path / "page.md"

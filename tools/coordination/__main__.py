@@ -9,6 +9,7 @@ already is not computed again.
 import re
 import sys
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 
 from sparse_coord_ros.cli.computing import add_computing
@@ -20,7 +21,7 @@ from sparse_coord_ros.experiments.runner import Computing, compute
 from sparse_coord_ros.experiments.store import ConditionResult, Plan, open_results
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.learn.learners import learner_of
-from tools.coordination.studies import SEED, STUDIES, Study, scale
+from tools.coordination.studies import SEED, STUDIES, Found, Study, scale
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "coordination.md"
 NAMES = [*(study.name for study in STUDIES), "scale"]
@@ -38,10 +39,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         chosen = _chosen(options.studies, options.out)
         with cluster_at(options.scheduler) as cluster:
             for study in chosen:
-                found = results_of(
-                    study, options.out, Computing(options.engine, options.jobs, cluster)
-                )
-                table = study.table(found.__getitem__)
+                by = Computing(options.engine, options.jobs, cluster)
+                table = study.table(finder(study, options.out, by))
                 page = with_table(options.page.read_text("utf-8"), study, table)
                 write_whole(options.page, page)
                 print(table, flush=True)
@@ -59,30 +58,24 @@ def _chosen(names: Sequence[str], out: Path) -> list[Study]:
     return [*chosen, scale(out / "buildings")] if not names or "scale" in names else chosen
 
 
-def results_of(study: Study, out: Path, by: Computing) -> "dict[Condition, ConditionResult]":
-    """Return the results of a study's conditions, computed where they are not there yet.
+def finder(study: Study, out: Path, by: Computing) -> Found:
+    """Return what computes a study's conditions, where they are not there yet.
 
     Args:
         study: the study.
         out: the results directory.
         by: engine, threads or cluster.
     """
-    found: dict[Condition, ConditionResult] = {}
-    for exact, runs in zip((True, False), study.runs, strict=True):
-        own = [one for one in study.conditions if _is_exact(one) == exact]
-        plan = Plan(SEED, runs, 2 if exact else study.trials)
-        if not own:
-            continue
-        with open_results(out / f"{runs}-runs-{plan.trials}-trials", plan) as results:
-            by_id = compute(own, plan, by, results=results, progress=_say)
-        found |= {one: by_id[one.id] for one in own}
+
+    @cache
+    def found(condition: Condition) -> ConditionResult:
+        two = len(condition.scenario.robots) == 2
+        exact = two and learner_of(condition.learner).compiled  # its trials are of no interest
+        plan = Plan(SEED, study.runs[0], 2) if exact else Plan(SEED, study.runs[1], study.trials)
+        with open_results(out / f"{plan.runs}-runs-{plan.trials}-trials", plan) as results:
+            return compute([condition], plan, by, results=results, progress=_say)[condition.id]
+
     return found
-
-
-def _is_exact(condition: Condition) -> bool:
-    """Whether teams are evaluated exactly: their trials are of no interest."""
-    two = len(condition.scenario.robots) == 2
-    return two and learner_of(condition.learner).compiled
 
 
 def _say(name: str, done: int, total: int) -> None:

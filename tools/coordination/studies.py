@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The studies as data: conditions, how many runs of each, and the table of each study."""
+"""The studies as data: how many runs of a condition, and the table, which asks for conditions."""
 
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -12,16 +12,21 @@ import numpy as np
 from sparse_coord_ros.engine.batch import prepare, run_batch
 from sparse_coord_ros.experiments.catalogue import CLOSE, LARGE, LONG, SMALL
 from sparse_coord_ros.experiments.conditions import Condition, make_condition
-from sparse_coord_ros.experiments.report.analysis import gap_closed, paired
-from sparse_coord_ros.experiments.report.text import Row, percent, size, to_markdown, with_error
+from sparse_coord_ros.experiments.report.analysis import difference, gap_closed
+from sparse_coord_ros.experiments.report.rows import class_bound
+from sparse_coord_ros.experiments.report.text import (
+    Row,
+    bound_of,
+    percent,
+    size,
+    to_markdown,
+    with_error,
+)
 from sparse_coord_ros.experiments.store import ConditionResult
 from sparse_coord_ros.game.buildings import Building, building_text
 from sparse_coord_ros.game.scenario import Scenario
-from sparse_coord_ros.learn.evaluation import Measure
 from sparse_coord_ros.learn.learners import learner_of
 from sparse_coord_ros.solve.optimum import independent_bound
-from sparse_coord_ros.solve.reference import shortest_path_reference
-from sparse_coord_ros.solve.shipped import shipped_class_bound
 
 SEED = 950_000
 """Seed of the first run: no search has seen these."""
@@ -33,8 +38,9 @@ MOST_COMMON = 6
 NEVER = 1e-3
 """Asks a trial below which a team counts as one that never asks."""
 
+LEARNERS = ("factored", "coop", "noncoop")
+FREE: Mapping[str, object] = {**LONG, "penalty": 0}
 ONE_PAIR = (*CLOSE, "isr", "mit", "cit", "suny", "cmu")
-MANY = ("env2-4r", "crowd-4r", "crowd-6r", "crowd-8r")
 ROUTES: Mapping[str, float] = {
     "env2-4r": 106.63,
     "crowd-4r": 107.88,
@@ -44,7 +50,10 @@ ROUTES: Mapping[str, float] = {
 """At -100: a prioritised planner that sees everything for nothing, doorways banned by local search
 (an earlier study's; known to be reachable with full information)."""
 
+MANY = tuple(ROUTES)
+
 Found = Callable[[Condition], ConditionResult]
+"""Returns the result of a condition."""
 
 
 @dataclass(frozen=True)
@@ -55,19 +64,22 @@ class Study:
         name: what the command line and the marks in the document call it.
         runs: learning runs of a condition of two robots, and of more.
         trials: trials of a run of more than two robots.
-        conditions: what is computed.
         table: returns the table.
     """
 
     name: str
     runs: tuple[int, int]
     trials: int
-    conditions: Sequence[Condition]
     table: Callable[[Found], str]
 
 
 def _factored(name: str, settings: Mapping[str, object]) -> Condition:
     return make_condition(name, "factored", settings)
+
+
+def _each(found: Found, name: str, settings: Mapping[str, object]) -> list[ConditionResult]:
+    """Return the results of `LEARNERS`."""
+    return [found(make_condition(name, learner, settings)) for learner in LEARNERS]
 
 
 def never_asks(result: ConditionResult) -> float:
@@ -86,81 +98,81 @@ def _reward(result: ConditionResult) -> str:
     return with_error(result.best("reward"))
 
 
-def _bound(condition: Condition) -> float | None:
-    bound = shipped_class_bound(condition.scenario)
-    return bound.value if bound else None
+def _reward_and_failed(result: ConditionResult) -> str:
+    failed = failed_share(result)
+    return _reward(result) + (f", {failed:.0%} fail" if failed else "")
+
+
+def _mean(result: ConditionResult, measure: str, digits: int = 2) -> str:
+    return f"{result.best(measure).mean:.{digits}f}"
+
+
+def _better_baseline(base: ConditionResult) -> float:
+    """Return what Non-coop. is worth, or shortest paths where these are worth more."""
+    return max(base.best("reward").mean, base.reference["reward"])
 
 
 def _pairs(found: Found) -> str:
     rows: list[Row] = []
     for name in ONE_PAIR:
-        own, base = _factored(name, LONG), make_condition(name, "noncoop", LONG)
-        result, other = found(own), found(base)
-        bound, alone = _bound(own), shortest_path_reference(own.scenario).reward
-        better = max(other.best("reward").mean, alone)
-        share: Measure | None = None
+        own, base = found(_factored(name, LONG)), found(make_condition(name, "noncoop", LONG))
+        bound, share = class_bound(own), None
         if bound is not None and name in CLOSE:
-            share = gap_closed(result.run_means("reward"), other.run_means("reward"), bound)
+            share = gap_closed(own.run_means("reward"), base.run_means("reward"), bound)
+        above = own.best("reward").mean - _better_baseline(base)
+        closed = share and f"{percent(share.mean)} ({100 * share.standard_error:.1f})"
         rows.append(
             {
                 "scenario": name,
-                "factored": _reward(result),
-                "worst team": f"{result.run_means('reward').min():.2f}",
-                "asks": f"{result.best('asks').mean:.2f}",
-                "never ask": percent(never_asks(result)),
-                "failed teams": percent(failed_share(result)),
-                "Non-coop.": _reward(other),
-                "above the better baseline": f"{result.best('reward').mean - better:+.2f}",
-                "class bound": None if bound is None else f"{bound:.2f}",
-                "share of the gap": None
-                if share is None
-                else f"{percent(share.mean)} ({100 * share.standard_error:.1f})",
+                "factored": _reward(own),
+                "worst team": f"{own.run_means('reward').min():.2f}",
+                "asks": _mean(own, "asks"),
+                "never ask": percent(never_asks(own)),
+                "failed teams": percent(failed_share(own)),
+                "Non-coop.": _reward(base),
+                "above the better baseline": f"{above:+.2f}",
+                "class bound": bound_of(own),
+                "share of the gap": closed,
             }
         )
     return to_markdown(rows)
 
 
-FREE: Mapping[str, object] = {**LONG, "penalty": 0}
-
-
 def _fall(found: Found) -> str:
     rows: list[Row] = []
     for name in CLOSE:
-        row: dict[str, str | None] = {"scenario": name}
-        bounds = [_bound(_factored(name, settings)) for settings in (FREE, LONG)]
-        bound = (bounds[0] or np.nan) - (bounds[1] or np.nan)
-        for who in ("factored", "coop", "noncoop"):
-            first, last = (found(make_condition(name, who, settings)) for settings in (FREE, LONG))
-            fall = paired(first.run_means("reward") - last.run_means("reward"))
-            row[f"{who} falls by"] = with_error(fall)
-            if who == "factored":
-                row["class bound falls by"] = f"{bound:.2f}"
-                row["times as much"] = f"{fall.mean / bound:.2f}"
-        rows.append(row)
+        pairs = list(zip(_each(found, name, FREE), _each(found, name, LONG), strict=True))
+        falls = {free.condition.learner: difference(free, dear) for free, dear in pairs}
+        bounds = [class_bound(one) or np.nan for one in pairs[0]]
+        bound = bounds[0] - bounds[1]
+        told = {f"{learner} falls by": with_error(fall) for learner, fall in falls.items()}
+        rows.append(
+            {
+                "scenario": name,
+                "factored falls by": told["factored falls by"],
+                "class bound falls by": f"{bound:.2f}",
+                "times as much": f"{falls['factored'].mean / bound:.2f}",
+                **told,
+            }
+        )
     return to_markdown(rows)
 
 
 def _paper(found: Found) -> str:
     rows: list[Row] = []
     for name in SMALL + LARGE:
-        result, coop, base = (
-            found(make_condition(name, learner, {"penalty": -20}))
-            for learner in ("factored", "coop", "noncoop")
-        )
-        scenario = make_condition(name, "coop", {"penalty": -20}).scenario
-        better = max(base.best("reward").mean, shortest_path_reference(scenario).reward)
-        bound = shipped_class_bound(scenario)
+        own, coop, base = _each(found, name, {"penalty": -20})
         rows.append(
             {
                 "scenario": name,
-                "factored": _reward(result),
-                "asks": f"{result.best('asks').mean:.2f}",
-                "miscoordinations": f"{result.best('miscoordinations').mean:.2f}",
-                "failed teams": percent(failed_share(result)),
+                "factored": _reward(own),
+                "asks": _mean(own, "asks"),
+                "miscoordinations": _mean(own, "miscoordinations"),
+                "failed teams": percent(failed_share(own)),
                 "coop": _reward(coop),
-                "better baseline": f"{better:.2f}",
-                "class bound": f"{bound.value:.2f}" if bound else None,
-                "the paper's Coop.": f"{scenario.paper['coop']['reward'][0]:.1f}",
+                "better baseline": f"{_better_baseline(base):.2f}",
+                "class bound": None if class_bound(own) is None else bound_of(own),
+                "the paper's Coop.": f"{own.scenario.paper['coop']['reward'][0]:.1f}",
             }
         )
     return to_markdown(rows)
@@ -169,30 +181,26 @@ def _paper(found: Found) -> str:
 def _many(found: Found) -> str:
     rows: list[Row] = []
     for name in MANY:
-        result, coop, base = (
-            found(make_condition(name, learner, LONG))
-            for learner in ("factored", "coop", "noncoop")
-        )
+        own, coop, base = _each(found, name, LONG)
         rows.append(
             {
                 "scenario": name,
-                "factored": _reward(result),
-                "asks": f"{result.best('asks').mean:.2f}",
-                "miscoordinations": f"{result.best('miscoordinations').mean:.3f}",
-                "trials in which all arrive": percent(result.arrived, 2),
-                "failed teams": percent(failed_share(result)),
+                "factored": _reward(own),
+                "asks": _mean(own, "asks"),
+                "miscoordinations": _mean(own, "miscoordinations", 3),
+                "trials in which all arrive": percent(own.arrived, 2),
+                "failed teams": percent(failed_share(own)),
                 "coop": _reward(coop),
                 "Non-coop.": _reward(base),
                 "planner with routes": f"{ROUTES[name]:.2f}",
-                "bytes of rho": size(result.visited_bytes),
+                "bytes of rho": size(own.visited_bytes),
             }
         )
     return to_markdown(rows)
 
 
 def _routes(found: Found) -> str:
-    condition = _factored("env2-2r", LONG)
-    worth = np.round(found(condition).run_means("reward"), 2)
+    worth = np.round(found(_factored("env2-2r", LONG)).run_means("reward"), 2)
     values, counts = np.unique(worth, return_counts=True)
     rows = [
         {"worth": f"{values[i]:.2f}", "teams": percent(counts[i] / len(worth), 1)}
@@ -241,50 +249,27 @@ PROTOCOLS: Mapping[str, Mapping[str, object]] = {
 ABLATION = (*CLOSE, "env2-4r", "crowd-8r", "cmu")
 
 
-def _varied(name: str) -> Mapping[str, Condition]:
-    """Return a scenario's conditions of the ablation."""
-    given = {"penalty": -20} if name == "cmu" else LONG
-    rules = {text: make_condition(name, rule, given) for text, rule in ABLATED.items()}
-    protocols = {text: _factored(name, {**given, **more}) for text, more in PROTOCOLS.items()}
-    blind = {}
-    if name in MANY:
-        blind["r^C whoever it was (referee: off)"] = _factored(name, {**given, "referee": "off"})
-    return rules | protocols | blind
-
-
 def _ablation(found: Found) -> str:
-    by_name = {name: _varied(name) for name in ABLATION}
-    rows: list[Row] = []
-    for text in dict.fromkeys(text for varied in by_name.values() for text in varied):
-        row: dict[str, str | None] = {"what": text}
-        for name, varied in by_name.items():
+    table: dict[str, dict[str, str | None]] = {}
+    for name in ABLATION:
+        given = {"penalty": -20} if name == "cmu" else LONG
+        conditions = {what: make_condition(name, rule, given) for what, rule in ABLATED.items()}
+        for what, more in PROTOCOLS.items():
+            conditions[what] = _factored(name, {**given, **more})
+        if name in MANY:
+            referee = {**given, "referee": "off"}
+            conditions["r^C whoever it was (referee: off)"] = _factored(name, referee)
+        for what, condition in conditions.items():
+            row = table.setdefault(what, {"what": what})
             head = f"{name} at -20" if name == "cmu" else name
-            row[head] = None
-            if text in varied:
-                result = found(varied[text])
-                failed = failed_share(result)
-                row[head] = _reward(result) + (f", {failed:.0%} fail" if failed else "")
-        rows.append(row)
-    return to_markdown(rows)
+            row[head] = _reward_and_failed(found(condition))
+    return to_markdown(list(table.values()))
 
 
 CREDITS: Mapping[str, tuple[str, ...]] = {
-    "env1": ("own", "weight:1.5", "team"),
-    "env2-2r": ("own", "weight:1.5", "team"),
-    "pentagon": ("own", "weight:1.5", "team"),
-    "env2-4r": ("own", "weight:2", "team"),
-    "crowd-6r": ("own", "weight:2", "team"),
-    "crowd-8r": ("own", "weight:2", "team"),
+    **dict.fromkeys(CLOSE, ("own", "weight:1.5", "team")),
+    **dict.fromkeys(("env2-4r", "crowd-6r", "crowd-8r"), ("own", "weight:2", "team")),
 }
-
-
-def _credit_conditions() -> list[Condition]:
-    return [
-        _factored(name, {**LONG, "penalty": penalty, "credit": credit})
-        for name, credits in CREDITS.items()
-        for penalty in (-20, -100)
-        for credit in credits
-    ]
 
 
 def _credit(found: Found) -> str:
@@ -293,10 +278,9 @@ def _credit(found: Found) -> str:
         for penalty in (-20, -100):
             row: dict[str, str | None] = {"scenario": name, "penalty": str(penalty)}
             for credit in credits:
-                result = found(_factored(name, {**LONG, "penalty": penalty, "credit": credit}))
-                failed = failed_share(result)
+                settings = {**LONG, "penalty": penalty, "credit": credit}
                 head = credit if credit in ("own", "team") else "in between (1.5; 2)"
-                row[head] = _reward(result) + (f", {failed:.0%} fail" if failed else "")
+                row[head] = _reward_and_failed(found(_factored(name, settings)))
             rows.append(row)
     return to_markdown(rows)
 
@@ -316,19 +300,13 @@ PERCEPTS: Mapping[str, Mapping[str, object]] = {
 }
 
 
-PAPERS = "env1"
-"""Where the paper's learner is computed beside it."""
-
-
 def _percepts(found: Found) -> str:
     rows: list[Row] = []
-    for text, settings in PERCEPTS.items():
-        row: dict[str, str | None] = {"what": text}
+    for what, settings in PERCEPTS.items():
+        row: dict[str, str | None] = {"what": what}
         for name in CLOSE:
-            result = found(_factored(name, settings))
-            failed = failed_share(result)
-            row[name] = _reward(result) + (f", {failed:.0%} fail" if failed else "")
-        row[f"{PAPERS}, coop"] = _reward(found(make_condition(PAPERS, "coop", settings)))
+            row[name] = _reward_and_failed(found(_factored(name, settings)))
+        row["env1, coop"] = _reward(found(make_condition("env1", "coop", settings)))
         rows.append(row)
     return to_markdown(rows)
 
@@ -357,52 +335,42 @@ def buildings(folder: Path) -> dict[int, list[str]]:
 def scale(folder: Path) -> Study:
     """Return the study of scale, its buildings written into a folder."""
     made = buildings(folder)
-    given = {"penalty": -100}
-    joint = [make_condition(path, JOINT, {**given, "ask_cost": 0}) for path in made[2]]
-    learners = ("factored", "coop", "noncoop")
-    by_robots = {
-        robots: [[make_condition(path, who, given) for who in learners] for path in paths]
-        for robots, paths in made.items()
-    }
 
     def table(found: Found) -> str:
-        rows = []
-        for robots, own in by_robots.items():
-            factored, coop, base = (
-                [found(one) for one in some] for some in zip(*own, strict=True)
-            )
-            scenarios = [some[0].scenario for some in own]
-            bound = np.mean([independent_bound(one) for one in scenarios])
-            fixed = [8 * len(one.map.cells) * (2 * 4 + 1) for one in scenarios]
-            spent = [learning_seconds(one) for one in scenarios]
-            rows.append(
-                {
-                    "robots": str(robots),
-                    "factored": _pooled(factored),
-                    "robots alone (bound)": f"{bound:.2f}",
-                    "coop": _pooled(coop),
-                    "Non-coop.": _pooled(base),
-                    "full joint state": _pooled([found(c) for c in joint])
-                    if robots == 2
-                    else None,
-                    "asks": f"{np.mean([r.best('asks').mean for r in factored]):.2f}",
-                    "miscoordinations": _mean(factored, "miscoordinations"),
-                    "trials in which all arrive": percent(_arrived(factored), 2),
-                    "of coop's": percent(_arrived(coop), 2),
-                    "of Non-coop.'s": percent(_arrived(base), 2),
-                    "of the full joint state's": (
-                        percent(_arrived([found(c) for c in joint]), 2) if robots == 2 else None
-                    ),
-                    "bytes a robot": size(
-                        float(np.mean([r.visited_bytes for r in factored]) + np.mean(fixed))
-                    ),
-                    "seconds to learn": f"{np.mean(spent):.2f}",
-                }
-            )
-        return to_markdown(rows)
+        return to_markdown([_scale_row(found, robots, paths) for robots, paths in made.items()])
 
-    everything = [one for own in by_robots.values() for some in own for one in some] + joint
-    return Study("scale", (10, 10), 300, everything, table)
+    return Study("scale", (10, 10), 300, table)
+
+
+def _scale_row(found: Found, robots: int, paths: Sequence[str]) -> Row:
+    given = {"penalty": -100}
+    by_path = [_each(found, path, given) for path in paths]
+    factored, coop, base = (list(own) for own in zip(*by_path, strict=True))
+    joint = []
+    if robots == 2:
+        free = {**given, "ask_cost": 0}
+        joint = [found(make_condition(path, JOINT, free)) for path in paths]
+    scenarios = [one.scenario for one in factored]
+    bound = np.mean([independent_bound(one) for one in scenarios])
+    spent = [learning_seconds(one) for one in scenarios]
+    fixed = [8 * len(one.map.cells) * (2 * 4 + 1) for one in scenarios]
+    held = float(np.mean([one.visited_bytes for one in factored]) + np.mean(fixed))
+    return {
+        "robots": str(robots),
+        "factored": _pooled(factored),
+        "robots alone (bound)": f"{bound:.2f}",
+        "coop": _pooled(coop),
+        "Non-coop.": _pooled(base),
+        "full joint state": _pooled(joint) if joint else None,
+        "asks": f"{np.mean([one.best('asks').mean for one in factored]):.2f}",
+        "miscoordinations": f"{np.mean([o.best('miscoordinations').mean for o in factored]):.3f}",
+        "trials in which all arrive": _arrived(factored),
+        "of coop's": _arrived(coop),
+        "of Non-coop.'s": _arrived(base),
+        "of the full joint state's": _arrived(joint) if joint else None,
+        "bytes a robot": size(held),
+        "seconds to learn": f"{np.mean(spent):.2f}",
+    }
 
 
 def _pooled(results: Sequence[ConditionResult]) -> str:
@@ -412,12 +380,8 @@ def _pooled(results: Sequence[ConditionResult]) -> str:
     return f"{np.mean([one.mean for one in measures]):.2f} ({error:.2f})"
 
 
-def _mean(results: Sequence[ConditionResult], name: str) -> str:
-    return f"{np.mean([result.best(name).mean for result in results]):.3f}"
-
-
-def _arrived(results: Sequence[ConditionResult]) -> float:
-    return float(np.mean([result.arrived for result in results]))
+def _arrived(results: Sequence[ConditionResult]) -> str:
+    return percent(float(np.mean([result.arrived for result in results])), 2)
 
 
 def learning_seconds(scenario: Scenario) -> float:
@@ -430,62 +394,13 @@ def learning_seconds(scenario: Scenario) -> float:
 
 
 STUDIES: tuple[Study, ...] = (
-    Study(
-        "pairs",
-        (200, 100),
-        2,
-        [make_condition(n, who, LONG) for n in ONE_PAIR for who in ("factored", "noncoop")],
-        _pairs,
-    ),
-    Study(
-        "fall",
-        (200, 100),
-        2,
-        [
-            make_condition(name, who, settings)
-            for name in CLOSE
-            for who in ("factored", "coop", "noncoop")
-            for settings in (FREE, LONG)
-        ],
-        _fall,
-    ),
-    Study(
-        "many",
-        (200, 100),
-        300,
-        [make_condition(n, who, LONG) for n in MANY for who in ("factored", "coop", "noncoop")],
-        _many,
-    ),
-    Study(
-        "paper",
-        (200, 100),
-        1000,
-        [
-            make_condition(n, who, {"penalty": -20})
-            for n in SMALL + LARGE
-            for who in ("factored", "coop", "noncoop")
-        ],
-        _paper,
-    ),
-    Study(
-        "ablation",
-        (40, 16),
-        200,
-        [one for name in ABLATION for one in _varied(name).values()],
-        _ablation,
-    ),
-    Study("routes", (200, 100), 2, [_factored("env2-2r", LONG)], _routes),
-    Study("fewer", (10, 10), 300, [], _fewer),
-    Study("credit", (40, 16), 200, _credit_conditions(), _credit),
-    Study(
-        "percepts",
-        (40, 16),
-        200,
-        [
-            make_condition(name, who, settings)
-            for settings in PERCEPTS.values()
-            for name, who in (*((name, "factored") for name in CLOSE), (PAPERS, "coop"))
-        ],
-        _percepts,
-    ),
+    Study("pairs", (200, 100), 2, _pairs),
+    Study("fall", (200, 100), 2, _fall),
+    Study("many", (200, 100), 300, _many),
+    Study("paper", (200, 100), 1000, _paper),
+    Study("ablation", (40, 16), 200, _ablation),
+    Study("routes", (200, 100), 2, _routes),
+    Study("fewer", (10, 10), 300, _fewer),
+    Study("credit", (40, 16), 200, _credit),
+    Study("percepts", (40, 16), 200, _percepts),
 )
