@@ -21,14 +21,13 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 from sparse_coord_ros.bags.reader import BAG_DIRECTORY
-from sparse_coord_ros.learn.run_config import load_run
-from sparse_coord_ros.learn.simulation import learn, tables_equal
-from sparse_coord_ros.learn.tables import load_tables, robot_file
+from sparse_coord_ros.errors import SparseCoordError
 from sparse_coord_ros.runlog import verify
 from sparse_coord_ros.wire import RECORDER, WORLD
+from tools.teams import node_words, same_tables
 
 ROBOTS = ("robot_1", "robot_2")
 NODES = (WORLD, *ROBOTS, RECORDER)
@@ -37,9 +36,6 @@ RATE = 150.0
 START_SECONDS = 60.0
 LIMIT_SECONDS = 90.0
 """A team that has not ended so long after its last fault never will."""
-PATIENCE = {"step_timeout": "40", "percept_timeout": "20", "claim_window": "0.2"}
-
-Files: TypeAlias = dict[str, Path]
 
 
 class Fault(NamedTuple):
@@ -110,24 +106,25 @@ class Team:
 
     def start(self, name: str, *, resume: bool) -> None:
         """Start a node."""
-        given: dict[str, object] = {
-            "out": self.out / BAG_DIRECTORY if name == RECORDER else self.out
-        }
+        given: dict[str, object] = {}
+        if name != RECORDER:
+            given["claim_window"] = 0.2
+        if name == WORLD:
+            given["rate"] = RATE
         if resume:
             given["resume"] = "true"
         elif name == WORLD:
-            checkpoint = self._plan.checkpoint or 100_000
-            given |= {"scenario": "env1", "seed": self._seed, "checkpoint": checkpoint}
-            given |= {"set": f"['steps={self._plan.steps}', 'perception=probability:0.7']"}
-            given |= {key: PATIENCE[key] for key in ("step_timeout", "percept_timeout")}
-            given["recorded"] = "true"
-        if name == WORLD:
-            given["rate"] = RATE
-        if name != RECORDER:
-            given["claim_window"] = PATIENCE["claim_window"]
-        words = ["node", "--ros-args", "-r", f"__node:={name}"]
-        for key, value in given.items():
-            words += ["-p", f"{key}:={value}"]
+            given |= {
+                "scenario": "env1",
+                "set": f"['steps={self._plan.steps}', 'perception=probability:0.7']",
+                "seed": self._seed,
+                "checkpoint": self._plan.checkpoint or 100_000,
+                "recorded": "true",
+                "step_timeout": 40.0,
+                "percept_timeout": 20.0,
+            }
+        out = self.out / BAG_DIRECTORY if name == RECORDER else self.out
+        words = ["node", *node_words(name, out=out, **given)]
         self.running[name] = forked(main_of(name), words, self._folder / "log")
 
     def kill(self, names: Sequence[str]) -> None:
@@ -239,13 +236,10 @@ def one_run(seed: int, folder: Path) -> tuple[Plan, list[str]]:
 
 def judge(plan: Plan, out: Path) -> list[str]:
     """Return what is wrong with the outcome."""
-    run = load_run(out)
     try:
-        pairs = [(robot_file(out, name), k) for k, name in enumerate(ROBOTS, start=1)]
-        tables = [load_tables(path, [k])[0] for path, k in pairs]
-    except Exception as error:
+        wrong = [] if same_tables(out) else ["tables"]
+    except SparseCoordError as error:
         return [str(error)]
-    wrong = [] if tables_equal(tables, learn(run.scenario, run.learner, run.seed)) else ["tables"]
     found = verify(out)
     allowed = (
         {"recording", "file"} if any(RECORDER in fault.who for fault in plan.faults) else set()

@@ -3,7 +3,6 @@
 """The protocol study: its loss, its search, its document; with made-up results."""
 
 import csv
-import json
 from types import SimpleNamespace
 
 import pytest
@@ -17,11 +16,14 @@ from tools.study.__main__ import main
 from tools.study.document import protocol_document
 from tools.study.factored import COOPS, FACTORED, JUDGED, SHIPPED, best_known
 from tools.study.search import (
+    COOP,
+    EARLIER,
     FINALISTS,
     SETTINGS,
     SPACE,
     STARTS,
     TEXTBOOK,
+    Judgement,
     final,
     judge,
     search,
@@ -150,7 +152,7 @@ def test_every_choice_is_varied_alone_and_a_hopeless_change_is_left():
         assert outcome.whole == (name != "goal_value")
 
 
-def test_the_document(monkeypatch):
+def test_the_document():
     compute = likes({**TEXTBOOK, "q_star_init": 20})
     outcomes = list(search(compute, 12))
     finalists = list(final(outcomes, compute))
@@ -158,6 +160,7 @@ def test_the_document(monkeypatch):
 
     def written():
         return protocol_document(
+            COOP,
             Plan(7, 40, 100),
             Plan(9, 120, 100),
             outcomes,
@@ -174,9 +177,7 @@ def test_the_document(monkeypatch):
     starts = " | ".join(f"{start['q_star_init']:g}" for start in STARTS.values())
     assert f"| q_star_init | {values} | {starts} | **{found:g}** |" in text
     assert "It is not the default" in text
-    settings = settings_of(best.choices)
-    defaults = {name: SimpleNamespace(default=settings[name]) for name in SETTINGS}
-    monkeypatch.setattr("tools.study.document.SCENARIO_SETTINGS", defaults)
+    finalists[:] = [Judgement(EARLIER)]
     assert "It is the default of every scenario" in written()
 
 
@@ -203,16 +204,15 @@ def test_the_command(tmp_path, capsys, monkeypatch):
     # In place: others have imported these very objects.
     for name, value in TEXTBOOK.items():
         monkeypatch.setitem(SPACE, name, (1000, 200) if name == "max_steps" else (value,))
-    for name in set(STARTS) - {"textbook"}:
+    for name in set(STARTS) - {"the textbook protocol"}:
         monkeypatch.delitem(STARTS, name)
-    arguments = ["--runs", "2", "--trials", "5", "--candidates", "2", "--json"]
+    arguments = ["--runs", "2", "--trials", "5", "--candidates", "2"]
     out = str(tmp_path / "s")
     assert main([*arguments, "--out", out]) == 0
-    data = json.loads(capsys.readouterr().out)
-    assert set(data["protocol"]) == set(SETTINGS)
+    assert "step_size: floored:0.6:0:0" in capsys.readouterr().out
     text = (tmp_path / "s/protocol.md").read_text()
     assert text.startswith("# The learning protocol")
-    assert "| choice | values | textbook | found |" in text
+    assert "| choice | values | the textbook protocol | found |" in text
     assert "| max_steps | 1000, 200 | 1000 | **" in text
     assert "| exponent | 0.6 | 0.6 | **0.6** |" in text
     with (tmp_path / "s/protocols.csv").open(newline="") as file:
@@ -253,7 +253,7 @@ def test_the_factored_learner_s_own_search(monkeypatch):
     outcomes = list(search(short, 7, task=FACTORED))
     assert [one.choices for one in outcomes[:2]] == [SHIPPED, COOPS]
     text = protocol_document(
-        Plan(7, 40, 100), Plan(9, 120, 100), outcomes, outcomes, outcomes[0], [], FACTORED
+        FACTORED, Plan(7, 40, 100), Plan(9, 120, 100), outcomes, outcomes, outcomes[0], []
     )
     assert "It is the default of the learner factored" in text
     assert "| 0 | the learner's defaults | 5.00 | 0.50 |" in text

@@ -120,7 +120,6 @@ def _pairs(found: Found) -> str:
         if bound is not None and name in CLOSE:
             share = gap_closed(own.run_means("reward"), base.run_means("reward"), bound)
         above = own.best("reward").mean - _better_baseline(base)
-        closed = share and f"{percent(share.mean)} ({100 * share.standard_error:.1f})"
         rows.append(
             {
                 "scenario": name,
@@ -132,7 +131,9 @@ def _pairs(found: Found) -> str:
                 "Non-coop.": _reward(base),
                 "above the better baseline": f"{above:+.2f}",
                 "class bound": bound_of(own),
-                "share of the gap": closed,
+                "share of the gap": None
+                if share is None
+                else f"{percent(share.mean)} ({100 * share.standard_error:.1f})",
             }
         )
     return to_markdown(rows)

@@ -16,7 +16,6 @@ from typing import TypeVar
 import pandas as pd
 from tqdm import tqdm
 
-from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.computing import add_computing
 from sparse_coord_ros.cli.verbs import Parser
 from sparse_coord_ros.engine.cluster import cluster_at
@@ -30,8 +29,6 @@ from sparse_coord_ros.experiments.store import (
     open_results,
     write_result,
 )
-from sparse_coord_ros.game.settings import Setting
-from sparse_coord_ros.learn.run_config import RUN_SETTINGS
 from tools.study.document import protocol_document
 from tools.study.factored import FACTORED
 from tools.study.search import (
@@ -39,23 +36,18 @@ from tools.study.search import (
     FINAL_RUNS,
     FINALISTS,
     Judgement,
-    Task,
     final,
     search,
     settings_of,
     vary,
 )
 
-RUNS = Setting("runs", int, 100, "learning runs of a protocol in a scenario", low=2, high=10_000)
-TRIALS = Setting("trials", int, 100, "Monte-Carlo trials of a run", low=2, high=1_000_000)
 FINAL_SEEDS = 10**6
 """How far the seeds of the final lie from those of the search."""
 
 TASKS = {task.learner: task for task in (COOP, FACTORED)}
 
 T = TypeVar("T")
-
-CANDIDATES = Setting("candidates", int, 40, "protocols to try", low=1, high=100_000)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -68,14 +60,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="results directory; where it is there, the search is continued (default: study)",
     )
     parser.add_argument("--learner", choices=TASKS, default="coop", help="whose protocol")
-    parser.add_argument("--candidates", default="40", help=f"{CANDIDATES.help} (default: 40)")
-    parser.add_argument("--runs", default="100", help=f"{RUNS.help} (default: 100)")
-    parser.add_argument("--trials", default="100", help=f"{TRIALS.help} (default: 100)")
-    parser.add_argument(
-        "--seed", default="10000", help="seed of run 0; run i has seed + i (default: 10000)"
-    )
+    for name, default, what in (
+        ("candidates", 40, "protocols to try"),
+        ("runs", 100, "learning runs of a protocol in a scenario"),
+        ("trials", 100, "Monte-Carlo trials of a run"),
+        ("seed", 10000, "seed of run 0; run i has seed + i"),
+    ):
+        parser.add_argument(f"--{name}", type=int, default=default, help=what)
     add_computing(parser)
-    shared.add_json(parser)
     try:
         return execute(parser.parse_args(arguments))
     except SparseCoordError as error:
@@ -85,14 +77,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def execute(options: argparse.Namespace) -> int:
     """Search, judge the best again, vary the winner; write protocol.md and protocols.csv."""
-    plan = Plan(
-        RUN_SETTINGS["seed"].parse(options.seed),
-        RUNS.parse(options.runs),
-        TRIALS.parse(options.trials),
-    )
-    candidates = CANDIDATES.parse(options.candidates)
-    task = TASKS[options.learner]
+    plan = Plan(options.seed, options.runs, options.trials)
     final_plan = Plan(plan.seed + FINAL_SEEDS, FINAL_RUNS * plan.runs, plan.trials)
+    task = TASKS[options.learner]
     with (
         open_results(options.out / "search", plan) as searched,
         open_results(options.out / "final", final_plan) as finals,
@@ -100,7 +87,8 @@ def execute(options: argparse.Namespace) -> int:
     ):
         by = Computing(options.engine, options.jobs, cluster)
         result = partial(_result, searched, by)
-        outcomes = _listed(search(result, candidates, task=task), "search", candidates)
+        tried = search(result, options.candidates, task=task)
+        outcomes = _listed(tried, "search", options.candidates)
         again = final(outcomes, partial(_result, finals, by), task)
         finalists = _listed(again, "final", FINALISTS)
         best = min(finalists, key=lambda one: one.loss)
@@ -108,14 +96,10 @@ def execute(options: argparse.Namespace) -> int:
         changes = sum(map(len, task.space.values())) - len(task.space)
         variations = _listed(vary(reference, result, task), "one choice at a time", changes)
     document = protocol_document(
-        plan, final_plan, outcomes, finalists, reference, variations, task
+        task, plan, final_plan, outcomes, finalists, reference, variations
     )
     write_result(options.out / "protocol.md", document)
-    write_result(options.out / "protocols.csv", _csv(outcomes, task))
-    if options.json:
-        data = {"protocol": settings_of(best.choices), "loss": best.loss, "closed": best.closed}
-        shared.print_json({**data, "difference": best.difference, "asks": best.asks})
-        return 0
+    write_result(options.out / "protocols.csv", _csv(outcomes))
     for name, value in settings_of(best.choices).items():
         print(f"{name}: {value}")
     print(f"loss {best.loss:.2f}; report: {options.out / 'protocol.md'}")
@@ -131,13 +115,11 @@ def _result(results: Results, by: Computing, condition: Condition) -> ConditionR
     return compute([condition], results.plan, by, results=results)[condition.id]
 
 
-def _csv(outcomes: Sequence[Judgement], task: Task) -> str:
-    scenarios = sorted({name for one in outcomes for name in one.difference})
+def _csv(outcomes: Sequence[Judgement]) -> str:
     rows = [
-        {name: one.choices[name] for name in task.space}
-        | {"loss": one.loss, "whole": one.whole}
-        | {f"closed_{name}": one.closed.get(name) for name in outcomes[0].closed}
-        | {f"difference_{name}": one.difference.get(name) for name in scenarios}
+        {**one.choices, "loss": one.loss, "whole": one.whole}
+        | {f"closed_{name}": value for name, value in one.closed.items()}
+        | {f"difference_{name}": value for name, value in one.difference.items()}
         | {"failed_teams": one.failed_teams, "teams": one.teams}
         for one in outcomes
     ]

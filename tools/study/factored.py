@@ -10,42 +10,31 @@ from collections.abc import Mapping
 
 from sparse_coord_ros.experiments.catalogue import LONG
 from sparse_coord_ros.experiments.conditions import Condition, make_condition
+from sparse_coord_ros.experiments.report.text import Row, of
 from sparse_coord_ros.experiments.store import ConditionResult
 from sparse_coord_ros.solve.shipped import shipped_class_bound
-from tools.study.search import Choices, Compute, Judgement, Task, settings_of
+from tools.study.search import Choices, Compute, Judgement, Task, loss_of, settings_of
 
-SPACE: Mapping[str, tuple[float, ...]] = {
-    "exponent": (0.4, 0.5, 0.6, 0.8),
-    "floor_first": (0.05, 0.1, 0.2),
-    "floor_last": (0, 0.005, 0.01, 0.02),
-    "epsilon_first": (0.15, 0.2, 0.3, 0.5),
-    "epsilon_last": (0, 0.01, 0.02, 0.05),
-    "epsilon_fraction": (0.5, 0.8, 1),
-    "starts_last": (0, 0.1, 0.2),
-    "starts_fraction": (0.25, 0.5, 0.8),
-    "q_coord_init": (0, 100, 200),
-    "max_steps": (50, 100, 200),
+PROTOCOLS: Mapping[str, tuple[tuple[float, ...], float]] = {
+    "exponent": ((0.4, 0.5, 0.6, 0.8), 0.5),
+    "floor_first": ((0.05, 0.1, 0.2), 0.1),
+    "floor_last": ((0, 0.005, 0.01, 0.02), 0.01),
+    "epsilon_first": ((0.15, 0.2, 0.3, 0.5), 0.3),
+    "epsilon_last": ((0, 0.01, 0.02, 0.05), 0.02),
+    "epsilon_fraction": ((0.5, 0.8, 1), 0.8),
+    "starts_last": ((0, 0.1, 0.2), 0),
+    "starts_fraction": ((0.25, 0.5, 0.8), 0.5),
+    "q_coord_init": ((0, 100, 200), 200),
+    "max_steps": ((50, 100, 200), 100),
 }
-"""What the learner leaves open, and the values tried. U begins at `q_coord_init`."""
+"""What the learner leaves open: the values tried, and its default. U begins at `q_coord_init`."""
 
-SHIPPED: Choices = {
-    "exponent": 0.5,
-    "floor_first": 0.1,
-    "floor_last": 0.01,
-    "epsilon_first": 0.3,
-    "epsilon_last": 0.02,
-    "epsilon_fraction": 0.8,
-    "starts_last": 0,
-    "starts_fraction": 0.5,
-    "q_coord_init": 200,
-    "max_steps": 100,
-}
-"""The learner's defaults."""
-
+SPACE: Mapping[str, tuple[float, ...]] = {name: row[0] for name, row in PROTOCOLS.items()}
+SHIPPED: Choices = {name: row[1] for name, row in PROTOCOLS.items()}
 COOPS: Choices = {**SHIPPED, "epsilon_first": 0.15, "starts_last": 0.2}
 """Coop.'s protocol."""
 
-STARTS: Mapping[str, Choices] = {"the learner's defaults": SHIPPED, "as Coop.": COOPS}
+STARTS: Mapping[str, Choices] = {"the learner's defaults": SHIPPED, "Coop.'s protocol": COOPS}
 
 LITTLE: Mapping[str, object] = {"penalty": -20}
 JUDGED: Mapping[str, tuple[str, Mapping[str, object]]] = {
@@ -58,19 +47,16 @@ JUDGED: Mapping[str, tuple[str, Mapping[str, object]]] = {
 
 def judge(choices: Choices, compute: Compute, limit: float) -> Judgement:
     """Return what a protocol brings, as of `search.judge`."""
-    loss, failed, teams = 0.0, 0, 0
-    difference: dict[str, float] = {}
+    found = Judgement(choices)
     for text, (name, settings) in JUDGED.items():
         condition = make_condition(name, "factored", {**settings_of(choices), **settings})
-        result = compute(condition)
-        failed += result.failed_teams
-        teams += result.runs
-        difference[text] = result.best("reward").mean - best_known(condition, result)
-        loss += 100.0 * result.failed_teams / result.runs - difference[text]
-        if loss > limit:
-            break
-    whole = len(difference) == len(JUDGED) and loss <= limit
-    return Judgement(choices, loss, whole, {}, difference, {}, failed, teams)
+        result = found.with_teams(compute(condition))
+        found.difference[text] = result.best("reward").mean - best_known(condition, result)
+        found.loss -= found.difference[text]
+        if found.loss > limit:
+            return found
+    found.whole = True
+    return found
 
 
 def best_known(condition: Condition, result: ConditionResult) -> float:
@@ -79,4 +65,11 @@ def best_known(condition: Condition, result: ConditionResult) -> float:
     return result.optimum if bound is None else bound.value
 
 
-FACTORED = Task("factored", SPACE, STARTS, judge)
+def row(one: Judgement) -> Row:
+    """Return what a table says of a protocol: how much reward is missing where."""
+    missing = {text: f"{-value:.2f}" for text, value in one.difference.items()}
+    failed = of(one.failed_teams, one.teams)
+    return {"loss": loss_of(one), **missing, "failed teams": failed}
+
+
+FACTORED = Task("factored", SPACE, STARTS, judge, row)

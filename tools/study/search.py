@@ -12,64 +12,41 @@ is varied alone.
 import math
 import random
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from sparse_coord_ros.experiments.catalogue import CLOSE, CLOSED, LARGE, LONG, SMALL, SPARSE
 from sparse_coord_ros.experiments.conditions import Condition, make_condition
+from sparse_coord_ros.experiments.report.text import Row, of
 from sparse_coord_ros.experiments.store import ConditionResult
 
 Choices = Mapping[str, float]
 """One value for each name of `SPACE`."""
 
-SPACE: Mapping[str, tuple[float, ...]] = {
-    "exponent": (0.4, 0.5, 0.6, 0.8, 1),
-    "floor_first": (0, 0.05, 0.1, 0.15, 0.2, 0.3),
-    "floor_last": (0, 0.005, 0.01, 0.02),
-    "epsilon_first": (0.1, 0.15, 0.2, 0.3, 0.5, 1),
-    "epsilon_last": (0.01, 0.02, 0.05, 0.1),
-    "epsilon_fraction": (0.5, 0.8, 1),
-    "starts_last": (0, 0.1, 0.2, 0.3, 0.5, 1),
-    "starts_fraction": (0.5, 0.8, 1),
-    "q_star_init": (0, 10, 15, 20, 30),
-    "q_coord_init": (0, 100, 200),
-    "goal_value": (0, 200),
-    "max_steps": (50, 100, 200, 1000),
+PROTOCOLS: Mapping[str, tuple[tuple[float, ...], float, float]] = {
+    "exponent": ((0.4, 0.5, 0.6, 0.8, 1), 0.6, 0.5),
+    "floor_first": ((0, 0.05, 0.1, 0.15, 0.2, 0.3), 0, 0.1),
+    "floor_last": ((0, 0.005, 0.01, 0.02), 0, 0.01),
+    "epsilon_first": ((0.1, 0.15, 0.2, 0.3, 0.5, 1), 1, 0.15),
+    "epsilon_last": ((0.01, 0.02, 0.05, 0.1), 0.05, 0.02),
+    "epsilon_fraction": ((0.5, 0.8, 1), 1, 0.8),
+    "starts_last": ((0, 0.1, 0.2, 0.3, 0.5, 1), 1, 0.2),
+    "starts_fraction": ((0.5, 0.8, 1), 1, 0.5),
+    "q_star_init": ((0, 10, 15, 20, 30), 0, 20),
+    "q_coord_init": ((0, 100, 200), 200, 200),
+    "goal_value": ((0, 200), 200, 200),
+    "max_steps": ((50, 100, 200, 1000), 1000, 100),
 }
-"""What Algorithm 1 leaves open, and the values tried."""
+"""What Algorithm 1 leaves open: the values tried, the textbook's (step sizes that decay with the
+visits, epsilon from 1, exploring starts throughout), and the best that earlier searches of this
+kind, with fewer runs and other seeds, came to."""
 
-TEXTBOOK: Choices = {
-    "exponent": 0.6,
-    "floor_first": 0,
-    "floor_last": 0,
-    "epsilon_first": 1,
-    "epsilon_last": 0.05,
-    "epsilon_fraction": 1,
-    "starts_last": 1,
-    "starts_fraction": 1,
-    "q_star_init": 0,
-    "q_coord_init": 200,
-    "goal_value": 200,
-    "max_steps": 1000,
+SPACE: Mapping[str, tuple[float, ...]] = {name: row[0] for name, row in PROTOCOLS.items()}
+TEXTBOOK: Choices = {name: row[1] for name, row in PROTOCOLS.items()}
+EARLIER: Choices = {name: row[2] for name, row in PROTOCOLS.items()}
+STARTS: Mapping[str, Choices] = {
+    "the textbook protocol": TEXTBOOK,
+    "the best of earlier searches": EARLIER,
 }
-"""Step sizes that decay with the visits, epsilon from 1, exploring starts throughout."""
-
-EARLIER: Choices = {
-    "exponent": 0.5,
-    "floor_first": 0.1,
-    "floor_last": 0.01,
-    "epsilon_first": 0.15,
-    "epsilon_last": 0.02,
-    "epsilon_fraction": 0.8,
-    "starts_last": 0.2,
-    "starts_fraction": 0.5,
-    "q_star_init": 20,
-    "q_coord_init": 200,
-    "goal_value": 200,
-    "max_steps": 100,
-}
-"""The best that earlier searches of this kind, with fewer runs and other seeds, came to."""
-
-STARTS: Mapping[str, Choices] = {"textbook": TEXTBOOK, "earlier search": EARLIER}
 """Protocols that the search tries first."""
 
 SETTINGS = (
@@ -116,7 +93,7 @@ def settings_of(choices: Choices) -> dict[str, str]:
     return schedules | {name: c[name] for name in SETTINGS if name in c}
 
 
-@dataclass(frozen=True)
+@dataclass
 class Judgement:
     """What a protocol brought.
 
@@ -133,13 +110,20 @@ class Judgement:
     """
 
     choices: Choices
-    loss: float
-    whole: bool
-    closed: dict[str, float]
-    difference: dict[str, float]
-    asks: dict[str, float]
-    failed_teams: int
-    teams: int
+    loss: float = 0.0
+    whole: bool = False
+    closed: dict[str, float] = field(default_factory=dict)
+    difference: dict[str, float] = field(default_factory=dict)
+    asks: dict[str, float] = field(default_factory=dict)
+    failed_teams: int = 0
+    teams: int = 0
+
+    def with_teams(self, result: ConditionResult) -> ConditionResult:
+        """Count the teams of a condition that was judged, and return its result."""
+        self.failed_teams += result.failed_teams
+        self.teams += result.runs
+        self.loss += 100.0 * result.failed_teams / result.runs
+        return result
 
 
 Compute = Callable[[Condition], ConditionResult]
@@ -155,12 +139,14 @@ class Task:
         space: the values of each choice.
         starts: protocols that are tried first.
         judge: returns what a protocol brings, and stops early beyond a limit of the loss.
+        row: returns what a table says of a protocol, by column.
     """
 
     learner: str
     space: Mapping[str, tuple[float, ...]]
     starts: Mapping[str, Choices]
     judge: Callable[[Choices, Compute, float], Judgement]
+    row: Callable[[Judgement], Row]
 
 
 def judge(choices: Choices, compute: Compute, limit: float) -> Judgement:
@@ -171,44 +157,53 @@ def judge(choices: Choices, compute: Compute, limit: float) -> Judgement:
         compute: returns the result of a condition.
         limit: loss beyond which the protocol is of no interest.
     """
-    protocol = settings_of(choices)
-    loss, failed, teams = 0.0, 0, 0
-    closed: dict[str, float] = {}
-    difference: dict[str, float] = {}
-    asks: dict[str, float] = {}
+    found = Judgement(choices)
 
-    def coop(name: str, settings: Mapping[str, object]) -> ConditionResult:
-        nonlocal loss, failed, teams
-        result = compute(make_condition(name, "coop", {**protocol, **settings}))
-        failed += result.failed_teams
-        teams += result.runs
-        loss += 100.0 * result.failed_teams / result.runs
-        return result
+    def reward(name: str, learner: str, settings: Mapping[str, object]) -> ConditionResult:
+        return compute(make_condition(name, learner, {**settings_of(choices), **settings}))
 
     for name in CLOSE:
-        result = coop(name, LONG)
-        low = compute(make_condition(name, "noncoop", {**protocol, **LONG})).measure("reward").mean
-        closed[name] = (result.measure("reward").mean - low) / (result.optimum - low)
-        loss += 40.0 * max(0.0, CLOSED[name] + MARGIN - closed[name])
-        if loss > limit:
-            return Judgement(choices, loss, False, closed, difference, asks, failed, teams)
+        result = found.with_teams(reward(name, "coop", LONG))
+        low = reward(name, "noncoop", LONG).measure("reward").mean
+        found.closed[name] = (result.measure("reward").mean - low) / (result.optimum - low)
+        found.loss += 40.0 * max(0.0, CLOSED[name] + MARGIN - found.closed[name])
+        if found.loss > limit:
+            return found
     for name in SMALL + LARGE:
-        result = coop(name, {"penalty": -20})
+        result = found.with_teams(reward(name, "coop", {"penalty": -20}))
         baseline = result.reference["reward"]
         if name in SMALL:  # in the large ones Non-coop. is worth the shortest paths
-            other = compute(make_condition(name, "noncoop", {**protocol, "penalty": -20}))
+            other = reward(name, "noncoop", {"penalty": -20})
             baseline = max(baseline, other.measure("reward").mean)
-        difference[name] = result.measure("reward").mean - baseline
-        loss += 2.0 * max(0.0, -0.3 - difference[name])
+        found.difference[name] = result.measure("reward").mean - baseline
+        found.loss += 2.0 * max(0.0, -0.3 - found.difference[name])
         if name in SPARSE:
-            asks[name] = result.measure("asks").mean
-            loss += 20.0 * max(0.0, asks[name] - 0.03)
-        if loss > limit:
-            return Judgement(choices, loss, False, closed, difference, asks, failed, teams)
-    return Judgement(choices, loss, True, closed, difference, asks, failed, teams)
+            found.asks[name] = result.measure("asks").mean
+            found.loss += 20.0 * max(0.0, found.asks[name] - 0.03)
+        if found.loss > limit:
+            return found
+    found.whole = True
+    return found
 
 
-COOP = Task("coop", SPACE, STARTS, judge)
+def loss_of(one: Judgement) -> str:
+    """Return the loss as a text; of a protocol that was not judged to the end, what it is over."""
+    return f"{one.loss:.2f}" if one.whole else f"> {one.loss:.0f}"
+
+
+def coop_row(one: Judgement) -> Row:
+    """Return what a table says of a protocol of Coop."""
+    worst = min(one.difference, key=lambda name: one.difference[name]) if one.whole else ""
+    return {
+        "loss": loss_of(one),
+        **{f"{name} closed": f"{one.closed[name]:.0%}" for name in CLOSE if name in one.closed},
+        "worst difference": f"{one.difference[worst]:+.2f} ({worst})" if one.whole else None,
+        "most asks": f"{max(one.asks.values()):.3f}" if one.whole else None,
+        "failed teams": of(one.failed_teams, one.teams),
+    }
+
+
+COOP = Task("coop", SPACE, STARTS, judge, coop_row)
 
 
 def search(

@@ -22,10 +22,10 @@ REWARDS = ("table1", "table3")
 """The experiments on rewards that the paper has numbers of."""
 
 
-def templates() -> jinja2.Environment:
-    """Return the templates, with the filters that write tables and numbers."""
+def templates(folder: Path) -> jinja2.Environment:
+    """Return the templates of a folder, with the filters that write tables and numbers."""
     found = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).with_name("templates")),
+        loader=jinja2.FileSystemLoader(folder),
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
@@ -52,7 +52,7 @@ def write_report(
         found: result of every condition of these experiments, by its id.
     """
     (directory / "figures").mkdir(parents=True, exist_ok=True)
-    pages = templates()
+    pages = templates(Path(__file__).with_name("templates"))
     results = {one.name: [found[each.id] for each in one.conditions] for one in chosen}
     rewards = [name for name in REWARDS if name in results]
     shown = [one for name in rewards for one in results[name]]
