@@ -7,10 +7,10 @@ directory `checkpoint` of the output directory. A team goes on from the newest s
 everybody has a file: the last common checkpoint. Step 0 is the run's beginning, and needs none.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -31,8 +31,6 @@ from sparse_coord_ros.lockstep.robot_side import RobotState
 from sparse_coord_ros.lockstep.world_side import WorldState
 from sparse_coord_ros.wire import WORLD
 
-T = TypeVar("T")
-
 CHECKPOINTS = "checkpoint"
 """The directory's name."""
 
@@ -43,8 +41,26 @@ KEPT_OWN, KEPT_COMMON = 3, 2
 """How many of its newest files a node keeps, and how many of those that all nodes here have."""
 
 
-class Checkpoints:
-    """One node's checkpoints.
+class Store:
+    """Where a node's checkpoints are: nowhere. `Checkpoints` has them on disk."""
+
+    def steps(self) -> list[int]:
+        """Return the steps that the node can go on from, the newest first."""
+        return []
+
+    def load(self, step: int) -> Any:
+        """Return the `WorldState` or `RobotState` of a step; None: at the beginning."""
+        return None
+
+    def save(self, state: WorldState | RobotState) -> None:
+        """Save where the node is."""
+
+    def close(self) -> None:
+        """Let others have the checkpoints; the end of the process does so too."""
+
+
+class Checkpoints(Store):
+    """One node's checkpoints on disk.
 
     Args:
         out: the output directory; it must exist.
@@ -99,70 +115,54 @@ class Checkpoints:
                     self.broken.append(line)
         return [*(step for step in files if step in self._readable), BEGINNING]
 
-    def save_world(self, state: WorldState) -> None:
-        """Save where the world is; an OSError leaves the earlier checkpoints as they are."""
-        arrays = position_arrays([state.position])
-        arrays |= {f"history_{name}": array for name, array in state.history.arrays().items()}
-        arrays["counts"] = np.array(state.counts, dtype=np.int64)
-        arrays["began"] = np.array(state.began)
-        arrays["absent"] = np.array(state.absent, dtype=np.int64)
-        self._save(state.step, arrays)
+    def save(self, state: WorldState | RobotState) -> None:
+        """Save where the node is; an OSError leaves the earlier checkpoints as they are."""
+        if state.step == BEGINNING:
+            return
+        arrays = pack(self._run.digest, self._arrays(state))
+        write_whole(self._path(state.step), arrays, sync=True)
+        self._readable.add(state.step)
+        self._prune()
 
-    def save_robot(self, state: RobotState) -> None:
-        """Save where the robot is; an OSError leaves the earlier checkpoints as they are."""
-        arrays = memory_arrays(state.memory, self._names.index(self._node) + 1)
-        numbers = (state.cell, state.transitions, state.episode_start, state.learned_last)
-        arrays["numbers"] = np.array(numbers, dtype=np.int64)
-        arrays["counts"] = np.array(state.counts, dtype=np.int64)
-        self._save(state.step, arrays)
-
-    def load_world(self, step: int) -> WorldState | None:
-        """Return where the world was; None: at the beginning.
+    def load(self, step: int) -> Any:
+        """Return where the node was: a `WorldState` or a `RobotState`; None: at the beginning.
 
         Raises:
             RunError: there is no such checkpoint, it is broken or of another run.
         """
-        return None if step == BEGINNING else self._load(step, self._world_from)
-
-    def load_robot(self, step: int) -> RobotState | None:
-        """Return where the robot was; None: at the beginning. Raises as `load_world`."""
-        return None if step == BEGINNING else self._load(step, self._robot_from)
-
-    def _world_from(self, step: int, arrays: Mapping[str, np.ndarray]) -> WorldState:
-        episode, miscoordinations, timeouts, left_out, stale = arrays["counts"].tolist()
-        return WorldState(
-            step,
-            positions_from(arrays, 1, len(self._names))[0],
-            (episode, miscoordinations, timeouts, left_out, stale),
-            str(arrays["began"]),
-            tuple(arrays["absent"].tolist()),
-            history_from(arrays, "history_"),
-        )
-
-    def _robot_from(self, step: int, arrays: Mapping[str, np.ndarray]) -> RobotState:
-        cell, transitions, episode_start, learned_last = arrays["numbers"].tolist()
-        return RobotState(
-            step,
-            cell,
-            transitions,
-            episode_start,
-            bool(learned_last),
-            tuple(arrays["counts"].tolist()),
-            memory_from(arrays, self._names.index(self._node) + 1),
-        )
-
-    def _load(self, step: int, take: Callable[[int, Mapping[str, np.ndarray]], T]) -> T:
+        if step == BEGINNING:
+            return None
         try:
-            return take(step, self._read(step))
+            return self._state(step, self._read(step))
         except (KeyError, ValueError, IndexError, TypeError) as error:
             raise _broken(self._path(step), str(error)) from None
 
-    def _save(self, step: int, arrays: Mapping[str, np.ndarray]) -> None:
-        if step == BEGINNING:
-            return
-        write_whole(self._path(step), pack(self._run.digest, arrays), sync=True)
-        self._readable.add(step)
-        self._prune()
+    def _arrays(self, state: WorldState | RobotState) -> dict[str, np.ndarray]:
+        """Return a state as named arrays; its step is in the file's name."""
+        fields = state._asdict()
+        del fields["step"]
+        if isinstance(state, WorldState):
+            arrays = position_arrays([fields.pop("position")])
+            history = fields.pop("history").arrays()
+            arrays |= {f"history_{name}": array for name, array in history.items()}
+        else:
+            arrays = memory_arrays(fields.pop("memory"), self._names.index(self._node) + 1)
+        return arrays | {name: np.array(value) for name, value in fields.items()}
+
+    def _state(self, step: int, arrays: Mapping[str, np.ndarray]) -> WorldState | RobotState:
+        """Return what `_arrays` took apart."""
+        kind: type[WorldState] | type[RobotState] = RobotState
+        fields: dict[str, Any] = {"step": step}
+        if self._node == WORLD:
+            kind = WorldState
+            fields["position"] = positions_from(arrays, 1, len(self._names))[0]
+            fields["history"] = history_from(arrays, "history_")
+        else:
+            fields["memory"] = memory_from(arrays, self._names.index(self._node) + 1)
+        for name in set(kind._fields) - set(fields):
+            value = arrays[name].tolist()
+            fields[name] = tuple(value) if isinstance(value, list) else value
+        return kind(**fields)
 
     def _prune(self) -> None:
         """Remove what is older than the newest files, and than those that all nodes here have."""

@@ -15,7 +15,6 @@ from sparse_coord_ros.game.world import Action, Reward
 from sparse_coord_ros.learn.agent import Agent, Tables
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.learn.tables import TEAM_FILE, pack_tables, robot_file
-from sparse_coord_ros.lockstep.checkpoints import Checkpoints
 from sparse_coord_ros.lockstep.gate import StepGate
 from sparse_coord_ros.lockstep.robot_side import NO_STEP, RobotSide
 from sparse_coord_ros.lockstep.rollback import RobotRollback
@@ -29,7 +28,7 @@ from sparse_coord_ros.nodes.messages import (
     status,
     tables_message,
 )
-from sparse_coord_ros.nodes.outputs import begin_with, open_output, save_somewhere, saving
+from sparse_coord_ros.nodes.outputs import Output, begin_with
 from sparse_coord_ros.nodes.peers import Clients, Peers
 from sparse_coord_ros.nodes.spin import wait_for_readers
 from sparse_coord_ros.wire import RECORDER, WORLD, Account, services
@@ -49,6 +48,7 @@ class Member:
         clients: those of the robots of this process.
 
     Attributes:
+        output: where it saves.
         lockstep: the robot's side of the lock step, with its agent.
         joined: whether the robot listens to the world.
 
@@ -58,19 +58,11 @@ class Member:
 
     def __init__(self, node: Follower, guard: Guard, run: RunConfig, clients: Clients) -> None:
         self._node, self._guard, self._name = node, guard, node.get_name()
-        self.run, self._text = run, run.to_yaml()
+        self.run = run
         self._number = self._place_in_team()
         self._convert = Converter(run)
         own = [robot_file(Path(), self._name).name, TEAM_FILE]
-        resumed = node.values["resume"]
-        self._out = open_output(node.values["out"], self._text, [] if resumed else own)
-        self._checkpoints: Checkpoints | None = None
-        if self._out is not None:
-            self._checkpoints = Checkpoints(self._out, self._name, run)
-        elif resumed:
-            raise RunError(
-                f"robot {self._name}: parameter resume needs parameter 'out', the output directory"
-            )
+        self.output = Output(node, self._name, run, own)
         self._action = node.announce(interface.ACTION, self._name)
         self._percept = node.announce(interface.PERCEPT, self._name)
         self._map_publisher = node.announce(interface.COORDINATION_MAP, self._name)
@@ -78,16 +70,14 @@ class Member:
         self._progress = node.announce(interface.PROGRESS, self._name)
         self._diagnostics = node.announce(interface.DIAGNOSTICS)
         self.lockstep = RobotSide(run, self._fresh_agent(), self)
+        self._unsaid = resumed = node.values["resume"]
         self._back = RobotRollback(
-            self.lockstep,
-            self._checkpoints,
-            self._fresh_agent,
-            guard.claim.id,
-            resumed=resumed,
+            self.lockstep, self.output.store, self._fresh_agent, guard.claim.id, resumed=resumed
         )
-        self._unsaid = resumed
         if resumed:
-            self._begin_again()
+            step = self._back.begin()
+            what = f"goes on from its checkpoint of step {step}" if step else "has no checkpoint"
+            node.get_logger().info(f"{self._name} {what}")
         self._gate = StepGate()
         self._kept = (0, 0)
         self._reminder = Reminder()
@@ -131,14 +121,6 @@ class Member:
         return None
 
     # Going back to a checkpoint.
-
-    def _begin_again(self) -> None:
-        """Go on from the newest checkpoint of one's own, and say so."""
-        step = self._back.begin()
-        for line in self._checkpoints.broken if self._checkpoints is not None else ():
-            self._node.get_logger().warning(line)
-        what = f"goes on from its checkpoint of step {step}" if step else "has no checkpoint yet"
-        self._node.get_logger().info(f"{self._name} {what}")
 
     def _say_progress(self) -> None:
         """Tell the world which checkpoints there are."""
@@ -265,19 +247,16 @@ class Member:
 
     def _not_heard_by(self) -> str:
         """Return who is to hear this robot and does not yet, or an empty text."""
-        if not self._node.heard_by(self._action, WORLD):
+        heard_by, robots = self._node.heard_by, self.run.scenario.robots
+        if not heard_by(self._action, WORLD):
             return "the world simulator to listen to this robot"
-        if self.run.recorded and not self._recorder_hears():
+        dialogue = (interface.SERVICE_EVENTS.of(robot.name) for robot in robots)
+        if self.run.recorded and not (
+            all(heard_by(publisher, RECORDER) for publisher in (self._action, self._percept))
+            and all(self._node.is_heard(topic, RECORDER) for topic in dialogue)
+        ):
             return "a recorder to listen to this robot"
         return ""
-
-    def _recorder_hears(self) -> bool:
-        """Whether a recorder listens to what this robot does, asks and answers."""
-        own = (self._action, self._percept)
-        return all(self._node.heard_by(publisher, RECORDER) for publisher in own) and all(
-            self._node.is_heard(interface.SERVICE_EVENTS.of(robot.name), RECORDER)
-            for robot in self.run.scenario.robots
-        )
 
     def has_learned(self, last_step: int) -> bool:
         """Whether all is learned that happened before a time step, the run's last."""
@@ -287,22 +266,14 @@ class Member:
     # Saving.
 
     def _save_checkpoint(self) -> None:
-        if self._checkpoints is not None:
-            with saving(self._node):
-                self._checkpoints.save_robot(self.lockstep.snapshot())
-            self._say_progress()
+        self.output.checkpoint(self.lockstep.snapshot())
+        self._say_progress()
 
     def _save(self) -> Path | None:
         """Write the tables and return where; None: no directory was given."""
-        if self._out is None:
-            return None
         packed, name = self._packed(), self._name
-
-        def write(out: Path) -> None:
-            write_whole(robot_file(out, name), packed)
-
-        place = save_somewhere(self._node, self._out, self._text, write)
-        return robot_file(place, name)
+        place = self.output.save(lambda out: write_whole(robot_file(out, name), packed))
+        return None if place is None else robot_file(place, name)
 
     def _packed(self) -> bytes:
         """Return the tables as they are, with what they are of."""
@@ -321,11 +292,6 @@ class Member:
         self.report()
         self._publish_tables(wire.Occasion.FINAL)
         wait_for_readers((self._action, self._percept, self._map_publisher, self._tables))
-
-    def close(self) -> None:
-        """Let others have its checkpoints."""
-        if self._checkpoints is not None:
-            self._checkpoints.close()
 
     # Reports.
 

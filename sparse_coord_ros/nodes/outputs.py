@@ -4,8 +4,7 @@
 
 import os
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +24,15 @@ from sparse_coord_ros.learn.tables import (
     robot_file,
     save_team,
 )
-from sparse_coord_ros.lockstep.checkpoints import CHECKPOINTS, remove_checkpoints
-from sparse_coord_ros.lockstep.robot_side import ASKS
-from sparse_coord_ros.nodes.parameters import run_from_parameters
+from sparse_coord_ros.lockstep.checkpoints import (
+    CHECKPOINTS,
+    Checkpoints,
+    Store,
+    remove_checkpoints,
+)
+from sparse_coord_ros.lockstep.robot_side import ASKS, RobotState
+from sparse_coord_ros.lockstep.world_side import WorldState
+from sparse_coord_ros.nodes.parameters import ParameterNode, run_from_parameters
 from sparse_coord_ros.version import __version__
 
 SUMMARY_FILE = "summary.yaml"
@@ -159,16 +164,52 @@ def _taken(path: Path, what: str) -> RunError:
     )
 
 
-@contextmanager
-def saving(node: Node) -> Iterator[None]:
-    """Let a run go on where a checkpoint cannot be saved: the earlier ones are still there."""
-    try:
-        yield
-    except OSError as error:
-        node.get_logger().error(
-            f"checkpoint not saved: {os_error_text(error)}; the run goes on, the earlier "
-            "checkpoints are kept: make room"
-        )
+class Output:
+    """Where a node of a run saves: in the directory of its parameter `out`; nowhere without one.
+
+    Args:
+        node: the node.
+        name: what its checkpoints are called: `wire.WORLD`, or the robot's name.
+        run: the run.
+        own: names of the files that it is going to write there.
+
+    Attributes:
+        store: its checkpoints.
+
+    Raises:
+        RunError: the directory cannot be used, or not be gone on with.
+    """
+
+    def __init__(self, node: ParameterNode, name: str, run: RunConfig, own: Sequence[str]) -> None:
+        self._node, self._text = node, run.to_yaml()
+        resumed = node.values["resume"]
+        self._out = open_output(node.values["out"], self._text, [] if resumed else own)
+        self.store = Store()
+        if self._out is not None:
+            self.store = checkpoints = Checkpoints(self._out, name, run)
+            checkpoints.steps()
+            for line in checkpoints.broken:
+                node.get_logger().warning(line)
+        elif resumed:
+            raise RunError(
+                f"node {name}: parameter resume needs parameter 'out', the output directory"
+            )
+
+    def checkpoint(self, state: WorldState | RobotState) -> None:
+        """Save where the node is; where that fails, the run goes on with earlier ones."""
+        try:
+            self.store.save(state)
+        except OSError as error:
+            self._node.get_logger().error(
+                f"checkpoint not saved: {os_error_text(error)}; the run goes on, the earlier "
+                "checkpoints are kept: make room"
+            )
+
+    def save(self, write: Callable[[Path], None]) -> Path | None:
+        """Write files as `save_somewhere` does, and return the directory; None: there is none."""
+        if self._out is None:
+            return None
+        return save_somewhere(self._node, self._out, self._text, write)
 
 
 def save_somewhere(node: Node, out: Path, run_text: str, write: Callable[[Path], None]) -> Path:

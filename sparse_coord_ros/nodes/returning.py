@@ -4,16 +4,15 @@
 
 import functools
 import time
-import uuid
 from collections.abc import Callable
 
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.learn.run_config import RunConfig
-from sparse_coord_ros.lockstep.checkpoints import Checkpoints
+from sparse_coord_ros.lockstep.checkpoints import Store
 from sparse_coord_ros.lockstep.rollback import WorldRollback
 from sparse_coord_ros.lockstep.world_side import WorldSide
 from sparse_coord_ros.nodes import interface
-from sparse_coord_ros.nodes.parameters import CONTINUE, ROLL_BACK, ParameterNode
+from sparse_coord_ros.nodes.parameters import ROLL_BACK, ParameterNode
 from sparse_coord_ros.wire import RECORDER
 from sparse_coord_ros.wire.status import NO_ORDER, ROLL_CALL, Progress, read_progress
 
@@ -25,7 +24,7 @@ class Returning:
         node: the world's node; its parameters `resume` and `returning` say what is due.
         run: the run.
         side: the world's side of the lock step.
-        store: the world's checkpoints; None: it keeps none.
+        store: the world's checkpoints.
         changed: called when an order was given, and when the team goes on.
 
     Attributes:
@@ -37,11 +36,12 @@ class Returning:
         node: ParameterNode,
         run: RunConfig,
         side: WorldSide,
-        store: Checkpoints | None,
+        store: Store,
         changed: Callable[[], None],
     ) -> None:
         self._node, self._run, self._side, self._changed = node, run, side, changed
         self._names = [robot.name for robot in run.scenario.robots]
+        self._warn = node.get_logger().warning
         self.back = WorldRollback(side, store, len(self._names))
         self._under_way = False
         self._recorder_obeyed = NO_ORDER
@@ -65,23 +65,19 @@ class Returning:
         """
         if not self._node.values["resume"] or self._side.held:
             return []
-        silent = [self._names[k] for k in self.back.silent]
-        if silent:
-            return silent
-        if self._node.values["returning"] == CONTINUE:
-            self.back.call(uuid.uuid4().hex)
-            self._ordered()
-        elif not self._take_back():
-            raise RunError(
-                "resume: a robot keeps no checkpoints; give every robot parameter 'out' and "
-                "resume:=true, or this world returning:=continue"
+        pairs = zip(self._names, self.back.said, strict=True)
+        silent = [name for name, said in pairs if said is None]
+        if not silent:
+            if not self._go_back(together=self._node.values["returning"] == ROLL_BACK):
+                raise RunError(
+                    "resume: a robot keeps no checkpoints; give every robot parameter 'out' and "
+                    "resume:=true, or this world returning:=continue"
+                )
+            world = self._side.world
+            self._node.get_logger().info(
+                f"going on from a checkpoint: transition {world.transitions}, step {world.step}"
             )
-        world, step = self._side.world, self.back.order.step
-        self._node.get_logger().info(
-            f"going on from the checkpoint of step {world.step if step < 0 else step} "
-            f"(transition {world.transitions}, next step {world.step})"
-        )
-        return []
+        return silent
 
     def go_on(self, now: float, *, all_listen: Callable[[], bool]) -> None:
         """End the hold after an order; who does not obey in time joins later."""
@@ -89,7 +85,7 @@ class Returning:
         recorded = not self._run.recorded or self._recorder_obeyed == self.back.order.name
         if not late and not (recorded and all_listen()):
             return
-        waiting = [self._names[k] for k in self.back.waiting]
+        waiting = [self._names[k] for k in sorted(self.back.waiting)]
         if not self.back.go_on(anyway=late):
             return
         if waiting:
@@ -104,7 +100,7 @@ class Returning:
 
     def _on_progress(self, robot: int, said: Progress) -> None:
         """Take in what a robot says of its checkpoints; one that comes back may take us along."""
-        first, new = self.back.said(robot) is None, self.back.heard(robot, said)
+        first, new = self.back.said[robot] is None, self.back.heard(robot, said)
         name, step = self._names[robot], self._side.world.step
         if first:
             self._node.get_logger().info(f"{name} is there")
@@ -115,7 +111,7 @@ class Returning:
                 f"{name} was replaced at step {step}: a new node has its name, with tables of its "
                 "own"
             )
-        elif self._node.values["returning"] == ROLL_BACK and self._take_back():
+        elif self._node.values["returning"] == ROLL_BACK and self._go_back():
             self._warn(
                 f"{name} came back at step {step}: everybody goes back to the checkpoint of step "
                 f"{self.back.order.step}"
@@ -131,16 +127,10 @@ class Returning:
     def _on_recorder(self, said: Progress) -> None:
         self._recorder_obeyed = said.obeyed
 
-    def _take_back(self) -> bool:
-        """Go back to the last common checkpoint, and order it; return whether there is one."""
-        if self.back.take_back(uuid.uuid4().hex) is None:
-            return False
-        self._ordered()
-        return True
-
-    def _ordered(self) -> None:
-        self._since = time.monotonic()
-        self._changed()
-
-    def _warn(self, text: str) -> None:
-        self._node.get_logger().warning(text)
+    def _go_back(self, *, together: bool = True) -> bool:
+        """Order to go back, as `WorldRollback.go_back`, and say so."""
+        gone = self.back.go_back(together=together)
+        if gone:
+            self._since = time.monotonic()
+            self._changed()
+        return gone

@@ -80,7 +80,7 @@ class RobotNode(Follower):
     def destroy_node(self) -> None:
         """As `Node`'s; others may have its checkpoints then."""
         if self.member is not None:
-            self.member.close()
+            self.member.output.store.close()
         super().destroy_node()
 
     def finish(self, *, interrupted: bool) -> None:

@@ -21,16 +21,13 @@ from sparse_coord_ros.game.world import Action, World
 from sparse_coord_ros.learn.history import HISTORY_FILE
 from sparse_coord_ros.learn.run_config import RUN_FILE
 from sparse_coord_ros.learn.tables import TEAM_FILE, robot_file
-from sparse_coord_ros.lockstep.checkpoints import Checkpoints
 from sparse_coord_ros.lockstep.waiting import REPEAT_SECONDS, Reminder, Silence
 from sparse_coord_ros.lockstep.world_side import WorldSide
 from sparse_coord_ros.nodes.guard import Guard
 from sparse_coord_ros.nodes.outputs import (
     SUMMARY_FILE,
-    open_output,
+    Output,
     resumed_run,
-    save_somewhere,
-    saving,
 )
 from sparse_coord_ros.nodes.parameters import (
     END,
@@ -66,15 +63,14 @@ class WorldSimulator(ParameterNode):
         bodies: the robots' bodies; None: they have none.
         topics: what it publishes.
         speed: how fast the run goes.
-        returning: takes the team back where that is due; None: the world has not opened yet.
+        returning: takes the team back where that is due; it exists once the world has opened.
 
     Raises:
         SparseCoordError: a bad parameter, a taken name, robots that do not come.
     """
 
-    returning: Returning | None = None
-    _checkpoints: Checkpoints | None = None
-    _out: Path | None = None
+    returning: Returning
+    _output: Output | None = None
     _rate_timer: Timer | None = None
     _paused = _single = _stopped = False
 
@@ -101,7 +97,7 @@ class WorldSimulator(ParameterNode):
         self.topics.hear_actions(self._on_action)
         self._guard.watch(self.topics.own + ([] if self.bodies is None else self.bodies.own))
         self.lockstep = WorldSide(self.run, self.topics, game)
-        self.speed = WorldSpeed(game, self._names, time.monotonic())
+        self.speed = WorldSpeed(game, time.monotonic())
         self.create_timer(TICK_SECONDS, self._tick)
 
     # What it is doing.
@@ -114,7 +110,7 @@ class WorldSimulator(ParameterNode):
         if self._stopped:
             return wire.RunState.STOPPED
         started, resumed = self.speed.begun, self.values["resume"]
-        calling = self.returning is not None and self.returning.calling
+        calling = self._output is not None and self.returning.calling
         if calling or (resumed and not started and not self._paused):
             return wire.RunState.RESUMING  # where the team is will be known when all have answered
         if self._paused:
@@ -124,7 +120,7 @@ class WorldSimulator(ParameterNode):
         return wire.RunState.WAITING
 
     def _say(self) -> None:
-        if self.returning is not None:
+        if self._output is not None:
             self.topics.say(self.doing, self.lockstep, self.returning.back.order)
 
     def _show(self) -> None:
@@ -139,7 +135,6 @@ class WorldSimulator(ParameterNode):
         if not self.speed.begun or self._stopped:
             return
         opened = self.lockstep.action(robot, step, action)
-        self.speed.acted(robot, time.monotonic() - self._silence.since)
         if opened and not self._paused and self.values["rate"] == 0:
             self._advance()
 
@@ -179,13 +174,13 @@ class WorldSimulator(ParameterNode):
         self._silence.tick(now)
         if self._stopped:
             return
-        if self.returning is None:
+        if self._output is None:
             if now - self.born >= self.values["claim_window"]:
                 self._guard.hold()
                 self._open()
             return
         if not self.speed.begun:
-            self._start_when_complete(self.returning, now)
+            self._start_when_complete(now)
         elif self.lockstep.held:
             self.returning.go_on(now, all_listen=lambda: not self._missing())
         elif not self.lockstep.finished:
@@ -197,28 +192,22 @@ class WorldSimulator(ParameterNode):
         """Offer the services and tell everybody what the run is."""
         robots = [robot_file(Path(), name).name for name in self._names]
         own = [RUN_FILE, SUMMARY_FILE, TEAM_FILE, HISTORY_FILE, *robots]
-        resumed = self.values["resume"]
-        self._out = open_output(self.values["out"], self.run.to_yaml(), [] if resumed else own)
-        if self._out is not None:
-            self._checkpoints = Checkpoints(self._out, WORLD, self.run)
-            self._checkpoints.steps()
-            for line in self._checkpoints.broken:
-                self.get_logger().warning(line)
+        self._output = Output(self, WORLD, self.run, own)
         self.returning = Returning(
-            self, self.run, self.lockstep, self._checkpoints, self._on_return
+            self, self.run, self.lockstep, self._output.store, self._on_return
         )
         self.create_service(SetBool, services.PAUSE.of("~"), self._on_pause)
         self.create_service(Trigger, services.RESET.of("~"), self._on_reset)
         self.create_service(Trigger, services.STEP.of("~"), self._on_step)
-        self.topics.open(resumed=resumed)
+        self.topics.open(resumed=self.values["resume"])
         self._say()
 
     def _missing(self) -> list[str]:
         """Return whom the team lacks: robots, drivers as commands, the recorder."""
         return self.topics.missing() + ([] if self.bodies is None else self.bodies.missing())
 
-    def _start_when_complete(self, returning: Returning, now: float) -> None:
-        missing = returning.resume() or self._missing()
+    def _start_when_complete(self, now: float) -> None:
+        missing = self.returning.resume() or self._missing()
         if missing:
             self.remind(self._reminder, ", ".join(missing))
             limit = self.values["startup_timeout"]
@@ -229,7 +218,7 @@ class WorldSimulator(ParameterNode):
         self._reminder.over()
         self._silence.begin(now)
         self.speed.begin(now)
-        returning.begin(now)
+        self.returning.begin(now)
         self._say()
         self.get_logger().info(
             f"{self.run.scenario.name}: {len(self._names)} robots, {self.run.scenario.steps} "
@@ -326,29 +315,27 @@ class WorldSimulator(ParameterNode):
 
     def _save(self, step: int) -> None:
         """Save where the world is; the robots save under the same time step."""
-        state = None if self._checkpoints is None else self.lockstep.snapshot(step)
-        if self._checkpoints is not None and state is not None:
-            with saving(self):
-                self._checkpoints.save_world(state)
+        state = self.lockstep.snapshot(step)
+        if self._output is not None and state is not None:
+            self._output.checkpoint(state)
 
     def destroy_node(self) -> None:
         """As `Node`'s; others may have its checkpoints then."""
-        if self._checkpoints is not None:
-            self._checkpoints.close()
+        if self._output is not None:
+            self._output.store.close()
         super().destroy_node()
 
     def finish(self, *, interrupted: bool) -> None:
         """Say good-bye, write summary and history, and let the last messages arrive."""
         self._stopped = True
-        if self.returning is None:
+        if self._output is None:
             return
         if interrupted and not self.done:
             self.speed.end(time.monotonic())
             self._say()
         if self.speed.begun and not self.lockstep.held:
             self._save(self.lockstep.world.step)
-        if self._out is not None:
-            save_somewhere(self, self._out, self.run.to_yaml(), self._write_outcome)
+        self._output.save(self._write_outcome)
         wait_for_readers(self.publishers)
 
     def _write_outcome(self, out: Path) -> None:
@@ -357,7 +344,7 @@ class WorldSimulator(ParameterNode):
 
     def summary(self) -> dict[str, Any]:
         """Return what happened, as plain data."""
-        world, back = self.lockstep.world, self.returning
+        world, back = self.lockstep.world, self.returning.back
         return {
             "transitions": world.transitions,
             "episodes": world.episode + 1,
@@ -365,9 +352,9 @@ class WorldSimulator(ParameterNode):
             "miscoordinations": world.miscoordinations,
             "timeouts": self.lockstep.timeouts,
             "stale_actions": self.lockstep.stale,
-            "replaced_robots": 0 if back is None else back.back.replaced,
-            "taken_back": 0 if back is None else back.back.taken_back,
-            "transitions_lost": 0 if back is None else back.back.lost,
+            "replaced_robots": back.replaced,
+            "taken_back": back.taken_back,
+            "transitions_lost": back.lost,
             "messages_dropped": self.intake.total,
             "executor": self.values["executor"],
             "rate": self.values["rate"],
@@ -377,7 +364,7 @@ class WorldSimulator(ParameterNode):
 
     def _report(self, now: float) -> None:
         self._guard.look()
-        world, run, returning = self.lockstep.world, self.run, self.returning
+        world, run = self.lockstep.world, self.run
         rate, moved = self.speed.report(now)
         values = {
             "transitions": world.transitions,
@@ -385,9 +372,8 @@ class WorldSimulator(ParameterNode):
             "steps_per_second": f"{rate:.0f}",
             "episode": world.episode,
             "miscoordinations": world.miscoordinations,
-            **self.speed.slowest(),
             "timeouts": self.lockstep.timeouts,
-            "replaced_robots": 0 if returning is None else returning.back.replaced,
+            "replaced_robots": self.returning.back.replaced,
             "messages_dropped": self.intake.total,
             "topics_of_two_publishers": len(self._guard.doubled),
         }

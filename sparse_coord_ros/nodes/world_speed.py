@@ -1,8 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How fast a world goes, and which robot it waits for longest."""
-
-from collections.abc import Sequence
+"""How fast a world goes."""
 
 from sparse_coord_ros.game.game import Game
 
@@ -12,19 +10,17 @@ class WorldSpeed:
 
     Args:
         world: the game.
-        names: of the robots.
         now: the time.
 
     Attributes:
         reported: when `report` was called last.
     """
 
-    def __init__(self, world: Game, names: Sequence[str], now: float) -> None:
-        self._world, self._names = world, names
+    def __init__(self, world: Game, now: float) -> None:
+        self._world = world
         self._began: tuple[float, int] | None = None
         self._ended: float | None = None
         self.reported, self._transitions = now, 0
-        self._slow = [0.0] * len(names)
 
     @property
     def begun(self) -> bool:
@@ -40,22 +36,12 @@ class WorldSpeed:
         """Stop counting."""
         self._ended = now
 
-    def acted(self, robot: int, seconds: float) -> None:
-        """A robot has acted, so long after the time step began."""
-        self._slow[robot] = max(self._slow[robot], seconds)
-
     def report(self, now: float) -> tuple[float, bool]:
         """Return (transitions a second since the last report, whether there were any)."""
         made = self._world.transitions - self._transitions
         rate = max(0, made) / (now - self.reported + 1e-9)
         self.reported, self._transitions = now, self._world.transitions
         return rate, self.begun and made != 0
-
-    def slowest(self) -> dict[str, str]:
-        """Return who was slowest to act since the last call, and how slow."""
-        robot = max(range(len(self._slow)), key=self._slow.__getitem__)
-        seconds, self._slow = self._slow[robot], [0.0] * len(self._slow)
-        return {"slowest_robot": self._names[robot], "slowest_seconds": f"{seconds:.4f}"}
 
     def summary(self) -> dict[str, float]:
         """Return the seconds of this process's part of the run, and its speed."""

@@ -54,10 +54,8 @@ class Store:
     def steps(self):
         return [*sorted(self.disks[self.who], reverse=True), 0]
 
-    def load_world(self, step):
+    def load(self, step):
         return self.disks[self.who][step] if step else None
-
-    load_robot = load_world
 
     def save(self, state):
         if self.killed == "before":
@@ -99,20 +97,20 @@ class WorldProcess:
     # What the node does.
 
     def start_when_complete(self):
-        if self.started or self.back.silent or not self.team.all_listen:
+        if self.started or None in self.back.said or not self.team.all_listen:
             return
         self.started = True
         if self.resume and self.team.rolls_back:
             self.take_back()
         elif self.resume:
-            self.back.call(f"call {self.team.new_life()}")
+            self.back.go_back(together=False)
             self.say()
             self.team.disturbed = True
         else:
             self.side.start()
 
     def take_back(self):
-        assert self.back.take_back(f"order {self.team.new_life()}") is not None
+        assert self.back.go_back()
         self.say()
 
     def say(self):

@@ -109,15 +109,15 @@ def test_who_cannot_go_back_is_not_waited_for():
     side = SimpleNamespace(
         held=True, go_on_from=lambda state: None, world=SimpleNamespace(step=40)
     )
-    store = SimpleNamespace(steps=lambda: [40, 0], load_world=lambda step: None)
+    store = SimpleNamespace(steps=lambda: [40, 0], load=lambda step: None)
     back = WorldRollback(side, store, 2)
     for k in range(2):
         back.heard(k, Progress(f"{k}", 50, 50, (40, 0)))
-    back.take_back("order")
-    back.heard(0, Progress("0", 40, 40, (40, 0), obeyed="order"))
-    assert back.waiting == [1]
+    back.go_back()
+    back.heard(0, Progress("0", 40, 40, (40, 0), obeyed=back.order.name))
+    assert back.waiting == {1}
     back.heard(1, Progress("another", 0, 0))
-    assert back.waiting == []
+    assert not back.waiting
 
 
 def test_a_world_that_comes_back_finds_its_robots():
@@ -160,30 +160,30 @@ def saved(out, run, played, steps=(40, 80)):
     for k, name in enumerate(("robot_1", "robot_2")):
         stores[name] = Checkpoints(out, name, run)
         for step in steps:
-            stores[name].save_robot(played.up[k].side.snapshot()._replace(step=step))
+            stores[name].save(played.up[k].side.snapshot()._replace(step=step))
     stores["world_simulator"] = Checkpoints(out, "world_simulator", run)
     for step in steps:
-        stores["world_simulator"].save_world(played.world.side.snapshot(step))
+        stores["world_simulator"].save(played.world.side.snapshot(step))
     return stores
 
 
 def test_a_file_gives_back_what_was_saved(tmp_path, run, played):
     stores = saved(tmp_path, run, played)
-    world, state = stores["world_simulator"].load_world(80), played.world.side.snapshot(80)
+    world, state = stores["world_simulator"].load(80), played.world.side.snapshot(80)
     assert world[:-1] == state[:-1]
     assert world.history.same_bits(state.history)
-    robot = stores["robot_2"].load_robot(80)
+    robot = stores["robot_2"].load(80)
     state = played.up[1].side.snapshot()
     assert robot[1:-1] == state[1:-1]
     for mine, theirs in zip(robot.memory[:-1], state.memory[:-1], strict=True):
         assert (mine.dtype, mine.tobytes()) == (theirs.dtype, theirs.tobytes())
-    assert stores["robot_1"].load_robot(0) is None
+    assert stores["robot_1"].load(0) is None
 
 
 def test_old_files_go_but_never_a_common_one(tmp_path, run, played):
     stores = saved(tmp_path, run, played)
     for step in (120, 160, 200, 240):
-        stores["robot_1"].save_robot(played.up[0].side.snapshot()._replace(step=step))
+        stores["robot_1"].save(played.up[0].side.snapshot()._replace(step=step))
     assert stores["robot_1"].steps() == [240, 200, 160, 80, 40, 0]
     assert sorted(steps_of(tmp_path / "checkpoint", "robot_2")) == [40, 80]
 
@@ -195,7 +195,7 @@ def test_what_a_killed_node_began_to_write_goes_but_only_its_own(tmp_path, run, 
     )
     mine.touch()
     other.touch()  # of a robot that is called robot_1_b, and may be writing it now
-    stores["robot_1"].save_robot(played.up[0].side.snapshot()._replace(step=120))
+    stores["robot_1"].save(played.up[0].side.snapshot()._replace(step=120))
     assert other.exists() and not mine.exists()
 
 

@@ -177,7 +177,6 @@ def test_diagnostics_come_from_everybody(team):
         if m.status[0].name == "world_simulator: run"
     ]
     assert max(rates) > 0
-    assert world["slowest_robot"] in NAMES
     assert world["timeouts"] == "0"
     robot = values_of(by_name["robot_1: agent"])
     assert int(robot["asks_answered"]) + int(robot["asks_refused"]) > 0

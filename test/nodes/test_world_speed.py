@@ -9,7 +9,7 @@ from sparse_coord_ros.nodes.world_speed import WorldSpeed
 
 def test_speed_is_that_of_this_process_and_since_the_last_report():
     world = SimpleNamespace(transitions=100)
-    speed = WorldSpeed(world, ["a", "b"], 0.0)
+    speed = WorldSpeed(world, 0.0)
     assert speed.report(1.0)[1] is False, "the run has not begun"
     assert speed.summary() == {"seconds": 0.0, "steps_per_second": 0.0}
     speed.begin(2.0)
@@ -21,12 +21,3 @@ def test_speed_is_that_of_this_process_and_since_the_last_report():
     assert speed.report(6.0) == (0.0, True)
     speed.end(12.0)
     assert speed.summary() == {"seconds": 10.0, "steps_per_second": 3.0}
-
-
-def test_the_slowest_robot_is_named_with_its_longest_wait_since_the_last_call():
-    speed = WorldSpeed(SimpleNamespace(transitions=0), ["a", "b"], 0.0)
-    for robot, seconds in ((0, 0.2), (1, 0.5), (1, 0.1), (0, 0.3)):
-        speed.acted(robot, seconds)
-    assert speed.slowest() == {"slowest_robot": "b", "slowest_seconds": "0.5000"}
-    speed.acted(0, 0.1)
-    assert speed.slowest() == {"slowest_robot": "a", "slowest_seconds": "0.1000"}
