@@ -18,16 +18,8 @@ def test_every_setting_is_there_once(sparse_coord):
     assert {*DIALOGUE, *PROTOCOL} <= {*SETTINGS}
     assert list(groups["run"]) == list(RUN_SETTINGS)
     assert list(groups["learners"])[: len(LEARNERS.registered)] == list(LEARNERS.registered)
-    assert {
-        "drive",
-        "world_simulator",
-        "robot",
-        "recorder",
-        "driver",
-        "body",
-        "player",
-        "watch",
-    } <= set(groups)
+    nodes = ("world_simulator", "robot", "recorder", "driver", "body", "player", "watch")
+    assert {"drive", *nodes} <= set(groups)
 
 
 def test_it_says_what_validates(sparse_coord):
@@ -53,12 +45,6 @@ def test_a_learner_and_its_own_defaults(sparse_coord):
     out = sparse_coord("settings", "factored")[1]
     assert "epsilon=linear:0.3:0.02:0.8" in out
     assert "coop" not in out
-
-
-def test_a_narrow_terminal(sparse_coord, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "60")
-    out = sparse_coord("settings", "protocol")[1]
-    assert max(len(line) for line in out.splitlines()[2:]) <= 60
 
 
 def test_an_unknown_name(refused):
