@@ -23,6 +23,7 @@ setup(
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
     package_data={
         PACKAGE: ["py.typed"],
+        f"{PACKAGE}.driving": ["*.yaml"],
         f"{PACKAGE}.experiments.report": ["templates/*"],
         f"{PACKAGE}.look": ["templates/*"],
         f"{PACKAGE}.nodes": ["*.yaml"],

@@ -29,6 +29,22 @@ EXAMPLE = (
 )
 
 
+ROWS = (
+    ("all arrived", "{arrived} of {episodes}", "{arrived_in_grid} of {episodes}"),
+    ("steps to the goal", "{time_to_goal:.2f}", "{time_to_goal_in_grid:.2f}"),
+    ("seconds of an episode", "{seconds:.1f}", "{seconds_in_grid:.1f}"),
+    ("seconds of a step", "{seconds_a_step:.2f}", "{seconds_a_cell:.2f}"),
+    ("asks of a robot in an episode", "{asks:.2f}", "{asks_in_grid:.2f}"),
+    ("steps that end with two in a doorway", "{miscoordinations}", "{miscoordinations_in_grid}"),
+    ("bodies that touched in a doorway", "{touches_in_doorways}", "-"),
+    ("bodies that touched elsewhere", "{touches_elsewhere}", "-"),
+    ("bodies that touched a wall", "{bumps}", "-"),
+    ("moves that did not get there", "{moves_failed} of {moves}", "-"),
+    ("metres of drift of the odometry", "{drift:.2f}", "-"),
+)
+"""The rows of the table: what is counted, how the bodies did, what the grid predicts."""
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
     parser.add_argument("directory", metavar="DIR", type=Path, help="output of run or train")
@@ -115,25 +131,8 @@ def facts_of(run: RunConfig, driven: Drive, grid: Trials, speed: float) -> dict:
 
 def table_of(run: RunConfig, facts: dict) -> str:
     """Return the table that `drive` prints."""
-    episodes = facts["episodes"]
-
-    def both(name: str, form: str) -> list[str]:
-        return [format(facts[name], form), format(facts[f"{name}_in_grid"], form)]
-
-    rows = [
-        ["all arrived", *(f"{n} of {episodes}" for n in both("arrived", "d"))],
-        ["steps to the goal", *both("time_to_goal", ".2f")],
-        ["seconds of an episode", *both("seconds", ".1f")],
-        ["seconds of a step", f"{facts['seconds_a_step']:.2f}", f"{facts['seconds_a_cell']:.2f}"],
-        ["asks of a robot in an episode", *both("asks", ".2f")],
-        ["steps that end with two in a doorway", *both("miscoordinations", "d")],
-        ["bodies that touched in a doorway", str(facts["touches_in_doorways"]), "-"],
-        ["bodies that touched elsewhere", str(facts["touches_elsewhere"]), "-"],
-        ["bodies that touched a wall", str(facts["bumps"]), "-"],
-        ["moves that did not get there", f"{facts['moves_failed']} of {facts['moves']}", "-"],
-        ["metres of drift of the odometry", f"{facts['drift']:.2f}", "-"],
-    ]
-    head = [f"{run.scenario.name}, {episodes} episodes", "driven", "by the grid"]
+    rows = [[name, *(text.format(**facts) for text in texts)] for name, *texts in ROWS]
+    head = [f"{run.scenario.name}, {facts['episodes']} episodes", "driven", "by the grid"]
     return shared.format_table(head, rows)
 
 

@@ -7,7 +7,8 @@ World, drivers and bodies are the same state machines that the nodes are made of
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,76 +17,19 @@ from sparse_coord_ros.driving.arena import ELSEWHERE, IN_DOORWAY, Arena, Noise, 
 from sparse_coord_ros.driving.driver import Driver
 from sparse_coord_ros.driving.ground import Ground
 from sparse_coord_ros.driving.steering import Limits, move_seconds
-from sparse_coord_ros.game.settings import Setting, SettingTable
+from sparse_coord_ros.game.settings import SettingTable, tables_from_yaml
 from sparse_coord_ros.game.streams import EVALUATION
 from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.evaluation import greedy_team
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.lockstep.bodies import BodiesSide, BodyWorld, Goals
 
-DRIVER_SETTINGS = SettingTable(
-    [
-        Setting(
-            "radius",
-            float,
-            0.0,
-            "of the robot's body, in metres, less than half a cell; 0: 0.15 of a cell",
-            low=0,
-        ),
-        Setting("speed", float, 0.5, "metres a second, at most", low=1e-3, high=100),
-        Setting("turn", float, 1.5, "radians a second, at most", low=1e-3, high=100),
-        Setting(
-            "near",
-            float,
-            0.05,
-            "cells from the middle of its lane within which the body is there",
-            low=1e-3,
-            high=0.4,
-        ),
-        Setting(
-            "step_seconds",
-            float,
-            0.0,
-            "how long a move may take, by the stamps of the poses; 0: twice as long as a cell's "
-            "way and half a turn, and 3 s",
-            low=0,
-        ),
-    ]
-)
-"""What a driver is told of its robot's body."""
+_TABLES = tables_from_yaml(Path(__file__).with_name("settings.yaml"))
+DRIVER_SETTINGS, BODY_SETTINGS = _TABLES["driver"], _TABLES["body"]
+"""What a driver is told of its robot's body, and what the simulator of bodies is told."""
 
-BODY_SETTINGS = SettingTable(
-    [
-        DRIVER_SETTINGS["radius"],
-        Setting("period", float, 0.1, "simulated seconds a tick", low=1e-3, high=1.0),
-        Setting(
-            "wheel_noise",
-            float,
-            0.1,
-            "standard deviation of a wheel's speed, as a share of it",
-            low=0,
-            high=1.0,
-        ),
-        Setting(
-            "pose_noise",
-            float,
-            0.01,
-            "standard deviation of a localised position, in metres, and of the yaw, in radians",
-            low=0,
-            high=10.0,
-        ),
-    ]
-)
-"""What the simulator of bodies is told."""
-
-SLIPS = Setting(
-    "slips",
-    bool,
-    True,
-    "moves also fail at random, as in the grid (move_success); false: only where bodies fail",
-)
-
-DRIVE_SETTINGS = SettingTable({**DRIVER_SETTINGS, **BODY_SETTINGS, "slips": SLIPS}.values())
+SLIPS = _TABLES["world"]["slips"]
+DRIVE_SETTINGS = SettingTable([*({**DRIVER_SETTINGS, **BODY_SETTINGS}).values(), SLIPS])
 """All that `drive` is told of bodies."""
 
 
@@ -144,12 +88,12 @@ class Drive:
     elsewhere: np.ndarray
     asks: np.ndarray
     drift: np.ndarray
-    moves: int = 0
-    failed: int = 0
-    lost: int = 0
-    bumps: int = 0
-    path: list[Moment] = field(default_factory=list)
-    touches: list[Touch] = field(default_factory=list)
+    moves: int
+    failed: int
+    lost: int
+    bumps: int
+    path: list[Moment]
+    touches: list[Touch]
 
 
 class Floor:
@@ -166,7 +110,8 @@ class Floor:
         arena: where they are.
         drivers: one a robot.
         moves: how many moves bodies were sent on.
-        on_tick: None, or called after each tick.
+        followed: the episode whose path is kept; None: none.
+        path: where the bodies were at each tick of such episodes.
     """
 
     def __init__(self, run: RunConfig, values: dict, seed: int, world: BodyWorld) -> None:
@@ -178,7 +123,8 @@ class Floor:
         self.arena = Arena(ground, robots, seed, noise, values["period"])
         self.drivers = [Driver(ground, limits, k) for k in range(robots)]
         self.moves = 0
-        self.on_tick: Callable[[], None] | None = None
+        self.followed: int | None = None
+        self.path: list[Moment] = []
         self._goals: list[Goals] = []
 
     def send(self, goals: Goals) -> None:
@@ -194,9 +140,8 @@ class Floor:
                 self._look()
             for driver in self.drivers:
                 driver.take(goals)
-            going = True
-            while going:
-                going = self._answer()
+            while self._answer():
+                pass
 
     def _answer(self) -> bool:
         """Ask each driver once; return whether one of them did anything."""
@@ -211,8 +156,9 @@ class Floor:
                 ticked = self.arena.told(k, command)
             if ticked:
                 self._look()
-                if self.on_tick is not None:
-                    self.on_tick()
+                if self.followed is not None:
+                    places = tuple(body.pose[:2] for body in self.arena.bodies)
+                    self.path.append(Moment(self.followed, self.arena.seconds, places))
             did |= command is not None or reached is not None
         return did
 
@@ -253,18 +199,9 @@ def drive(
     floor = Floor(run, values, seed, world)
     arena, sent = floor.arena, floor.bodies
     found: list[dict[str, Any]] = []
-    path: list[Moment] = []
     for episode in range(episodes):
         world.begin_episode()
-        floor.on_tick = None
-        if episode < followed:
-
-            def keep(episode: int = episode) -> None:
-                path.append(
-                    Moment(episode, arena.seconds, tuple(b.pose[:2] for b in arena.bodies))
-                )
-
-            floor.on_tick = keep
+        floor.followed = episode if episode < followed else None
         touched, before = len(arena.touches), sent.seconds
         times = np.full(len(tables), scenario.horizon)
         asks = np.zeros(len(tables), dtype=np.int64)
@@ -281,18 +218,19 @@ def drive(
             asks += [action is not None and action.asked for action in actions]
             times[list(outcome.arrived)] = steps
         places = [touch.where for touch in arena.touches[touched:]]
-        one = {
-            "steps": steps,
-            "seconds": sent.seconds - before,
-            "arrived": list(world.arrived),
-            "times": times,
-            "miscoordinations": miscoordinations,
-            "in_doorways": places.count(IN_DOORWAY),
-            "elsewhere": places.count(ELSEWHERE),
-            "asks": asks,
-            "drift": [math.dist(b.pose[:2], b.odometry[:2]) for b in arena.bodies],
-        }
-        found.append(one)
+        found.append(
+            {
+                "steps": steps,
+                "seconds": sent.seconds - before,
+                "arrived": list(world.arrived),
+                "times": times,
+                "miscoordinations": miscoordinations,
+                "in_doorways": places.count(IN_DOORWAY),
+                "elsewhere": places.count(ELSEWHERE),
+                "asks": asks,
+                "drift": [math.dist(b.pose[:2], b.odometry[:2]) for b in arena.bodies],
+            }
+        )
         progress(episode + 1)
     return Drive(
         **{name: np.array([one[name] for one in found]) for name in found[0]},
@@ -300,6 +238,6 @@ def drive(
         failed=sent.failed,
         lost=sent.lost,
         bumps=sum(body.bumps for body in arena.bodies),
-        path=path,
+        path=floor.path,
         touches=arena.touches,
     )
