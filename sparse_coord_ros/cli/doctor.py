@@ -7,7 +7,8 @@ import textwrap
 from collections.abc import Iterator
 
 from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.doctor.findings import WRONG, Finding
+from sparse_coord_ros.doctor import checks
+from sparse_coord_ros.doctor.checks import WRONG, Finding
 
 UNWELL = 1
 WIDTH = 100
@@ -27,47 +28,40 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Run the verb; 1 where something is wrong."""
+    removed = None
+    if options.clean:
+        from sparse_coord_ros.nodes.shared_memory import remove_orphans
+
+        removed = len(remove_orphans())
     found = []
-    removed = _clean() if options.clean else None
-    if removed is not None and not options.json:
-        print(f"removed {removed} files from shared memory")
     for finding in findings():
         found.append(finding)
         if not options.json:
             _print(finding)
-    wrong = sum(one.level == WRONG for one in found)
+    fine = all(one.level != WRONG for one in found)
     if options.json:
-        said = {"fine": not wrong, "findings": [one._asdict() for one in found]}
+        said = {"fine": fine, "findings": [one._asdict() for one in found]}
         shared.print_json(said if removed is None else {**said, "removed": removed})
-    elif wrong:
-        print(f"\n{wrong} thing{'s are' if wrong > 1 else ' is'} wrong")
     else:
-        print("\nnothing is wrong")
-    return UNWELL if wrong else 0
+        if removed is not None:
+            print(f"removed {removed} files from shared memory")
+        print(f"\n{'nothing' if fine else 'something'} is wrong")
+    return 0 if fine else UNWELL
 
 
 def findings() -> Iterator[Finding]:
     """Look at everything, one thing after the other."""
-    from sparse_coord_ros.doctor import environment, installation, round_trip
+    from sparse_coord_ros.doctor import round_trip
 
-    yield from installation.installation()
-    yield from installation.compiler()
-    yield from environment.discovery()
-    yield from environment.shared_memory()
+    yield checks.installation()
+    yield checks.compiler()
+    yield from checks.discovery()
+    yield from checks.shared_memory()
     yield from round_trip.findings()
 
 
-def _clean() -> int:
-    from sparse_coord_ros.nodes.shared_memory import remove_orphans
-
-    return len(remove_orphans())
-
-
 def _print(finding: Finding) -> None:
-    start = f"{finding.level:<6} {finding.part}: "
-    print(textwrap.fill(start + finding.text, WIDTH, subsequent_indent=" " * 7), flush=True)
-    if finding.remedy:
-        print(
-            textwrap.fill(f"{'':<7}to do: {finding.remedy}", WIDTH, subsequent_indent=" " * 14),
-            flush=True,
-        )
+    said = [f"{finding.level:<6} {finding.part}: {finding.text}"]
+    said += [f"       to do: {finding.remedy}"] if finding.remedy else []
+    for text in said:
+        print(textwrap.fill(text, WIDTH, subsequent_indent=" " * 7), flush=True)

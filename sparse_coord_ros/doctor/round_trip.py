@@ -18,7 +18,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from typing import Any
 
-from sparse_coord_ros.doctor.findings import FINE, HINT, WRONG, Finding
+from sparse_coord_ros.doctor.checks import FINE, HINT, RANGE, WRONG, Finding
 
 SECONDS = 8.0
 """How long the asker waits for an answer."""
@@ -32,7 +32,7 @@ GRACE_SECONDS = 5.0
 TRIED = "rmw_fastrtps_cpp"
 """The middleware that this package is tested with."""
 
-TRANSPORTS, RANGE = "FASTDDS_BUILTIN_TRANSPORTS", "ROS_AUTOMATIC_DISCOVERY_RANGE"
+TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
 
 OTHER_WAYS: tuple[tuple[str, str, str], ...] = (
     (TRANSPORTS, "UDPv4", "shared memory does not work between processes here"),
@@ -40,59 +40,37 @@ OTHER_WAYS: tuple[tuple[str, str, str], ...] = (
 )
 """What to try where nobody answers, and what it means where that helps."""
 
+SUSPECTS = (
+    *("RMW_IMPLEMENTATION", "ROS_SECURITY_ENABLE", "ROS_DISCOVERY_SERVER"),
+    "FASTRTPS_DEFAULT_PROFILES_FILE",
+)
+"""Variables that keep ROS from starting, or nodes apart, where they are wrong."""
+
 
 def findings() -> Iterator[Finding]:
     """Try rclpy, the middleware, and a round trip between two processes."""
     said = round_trip()
     if "missing" in said:
-        yield Finding(
-            HINT,
-            "ROS 2",
-            f"is not there ({said['missing']}): train, evaluate, plot and the Python API work, "
-            "run does not",
-            "source /opt/ros/jazzy/setup.bash, or pip install '.[ros]'",
-        )
+        text = f"is not there ({said['missing']}): all works but run, replay and a live watch"
+        remedy = "source /opt/ros/jazzy/setup.bash, or pip install '.[ros]'"
+        yield Finding(HINT, "ROS 2", text, remedy)
         return
     if "rmw" in said:
         known = said["rmw"] == TRIED
-        yield Finding(
-            FINE if known else HINT,
-            "ROS 2",
-            f"rclpy with {said['rmw']}",
-            ""
-            if known
-            else f"this package is tested with {TRIED}: export RMW_IMPLEMENTATION={TRIED}",
-        )
+        remedy = "" if known else f"export RMW_IMPLEMENTATION={TRIED}, which was tested"
+        yield Finding(FINE if known else HINT, "ROS 2", f"rclpy with {said['rmw']}", remedy)
     if "round_trip" in said:
-        yield Finding(
-            FINE,
-            "round trip",
-            f"two processes found each other and talked in {said['round_trip']:.1f} s",
-        )
+        text = f"two processes found each other and talked in {said['round_trip']:.1f} s"
+        yield Finding(FINE, "round trip", text)
         return
-    if "problem" in said:
-        yield Finding(
-            WRONG,
-            "round trip",
-            f"ROS does not start: {said['problem']}",
-            "mend what it names; else unset RMW_IMPLEMENTATION, ROS_SECURITY_ENABLE and "
-            "FASTRTPS_DEFAULT_PROFILES_FILE",
-        )
-        return
-    problem = f"no answer within {SECONDS:g} s"
-    for name, value, meaning in OTHER_WAYS:
-        if os.environ.get(name) != value and "round_trip" in round_trip({name: value}):
-            yield Finding(
-                WRONG, "round trip", f"{problem}; {meaning}", f"export {name}={value}, or mend it"
-            )
-            return
-    yield Finding(
-        WRONG,
-        "round trip",
-        f"{problem}: two processes on this machine do not hear each other",
-        "look at the findings above; unset ROS_DISCOVERY_SERVER, ROS_SECURITY_ENABLE and "
-        "FASTRTPS_DEFAULT_PROFILES_FILE; stop the firewall to try",
-    )
+    text = said.get("problem", "two processes on this machine do not hear each other")
+    remedy = f"look at the findings above; unset {', '.join(SUSPECTS)}; stop the firewall to try"
+    if "problem" not in said:
+        for name, value, meaning in OTHER_WAYS:
+            if os.environ.get(name) != value and "round_trip" in round_trip({name: value}):
+                text, remedy = meaning, f"export {name}={value}, or mend it"
+                break
+    yield Finding(WRONG, "round trip", text, remedy)
 
 
 def round_trip(changes: Mapping[str, str] | None = None) -> dict[str, Any]:
@@ -106,20 +84,17 @@ def round_trip(changes: Mapping[str, str] | None = None) -> dict[str, Any]:
         why rclpy cannot be imported; or `problem`.
     """
     name = f"sparse_coord_doctor_{os.getpid()}"
-    environment = {**os.environ, **(changes or {})}
-    command = [sys.executable, "-m", __name__]
-    processes: list[subprocess.Popen[str]] = []
+    echo, asker = (
+        subprocess.Popen(
+            [sys.executable, "-m", __name__, role, name],
+            env={**os.environ, **(changes or {})},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        for role in ("echo", "ask")
+    )
     try:
-        for role in ("echo", "ask"):
-            process = subprocess.Popen(
-                [*command, role, name],
-                env=environment,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.PIPE,
-                text=True,
-            )
-            processes.append(process)
-        asker = processes[-1]
         out, err = asker.communicate(timeout=SECONDS + START_SECONDS)
         lines = err.strip().splitlines()
         with suppress(json.JSONDecodeError, IndexError):
@@ -128,7 +103,7 @@ def round_trip(changes: Mapping[str, str] | None = None) -> dict[str, Any]:
     except subprocess.TimeoutExpired:
         return {"problem": "the middleware hangs"}
     finally:
-        for process in reversed(processes):
+        for process in (asker, echo):
             process.terminate()
             try:
                 process.communicate(timeout=GRACE_SECONDS)
