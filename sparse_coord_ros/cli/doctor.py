@@ -30,9 +30,9 @@ def execute(options: argparse.Namespace) -> int:
     """Run the verb; 1 where something is wrong."""
     removed = None
     if options.clean:
-        from sparse_coord_ros.nodes.shared_memory import remove_orphans
+        from sparse_coord_ros.nodes.shared_memory import leftovers
 
-        removed = len(remove_orphans())
+        removed = len(leftovers(remove=True))
     found = []
     for finding in findings():
         found.append(finding)

@@ -34,7 +34,7 @@ from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.middleware import check_security, repair_promptly
 from sparse_coord_ros.nodes.parameters import ParameterNode
 from sparse_coord_ros.nodes.shared_memory import FOLDER as SHARED_MEMORY
-from sparse_coord_ros.nodes.shared_memory import remove_orphans
+from sparse_coord_ros.nodes.shared_memory import leftovers
 
 READERS_SECONDS = 3.5
 """How long the last messages may take: with profiles of the user's own, Fast DDS offers lost ones
@@ -112,7 +112,7 @@ def signals() -> Iterator[Stop]:
 
 def tidy_shared_memory() -> None:
     """Remove the segments of killed processes, before ROS starts; say so in one line."""
-    removed = remove_orphans(ports=False)
+    removed = leftovers(remove=True)
     if removed:
         said = f"removed {len(removed)} files of killed processes from {SHARED_MEMORY}"
         get_logger("sparse_coord").info(said)
