@@ -57,7 +57,7 @@ def execute(options: argparse.Namespace) -> int:
                 "or a bag"
             )
         say = pictures.Announcer()
-        shown = open_shown(options.source, say, say.share)
+        shown = open_shown(options.source, say)
         scenario = shown.config.scenario
         greedy = options.greedy or shown.bag is None
         if greedy:

@@ -19,25 +19,16 @@ LONGEST_NAME = 255
 """Bytes of a file's name, on common file systems."""
 
 
-EVERY_SECONDS = 2.0
-"""Between two lines that say how far it is."""
-
-
 class Announcer:
-    """Says on stderr what takes a while, and how far it is."""
+    """Says on stderr what takes a while."""
 
     def __init__(self) -> None:
-        self._begun = self._said = time.monotonic()
+        self._begun = time.monotonic()
 
     def __call__(self, what: str) -> None:
         """Say what begins now."""
-        self._said = time.monotonic()
-        print(f"{self._said - self._begun:5.1f} s  {what} ...", file=sys.stderr, flush=True)
-
-    def share(self, done: float) -> None:
-        """Say how much of it is done, from 0 to 1; most calls say nothing."""
-        if time.monotonic() - self._said > EVERY_SECONDS:
-            self(f"{done:4.0%}")
+        passed = time.monotonic() - self._begun
+        print(f"{passed:5.1f} s  {what} ...", file=sys.stderr, flush=True)
 
 
 def add_out(parser: argparse.ArgumentParser, kinds: Sequence[str]) -> None:

@@ -60,7 +60,7 @@ def execute(options: argparse.Namespace) -> int:
                 raise SettingError(
                     f"{len(options.sources)} runs in one picture; allowed: at most {MOST_RUNS}"
                 )
-            runs = [open_shown(path, say, say.share) for path in options.sources]
+            runs = [open_shown(path, say) for path in options.sources]
             for run in runs:
                 _ = run.config  # says what is no run
             whats = figures.parse_whats(options.what, runs)

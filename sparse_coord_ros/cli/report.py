@@ -43,7 +43,7 @@ def execute(options: argparse.Namespace) -> int:
             say("drawing")
             page = report.results_report(ResultsShown(options.source))
         else:
-            shown = open_shown(options.source, say, say.share)
+            shown = open_shown(options.source, say)
             page = report.run_report(shown, baselines=not options.no_baselines)
     pictures.write(options.out, page, json=options.json)
     return 0

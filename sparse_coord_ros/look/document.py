@@ -6,13 +6,11 @@ A document is a title and sections, a section a heading and parts: what `text`, 
 and `picture` return. `templates/report.html.j2` makes the page of them.
 """
 
-import re
+import base64
 from collections.abc import Iterable, Sequence
-from itertools import count
 from typing import Any
 
 from jinja2 import Environment, PackageLoader
-from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from sparse_coord_ros.experiments.report.charts import rendered
@@ -39,33 +37,12 @@ def code(lines: str, *, summary: str = "") -> Part:
 
 def picture(figure: Figure, caption: str) -> Part:
     """Return a picture."""
-    return {"kind": "picture", "svg": rendered(figure, "svg").decode(), "caption": caption}
+    data = base64.b64encode(rendered(figure, "svg")).decode()
+    return {"kind": "picture", "data": data, "caption": caption}
 
 
 def page(title: str, sections: Iterable[Section]) -> str:
     """Return the page."""
-    numbers = count(1)
-    made = [
-        (
-            heading,
-            [
-                part | {"svg": _inline(part["svg"], f"f{next(numbers)}-")}
-                if part["kind"] == "picture"
-                else part
-                for part in parts
-            ],
-        )
-        for heading, parts in sections
-    ]
     loader = PackageLoader("sparse_coord_ros.look")
     template = Environment(loader=loader, autoescape=True, keep_trailing_newline=True)
-    return template.get_template("report.html.j2").render(title=title, sections=made)
-
-
-def _inline(svg: str, prefix: str) -> Markup:
-    """Return an SVG file as an element, with ids that are its own on the page."""
-    svg = svg[svg.index("<svg ") :]
-    svg = re.sub(r"<!--.*?-->|<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
-    svg = re.sub(r'\bid="', f'id="{prefix}', svg)
-    svg = re.sub(r'(xlink:href="|url\()#', rf"\1#{prefix}", svg)
-    return Markup(re.sub(r">\s+<", "><", svg))  # made by Matplotlib, which escapes texts
+    return template.get_template("report.html.j2").render(title=title, sections=sections)

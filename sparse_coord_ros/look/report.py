@@ -12,7 +12,6 @@ import numpy as np
 from sparse_coord_ros.engine.training import train
 from sparse_coord_ros.errors import SparseCoordError
 from sparse_coord_ros.experiments.report.text import condition_row
-from sparse_coord_ros.experiments.store import ConditionResult
 from sparse_coord_ros.game.scenario import SETTINGS, Scenario, load_scenario
 from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.learners import Learner, learner_of
@@ -30,7 +29,7 @@ from sparse_coord_ros.solve.exact import evaluate_best
 from sparse_coord_ros.solve.reference import shortest_path_reference
 from sparse_coord_ros.solve.shipped import yardsticks
 from sparse_coord_ros.version import __version__
-from sparse_coord_ros.wire import DIAGNOSTICS, ROSOUT
+from sparse_coord_ros.wire import ROSOUT
 
 TRIALS = 1000
 BASELINES = ("indiv", "noncoop")
@@ -161,14 +160,15 @@ def _faults(shown: Shown) -> Iterator[Part]:
         last = log.tracks.statuses[-1]
         rows += [("state at the end", last.state), ("transitions", last.transitions)]
         rows.append(("steps that the world made without a robot", last.left_out))
-    speeds, warnings = _spoken(log)
-    if speeds:
-        words = f"{np.median(speeds):.0f} ({min(speeds):.0f}, {max(speeds):.0f})"
-        rows.append(("steps/s, median (least, most)", words))
     rows.append(("odd messages among those read", len(log.problems)))
     yield table((), rows)
     for problem in log.problems[:MOST_WARNINGS]:
         yield text(str(problem), warn=True)
+    warnings = Counter(
+        f"{said.name}: {said.msg}"[:300]
+        for said in log.tracks.spoken.get(ROSOUT, ())
+        if said.level >= WARNING_LEVEL
+    )
     if warnings:
         yield table(["warning", "times"], list(warnings.items())[:MOST_WARNINGS])
     else:
@@ -177,24 +177,6 @@ def _faults(shown: Shown) -> Iterator[Part]:
     if shown.directory is not None and (shown.directory / "summary.yaml").is_file():
         summary = shown.directory / "summary.yaml"
         yield code(summary.read_text(encoding="utf-8", errors="replace"), summary="summary.yaml")
-
-
-def _spoken(log: RunLog) -> tuple[list[float], Counter[str]]:
-    """Return the world's speeds, and the nodes' warnings with how often they came."""
-    spoken = log.tracks.spoken
-    warnings = Counter(
-        f"{said.name}: {said.msg}"[:300]
-        for said in spoken.get(ROSOUT, ())
-        if said.level >= WARNING_LEVEL
-    )
-    team = log.tracks.prefix.strip("/")  # other teams say theirs on the same topic
-    speeds: list[float] = []
-    for said in spoken.get(DIAGNOSTICS, ()):
-        own = [one for one in said.status if one.name.rpartition("/")[0] == team]
-        values = {v.key: v.value for status in own for v in status.values}
-        with contextlib.suppress(ValueError):  # of another writer
-            speeds.append(float(values.get("steps_per_second", 0)))
-    return [speed for speed in speeds if speed > 0], warnings
 
 
 def _scenario(scenario: Scenario) -> Iterator[Part]:
@@ -229,23 +211,19 @@ def _again(shown: Shown) -> Iterator[Part]:
 
 def _command(config: RunConfig) -> str:
     """Return the command that computes the run again."""
-    base: Scenario | None = None
-    with contextlib.suppress(SparseCoordError):
-        base = load_scenario(config.scenario.name)
-    if base is not None and (base.map, base.robots) != (
-        config.scenario.map,
-        config.scenario.robots,
-    ):
-        base = None  # another one of that name
-    name = "SCENARIO.yaml" if base is None else config.scenario.name
-    words = ["sparse_coord", "train", name, "--learner", config.learner]
-    words += ["--seed", str(config.seed)]
+    scenario, base = config.scenario, None
+    with contextlib.suppress(SparseCoordError):  # it was made by hand
+        base = load_scenario(scenario.name)
+    if base is None or (base.map, base.robots) != (scenario.map, scenario.robots):
+        base = None
+    words = ["sparse_coord", "train", "SCENARIO.yaml" if base is None else scenario.name]
+    words += ["--learner", config.learner, "--seed", str(config.seed)]
     for setting in SETTINGS:
-        value = getattr(config.scenario, setting)
+        value = getattr(scenario, setting)
         if base is None or value != getattr(base, setting):
             words += ["--set", f"{setting}={value}"]
-    command = shlex.join(words)
-    return command if base is not None else f"# scenario and map: see run.yaml below\n{command}"
+    comment = "# scenario and map: see run.yaml below\n" if base is None else ""
+    return comment + shlex.join(words)
 
 
 def results_report(shown: ResultsShown) -> str:
@@ -256,28 +234,21 @@ def results_report(shown: ResultsShown) -> str:
         f"{plan.seeds[0]} to {plan.seeds[-1]}, {plan.trials} greedy episodes of each run. Report "
         f"of sparse_coord_ros {__version__}."
     )
-    rows = [_row(one) for one in shown.results]
+    shortest = [f"{one.reference['reward']:.2f}" for one in shown.results]
+    rows = [
+        {"condition": one.id, "learner": one.learner.title, **condition_row(one)}
+        | {"shortest paths": beside}
+        for one, beside in zip(shown.results, shortest, strict=True)
+    ]
     head = list(dict.fromkeys(key for row in rows for key in row))
+    every = table(head, [[row.get(key) or "-" for key in head] for row in rows])
     words = ["sparse_coord", "reproduce", *(one.id for one in shown.results)]
     words += ["--out", "results", "--runs", str(plan.runs), "--trials", str(plan.trials)]
+    again = shlex.join([*words, "--seed", str(plan.seed)])
     sections: list[Section] = [("", [begin])]
     for what in shown.whats:
         title = WHAT_TITLES.get(what, what.replace("_", ", "))
         sections.append((title, [picture(shown.figure(what), title)]))
-    sections += [
-        (
-            "Every condition",
-            [
-                table(head, [[row.get(key) or "-" for key in head] for row in rows]),
-                text("In brackets: the standard error of the mean over the runs."),
-            ],
-        ),
-        ("How to reproduce it", [code(shlex.join([*words, "--seed", str(plan.seed)]))]),
-    ]
+    note = text("In brackets: the standard error of the mean over the runs.")
+    sections += [("Every condition", [every, note]), ("How to reproduce it", [code(again)])]
     return page(f"Results in {shown.directory.name or shown.directory}", sections)
-
-
-def _row(result: ConditionResult) -> dict[str, str | None]:
-    head = {"condition": result.id, "learner": result.learner.title}
-    shortest = f"{result.reference['reward']:.2f}"
-    return {**head, **condition_row(result), "shortest paths": shortest}

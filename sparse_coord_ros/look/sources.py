@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
-from sparse_coord_ros.bags.contents import Heard
 from sparse_coord_ros.bags.reader import BAG_DIRECTORY
 from sparse_coord_ros.errors import RunError, SparseCoordError, TablesError
 from sparse_coord_ros.experiments.store import MANIFEST
@@ -17,19 +16,14 @@ from sparse_coord_ros.learn.history import HISTORY_FILE, History, load_history
 from sparse_coord_ros.learn.run_config import RUN_FILE, RunConfig, load_run
 from sparse_coord_ros.learn.tables import load_team
 from sparse_coord_ros.runlog.log import RunLog
-from sparse_coord_ros.runlog.tracks import SPOKEN
 from sparse_coord_ros.runlog.window import MOVES, LongLog
-from sparse_coord_ros.wire import PERCEPT, SERVICE_EVENTS, STATUS
+from sparse_coord_ros.wire import PERCEPT, ROSOUT, SERVICE_EVENTS, STATUS
 
 TRIALS = 200
 """Greedy episodes from which pictures show where robots go and ask."""
 
 Say = Callable[[str], None]
 """Hears in a few words what takes a while."""
-
-
-def silent(_: str) -> None:
-    """Say nothing."""
 
 
 @dataclass(frozen=True)
@@ -41,14 +35,12 @@ class Shown:
         directory: the run's directory; None: a bag alone was given.
         bag: its bag; None: it has none.
         say: hears what takes a while.
-        heard: hears how much of the bag was read.
     """
 
     path: Path
     directory: Path | None
     bag: Path | None
-    say: Say = silent
-    heard: Heard | None = None
+    say: Say = lambda _: None
 
     @property
     def name(self) -> str:
@@ -82,11 +74,11 @@ class Shown:
         The dialogue is in it only of robots that learn from being asked. Errors as of `recording`.
         """
         recording = self.recording
-        self.say(f"reading {self.bag} ({_size(recording.path)})")
+        self.say(f"reading {self.bag}")
         topics = [*MOVES, PERCEPT, STATUS]
         if recording.run.rule.factors is not None:
             topics.append(SERVICE_EVENTS)
-        log = recording.whole(topics, SPOKEN, self.heard)
+        log = recording.whole(topics, (ROSOUT,))
         if log.damage is not None:
             self.say(f"the bag is damaged ({log.damage}): going on with what is before that")
         return log
@@ -110,15 +102,14 @@ class Shown:
         if self.directory is not None:
             tables = load_team(self.directory, scenario)
         else:
-            newest = [self.recording.tables_before(k) for k in range(len(scenario.robots))]
-            found = [entry.tables for entry in newest if entry is not None]
-            if len(found) < len(newest):
-                missing = [r.name for r, e in zip(scenario.robots, newest, strict=True) if not e]
-                raise TablesError(
-                    f"{self.path}: holds no tables of {', '.join(missing)}; see "
-                    "'sparse_coord info'"
-                )
-            tables = found
+            tables = []
+            for k, robot in enumerate(scenario.robots):
+                entry = self.recording.tables_before(k)
+                if entry is None:
+                    raise TablesError(
+                        f"{self.path}: holds no tables of {robot.name}; see 'sparse_coord info'"
+                    )
+                tables.append(entry.tables)
         check_tables(scenario, tables, self.config.learner)
         return tables
 
@@ -151,28 +142,22 @@ class Shown:
         return True
 
 
-def _size(bag: Path) -> str:
-    files = [bag] if bag.is_file() else [path for path in bag.rglob("*") if path.is_file()]
-    return f"{sum(path.stat().st_size for path in files) / 1e6:.1f} MB"
-
-
 def is_results(path: Path) -> bool:
     """Return whether a directory holds results of `sparse_coord reproduce`."""
     return (path / MANIFEST).is_file()
 
 
-def open_shown(path: Path, say: Say = silent, heard: Heard | None = None) -> Shown:
+def open_shown(path: Path, say: Say = lambda _: None) -> Shown:
     """Open a run's directory or a bag.
 
     Args:
         path: a run's directory; a bag's, or its file.
         say: hears what takes a while.
-        heard: hears how much of the bag was read.
 
     Raises:
         RunError, BagError: it is neither; `info` says more of a bag.
     """
     if (path / RUN_FILE).is_file():
         bag = path / BAG_DIRECTORY
-        return Shown(path, path, bag if bag.is_dir() else None, say, heard)
-    return Shown(path, None, path, say, heard)
+        return Shown(path, path, bag if bag.is_dir() else None, say)
+    return Shown(path, None, path, say)
