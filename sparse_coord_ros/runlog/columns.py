@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A bag's messages as columns: topic by topic, decoded many at a time."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +17,9 @@ from sparse_coord_ros.wire.messages import Form
 
 PART_BYTES = 4 * 1024 * 1024
 """Bytes of messages that are decoded at once: more take no less time."""
+
+Reading = Form | Callable[[Any], Any]
+"""How a topic's messages become rows, or what object is made of a decoded one."""
 
 _STAMP = np.dtype([("encapsulation", "V4"), ("sec", "<i4"), ("nanosec", "<u4")])
 
@@ -32,14 +36,14 @@ class Columns:
             None: it goes on.
 
     Attributes:
-        rows: by topic, in the order of the file, of each file of the bag.
+        rows: by topic, in the order of the file, of each file of the bag; shape (messages,).
         problems: messages out of number or time, or unreadable.
     """
 
     def __init__(
         self,
         bag: Bag,
-        forms: Mapping[str, Form],
+        forms: Mapping[str, Reading],
         stamped: Sequence[str],
         period: int,
         begins: Sequence[int | None],
@@ -60,65 +64,46 @@ class Columns:
         for begins_at in begins:
             if begins_at is not None:
                 self._now = begins_at
-            parts: dict[str, list[np.ndarray]] = {name: [] for name in forms}
+            parts = {name: [no_rows(form)] for name, form in forms.items()}
             for part in bag.parts_of(len(self.rows), PART_BYTES):
                 for name, rows in self._part(part):
                     parts[name].append(rows)
-            self.rows.append(
-                {
-                    name: np.concatenate([np.empty(0, forms[name].columns), *found])
-                    for name, found in parts.items()
-                }
-            )
+            self.rows.append({name: np.concatenate(found) for name, found in parts.items()})
 
     def _part(self, part: Part) -> Iterator[tuple[str, np.ndarray]]:
         """Yield topics with the rows of their messages."""
         heads = part.heads
-        lengths = heads["length"].astype(np.int64) - MESSAGE.size
         numbers = self._number[heads["channel"]]
-        self._check_times(part, numbers, lengths)
+        self._check_times(part, numbers)
         order = np.argsort(numbers, kind="stable")
         found, first = np.unique(numbers[order], return_index=True)
         for number, group in zip(found.tolist(), np.split(order, first[1:]), strict=False):
             name = self._topics[number]
             self._check_numbers(name, heads[group])
-            form = self._forms.get(name)
-            if form is not None:
-                log_ns = heads["log_ns"][group]
-                yield name, self._rows(name, form, part, group, lengths[group], log_ns)
+            if name in self._forms:
+                yield name, self._rows(name, part.content, heads[group], part.begins[group])
 
     def _rows(
-        self,
-        name: str,
-        form: Form,
-        part: Part,
-        group: np.ndarray,
-        lengths: np.ndarray,
-        log_ns: np.ndarray,
+        self, name: str, content: bytes, heads: np.ndarray, begins: np.ndarray
     ) -> np.ndarray:
-        rows = np.zeros(len(group), dtype=form.columns)
-        left = np.ones(len(group), dtype=bool)
-        bad = np.zeros(len(group), dtype=bool)
-
-        for layout, fill in form.layouts:
-            mine = np.flatnonzero(left & (lengths == layout.size))
-            if len(mine):
-                fits, fields = layout.read(part.content, part.begins[group[mine]])
-                mine = mine[fits]
-                filled = rows[mine]
-                taken = fill(filled, fields[fits])
-                rows[mine] = filled
-                left[mine if taken is None else mine[taken]] = False
-        for place in np.flatnonzero(left).tolist():
-            begin = int(part.begins[group[place]])
-            data = part.content[begin : begin + int(lengths[place])]
-            try:
-                rows[place] = form.read(self._decode(name, data))
-            except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
-                bad[place] = True
-                step = int(log_ns[place]) // self._period
-                self._problem(step, f"topic {name}", f"a message that {error}", "readable")
-        return rows[~bad]
+        """Return the rows of a topic's messages that can be read, note the others."""
+        form, sizes = self._forms[name], heads["length"].astype(np.int64) - MESSAGE.size
+        if isinstance(form, Form):
+            rows, fits = form.rows(content, begins, sizes)
+            odd = dict.fromkeys(np.flatnonzero(~fits).tolist(), "has another form than the run's")
+        else:
+            rows, odd = np.empty(len(heads), dtype=object), {}
+            for place, (begin, size) in enumerate(
+                zip(begins.tolist(), sizes.tolist(), strict=True)
+            ):
+                try:
+                    rows[place] = form(self._decode(name, content[begin : begin + size]))
+                except (AttributeError, ValueError) as error:
+                    odd[place] = str(error)
+        for place, why in odd.items():
+            step = int(heads["log_ns"][place]) // self._period
+            self._problem(step, f"topic {name}", f"a message that {why}", "readable")
+        return np.delete(rows, list(odd))
 
     def _check_numbers(self, name: str, heads: np.ndarray) -> None:
         """Every message has the next number of its topic."""
@@ -130,7 +115,7 @@ class Columns:
             self._problem(step, f"topic {name}", logged, "the next one")
         self._due[name] = int(said[-1]) + 1
 
-    def _check_times(self, part: Part, numbers: np.ndarray, lengths: np.ndarray) -> None:
+    def _check_times(self, part: Part, numbers: np.ndarray) -> None:
         """A message that begins with a stamp is logged then, any other at the newest before."""
         if not len(numbers):
             return
@@ -138,7 +123,8 @@ class Columns:
         published = part.heads["publish_ns"].astype(np.int64)
         stamped = self._stamped[numbers]
         due = logged.copy()
-        readable = stamped & (lengths >= _STAMP.itemsize)  # of others their form says so
+        sizes = part.heads["length"].astype(np.int64) - MESSAGE.size
+        readable = stamped & (sizes >= _STAMP.itemsize)  # of others their form says so
         rows = rows_at(part.content, part.begins[readable], _STAMP)
         due[readable] = rows["sec"].astype(np.int64) * SECOND + rows["nanosec"]
         moved = np.where(stamped & (logged == due), logged, 0)
@@ -156,3 +142,8 @@ class Columns:
 
     def _problem(self, step: int, quantity: str, logged: str, computed: str) -> None:
         self.problems.append(Difference(step, None, quantity, logged, computed))
+
+
+def no_rows(form: Reading) -> np.ndarray:
+    """Return an array of rows without any, shape (0,)."""
+    return np.empty(0, form.columns if isinstance(form, Form) else object)

@@ -11,7 +11,7 @@ import numpy as np
 from sparse_coord_ros.runlog.difference import DIALOGUE, Difference
 from sparse_coord_ros.runlog.timeline import steps_of
 from sparse_coord_ros.wire.events import EventKind
-from sparse_coord_ros.wire.frame import SECOND, Frame
+from sparse_coord_ros.wire.frame import SECOND
 
 NO_REQUEST = "without its request"
 
@@ -95,7 +95,7 @@ def times_asked_again(requests: Sequence[Request]) -> int:
 
 
 def put_together(
-    events: Sequence[np.ndarray], names: Sequence[str], frame: Frame
+    events: Sequence[np.ndarray], names: Sequence[str], period: int
 ) -> tuple[list[Request], list[Difference]]:
     """Return the robots' requests in order of time step, and what does not fit together.
 
@@ -106,87 +106,44 @@ def put_together(
     Args:
         events: those of each asked robot, of type `EVENT`, in the order of the log.
         names: the robots.
-        frame: the run's clock.
+        period: nanoseconds of a time step.
     """
-    dialogue = _Dialogue(names)
+    requests: dict[tuple[int, int, int, int], Request] = {}
+    problems = []
     for peer, rows in enumerate(events):
-        dialogue.add(peer, rows, steps_of(rows, frame.period))
-    ordered = sorted(dialogue.requests.items(), key=lambda one: (one[0][2], one[0][0], one[0][3]))
-    return [request for _, request in ordered], dialogue.problems
-
-
-class _Dialogue:
-    """Requests by (asker, peer, step, number), and what does not fit together."""
-
-    def __init__(self, names: Sequence[str]) -> None:
-        self.requests: dict[tuple[int, int, int, int], Request] = {}
-        self.problems: list[Difference] = []
-        self._names = names
-
-    def add(self, peer: int, rows: np.ndarray, steps: np.ndarray) -> None:
-        """Add what one asked robot's topic says, at these time steps."""
-        codes = {one: code for code, one in enumerate(dict.fromkeys(rows["client"].tolist()))}
-        client = np.array([codes[one] for one in rows["client"].tolist()], dtype=np.int64)
-        server = (rows["kind"] == EventKind.RECEIVED) | (rows["kind"] == EventKind.ANSWERED)
-        self._check_clocks(peer, rows, steps, np.where(server, -1, client))
-        fields = [rows[name].tolist() for name in ("kind", "wall_ns", "asker", "xy", "seen")]
-        events = list(
-            zip(steps.tolist(), client.tolist(), rows["number"].tolist(), *fields, strict=True)
-        )
-        asked: dict[
-            tuple[Any, ...], Request | None
-        ] = {}  # by (whether of the service, client, number)
-        for place in np.flatnonzero(rows["request"]).tolist():
-            step, who, number, kind, wall_ns, asker, xy, _ = events[place]
-            request = None  # of a person
-            if asker >= 0 and step != 0:
-                key = (asker, peer, step, number)
-                request = self.requests.setdefault(key, Request(asker, peer, step, tuple(xy)))
-                if request.position != tuple(xy):
-                    said = f"from {request.position}"
-                    self._problem(request, kind, f"from {tuple(xy)}", said)
-                self._note(request, kind, wall_ns)
-            asked[kind == EventKind.RECEIVED, who, number] = request
-        for place in np.flatnonzero(~rows["request"]).tolist():
-            step, who, number, kind, wall_ns, _, xy, seen = events[place]
-            key_of = (kind == EventKind.ANSWERED, who, number)
-            request = asked.get(key_of)
+        asked: dict[tuple[bool, bytes, int], Request | None] = {}
+        newest: dict[bytes | None, int] = {}
+        for step, event in zip(steps_of(rows, period).tolist(), rows.tolist(), strict=True):
+            _, kind, wall_ns, client, number, is_request, asker, xy, seen = event
+            where, of_client = tuple(xy.tolist()), kind in (EventKind.SENT, EventKind.RETURNED)
+            key, writer = (of_client, client, number), client if of_client else None
+            if is_request:
+                asked[key] = None  # of a person
+                if asker >= 0 and step != 0:
+                    new = Request(asker, peer, step, where)
+                    asked[key] = requests.setdefault((step, asker, peer, number), new)
+            request, odd = asked.get(key), []
+            newest[writer] = max(newest.get(writer, wall_ns), wall_ns)
+            if newest[writer] > wall_ns:
+                odd.append(
+                    (f"after one that is {newest[writer] - wall_ns} ns younger", "before it")
+                )
+            if key not in asked:
+                odd.append((NO_REQUEST, "with it"))
             if request is not None:
-                self._note(request, kind, wall_ns)
-                content = (step, tuple(xy) if seen else None)
+                if kind in request.wall_ns:
+                    odd.append(("twice", "once"))
+                request.wall_ns.setdefault(kind, wall_ns)
+                if is_request and request.position != where:
+                    odd.append((f"from {where}", f"from {request.position}"))
                 if kind == EventKind.RETURNED:
-                    request.answer = content
-                else:
-                    request.said = content
-            elif key_of not in asked:
-                what = f"{DIALOGUE} {EventKind(kind).words}"
-                self.problems.append(
-                    Difference(step, self._names[peer], what, NO_REQUEST, "with it")
-                )
-
-    def _check_clocks(
-        self, peer: int, rows: np.ndarray, steps: np.ndarray, writers: np.ndarray
-    ) -> None:
-        """Each writer tells its events in the order of its clock."""
-        for writer in np.unique(writers).tolist():
-            mine = np.flatnonzero(writers == writer)
-            wall = rows["wall_ns"][mine]
-            late = np.maximum.accumulate(wall) - wall
-            for place in np.flatnonzero(late > 0).tolist():
-                what = f"{DIALOGUE} {EventKind(rows['kind'][mine[place]]).words}"
-                logged = f"after one that is {late[place]} ns younger"
-                step = int(steps[mine[place]])
-                self.problems.append(
-                    Difference(step, self._names[peer], what, logged, "before it")
-                )
-
-    def _note(self, request: Request, kind: int, wall_ns: int) -> None:
-        if kind in request.wall_ns:
-            self._problem(request, kind, "twice", "once")
-        else:
-            request.wall_ns[kind] = wall_ns
-
-    def _problem(self, request: Request, kind: int, logged: str, computed: str) -> None:
-        quantity = f"{DIALOGUE} with {self._names[request.peer]}, {EventKind(kind).words}"
-        name = self._names[request.asker]
-        self.problems.append(Difference(request.step, name, quantity, logged, computed))
+                    request.answer = (step, where if seen else None)
+                if kind == EventKind.ANSWERED:
+                    request.said = (step, where if seen else None)
+            words = EventKind(kind).words
+            who, what = names[peer], f"{DIALOGUE} {words}"
+            if request is not None:
+                who, what = names[request.asker], f"{DIALOGUE} with {names[peer]}, {words}"
+                step = request.step
+            problems += [Difference(step, who, what, *one) for one in odd]
+    return [requests[key] for key in sorted(requests)], problems

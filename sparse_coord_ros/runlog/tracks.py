@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A bag's messages sorted by topic and time step, with whatever is odd about them."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from dataclasses import dataclass, field
-from itertools import chain, pairwise
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,11 +16,10 @@ from sparse_coord_ros.bags.topics import find_clock
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.runlog.attached import RecordedTables, read_tables
 from sparse_coord_ros.runlog.bag_run import BagRun, check_bag_run, find_run
-from sparse_coord_ros.runlog.columns import Columns
+from sparse_coord_ros.runlog.columns import Columns, Reading, no_rows
 from sparse_coord_ros.runlog.decode import Decoder
 from sparse_coord_ros.runlog.dialogue import NO_REQUEST, Request, put_together
 from sparse_coord_ros.runlog.difference import MISSING, Difference
-from sparse_coord_ros.runlog.readers import KEEPER, robot_forms, team_forms
 from sparse_coord_ros.runlog.timeline import (
     Gap,
     Rollback,
@@ -30,9 +29,20 @@ from sparse_coord_ros.runlog.timeline import (
     rollbacks,
     steps_of,
 )
-from sparse_coord_ros.wire.frame import SECOND, Frame
-from sparse_coord_ros.wire.messages import Form
-from sparse_coord_ros.wire.status import Said
+from sparse_coord_ros.wire.events import event_form
+from sparse_coord_ros.wire.frame import Frame
+from sparse_coord_ros.wire.messages import (
+    ACTION_FORM,
+    CLOCK_FORM,
+    POSE_FORM,
+    REFEREED_FORM,
+    REWARD_FORM,
+    grid_form,
+    markers_form,
+    percept_form,
+)
+from sparse_coord_ros.wire.occupancy import OccupancyData
+from sparse_coord_ros.wire.status import Said, read_status
 
 THE_CLOCK = wire.CLOCK.name.lstrip("/")
 SPOKEN = (wire.DIAGNOSTICS, wire.ROSOUT)
@@ -68,7 +78,9 @@ class Tracks:
         run: the run.
         prefix: what the names of its topics begin with.
         clock_topic: the full name of the clock's.
-        states, rewards, actions, percepts: of each robot; rows as of `robot_forms`.
+        states, rewards, actions, percepts: of each robot. Rows of states have `xy`; of rewards and
+            actions `numbers`, in the order of their labels; of percepts `count` positions
+            `places`, the own one first.
         clock: the steps of the clock.
         maps: time steps, in the order of the log.
         markers: the same, with the robots' positions `places`.
@@ -139,10 +151,9 @@ def read_tracks(path: Path, also: Collection[wire.Topic] = ()) -> Tracks:
     found = find_run(bag, Decoder(bag.topics))
     tracks = tracks_of(bag, found, also=also)
     odd = list(check_bag_run(bag, found))
-    for name in _channels(tracks, Frame(tracks.run)):
-        if name not in bag.topics:
-            due = "a topic of this run"
-            odd.append(Difference(None, None, f"topic {name}", MISSING, due))
+    due = [tracks.topic(*of) for of in _forms(tracks)]
+    missing = [f"topic {name}" for name in due if name not in bag.topics]
+    odd += [Difference(None, None, name, MISSING, "a topic of this run") for name in missing]
     if tracks.broken_off and not all(len(track.step) for track in tracks.states):
         odd = [one for one in odd if one.logged != MISSING]  # it broke off before the run began
     tracks.problems += odd
@@ -156,19 +167,27 @@ def add_tables(tracks: Tracks) -> None:
     tracks.problems += odd
 
 
-class _Channel(NamedTuple):
-    """A topic of the run: what it says, and how its messages become rows."""
-
-    topic: wire.Topic
-    form: Form
-
-
-def _channels(tracks: Tracks, frame: Frame) -> dict[str, _Channel]:
-    """Return the topics that the bag of a run has, by their full names."""
-    of_team, of_robots = team_forms(tracks.run, frame), robot_forms(tracks.run, frame)
-    found = {tracks.topic(topic): _Channel(topic, form) for topic, form in of_team.items()}
+def _forms(tracks: Tracks) -> dict[tuple[wire.Topic, int | None], Reading]:
+    """Return how the messages of the run's topics are read, of the team and of each robot."""
+    run, frame = tracks.run, Frame(tracks.run)
+    of_team: dict[wire.Topic, Reading] = {
+        wire.CLOCK: CLOCK_FORM,
+        wire.MAP: grid_form(frame, OccupancyData(frame).map),
+        wire.MARKERS: markers_form(frame, run.scenario),
+        wire.STATUS: read_status,
+    }
+    of_robot: dict[wire.Topic, Reading] = {
+        wire.LOCAL_STATE: POSE_FORM,
+        wire.REWARD: REFEREED_FORM if run.scenario.referee else REWARD_FORM,
+        wire.ACTION: ACTION_FORM,
+        wire.PERCEPT: percept_form(len(tracks.names)),
+        wire.COORDINATION_MAP: grid_form(frame),
+        wire.SERVICE_EVENTS: event_form(tracks.names),
+    }
+    found: dict[tuple[wire.Topic, int | None], Reading] = {}
+    found |= {(topic, None): form for topic, form in of_team.items()}
     for k in range(len(tracks.names)):
-        found |= {tracks.topic(topic, k): _Channel(topic, r) for topic, r in of_robots.items()}
+        found |= {(topic, k): form for topic, form in of_robot.items()}
     return found
 
 
@@ -188,55 +207,8 @@ def tracks_of(
     """
     clock = find_clock(bag.topics, bag.counts) or wire.CLOCK.name
     tracks = Tracks(bag, found.run, found.prefix, clock)
-    frame = Frame(found.run)
-    backs = rollbacks(bag)
-    files = _read_rows(tracks, frame, backs, only, also)
-    clocks = [steps_of(rows[clock], frame.period) for rows in files]
-    statuses = _objects(files, tracks.topic(wire.STATUS))
-    said = next((of[-1].step for of in reversed(statuses) if of), 0)
-    tracks.gaps, tracks.rollbacks = gaps(bag, clocks, backs, said)
-    for gap in tracks.gaps:
-        logged = f"nothing of the time steps {gap.first} to {gap.last}: no recorder was there"
-        tracks.problem(None, None, "recording", logged, "every time step")
-    sort = _Sorter(tracks, files, backs, frame.period)
-    sort.team()
-    for k in range(len(tracks.names)):
-        sort.robot(k)
-    sort.statuses(statuses)
-    _read_dialogue(tracks, files, frame)
-    for topic in also:
-        tracks.spoken[topic] = list(chain(*_objects(files, tracks.topic(topic))))
+    _Sorter(tracks, only, also).sort()
     return tracks
-
-
-def _read_rows(
-    tracks: Tracks,
-    frame: Frame,
-    backs: Sequence[Rollback],
-    only: Collection[wire.Topic] | None,
-    also: Collection[wire.Topic],
-) -> list[dict[str, np.ndarray]]:
-    """Return the rows of each file's topics, by full name; arguments as of `tracks_of`."""
-    bag, channels = tracks.bag, _channels(tracks, frame)
-    forms = {
-        name: channel.form
-        for name, channel in channels.items()
-        if only is None or channel.topic in only
-    }
-    forms |= {tracks.topic(topic): KEEPER for topic in also}
-    stamped = [name for name, channel in channels.items() if channel.topic.stamped]
-    begins: list[int | None] = [None] * len(bag.files)
-    for back in backs:
-        begins[back.file] = (back.first - 1) * frame.period
-    columns = Columns(bag, forms, stamped, frame.period, begins)
-    tracks.problems += columns.problems
-    nothing = {name: np.empty(0, channel.form.columns) for name, channel in channels.items()}
-    return [nothing | rows for rows in columns.rows]
-
-
-def _objects(files: Sequence[dict[str, np.ndarray]], topic: str) -> list[list[Any]]:
-    """Return what the rows of a topic hold that have one field, of each file."""
-    return [[one for (one,) in rows[topic].tolist()] for rows in files]
 
 
 def _under_way(step: int, back: Rollback | None) -> bool:
@@ -244,106 +216,122 @@ def _under_way(step: int, back: Rollback | None) -> bool:
     return back is not None and (step >= back.until - 1 or step <= back.first)
 
 
-def _read_dialogue(tracks: Tracks, files: Sequence[dict[str, np.ndarray]], frame: Frame) -> None:
-    """Put the dialogue together, of each time line by itself: who comes back counts anew."""
-    names = [tracks.topic(wire.SERVICE_EVENTS, k) for k in range(len(tracks.names))]
-    firsts = [back.first for back in tracks.rollbacks]
-    cuts = [0, *(back.file for back in tracks.rollbacks), len(files)]
-    for place, (begin, end) in enumerate(pairwise(cuts)):
-        if begin == end:
-            continue
-        events = [np.concatenate([rows[name] for rows in files[begin:end]]) for name in names]
-        requests, problems = put_together(events, tracks.names, frame)
-        limit = min(firsts[place:], default=np.inf)
-        back = tracks.rollbacks[place - 1] if place else None
-        tracks.requests += [request for request in requests if request.step < limit]
-        for one in problems:
-            if one.step is not None:
-                if one.step >= limit:
-                    continue
-                # Questions that were under way when the run went back are answered from then, or
-                # from the checkpoint by who has gone back already, without a request here.
-                if one.logged == NO_REQUEST and _under_way(one.step, back):
-                    continue
-            tracks.problems.append(one)
-    tracks.requests.sort(key=lambda one: (one.step, one.asker))
-
-
 class _Sorter:
-    """Puts rows in the order of time steps, and notes which are out of it."""
+    """Reads a bag, puts its rows in the order of time steps, and notes which are out of it."""
 
     def __init__(
-        self,
-        tracks: Tracks,
-        files: Sequence[dict[str, np.ndarray]],
-        backs: Sequence[Rollback],
-        period: int,
+        self, tracks: Tracks, only: Collection[wire.Topic] | None, also: Collection[wire.Topic]
     ) -> None:
-        self._tracks, self._files, self._backs, self._period = tracks, files, backs, period
+        bag, forms = tracks.bag, _forms(tracks)
+        self._tracks, self._also = tracks, also
+        self._period = Frame(tracks.run).period
+        self._backs = rollbacks(bag)
+        begins: list[int | None] = [None] * len(bag.files)
+        for back in self._backs:
+            begins[back.file] = (back.first - 1) * self._period
+        read = {
+            tracks.topic(*of): form for of, form in forms.items() if only is None or of[0] in only
+        }
+        read |= {tracks.topic(topic): lambda message: message for topic in also}
+        stamped = [tracks.topic(*of) for of in forms if of[0].stamped]
+        columns = Columns(bag, read, stamped, self._period, begins)
+        tracks.problems += columns.problems
+        nothing = {tracks.topic(*of): no_rows(form) for of, form in forms.items()}
+        self._files = [nothing | rows for rows in columns.rows]
 
-    def team(self) -> None:
-        """Sort clock, maps and markers."""
-        tracks = self._tracks
+    def sort(self) -> None:
+        """Fill in the tracks."""
+        tracks, robots = self._tracks, range(len(self._tracks.names))
+        self._find_gaps()
         tracks.clock = self._track(wire.CLOCK)
         for step in tracks.clock.repeats.tolist():
             tracks.problem(step, None, THE_CLOCK, "twice", "once")
         tracks.maps = self._several(wire.MAP)[0]
         tracks.markers = self._several(wire.MARKERS)
+        tracks.states = [self._track(wire.LOCAL_STATE, k) for k in robots]
+        tracks.rewards = [self._track(wire.REWARD, k) for k in robots]
+        tracks.actions = [self._track(wire.ACTION, k) for k in robots]
+        tracks.percepts = [self._track(wire.PERCEPT, k) for k in robots]
+        tracks.coordination_maps = [
+            self._several(wire.COORDINATION_MAP, k, checkpoints=True) for k in robots
+        ]
+        self._statuses()
+        self._dialogue()
+        for topic in self._also:
+            tracks.spoken[topic] = np.concatenate(self._of(topic)).tolist()
 
-    def robot(self, k: int) -> None:
-        """Sort what one robot says or is told."""
+    def _of(self, topic: wire.Topic, k: int | None = None) -> list[np.ndarray]:
+        """Return the rows of a topic, of each file."""
+        return [rows[self._tracks.topic(topic, k)] for rows in self._files]
+
+    def _find_gaps(self) -> None:
         tracks = self._tracks
-        tracks.states.append(self._track(wire.LOCAL_STATE, k))
-        tracks.rewards.append(self._track(wire.REWARD, k))
-        tracks.actions.append(self._track(wire.ACTION, k))
-        tracks.percepts.append(self._track(wire.PERCEPT, k))
-        tracks.coordination_maps.append(self._several(wire.COORDINATION_MAP, k, checkpoints=True))
+        clocks = [steps_of(rows, self._period) for rows in self._of(wire.CLOCK)]
+        said = [status.step for rows in self._of(wire.STATUS) for status in rows.tolist()]
+        tracks.gaps, tracks.rollbacks = gaps(tracks.bag, clocks, self._backs, (said or [0])[-1])
+        for gap in tracks.gaps:
+            logged = f"nothing of the time steps {gap.first} to {gap.last}: no recorder was there"
+            tracks.problem(None, None, "recording", logged, "every time step")
+
+    def _dialogue(self) -> None:
+        """Put the dialogue together, of each time line by itself: who comes back counts anew."""
+        tracks = self._tracks
+        of_robots = [self._of(wire.SERVICE_EVENTS, k) for k in range(len(tracks.names))]
+        firsts = [back.first for back in tracks.rollbacks]
+        cuts = [0, *(back.file for back in tracks.rollbacks), len(self._files)]
+        for place, (begin, end) in enumerate(pairwise(cuts)):
+            if begin == end:
+                continue
+            events = [np.concatenate(files[begin:end]) for files in of_robots]
+            requests, problems = put_together(events, tracks.names, self._period)
+            limit = min(firsts[place:], default=np.inf)
+            back = tracks.rollbacks[place - 1] if place else None
+            tracks.requests += [request for request in requests if request.step < limit]
+            # Questions that were under way when the run went back are answered from then, or from
+            # the checkpoint by who has gone back already, without a request here.
+            tracks.problems += [
+                one
+                for one in problems
+                if (one.step or 0) < limit
+                and not (one.logged == NO_REQUEST and _under_way(one.step or 0, back))
+            ]
+        tracks.requests.sort(key=lambda one: (one.step, one.asker))
 
     def _rows(
         self, topic: wire.Topic, k: int | None, *, checkpoints: bool
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return rows and their time steps; a message is stamped with one, from 0."""
-        name, period = topic.name.lstrip("/"), self._period
-        files = [rows[self._tracks.topic(topic, k)] for rows in self._files]
-        rows = kept(files, self._backs, period, checkpoints=checkpoints)
-        before = rows["ns"] < 0
-        for ns in rows["ns"][before].tolist():
-            self._tracks.problem(None, k, f"{name} stamp", f"{ns} ns", "0 or later")
-        rows = rows[~before]
-        steps = steps_of(rows, period)
-        for place in np.flatnonzero(rows["ns"] != steps * period).tolist():
-            step, ns = int(steps[place]), int(rows["ns"][place])
-            said, due = (f"{n // SECOND}.{n % SECOND:09d} s" for n in (ns, step * period))
-            self._tracks.problem(step, k, f"{name} stamp", said, due)
-        return rows, steps
+        """Return the rows of a topic that hold, with their time steps."""
+        rows = kept(self._of(topic, k), self._backs, self._period, checkpoints=checkpoints)
+        steps = steps_of(rows, self._period)
+        due = steps * self._period
+        for place in np.flatnonzero((rows["ns"] != due) | (rows["ns"] < 0)).tolist():
+            ns, step = int(rows["ns"][place]), int(steps[place])
+            right = (step, f"{due[place]} ns") if ns >= 0 else (None, "0 or later")
+            quantity = f"{topic.name.lstrip('/')} stamp"
+            self._tracks.problem(right[0], k, quantity, f"{ns} ns", right[1])
+        return rows[rows["ns"] >= 0], steps[rows["ns"] >= 0]
 
     def _track(self, topic: wire.Topic, k: int | None = None) -> Track:
         """Return rows of which there should be one a time step."""
-        name, note = topic.name.lstrip("/"), self._tracks.problem
         rows, steps = self._rows(topic, k, checkpoints=False)
         newest = np.maximum.accumulate(np.concatenate([[-1], steps]))[:-1]
-        first = steps > newest
-        odd = np.flatnonzero(~first)
-        if not len(odd):
-            return Track(steps, rows, NOTHING)
-        known = {int(steps[place]): place for place in np.flatnonzero(first).tolist()}
+        found, first = np.unique(steps, return_index=True)
         repeats = []
-        for place in odd.tolist():
+        for place in np.flatnonzero(steps <= newest).tolist():
             step, last = int(steps[place]), int(newest[place])
-            if step not in known:
-                known[step] = place
-                first[place] = True
-                note(step, k, name, f"after that of step {last}", "before it")
-            elif rows[place].tobytes() != rows[known[step]].tobytes():
-                two = (rows[known[step]].tolist()[1:], rows[place].tolist()[1:])
-                note(step, k, name, f"twice, with {two[0]} and {two[1]}", "once")
+            known = int(first[np.searchsorted(found, step)])
+            if known == place:
+                odd = f"after that of step {last}", "before it"
+            elif rows[place].tobytes() != rows[known].tobytes():
+                two = (rows[known].tolist()[1:], rows[place].tolist()[1:])
+                odd = f"twice, with {two[0]} and {two[1]}", "once"
             elif step < last:
-                note(step, k, name, f"again after that of step {last}", "once")
+                odd = f"again after that of step {last}", "once"
             else:
                 repeats.append(step)
-        order = np.flatnonzero(first)
-        order = order[np.argsort(steps[order], kind="stable")]
-        return Track(steps[order], rows[order], np.array(repeats, dtype=np.int64))
+                continue
+            self._tracks.problem(step, k, topic.name.lstrip("/"), *odd)
+        return Track(found, rows[first], np.array(repeats, dtype=np.int64))
 
     def _several(
         self, topic: wire.Topic, k: int | None = None, *, checkpoints: bool = False
@@ -355,15 +343,15 @@ class _Sorter:
             self._tracks.problem(int(steps[place + 1]), k, topic.name, logged, "before it")
         return steps, rows
 
-    def statuses(self, of_files: Sequence[Sequence[Said]]) -> None:
-        """Note the world's statuses, of each file, and what is odd about them."""
-        places = [place for place, of in enumerate(of_files) for _ in of]
-        said = list(chain(*of_files))
-        valid = of_last(places, [one.step for one in said], self._backs)
+    def _statuses(self) -> None:
+        """Note the world's statuses, and what is odd about them."""
+        of_files = [rows.tolist() for rows in self._of(wire.STATUS)]
+        said = [(place, one) for place, of in enumerate(of_files) for one in of]
+        valid = of_last([place for place, _ in said], [one.step for _, one in said], self._backs)
         # A world that is yet to go back does not know where the team is.
         found = [
             one
-            for one, ok in zip(said, valid, strict=True)
+            for (_, one), ok in zip(said, valid, strict=True)
             if ok and one.state != wire.RunState.RESUMING
         ]
         for before, status in zip([None, *found], found, strict=False):

@@ -34,7 +34,7 @@ class Fixed(NamedTuple):
     """A field that is always the same."""
 
     kind: str
-    value: float
+    value: float | bytes
 
 
 Item = Free | Fixed | str
@@ -130,7 +130,7 @@ class Layout:
         return values
 
     def read(self, content: bytes, begins: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Read messages of this size.
+        """Read messages of at least this size; what comes after it is padding.
 
         Args:
             content: bytes in which they lie.

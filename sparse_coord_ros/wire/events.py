@@ -4,21 +4,11 @@
 
 from collections.abc import Sequence
 from enum import IntEnum
-from typing import Any
 
 import numpy as np
 
 from sparse_coord_ros.wire.cdr import Fixed, Free, Item, Layout, no_stamp, nothing, place_at, stamp
-from sparse_coord_ros.wire.messages import (
-    POSE_ITEMS,
-    Fill,
-    Form,
-    nanoseconds,
-    path,
-    read_header,
-    read_pose,
-    stamps_of,
-)
+from sparse_coord_ros.wire.messages import POSE_ITEMS, Fill, Form, path, stamps_of
 
 
 class EventKind(IntEnum):
@@ -36,9 +26,12 @@ class EventKind(IntEnum):
     @property
     def words(self) -> str:
         """The same in words."""
-        side = "request" if self in (EventKind.SENT, EventKind.RECEIVED) else "response"
+        side = "request" if self in QUESTIONS else "response"
         return f"{side} {'received' if self % 2 else 'sent'}"
 
+
+QUESTIONS = EventKind.SENT, EventKind.RECEIVED
+ANSWERS = EventKind.ANSWERED, EventKind.RETURNED
 
 EVENT = np.dtype(
     [
@@ -60,52 +53,33 @@ is."""
 
 
 def event_form(names: Sequence[str]) -> Form:
-    """Return the form of the events of nav_msgs/GetPlan in a team of robots."""
+    """Return the form of the events of nav_msgs/GetPlan in a team of robots.
 
-    def read(message: Any) -> tuple[Any, ...]:
-        info = message.info
-        kind = int(info.event_type)
-        client = bytes(byte & 0xFF for byte in info.client_gid)
-        head = kind, nanoseconds(info.stamp), client, int(info.sequence_number)
-        if kind in (EventKind.SENT, EventKind.RECEIVED) and message.request:
-            start = message.request[0].start
-            asker = message.request[0].goal.header.frame_id
-            number = names.index(asker) if asker in names else -1
-            ns = nanoseconds(start.header.stamp)
-            if number >= 0 and ns:
-                read_pose(start)  # what persons ask may be anything
-            return ns, *head, True, number, (start.pose.position.x, start.pose.position.y), False
-        if kind in (EventKind.ANSWERED, EventKind.RETURNED) and message.response:
-            plan = message.response[0].plan
-            if len(plan.poses) > 1:
-                raise ValueError(f"answers with {len(plan.poses)} places")
-            where = [read_pose(pose)[1] for pose in plan.poses] or [(np.nan, np.nan)]
-            return read_header(plan.header), *head, False, -1, where[0], bool(plan.poses)
-        raise ValueError(f"is an event of type {kind}, with neither a request nor a response")
-
+    What persons ask may be anything: of a request of another form only the head is read.
+    """
     info: list[Item] = [Free("kind", "u1"), *stamp("wall_")]
     info += [Free("client", "V16"), Free("number", "<i8")]
     found = []
     for asker, name in enumerate(names):
         goal = [*no_stamp(), name, *place_at(0.0, 0.0)]
         request = [Fixed("<u4", 1), *POSE_ITEMS, *goal, *nothing("<f4", "<u4")]
-        found.append((Layout([*info, *request]), _fill(asker)))
+        found.append((Layout([*info, *request]), _fill(asker, QUESTIONS)))
     for places in (0, 1):
         response = [*nothing("<u4"), Fixed("<u4", 1), *path(places)]
-        found.append((Layout([*info, *response]), _fill(None)))
-    return Form(EVENT, read, found)
+        found.append((Layout([*info, *response]), _fill(-1, ANSWERS)))
+    return Form(EVENT, [*found, (Layout(info), _fill(-1, QUESTIONS))])
 
 
-def _fill(asker: int | None) -> Fill:
-    def fill(rows: np.ndarray, fields: np.ndarray) -> None:
+def _fill(asker: int, kinds: tuple[EventKind, ...]) -> Fill:
+    def fill(rows: np.ndarray, fields: np.ndarray) -> np.ndarray:
+        known = fields.dtype.names or ()
         rows["kind"], rows["client"] = fields["kind"], fields["client"]
         rows["number"], rows["wall_ns"] = fields["number"], stamps_of(fields, "wall_")
-        rows["ns"], rows["xy"] = stamps_of(fields), np.nan
-        rows["asker"] = -1 if asker is None else asker
-        rows["request"] = asker is not None
-        if asker is not None:
-            rows["xy"] = fields["xy"]
-        elif "0_xy" in (fields.dtype.names or ()):
-            rows["xy"], rows["seen"] = fields["0_xy"], True
+        rows["ns"] = stamps_of(fields) if "sec" in known else 0
+        rows["request"], rows["asker"] = kinds is QUESTIONS, asker
+        rows["seen"], rows["xy"] = "0_xy" in known, np.nan
+        for name in {"xy", "0_xy"}.intersection(known):
+            rows["xy"] = fields[name]
+        return np.isin(fields["kind"], kinds)
 
     return fill

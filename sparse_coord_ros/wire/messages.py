@@ -2,14 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The messages of a run, packed and read by the vocabulary, without ROS.
 
-A `Form` says what the messages of a topic say, how they look as bytes, and how a decoded one is
-read. The nodes pack and read single messages by it (`Messages`), the log many at once, by columns.
+A `Form` says how the messages of a topic look as bytes, and what rows they make. The nodes pack
+and read single messages by it (`Messages`), the log many at once, by columns.
 An error's text says what such a message does, such as "labels no number total".
 """
 
 import struct
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from math import isfinite
 from typing import Any, NamedTuple, get_type_hints
@@ -70,26 +70,52 @@ def by_name(rows: np.ndarray, fields: np.ndarray) -> None:
         rows[name] = fields[name]
 
 
+def no_other_form(message: Any) -> tuple[Any, ...]:
+    """Refuse a message that has no known layout."""
+    raise ValueError("has another form than those of the run")
+
+
 @dataclass(frozen=True)
 class Form:
-    """What the messages of one topic say, and how they are read.
+    """How the messages of one topic look as bytes, and what rows they make.
 
     Attributes:
         columns: structured type of a row: "ns" first, then what a message says.
-        read: gives the row of a decoded message, as a tuple; ValueError, or what else comes up,
-            where it makes no sense.
-        layouts: how messages look as bytes, each with what fills rows from their fields; others
-            are decoded and `read`.
+        layouts: how messages look as bytes, each with what fills rows from their fields.
+        read: of what other programs may publish in other layouts: gives the row of a decoded
+            message, as a tuple; ValueError where it makes no sense.
     """
 
     columns: np.dtype
-    read: Callable[[Any], tuple[Any, ...]]
-    layouts: Sequence[tuple[Layout, Fill]] = ()
+    layouts: Sequence[tuple[Layout, Fill]]
+    read: Callable[[Any], tuple[Any, ...]] = no_other_form
 
     @cached_property
     def layout(self) -> Layout:
         """The layout of a form that has one."""
         return self.layouts[0][0]
+
+    def rows(
+        self, content: bytes, begins: np.ndarray, sizes: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the rows of many messages, and which of them have this form; both (messages,).
+
+        Args:
+            content: bytes in which the messages lie.
+            begins: where each begins, shape (messages,).
+            sizes: their bytes, shape (messages,).
+        """
+        rows = np.zeros(len(begins), dtype=self.columns)
+        left = np.ones(len(begins), dtype=bool)
+        for layout, fill in self.layouts:
+            mine = np.flatnonzero(left & (sizes >= layout.size))
+            fits, fields = layout.read(content, begins[mine])
+            mine = mine[fits]
+            filled = rows[mine]
+            taken = fill(filled, fields[fits])
+            rows[mine] = filled
+            left[mine if taken is None else mine[taken]] = False
+        return rows, ~left
 
 
 def nanoseconds(time: Any) -> int:
@@ -138,7 +164,7 @@ def labelled(labels: Sequence[str]) -> Form:
     numbers = Free("numbers", f"({count},)<f8")
     items: list[Item] = [Fixed("<u4", count), *labels, Fixed("<u4", count), numbers]
     layout = Layout([*header(), *items, *nothing("<u4", "<u4")])
-    return Form(np.dtype([NS, ("numbers", "f8", (count,))]), read, [(layout, by_name)])
+    return Form(np.dtype([NS, ("numbers", "f8", (count,))]), [(layout, by_name)], read)
 
 
 def read_labelled(message: Any) -> tuple[int, dict[str, float]]:
@@ -155,27 +181,11 @@ def read_labelled(message: Any) -> tuple[int, dict[str, float]]:
     return ns, dict(zip(labels, message.position, strict=True))
 
 
-def exactly(form: Form) -> Form:
-    """Return the form of labelled numbers that refuses others beside them."""
-    count = form.columns["numbers"].shape[0]
-
-    def read(message: Any) -> tuple[Any, ...]:
-        if len(message.name) > count:
-            raise ValueError(f"labels its numbers {', '.join(message.name)[:200]}")
-        return form.read(message)
-
-    return replace(form, read=read)
-
-
-CLOCK_FORM = Form(
-    np.dtype([NS]),
-    lambda message: (nanoseconds(message.clock),),
-    [(Layout(stamp()), by_name)],
-)
+CLOCK_FORM = Form(np.dtype([NS]), [(Layout(stamp()), by_name)])
 POSE_ITEMS = [*header(), *place()]
 """The fields of a geometry_msgs/PoseStamped."""
 
-POSE_FORM = Form(np.dtype([NS, ("xy", "2f8")]), read_pose, [(Layout(POSE_ITEMS), by_name)])
+POSE_FORM = Form(np.dtype([NS, ("xy", "2f8")]), [(Layout(POSE_ITEMS), by_name)], read_pose)
 ACTION_FORM = labelled(ACTION.labels)
 REWARD_FORM = labelled(REWARD.labels)
 REFEREED_FORM = labelled((*REWARD.labels, PARTNERS))
@@ -193,11 +203,6 @@ def path(count: int) -> list[Item]:
 def percept_form(robots: int) -> Form:
     """Return the form of a percept: `count` positions `places`, the own one first, then NaN."""
 
-    def read(message: Any) -> tuple[int, int, list[tuple[float, float]]]:
-        places = [read_pose(pose)[1] for pose in message.poses]
-        padded = [*places, *[(np.nan, np.nan)] * robots][:robots]
-        return read_header(message.header), len(places), padded
-
     def fill(count: int) -> Fill:
         def put(rows: np.ndarray, fields: np.ndarray) -> None:
             rows["ns"], rows["count"], rows["places"] = stamps_of(fields), count, np.nan
@@ -207,7 +212,7 @@ def percept_form(robots: int) -> Form:
         return put
 
     columns = np.dtype([NS, ("count", "i4"), ("places", "f8", (robots, 2))])
-    return Form(columns, read, [(Layout(path(n)), fill(n)) for n in range(1, robots + 1)])
+    return Form(columns, [(Layout(path(n)), fill(n)) for n in range(1, robots + 1)])
 
 
 def grid_form(frame: Frame, due: bytes | None = None) -> Form:
@@ -215,35 +220,15 @@ def grid_form(frame: Frame, due: bytes | None = None) -> Form:
 
     Args:
         frame: the run's frame.
-        due: what the data must be; None: anything.
+        due: what the data must be, which then are no column; None: anything.
     """
     rows, columns = frame.grid.shape
-    resolution = float(np.float32(frame.resolution))
-    expected = None if due is None else np.frombuffer(due, dtype=np.int8)
-
-    def read(message: Any) -> tuple[int, np.ndarray]:
-        info = message.info
-        time = info.map_load_time
-        said = (info.resolution, info.width, info.height, time.sec, time.nanosec)
-        if said != (resolution, columns, rows, 0, 0):
-            raise ValueError("has another resolution or size than the map")
-        if flat_position(info.origin) != frame.origin:
-            raise ValueError("has another origin than the map")
-        data = bytes(value & 0xFF for value in message.data)
-        if len(data) != rows * columns:
-            raise ValueError(f"has {len(data)} cells, not {rows * columns}")
-        if due not in (None, data):
-            raise ValueError("is not the scenario's map")
-        return read_header(message.header), np.frombuffer(data, dtype=np.int8)
-
-    def fill(rows: np.ndarray, fields: np.ndarray) -> np.ndarray | None:
-        by_name(rows, fields)
-        return None if expected is None else (fields["data"] == expected).all(axis=1)
-
-    size = [Fixed("<f4", resolution), Fixed("<u4", columns), Fixed("<u4", rows)]
-    data: list[Item] = [Fixed("<u4", rows * columns), Free("data", f"({rows * columns},)i1")]
-    layout = Layout([*header(), *no_stamp(), *size, *place_at(*frame.origin), *data])
-    return Form(np.dtype([NS, ("data", "i1", (rows * columns,))]), read, [(layout, fill)])
+    count = rows * columns
+    size = [Fixed("<f4", frame.resolution), Fixed("<u4", columns), Fixed("<u4", rows)]
+    data = Free("data", f"({count},)i1") if due is None else Fixed(f"V{count}", due)
+    items = [*no_stamp(), *size, *place_at(*frame.origin), Fixed("<u4", count), data]
+    column = [("data", "i1", (count,))] if due is None else []
+    return Form(np.dtype([NS, *column]), [(Layout([*header(), *items]), by_name)])
 
 
 CUBE, SPHERE, CYLINDER = 1, 2, 3
@@ -290,18 +275,6 @@ def markers_form(frame: Frame, scenario: Scenario) -> Form:
     due = marks(frame, scenario)
     moving = [number for number, mark in enumerate(due) if mark.at is None]
 
-    def read(message: Any) -> tuple[int, list[tuple[float, float]]]:
-        said = [(m.ns, m.id, flat_position(m.pose)) for m in message.markers]
-        shown = [(ns, k, None if ns == ROBOTS else at) for ns, k, at in said]
-        if shown != [mark[:3] for mark in due]:
-            raise ValueError("shows other doorways, goals or robots than the scenario's")
-        if [_look(marker) for marker in message.markers] != [_float32(m.look) for m in due]:
-            raise ValueError("shows them in other shapes or colours")
-        stamps = {read_header(marker.header) for marker in message.markers}
-        if len(stamps) != 1:
-            raise ValueError("holds several stamps")
-        return stamps.pop(), [said[number][2] for number in moving]
-
     def fill(rows: np.ndarray, fields: np.ndarray) -> np.ndarray:
         rows["ns"] = stamps_of(fields, "0_")
         for place_, number in enumerate(moving):
@@ -319,18 +292,7 @@ def markers_form(frame: Frame, scenario: Scenario) -> Form:
         items += [*no_stamp(), *nothing("u1", "<u4", "<u4"), ""]  # lifetime to texture
         items += [*no_stamp(), "", "", *nothing("<u4", "<u4"), "", "", "", *nothing("<u4", "u1")]
     columns = np.dtype([NS, ("places", "f8", (len(moving), 2))])
-    return Form(columns, read, [(Layout(items), fill)])
-
-
-def _look(marker: Any) -> tuple[float, ...]:
-    size, colour = marker.scale, marker.color
-    look = (marker.type, marker.action, size.x, size.y, size.z)
-    return _float32((*look, colour.r, colour.g, colour.b, colour.a))
-
-
-def _float32(look: tuple[float, ...]) -> tuple[float, ...]:
-    """Return a look with its colour as it is sent."""
-    return (*look[:5], *np.array(look[5:], dtype=np.float32).tolist())
+    return Form(columns, [(Layout(items), fill)])
 
 
 def reward_from(numbers: Sequence[float]) -> Reward:

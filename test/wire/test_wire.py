@@ -14,8 +14,8 @@ from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.wire import PerceptEnd, services
 from sparse_coord_ros.wire.cdr import Fixed, Free, Layout
-from sparse_coord_ros.wire.frame import SECOND, Frame
-from sparse_coord_ros.wire.messages import Messages, markers_form, marks
+from sparse_coord_ros.wire.frame import SECOND
+from sparse_coord_ros.wire.messages import Messages
 
 PACKAGE = Path(sparse_coord_ros.__file__).parent
 TOPICS = wire.TOPICS
@@ -73,15 +73,3 @@ def test_a_message_has_a_layout_only_where_all_its_fixed_fields_fit():
         assert fits == (layout.unpack(data) is not None)
         fitting.append(fits)
     assert sum(fitting) == 4, "those of the free field"
-
-
-@pytest.mark.parametrize("odd", [None, 1])
-def test_markers_that_are_read_at_once_have_one_stamp(odd):
-    run = make_run(load_scenario("env1"), {})
-    form, values = markers_form(Frame(run), run.scenario), []
-    for number, mark in enumerate(marks(Frame(run), run.scenario)):
-        values += [int(number == odd), 0, *([0.5, 0.5] if mark.at is None else [])]
-    layout, fill = form.layouts[0]
-    fits, fields = layout.read(layout.pack(*values), np.array([0]))
-    assert fits.all()
-    assert fill(np.zeros(1, form.columns), fields).tolist() == [odd is None]
