@@ -39,9 +39,9 @@ class Minds(TableMinds):
     """All robots, for the compiled loops."""
 
     @staticmethod
-    def bootstrap(problem, minds, k, cell, step):
+    def bootstrap(state, minds, step, k, cell):
         """Return what robot k expects from its next cell on."""
-        return expected(minds.q_star[k, cell], problem.actions, epsilon_at(problem, step))
+        return expected(minds.q_star[k, cell], state.problem.actions, epsilon_at(state, step))
 
 
 class ExpectedSarsa(sc.Learner):

@@ -42,7 +42,7 @@ from sparse_coord_ros.game.world import EPISODE_GAP, FIRST_STEP, Action, Positio
 from sparse_coord_ros.learn import loops
 from sparse_coord_ros.learn.agent import NOBODY, Memory, Tables
 from sparse_coord_ros.learn.evaluation import Trials, play
-from sparse_coord_ros.learn.history import History, concatenated
+from sparse_coord_ros.learn.history import History, blank_history, concatenated, no_history
 from sparse_coord_ros.learn.learners import Learner, learner_of
 from sparse_coord_ros.learn.loops import Minds
 from sparse_coord_ros.learn.rows import has_room, updated_rows
@@ -286,15 +286,14 @@ class CompiledTeam:
         """Play greedy trials."""
         scenario = self.scenario
         team = len(scenario.robots)
-        problem = self._trying._replace(budget=trials)
         results = np.zeros((trials, team, 4))
         asked, stays = np.zeros((2, team, len(scenario.map.cells)), dtype=np.int64)
-        game = _game(team, FIRST_STEP + EPISODE_GAP)
-        choice = _choice(team)
+        problem = self._trying._replace(budget=trials)
         draws = self.draws(seed, problem, EVALUATION)
-        while game.clock[loops.DONE] < trials:
+        state = loops.State(problem, _game(team, FIRST_STEP + EPISODE_GAP), _choice(team), draws)
+        while state.game.clock[loops.DONE] < trials:
             minds = self.with_room(minds)
-            self.loops.play(problem, minds, game, choice, draws, results, asked, stays)
+            self.loops.play(state, minds, results, asked, stays)
             self.check_wanted()
         times = results[:, :, kernels.TIME]
         return Trials(
@@ -395,20 +394,25 @@ class CompiledLearning:
         self.done = 0
         self._team, self._seed = team, seed
         self._choice = _choice(robots)
-        self._gathering = gathering
-        self._games = [_game(robots, FIRST_STEP) for _ in team.learning]
-        self._records = [_record(2 * BLOCK, robots) for _ in team.learning if gathering]
+        games = [_game(robots, FIRST_STEP) for _ in team.learning]
+        histories: Sequence[History] = [no_history(robots) for _ in team.learning]
         if state is None:
             self.minds = team.initial()
         else:
             self.minds = team.remembered(state.memories)
             self.done = state.positions[0].transitions
-            self._games = [_game_at(position) for position in state.positions]
-            self._records = [_record_of(history) for history in state.histories if gathering]
-        self._draws = [
-            team.draws(seed, problem, LEARNING, int(game.clock[loops.END]))
-            for problem, game in zip(team.learning, self._games, strict=True)
+            games = [_game_at(position) for position in state.positions]
+            histories = state.histories
+        self._states = [
+            loops.State(
+                problem,
+                game,
+                self._choice,
+                team.draws(seed, problem, LEARNING, int(game.clock[loops.END])),
+            )
+            for problem, game in zip(team.learning, games, strict=True)
         ]
+        self._records = [_record(history) if gathering else None for history in histories]
 
     def advance(self, until: int) -> None:
         """Let every group of robots learn until it has made so many transitions.
@@ -417,30 +421,32 @@ class CompiledLearning:
             Stopped: nobody waits for the run any more.
         """
         team = self._team
-        for number, (problem, game) in enumerate(zip(team.learning, self._games, strict=True)):
-            part = problem._replace(budget=until)
-            draws = self._draws[number]
-            while game.clock[loops.DONE] < until:
+        for number, state in enumerate(self._states):
+            part = state._replace(problem=state.problem._replace(budget=until))
+            while state.game.clock[loops.DONE] < until:
                 self.minds = team.with_room(self.minds)
-                record = self._record_with_rows(number) if self._gathering else None
-                team.loops.learn(part, self.minds, game, self._choice, draws, record)
+                record = self._records[number]
+                if record is not None and not kernels.has_rows(record, BLOCK):
+                    record = _record(_history(record, state))
+                    self._records[number] = record
+                team.loops.learn(part, self.minds, record)
                 team.check_wanted()
         self.done = max(self.done, until)
 
     def glimpse(self) -> Glimpse:
         """Let every group of robots make one transition, and return it."""
         team = self._team
-        positions = [_position(game) for game in self._games]
+        positions = [_position(state.game) for state in self._states]
         robots = len(team.scenario.robots)
         cells, after = [0] * robots, [0] * robots
         actions: list[Action | None] = [None] * robots
         self.advance(self.done + 1)
         chosen = self._choice
-        for problem, game, before in zip(team.learning, self._games, positions, strict=True):
-            for k in problem.members.tolist():
+        for state, before in zip(self._states, positions, strict=True):
+            for k in state.problem.members.tolist():
                 acted = not (before.under_way and before.arrived[k])
                 cells[k] = int(chosen.cells[k]) if acted else before.cells[k]
-                after[k] = int(game.cells[k])
+                after[k] = int(state.game.cells[k])
                 if acted:
                     actions[k] = self._action(k, before.step)
         return Glimpse(
@@ -494,47 +500,24 @@ class CompiledLearning:
 
     def state(self) -> LearningState:
         """Return where the run is."""
-        positions = tuple(_position(game) for game in self._games)
+        positions = tuple(_position(state.game) for state in self._states)
         return LearningState(positions, self._team.memories(self.minds), self._histories())
 
     def _histories(self) -> tuple[History, ...]:
-        pairs = zip(self._records, self._team.learning, strict=True)
-        return tuple(_history(record, problem.members) for record, problem in pairs)
-
-    def _record_with_rows(self, number: int) -> kernels.Record:
-        """Return a group's record, with room for whatever a block brings."""
-        record = self._records[number]
-        if not kernels.has_rows(record, BLOCK):
-            rows, robots = record.reward.shape
-            more = _record(rows + BLOCK, robots)
-            arrays = [np.concatenate(pair) for pair in zip(record[1:], more[1:], strict=True)]
-            self._records[number] = kernels.Record(record.used, *arrays)
-        return self._records[number]
+        pairs = zip(self._records, self._states, strict=True)
+        return tuple(_history(record, state) for record, state in pairs if record is not None)
 
 
-def _record(rows: int, robots: int) -> kernels.Record:
-    whole = np.zeros((3, rows), dtype=np.int64)
-    asks, arrived = np.zeros((rows, robots), np.int64), np.zeros((rows, robots), np.bool_)
-    sums = np.zeros((rows, robots))
-    used = np.zeros(1, dtype=np.int64)
-    return kernels.Record(used, whole[0], whole[1], sums, whole[2], asks, arrived)
+def _record(history: History) -> kernels.Record:
+    """Return a record that goes on from a history, with room for two blocks of time steps."""
+    room = blank_history(2 * BLOCK, history.robots)
+    return kernels.Record(np.array([history.episodes]), concatenated([history, room]))
 
 
-def _record_of(history: History) -> kernels.Record:
-    record = _record(history.episodes + 2 * BLOCK, history.robots)
-    record.used[0] = history.episodes
-    for name in kernels.Record._fields[1:]:
-        getattr(record, name)[: history.episodes] = getattr(history, name)
-    return record
-
-
-def _history(record: kernels.Record, members: np.ndarray) -> History:
-    episodes = int(record.used[0])
-    present = np.zeros((episodes, record.reward.shape[1]), dtype=np.bool_)
-    present[:, members] = True
-    names = kernels.Record._fields[1:]
-    arrays = {name: getattr(record, name)[:episodes].copy() for name in names}
-    return History(**arrays, present=present)
+def _history(record: kernels.Record, state: loops.State) -> History:
+    history = record.rows.first(int(record.used[0])).copy()
+    history.present[:, state.problem.members] = True
+    return history
 
 
 def _position(game: loops.Game) -> Position:

@@ -19,6 +19,7 @@ from sparse_coord_ros.game.miscoordination import NOWHERE, together
 from sparse_coord_ros.game.streams import EXPLORE, EXPLORED_ACTION, MOTION, POLICY, START, TIE
 from sparse_coord_ros.game.world import EPISODE_GAP
 from sparse_coord_ros.learn import loops
+from sparse_coord_ros.learn.history import History
 from sparse_coord_ros.learn.loops import (
     DONE,
     END,
@@ -26,10 +27,9 @@ from sparse_coord_ros.learn.loops import (
     NO_ROW,
     PLACED,
     STEP,
-    Choices,
-    CompiledScenario,
     Draws,
     Game,
+    State,
     drawn,
     greedy_action,
 )
@@ -40,21 +40,16 @@ REWARD, TIME, ASKS, CONFLICTS = range(4)
 
 
 class Record(NamedTuple):
-    """The learning history in the making: arrays as of `learn.history.History`, with room.
+    """The learning history in the making.
 
     Attributes:
         used: its one entry is the number of rows in use; the last one is that of the episode
             under way, or of the one that ended last.
-        first_step, length, reward, miscoordinations, asks, arrived: [row], or [row, k].
+        rows: one an episode, with room for more.
     """
 
     used: np.ndarray
-    first_step: np.ndarray
-    length: np.ndarray
-    reward: np.ndarray
-    miscoordinations: np.ndarray
-    asks: np.ndarray
-    arrived: np.ndarray
+    rows: History
 
 
 @inner
@@ -64,8 +59,9 @@ def begin_block(game: Game, draws: Draws) -> None:
 
 
 @inlined
-def place(problem: CompiledScenario, game: Game, draws: Draws) -> None:
+def place(state: State) -> None:
     """Begin an episode: every robot at its start, or at an exploring start."""
+    problem, game, draws = state.problem, state.game, state.draws
     clock = game.clock
     step = clock[STEP]
     exploring = problem.exploring[min(step, len(problem.exploring) - 1)]
@@ -82,17 +78,10 @@ def place(problem: CompiledScenario, game: Game, draws: Draws) -> None:
 
 
 @inlined
-def choose(
-    problem: CompiledScenario,
-    minds: Any,
-    game: Game,
-    choice: Choices,
-    draws: Draws,
-    step: int,
-    epsilon: float,
-) -> None:
+def choose(state: State, minds: Any, step: int, epsilon: float) -> None:
     """Let every robot that has not arrived choose (Algorithm 1, lines 4 to 10)."""
-    loops.begin_step(problem, minds, game, choice)
+    problem, game, choice, draws = state
+    loops.begin_step(state, minds)
     for k in problem.members:
         if game.arrived[k]:
             continue
@@ -107,14 +96,13 @@ def choose(
         choice.moves[k] = action
         choice.rows[k] = NO_ROW
         if action == COORDINATE:
-            choice.moves[k] = loops.coordinate(
-                problem, minds, game, choice, draws, step, k, epsilon
-            )
+            choice.moves[k] = loops.coordinate(state, minds, step, k, epsilon)
 
 
 @inlined
-def move(problem: CompiledScenario, game: Game, choice: Choices, draws: Draws, step: int) -> bool:
+def move(state: State, step: int) -> bool:
     """Move every robot that acts; return whether the step ends in a miscoordination."""
+    problem, game, choice, draws = state
     cells = game.cells
     members = problem.members
     for k in members:
@@ -134,30 +122,21 @@ def has_rows(record: Record | None, block: int) -> bool:
     """Whether a record has room for all episodes that can begin in so many time steps."""
     if record is None:
         return True
-    return bool(record.used[0] + block <= len(record.length))
+    return bool(record.used[0] + block <= len(record.rows.length))
 
 
-def learn(
-    problem: CompiledScenario,
-    minds: Any,
-    game: Game,
-    choice: Choices,
-    draws: Draws,
-    record: Record | None,
-) -> None:
+def learn(state: State, minds: Any, record: Record | None) -> None:
     """Learn until the budget is used up, something needs more room, or it is to stop.
 
     What needs room are sparse tables and the record. A run in parts is the unbroken run.
 
     Args:
-        problem: the scenario and the budget.
+        state: the run under way.
         minds: what the robots know, as of `loops.Minds`; changed.
-        game: the game in progress, changed.
-        choice: space for the robots' choices.
-        draws: where the draws come from.
         record: the history, added to; or None. Numba compiles the loop for each by itself, and
             without a record nothing of it is left.
     """
+    problem, game, _, draws = state
     block = draws.block
     while (
         game.clock[DONE] < problem.budget
@@ -167,38 +146,32 @@ def learn(
     ):
         if game.clock[STEP] >= game.clock[END]:
             begin_block(game, draws)
-        learn_block(problem, minds, game, choice, draws, record)
+        learn_block(state, minds, record)
 
 
 @inner
-def learn_block(
-    problem: CompiledScenario,
-    minds: Any,
-    game: Game,
-    choice: Choices,
-    draws: Draws,
-    record: Record | None,
-) -> None:
+def learn_block(state: State, minds: Any, record: Record | None) -> None:
     """Learn until the block of time steps, or the budget, is used up (Algorithm 1)."""
+    problem, game, choice, _ = state
     clock, arrived = game.clock, game.arrived
     end = clock[END]
     last = len(problem.epsilon) - 1
     while clock[DONE] < problem.budget and clock[STEP] < end:
         if not clock[PLACED]:
-            place(problem, game, draws)
+            place(state)
             if record is not None:
-                record.first_step[record.used[0]] = clock[STEP]
+                record.rows.first_step[record.used[0]] = clock[STEP]
                 record.used[0] += 1
         step = clock[STEP]
         scheduled = min(step, last)
-        choose(problem, minds, game, choice, draws, step, problem.epsilon[scheduled])
-        conflict = move(problem, game, choice, draws, step)
-        loops.end_step(problem, minds, game)
+        choose(state, minds, step, problem.epsilon[scheduled])
+        conflict = move(state, step)
+        loops.end_step(state, minds)
         floor = problem.alpha_by_step[scheduled]
         if record is not None:
             row = record.used[0] - 1
-            record.length[row] += 1
-            record.miscoordinations[row] += conflict
+            record.rows.length[row] += 1
+            record.rows.miscoordinations[row] += conflict
         over = True
         for k in problem.members:
             if arrived[k]:
@@ -210,14 +183,14 @@ def learn_block(
             common = problem.penalties[k] if conflict else 0.0
             cost = -problem.ask_cost if action == COORDINATE else 0.0
             if record is not None:
-                record.reward[row, k] += individual + common + cost
-                record.asks[row, k] += action == COORDINATE
-                record.arrived[row, k] = home
+                record.rows.reward[row, k] += individual + common + cost
+                record.rows.asks[row, k] += action == COORDINATE
+                record.rows.arrived[row, k] = home
             if home:
                 arrived[k] = 1
             else:
                 over = False
-            loops.learn(problem, minds, choice, draws, step, k, y, individual, common, cost, floor)
+            loops.learn(state, minds, step, k, y, (individual, common, cost), floor)
         clock[STEP] = step + 1
         clock[DONE] += 1
         if over or clock[STEP] - clock[EPISODE_START] >= problem.max_steps:
@@ -226,57 +199,42 @@ def learn_block(
 
 
 def play(
-    problem: CompiledScenario,
-    minds: Any,
-    game: Game,
-    choice: Choices,
-    draws: Draws,
-    results: np.ndarray,
-    asked: np.ndarray,
-    stays: np.ndarray,
+    state: State, minds: Any, results: np.ndarray, asked: np.ndarray, stays: np.ndarray
 ) -> None:
     """Play greedy trials until all are played, or as `learn` does; arguments as `play_block`."""
+    problem, game, _, draws = state
     block = draws.block
     while game.clock[DONE] < problem.budget and not draws.stop[0] and has_room(minds.rows, block):
         begin_block(game, draws)
-        play_block(problem, minds, game, choice, draws, results, asked, stays)
+        play_block(state, minds, results, asked, stays)
 
 
 @inner
 def play_block(
-    problem: CompiledScenario,
-    minds: Any,
-    game: Game,
-    choice: Choices,
-    draws: Draws,
-    results: np.ndarray,
-    asked: np.ndarray,
-    stays: np.ndarray,
+    state: State, minds: Any, results: np.ndarray, asked: np.ndarray, stays: np.ndarray
 ) -> None:
     """Play greedy trials until the block of time steps, or the trials, are used up.
 
     Args:
-        problem: the scenario; `budget` trials of at most `max_steps` steps.
+        state: the game in progress, with `budget` trials of at most `max_steps` steps.
         minds: what the robots have learned.
-        game: the game in progress.
-        choice: space for the robots' choices.
-        draws: where the draws come from.
         results: filled, [trial, k, REWARD to CONFLICTS]; TIME is the horizon, and one more, for
             a robot that does not arrive.
         asked: counted up where COORDINATE is chosen, [k, x].
         stays: counted up where a robot acts, [k, x].
     """
+    problem, game, choice, _ = state
     clock, cells, arrived = game.clock, game.cells, game.arrived
     end = clock[END]
     never = problem.max_steps + 1
     while clock[DONE] < problem.budget and clock[STEP] < end:
         if not clock[PLACED]:
-            place(problem, game, draws)
+            place(state)
         step = clock[STEP]
         elapsed = step - clock[EPISODE_START]
         result = results[clock[DONE]]
-        choose(problem, minds, game, choice, draws, step, 0.0)
-        conflict = move(problem, game, choice, draws, step)
+        choose(state, minds, step, 0.0)
+        conflict = move(state, step)
         over = True
         discount = problem.discounts[elapsed]
         for k in problem.members:

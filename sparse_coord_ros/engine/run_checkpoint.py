@@ -67,7 +67,7 @@ class Checkpoint:
         for k, memory in enumerate(self.state.memories, start=1):
             arrays |= memory_arrays(memory, k)
         for g, history in enumerate(self.state.histories, start=1):
-            arrays |= {f"history_{g}_{name}": a for name, a in history.arrays().items()}
+            arrays |= {f"history_{g}_{name}": a for name, a in history._asdict().items()}
         write_whole(path, pack(_digest(scenario, learner, seed), arrays))
 
 

@@ -32,6 +32,7 @@ from sparse_coord_ros.game.streams import (
 from sparse_coord_ros.game.world import SUM_OF_PARTS, Action, Reward, RewardWeights
 from sparse_coord_ros.learn import loops
 from sparse_coord_ros.learn.algorithm import (
+    Values,
     epsilon_greedy,
     greatest,
     greedy,
@@ -286,7 +287,7 @@ class Agent:
         if not self.learning:
             return
         q_star, q_coord = self._arrays()
-        total = weighed(reward.individual, reward.common, reward.ask_cost, self.weights)
+        total = weighed(reward, self.weights)
         at_goal = next_cell == self.goal
         bootstrap = self._goal_value if at_goal else self.bootstrap(next_cell, step)
         if perceived is not None:
@@ -408,16 +409,11 @@ class TableMinds(NamedTuple):
 
     def memory(self, k: int, scenario: Scenario) -> Memory:
         """Return what robot k has learned, as its agent remembers it; a copy."""
-        rows, keys = self.rows.learned(k)
-        order = np.argsort(keys)
+        keys, values, updates = self.rows.learned(k)
         shape = (len(scenario.map.cells),) * scenario.perceived
-        return Memory(
-            self.q_star[k].copy(),
-            self.star_updates[k].astype(np.int64),
-            np.stack(np.unravel_index(keys[order], shape), axis=1).astype(np.int32),
-            self.rows.values[k, rows[order]],
-            self.rows.updates[k, rows[order]].astype(np.int64),
-        )
+        states = np.stack(np.unravel_index(keys, shape), axis=1).astype(np.int32)
+        star_updates = self.star_updates[k].astype(np.int64)
+        return Memory(self.q_star[k].copy(), star_updates, states, values, updates)
 
     def remember(self, memories: Sequence[Memory], scenario: Scenario) -> "TableMinds":
         """Return what robots know that remember all this; hashed rows are still to be placed."""
@@ -427,70 +423,58 @@ class TableMinds(NamedTuple):
         return found
 
     @staticmethod
-    def begin_step(problem: Any, minds: Any, game: Any, choice: Any) -> None:
+    def begin_step(state: loops.State, minds: Any) -> None:
         """Nothing is to be done."""
 
     @staticmethod
-    def end_step(problem: Any, minds: Any, game: Any) -> None:
+    def end_step(state: loops.State, minds: Any) -> None:
         """Nothing is to be done."""
 
     @staticmethod
     def coordinate(
-        problem: loops.CompiledScenario,
-        minds: "TableMinds",
-        game: loops.Game,
-        choice: loops.Choices,
-        draws: loops.Draws,
-        step: int,
-        k: int,
-        epsilon: float,
+        state: loops.State, minds: "TableMinds", step: int, k: int, epsilon: float
     ) -> int:
         """Turn COORDINATE into a move by the row of Q^C that is perceived, or by Q*."""
-        row = loops.NO_ROW
-        if len(game.cells) > 1:
-            key = perceived_state(problem, game, k, draws, step)
+        row, cells = loops.NO_ROW, state.game.cells
+        if len(cells) > 1:
+            key = perceived_state(state, k, step)
             if key != loops.NO_ROW:
                 row = row_to_learn(minds.rows, k, key)
-        choice.rows[k] = row
+        state.choice.rows[k] = row
         if row == loops.NO_ROW:
-            values = minds.q_star[k, game.cells[k]]
+            values = minds.q_star[k, cells[k]]
         else:
             values = minds.rows.values[k, row]
-        return loops.greedy_action(values, PRIMITIVES, draws, k, step, PRIMITIVE_TIE)
+        return loops.greedy_action(values, PRIMITIVES, state.draws, k, step, PRIMITIVE_TIE)
 
     @staticmethod
-    def bootstrap(
-        problem: loops.CompiledScenario, minds: "TableMinds", k: int, y: int, step: int
-    ) -> float:
+    def bootstrap(state: loops.State, minds: "TableMinds", step: int, k: int, y: int) -> float:
         """Return max_b Q*(y, b)."""
-        return greatest(minds.q_star[k, y], problem.actions)
+        return greatest(minds.q_star[k, y], state.problem.actions)
 
     @staticmethod
     def learn(
-        problem: loops.CompiledScenario,
+        state: loops.State,
         minds: "TableMinds",
-        choice: loops.Choices,
-        draws: loops.Draws,
         step: int,
         k: int,
         y: int,
-        individual: float,
-        common: float,
-        cost: float,
+        reward: Values,
         floor: float,
     ) -> None:
         """Update Q^C, then Q* (Algorithm 1, lines 12 to 14 and 18)."""
+        problem, choice = state.problem, state.choice
         x, action, row = choice.cells[k], choice.actions[k], choice.rows[k]
-        reward = weighed(individual, common, cost, problem.weights)
+        total = weighed(reward, problem.weights)
         if y == problem.goals[k]:
             after = problem.goal_value
         else:
-            after = loops.bootstrap(problem, minds, k, y, step)
+            after = loops.bootstrap(state, minds, step, k, y)
         if row != loops.NO_ROW:
             values, updates = minds.rows.values[k, row], minds.rows.updates[k, row]
-            learn_entry(problem, values, updates, choice.moves[k], reward, after, floor)
+            learn_entry(problem, values, updates, choice.moves[k], total, after, floor)
         values, updates = minds.q_star[k, x], minds.star_updates[k, x]
-        learn_entry(problem, values, updates, action, reward, after, floor)
+        learn_entry(problem, values, updates, action, total, after, floor)
 
 
 @inlined
@@ -511,11 +495,9 @@ def learn_entry(
 
 
 @inlined
-def perceived_state(
-    problem: loops.CompiledScenario, game: loops.Game, k: int, draws: loops.Draws, step: int
-) -> int:
+def perceived_state(state: loops.State, k: int, step: int) -> int:
     """Return the number of the joint state that robot k's COORDINATE perceives, or `NO_ROW`."""
-    cells = game.cells
+    problem, draws, cells = state.problem, state.draws, state.game.cells
     key: int = cells[k]
     size, team = len(problem.places), len(cells)
     draw = loops.percept_draw(draws, k, step)
@@ -535,16 +517,13 @@ def perceived_state(
     return key
 
 
-def with_memories(
-    minds: Any, memories: Sequence[Memory], keys: Sequence[np.ndarray], **arrays: np.ndarray
-) -> Any:
+def with_memories(minds: Any, memories: Sequence[Memory], keys: Sequence[np.ndarray]) -> Any:
     """Return the compiled form of robots that remember something.
 
     Args:
         minds: as `initial` returns it; its arrays are changed.
         memories: what each robot remembers.
         keys: the keys of each robot's rows.
-        arrays: other fields of `minds` to replace.
 
     Returns:
         `minds`; hashed rows are there in any order, for `rehash` to find their places.
@@ -557,4 +536,4 @@ def with_memories(
         minds.star_updates[k] = memory.star_updates
         if rows.values.size:
             rows.put(k, keys[k], memory.values, memory.updates)
-    return minds._replace(rows=rows, **arrays)
+    return minds._replace(rows=rows)

@@ -87,18 +87,16 @@ def step_size(by_count: float, by_step: float) -> float:
 
 
 @inner
-def weighed(individual: float, common: float, ask_cost: float, weights: Values) -> float:
+def weighed(parts: Values, weights: Values) -> float:
     """Return what an agent learns from as R_k(t): the weighted sum of its parts.
 
     With every weight 1 it is R_k(t) itself, bit for bit.
 
     Args:
-        individual: r^I_k.
-        common: r^C.
-        ask_cost: minus the cost of asking, or 0.
+        parts: r^I_k, r^C and minus the cost of asking, or 0; whatever follows does not count.
         weights: of these three.
     """
-    return weights[0] * individual + weights[1] * common + weights[2] * ask_cost
+    return weights[0] * parts[0] + weights[1] * parts[1] + weights[2] * parts[2]
 
 
 @inner

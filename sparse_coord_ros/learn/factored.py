@@ -4,11 +4,11 @@
 
 import functools
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.compiling import inlined
+from sparse_coord_ros.compiling import inlined, inner
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.actions import COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.links import Percepts
@@ -32,6 +32,7 @@ from sparse_coord_ros.game.world import (
 )
 from sparse_coord_ros.learn import loops
 from sparse_coord_ros.learn.agent import Agent, Decision, Memory, Tables, with_memories
+from sparse_coord_ros.learn.algorithm import Values
 from sparse_coord_ros.learn.factors import (
     UNSEEN,
     FactorRule,
@@ -95,15 +96,22 @@ def initial_factored(scenario: Scenario, number: int, weights: RewardWeights) ->
     return Tables(star, coordination_table(factors, number, robots), factors)
 
 
-def terms_of(scenario: Scenario, goal: int, weights: RewardWeights) -> Terms:
-    """Return the numbers of the rule for a robot with that goal."""
-    arrival = weights.individual * scenario.goal_reward
+@inner
+def terms_of(problem: Any, goal: int, weights: Values) -> Terms:
+    """Return the numbers of the rule for a robot with that goal.
+
+    Args:
+        problem: a scenario, or its compiled form.
+        goal: the robot's goal cell.
+        weights: as of `game.world.RewardWeights`.
+    """
+    after = problem.discount * problem.goal_value
     return Terms(
-        cost=weights.ask_cost * scenario.ask_cost,
-        discount=scenario.discount,
-        goal=goal,
-        goal_value=scenario.goal_value,
-        arrival=arrival + scenario.discount * scenario.goal_value,
+        weights[2] * problem.ask_cost,
+        problem.discount,
+        goal,
+        problem.goal_value,
+        weights[0] * problem.goal_reward + after,
     )
 
 
@@ -358,8 +366,7 @@ class FactoredMinds(NamedTuple):
         q_star, star_updates: as of `loops.Minds`; the updates count how often each move was
             tried, and COORDINATE.
         rows: rho, by the keys of `learn.factors`.
-        u, r_bar, w, value, commons, moved, successor, tried, used: as of `factors.Own`, with the
-            robot as first axis.
+        own: the robots' factors and models, with the robot as first axis of each array.
         askers: who asked the robot in this time step [k]: the sum of 2^j of the robots j.
         partners: as of `game.world.Reward` [k].
         correction: space for Q^C(x, z, .) - U(x, .) [move].
@@ -369,15 +376,7 @@ class FactoredMinds(NamedTuple):
     q_star: np.ndarray
     star_updates: np.ndarray
     rows: Rows
-    u: np.ndarray
-    r_bar: np.ndarray
-    w: np.ndarray
-    value: np.ndarray
-    commons: np.ndarray
-    moved: np.ndarray
-    successor: np.ndarray
-    tried: np.ndarray
-    used: np.ndarray
+    own: Own
     askers: np.ndarray
     partners: np.ndarray
     correction: np.ndarray
@@ -399,100 +398,85 @@ class FactoredMinds(NamedTuple):
         )
         if keys > DENSE_ROWS:
             rows = rows.empty(rows.rows_for(0, block))
+        star_updates = np.zeros(q_star.shape, dtype=np.int32)
         counts = np.zeros((3, team, cells, PRIMITIVES), dtype=np.int64)
+        own = Own(
+            np.full((team, cells, PRIMITIVES), scenario.q_coord_init),
+            np.zeros((team, cells, PRIMITIVES)),
+            np.zeros((team, cells)),
+            q_star,
+            q_star.max(axis=2),
+            star_updates,
+            counts[0],
+            counts[1],
+            counts[2],
+            np.zeros((team, cells * PRIMITIVES), dtype=np.int64),
+            np.zeros((team, 1), dtype=np.int64),
+        )
         assert learner.factors is not None
-        right_of_way = learner.factors.right_of_way and team > 2
         return cls(
-            q_star=q_star,
-            star_updates=np.zeros(q_star.shape, dtype=np.int32),
-            rows=rows,
-            u=np.full((team, cells, PRIMITIVES), scenario.q_coord_init),
-            r_bar=np.zeros((team, cells, PRIMITIVES)),
-            w=np.zeros((team, cells)),
-            value=q_star.max(axis=2),
-            commons=counts[0],
-            moved=counts[1],
-            successor=counts[2],
-            tried=np.zeros((team, cells * PRIMITIVES), dtype=np.int64),
-            used=np.zeros((team, 1), dtype=np.int64),
+            q_star,
+            star_updates,
+            rows,
+            own,
             askers=np.zeros(team, dtype=np.int64),
             partners=np.full(team, UNKNOWN_PARTNERS, dtype=np.int64),
             correction=np.zeros(PRIMITIVES),
-            rule=learner.factors._replace(right_of_way=right_of_way),
+            rule=learner.factors._replace(right_of_way=learner.factors.right_of_way and team > 2),
         )
 
     def tables(self, scenario: Scenario, learner: "Learner") -> list[Tables]:
         """Return what each robot has learned."""
-        found, robots = [], len(self.used)
+        found, own, robots = [], self.own, len(self.askers)
         for k in range(robots):
-            rows, keys = self.rows.learned(k)
-            rho = self.rows.values[k, rows]
-            factors = sorted_factors(self.u[k], self.r_bar[k], self.w[k], keys, rho, robots)
+            keys, rho, _ = self.rows.learned(k)
+            factors = sorted_factors(own.u[k], own.r_bar[k], own.w[k], keys, rho, robots)
             q_coord = coordination_table(factors, k, robots)
             found.append(Tables(self.q_star[k], q_coord, factors))
         return found
 
     def memory(self, k: int, scenario: Scenario) -> Memory:
         """Return what robot k has learned, as its agent remembers it; a copy."""
-        rows, keys = self.rows.learned(k)
-        order = np.argsort(keys)
-        more = {name: getattr(self, name)[k].copy() for name in REMEMBERED}
-        more["tried"] = more["tried"][: self.used[k, 0]]
-        return Memory(
-            self.q_star[k].copy(),
-            self.star_updates[k].astype(np.int64),
-            states_of(keys[order], len(scenario.map.cells), len(self.used)),
-            self.rows.values[k, rows[order]],
-            self.rows.updates[k, rows[order]].astype(np.int64),
-            more,
-        )
+        keys, values, updates = self.rows.learned(k)
+        states = states_of(keys, len(scenario.map.cells), len(self.askers))
+        star_updates = self.star_updates[k].astype(np.int64)
+        more = {name: getattr(self.own, name)[k].copy() for name in REMEMBERED}
+        more["tried"] = more["tried"][: self.own.used[k, 0]]
+        return Memory(self.q_star[k].copy(), star_updates, states, values, updates, more)
 
     def remember(self, memories: Sequence[Memory], scenario: Scenario) -> "FactoredMinds":
         """Return what robots know that remember all this; hashed rows are still to be placed."""
-        cells, robots = len(scenario.map.cells), len(memories)
         for k, memory in enumerate(memories):
-            for name in REMEMBERED[:-1]:
-                getattr(self, name)[k] = memory.more[name]
-            tried = memory.more["tried"]
-            self.value[k] = memory.q_star.max(axis=1)
-            self.tried[k, : len(tried)] = tried
-            self.used[k] = len(tried)
+            for name in REMEMBERED:
+                array = memory.more[name]
+                getattr(self.own, name)[k][: len(array)] = array
+            self.own.value[k] = memory.q_star.max(axis=1)
+            self.own.used[k] = len(memory.more["tried"])
+        cells, robots = len(scenario.map.cells), len(memories)
         keys = [keys_of(memory.states, cells, robots) for memory in memories]
         found: FactoredMinds = with_memories(self, memories, keys)
         return found
 
     @staticmethod
-    def begin_step(
-        problem: loops.CompiledScenario,
-        minds: "FactoredMinds",
-        game: loops.Game,
-        choice: loops.Choices,
-    ) -> None:
+    def begin_step(state: loops.State, minds: "FactoredMinds") -> None:
         """Nobody has asked yet; where everybody is, also who has arrived."""
-        for k in range(len(game.cells)):
+        cells = state.game.cells
+        for k in range(len(cells)):
             minds.askers[k] = 0
-            choice.cells[k] = game.cells[k]
+            state.choice.cells[k] = cells[k]
 
     @staticmethod
-    def end_step(
-        problem: loops.CompiledScenario, minds: "FactoredMinds", game: loops.Game
-    ) -> None:
+    def end_step(state: loops.State, minds: "FactoredMinds") -> None:
         """Note what the referee says."""
-        if problem.referee:
-            loops.find_partners(problem, game, minds.partners)
+        if state.problem.referee:
+            loops.find_partners(state, minds.partners)
 
     @staticmethod
     def coordinate(
-        problem: loops.CompiledScenario,
-        minds: "FactoredMinds",
-        game: loops.Game,
-        choice: loops.Choices,
-        draws: loops.Draws,
-        step: int,
-        k: int,
-        epsilon: float,
+        state: loops.State, minds: "FactoredMinds", step: int, k: int, epsilon: float
     ) -> int:
         """Turn COORDINATE into a move by U + rho; each peer that was asked takes note."""
+        problem, game, choice, draws = state
         x = game.cells[k]
         seen = PERCEIVED if len(game.cells) > 1 else loops.NO_ROW
         draw = loops.percept_draw(draws, k, step)
@@ -506,7 +490,7 @@ class FactoredMinds(NamedTuple):
         values = minds.correction
         correct(minds, k, x, game.cells, seen)
         for b in range(PRIMITIVES):
-            values[b] = minds.u[k, x, b] + values[b]
+            values[b] = minds.own.u[k, x, b] + values[b]
         if seen == loops.NO_ROW and epsilon > 0.0:
             if loops.drawn(draws, BLIND, k, step, BLIND_EXPLORE) < epsilon:
                 return int(loops.drawn(draws, BLIND, k, step, BLIND_ACTION) * PRIMITIVES)
@@ -514,48 +498,24 @@ class FactoredMinds(NamedTuple):
 
     @staticmethod
     def learn(
-        problem: loops.CompiledScenario,
+        state: loops.State,
         minds: "FactoredMinds",
-        choice: loops.Choices,
-        draws: loops.Draws,
         step: int,
         k: int,
         y: int,
-        individual: float,
-        common: float,
-        cost: float,
+        reward: Values,
         floor: float,
     ) -> None:
         """Learn U, r_bar or rho and W, then replay, as `FactoredAgent.learn`."""
+        problem, _, choice, draws = state
         weights, partners, rule = problem.weights, minds.partners[k], minds.rule
         x, m, seen = choice.cells[k], choice.moves[k], choice.rows[k]
         asked = choice.actions[k] == COORDINATE
         by_count = problem.alpha_by_count
-        arrival = weights[0] * problem.goal_reward + problem.discount * problem.goal_value
-        terms = Terms(
-            weights[2] * problem.ask_cost,
-            problem.discount,
-            problem.goals[k],
-            problem.goal_value,
-            arrival,
-        )
-        own = Own(
-            minds.u[k],
-            minds.r_bar[k],
-            minds.w[k],
-            minds.q_star[k],
-            minds.value[k],
-            minds.star_updates[k],
-            minds.commons[k],
-            minds.moved[k],
-            minds.successor[k],
-            minds.tried[k],
-            minds.used[k],
-        )
-        individual = weights[0] * individual
-        if partners == 0:
-            common = 0.0
-        common = weights[1] * common
+        terms = terms_of(problem, problem.goals[k], weights)
+        own = own_of(minds.own, k)
+        individual = weights[0] * reward[0]
+        common = weights[1] * (reward[1] if partners != 0 else 0.0)
         learn_move(own, x, m, y, individual, common, asked, terms, by_count, floor)
         size, team = minds.q_star.shape[1], len(choice.cells)
         perceived = asked and seen == PERCEIVED
@@ -578,6 +538,24 @@ class FactoredMinds(NamedTuple):
         refresh(own, x, terms)
         if rule.replays > 0:
             replay(own, rule.replays, loops.drawn(draws, REPLAY, k, step, 0), terms)
+
+
+@inlined
+def own_of(team: Own, k: int) -> Own:
+    """Return robot k's factors and model of those of all robots."""
+    return Own(
+        team.u[k],
+        team.r_bar[k],
+        team.w[k],
+        team.star[k],
+        team.value[k],
+        team.updates[k],
+        team.commons[k],
+        team.moved[k],
+        team.successor[k],
+        team.tried[k],
+        team.used[k],
+    )
 
 
 @inlined

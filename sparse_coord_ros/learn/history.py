@@ -6,9 +6,9 @@
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -26,8 +26,7 @@ FIRST_EPISODES = 64
 """Rows of a recorder at first; they double when they are used up."""
 
 
-@dataclass(frozen=True, eq=False)
-class History:
+class History(NamedTuple):
     """What happened in each learning episode; E episodes of K robots.
 
     An episode begins with its first transition: one that never had any is left out. The last one
@@ -134,27 +133,39 @@ class History:
 
     def same_bits(self, other: "History") -> bool:
         """Whether two histories are equal, bit for bit."""
-        pairs = [(getattr(self, f.name), getattr(other, f.name)) for f in fields(self)]
+        pairs = zip(self, other, strict=True)
         return all(a.shape == b.shape and a.tobytes() == b.tobytes() for a, b in pairs)
 
-    def arrays(self) -> dict[str, np.ndarray]:
-        """Return the arrays by their names."""
-        return {f.name: getattr(self, f.name) for f in fields(self)}
+    def first(self, episodes: int) -> "History":
+        """Return the first episodes: no copy."""
+        return History(*(array[:episodes] for array in self))
+
+    def copy(self) -> "History":
+        """Return a copy."""
+        return History(*(array.copy() for array in self))
 
     def save(self, directory: Path) -> None:
         """Write `history.npz`, whole or not at all."""
-        write_whole(directory / HISTORY_FILE, archive.pack(self.arrays()))
+        write_whole(directory / HISTORY_FILE, archive.pack(self._asdict()))
+
+
+def blank_history(episodes: int, robots: int, members: Sequence[int] = ()) -> History:
+    """Return a history of zeros, in which these robots (from 0) are present."""
+    whole = np.zeros((3, episodes), dtype=np.int64)
+    flags = np.zeros((2, episodes, robots), dtype=np.bool_)
+    flags[1][:, list(members)] = True
+    sums = np.zeros((episodes, robots))
+    return History(whole[0], whole[1], sums, whole[2], np.zeros_like(sums, np.int64), *flags)
 
 
 def no_history(robots: int) -> History:
     """Return the history of no episodes."""
-    return HistoryRecorder(robots).history()
+    return blank_history(0, robots)
 
 
 def concatenated(histories: Sequence[History]) -> History:
     """Join histories of the same robots, one after the other."""
-    names = [field.name for field in fields(History)]
-    return History(*(np.concatenate([getattr(h, name) for h in histories]) for name in names))
+    return History(*map(np.concatenate, zip(*histories, strict=True)))
 
 
 def load_history(directory: Path) -> History:
@@ -180,7 +191,20 @@ def history_from(arrays: Mapping[str, np.ndarray], prefix: str = "") -> History:
     Raises:
         KeyError: one is missing.
     """
-    return History(*(np.ascontiguousarray(arrays[prefix + f.name]) for f in fields(History)))
+    return History(*(np.ascontiguousarray(arrays[prefix + name]) for name in History._fields))
+
+
+@dataclass
+class _Episode:
+    """One row of a `History`, as plain numbers: quicker to add to than arrays."""
+
+    first_step: int
+    length: int
+    reward: list[float]
+    miscoordinations: int
+    asks: list[int]
+    arrived: list[bool]
+    present: list[bool]
 
 
 class HistoryRecorder:
@@ -202,26 +226,19 @@ class HistoryRecorder:
         history: History | None = None,
         under_way: bool = False,
     ) -> None:
+        self._robots = robots
         self._members = tuple(range(robots) if members is None else members)
         self._present = [k in self._members for k in range(robots)]
-        self._rows = _rows(FIRST_EPISODES, robots)
+        self._rows = blank_history(FIRST_EPISODES, robots)
         self._used = 0
         self._episode: int | None = None
         self._goes_on = under_way
-        # The episode under way, as plain numbers: quicker to add to than arrays.
-        self._first_step = self._length = self._miscoordinations = 0
-        self._reward, self._asks = [0.0] * robots, [0] * robots
-        self._arrived = [False] * robots
+        self._now = self._begun(0)
         if history is not None:
             self._used = history.episodes - under_way
             self._rows = concatenated([history, self._rows])
             if under_way:
-                self._first_step = int(history.first_step[-1])
-                self._length = int(history.length[-1])
-                self._miscoordinations = int(history.miscoordinations[-1])
-                self._reward = history.reward[-1].tolist()
-                self._asks = history.asks[-1].tolist()
-                self._arrived = history.arrived[-1].tolist()
+                self._now = _Episode(*(array[-1].tolist() for array in history))
 
     def add(
         self, episode: int, step: int, actions: Sequence[Action | None], outcome: StepOutcome
@@ -235,61 +252,39 @@ class HistoryRecorder:
             outcome: what the world returned.
         """
         if episode != self._episode:
-            self._begin(episode, step)
-        self._length += 1
-        self._miscoordinations += outcome.miscoordination
+            self._episode = episode
+            if not self._goes_on:
+                self._used += self._write()
+                self._now = self._begun(step)
+            self._goes_on = False
+        now = self._now
+        now.length += 1
+        now.miscoordinations += outcome.miscoordination
         for k in self._members:
             action = actions[k]
             if action is not None:
-                self._reward[k] += outcome.rewards[k].total
-                self._asks[k] += action.asked
+                now.reward[k] += outcome.rewards[k].total
+                now.asks[k] += action.asked
         for k in outcome.arrived:
-            self._arrived[k] = True
+            now.arrived[k] = True
 
-    def _begin(self, episode: int, step: int) -> None:
-        self._episode = episode
-        if self._goes_on:
-            self._goes_on = False
-            return
-        self._write()
-        robots = len(self._present)
-        self._first_step, self._length, self._miscoordinations = step, 0, 0
-        self._reward, self._asks = [0.0] * robots, [0] * robots
-        self._arrived = [False] * robots
+    def _begun(self, step: int) -> _Episode:
+        k = self._robots
+        return _Episode(step, 0, [0.0] * k, 0, [0] * k, [False] * k, self._present)
 
-    def _write(self) -> None:
-        """Write the episode under way into the next row."""
-        if self._length == 0:
-            return
-        if self._used == len(self._rows.length):
-            grown = _rows(2 * self._used, len(self._present))  # takes memory as it is written to
-            for name, array in self._rows.arrays().items():
-                getattr(grown, name)[: self._used] = array
-            self._rows = grown
-        rows, row = self._rows, self._used
-        rows.first_step[row] = self._first_step
-        rows.length[row] = self._length
-        rows.reward[row] = self._reward
-        rows.miscoordinations[row] = self._miscoordinations
-        rows.asks[row] = self._asks
-        rows.arrived[row] = self._arrived
-        rows.present[row] = self._present
-        self._used += 1
+    def _write(self) -> bool:
+        """Write the episode under way into the next row, if it has had a transition."""
+        if self._used == self._rows.episodes:
+            # Twice as many; they take memory as they are written to.
+            self._rows = concatenated([self._rows, blank_history(self._used, self._robots)])
+        for name, array in self._rows._asdict().items():
+            array[self._used] = getattr(self._now, name)
+        return self._now.length > 0
 
     def history(self) -> History:
         """Return the episodes so far, the one under way included; a copy."""
-        return History(*(array.copy() for array in self.look().arrays().values()))
+        return self.look().copy()
 
     def look(self) -> History:
         """Return what `history` returns, to be looked at before the next transition: no copy."""
-        self._write()
-        found = History(*(array[: self._used] for array in self._rows.arrays().values()))
-        self._used -= self._length > 0
-        return found
-
-
-def _rows(count: int, robots: int) -> History:
-    whole = np.zeros((4, count), dtype=np.int64)
-    flags = np.zeros((2, count, robots), dtype=np.bool_)
-    sums = np.zeros((count, robots))
-    return History(whole[0], whole[1], sums, whole[2], np.zeros_like(sums, np.int64), *flags)
+        return self._rows.first(self._used + self._write())

@@ -18,7 +18,7 @@ from sparse_coord_ros.game.links import LOST
 from sparse_coord_ros.game.miscoordination import NOWHERE, together
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.streams import DRAWS, PERCEPT, POLICY
-from sparse_coord_ros.learn.algorithm import greatest, greedy
+from sparse_coord_ros.learn.algorithm import Values, greatest, greedy
 from sparse_coord_ros.learn.rows import Rows
 
 if TYPE_CHECKING:
@@ -145,6 +145,22 @@ class Draws(NamedTuple):
     dead_from: int
 
 
+class State(NamedTuple):
+    """A run under way in the compiled loops, but for what the robots know.
+
+    Attributes:
+        problem: the scenario.
+        game: the joint state, changed.
+        choice: what robots chose, changed.
+        draws: where the draws come from.
+    """
+
+    problem: CompiledScenario
+    game: Game
+    choice: Choices
+    draws: Draws
+
+
 @inlined
 def drawn(draws: Draws, role: int, k: int, step: int, column: int) -> float:
     """Return a draw of robot k in a role at a time step, which is not before the last one's."""
@@ -198,8 +214,9 @@ def greedy_action(
 
 
 @inlined
-def find_partners(problem: CompiledScenario, game: Game, partners: np.ndarray) -> None:
+def find_partners(state: State, partners: np.ndarray) -> None:
     """Set with whom each robot is in a miscoordination, as of `game.world.Reward`."""
+    problem, game = state.problem, state.game
     cells = game.cells
     for k in problem.members:
         partners[k] = 0
@@ -211,9 +228,10 @@ def find_partners(problem: CompiledScenario, game: Game, partners: np.ndarray) -
 
 
 @inner
-def epsilon_at(problem: CompiledScenario, step: int) -> float:
+def epsilon_at(state: State, step: int) -> float:
     """Return the probability of an explored action at a time step."""
-    epsilon: float = problem.epsilon[min(step, len(problem.epsilon) - 1)]
+    schedule = state.problem.epsilon
+    epsilon: float = schedule[min(step, len(schedule) - 1)]
     return epsilon
 
 
@@ -265,80 +283,54 @@ class Minds(Protocol):
 
 
 @delegated
-def begin_step(problem: CompiledScenario, minds: Any, game: Game, choice: Choices) -> None:
+def begin_step(state: State, minds: Any) -> None:
     """Begin a time step, before anybody chooses."""
-    minds.begin_step(problem, minds, game, choice)
+    minds.begin_step(state, minds)
 
 
 @delegated
-def coordinate(
-    problem: CompiledScenario,
-    minds: Any,
-    game: Game,
-    choice: Choices,
-    draws: Draws,
-    step: int,
-    k: int,
-    epsilon: float,
-) -> int:
+def coordinate(state: State, minds: Any, step: int, k: int, epsilon: float) -> int:
     """Turn robot k's COORDINATE into a move (Algorithm 1, lines 5 to 10); return it.
 
-    Sets `choice.rows[k]` where the percept succeeds.
+    Sets `state.choice.rows[k]` where the percept succeeds.
 
     Args:
-        problem: the scenario.
+        state: the run under way.
         minds: what the robots know.
-        game: the joint state.
-        choice: what robots chose.
-        draws: where the draws come from.
         step: the time step t.
         k: the robot.
         epsilon: probability of an explored action; 0 in trials.
     """
-    move: int = minds.coordinate(problem, minds, game, choice, draws, step, k, epsilon)
+    move: int = minds.coordinate(state, minds, step, k, epsilon)
     return move
 
 
 @delegated
-def end_step(problem: CompiledScenario, minds: Any, game: Game) -> None:
+def end_step(state: State, minds: Any) -> None:
     """End a time step: robots have moved, and are about to learn."""
-    minds.end_step(problem, minds, game)
+    minds.end_step(state, minds)
 
 
 @delegated
 def learn(
-    problem: CompiledScenario,
-    minds: Any,
-    choice: Choices,
-    draws: Draws,
-    step: int,
-    k: int,
-    y: int,
-    individual: float,
-    common: float,
-    cost: float,
-    floor: float,
+    state: State, minds: Any, step: int, k: int, y: int, reward: Values, floor: float
 ) -> None:
     """Let robot k learn from a time step (Algorithm 1, lines 12 to 14 and 18).
 
     Args:
-        problem: the scenario.
+        state: the run under way; its choices are those of the step.
         minds: what the robots know, changed.
-        choice: what robots chose.
-        draws: where the draws come from.
         step: the time step t.
         k: the robot.
         y: X_k(t+1).
-        individual: r^I_k.
-        common: r^C.
-        cost: minus the cost of asking, or 0.
+        reward: r^I_k, r^C and minus the cost of asking, or 0.
         floor: least step size.
     """
-    minds.learn(problem, minds, choice, draws, step, k, y, individual, common, cost, floor)
+    minds.learn(state, minds, step, k, y, reward, floor)
 
 
 @delegated
-def bootstrap(problem: CompiledScenario, minds: Any, k: int, y: int, step: int) -> float:
+def bootstrap(state: State, minds: Any, step: int, k: int, y: int) -> float:
     """Return what robot k expects from cell y on, which is not its goal: as `Agent.bootstrap`."""
-    value: float = minds.bootstrap(problem, minds, k, y, step)
+    value: float = minds.bootstrap(state, minds, step, k, y)
     return value

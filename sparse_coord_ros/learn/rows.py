@@ -47,10 +47,18 @@ class Rows(NamedTuple):
         """Whether only rows that were met are there."""
         return bool(self.keys.shape[1] > 0)
 
-    def learned(self, k: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return where robot k's rows are that it has updated, and their keys, as two arrays."""
+    def learned(self, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return what robot k has updated, in ascending order of the keys; a copy.
+
+        Returns:
+            The keys, shape (rows,), int64; their entries, shape (rows, 4), float64; and the
+            updates of these, same shape, int64.
+        """
         rows = np.flatnonzero(updated_rows(self.updates[k]))
-        return rows, self.keys[k, rows] if self.hashed else rows
+        keys = self.keys[k, rows] if self.hashed else rows
+        order = np.argsort(keys)
+        rows = rows[order]
+        return keys[order], self.values[k, rows], self.updates[k, rows].astype(np.int64)
 
     def rows_for(self, used: int, block: int) -> int:
         """Return how many rows leave room for a block of time steps, a power of two."""

@@ -143,7 +143,7 @@ class Checkpoints(Store):
         del fields["step"]
         if isinstance(state, WorldState):
             arrays = position_arrays([fields.pop("position")])
-            history = fields.pop("history").arrays()
+            history = fields.pop("history")._asdict()
             arrays |= {f"history_{name}": array for name, array in history.items()}
         else:
             arrays = memory_arrays(fields.pop("memory"), self._names.index(self._node) + 1)

@@ -144,7 +144,7 @@ class LongLog:
             end, open_step = last + 1, None
             if not whole:
                 end = int(history.first_step[-1])
-                history = History(**{n: a[:-1] for n, a in history.arrays().items()})
+                history = history.first(-1)
             elif not self.bag.finished and self.bag.damage is None and history.episodes:
                 end = open_step = int(history.first_step[-1])
             yield Episodes(history, self._asked_in(log, end), end - 1, open_step)

@@ -146,12 +146,12 @@ def test_sparse_tables_grow_and_always_keep_a_free_place(monkeypatch, loops):
     scenario = problem("crowd-3r", peers="all", epsilon="constant:1", steps=2000)
     sizes = []
 
-    def learn(problem, minds, *rest):
+    def learn(state, minds, record):
         rows = minds.rows
         before = rows.keys.shape[1]
         assert before & (before - 1) == 0
         assert rows.used.max() + 32 <= before / 2
-        team.loops.learn(problem, minds, *rest)
+        team.loops.learn(state, minds, record)
         for k in range(3):
             assert (rows.keys[k] != FREE_PLACE).sum() == rows.used[k]
         assert rows.used.max() <= before / 2

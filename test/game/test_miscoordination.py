@@ -40,6 +40,7 @@ def test_one_rule_for_numbers_arrays_and_the_loops(conflict, places):
     assert meeting_places(scenario).tolist() == places
     problem = make_problem(scenario, learner_of("coop"), np.arange(3))
     game = loops.Game(np.zeros(5, np.int64), np.zeros(3, np.int64), np.ones(3, np.int8))
+    state = loops.State(problem, game, None, None)
     due, found = [], np.zeros(3, np.int64)
     for cells in STATES.tolist():
         at = [places[cell] for cell in cells]
@@ -49,8 +50,8 @@ def test_one_rule_for_numbers_arrays_and_the_loops(conflict, places):
         partners = [partners_of(k, at) for k in range(3)]
         assert partners == [sum(1 << j for i, j in pairs if i == k) for k in range(3)]
         game.cells[:] = cells
-        assert kernels.move(problem, game, None, None, 1) == bool(pairs)
-        loops.find_partners(problem, game, found)
+        assert kernels.move(state, 1) == bool(pairs)
+        loops.find_partners(state, found)
         assert found.tolist() == partners
     assert sum(due) == (26 if conflict == "same_cell" else 44)  # of 125
     assert miscoordinations(scenario, STATES).tolist() == due

@@ -143,9 +143,7 @@ def test_file(tmp_path):
     history.save(tmp_path)
     found = load_history(tmp_path)
     assert found.same_bits(history)
-    assert [array.dtype for array in found.arrays().values()] == [
-        array.dtype for array in history.arrays().values()
-    ]
+    assert [array.dtype for array in found] == [array.dtype for array in history]
     other = recorded()
     other.add(3, 12, [MOVE, None], outcome(reward(), reward()))
     assert not other.history().same_bits(history)

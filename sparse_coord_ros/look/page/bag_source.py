@@ -14,7 +14,7 @@ import numpy as np
 from sparse_coord_ros.bags.layout import being_recorded
 from sparse_coord_ros.errors import BagError, SparseCoordError
 from sparse_coord_ros.learn.agent import Tables
-from sparse_coord_ros.learn.history import History, concatenated, no_history
+from sparse_coord_ros.learn.history import concatenated, no_history
 from sparse_coord_ros.look.page import messages
 from sparse_coord_ros.look.page.board import Board
 from sparse_coord_ros.look.page.controls import PAUSE, RATE, SEEK, STEP, Control
@@ -291,7 +291,7 @@ class BagSource:
                     history = whole = concatenated([whole, part.history])
                     begin = part.last_step + 1
                     if part.open_step is not None:  # its last episode may go on
-                        whole = History(**{n: a[:-1] for n, a in history.arrays().items()})
+                        whole = history.first(-1)
                         begin = part.open_step
                     asked = asked + part.asked
                     self._asked.append((begin - 1, asked))

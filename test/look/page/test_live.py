@@ -75,6 +75,8 @@ def test_curves_of_a_long_run_are_means_and_take_no_copy_of_it():
     assert message["window"] == 5 and len(message["length"]) == 200
     assert message["step"] == list(range(0, 3000, 15))
     assert message["asks"] == [[0.6, 0.4] * 100, [0.0] * 200]
-    parts = [{name: array[half::2] for name, array in history.arrays().items()} for half in (1, 0)]
+    parts = [
+        {name: array[half::2] for name, array in history._asdict().items()} for half in (1, 0)
+    ]
     mixed = History(**{name: np.concatenate([p[name] for p in parts]) for name in parts[0]})
     assert messages.curve_fields(mixed) == message
