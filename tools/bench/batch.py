@@ -10,12 +10,11 @@ import statistics
 import time
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import NamedTuple
 
 from sparse_coord_ros.cli.options import format_table
 from sparse_coord_ros.engine.batch import run_batch
 from sparse_coord_ros.engine.processes import in_processes
-from sparse_coord_ros.errors import SparseCoordError
 from sparse_coord_ros.game.scenario import Scenario, load_scenario
 from sparse_coord_ros.learn.learners import learner_of
 from sparse_coord_ros.learn.simulation import learn
@@ -30,12 +29,26 @@ MEASURED = (
 """Scenario, learner, and how many of the runs that were asked for."""
 
 PYTHON_RUNS = 3
-"""Learning runs of the plain Python measurement at most: it is hundreds of times slower."""
+"""Learning runs of the plain Python measurement: it is hundreds of times slower."""
 
 ENGINE, PYTHON, C_LOOP = "engine (numba)", "plain Python", "plain C loop"
 
 
-def measure(scenario: str, learner: str, *, steps: int, runs: int, repeats: int) -> dict[str, Any]:
+class Measured(NamedTuple):
+    """What was measured.
+
+    Attributes:
+        title: scenario, learner, and the work.
+        ready_seconds: until the engine could begin.
+        rates: agent-steps a second, an entry a repeat, by way and threads.
+    """
+
+    title: str
+    ready_seconds: float
+    rates: dict[tuple[str, int], list[float]]
+
+
+def measure(scenario: str, learner: str, steps: int, runs: int, repeats: int) -> Measured:
     """Measure learning runs in a process of its own, as which numba begins cold.
 
     Args:
@@ -45,50 +58,30 @@ def measure(scenario: str, learner: str, *, steps: int, runs: int, repeats: int)
         runs: runs of a measurement.
         repeats: how often each figure is measured, all figures in turn.
 
-    Returns:
-        What was measured: `ready_seconds` until the engine could begin; `rates`, for each way its
-        threads and its agent-steps a second; `missing`, what cannot be measured here and why.
+    Raises:
+        SparseCoordError: numba or a C compiler is missing.
     """
-    [found] = in_processes(measure_here, [(scenario, learner, steps, runs, repeats)], 1)
+    [found] = in_processes(_measure_here, [(scenario, learner, steps, runs, repeats)], 1)
     return found
 
 
-def measure_here(name: str, learner: str, steps: int, runs: int, repeats: int) -> dict[str, Any]:
-    """Measure in this process; see `measure`."""
+def _measure_here(name: str, learner: str, steps: int, runs: int, repeats: int) -> Measured:
     rule = learner_of(learner)
     scenario = rule.with_defaults(load_scenario(name).with_settings({"steps": steps}))
-    threads = sorted({len(os.sched_getaffinity(0)), 1}, reverse=True)
-    missing: list[str] = []
+    ready = _seconds(partial(_batch, scenario.with_settings({"steps": 1}), learner, 1))
     ways: dict[tuple[str, int], tuple[int, Callable[[], object]]] = {}
-    ready_seconds = None
-    try:
-        ready_seconds = _seconds(partial(_batch, scenario.with_settings({"steps": 1}), learner, 1))
-        ways |= {(ENGINE, n): (runs, partial(_batch, scenario, learner, runs, n)) for n in threads}
-    except SparseCoordError as error:
-        missing.append(f"{ENGINE}: {error}")
-    try:
+    for threads in sorted({len(os.sched_getaffinity(0)), 1}, reverse=True):
+        ways[ENGINE, threads] = runs, partial(_batch, scenario, learner, runs, threads)
         if learner == "coop":  # there is one of the paper's learner alone
-            loop = CLoop(scenario)
-            ways |= {(C_LOOP, n): (runs, partial(loop.learn_runs, runs, n)) for n in threads}
-    except SparseCoordError as error:
-        missing.append(f"{C_LOOP}: {error}")
-    few = min(runs, PYTHON_RUNS)
-    ways[PYTHON, 1] = few, lambda: [learn(scenario, learner, seed) for seed in range(few)]
+            ways[C_LOOP, threads] = runs, partial(CLoop(scenario).learn_runs, runs, threads)
+    seeds = range(PYTHON_RUNS)
+    ways[PYTHON, 1] = PYTHON_RUNS, lambda: [learn(scenario, learner, seed) for seed in seeds]
     rates: dict[tuple[str, int], list[float]] = {way: [] for way in ways}
     for _ in range(repeats):
         for way, (count, work) in ways.items():
             rates[way].append(steps * len(scenario.robots) * count / _seconds(work))
-    return {
-        "title": f"{name}, {rule.title or learner.rpartition(':')[2]}",
-        "steps": steps,
-        "runs": runs,
-        "ready_seconds": ready_seconds,
-        "rates": [
-            {"way": way, "threads": n, "agent_steps_per_second": found}
-            for (way, n), found in rates.items()
-        ],
-        "missing": missing,
-    }
+    whose = rule.title or learner.rpartition(":")[2]
+    return Measured(f"{name}, {whose}, {runs} runs of {steps} steps", ready, rates)
 
 
 def _batch(scenario: Scenario, learner: str, runs: int, threads: int = 1) -> None:
@@ -102,28 +95,20 @@ def _seconds(work: Callable[[], object]) -> float:
     return time.perf_counter() - started
 
 
-def table(found: dict[str, Any]) -> str:
-    """Return the table of what `measure` found."""
-    medians = {
-        (one["way"], one["threads"]): statistics.median(one["agent_steps_per_second"])
-        for one in found["rates"]
-    }
-    rows = []
-    for one in found["rates"]:
-        way, threads, rates = one["way"], one["threads"], one["agent_steps_per_second"]
-        median, c_loop = medians[way, threads], medians.get((C_LOOP, threads))
-        rows.append(
-            [
-                f"{way}, {threads} thread{'s' * (threads > 1)}",
-                f"{median / 1e6:.2f}",
-                f"{min(rates) / 1e6:.2f} to {max(rates) / 1e6:.2f}",
-                f"{median / threads / 1e6:.2f}",
-                f"{median / c_loop:.0%}" if c_loop else "-",
-            ]
-        )
-    title = f"{found['title']}, {found['runs']} runs of {found['steps']} steps"
-    head = [title, "M agent-steps/s", "range", "per core", f"of the {C_LOOP}"]
-    notes = list(found["missing"])
-    if found["ready_seconds"] is not None:
-        notes.append(f"engine: ready in {found['ready_seconds']:.1f} s, not counted above")
-    return "\n".join([format_table(head, rows), *notes])
+def table(found: Measured) -> str:
+    """Return the table of what was measured."""
+    medians = {way: statistics.median(rates) for way, rates in found.rates.items()}
+    rows = [
+        [
+            f"{way}, {threads} thread{'s' * (threads > 1)}",
+            f"{median / 1e6:.2f}",
+            f"{min(found.rates[way, threads]) / 1e6:.2f} to "
+            f"{max(found.rates[way, threads]) / 1e6:.2f}",
+            f"{median / threads / 1e6:.2f}",
+            f"{median / medians[C_LOOP, threads]:.0%}" if (C_LOOP, threads) in medians else "-",
+        ]
+        for (way, threads), median in medians.items()
+    ]
+    head = [found.title, "M agent-steps/s", "range", "per core", f"of the {C_LOOP}"]
+    ready = f"engine: ready in {found.ready_seconds:.1f} s, not counted above"
+    return f"{format_table(head, rows)}\n{ready}"

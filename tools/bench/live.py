@@ -23,9 +23,9 @@ ONE, MANY = "one process", "processes"
 BARE, LEARNING, RECORDING = ", bare rclpy nodes", ", learning", ", learning and recording"
 
 
-def measure(steps: int, repeats: int) -> dict[str, list[float]]:
-    """Return steps a second of each way to run env1, one figure a repeat."""
-    ways: dict[str, Callable[[], float]] = {
+def ways(steps: int, repeats: int) -> str:
+    """Return a table: steps a second of each way to run env1."""
+    measured: dict[str, Callable[[], float]] = {
         "without ROS (train)": lambda: _simulated(steps),
         ONE + BARE: lambda: ceiling.one_process(steps),
         ONE + LEARNING: lambda: _live(steps, record=False),
@@ -34,47 +34,39 @@ def measure(steps: int, repeats: int) -> dict[str, list[float]]:
         MANY + LEARNING: lambda: _live(steps, record=False, processes=True),
         MANY + RECORDING: lambda: _live(steps, record=True, processes=True),
     }
-    found: dict[str, list[float]] = {name: [] for name in ways}
+    rates: dict[str, list[float]] = {name: [] for name in measured}
     for _ in range(repeats):
-        for name, way in ways.items():
-            found[name].append(way())
-    return found
+        for name, way in measured.items():
+            rates[name].append(way())
+    medians = {name: statistics.median(found) for name, found in rates.items()}
+    rows = []
+    for name, median in medians.items():
+        bare = medians.get(name.split(",")[0] + BARE)
+        rows.append([name, *_spread(rates[name]), f"{median / bare:.0%}" if bare else "-"])
+    head = [f"{SCENARIO}, 2 robots, events executor", "steps/s", "range", "of bare nodes"]
+    return format_table(head, rows)
 
 
-def measure_teams(steps: int, repeats: int) -> dict[int, list[float]]:
-    """Return steps a second of teams in one process, without recording, by their robots."""
-    found: dict[int, list[float]] = {robots: [] for robots in TEAMS}
+def teams(steps: int, repeats: int) -> str:
+    """Return a table: steps a second of teams in one process, without recording."""
+    rates: dict[int, list[float]] = {robots: [] for robots in TEAMS}
     with tempfile.TemporaryDirectory(prefix="sparse_coord_bench_") as folder:
         for _ in range(repeats):
             for robots in TEAMS:
                 file = Path(folder) / f"building_{robots}.yaml"
                 file.write_text(building_text(Building(rooms=4, robots=robots)))
                 few = max(100, steps * TEAMS[0] // robots // 2)
-                found[robots].append(_live(few, record=False, scenario=str(file)))
-    return found
-
-
-def table(found: dict[str, list[float]]) -> str:
-    """Return the table of what `measure` found."""
-    rows = []
-    for name, rates in found.items():
-        bare = found.get(name.split(",")[0] + BARE)
-        median = statistics.median(rates)
-        share = f"{median / statistics.median(bare):.0%}" if bare else "-"
-        rows.append([name, f"{median:.0f}", f"{min(rates):.0f} to {max(rates):.0f}", share])
-    head = [f"{SCENARIO}, 2 robots, events executor", "steps/s", "range", "of bare nodes"]
-    return format_table(head, rows)
-
-
-def teams_table(found: dict[int, list[float]]) -> str:
-    """Return the table of what `measure_teams` found."""
-    rows = []
-    for robots, rates in found.items():
-        median = statistics.median(rates)
-        spread = f"{min(rates):.0f} to {max(rates):.0f}"
-        rows.append([str(robots), f"{median:.0f}", spread, f"{median * robots:.0f}"])
+                rates[robots].append(_live(few, record=False, scenario=str(file)))
+    rows = [
+        [str(robots), *_spread(found), f"{statistics.median(found) * robots:.0f}"]
+        for robots, found in rates.items()
+    ]
     head = ["robots in one process, learning", "steps/s", "range", "agent-steps/s"]
     return format_table(head, rows)
+
+
+def _spread(rates: list[float]) -> tuple[str, str]:
+    return f"{statistics.median(rates):.0f}", f"{min(rates):.0f} to {max(rates):.0f}"
 
 
 def _simulated(steps: int) -> float:

@@ -7,14 +7,12 @@
 
 #include <stdbool.h>
 #include <stdint.h>
-#include <stdlib.h>
 
 enum { PRIMITIVES = 4, COORDINATE = 4, ACTIONS = 5, EPISODE_GAP = 2, NO_ROW = -1, NOWHERE = -1 };
 enum { EXPLORE, EXPLORED_ACTION, TIE, PRIMITIVE_TIE, PEER, POLICY_DRAWS };
 
 // A scenario; loop.py declares the same fields. k is a robot, x its cell.
 struct problem {
-    int32_t team, cells, most_start_cells, budget, max_steps, fails;
     const int32_t *starts;         // [k]
     const int32_t *goals;          // [k]
     const int32_t *next_cell;      // [x][action]
@@ -27,7 +25,8 @@ struct problem {
     const double *epsilon;         // [time step], budget + 1 entries
     const double *alpha_by_count;  // [number of the update], budget + 1 entries
     const double *alpha_by_step;   // [time step], budget + 1 entries
-    double move_success, goal_reward, ask_cost, discount, goal_value, q_star_init, q_coord_init;
+    double move_success, goal_reward, ask_cost, discount, goal_value;
+    int32_t budget, max_steps, team, cells, most_start_cells, fails;
 };
 
 // NumPy's PCG64: PCG XSL-RR 128/64.
@@ -187,74 +186,51 @@ static inline bool learn(const struct problem *problem, struct robot *robot, int
 }
 
 // One learning run.
-//   sources: state and increment of each robot's four generators (policy, motion, percept,
-//            start) at time step 0, [k][role][state high, low, increment high, low]
-//   q_star:  filled with the learned Q*, [k][x][action]
-//   q_coord: filled with the learned Q^C, [k][x][cell of the peer][action]
-// Returns 0, or 1 where there is not enough memory.
-int learn_run(const struct problem *problem, const uint64_t *sources, double *q_star,
-              double *q_coord)
+//   sources:       generators at time step 0: policy, motion, start, percept [k][role]
+//   q_star:        Q* from its initial values on, [k][x][action]
+//   q_coord:       Q^C from its initial values on, [k][x][cell of the peer][action]
+//   star_updates:  counts of the updates, 0, as q_star
+//   coord_updates: likewise, as q_coord
+void learn_run(const struct problem *problem, const struct pcg64 *sources, double *q_star,
+               double *q_coord, int32_t *star_updates, int32_t *coord_updates)
 {
     int team = problem->team;
     int64_t stars = (int64_t)problem->cells * ACTIONS;
     int64_t coords = (int64_t)problem->cells * problem->cells * PRIMITIVES;
-    struct robot *robots = calloc(team, sizeof *robots);
-    int32_t *updates = calloc(team * (stars + coords), sizeof *updates);
-    if (!robots || !updates) {
-        free(robots);
-        free(updates);
-        return 1;
-    }
-    for (int64_t i = 0; i < team * stars; i++)
-        q_star[i] = problem->q_star_init;
-    for (int64_t i = 0; i < team * coords; i++)
-        q_coord[i] = problem->q_coord_init;
-    for (int k = 0; k < team; k++) {
-        struct robot *robot = &robots[k];
-        struct pcg64 *source[] = {&robot->policy_source, &robot->motion_source,
-                                  &robot->percept_source, &robot->start_source};
-        for (int role = 0; role < 4; role++, sources += 4) {
-            source[role]->state = (unsigned __int128)sources[0] << 64 | sources[1];
-            source[role]->increment = (unsigned __int128)sources[2] << 64 | sources[3];
-        }
-        robot->q_star = q_star + k * stars;
-        robot->q_coord = q_coord + k * coords;
-        robot->star_updates = updates + k * (stars + coords);
-        robot->coord_updates = robot->star_updates + stars;
-    }
-
+    struct robot robots[team];
+    for (int k = 0; k < team; k++, sources += 4)
+        robots[k] = (struct robot){.policy_source = sources[0],
+                                   .motion_source = sources[1],
+                                   .start_source = sources[2],
+                                   .percept_source = sources[3],
+                                   .q_star = q_star + k * stars,
+                                   .q_coord = q_coord + k * coords,
+                                   .star_updates = star_updates + k * stars,
+                                   .coord_updates = coord_updates + k * coords};
     draw(problem, robots, team);  // time step 0 is never played
-    bool placed = false;
-    int64_t episode_start = 0;
-    int64_t step = 0;
+    bool over = true;
+    int64_t step = 0, episode_start = 0;
     for (int32_t done = 0; done < problem->budget; done++) {
         draw(problem, robots, team);
         step++;
         int32_t scheduled = step < problem->budget ? (int32_t)step : problem->budget;
-        if (!placed) {
+        if (over) {
             place(problem, robots, problem->exploring[scheduled]);
             episode_start = step;
-            placed = true;
         }
         for (int k = 0; k < team; k++)
             if (!robots[k].arrived)
                 choose(problem, robots, k, problem->epsilon[scheduled]);
         bool conflict = move(problem, robots);
         double least_alpha = problem->alpha_by_step[scheduled];
-        bool over = true;
+        over = true;
         for (int k = 0; k < team; k++) {
             if (!robots[k].arrived)
                 robots[k].arrived = learn(problem, &robots[k], k, conflict, least_alpha);
             over &= robots[k].arrived;
         }
-        if (over || step + 1 - episode_start >= problem->max_steps) {
-            for (int i = 0; i < EPISODE_GAP; i++)
-                draw(problem, robots, team);
-            step += EPISODE_GAP;
-            placed = false;
-        }
+        over |= step + 1 - episode_start >= problem->max_steps;
+        for (int i = 0; over && i < EPISODE_GAP; i++, step++)
+            draw(problem, robots, team);
     }
-    free(robots);
-    free(updates);
-    return 0;
 }
