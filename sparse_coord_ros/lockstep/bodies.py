@@ -11,10 +11,9 @@ real ones are brought there by whoever can, and the world waits.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from sparse_coord_ros.game.scenario import Scenario
-from sparse_coord_ros.game.streams import LEARNING
 from sparse_coord_ros.game.world import Action, World
 
 LOST = -1
@@ -93,22 +92,14 @@ class BodyWorld(World):
         slips: moves also fail at random, as in the grid and with its draws: the body is told to
             stay. So a learned team meets the world that it knows, and bodies that always get
             there play the grid's game, bit for bit.
-        phase, max_steps: as of `World`.
+        more: `phase` and `max_steps`, as of `World`.
 
     Attributes:
         there: the cell of each robot after the step that is about to be made.
     """
 
-    def __init__(
-        self,
-        scenario: Scenario,
-        seed: int,
-        *,
-        slips: bool = True,
-        phase: int = LEARNING,
-        max_steps: int | None = None,
-    ) -> None:
-        super().__init__(scenario, seed, phase=phase, max_steps=max_steps)
+    def __init__(self, scenario: Scenario, seed: int, *, slips: bool = True, **more: Any) -> None:
+        super().__init__(scenario, seed, **more)
         self.slips = slips
         self.there = list(self.cells)
 
@@ -133,6 +124,7 @@ class BodiesSide:
         port: how bodies are told.
 
     Attributes:
+        placing: whether bodies are waited for at the cells in which the episode begins or goes on.
         failed: moves that did not get there.
         lost: of these, moves after which the body was in no cell, or nobody knew where.
         seconds: how long the steps took, in all, by the clock of the poses.
@@ -142,7 +134,7 @@ class BodiesSide:
         self._world, self._port = world, port
         self._step: int | None = None
         self._expected: list[int] | None = None
-        self._placing = False
+        self.placing = False
         self._ahead: list[tuple[BodyGoal, ...]] = []
         self._under_way: dict[int, BodyGoal] = {}
         self._number = 0
@@ -156,11 +148,6 @@ class BodiesSide:
     def waiting(self) -> list[int]:
         """The robots whose bodies are waited for."""
         return sorted(self._under_way)
-
-    @property
-    def placing(self) -> bool:
-        """Whether bodies are waited for at the cells in which the episode begins or goes on."""
-        return self._placing
 
     def made(self, actions: Sequence[Action | None]) -> bool:
         """Return whether the world can make its step; at a new step the bodies are sent first.
@@ -193,7 +180,7 @@ class BodiesSide:
             return False
         del self._under_way[said.robot]
         self._since = max(self._since, said.stamp)
-        if not self._placing:
+        if not self.placing:
             self._longest = max(self._longest, said.seconds)
             self._settle(goal, said.cell)
         self._go_on()
@@ -215,14 +202,14 @@ class BodiesSide:
     def _go_on(self) -> None:
         """Send those that come next when all others are there."""
         while not self._under_way:
-            self.seconds, self._longest, self._placing = self.seconds + self._longest, 0.0, False
+            self.seconds, self._longest, self.placing = self.seconds + self._longest, 0.0, False
             if not self._ahead:
                 return
             self._send(self._ahead.pop(0))
 
     def _send(self, goals: tuple[BodyGoal, ...], *, place: bool = False) -> None:
         self._number += 1
-        self._placing = place
+        self.placing = place
         self._under_way = {goal.robot: goal for goal in goals}
         self._port.send(Goals(self._number, self._world.step, place, self._since, goals))
 

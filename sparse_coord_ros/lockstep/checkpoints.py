@@ -104,7 +104,7 @@ class Checkpoints(Store):
         Raises:
             RunError: a file is of another run or version.
         """
-        files = self._of(self._node)
+        files = steps_of(self._folder, self._node)
         for step in set(files) - self._readable:
             try:
                 self._read(step)
@@ -166,19 +166,12 @@ class Checkpoints(Store):
 
     def _prune(self) -> None:
         """Remove what is older than the newest files, and than those that all nodes here have."""
-        mine = self._of(self._node)
-        others = (set(self._of(name)) for name in (WORLD, *self._names))
+        mine = steps_of(self._folder, self._node)
+        others = (set(steps_of(self._folder, name)) for name in (WORLD, *self._names))
         common = sorted(set(mine).intersection(*others), reverse=True)
         for step in set(mine[KEPT_OWN:]) - set(common[:KEPT_COMMON]):
             with suppress(OSError):
                 self._path(step).unlink()
-        with suppress(OSError):  # of one that was killed while it saved
-            for step in steps_of(self._folder, self._node, f".npz{PARTIAL}"):
-                self._path(step).with_suffix(f".npz{PARTIAL}").unlink()
-
-    def _of(self, node: str) -> list[int]:
-        """Return the steps of a node's files, the newest first."""
-        return sorted(steps_of(self._folder, node), reverse=True)
 
     def _path(self, step: int) -> Path:
         return self._folder / f"{self._node}_{step}.npz"
@@ -199,11 +192,10 @@ def _broken(path: Path, problem: str) -> BrokenCheckpointError:
     )
 
 
-def steps_of(folder: Path, node: str, ending: str = ".npz") -> list[int]:
-    """Return under which time steps a directory has files of a node with an ending."""
-    names = (path.name for path in folder.glob(f"{node}_*{ending}"))
-    texts = (name.removeprefix(f"{node}_").removesuffix(ending) for name in names)
-    return [int(text) for text in texts if text.isdecimal()]
+def steps_of(folder: Path, node: str) -> list[int]:
+    """Return under which time steps a directory has files of a node, the newest first."""
+    texts = (path.stem.removeprefix(f"{node}_") for path in folder.glob(f"{node}_*.npz"))
+    return sorted((int(text) for text in texts if text.isdecimal()), reverse=True)
 
 
 def remove_checkpoints(out: Path) -> None:

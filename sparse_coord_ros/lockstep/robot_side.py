@@ -133,6 +133,7 @@ class RobotSide:
         asks: how the percepts of its actions ended: "answered" (by every peer that was asked),
             "refused" (by one of them), "late" (no answer by the deadline); and how many requests
             were "repeated" because the peer was a step behind.
+        transitions: transitions that it has seen.
         learned: transitions that it has learned from.
         dropped: transitions not learned from because the reward did not come.
     """
@@ -170,11 +171,6 @@ class RobotSide:
         All is learned that happened before it; 0 before the first state.
         """
         return max(self._handled, NO_STEP)
-
-    @property
-    def transitions(self) -> int:
-        """Transitions that it has seen."""
-        return self._transitions
 
     @property
     def asking(self) -> int:
@@ -260,7 +256,7 @@ class RobotSide:
         return RobotState(
             self.handled,
             self._cell,
-            self._transitions,
+            self.transitions,
             self._episode_start,
             told,
             (*asks, self.learned, self.dropped),
@@ -291,7 +287,7 @@ class RobotSide:
             begin if state is None else state[:-1]
         )
         self.newest = (max(step, NO_STEP), cell)
-        self._handled, self._cell, self._transitions = step, cell, transitions
+        self._handled, self._cell, self.transitions = step, cell, transitions
         self._episode_start, self._learned_last = episode_start, learned_last
         *asks, self.learned, self.dropped = counts
         self.asks = dict(zip(ASKS, asks, strict=True))
@@ -319,7 +315,7 @@ class RobotSide:
             self._reward = None
             self._states.popleft()
             if step == self._handled + 1:
-                self._transitions += 1
+                self.transitions += 1
             else:
                 self._episode_start = step
                 self._port.episode(step)
@@ -342,7 +338,7 @@ class RobotSide:
         return (
             cell == self.agent.goal
             or step - self._episode_start >= self._max_steps
-            or self._transitions >= self._budget
+            or self.transitions >= self._budget
         )
 
     def _choose(self, step: int, cell: int) -> None:
@@ -351,13 +347,10 @@ class RobotSide:
         self._asking = Asking(step, cell, decision)
         if decision.peers:
             self._port.ask(self._asking.peer, step, cell)
+        elif decision.action == COORDINATE:
+            self._act(None, PerceptEnd.NOBODY_TO_ASK)
         else:
-            self._act(
-                None,
-                PerceptEnd.NOBODY_TO_ASK
-                if decision.action == COORDINATE
-                else PerceptEnd.DID_NOT_ASK,
-            )
+            self._act(None, PerceptEnd.DID_NOT_ASK)
 
     def _act(self, perceived: tuple[int, ...] | None, ended: PerceptEnd) -> None:
         asking, self._asking = self._asking, None

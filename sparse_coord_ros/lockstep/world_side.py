@@ -10,7 +10,7 @@ from itertools import pairwise
 from typing import NamedTuple, Protocol
 
 from sparse_coord_ros.game.game import Game, ResumableGame
-from sparse_coord_ros.game.world import FIRST_STEP, Action, Position, Reward, StepOutcome, World
+from sparse_coord_ros.game.world import Action, Position, Reward, StepOutcome, World
 from sparse_coord_ros.learn.history import History, HistoryRecorder
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.wire import Began
@@ -92,6 +92,7 @@ class WorldSide:
         self._checkpoint = run.checkpoint
         self._robots = range(len(run.scenario.robots))
         self._begin_step()
+        self._beginning = self.snapshot()
 
     def begin_at(self, step: int, transitions: int) -> int:
         """After `go_on_from`, leave out what was done since; then call `start`.
@@ -108,10 +109,9 @@ class WorldSide:
         if step <= world.step:
             return 0
         lost = max(0, transitions - world.transitions)
-        episode, nothing = world.episode, (0,) * len(self._robots)
-        arrived = (False,) * len(self._robots)
-        done = world.transitions + lost
-        world.go_on_from(Position(done, step, False, step, nothing, arrived))
+        episode, done = world.episode, world.transitions + lost
+        anew = world.position()._replace(step=step, under_way=False, episode_start=step)
+        world.go_on_from(anew._replace(transitions=done))
         world.episode, self.began, self._begins = episode + 1, Began.RESET, True
         return lost
 
@@ -123,13 +123,7 @@ class WorldSide:
     @property
     def complete(self) -> bool:
         """Whether the barrier is open: all robots that are waited for have acted."""
-        acted = False
-        for k, action in enumerate(self._actions):
-            if action is not None:
-                acted = True
-            elif not self.world.arrived[k] and k not in self.absent:
-                return False
-        return acted
+        return not self.missing() and any(action is not None for action in self._actions)
 
     @property
     def actions(self) -> tuple[Action | None, ...]:
@@ -172,21 +166,17 @@ class WorldSide:
 
     def go_on_from(self, state: WorldState | None) -> None:
         """Go on where the world of the same run was; None: at its beginning. Then call `start`."""
-        world = self.world
-        assert isinstance(world, ResumableGame)
-        nothing = (0,) * len(self._robots), (False,) * len(self._robots)
-        position = Position(0, FIRST_STEP, False, FIRST_STEP, *nothing)
-        counts: tuple[int, ...] = (0,) * 5
-        history, self.began, self.absent = None, Began.START, set()
-        if state is not None:
-            position, counts, history = state.position, state.counts, state.history
-            self.began, self.absent = state.began, set(state.absent)
-        world.go_on_from(position)
-        world.episode, world.miscoordinations, self.timeouts, self.left_out, self.stale = counts
+        state, world = state or self._beginning, self.world
+        assert state is not None and isinstance(world, ResumableGame)
+        world.go_on_from(state.position)
+        self.began, self.absent = state.began, set(state.absent)
+        world.episode, world.miscoordinations, *own = state.counts
+        self.timeouts, self.left_out, self.stale = own
+        under_way = state.position.under_way
         self.history = HistoryRecorder(
-            len(self._robots), history=history, under_way=position.under_way
+            len(self._robots), history=state.history, under_way=under_way
         )
-        self.held, self._begins = True, not position.under_way
+        self.held, self._begins = True, not under_way
         self._begin_step()
 
     def action(self, robot: int, step: int, action: Action) -> bool:
@@ -210,12 +200,11 @@ class WorldSide:
         step = self.world.step
         acted = [k for k in self._robots if self._actions[k] is not None]
         self.left_out += self.world.arrived.count(False) - len(acted)
-        watcher = self.watcher
-        before = None if watcher is None else tuple(self.world.cells)
+        before = tuple(self.world.cells)
         outcome = self.world.advance(self._actions)
         self.history.add(self.world.episode, step, self._actions, outcome)
-        if watcher is not None and before is not None:
-            watcher(step, before, self._actions, outcome, tuple(self.world.cells))
+        if self.watcher is not None:
+            self.watcher(step, before, self._actions, outcome, tuple(self.world.cells))
         self._begin_step()
         for k in acted:
             self._rewards[k] = (step, outcome.rewards[k])
@@ -283,6 +272,7 @@ class WorldSide:
     def _save_where_due(self, *steps: int) -> None:
         """Save at the first of the published steps at which the robots do too."""
         every = self._checkpoint
-        if every and steps[0] // every < steps[-1] // every:
-            due = (step for before, step in pairwise(steps) if before // every < step // every)
-            self._port.checkpoint(next(due))
+        for before, step in pairwise(steps):
+            if every and before // every < step // every:
+                self._port.checkpoint(step)
+                return
