@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from rclpy.node import Node
 
 from sparse_coord_ros.errors import BagError, RunError, os_error_text
 from sparse_coord_ros.files import take_lock, write_whole
@@ -36,6 +35,7 @@ from sparse_coord_ros.nodes.parameters import ParameterNode, run_from_parameters
 from sparse_coord_ros.version import __version__
 
 SUMMARY_FILE = "summary.yaml"
+NO_OUTPUT = "parameter resume: needs parameter 'out', the output directory of the run"
 
 
 def gather(
@@ -94,7 +94,7 @@ def resumed_run(values: Mapping[str, Any]) -> RunConfig:
             the one described.
     """
     if not values["out"]:
-        raise RunError("parameter resume: needs parameter 'out', the output directory of the run")
+        raise RunError(NO_OUTPUT)
     out = Path(values["out"])
     run = load_run(out)
     if (out / TEAM_FILE).exists() and not (out / CHECKPOINTS).is_dir():
@@ -116,54 +116,6 @@ def resumed_run(values: Mapping[str, Any]) -> RunConfig:
     return run
 
 
-def open_output(text: str, run_text: str, own: Sequence[str]) -> Path | None:
-    """Make or join the output directory of a run; None where `text` names none.
-
-    Args:
-        text: the directory.
-        run_text: the run's `run.yaml`, written by whoever comes first.
-        own: names of the files that the caller is going to write there.
-
-    Raises:
-        RunError: the directory cannot be made, holds another run, or one of the files.
-    """
-    if not text:
-        return None
-    path = Path(text)
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-        for name in own:
-            if (path / name).exists():
-                raise _taken(path, name)
-        _join(path, run_text)
-    except OSError as error:
-        raise RunError(
-            f"output directory {path}: cannot be written ({error.strerror}); choose another one"
-        ) from None
-    return path
-
-
-def _join(path: Path, run_text: str) -> None:
-    """Write `run.yaml`, or see that it is the same; of several nodes one after the other."""
-    folder = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        take_lock(folder, wait=True)
-        file = path / RUN_FILE
-        if not file.exists():
-            write_whole(file, run_text)
-        elif file.read_text(encoding="utf-8") != run_text:
-            raise _taken(path, f"another run's {RUN_FILE}")
-    finally:
-        os.close(folder)
-
-
-def _taken(path: Path, what: str) -> RunError:
-    return RunError(
-        f"output directory {path}: exists already and holds {what}, nothing is overwritten; "
-        "choose another one"
-    )
-
-
 class Output:
     """Where a node of a run saves: in the directory of its parameter `out`; nowhere without one.
 
@@ -177,22 +129,45 @@ class Output:
         store: its checkpoints.
 
     Raises:
-        RunError: the directory cannot be used, or not be gone on with.
+        RunError: the directory cannot be made, holds another run or, where none is to go on, one
+            of the files.
     """
 
     def __init__(self, node: ParameterNode, name: str, run: RunConfig, own: Sequence[str]) -> None:
         self._node, self._text = node, run.to_yaml()
-        resumed = node.values["resume"]
-        self._out = open_output(node.values["out"], self._text, [] if resumed else own)
+        self._out = Path(node.values["out"]) if node.values["out"] else None
         self.store = Store()
         if self._out is not None:
+            self._open(self._out, () if node.values["resume"] else own)
             self.store = checkpoints = Checkpoints(self._out, name, run)
             checkpoints.steps()
             for line in checkpoints.broken:
                 node.get_logger().warning(line)
-        elif resumed:
+        elif node.values["resume"]:
+            raise RunError(NO_OUTPUT)
+
+    def _open(self, out: Path, own: Sequence[str]) -> None:
+        """Make or join the directory: `run.yaml` is written by whoever comes first."""
+        try:
+            out.mkdir(parents=True, exist_ok=True)
+            held = [name for name in own if (out / name).exists()]
+            folder = os.open(out, os.O_RDONLY | os.O_DIRECTORY)
+            try:
+                take_lock(folder, wait=True)  # of several nodes one after the other
+                if not held and not (out / RUN_FILE).exists():
+                    write_whole(out / RUN_FILE, self._text)
+                elif not held and (out / RUN_FILE).read_text(encoding="utf-8") != self._text:
+                    held = [f"another run's {RUN_FILE}"]
+            finally:
+                os.close(folder)
+        except OSError as error:
             raise RunError(
-                f"node {name}: parameter resume needs parameter 'out', the output directory"
+                f"output directory {out}: cannot be written ({error.strerror}); choose another one"
+            ) from None
+        if held:
+            raise RunError(
+                f"output directory {out}: exists already and holds {held[0]}, nothing is "
+                "overwritten; choose another one"
             )
 
     def checkpoint(self, state: WorldState | RobotState) -> None:
@@ -206,48 +181,42 @@ class Output:
             )
 
     def save(self, write: Callable[[Path], None]) -> Path | None:
-        """Write files as `save_somewhere` does, and return the directory; None: there is none."""
+        """Write files into the directory, or beside it where that cannot be.
+
+        A directory that is gone is made again; one that cannot be written (a full disk) is stood
+        in for by `<out>_rescued` beside it, or in the folder for temporary files. One line says
+        so.
+
+        Args:
+            write: writes the files into a directory.
+
+        Returns:
+            The directory; None: there is none.
+
+        Raises:
+            OSError: none of the places can be written; that of the first.
+        """
         if self._out is None:
             return None
-        return save_somewhere(self._node, self._out, self._text, write)
-
-
-def save_somewhere(node: Node, out: Path, run_text: str, write: Callable[[Path], None]) -> Path:
-    """Write files of a run into its output directory, or beside it where that cannot be.
-
-    A directory that is gone is made again; one that cannot be written (a full disk) is stood in
-    for by `<out>_rescued` beside it, or in the folder for temporary files. One line says so.
-
-    Args:
-        node: says it.
-        out: the output directory.
-        run_text: the run's `run.yaml`, written where it is missing.
-        write: writes the files into a directory.
-
-    Returns:
-        The directory.
-
-    Raises:
-        OSError: none of the places can be written; that of the first.
-    """
-    name = f"{out.absolute().name}_rescued"
-    refusal: OSError | None = None
-    for place in (out, out.absolute().with_name(name), Path(tempfile.gettempdir()) / name):
-        gone = not place.exists()
-        try:
-            place.mkdir(parents=True, exist_ok=True)
-            if not (place / RUN_FILE).exists():
-                write_whole(place / RUN_FILE, run_text)
-            write(place)
-        except OSError as error:
-            refusal = refusal or error
-            continue
-        if refusal is not None:
-            node.get_logger().error(f"{os_error_text(refusal)}; saved in {place} instead")
-        elif gone:
-            node.get_logger().warning(f"output directory {out}: it was gone and was made again")
-        return place
-    raise refusal or OSError(f"{out} cannot be written")
+        out, say = self._out, self._node.get_logger()
+        beside = out.absolute().with_name(f"{out.absolute().name}_rescued")
+        refusals: list[OSError] = []
+        for place in (out, beside, Path(tempfile.gettempdir()) / beside.name):
+            gone = not place.exists()
+            try:
+                place.mkdir(parents=True, exist_ok=True)
+                if not (place / RUN_FILE).exists():
+                    write_whole(place / RUN_FILE, self._text)
+                write(place)
+            except OSError as error:
+                refusals.append(error)
+                continue
+            if refusals:
+                say.error(f"{os_error_text(refusals[0])}; saved in {place} instead")
+            elif gone:
+                say.warning(f"output directory {out}: it was gone and was made again")
+            return place
+        raise refusals[0]
 
 
 def begin_with(directory: Path, run: RunConfig) -> list[Tables]:

@@ -203,6 +203,8 @@ class Recorder(Follower):
         SparseCoordError: a bad parameter, an existing directory, no world simulator, a full disk.
     """
 
+    recording: Recording | None = None
+
     def __init__(self, **place: Unpack[Place]) -> None:
         super().__init__(RECORDER, RECORDER_PARAMETERS, **place)
         out = self.values["out"] or datetime.now().strftime("bag_%Y%m%d_%H%M%S")
@@ -212,7 +214,6 @@ class Recorder(Follower):
                 f"output directory {self.directory}: exists already, nothing is overwritten; "
                 "choose another one for parameter 'out'"
             )
-        self.recording: Recording | None = None
         self.error: BagError | None = None
         self._diagnostics_publisher = self.announce(interface.DIAGNOSTICS)
         self._recording_publisher = self.announce(interface.RECORDING)
@@ -386,11 +387,12 @@ class Recorder(Follower):
             f"closed {self.directory}: {bag.message_count} messages, {bag.bytes_written} bytes"
         )
 
-    def close(self) -> None:
-        """Close the bag, if there is one and it was not closed; a broken one stays unfinished."""
+    def destroy_node(self) -> None:
+        """As `Node`'s; a bag that was not closed is, a broken one stays unfinished."""
         if self.recording is not None:
             with contextlib.suppress(BagError):
                 self.recording.bag.close()
+        super().destroy_node()
 
 
 def _bag_qos(qos: QoSProfile) -> QoS:

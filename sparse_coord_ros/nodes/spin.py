@@ -16,10 +16,9 @@ from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.executors import Executor, SingleThreadedExecutor
-from rclpy.logging import get_logger
+from rclpy.logging import LoggingSeverity, get_logger
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
@@ -46,11 +45,6 @@ callback by itself: a call of it for each would cost a tenth of a time step."""
 
 MATCH_SECONDS = 1.0
 """How long the readers of /rosout may take to find a node's last word."""
-
-ROSOUT_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""As rcl's own publishers of /rosout."""
-FATAL = 50
-"""The level of rcl_interfaces/Log."""
 
 PATIENCE_SECONDS = 3.0
 SHUTDOWN_SECONDS = 10.0
@@ -231,8 +225,8 @@ def say_on_rosout(node: Node, error: SparseCoordError) -> None:
     The text of an unexpected exception is its traceback.
     """
     topic = interface.ROSOUT
-    publisher = node.create_publisher(topic.type, topic.name, ROSOUT_QOS)
-    message = topic.type(level=FATAL, name=node.get_logger().name, msg=str(error))
+    publisher = node.create_publisher(topic.type, topic.name, interface.LATCHED_QOS)
+    message = topic.type(level=LoggingSeverity.FATAL, name=node.get_logger().name, msg=str(error))
     message.stamp = node.get_clock().now().to_msg()
     if isinstance(error, FaultError) and error.__cause__ is not None:
         message.msg = "".join(traceback.format_exception(error.__cause__))
@@ -242,6 +236,28 @@ def say_on_rosout(node: Node, error: SparseCoordError) -> None:
         time.sleep(LOOK_SECONDS)
     publisher.publish(message)
     wait_for_readers([publisher])
+
+
+@contextmanager
+def ending(nodes: Sequence[ParameterNode], save: Callable[[], object]) -> Iterator[None]:
+    """Whatever ends nodes, save what they have, say it on /rosout, and take them down."""
+    try:
+        yield
+    except NameTakenError:
+        raise  # the team is another node's: neither save nor tell anybody
+    except Exception as error:
+        failure = failure_of(error)
+        with suppress(Exception):  # the first error is the one to tell
+            save()
+        failed = [node for node in nodes if node.failure is not None] or nodes
+        for node in failed[:1]:
+            with suppress(Exception):
+                say_on_rosout(node, failure)
+        raise failure from failure.__cause__
+    finally:
+        for node in nodes:
+            with limited_shutdown():
+                node.destroy_node()
 
 
 def exit_code_of(run: Callable[[], None]) -> int:
@@ -278,23 +294,10 @@ def run_node(make: Callable[[Context], ParameterNode], args: Sequence[str] | Non
 def _run_node(make: Callable[[Context], ParameterNode], args: Sequence[str], stop: Stop) -> None:
     with ros_context(args) as context:
         node = make(context)
-        try:
-            spin_nodes(
-                [node],
-                node.values["executor"],
-                context,
-                lambda: node.done or (bool(stop) and node.may_stop()),
-            )
+
+        def ended() -> bool:
+            return node.done or (bool(stop) and node.may_stop())
+
+        with ending([node], lambda: node.finish(interrupted=True)):
+            spin_nodes([node], node.values["executor"], context, ended)
             node.finish(interrupted=not node.done)
-        except NameTakenError:
-            raise  # the team is another node's: neither save nor tell anybody
-        except Exception as error:
-            failure = failure_of(error)
-            with suppress(Exception):  # the first error is the one to tell
-                node.finish(interrupted=True)  # it saves what it has, and tells the others
-            with suppress(Exception):
-                say_on_rosout(node, failure)
-            raise failure from failure.__cause__
-        finally:
-            with limited_shutdown():
-                node.destroy_node()

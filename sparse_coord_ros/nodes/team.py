@@ -4,7 +4,6 @@
 
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from rclpy.context import Context
 
 from sparse_coord_ros.bags.reader import BAG_DIRECTORY
-from sparse_coord_ros.errors import BagError, NameTakenError, failure_of
+from sparse_coord_ros.errors import BagError, NameTakenError
 from sparse_coord_ros.learn.run_config import RunConfig, create_output
 from sparse_coord_ros.nodes.outputs import begin_with, gather, resumed_run
 from sparse_coord_ros.nodes.parameters import (
@@ -29,10 +28,9 @@ from sparse_coord_ros.nodes.recorder import Recorder
 from sparse_coord_ros.nodes.robot import RobotNode
 from sparse_coord_ros.nodes.spin import (
     Stop,
+    ending,
     exit_code_of,
-    limited_shutdown,
     ros_context,
-    say_on_rosout,
     signals,
     spin_nodes,
     tidy_shared_memory,
@@ -99,7 +97,7 @@ def run_team(
     place: dict[str, Any] = {"context": context, "namespace": namespace, "tap": tap}
     nodes: list[ParameterNode] = []
     recorder = None
-    try:
+    with ending(nodes, lambda: gather(out, run.scenario, interrupted=True)):
         if values["record"]:
             own = of_table(RECORDER_PARAMETERS, values)
             recorder = Recorder(values={**own, "out": str(out / BAG_DIRECTORY)}, **place)
@@ -129,23 +127,6 @@ def run_team(
         interrupted = _spin(nodes, values["executor"], context, stop)
         error = recorder.error if recorder is not None else None
         return gather(out, run.scenario, interrupted=interrupted, recording_error=error)
-    except NameTakenError:
-        raise  # the team is another one's
-    except Exception as error:
-        failure = failure_of(error)
-        failed = [node for node in nodes if node.failure is not None] or nodes
-        for node in failed[:1]:
-            with suppress(Exception):
-                say_on_rosout(node, failure)
-        with suppress(Exception):  # the first error is the one to tell
-            gather(out, run.scenario, interrupted=True)
-        raise failure from failure.__cause__
-    finally:
-        if recorder is not None:
-            recorder.close()
-        for node in nodes:
-            with limited_shutdown():
-                node.destroy_node()
 
 
 def _spin(

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The world simulator node: local states, rewards and time for a team of robot nodes."""
 
+import functools
 import sys
 import time
 import uuid
@@ -24,11 +25,7 @@ from sparse_coord_ros.learn.tables import TEAM_FILE, robot_file
 from sparse_coord_ros.lockstep.waiting import REPEAT_SECONDS, Reminder, Silence
 from sparse_coord_ros.lockstep.world_side import WorldSide
 from sparse_coord_ros.nodes.guard import Guard
-from sparse_coord_ros.nodes.outputs import (
-    SUMMARY_FILE,
-    Output,
-    resumed_run,
-)
+from sparse_coord_ros.nodes.outputs import SUMMARY_FILE, Output, resumed_run
 from sparse_coord_ros.nodes.parameters import (
     END,
     GO_ON,
@@ -131,12 +128,8 @@ class WorldSimulator(ParameterNode):
     # Incoming.
 
     def _on_action(self, robot: int, said: tuple[int, Action]) -> None:
-        step, action = said
-        if not self.speed.begun or self._stopped:
-            return
-        opened = self.lockstep.action(robot, step, action)
-        if opened and not self._paused and self.values["rate"] == 0:
-            self._advance()
+        if self.speed.begun and not self._stopped and self.lockstep.action(robot, *said):
+            self._advance_where_due()
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response):
         self._paused = request.data
@@ -162,7 +155,7 @@ class WorldSimulator(ParameterNode):
         if response.success:
             response.message = f"step {self.lockstep.world.step}"
             self._single = True
-            self._advance()
+            self._advance_where_due()
         if not self.done:
             self._say()
         return response
@@ -252,29 +245,24 @@ class WorldSimulator(ParameterNode):
 
     def _wait_for_the_lost(self, now: float) -> None:
         """Say for whom the world stands still; go on or end where the parameters say so."""
-        side, silent, limit = self.lockstep, self._silence.lasts(now), self.values["lost_timeout"]
+        side, silent, stands = self.lockstep, self._silence.lasts(now), self._silence.stands(now)
         missing = side.missing()
         names = ", ".join(self._names[k] for k in sorted(missing or side.absent))
         self.remind(self._reminder, f"{names} at step {side.world.step}")
-        if 0 < limit <= self._silence.stands(now):
+        if 0 < self.values["lost_timeout"] <= stands:
             raise RunError(
                 f"lost_timeout: step {side.world.step}: the world has stood still for "
-                f"{self._silence.stands(now):.0f} s for {names}; everything is saved"
+                f"{stands:.0f} s for {names}; everything is saved"
             )
-        lost = silent >= self.run.step_timeout or (bool(missing) and self.topics.gone(missing))
-        if lost and self.values["lost_robot"] == END:
-            raise RunError(
-                f"lost_robot: step {side.world.step}: {names} gone or silent for {silent:.1f} s; "
-                "this world ends the run, as it is told to"
-            )
-        if lost and self.values["lost_robot"] == GO_ON:
-            late = [self._names[k] for k in side.expire()]
+        if silent < self.run.step_timeout and not (missing and self.topics.gone(missing)):
+            return
+        what = f"step {side.world.step}: {names} gone or silent for {silent:.1f} s"
+        if self.values["lost_robot"] == END:
+            raise RunError(f"lost_robot: {what}; this world ends the run, as it is told to")
+        if self.values["lost_robot"] == GO_ON:
+            side.expire()
             self._silence.since = now
-            self.get_logger().warning(
-                f"step {side.world.step}: {', '.join(late)} gone or silent for {silent:.1f} s; "
-                "going on without",
-                throttle_duration_sec=5.0,
-            )
+            self.get_logger().warning(f"{what}; going on without", throttle_duration_sec=5.0)
             self._end_when_finished()
 
     def _keep_the_rate(self) -> None:
@@ -284,26 +272,25 @@ class WorldSimulator(ParameterNode):
         if self._rate_timer is None or self._rate_timer.timer_period_ns != round(1e9 * seconds):
             if self._rate_timer is not None:
                 self.destroy_timer(self._rate_timer)
-            self._rate_timer = self.create_timer(seconds, self._on_rate)
+            beat = functools.partial(self._advance_where_due, beat=True)
+            self._rate_timer = self.create_timer(seconds, beat)
 
-    def _on_rate(self) -> None:
-        waits = not self._stopped and not self._paused and self.values["rate"] > 0
-        if waits and self.lockstep.complete:
-            self._advance()
-            self._show()
+    def _advance_where_due(self, *, beat: bool = False) -> None:
+        """Make the step where all is there; with bodies when they are, too, else they are sent.
 
-    def _advance_where_due(self) -> None:
-        """Make the step where all is there, and nothing else says when it is to be made."""
-        at_once = self._single or (not self._paused and self.values["rate"] == 0)
-        if at_once and self.lockstep.complete and not self._stopped:
-            self._advance()
-
-    def _advance(self) -> None:
-        """Make the step; of a world with bodies when they are there, else they are sent."""
+        Args:
+            beat: it is time for the next step, where there is a `rate`.
+        """
+        rated = self.values["rate"] > 0
+        due = self._single or (not self._paused and beat == rated)
+        if not due or self._stopped or not self.lockstep.complete:
+            return
         if self.bodies is None or self.bodies.side.made(self.lockstep.actions):
             self._single = False
             self.lockstep.advance()
             self._end_when_finished()
+            if rated:
+                self._show()
 
     def _end_when_finished(self) -> None:
         if self.lockstep.finished and not self.done:

@@ -94,8 +94,6 @@ class Bench:
         """Take a node away."""
         if node in self._nodes:
             self._nodes.pop(node).remove_node(node)
-            if isinstance(node, Recorder):
-                node.close()
             node.destroy_node()
 
     def close(self) -> None:

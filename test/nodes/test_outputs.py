@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where a run is saved: joined by several nodes, or in another place where it must be."""
 
+import shutil
 import threading
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -12,21 +14,30 @@ from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.learn.simulation import learn
 from sparse_coord_ros.learn.tables import save_team
-from sparse_coord_ros.nodes.outputs import begin_with, open_output, save_somewhere
+from sparse_coord_ros.nodes.outputs import Output, begin_with
+
+RUN = make_run(load_scenario("env1"), {})
 
 
 @pytest.fixture
-def node():
-    lines = []
-    logger = SimpleNamespace(error=lines.append, warning=lines.append)
-    return SimpleNamespace(get_logger=lambda: logger, lines=lines)
+def opened(tmp_path):
+    """Return a function that opens a place for a node, and the lines that it says."""
+
+    def output(out, *, name="robot_1", run=RUN, own=()):
+        values = {"out": str(out), "resume": False}
+        node = SimpleNamespace(values=values, get_logger=lambda: logger)
+        return Output(node, name, run, own)
+
+    output.lines = []
+    logger = SimpleNamespace(error=output.lines.append, warning=output.lines.append)
+    return output
 
 
 def write(out):
     (out / "tables").write_text("learned")
 
 
-def test_a_full_disk_is_left_for_another_place(node, tmp_path):
+def test_a_full_disk_is_left_for_another_place(opened, tmp_path):
     out, asked = tmp_path / "out", []
 
     def refuse_first(place):
@@ -35,43 +46,46 @@ def test_a_full_disk_is_left_for_another_place(node, tmp_path):
             raise OSError(28, "No space left on device", str(place / "tables"))
         write(place)
 
-    place = save_somewhere(node, out, "run: text", refuse_first)
+    place = opened(out).save(refuse_first)
     assert place == tmp_path / "out_rescued"
     assert (place / "tables").read_text() == "learned"
-    assert (place / "run.yaml").read_text() == "run: text"
-    assert node.lines == [f"{out / 'tables'}: No space left on device; saved in {place} instead"]
+    assert (place / "run.yaml").read_text() == RUN.to_yaml()
+    assert opened.lines == [f"{out / 'tables'}: No space left on device; saved in {place} instead"]
 
 
-def test_a_place_that_is_gone_is_made_again(node, tmp_path):
+def test_a_place_that_is_gone_is_made_again(opened, tmp_path):
     out = tmp_path / "a" / "out"
-    assert save_somewhere(node, out, "run: text", write) == out
-    assert node.lines == [f"output directory {out}: it was gone and was made again"]
-    assert save_somewhere(node, out, "another", write) == out
-    assert len(node.lines) == 1
-    assert (out / "run.yaml").read_text() == "run: text"
+    output = opened(out)
+    shutil.rmtree(out)
+    assert output.save(write) == out
+    assert opened.lines == [f"output directory {out}: it was gone and was made again"]
+    assert output.save(write) == out
+    assert len(opened.lines) == 1
+    assert (out / "run.yaml").read_text() == RUN.to_yaml()
 
 
-def test_where_nothing_can_be_written_the_first_refusal_is_told(node, tmp_path, monkeypatch):
+def test_where_nothing_can_be_written_the_first_refusal_is_told(opened, tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
 
     def refuse(place):
         raise OSError(28, "No space left", str(place))
 
     with pytest.raises(OSError) as error:
-        save_somewhere(node, tmp_path / "out", "", refuse)
+        opened(tmp_path / "out").save(refuse)
     assert error.value.filename == str(tmp_path / "out")
 
 
-def test_nodes_that_open_a_directory_at_once_join_one_run(tmp_path):
-    def join(text, found):
+def test_nodes_that_open_a_directory_at_once_join_one_run(opened, tmp_path):
+    def join(number, found):
+        run = replace(RUN, id=str(number % 2))
         try:
-            open_output(str(tmp_path), text, [])
-            found.append(text)
+            opened(tmp_path, name=f"robot_{number}", run=run)
+            found.append(run.to_yaml())
         except RunError as error:
             assert "holds another run's run.yaml" in str(error)
 
     joined = []
-    threads = [threading.Thread(target=join, args=(f"run: {k % 2}", joined)) for k in range(8)]
+    threads = [threading.Thread(target=join, args=(number, joined)) for number in range(8)]
     for thread in threads:
         thread.start()
     for thread in threads:
