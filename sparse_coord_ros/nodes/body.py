@@ -64,11 +64,12 @@ class BodyNode(Follower):
         self._time_publisher: Publisher | None = None
         if self.values["clock"]:
             self._time_publisher = self.announce(interface.CLOCK)
-        if self.values["paths"] and Path(self.values["paths"]).suffix != ".npz":
-            self.destroy_node()
-            raise RunError(
-                f"parameter paths: value is {self.values['paths']!r}, allowed: a file .npz"
-            )
+
+    def set_up(self) -> None:
+        """Check the file of paths."""
+        paths = self.values["paths"]
+        if paths and Path(paths).suffix != ".npz":
+            raise RunError(f"parameter paths: value is {paths!r}, allowed: a file .npz")
 
     def begin(self, run: RunConfig) -> None:
         """Put the bodies at the scenario's starts."""

@@ -64,13 +64,6 @@ class DriverNode(Follower):
 
     def __init__(self, *, name: str = "driver", **place: Unpack[Place]) -> None:
         super().__init__(name, DRIVER_PARAMETERS, **place)
-        self._robot = self.values["robot"]
-        if not self._robot:
-            self.destroy_node()
-            raise SettingError(
-                "parameter robot: none is given; start the node with --ros-args -p robot:=NAME, "
-                "a robot of the scenario"
-            )
         self.driver: Driver | None = None
         self._step = 0
         self._seen = 0.0
@@ -81,6 +74,15 @@ class DriverNode(Follower):
         self._tree = Tree()
         topic = interface.CMD_VEL
         self._cmd_vel = self.create_publisher(topic.type, topic.of(self._robot), topic.qos)
+
+    def set_up(self) -> None:
+        """Look whose body it is."""
+        self._robot = self.values["robot"]
+        if not self._robot:
+            raise SettingError(
+                "parameter robot: none is given; start the node with --ros-args -p robot:=NAME, "
+                "a robot of the scenario"
+            )
 
     def begin(self, run: RunConfig) -> None:
         """Begin with a run: hear goals and poses."""

@@ -85,7 +85,6 @@ each node, which takes its own."""
 ROLES = {WORLD: RUN, RECORDER: RECORDING_TOPIC}
 """The topic by which a node's role is known, whatever the node is called: it publishes it."""
 
-SLOWEST = 0.001
 CHANGEABLE = ("rate",)
 """Parameters of a team's nodes that can be set while they run; all others are read once."""
 
@@ -163,10 +162,14 @@ class ParameterNode(Node):
         self.intake = Intake(self)
         try:
             self.values = self._declare()
+            self.set_up()
         except BaseException:
             self.destroy_node()
             raise
         self.add_on_set_parameters_callback(self._check_change)
+
+    def set_up(self) -> None:
+        """Check the values, and open what the node needs; where that fails, no node is left."""
 
     def fail(self, error: SparseCoordError) -> None:
         """Stop the node because of bad input: whoever spins it raises the error."""
@@ -303,7 +306,6 @@ class ParameterNode(Node):
         try:
             changed = {p.name: p.value for p in parameters if p.name in self._table}
             parsed = self._table.parse(changed)
-            check_rate(parsed)
             self.values.update(parsed)
         except SettingError as error:
             return SetParametersResult(successful=False, reason=str(error))
@@ -341,22 +343,12 @@ def _descriptor(setting: Setting, *, read_only: bool) -> ParameterDescriptor:
     return descriptor
 
 
-def check_rate(values: Mapping[str, Any]) -> None:
-    """Raise `SettingError` for a rate so low that the run would stand still."""
-    if 0 < values.get("rate", 0) < SLOWEST:
-        raise SettingError(
-            f"setting rate: value is {values['rate']:g}, allowed: 0 (as fast as the team acts) or "
-            f"at least {SLOWEST:g}; to hold the run, call the service ~/pause"
-        )
-
-
 def run_from_parameters(values: Mapping[str, Any]) -> RunConfig:
     """Build the run that a world simulator's parameters describe.
 
     Raises:
         SparseCoordError: of the kind that fits the bad parameter.
     """
-    check_rate(values)
     if not values["scenario"]:
         raise SettingError(
             "parameter scenario: none is given; start the node with --ros-args -p "

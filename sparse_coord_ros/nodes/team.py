@@ -114,16 +114,7 @@ def run_team(
         if page is not None:
             from sparse_coord_ros.nodes.watch import InsideWatch
 
-            nodes.append(
-                InsideWatch(
-                    context=context,
-                    namespace=namespace,
-                    server=page,
-                    title=str(out),
-                    world=world,
-                    robots=robots,
-                )
-            )
+            nodes.append(InsideWatch(page, str(out), world, robots, values={}, **place))
         interrupted = _spin(nodes, values["executor"], context, stop)
         error = recorder.error if recorder is not None else None
         return gather(out, run.scenario, interrupted=interrupted, recording_error=error)

@@ -8,19 +8,17 @@ process it looks at world and robots themselves: taking every message would slow
 
 import contextlib
 import functools
-import itertools
 import queue
 import sys
 import time
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections import defaultdict
+from collections.abc import Sequence, Set
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Unpack
 
-import numpy as np
-from rcl_interfaces.msg import Parameter as ParameterMessage
-from rcl_interfaces.msg import ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
-from rclpy.context import Context
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 
 from sparse_coord_ros import wire
@@ -43,12 +41,8 @@ from sparse_coord_ros.look.page.controls import (
 from sparse_coord_ros.look.page.live_source import LiveView
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.follower import Follower
-from sparse_coord_ros.nodes.intake import Intake
-from sparse_coord_ros.nodes.messages import (
-    Converter,
-    read_tables_message,
-)
-from sparse_coord_ros.nodes.parameters import WATCH_PARAMETERS, ParameterNode
+from sparse_coord_ros.nodes.messages import Converter, read_tables_message
+from sparse_coord_ros.nodes.parameters import WATCH_PARAMETERS, ParameterNode, Place
 from sparse_coord_ros.nodes.spin import run_node
 from sparse_coord_ros.wire import WORLD, Account, PerceptEnd, services
 from sparse_coord_ros.wire.status import Said
@@ -114,10 +108,8 @@ class Controls:
         if control.name == PAUSE:
             request.data = control.value
         elif control.name == RATE:
-            value = ParameterValue(
-                type=ParameterType.PARAMETER_DOUBLE, double_value=float(control.value)
-            )
-            request.parameters = [ParameterMessage(name="rate", value=value)]
+            rate = Parameter("rate", value=float(control.value))
+            request.parameters = [rate.to_parameter_msg()]
         future = client.call_async(request)
         future.add_done_callback(functools.partial(self._on_answer, control))
 
@@ -139,26 +131,21 @@ class InsideWatch(ParameterNode):
     """Shows a team in this process.
 
     Args:
-        context: the ROS context.
-        namespace: the team's namespace.
         server: the page's server.
         title: what the page is called.
         world, robots: the team's nodes.
+        place: where the node is made, and with what: see `Place`.
     """
 
     def __init__(
         self,
-        *,
-        context: Context,
-        namespace: str,
         server: "Server",
         title: str,
         world: "WorldSimulator",
         robots: "Sequence[RobotNode]",
+        **place: Unpack[Place],
     ) -> None:
-        super().__init__(
-            "watch", WATCH_PARAMETERS, context=context, namespace=namespace, values={}
-        )
+        super().__init__("watch", WATCH_PARAMETERS, **place)
         self._server, self._world, self._robots = server, world, robots
         self._controls = Controls(self)
         self._controls.view = self._view = LiveView(
@@ -177,20 +164,14 @@ class InsideWatch(ParameterNode):
         after: Sequence[int],
     ) -> None:
         """Hear of each transition, from the world's side of the lock step."""
-        ends: Sequence[PerceptEnd | None] = ()
+        ends: list[PerceptEnd | None] = []
         if any(action is not None and action.asked and not action.perceived for action in actions):
-            ends = [_end_of(robot, step) for robot in self._robots]
-        self._view.take(
-            Glimpse(
-                step,
-                tuple(cells),
-                tuple(actions),
-                tuple(after),
-                outcome.miscoordination,
-                outcome.rewards,
-                ends,
-            )
-        )
+            for robot in self._robots:
+                side = None if robot.member is None else robot.member.lockstep
+                account = None if side is None else side.account_of(step)
+                ends.append(None if account is None else PerceptEnd.said(account.percept))
+        places = tuple(cells), tuple(actions), tuple(after)
+        self._view.take(Glimpse(step, *places, outcome.miscoordination, outcome.rewards, ends))
 
     def _tick(self) -> None:
         self._controls.call()
@@ -228,10 +209,8 @@ class WatchNode(Follower):
     """Shows the team that is there, and the next one after it.
 
     Args:
-        context: the ROS context.
-        namespace: the team's namespace.
-        values: parameters given by the program; None: by the command line.
         server: the page's server; None: one of its own.
+        place: where the node is made, and with what: see `Place`.
 
     Attributes:
         server: the page's server.
@@ -244,30 +223,27 @@ class WatchNode(Follower):
 
     tick_seconds = PAGE_SECONDS
 
-    def __init__(
-        self,
-        *,
-        context: Context,
-        namespace: str = "",
-        values: Mapping[str, Any] | None = None,
-        server: "Server | None" = None,
-    ) -> None:
-        super().__init__(
-            "watch", WATCH_PARAMETERS, context=context, namespace=namespace, values=values
-        )
-        self._own: Server | None = None
-        try:
-            if server is None:
-                server = self._own = _serve(self)
-        except BaseException:
-            self.destroy_node()
-            raise
-        self.server = server
+    def __init__(self, *, server: "Server | None" = None, **place: Unpack[Place]) -> None:
+        self._shared = server
+        super().__init__("watch", WATCH_PARAMETERS, **place)
         self.controls = Controls(self)
-        self.team: _Heard | None = None
+        self.team: HeardTeam | None = None
         self._heard: float | None = None
         self._transitions = 0
-        server.show(self.controls)
+        self.server.show(self.controls)
+
+    def set_up(self) -> None:
+        """Serve the page, where nobody does."""
+        from sparse_coord_ros.look.page.board import Board
+        from sparse_coord_ros.look.page.server import Server
+
+        if self._shared is not None:
+            self.server = self._shared
+            return
+        self.server = Server(Board(), host=self.values["host"], port=self.values["port"])
+        if self.server.warning:
+            self.get_logger().warning(self.server.warning)
+        self.get_logger().info(f"watch it at {self.server.address}")
 
     def wait(self) -> None:
         """Say that there is no team yet."""
@@ -284,7 +260,7 @@ class WatchNode(Follower):
         title = f"team in {self.get_namespace()}"
         view = LiveView(run, self.server.board, source="live", title=title, controls=CONTROLS)
         self.controls.view = view
-        self.team = _Heard(self, self.intake, run, view)
+        self.team = HeardTeam(self, run, view)
         self.get_logger().info(f"{run.scenario.name}: {len(run.scenario.robots)} robots")
 
     def another_run(self, run: RunConfig) -> None:
@@ -314,7 +290,7 @@ class WatchNode(Follower):
         made = max(self._transitions, team.seen) if team.whole else self._transitions
         team.view.show(transitions=made, episode=team.episode, rate=self.controls.rate)
         if team.view.slow_due():
-            team.view.show_learned(team.history.look(), team.tables, team.rings)
+            team.view.show_learned(team.history.look(), team.tables)
 
     def look_for_the_world(self, now: float) -> None:
         """Say where the world is gone; the page waits for the next team."""
@@ -334,58 +310,69 @@ class WatchNode(Follower):
         """Stop at once: there is nothing to save."""
         return True
 
-    def destroy_node(self) -> None:
-        """Close one's own server, and destroy the node."""
-        if self._own is not None:
-            self._own.close()
-            self._own = None
-        super().destroy_node()
+    def finish(self, *, interrupted: bool) -> None:
+        """Close the server, where it is the node's own."""
+        if self._shared is None:
+            self.server.close()
 
 
+@dataclass
 class _Heard:
-    """What is heard of one run's team by its topics.
+    """What was heard of one time step, by robot.
 
     Attributes:
+        cells: the local states.
+        said: the actions, with how their percepts ended.
+        rewards: the rewards.
+        since: the tick of the node at which the first local state came.
+    """
+
+    cells: dict[int, int] = field(default_factory=dict)
+    said: dict[int, tuple[Action, PerceptEnd | None]] = field(default_factory=dict)
+    rewards: dict[int, Reward] = field(default_factory=dict)
+    since: int = 0
+
+
+class HeardTeam:
+    """What is heard of one run's team by its topics.
+
+    Args:
+        node: subscribes.
+        run: the team's run.
         view: shows it.
+
+    Attributes:
+        view: as above.
         history: the episodes that were heard.
         seen: transitions heard; episode: number of the newest one.
         without: (robot, step) pairs of them without the robot's action, though it had not arrived.
         whole: whether all was heard from the run's first time step on, as far as is known.
         tables: of each robot the newest that were announced, with their time step.
-        rings: of each robot where it asks, by its newest coordination map.
     """
 
-    def __init__(self, node: Node, intake: Intake, run: RunConfig, view: LiveView) -> None:
+    def __init__(self, node: ParameterNode, run: RunConfig, view: LiveView) -> None:
         self.view, self._node, self._run = view, node, run
-        self._convert = Converter(run)
         self._goals = [robot.goal for robot in run.scenario.robots]
         self._places = meeting_places(run.scenario).tolist()
-        robots = len(self._goals)
-        self.history = HistoryRecorder(robots)
+        self.history = HistoryRecorder(len(self._goals))
         self.seen = self.episode = self.without = 0
         self.whole = True
         self.tables: dict[int, tuple[int, Tables]] = {}
-        self.rings: dict[int, np.ndarray] = {}
-        self._robots = robots
-        self._states: dict[int, dict[int, int]] = {}
-        self._actions: dict[int, dict[int, tuple[Action, Account | None]]] = {}
-        self._rewards: dict[int, dict[int, Reward]] = {}
-        self._since: dict[int, int] = {}
+        self._steps: defaultdict[int, _Heard] = defaultdict(_Heard)
         self._ticks = 0
         self._newest: int | None = None
         self._last_made: int | None = None
         self._said: Said | None = None
-        convert = self._convert
-        self._subscriptions = []
+        convert = Converter(run)
+        listen, self._subscriptions = node.intake.listen, []
         for k, robot in enumerate(run.scenario.robots):
             for topic, then, how in (
                 (interface.LOCAL_STATE, self._on_state, {"unpack": convert.unpack_state}),
                 (interface.ACTION, self._on_action, {"unpack": convert.unpack_account}),
                 (interface.REWARD, self._on_reward, {"unpack": convert.unpack_reward}),
                 (interface.TABLES, self._on_tables, {"read": read_tables_message}),
-                (interface.COORDINATION_MAP, self._on_map, {"read": _grid}),
             ):
-                heard = intake.listen(topic, functools.partial(then, k), robot.name, **how)
+                heard = listen(topic, functools.partial(then, k), robot.name, **how)
                 self._subscriptions.append(heard)
 
     def leave(self) -> None:
@@ -395,24 +382,24 @@ class _Heard:
 
     def _on_action(self, k: int, said: tuple[int, Action, Account]) -> None:
         step, action, account = said
-        self._actions.setdefault(step, {})[k] = (action, account)
+        self._steps[step].said[k] = action, PerceptEnd.said(account.percept)
         self.catch_up()
 
     def _on_reward(self, k: int, said: tuple[int, Reward]) -> None:
         step, reward = said
-        self._rewards.setdefault(step, {})[k] = reward
+        self._steps[step].rewards[k] = reward
         self.catch_up()
 
     def _on_state(self, k: int, said: tuple[int, int]) -> None:
         step, cell = said
-        if step not in self._states:
+        if not self._steps[step].cells:
             if self._newest is None and step != FIRST_STEP:
                 self._lack(f"heard from time step {step} on: the curves lack what was before")
             elif self._newest is not None and step <= self._newest:
                 self._forget(self._newest)
                 self._lack("the run went back to a checkpoint: the curves hold what it took back")
-            self._newest, self._since[step] = step, self._ticks
-        self._states.setdefault(step, {}).setdefault(k, cell)
+            self._newest, self._steps[step].since = step, self._ticks
+        self._steps[step].cells.setdefault(k, cell)
         self.catch_up()
 
     def compare(self, said: Said) -> None:
@@ -431,30 +418,34 @@ class _Heard:
         A robot's states come in their order, but its action or reward may come after the next one:
         they are other topics.
         """
-        while self._states:
-            step, *later = itertools.islice(self._states, 2)
-            self._check(step)
-            if not later:
+        while known := sorted(step for step, heard in self._steps.items() if heard.cells):
+            self._check(known[0])
+            if len(known) == 1 or not self._settle(*known[:2]):
                 return
-            after = later[0]
-            late = self._ticks - self._since[after] > LATE_TICKS
-            said, rewards = self._actions.get(step, {}), self._rewards.get(step, {})
-            cells = self._states[step]
-            if after == step + 1:
-                known = len(cells) == len(self._states[after]) == self._robots
-                acting = [k for k, cell in cells.items() if cell != self._goals[k]]
-                if not late and not (known and all(k in said and k in rewards for k in acting)):
-                    return
-                acted = [k for k in said if k in rewards]
-                if known and acted:
-                    self._settle_transition(step, acted)
-                    self.without += len(set(acting).difference(acted))
-                else:
-                    self._lack_of(step)
-                    self._begin_where_due(step)
-            elif said and not late:  # else an episode ended here
-                return
-            self._forget(step)
+            self._forget(known[0])
+
+    def _settle(self, step: int, after: int) -> bool:
+        """Take in a time step where nothing of it is waited for, and return whether that is so.
+
+        After it comes the next one that was heard; where that is another, an episode ended.
+        """
+        here, then = self._steps[step], self._steps[after]
+        late = self._ticks - then.since > LATE_TICKS
+        if after != step + 1:
+            return late or not here.said
+        robots = len(self._goals)
+        known = len(here.cells) == len(then.cells) == robots
+        acting = {k for k, cell in here.cells.items() if cell != self._goals[k]}
+        acted = here.said.keys() & here.rewards.keys()
+        if not late and not (known and acting <= acted):
+            return False
+        if known and acted:
+            self._settle_transition(step, here, then, acted)
+            self.without += len(acting - acted)
+        else:
+            self._lack_of(step)
+            self._begin_where_due(step)
+        return True
 
     def _check(self, step: int) -> None:
         """Compare with the world, where it was at the first time step that is not settled."""
@@ -476,9 +467,8 @@ class _Heard:
 
     def _forget(self, until: int) -> None:
         """Forget all that was heard of time steps up to one."""
-        for kept in (self._states, self._since, self._actions, self._rewards):
-            for old in [step for step in kept if step <= until]:
-                del kept[old]
+        for old in [step for step in self._steps if step <= until]:
+            del self._steps[old]
 
     def _begin_where_due(self, step: int) -> None:
         """Begin an episode where a time step does not go on with the one before."""
@@ -486,31 +476,20 @@ class _Heard:
             self.episode += 1
         self._last_made = step
 
-    def _settle_transition(self, step: int, acted: Sequence[int]) -> None:
-        said, rewards = self._actions[step], self._rewards[step]
-        cells = [self._states[step][k] for k in range(self._robots)]
-        after = [self._states[step + 1][k] for k in range(self._robots)]
-        actions = [said[k][0] if k in acted else None for k in range(self._robots)]
-        ends = [_percept(said[k][1]) if k in acted else None for k in range(self._robots)]
+    def _settle_transition(self, step: int, here: _Heard, then: _Heard, acted: Set[int]) -> None:
+        robots = range(len(self._goals))
+        said = [here.said[k] if k in acted else (None, None) for k in robots]
+        rewards = [here.rewards.get(k) for k in robots]
+        actions, ends = zip(*said, strict=True)
+        after = tuple(then.cells[k] for k in robots)
         met = miscoordinated([self._places[cell] for cell in after])
-        told = [rewards.get(k, Reward(0.0, 0.0, 0.0, 0.0)) for k in range(self._robots)]
-        arrived = tuple(k for k in range(self._robots) if after[k] == self._goals[k])
+        told = tuple(Reward(0.0, 0.0, 0.0, 0.0) if one is None else one for one in rewards)
+        arrived = tuple(k for k in robots if after[k] == self._goals[k])
         self._begin_where_due(step)
-        self.history.add(
-            self.episode, step, actions, StepOutcome(tuple(told), met, arrived, False)
-        )
+        self.history.add(self.episode, step, actions, StepOutcome(told, met, arrived, False))
         self.seen += 1
-        self.view.take(
-            Glimpse(
-                step,
-                tuple(cells),
-                tuple(actions),
-                tuple(after),
-                met,
-                [rewards.get(k) for k in range(self._robots)],
-                ends,
-            )
-        )
+        cells = tuple(here.cells[k] for k in robots)
+        self.view.take(Glimpse(step, cells, actions, after, met, rewards, ends))
 
     def _on_tables(self, k: int, said: tuple[bytes, int, str]) -> None:
         data, step, _ = said
@@ -519,38 +498,6 @@ class _Heard:
             if tables.q_star.shape == (len(self._run.scenario.map.cells), len(ACTIONS)):
                 if k not in self.tables or step >= self.tables[k][0]:
                     self.tables[k] = (step, tables)
-
-    def _on_map(self, k: int, grid: np.ndarray) -> None:
-        if grid.shape == self._convert.grid.shape:
-            cells = tuple(np.array(self._convert.grid.cells).T)
-            self.rings[k] = np.flipud(grid)[cells] == 100
-
-
-def _grid(message: Any) -> np.ndarray:
-    """Return an occupancy grid's values, the southmost row first."""
-    shape = message.info.height, message.info.width
-    return np.frombuffer(bytes(message.data.tobytes()), dtype=np.int8).reshape(shape)
-
-
-def _percept(account: Account | None) -> PerceptEnd | None:
-    """Return how a percept ended where the robot says something known."""
-    return None if account is None else PerceptEnd.said(account.percept)
-
-
-def _end_of(robot: "RobotNode", step: int) -> PerceptEnd | None:
-    """Return how the percept of a robot in this process ended at a time step."""
-    return None if robot.member is None else _percept(robot.member.lockstep.account_of(step))
-
-
-def _serve(node: WatchNode) -> "Server":
-    from sparse_coord_ros.look.page.board import Board
-    from sparse_coord_ros.look.page.server import Server
-
-    server = Server(Board(), host=node.values["host"], port=node.values["port"])
-    if server.warning:
-        node.get_logger().warning(server.warning)
-    node.get_logger().info(f"watch it at {server.address}")
-    return server
 
 
 def main(args: list[str] | None = None) -> int:

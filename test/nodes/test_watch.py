@@ -14,13 +14,13 @@ from sparse_coord_ros.look.page.board import Board
 from sparse_coord_ros.look.page.controls import PAUSE, RATE, RESET, STEP, Control
 from sparse_coord_ros.look.page.live_source import LiveView
 from sparse_coord_ros.nodes import interface, team, watch
-from sparse_coord_ros.nodes.watch import WatchNode, _Heard
+from sparse_coord_ros.nodes.watch import HeardTeam, WatchNode
 from sparse_coord_ros.runlog import read_run
 from sparse_coord_ros.wire.status import Said, read_status
 
 
 def heard_of(run):
-    """Return what `_Heard` makes of messages, what takes them, by topic, and what it shows."""
+    """Return what `HeardTeam` makes of messages, what takes them, and what it shows."""
     takes = {}
     view = LiveView(run, Board(), source="live", title="", controls=())
 
@@ -29,7 +29,7 @@ def heard_of(run):
             unpack = unpack or (lambda data: read(deserialize_message(data, topic.type)))
             takes[f"/{owner}/{topic.name}"] = lambda data: then(unpack(data))
 
-    return _Heard(SimpleNamespace(), Listening(), run, view), takes, view
+    return HeardTeam(SimpleNamespace(intake=Listening()), run, view), takes, view
 
 
 @pytest.mark.parametrize("name", ["env1", "env2-4r"])
@@ -46,7 +46,7 @@ def test_what_is_heard_is_what_the_log_says(record, name):
             seen[frame["step"]] = frame
     assert team_heard.history.history().same_bits(log.history())
     assert team_heard.whole and team_heard.seen == recorded.run.scenario.steps == len(seen)
-    assert len(team_heard._states) <= 2 and len(team_heard._rewards) <= 2  # nothing piles up
+    assert len(team_heard._steps) <= 2  # nothing piles up
     ends = {"answered": 0, "refused": 0}
     for row in np.flatnonzero(np.isin(log.step, list(seen))).tolist():
         frame = seen[int(log.step[row])]
@@ -90,25 +90,25 @@ def test_a_run_that_goes_back_is_shown_on(good):
     messages = list(open_bag(good.bag).messages(set(takes)))
     for message in messages[:200]:
         takes[message.topic](message.data)
-    seen, waiting = team.seen, set(team._states)
+    seen, waiting = team.seen, set(team._steps)
     for message in messages:
         takes[message.topic](message.data)
     assert "went back to a checkpoint" in view.board.get("notice")["text"] and not team.whole
-    assert team.seen == seen + good.run.scenario.steps and not waiting & set(team._states)
+    assert team.seen == seen + good.run.scenario.steps and not waiting & set(team._steps)
 
 
 def test_a_robot_that_is_left_out_holds_nobody_up(good):
     """What does not come at all is waited for half a second, and then done without."""
     team, takes, _ = heard_of(good.run)
     messages = list(open_bag(good.bag).messages(set(takes)))
-    for message in messages[:90]:
+    for message in messages[:80]:
         if message.topic not in ("/robot_2/action", "/robot_2/reward"):
             takes[message.topic](message.data)
     assert team.seen < 5
     for _ in range(watch.LATE_TICKS + 1):
         team.tick()
-    assert team.seen > 5 and len(team._states) < 3 and team.whole
-    step = next(iter(team._states))
+    assert team.seen > 5 and len(team._steps) < 3 and team.whole
+    step = next(iter(team._steps))
     team.compare(Said("", "learning", step, team.seen, left_out=team.without))
     assert team.whole  # the world says so, too
     team.compare(Said("", "learning", step, team.seen, left_out=0))

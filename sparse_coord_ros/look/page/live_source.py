@@ -135,7 +135,6 @@ class LiveView:
         self,
         history: History,
         tables: Mapping[int, tuple[int, Tables]],
-        rings: Mapping[int, np.ndarray] | None = None,
         *,
         asked: np.ndarray | None = None,
     ) -> None:
@@ -144,11 +143,10 @@ class LiveView:
         Args:
             history: the episodes so far.
             tables: as of `messages.table_fields`.
-            rings: likewise.
             asked: as `asked`, where somebody else has counted, shape (K, cells).
         """
         self.board.put("curves", read=1.0, **messages.curve_fields(history))
-        self.board.put("tables", robots=messages.table_fields(self.run, tables, rings))
+        self.board.put("tables", robots=messages.table_fields(self.run, tables))
         counted = self.asked if asked is None else asked.tolist()
         self.board.put("asked", robots=[list(row) for row in counted])
         now = self._now()

@@ -99,26 +99,22 @@ def frame_fields(seen: Glimpse) -> Message:
 
 
 def table_fields(
-    run: RunConfig,
-    tables: Mapping[int, tuple[int, Tables]],
-    rings: Mapping[int, np.ndarray] | None = None,
+    run: RunConfig, tables: Mapping[int, tuple[int, Tables]]
 ) -> list[Message | None]:
     """Return what each robot's tables say; None of a robot without any.
 
     Args:
         run: the run.
         tables: by robot, the time step whose earlier transitions are learned, and the tables.
-        rings: by robot, where it asks by a newer account than the tables, shape (cells,), bool.
     """
     robots: list[Message | None] = [None] * len(run.scenario.robots)
     for k, (step, own) in tables.items():
         policy = policy_of(own, run.scenario.robots[k].goal)
-        asks = (rings or {}).get(k, policy.asks)
         robots[k] = {
             "step": step,
             "q_star": _plain(own.q_star),
             "moves": policy.moves.astype(int).tolist(),
-            "asks": np.flatnonzero(asks).tolist(),
+            "asks": np.flatnonzero(policy.asks).tolist(),
         }
     return robots
 
