@@ -5,26 +5,14 @@
 Whatever was played, everything up to `position_ns` is out and nothing after it.
 """
 
-from collections import Counter
 from collections.abc import Callable
-from typing import NamedTuple
 
 from sparse_coord_ros.bags.playlist import Playlist
 from sparse_coord_ros.bags.reader import Message
+from sparse_coord_ros.wire.frame import SECOND
 
 BURST = 100
 """Messages of one call of `play`, so that whoever calls can attend to other things."""
-
-ERROR_UNIT_NS = 10_000
-SECOND_NS = 1_000_000_000
-
-
-class TimingError(NamedTuple):
-    """How late messages went out against their deadlines: median and worst, in milliseconds."""
-
-    messages: int
-    median_ms: float
-    worst_ms: float
 
 
 class Playback:
@@ -43,6 +31,7 @@ class Playback:
         paused: whether time stands still.
         done: whether the end was reached while playing.
         published: number of messages published.
+        late_ns: how late a message that was due at a time went out, at most; None: none was.
     """
 
     def __init__(
@@ -62,8 +51,7 @@ class Playback:
         self.paused, self.done = paused, False
         self.published = 0
         self._anchor_ns, self._from_ns = now_ns(), playlist.start_ns
-        self._errors: Counter[int] = Counter()
-        self._worst_ns = 0
+        self.late_ns: int | None = None
 
     @property
     def position_ns(self) -> int:
@@ -74,19 +62,6 @@ class Playback:
         next_ns = self._playlist.next_ns
         limit = self._playlist.end_ns if next_ns is None else next_ns
         return max(self._from_ns, min(reached, limit))
-
-    @property
-    def timing_error(self) -> TimingError | None:
-        """Over all messages that were due at a time; None where there was none."""
-        count = self._errors.total()
-        if not count:
-            return None
-        seen, median = 0, 0
-        for median in sorted(self._errors):
-            seen += self._errors[median]
-            if 2 * seen >= count:
-                break
-        return TimingError(count, median * ERROR_UNIT_NS / 1e6, self._worst_ns / 1e6)
 
     def seek(self, time_ns: int) -> None:
         """Go to a log time: kept topics become current, and the messages of that time go out."""
@@ -145,9 +120,7 @@ class Playback:
                 reached = next_ns
                 self._on_time(next_ns)
             self._send(self._playlist.take())
-            late = self._now_ns() - due
-            self._errors[late // ERROR_UNIT_NS] += 1
-            self._worst_ns = max(self._worst_ns, late)
+            self.late_ns = max(self.late_ns or 0, self._now_ns() - due)
         return 0
 
     def _deadline(self, time_ns: int) -> int:
@@ -163,7 +136,7 @@ class Playback:
             return None
         playlist = self._playlist
         length = playlist.end_ns - playlist.start_ns
-        gap = length // (playlist.step_count - 1) if length else SECOND_NS
+        gap = length // (playlist.step_count - 1) if length else SECOND
         self._anchor_ns = self._deadline(playlist.end_ns + gap)
         self._from_ns = playlist.start_ns
         playlist.seek(playlist.start_ns)

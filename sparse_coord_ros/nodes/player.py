@@ -4,23 +4,22 @@
 
 import sys
 import time
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Unpack
 
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.context import Context
 from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 
-from sparse_coord_ros.bags.playback import SECOND_NS, Playback
+from sparse_coord_ros.bags.playback import Playback
 from sparse_coord_ros.bags.playlist import Playlist
 from sparse_coord_ros.errors import RunError, SettingError
-from sparse_coord_ros.nodes.parameters import PLAYER_PARAMETERS, ParameterNode
+from sparse_coord_ros.nodes.parameters import PLAYER_PARAMETERS, ParameterNode, Place
 from sparse_coord_ros.nodes.player_keys import Keyboard
 from sparse_coord_ros.nodes.player_topics import Stage
 from sparse_coord_ros.nodes.spin import run_node, wait_for_readers
 from sparse_coord_ros.wire import services
+from sparse_coord_ros.wire.frame import SECOND
 
 CHANGEABLE = ("rate", "position")
 
@@ -28,7 +27,7 @@ KEYS_SECONDS = 0.05
 TURN_NS = 100_000
 """The timer's shortest wait, so that services and keys have their turn where messages are late."""
 SEEK_SECONDS = 10.0
-LONGEST_WAIT_NS = 60 * SECOND_NS
+LONGEST_WAIT_NS = 60 * SECOND
 """The timer's longest wait, as it cannot hold every distance of log times; it then waits again."""
 
 KEYS_HELP = (
@@ -42,10 +41,9 @@ class Player(ParameterNode):
     """Publishes the raw messages of a bag at the distances of their log times.
 
     Args:
-        context: the ROS context.
-        namespace: of the node; the topics have their recorded names.
-        values: parameters given by the program; None: by the command line.
         keyboard: listen to the terminal's keys, if there is one.
+        place: where the node is made, and with what: see `Place`. The topics have their recorded
+            names in any namespace.
 
     Attributes:
         stage: what it publishes on.
@@ -55,60 +53,39 @@ class Player(ParameterNode):
         SparseCoordError: a bad parameter, or nothing to play.
     """
 
-    def __init__(
-        self,
-        *,
-        context: Context,
-        namespace: str = "",
-        values: Mapping[str, Any] | None = None,
-        keyboard: bool = False,
-    ) -> None:
-        self._keyboard: Keyboard | None = None
-        super().__init__(
-            "player",
-            PLAYER_PARAMETERS,
-            context=context,
-            namespace=namespace,
-            values=values,
-            changeable=CHANGEABLE,
-        )
-        self.done = False
+    def __init__(self, *, keyboard: bool = False, **place: Unpack[Place]) -> None:
+        self._keyboard = Keyboard() if keyboard else None
         self._begun = False
-        try:
-            self._open()
-        except BaseException:
-            self.destroy_node()
-            raise
+        super().__init__("player", PLAYER_PARAMETERS, changeable=CHANGEABLE, **place)
         self.create_service(SetBool, services.PAUSE.of("~"), self._on_pause)
         self.create_service(Trigger, services.STEP.of("~"), self._on_step)
         self.add_post_set_parameters_callback(self.guarded(self._on_change))
         self._timer = self.create_timer(self.values["delay"], self._tick)
-        if keyboard:
-            self._keyboard = Keyboard()
-            if self._keyboard.there:
-                self.create_timer(KEYS_SECONDS, self._on_keys)
-                self.get_logger().info(KEYS_HELP)
+        if self._keyboard is not None and self._keyboard.there:
+            self.create_timer(KEYS_SECONDS, self._on_keys)
+            self.get_logger().info(KEYS_HELP)
 
-    def _open(self) -> None:
+    def set_up(self) -> None:
         """Open the bag, advertise its topics and look through its messages."""
-        if not self.values["bag"]:
+        values = self.values
+        if not values["bag"]:
             raise SettingError(
                 "parameter bag: none is given; start the node with --ros-args -p bag:=DIRECTORY"
             )
-        patterns = [text for text in self.values["topics"] if text]
-        stage = self.stage = Stage(self, Path(self.values["bag"]), patterns)
+        patterns = [text for text in values["topics"] if text]
+        stage = self.stage = Stage(self, Path(values["bag"]), patterns)
         playlist = Playlist(stage.bag, stage.publishers, stage.kept)
         self._start_ns = stage.bag.start_ns
-        self._seconds = (playlist.end_ns - self._start_ns) / SECOND_NS
-        self._check_position(self.values["position"])
+        self._seconds = (playlist.end_ns - self._start_ns) / SECOND
+        self._check_position(values["position"])
         self._playback = Playback(
             playlist,
             stage.publish,
             time.monotonic_ns,
             on_time=stage.tell,
-            rate=self.values["rate"],
-            loop=self.values["loop"],
-            paused=self.values["start_paused"],
+            rate=values["rate"],
+            loop=values["loop"],
+            paused=values["start_paused"],
         )
         self.get_logger().info(
             f"{stage.bag.path}: {len(playlist)} messages on {len(stage.publishers)} topics, "
@@ -120,7 +97,7 @@ class Player(ParameterNode):
         """Seconds from the bag's first message to the log time that is reached."""
         if not self._begun:
             return self.values["position"]
-        return (self._playback.position_ns - self._start_ns) / SECOND_NS
+        return (self._playback.position_ns - self._start_ns) / SECOND
 
     def _tick(self) -> None:
         if not self._begun:
@@ -144,7 +121,7 @@ class Player(ParameterNode):
         self._seek(self.values["position"])
 
     def _seek(self, seconds: float) -> None:
-        self._playback.seek(self._start_ns + round(min(seconds, self._seconds) * SECOND_NS))
+        self._playback.seek(self._start_ns + round(min(seconds, self._seconds) * SECOND))
 
     def _wake(self) -> None:
         """Let the timer look at once at what is to be done."""
@@ -202,46 +179,34 @@ class Player(ParameterNode):
         self._wake()
 
     def _on_keys(self) -> None:
-        for key in self._keyboard.read() if self._keyboard is not None else ():
+        assert self._keyboard is not None
+        for key in self._keyboard.read():
             if key == "quit":
                 self.done = True
-            elif key == "step":
-                self.get_logger().info(self._step()[1])
             else:
-                self._on_key(key)
-                rate = f", rate {self.values['rate']:g}" if key in ("faster", "slower") else ""
-                self.get_logger().info(self._state() + (rate if self._playback.paused else ""))
+                self.get_logger().info(self._step()[1] if key == "step" else self._on_key(key))
 
-    def _on_key(self, key: str) -> None:
-        rate = self.values["rate"]
+    def _on_key(self, key: str) -> str:
+        """Do what a key says, and return what the player does then."""
         if key == "pause":
             self._playback.pause(not self._playback.paused)
             self._wake()
-        elif key == "start":
-            self._set("position", 0.0)
-        elif key == "back":
-            self._set("position", max(0.0, self._position - SEEK_SECONDS))
-        elif key == "on":
-            self._set("position", min(self._seconds, self._position + SEEK_SECONDS))
-        elif key == "faster":
-            self._set("rate", min(PLAYER_PARAMETERS["rate"].high, rate * 2))
-        elif key == "slower":
-            self._set("rate", max(PLAYER_PARAMETERS["rate"].low, rate / 2))
-
-    def _set(self, name: str, value: float) -> None:
+            return self._state()
+        rate, at, limits = self.values["rate"], self._position, PLAYER_PARAMETERS["rate"]
+        name, value = {
+            "start": ("position", 0.0),
+            "back": ("position", max(0.0, at - SEEK_SECONDS)),
+            "on": ("position", min(self._seconds, at + SEEK_SECONDS)),
+            "faster": ("rate", min(limits.high, 2 * rate)),
+            "slower": ("rate", max(limits.low, rate / 2)),
+        }[key]
         self.set_parameters([Parameter(name, value=value)])
+        return f"{self._state()}, rate {value:g}" if name == "rate" else self._state()
 
     def finish(self, *, interrupted: bool) -> None:
         """Say how well time was kept; at the end of the bag wait until readers have it all."""
-        self._close_keyboard()
-        error = self._playback.timing_error
-        kept = (
-            ""
-            if error is None
-            else (
-                f"; timing error: median {error.median_ms:.2f} ms, worst {error.worst_ms:.2f} ms"
-            )
-        )
+        late = self._playback.late_ns
+        kept = "" if late is None else f", at most {late / 1e6:.2f} ms late"
         self.get_logger().info(
             f"{'stopped' if interrupted else 'ended'} at {self._position:.3f} s, "
             f"{self._playback.published} messages published{kept}"
@@ -251,12 +216,9 @@ class Player(ParameterNode):
 
     def destroy_node(self) -> None:
         """Give the terminal back, whatever happens, and destroy the node."""
-        self._close_keyboard()
-        super().destroy_node()
-
-    def _close_keyboard(self) -> None:
         if self._keyboard is not None:
             self._keyboard.close()
+        super().destroy_node()
 
 
 def main(args: list[str] | None = None) -> int:

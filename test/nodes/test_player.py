@@ -389,7 +389,7 @@ def test_the_verb_plays_to_the_end_and_says_how_well(bag, capfd):
     err = capfd.readouterr().err
     assert "55 messages on 2 topics, 50 time steps, 4.9 s" in err
     assert "ended at 4.900 s" in err
-    assert "timing error: median" in err
+    assert "ms late" in err
 
 
 @pytest.mark.parametrize(
