@@ -2,16 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is in one MCAP file, finished or not, up to its first damage."""
 
-import contextlib
 import struct
 import zlib
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from mcap.opcode import Opcode
+from mcap.records import Attachment as AttachmentRecord
 from mcap.records import Channel, Chunk, DataEnd, Footer, Header, Metadata, Schema
 
 from sparse_coord_ros.bags.layout import PARTIAL
@@ -21,7 +22,6 @@ from sparse_coord_ros.bags.records import (
     LATEST_NS,
     MAGIC,
     MESSAGE,
-    PIECE,
     Cut,
     Damage,
     RecordPlace,
@@ -38,15 +38,11 @@ from sparse_coord_ros.errors import BagError
 OWN_LIBRARY = "sparse_coord_ros "
 """How the header of a file by `BagWriter` begins: in these every checksum is there."""
 
-BLOCK_BYTES = 256 * 1024
-"""Messages outside of chunks are read in blocks of so many bytes."""
-
 Heard = Callable[[float], None]
 """Hears which share of what is read was read."""
 
 _TIMES = struct.Struct("<QQ")
-_LENGTH = struct.Struct("<I")
-_SIZE = struct.Struct("<Q")
+_CRC_BYTES = 4
 _FOOTER = HEAD.pack(Opcode.FOOTER, 20)
 
 
@@ -65,25 +61,18 @@ class Part(NamedTuple):
 
 
 class Block(NamedTuple):
-    """A chunk with messages, or messages that lie one after the other outside of chunks.
+    """A chunk with messages, or a message outside of chunks.
 
     Attributes:
         offset: where it begins in the file.
         length: its bytes.
         start_ns, end_ns: earliest and latest log time of its messages.
-        chunk: whether it is a chunk.
     """
 
     offset: int
     length: int
     start_ns: int
     end_ns: int
-    chunk: bool = True
-
-    @property
-    def end(self) -> int:
-        """Where it ends."""
-        return self.offset + self.length
 
 
 @dataclass(frozen=True)
@@ -131,7 +120,7 @@ class BagFile:
         readable_bytes: where the readable part of the data ends.
         whole: whether all that was recorded was read; what is wrong is only in the summary.
         topics: by channel.
-        counts, sizes: number of messages, and bytes of their data, by channel; if checked.
+        counts, sizes: number of messages, and bytes of their data, by topic; if checked.
         metadata: name and texts of each metadata record, in the order of the file.
         attachments: in the order of the file.
         blocks: where the messages are, in the order of the file.
@@ -148,8 +137,8 @@ class BagFile:
         self.damage: str | None = None
         self.size, self.readable_bytes = 0, len(MAGIC)
         self.topics: dict[int, BagTopic] = {}
-        self.counts: dict[int, int] = {}
-        self.sizes: dict[int, int] = {}
+        self.counts: Counter[str] = Counter()
+        self.sizes: Counter[str] = Counter()
         self.metadata: list[tuple[str, Mapping[str, str]]] = []
         self.attachments: list[Attachment] = []
         self.blocks: list[Block] = []
@@ -160,16 +149,13 @@ class BagFile:
         # Who writes one checksum writes all, so that a zeroed one does not pass for none.
         self._own = self._crcs = self._ended = self._closed = False
         self._crc = zlib.crc32(MAGIC)
-        source = Source(path)
-        self._open: Source | None = source
+        self._source = Source(path)
         try:
             self.extend()
         except BagError as error:
-            source.close()
+            self.close()
             raise BagError(f"{path}: {error}") from error
         if checked:
-            source.close()
-            self._open = None
             if self.damage is None and not self._closed and path.suffix != PARTIAL:
                 self.damage = (
                     f"byte {self.size}: the file ends here, without an end: it was cut off"
@@ -182,22 +168,11 @@ class BagFile:
         return sum(self.counts.values())
 
     @property
-    def start_ns(self) -> int:
-        """Earliest log time; 0 without messages."""
-        return min((block.start_ns for block in self.blocks), default=0)
-
-    @property
-    def end_ns(self) -> int:
-        """Latest log time; 0 without messages."""
-        return max((block.end_ns for block in self.blocks), default=0)
-
-    @property
     def summary(self) -> FileSummary:
         """What `metadata.yaml` says about it."""
-        counts = dict.fromkeys((topic.name for topic in self.topics.values()), 0)
-        for channel, count in self.counts.items():
-            counts[self.topics[channel].name] += count
-        return FileSummary(self.path.name, counts, self.start_ns, self.end_ns)
+        start_ns = min((block.start_ns for block in self.blocks), default=0)
+        end_ns = max((block.end_ns for block in self.blocks), default=0)
+        return FileSummary(self.path.name, dict(self.counts), start_ns, end_ns)
 
     @property
     def lost_bytes(self) -> int:
@@ -212,35 +187,32 @@ class BagFile:
     def extend(self) -> bool:
         """Go on to where the file ends now; return whether there was anything new."""
         before = self.readable_bytes
-        with self._opened() as source:
-            self.size = source.size
-            self.finished = _has_end(source, self.size)
-            try:
-                while self.damage is None and not self._ended:
-                    if len(MAGIC) < self.readable_bytes == self.size:
-                        break
-                    record = source.record(self.readable_bytes, self.size)
-                    self._take(source, record)
-                    if not self._ended:
-                        self.readable_bytes = record.end
-            except Damage as damage:
-                # The rest of a record that is being written comes later.
-                if self._checked or not isinstance(damage, Cut):
-                    self.damage = str(damage)
+        self.size = self._source.size
+        self.finished = _has_end(self._source, self.size)
+        try:
+            while self.damage is None and not self._ended:
+                if len(MAGIC) < self.readable_bytes == self.size:
+                    break
+                record = self._source.record(self.readable_bytes, self.size)
+                self._take(record)
+                if not self._ended:
+                    self.readable_bytes = record.end
+        except Damage as damage:
+            # The rest of a record that is being written comes later.
+            if self._checked or not isinstance(damage, Cut):
+                self.damage = str(damage)
         return self.readable_bytes != before
 
     def close(self) -> None:
-        """Close the file, where it is open."""
-        if self._open is not None:
-            self._open.close()
+        """Close the file; a second call does nothing."""
+        self._source.close()
 
     def read(self, offset: int, length: int) -> bytes:
         """Return bytes of the file; raises BagError if they are not there any more."""
-        with self._opened() as source:
-            try:
-                return source.read(offset, length)
-            except Damage as damage:
-                raise self._changed(damage) from damage
+        try:
+            return self._source.read(offset, length)
+        except Damage as damage:
+            raise self._changed(damage) from damage
 
     def parts(
         self, blocks: Sequence[Block], size: int = 0, heard: Heard | None = None
@@ -253,44 +225,23 @@ class BagFile:
             BagError: the file was checked, and has changed since.
         """
         total, done = sum(block.length for block in blocks), 0
-        waiting: list[bytes] = []
-        first = 0
-        with self._opened() as source:
-            for place, block in enumerate(blocks, start=1):
-                try:
-                    waiting.append(self._content(source, block))
-                except Damage as damage:
-                    self._lose(block, damage)
-                    break
-                done += block.length
-                if place < len(blocks) and sum(map(len, waiting)) > size:
-                    if not (yield from self._part(blocks[first], waiting)):
-                        return
-                    waiting, first = [], place
-                    if heard is not None:
-                        heard(done / total)
-            if waiting:
-                yield from self._part(blocks[first], waiting)
+        waiting: list[Part] = []
+        for block in blocks:
+            try:
+                waiting.append(self._understand(self._content(block), block.offset))
+            except Damage as damage:
+                self._lose(block, damage)
+                break
+            done += block.length
+            if sum(len(part.content) for part in waiting) > size:
+                yield _joined(waiting)
+                waiting = []
                 if heard is not None:
                     heard(done / total)
-
-    def _part(self, first: Block, contents: Sequence[bytes]) -> Generator[Part, None, bool]:
-        """Yield the messages of blocks as one part; return whether they make sense."""
-        try:
-            part = self._understand(b"".join(contents), first.offset)
-        except Damage as damage:
-            self._lose(first, damage)
-            return False
-        yield part
-        return True
-
-    @contextlib.contextmanager
-    def _opened(self) -> Iterator[Source]:
-        if self._open is not None:
-            yield self._open
-            return
-        with Source(self.path) as source:
-            yield source
+        if waiting:
+            yield _joined(waiting)
+        if heard is not None:
+            heard(1.0)
 
     def _changed(self, damage: Damage) -> BagError:
         return BagError(f"{self.path} has changed while it was read: {damage}")
@@ -302,15 +253,15 @@ class BagFile:
         self.damage = str(damage)
         self.blocks = [one for one in self.blocks if one.offset < block.offset]
 
-    def _content(self, source: Source, block: Block) -> bytes:
+    def _content(self, block: Block) -> bytes:
         """Return a block's records."""
-        data = source.read(block.offset, block.length)
-        if not block.chunk:
+        data = self._source.read(block.offset, block.length)
+        if data[0] != Opcode.CHUNK:
             return data
         chunk = parse(Chunk, data[HEAD.size :], block.offset)
         return chunk_content(chunk, block.offset, crc_required=self._own)
 
-    def _take(self, source: Source, record: RecordPlace) -> None:
+    def _take(self, record: RecordPlace) -> None:
         """Take one record, whole or not at all; raises Damage."""
         opcode = record.opcode
         take = _TAKE.get(opcode, BagFile._skip if opcode >= 0x80 and not self._own else None)
@@ -318,43 +269,43 @@ class BagFile:
         first = record.offset == len(MAGIC)
         if take is None or (bare and self._own) or (opcode == Opcode.HEADER) != first:
             raise Damage(record.offset, f"{describe(opcode)}, which has no business there")
-        take(self, source, record)
+        take(self, record)
 
-    def _body(self, source: Source, record: RecordPlace) -> bytes:
+    def _body(self, record: RecordPlace) -> bytes:
         """Return a record's body, which goes into the checksum of the data."""
-        data = source.read(record.offset, record.end - record.offset)
+        data = self._source.read(record.offset, record.end - record.offset)
         self._crc = zlib.crc32(data, self._crc)
         return data[HEAD.size :]
 
-    def _skip(self, source: Source, record: RecordPlace) -> None:
+    def _skip(self, record: RecordPlace) -> None:
         if self._checked:
-            self._body(source, record)
+            self._body(record)
 
-    def _take_header(self, source: Source, record: RecordPlace) -> None:
-        header = parse(Header, self._body(source, record), record.offset)
+    def _take_header(self, record: RecordPlace) -> None:
+        header = parse(Header, self._body(record), record.offset)
         self._own = self._crcs = header.library.startswith(OWN_LIBRARY)
 
-    def _take_metadata(self, source: Source, record: RecordPlace) -> None:
-        found = parse(Metadata, self._body(source, record), record.offset)
+    def _take_metadata(self, record: RecordPlace) -> None:
+        found = parse(Metadata, self._body(record), record.offset)
         self.metadata.append((found.name, found.metadata))
 
-    def _take_index(self, source: Source, record: RecordPlace) -> None:
+    def _take_index(self, record: RecordPlace) -> None:
         """Pass a message index: nobody reads it, but its length tells it from a damaged chunk."""
         if self._checked:
-            body = self._body(source, record)
+            body = self._body(record)
             if int.from_bytes(body[2:6], "little") != record.length - 6:
                 raise Damage(record.offset, "a message index whose fields do not fit into it")
 
-    def _take_chunk(self, source: Source, record: RecordPlace) -> None:
+    def _take_chunk(self, record: RecordPlace) -> None:
         if record.length < _TIMES.size:
             raise Damage(record.offset, "a chunk record whose fields do not fit into it")
-        times = _TIMES.unpack(source.read(record.body, _TIMES.size))
+        times = _TIMES.unpack(self._source.read(record.body, _TIMES.size))
         block = Block(record.offset, record.end - record.offset, *times)
         # A recorder tells of its topics before the first message, and of the run at time 0.
         if not self._checked and self.topics and block.end_ns:
             self.blocks.append(block)
             return
-        chunk = parse(Chunk, self._body(source, record), record.offset)
+        chunk = parse(Chunk, self._body(record), record.offset)
         content = chunk_content(chunk, record.offset, crc_required=self._crcs)
         self._crcs |= chunk.uncompressed_crc != 0
         self.compressions.add(chunk.compression or "none")
@@ -365,66 +316,32 @@ class BagFile:
             self._count(heads)
             self.blocks.append(block)
 
-    def _take_bare(self, source: Source, record: RecordPlace) -> None:
+    def _take_bare(self, record: RecordPlace) -> None:
         """Take a message outside of chunks, or what defines a channel."""
-        offset, length = record.offset, record.end - record.offset
         head = HEAD.pack(record.opcode, record.length)
-        heads = self._understand(head + self._body(source, record), offset).heads
+        heads = self._understand(head + self._body(record), record.offset).heads
         self._count(heads)
-        last = self.blocks[-1] if self.blocks else None
-        if last is None or last.chunk or last.end != offset or last.length > BLOCK_BYTES:
-            if not len(heads):
-                return  # a block begins with a message
-            last = Block(offset, 0, LATEST_NS, 0, chunk=False)
-            self.blocks.append(last)
-        times = heads["log_ns"].tolist()
-        self.blocks[-1] = Block(
-            last.offset,
-            last.length + length,
-            min([last.start_ns, *times]),
-            max([last.end_ns, *times]),
-            chunk=False,
-        )
+        for log_ns in heads["log_ns"].tolist():
+            self.blocks.append(Block(record.offset, HEAD.size + record.length, log_ns, log_ns))
 
-    def _take_attachment(self, source: Source, record: RecordPlace) -> None:
-        """Take an attachment; check it piece by piece, as it may be larger than memory."""
-        head = source.read(record.body, min(record.length, 2 * (_TIMES.size + PIECE)))
-        texts, place, size = [], _TIMES.size, -1
-        try:
-            log_ns, _ = _TIMES.unpack_from(head)
-            for _ in range(2):
-                (length,) = _LENGTH.unpack_from(head, place)
-                place += _LENGTH.size + length
-                texts.append(head[place - length : place].decode())
-            (size,) = _SIZE.unpack_from(head, place)
-        except (struct.error, UnicodeDecodeError):
-            pass  # size then fits nothing
-        place += _SIZE.size
-        if size != record.length - place - _LENGTH.size:
-            raise Damage(record.offset, "an attachment whose fields do not fit into it")
-        name = texts[0]
-        if self._checked:
-            crc = 0
-            self._crc = zlib.crc32(source.read(record.offset, HEAD.size), self._crc)
-            end = record.end - _LENGTH.size
-            for begin in range(record.body, end, PIECE):
-                piece = source.read(begin, min(PIECE, end - begin))
-                crc, self._crc = zlib.crc32(piece, crc), zlib.crc32(piece, self._crc)
-            stored = source.read(end, _LENGTH.size)
-            self._crc = zlib.crc32(stored, self._crc)
-            expected = int.from_bytes(stored, "little")
-            what = f"attachment {name!r}"
-            check_crc(expected, crc, record.offset, what, required=self._crcs)
-            self._crcs |= expected != 0
-        if log_ns > LATEST_NS:
-            raise Damage(record.offset, f"attachment {name!r} has an impossible time")
+    def _take_attachment(self, record: RecordPlace) -> None:
+        body = self._body(record)
+        found = parse(AttachmentRecord, body, record.offset)
+        expected, what = int.from_bytes(body[-_CRC_BYTES:], "little"), f"attachment {found.name!r}"
+        crc = zlib.crc32(body[:-_CRC_BYTES])
+        check_crc(expected, crc, record.offset, what, required=self._crcs)
+        self._crcs |= expected != 0
+        if found.log_time > LATEST_NS:
+            raise Damage(record.offset, f"{what} has an impossible time")
+        size = len(found.data)
+        place = record.end - _CRC_BYTES - size
         self.attachments.append(
-            Attachment(name, texts[1], log_ns, size, record.body + place, self)
+            Attachment(found.name, found.media_type, found.log_time, size, place, self)
         )
 
-    def _take_end(self, source: Source, record: RecordPlace) -> None:
+    def _take_end(self, record: RecordPlace) -> None:
         """Take the end of the data; if the file is checked, what follows too."""
-        end = parse(DataEnd, source.read(record.body, record.length), record.offset)
+        end = parse(DataEnd, self._source.read(record.body, record.length), record.offset)
         self._ended = True
         if not self._checked:
             return
@@ -432,21 +349,21 @@ class BagFile:
         check_crc(end.data_section_crc, self._crc, record.offset, what, required=self._own)
         self.whole = True
         if record.end < self.size:
-            self._check_summary(source, record.end)
+            self._check_summary(record.end)
 
-    def _check_summary(self, source: Source, offset: int) -> None:
+    def _check_summary(self, offset: int) -> None:
         """Check the end of a file; only the channels in it are of interest, as nobody seeks."""
-        crc = 0
-        while (record := source.record(offset, self.size)).opcode != Opcode.FOOTER:
-            data = source.read(offset, record.end - offset)
+        crc, read = 0, self._source.read
+        while (record := self._source.record(offset, self.size)).opcode != Opcode.FOOTER:
+            data = read(offset, record.end - offset)
             if record.opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                 self._define(record.opcode, data[HEAD.size :], offset)
             crc, offset = zlib.crc32(data, crc), record.end
-        data = source.read(offset, record.end - offset)
+        data = read(offset, record.end - offset)
         footer = parse(Footer, data[HEAD.size :], offset)
         crc = zlib.crc32(data[:-4], crc)
         check_crc(footer.summary_crc, crc, offset, "the summary", required=self._own)
-        if self.size - record.end != len(MAGIC) or source.read(record.end, len(MAGIC)) != MAGIC:
+        if self.size - record.end != len(MAGIC) or read(record.end, len(MAGIC)) != MAGIC:
             raise Damage(self.size, "the file does not end with MCAP's magic bytes")
         self._closed = True
 
@@ -467,7 +384,7 @@ class BagFile:
                 if other.name == topic.name and other.type_name != topic.type_name:
                     raise Damage(offset, f"topic {topic.name!r} has a second type")
             self._channels[channel.id], self.topics[channel.id] = channel, topic
-            self.counts[channel.id] = self.sizes[channel.id] = 0
+            self.counts[topic.name] += 0
             self._known[channel.id] = True
 
     def _understand(self, content: bytes, offset: int) -> Part:
@@ -491,11 +408,12 @@ class BagFile:
         counts = np.bincount(heads["channel"])
         sizes = np.bincount(heads["channel"], heads["length"] - MESSAGE.size)
         for channel in np.flatnonzero(counts).tolist():
-            self.counts[channel] += int(counts[channel])
-            self.sizes[channel] += int(sizes[channel])
+            name = self.topics[channel].name
+            self.counts[name] += int(counts[channel])
+            self.sizes[name] += int(sizes[channel])
 
 
-_TAKE: Mapping[int, Callable[[BagFile, Source, RecordPlace], None]] = {
+_TAKE: Mapping[int, Callable[[BagFile, RecordPlace], None]] = {
     Opcode.HEADER: BagFile._take_header,
     Opcode.SCHEMA: BagFile._take_bare,
     Opcode.CHANNEL: BagFile._take_bare,
@@ -516,3 +434,13 @@ def _has_end(source: Source, size: int) -> bool:
     except Damage:
         return False
     return data.startswith(_FOOTER) and data.endswith(MAGIC)
+
+
+def _joined(parts: Sequence[Part]) -> Part:
+    """Return parts as one."""
+    if len(parts) == 1:
+        return parts[0]
+    starts = np.cumsum([0, *(len(part.content) for part in parts[:-1])])
+    begins = [part.begins + start for part, start in zip(parts, starts, strict=True)]
+    content = b"".join(part.content for part in parts)
+    return Part(content, np.concatenate(begins), np.concatenate([part.heads for part in parts]))

@@ -3,7 +3,8 @@
 """The bag reader: finished, unfinished and damaged bags, without ROS."""
 
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -129,26 +130,17 @@ class Bag:
     @property
     def channels(self) -> Mapping[int, str]:
         """The topic of each channel, by the number in the heads of `parts`."""
-        if len(self.files) == 1:
-            return {channel: topic.name for channel, topic in self.files[0].topics.items()}
         return dict(enumerate(self.topics, start=1))
 
     @property
-    def counts(self) -> dict[str, int]:
+    def counts(self) -> Counter[str]:
         """Messages by topic."""
-        return self._by_topic([file.counts for file in self.files])
+        return _added(file.counts for file in self.files)
 
     @property
-    def sizes(self) -> dict[str, int]:
+    def sizes(self) -> Counter[str]:
         """Bytes of the messages' data by topic."""
-        return self._by_topic([file.sizes for file in self.files])
-
-    def _by_topic(self, numbers: Sequence[Mapping[int, int]]) -> dict[str, int]:
-        total = dict.fromkeys(self.topics, 0)
-        for file, by_channel in zip(self.files, numbers, strict=True):
-            for channel, number in by_channel.items():
-                total[file.topics[channel].name] += number
-        return total
+        return _added(file.sizes for file in self.files)
 
     @property
     def message_count(self) -> int:
@@ -259,18 +251,13 @@ class Bag:
     def parts_of(self, place: int, size: int = 0) -> Iterator[Part]:
         """Yield the parts of one of the files (from 0), with the channels of the whole."""
         file = self.files[place]
-        parts = file.parts(tuple(self.blocks[place]), size, self._heard)
-        if len(self.files) == 1:
-            yield from parts
-            return
-        numbers = {name: channel for channel, name in self.channels.items()}
         table = np.zeros(1 << 16, dtype=np.uint16)
-        for channel, topic in file.topics.items():
-            table[channel] = numbers[topic.name]
-        for part in parts:
-            heads = part.heads.copy()
-            heads["channel"] = table[heads["channel"]]
-            yield part._replace(heads=heads)
+        for part in file.parts(tuple(self.blocks[place]), size, self._heard):
+            numbers = {name: channel for channel, name in self.channels.items()}
+            for channel, topic in file.topics.items():
+                table[channel] = numbers[topic.name]
+            part.heads["channel"] = table[part.heads["channel"]]
+            yield part
 
 
 def open_bag(path: Path, *, checked: bool = True) -> Bag:
@@ -297,6 +284,13 @@ def open_bag(path: Path, *, checked: bool = True) -> Bag:
         for file in files:
             file.close()
         raise
+
+
+def _added(counts: Iterable[Counter[str]]) -> Counter[str]:
+    total: Counter[str] = Counter()
+    for one in counts:
+        total.update(one)
+    return total
 
 
 _NUMBERED = re.compile(rf"(.+)_(0|[1-9][0-9]*)\.mcap({re.escape(PARTIAL)})?")

@@ -4,6 +4,7 @@
 
 import os
 import struct
+import weakref
 import zlib
 from io import BytesIO
 from pathlib import Path
@@ -21,8 +22,6 @@ from sparse_coord_ros.bags.layout import open_to_read
 from sparse_coord_ros.errors import BagError
 from sparse_coord_ros.wire.cdr import rows_at
 
-PIECE = 1024 * 1024
-"""Bytes of a long record to read at a time, and the longest name."""
 MAGIC = b"\x89MCAP0\r\n"
 LARGEST_RECORD = 256 * 1024 * 1024
 """Bytes of a record, or of a chunk's content; more is taken for damage. (Attachments: any.)"""
@@ -85,14 +84,19 @@ class RecordPlace(NamedTuple):
 
 
 class Source:
-    """An open MCAP file, of which nothing is read that is not there; a context manager.
+    """An open MCAP file, of which nothing is read that is not there.
+
+    Attributes:
+        close: closes it; nobody needs to, but a name that is gone does not free the disk.
 
     Raises:
         BagError: there is no such file, or it does not begin as MCAP.
     """
 
     def __init__(self, path: Path) -> None:
-        self._file = open_to_read(path)
+        file = open_to_read(path)
+        self._descriptor = file.fileno()
+        self.close = weakref.finalize(self, file.close)
         try:
             begin = self.read(0, min(self.size, len(MAGIC)))
         except Damage as damage:
@@ -105,12 +109,12 @@ class Source:
     @property
     def size(self) -> int:
         """Bytes of the file, as it is now."""
-        return os.fstat(self._file.fileno()).st_size
+        return os.fstat(self._descriptor).st_size
 
     def read(self, offset: int, length: int) -> bytes:
         """Return bytes of the file; raises Damage if they cannot be read."""
         try:
-            data = os.pread(self._file.fileno(), length, offset)
+            data = os.pread(self._descriptor, length, offset)
         except OSError as error:
             raise Damage(offset, f"cannot be read: {error.strerror}") from error
         if len(data) != length:
@@ -132,18 +136,6 @@ class Source:
                 offset, f"{describe(opcode)} of {length} bytes, of which {left} are in the file"
             )
         return record
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
-
-    def __enter__(self) -> "Source":
-        """Return the source itself."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Close the file."""
-        self.close()
 
 
 def describe(opcode: int) -> str:

@@ -62,7 +62,7 @@ def test_files_by_size_and_time(tmp_path, samples, limit):
 
 def test_a_file_of_so_long_ends_before_the_message_that_is_so_much_later(tmp_path, samples):
     begin(tmp_path / "bag", samples, range(25), max_ns=10)[0].close()
-    files = open_bag(tmp_path / "bag").files
+    files = [file.summary for file in open_bag(tmp_path / "bag").files]
     assert [(file.start_ns, file.end_ns) for file in files] == [(0, 9), (10, 19), (20, 24)]
 
 
