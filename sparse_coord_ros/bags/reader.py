@@ -324,7 +324,10 @@ def bag_files(path: Path) -> list[Path]:
             continue
         matches = [_NUMBERED.fullmatch(name) for name in found]
         if None in matches or len({match[1] for match in matches if match}) > 1:
-            raise BagError(f"bag {directory} has {len(found)} .mcap files: name one")
+            raise BagError(
+                f"bag {directory} has {len(found)} .mcap files: name one, or move it to another "
+                "directory"
+            )
         return [
             found[name] for name in sorted(found, key=lambda name: stem_and_number(Path(name))[1])
         ]

@@ -34,7 +34,7 @@ class Recovery:
     """What `recover` did.
 
     Attributes:
-        path: the whole bag: its directory, or the file that was whole already.
+        path: the bag's directory.
         bag: what was read of the original; all of it is in the whole bag.
         kept: the original file where it is now (of several the first); None if it is in use as
             it was.
@@ -55,20 +55,19 @@ class Recovery:
 def recover(path: Path) -> Recovery:
     """Make a bag whole: everything up to the first damage, indexed, with `metadata.yaml`.
 
-    A directory is mended in place, file by file: the finished one is `<name>_0.mcap`, the original
-    is kept as `<file>.damaged`. For a file given by its name a bag `<stem>_recovered` is made
-    beside it, and the file is left alone. A whole bag is left as it is; a missing `metadata.yaml`
-    is written. What is made of an unfinished or damaged file says so itself (`Bag.recovered`), for
-    good.
+    A bag is mended in place, file by file: the finished one is `<name>_0.mcap`, the original is
+    kept as `<file>.damaged`. A whole bag is left as it is; a missing `metadata.yaml` is written.
+    What is made of an unfinished or damaged file says so itself (`Bag.recovered`), for good.
 
     Args:
-        path: as of `open_bag`.
+        path: as of `open_bag`; a file stands for the bag in its directory.
 
     Raises:
         BagError: nothing can be read, the bag is still being recorded, or the result cannot be
             written; whatever was recorded is there still.
     """
     path = Path(path)
+    path = path.parent if path.is_file() else path
     files = bag_files(path)
     with contextlib.ExitStack() as held:
         for file in files:
@@ -79,7 +78,7 @@ def recover(path: Path) -> Recovery:
                 f"{files[0]} holds nothing to recover{f': {bag.damage}' if bag.damage else ''}"
             )
         try:
-            return _in_place(bag, files[0].parent) if path.is_dir() else _beside(bag)
+            return _mended(bag, files[0].parent)
         except OSError as error:
             raise BagError(f"cannot recover {files[0]}: {error.strerror}; make room") from error
 
@@ -138,7 +137,7 @@ def _free(path: Path) -> Path:
     return next(free for free in itertools.chain([path], names) if not free.exists())
 
 
-def _in_place(bag: Bag, directory: Path) -> Recovery:
+def _mended(bag: Bag, directory: Path) -> Recovery:
     metadata = directory / METADATA_FILE
     kept: list[Path] = []
     renamed = False
@@ -160,24 +159,13 @@ def _in_place(bag: Bag, directory: Path) -> Recovery:
     mended = open_bag(directory)
     described = _describes(metadata, mended)
     if not described:
-        _write_metadata(metadata, mended)
+        if metadata.exists():
+            _keep(metadata)
+        summaries = [file.summary for file in mended.files]
+        write_text(metadata, metadata_yaml(bag_information(summaries, mended.topics.values())))
     sync_directory(directory)
     changed = bool(kept) or renamed or not described
     return Recovery(directory, bag, kept[0] if kept else None, changed)
-
-
-def _beside(bag: Bag) -> Recovery:
-    file = bag.path
-    if bag.finished and bag.damage is None and file.suffix != PARTIAL:
-        return Recovery(file, bag, None, False)
-    stem = file.name.removesuffix(PARTIAL).removesuffix(".mcap")
-    directory = file.with_name(f"{stem}_recovered")
-    if directory.exists():
-        raise BagError(f"{directory} exists, nothing is overwritten: move it away")
-    with _draft(bag, file.with_name(f".{directory.name}")) as draft:
-        os.rename(draft, directory)
-        sync_directory(directory.parent)
-    return Recovery(directory, bag, file, True)
 
 
 @contextlib.contextmanager
@@ -266,13 +254,6 @@ def _describes(metadata: Path, bag: Bag) -> bool:
         )
     except (OSError, yaml.YAMLError, ValueError, TypeError, KeyError, RecursionError):
         return False
-
-
-def _write_metadata(metadata: Path, bag: Bag) -> None:
-    if metadata.exists():
-        _keep(metadata)
-    information = bag_information([file.summary for file in bag.files], bag.topics.values())
-    write_text(metadata, metadata_yaml(information))
 
 
 @contextlib.contextmanager
