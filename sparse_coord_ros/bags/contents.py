@@ -38,9 +38,6 @@ from sparse_coord_ros.errors import BagError
 OWN_LIBRARY = "sparse_coord_ros "
 """How the header of a file by `BagWriter` begins: in these every checksum is there."""
 
-Heard = Callable[[float], None]
-"""Hears which share of what is read was read."""
-
 _TIMES = struct.Struct("<QQ")
 _CRC_BYTES = 4
 _FOOTER = HEAD.pack(Opcode.FOOTER, 20)
@@ -214,9 +211,7 @@ class BagFile:
         except Damage as damage:
             raise self._changed(damage) from damage
 
-    def parts(
-        self, blocks: Sequence[Block], size: int = 0, heard: Heard | None = None
-    ) -> Iterator[Part]:
+    def parts(self, blocks: Sequence[Block], size: int = 0) -> Iterator[Part]:
         """Yield the messages of blocks in parts of more than `size` bytes of whole blocks.
 
         Of a file that is not checked they end at the first damage, which is then noted.
@@ -224,7 +219,6 @@ class BagFile:
         Raises:
             BagError: the file was checked, and has changed since.
         """
-        total, done = sum(block.length for block in blocks), 0
         waiting: list[Part] = []
         for block in blocks:
             try:
@@ -232,16 +226,11 @@ class BagFile:
             except Damage as damage:
                 self._lose(block, damage)
                 break
-            done += block.length
             if sum(len(part.content) for part in waiting) > size:
                 yield _joined(waiting)
                 waiting = []
-                if heard is not None:
-                    heard(done / total)
         if waiting:
             yield _joined(waiting)
-        if heard is not None:
-            heard(1.0)
 
     def _changed(self, damage: Damage) -> BagError:
         return BagError(f"{self.path} has changed while it was read: {damage}")

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.bags.contents import Attachment, BagFile, Block, Heard, Part
+from sparse_coord_ros.bags.contents import Attachment, BagFile, Block, Part
 from sparse_coord_ros.bags.layout import PARTIAL
 from sparse_coord_ros.bags.metadata import RECOVERED_RECORD
 from sparse_coord_ros.bags.records import MESSAGE
@@ -47,7 +47,6 @@ class Bag:
     Args:
         files: its files in their order.
         blocks: those of each file whose messages are read; None: all.
-        heard: hears how much of them was read.
 
     Attributes:
         files: its files.
@@ -57,13 +56,9 @@ class Bag:
     """
 
     def __init__(
-        self,
-        files: Sequence[BagFile],
-        blocks: Sequence[Sequence[Block]] | None = None,
-        heard: Heard | None = None,
+        self, files: Sequence[BagFile], blocks: Sequence[Sequence[Block]] | None = None
     ) -> None:
-        self.files = tuple(files)
-        self._blocks, self._heard = blocks, heard
+        self.files, self._blocks = tuple(files), blocks
         topics: dict[str, BagTopic] = {}
         for file in self.files:
             for topic in file.topics.values():
@@ -192,13 +187,13 @@ class Bag:
         """
         return dict(reversed(self.files[-1].metadata)).get(RECOVERED_RECORD)
 
-    def between(self, first_ns: int, last_ns: int, heard: Heard | None = None) -> "Bag":
+    def between(self, first_ns: int, last_ns: int) -> "Bag":
         """Return the blocks that have messages of some log times, as a bag of their own."""
         chosen = [
             [one for one in blocks if one.end_ns >= first_ns and one.start_ns <= last_ns]
             for blocks in self.blocks
         ]
-        return Bag(self.files, chosen, heard)
+        return Bag(self.files, chosen)
 
     def extend(self) -> bool:
         """Take in what the last file has grown by; return whether there was anything."""
@@ -252,7 +247,7 @@ class Bag:
         """Yield the parts of one of the files (from 0), with the channels of the whole."""
         file = self.files[place]
         table = np.zeros(1 << 16, dtype=np.uint16)
-        for part in file.parts(tuple(self.blocks[place]), size, self._heard):
+        for part in file.parts(tuple(self.blocks[place]), size):
             numbers = {name: channel for channel, name in self.channels.items()}
             for channel, topic in file.topics.items():
                 table[channel] = numbers[topic.name]

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sparse_coord_ros import wire
-from sparse_coord_ros.bags.contents import Attachment, Block, Heard
+from sparse_coord_ros.bags.contents import Attachment, Block
 from sparse_coord_ros.bags.reader import Bag, open_bag
 from sparse_coord_ros.learn.history import History
 from sparse_coord_ros.learn.run_config import RunConfig
@@ -102,20 +102,14 @@ class LongLog:
         bag = self.bag.between(first * self.period, last * self.period)
         return log_of(tracks_of(bag, self._source)).between(first, last)
 
-    def whole(
-        self,
-        only: Collection[wire.Topic],
-        also: Collection[wire.Topic] = (),
-        heard: Heard | None = None,
-    ) -> RunLog:
+    def whole(self, only: Collection[wire.Topic], also: Collection[wire.Topic] = ()) -> RunLog:
         """Return all time steps and tables, as far as some topics tell of them, read once.
 
         Args:
             only: the topics to read.
             also: of `SPOKEN`, to be read too.
-            heard: hears how far it is.
         """
-        tracks = tracks_of(Bag(self.bag.files, heard=heard), self._source, only, also)
+        tracks = tracks_of(Bag(self.bag.files), self._source, only, also)
         add_tables(tracks)
         return log_of(tracks)
 

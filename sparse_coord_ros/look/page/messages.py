@@ -98,9 +98,7 @@ def frame_fields(seen: Glimpse) -> Message:
     }
 
 
-def table_fields(
-    run: RunConfig, tables: Mapping[int, tuple[int, Tables]]
-) -> list[Message | None]:
+def table_fields(run: RunConfig, tables: Mapping[int, tuple[int, Tables]]) -> list[Message | None]:
     """Return what each robot's tables say; None of a robot without any.
 
     Args:
