@@ -168,7 +168,7 @@ def test_a_foreign_page_gets_nothing_and_an_address_without_token_no_controls(br
     browser.problems.clear()  # Chromium notes the refusal
     browser.open(address.partition("#")[0])
     browser.wait_for(f"{STEP} > 0")
-    assert browser.value("document.getElementById('pause').disabled")
+    assert browser.value("document.getElementById('pause').matches(':disabled')")
     assert "view only" in browser.value("document.getElementById('said').textContent")
 
 

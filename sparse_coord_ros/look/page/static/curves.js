@@ -1,127 +1,98 @@
 // Copyright 2026 The sparse_coord_ros authors. SPDX-License-Identifier: Apache-2.0
 // Learning curves: each point is the mean of some episodes, as `run.history` has them.
 
-import { svg, tinted } from "/draw.js";
+import { html, svg, tinted } from "/draw.js";
 
 const WIDTH = 400, HEIGHT = 190, LEFT = 46, RIGHT = 24, TOP = 8, BOTTOM = 22;
 const DASHES = ["", "6 3", "2 3", "8 3 2 3", "12 4", "4 7", "9 3 2 3 2 3", "1 5"];
 
-export const CHARTS = [
-  { key: "length", title: "Steps of an episode", low: 0 },
-  { key: "reward", title: "Reward of a robot", robots: true },
-  { key: "miscoordinations", title: "Miscoordinations", low: 0 },
-  { key: "asks", title: "Questions of a robot", robots: true, low: 0 },
+const CHARTS = [
+  { key: "length", title: "Steps of an episode", range: [0, 1] }, // at least
+  { key: "reward", title: "Reward of a robot", range: [] },
+  { key: "miscoordinations", title: "Miscoordinations", range: [0, 1] },
+  { key: "asks", title: "Questions of a robot", range: [0, 1] },
 ];
 
-function nice(low, high, count = 4) {
-  const span = high - low || 1;
-  const raw = span / count;
-  const power = 10 ** Math.floor(Math.log10(raw));
-  const step = [1, 2, 5, 10].find((n) => n * power >= raw) * power;
-  const ticks = [];
-  for (let at = Math.ceil(low / step) * step; at <= high + 1e-9 * span; at += step) ticks.push(Number(at.toPrecision(10)));
-  return ticks;
+const known = (values) => values.filter((v) => v !== null);
+
+function ticks(low, high) {
+  const power = 10 ** Math.floor(Math.log10((high - low) / 4));
+  const step = [1, 2, 5, 10].find((n) => n * power >= (high - low) / 4) * power;
+  const first = Math.ceil(low / step), count = Math.floor(high / step + 1e-9) - first + 1;
+  return Array.from({ length: count }, (_, i) => Number(((first + i) * step).toPrecision(10)));
 }
 
 const mean = (lines) => lines[0].map((_, i) => {
-  const values = lines.map((line) => line[i]).filter((v) => v !== null);
+  const values = known(lines.map((line) => line[i]));
   return values.length ? values.reduce((a, b) => a + b) / values.length : null;
 });
 
-const short = (n) => Math.abs(n) >= 1e6 ? `${+(n / 1e6).toPrecision(3)}M` : Math.abs(n) >= 1e4 ? `${+(n / 1e3).toPrecision(3)}k` : `${+n.toPrecision(4)}`;
+const short = (n) => n.toLocaleString("en", { notation: "compact", maximumSignificantDigits: 3 });
 
 export class Curves {
   constructor(element) {
+    this.right = 1;
     this.charts = CHARTS.map((chart) => {
-      const value = document.createElement("span");
-      const head = document.createElement("h2");
-      head.append(chart.title, value);
+      const value = html("span");
       const picture = svg("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "img", "aria-label": chart.title });
-      const box = document.createElement("section");
-      box.className = "chart";
-      box.id = `chart-${chart.key}`;
-      box.append(head, picture);
-      element.append(box);
+      element.append(html("section", { className: "chart" }, html("h2", {}, chart.title, value), picture));
       return { ...chart, value, picture };
     });
   }
 
-  show(message, run, position, shown) {
-    this.message = message;
-    this.run = run;
-    this.shown = shown;
-    for (const chart of this.charts) this.draw(chart, position);
-  }
-
-  draw(chart, position) {
-    const { message, run } = this;
-    const picture = chart.picture;
-    picture.replaceChildren();
-    // Of more than two robots: their mean, and those whose tables are shown.
-    const few = run.robots.length <= 2;
-    const lines = []; // [robot or null, values]
-    if (message && chart.robots) {
-      if (!few) lines.push([null, mean(message[chart.key])]);
-      message[chart.key].forEach((line, k) => { if (few || this.shown.has(k)) lines.push([k, line]); });
-    } else if (message) lines.push([null, message[chart.key]]);
+  // The curves of the team; of robots: of two both, of more their mean and those that are shown.
+  show(message, run, shown) {
     const steps = message?.step ?? [];
-    const values = lines.flatMap(([, line]) => line).filter((v) => v !== null);
-    const right = Math.max(1, steps.at(-1) ?? 1);
-    let low = Math.min(chart.low ?? Infinity, ...values), high = Math.max(...values, (chart.low ?? -Infinity) + 1);
-    if (!values.length) [low, high] = [0, 1];
-    if (low === high) high = low + 1;
-    const x = (step) => LEFT + ((WIDTH - LEFT - RIGHT) * step) / right;
+    this.right = Math.max(1, steps.at(-1) ?? 1);
+    for (const chart of this.charts) {
+      const values = message?.[chart.key] ?? [];
+      const robots = Array.isArray(values[0]) ? [...values.entries()] : [];
+      const few = robots.length <= 2;
+      const lines = few ? robots : robots.filter(([k]) => shown.has(k));
+      if (!few) lines.unshift([null, mean(values)]);
+      if (values.length && !robots.length) lines.push([null, values]);
+      this.draw(chart, run, steps, lines);
+      const finals = lines.map(([, line]) => known(line).at(-1)?.toFixed(2) ?? "–");
+      chart.value.textContent = (few ? finals : finals.slice(0, 1)).join(" · ");
+    }
+  }
+
+  x(step) {
+    return LEFT + ((WIDTH - LEFT - RIGHT) * Math.min(step, this.right)) / this.right;
+  }
+
+  draw({ picture, range }, run, steps, lines) {
+    const path = (d, look) => picture.append(svg("path", { d, class: "axis", ...look }));
+    const text = (at, words, look) => picture.append(svg("text", { class: "tick", x: at[0], y: at[1], ...look }, words));
+    picture.replaceChildren();
+    path(`M${LEFT},${TOP}V${HEIGHT - BOTTOM}H${WIDTH - RIGHT}`);
+    const values = [...known(lines.flatMap(([, line]) => line)), ...range];
+    if (!values.length) return;
+    const low = Math.min(...values), high = Math.max(...values, low + 1e-6);
     const y = (value) => TOP + (HEIGHT - TOP - BOTTOM) * (1 - (value - low) / (high - low));
-    picture.append(svg("path", { class: "axis", d: `M${LEFT},${TOP}V${HEIGHT - BOTTOM}H${WIDTH - RIGHT}` }));
-    for (const tick of nice(low, high)) {
-      picture.append(svg("path", { class: "axis", d: `M${LEFT - 4},${y(tick)}H${LEFT}` }));
-      picture.append(svg("text", { class: "tick", x: LEFT - 7, y: y(tick), "text-anchor": "end", "dominant-baseline": "central" }, short(tick)));
+    for (const tick of ticks(low, high)) {
+      path(`M${LEFT - 4},${y(tick)}H${LEFT}`);
+      text([LEFT - 7, y(tick)], short(tick), { "text-anchor": "end", "dominant-baseline": "central" });
     }
-    for (const tick of nice(0, right)) {
-      picture.append(svg("path", { class: "axis", d: `M${x(tick)},${HEIGHT - BOTTOM}v4` }));
-      picture.append(svg("text", { class: "tick", x: x(tick), y: HEIGHT - 6, "text-anchor": "middle" }, short(tick)));
+    for (const tick of ticks(0, this.right)) {
+      path(`M${this.x(tick)},${HEIGHT - BOTTOM}v4`);
+      text([this.x(tick), HEIGHT - 6], short(tick), { "text-anchor": "middle" });
     }
-    const ends = [];
     for (const [k, line] of lines) {
-      let path = "", down = false, last = null;
-      line.forEach((value, i) => {
-        if (value === null) { down = false; return; }
-        path += `${down ? "L" : "M"}${x(steps[i]).toFixed(1)},${y(value).toFixed(1)}`;
-        down = true;
-        last = [i, value];
-      });
-      if (!last) continue;
-      const colour = k === null ? null : tinted(run.robots[k].colour);
-      const curve = svg("path", { class: colour ? "curve" : "curve team", d: path, "data-robot": k === null ? "team" : k + 1 });
-      if (colour) {
-        curve.setAttribute("stroke", colour);
-        curve.setAttribute("stroke-dasharray", DASHES[k]);
-        ends.push([y(last[1]), k, colour, x(steps[last[0]])]);
-      }
-      picture.append(curve);
+      const points = line.map((value, i) => value !== null && `${this.x(steps[i]).toFixed(1)},${y(value).toFixed(1)}`);
+      const d = points.map((at, i) => at && (points[i - 1] ? "L" : "M") + at).filter(Boolean).join("");
+      if (k === null) { path(d, { class: "curve team", "data-robot": "team" }); continue; }
+      const stroke = tinted(run.robots[k].colour), last = points.findLast(Boolean);
+      path(d, { class: "curve", stroke, "stroke-dasharray": DASHES[k], "data-robot": k + 1 });
+      if (last) text(last.split(","), String(k + 1), { class: "end", dx: 5, fill: stroke });
     }
-    ends.sort((a, b) => a[0] - b[0]);
-    let above = -Infinity;
-    for (const [at, k, colour, end] of ends) {
-      above = Math.max(at, above + 11);
-      picture.append(svg("text", { class: "end", x: end + 5, y: above, fill: colour }, String(k + 1)));
-    }
-    this.here(chart, position);
-    const finals = lines.map(([, line]) => line.findLast((v) => v !== null)).filter((v) => v !== undefined);
-    chart.value.textContent = (few || !chart.robots ? finals : finals.slice(0, 1)).map((v) => v.toFixed(2)).join(" · ");
   }
 
-  // Where the shown time step lies; of a bag only, as live it is always the end.
-  here(chart, position) {
-    chart.picture.querySelector(".here")?.remove();
-    const steps = this.message?.step ?? [];
-    if (position === null || position === undefined || !steps.length) return;
-    const right = Math.max(1, steps.at(-1));
-    const x = LEFT + ((WIDTH - LEFT - RIGHT) * Math.min(position, right)) / right;
-    chart.picture.append(svg("path", { class: "here", d: `M${x},${TOP}V${HEIGHT - BOTTOM}` }));
-  }
-
-  place(position) {
-    for (const chart of this.charts) this.here(chart, position);
+  // Where the shown time step of a bag lies.
+  place(step) {
+    for (const { picture } of this.charts) {
+      picture.querySelector(".here")?.remove();
+      picture.append(svg("path", { class: "here", d: `M${this.x(step)},${TOP}V${HEIGHT - BOTTOM}` }));
+    }
   }
 }

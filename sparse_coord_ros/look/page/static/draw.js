@@ -4,57 +4,47 @@
 export const $ = (id) => document.getElementById(id);
 export const number = (n) => (n === null || n === undefined ? "–" : n.toLocaleString("en"));
 
-const NS = "http://www.w3.org/2000/svg";
+export function html(name, properties = {}, ...children) {
+  const element = Object.assign(document.createElement(name), properties);
+  element.append(...children);
+  return element;
+}
 
 export function svg(name, attributes = {}, ...children) {
-  const element = document.createElementNS(NS, name);
+  const element = document.createElementNS("http://www.w3.org/2000/svg", name);
   for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
   element.append(...children);
   return element;
 }
 
-// Robots differ by shape as well as by colour and number.
-export function shape(name, size) {
-  const ring = (corners, turn = -90, inner = null) => {
-    const points = [];
-    const count = inner === null ? corners : 2 * corners;
-    for (let i = 0; i < count; i++) {
-      const radius = inner !== null && i % 2 ? size * inner : size;
-      const angle = ((turn + (360 * i) / count) * Math.PI) / 180;
-      points.push(`${(radius * Math.cos(angle)).toFixed(2)},${(radius * Math.sin(angle)).toFixed(2)}`);
-    }
-    return svg("polygon", { points: points.join(" ") });
-  };
-  const side = size * 0.86;
-  const third = size * 0.42;
-  switch (name) {
-    case "square": return svg("rect", { x: -side, y: -side, width: 2 * side, height: 2 * side });
-    case "triangle": {
-      const big = size * 1.2;
-      return svg("polygon", { points: `0,${-big} ${big},${0.8 * size} ${-big},${0.8 * size}` });
-    }
-    case "diamond": return svg("polygon", { points: `0,${-1.2 * size} ${1.2 * size},0 0,${1.2 * size} ${-1.2 * size},0` });
-    case "pentagon": return ring(5);
-    case "hexagon": return ring(6, 0);
-    case "star": return ring(7, -90, 0.72);
-    case "cross": {
-      const a = size * 1.05, b = size * 0.62;
-      return svg("polygon", { points: [[-b, -a], [b, -a], [b, -b], [a, -b], [a, b], [b, b], [b, a], [-b, a], [-b, b], [-a, b], [-a, -b], [-b, -b]].map((p) => p.join(",")).join(" ") });
-    }
-    default: return svg("circle", { r: size });
-  }
+// Robots differ by shape as well as by colour and number: corners as [x, y], in robots' radii.
+const ring = (corners, turn, inner = 1) => Array.from({ length: corners }, (_, i) => {
+  const angle = ((turn + (360 * i) / corners) * Math.PI) / 180, radius = i % 2 ? inner : 1;
+  return [radius * Math.cos(angle), radius * Math.sin(angle)];
+});
+const SHAPES = {
+  square: [[-0.86, -0.86], [0.86, -0.86], [0.86, 0.86], [-0.86, 0.86]],
+  triangle: [[0, -1.2], [1.2, 0.8], [-1.2, 0.8]],
+  diamond: [[0, -1.2], [1.2, 0], [0, 1.2], [-1.2, 0]],
+  pentagon: ring(5, -90),
+  hexagon: ring(6, 0),
+  star: ring(14, -90, 0.72),
+  cross: [[-0.62, -1.05], [0.62, -1.05], [0.62, -0.62], [1.05, -0.62], [1.05, 0.62], [0.62, 0.62],
+    [0.62, 1.05], [-0.62, 1.05], [-0.62, 0.62], [-1.05, 0.62], [-1.05, -0.62], [-0.62, -0.62]],
+};
+
+export function shape(robot, size) {
+  const look = { class: "body", fill: tinted(robot.colour) };
+  const corners = SHAPES[robot.shape];
+  if (!corners) return svg("circle", { r: size, ...look });
+  return svg("polygon", { points: corners.map(([x, y]) => `${x * size},${y * size}`).join(" "), ...look });
 }
 
-// A dark colour is made lighter where the page is dark, a light one darker where it is light.
-export function tinted(colour) {
-  const dark = getComputedStyle(document.documentElement).getPropertyValue("--lift").trim() === "1";
-  const parts = [1, 3, 5].map((i) => parseInt(colour.slice(i, i + 2), 16));
-  const light = (0.2126 * parts[0] + 0.7152 * parts[1] + 0.0722 * parts[2]) / 255;
-  const mix = dark && light < 0.45 ? 0.42 : 0;
-  return `rgb(${parts.map((p) => Math.round(p + (255 - p) * mix)).join(",")})`;
-}
+// A dark colour is made lighter where the page is dark.
+const parts = (colour) => [1, 3, 5].map((i) => parseInt(colour.slice(i, i + 2), 16));
+const bright = ([r, g, b], power) => 0.2126 * (r / 255) ** power + 0.7152 * (g / 255) ** power + 0.0722 * (b / 255) ** power;
+const lifted = (colour) => parts(colour).map((p) => (bright(parts(colour), 1) < 0.45 ? Math.round(0.58 * p + 107) : p));
+const ink = (rgb) => (bright(rgb, 2.2) > 0.24 ? "#000" : "#fff");
 
-export function inkOn(colour) {
-  const [r, g, b] = colour.match(/\d+/g).map((p) => (p / 255) ** 2.2);
-  return 0.2126 * r + 0.7152 * g + 0.0722 * b > 0.24 ? "#000" : "#fff";
-}
+export const tinted = (colour) => `light-dark(${colour}, rgb(${lifted(colour)}))`;
+export const inkOn = (colour) => `light-dark(${ink(parts(colour))}, ${ink(lifted(colour))})`;

@@ -2,7 +2,7 @@
 // The page: takes the stream of messages, shows the newest of each, sends what buttons and keys ask.
 
 import { Curves } from "/curves.js";
-import { $, inkOn, number, shape, svg, tinted } from "/draw.js";
+import { $, html, inkOn, number, shape, svg, tinted } from "/draw.js";
 import { TeamMap } from "/map.js";
 import { agesPanel, cellPanel, dialoguePanel, evaluationPanel } from "/panels.js";
 
@@ -10,70 +10,61 @@ const token = location.hash.slice(1);
 const RATES = [0.5, 1, 2, 5, 10, 20, 50, 100, 500, 1000, 10000];
 const HELD = ["paused", "ended", "finished", "stopped"];
 
-let run = null, frame = null, tables = null, curves = null, evaluation = null, socket = null;
-let asked = null, said = [];
-let mayControl = false, drawing = false, dirty = new Set(), retry = 500, sliding = -1e9;
+let newest = {}; // message of each type
+let socket = null, mayControl = false, retry = 500, sliding = -1e9;
 
 const map = new TeamMap($("map"), () => mark("cell"));
 const charts = new Curves($("curves"));
 
 // Messages come faster than a screen shows them: what came last is drawn, once a picture.
+const due = new Set();
+const DRAW = {
+  run: begin,
+  frame: showFrame,
+  tables: () => { map.policy(newest.tables); showCell(); },
+  asked: () => map.heat(newest.asked),
+  curves: showCurves,
+  evaluation: () => evaluationPanel(newest.evaluation),
+  dialogue: () => dialoguePanel(newest.run, newest.dialogue?.entries ?? []),
+  cell: showCell,
+};
+
 function mark(what) {
-  dirty.add(what);
-  if (drawing) return;
-  drawing = true;
-  requestAnimationFrame(() => {
-    drawing = false;
-    const what = dirty;
-    dirty = new Set();
-    if (!run) return;
-    if (what.has("run")) begin();
-    if (what.has("frame") && frame) showFrame();
-    if (what.has("tables")) map.policy(tables);
-    if (what.has("asked")) map.heat(asked);
-    if (what.has("curves") && curves) showCurves();
-    if (what.has("evaluation")) evaluationPanel(evaluation);
-    if (what.has("dialogue")) dialoguePanel(run, said);
-    if (what.has("cell") || what.has("tables")) showCell();
-  });
+  if (!due.size) requestAnimationFrame(draw);
+  due.add(what);
 }
+
+function draw() {
+  const what = Object.keys(DRAW).filter((one) => due.has(one));
+  due.clear();
+  if (newest.run) what.forEach((one) => DRAW[one]());
+}
+
+const TAKE = {
+  hello,
+  error: ({ text }) => { $("said").textContent = text; },
+  done: () => { $("said").textContent = ""; },
+  notice: ({ text }) => {
+    $("notice").textContent = text;
+    $("notice").hidden = !text;
+  },
+  run: (message) => {
+    newest = { run: message };
+    Object.keys(DRAW).forEach(mark);
+  },
+};
 
 function take(message) {
-  switch (message.type) {
-    case "hello": hello(message); break;
-    case "run":
-      run = message;
-      frame = tables = curves = evaluation = asked = null;
-      said = [];
-      mark("run"); mark("evaluation"); break;
-    case "frame": frame = message; mark("frame"); break;
-    case "tables": tables = message; mark("tables"); break;
-    case "asked": asked = message; mark("asked"); break;
-    case "curves": curves = message; mark("curves"); break;
-    case "evaluation": evaluation = message; mark("evaluation"); break;
-    case "dialogue": said = message.entries; mark("dialogue"); break;
-    case "notice": {
-      $("notice").textContent = message.text;
-      $("notice").hidden = !message.text;
-      break;
-    }
-    case "error": $("said").textContent = message.text; break;
-    case "done": $("said").textContent = ""; break;
-  }
+  if (TAKE[message.type]) return TAKE[message.type](message);
+  newest[message.type] = message;
+  mark(message.type);
 }
 
-function hello(message) {
-  mayControl = message.control;
-  if (message.control) {
-    $("said").textContent = "";
-  } else if (token) {
-    send("hello");
-  } else {
-    $("said").textContent = "view only: for controls open the address as it was printed";
-  }
-  if ($("scenario").options.length !== message.scenarios.length) {
-    $("scenario").replaceChildren(...message.scenarios.map((name) => new Option(name, name)));
-  }
+function hello({ control, scenarios }) {
+  mayControl = control;
+  if (!control && token) send("hello");
+  $("said").textContent = control || token ? "" : "view only: for controls open the address as it was printed";
+  if (!$("scenario").length) $("scenario").append(...scenarios.map((name) => new Option(name, name)));
   showControls();
 }
 
@@ -83,156 +74,128 @@ function connect() {
   socket.onmessage = (event) => take(JSON.parse(event.data));
   socket.onclose = () => {
     setState("not connected");
-    document.body.dataset.connected = "no";
     setTimeout(connect, retry);
     retry = Math.min(5000, retry * 1.5);
   };
 }
 
 function send(what, value) {
-  if (socket?.readyState !== WebSocket.OPEN) return;
-  socket.send(JSON.stringify({ do: what, value, token }));
+  if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify({ do: what, value, token }));
 }
 
-const can = (what) => mayControl && run !== null && run.controls.includes(what);
-
 function showControls() {
-  $("bar").hidden = !run;
+  $("bar").hidden = !newest.run;
+  $("bar").disabled = !mayControl;
   for (const element of document.querySelectorAll("[data-control]")) {
-    element.hidden = !run?.controls.includes(element.dataset.control);
-    for (const one of [element, ...element.querySelectorAll("button, select, input")]) {
-      if ("disabled" in one) one.disabled = !mayControl;
-    }
+    element.hidden = !newest.run?.controls.includes(element.dataset.control);
   }
-  $("back").hidden = !run?.controls.includes("seek");
 }
 
 function setState(text) {
-  $("state").textContent = text;
-  $("state").dataset.state = text;
+  $("state").textContent = $("state").dataset.state = text;
 }
 
 // A run: what stays while it is shown.
 function begin() {
-  document.body.dataset.connected = "yes";
-  document.body.dataset.source = run.source;
+  const { run } = newest;
   $("title").textContent = run.title;
   document.title = `${run.scenario} – sparse_coord watch`;
   const team = run.robots.length === 1 ? "1 robot" : `${run.robots.length} robots`;
   $("about").textContent = `${run.scenario}, ${run.learner} ${run.greedy ? "(greedy), " : ""}${team}, penalty ${run.penalty}, percepts: ${run.perception}, seed ${run.seed}`;
   $("map-title").textContent = run.map.name;
   $("map-title").title = run.map.title;
-  $("foot").textContent = `sparse_coord_ros ${run.version}`;
-  $("silence").hidden = false;
-  $("dialogue").replaceChildren();
-  map.shown = new Set(run.robots.length <= 2 ? run.robots.keys() : [0]);
   map.begin(run);
-  map.cursorCell = null;
-  $("robots").replaceChildren(...run.robots.map((robot, k) => chip(robot, k)));
+  $("robots").replaceChildren(...run.robots.map(chip));
   legend();
   const rates = run.source === "bag" ? RATES : [...RATES, 0];
   $("rate").replaceChildren(...rates.map((r) => new Option(r ? `${number(r)} steps/s` : "as fast as it goes", r)));
   $("penalty").value = run.penalty;
-  if ([...$("scenario").options].some((o) => o.value === run.scenario)) $("scenario").value = run.scenario;
-  charts.show(null, run, null, map.shown);
+  $("scenario").value = run.scenario;
   showControls();
-  showCell();
 }
 
 function chip(robot, k) {
-  const button = document.createElement("button");
-  button.type = "button";
-  button.className = "chip";
-  button.setAttribute("aria-pressed", map.shown.has(k));
-  button.title = `show what ${robot.name} learned (${k + 1})`;
-  const body = shape(robot.shape, 13.5);
-  const colour = tinted(robot.colour);
-  body.setAttribute("fill", colour);
-  const text = svg("text", { fill: inkOn(colour), "font-size": 14, "font-weight": 700, "text-anchor": "middle", "dominant-baseline": "central" }, String(k + 1));
-  button.append(svg("svg", { viewBox: "-17 -17 34 34", "aria-hidden": "true" }, body, text), robot.name);
-  button.onclick = () => toggle(k);
-  return button;
+  const text = svg("text", { fill: inkOn(robot.colour), "font-size": 14, "font-weight": 700, "text-anchor": "middle", "dominant-baseline": "central" }, String(k + 1));
+  const picture = svg("svg", { viewBox: "-17 -17 34 34" }, shape(robot, 13.5), text);
+  const title = `show what ${robot.name} learned (${k + 1})`;
+  return html("button", { type: "button", className: "chip", title, ariaPressed: map.shown.has(k), onclick: () => toggle(k) }, picture, robot.name);
 }
 
 function toggle(k) {
-  if (!run || k >= run.robots.length) return;
-  if (map.shown.has(k)) map.shown.delete(k); else map.shown.add(k);
-  map.shown = new Set([...map.shown].sort((a, b) => a - b));
-  $("robots").children[k].setAttribute("aria-pressed", map.shown.has(k));
+  if (k >= newest.run.robots.length) return;
+  const shown = [...map.shown].filter((one) => one !== k);
+  map.shown = new Set(map.shown.has(k) ? shown : [...shown, k].sort());
+  $("robots").children[k].ariaPressed = map.shown.has(k);
   map.redraw();
-  if (curves) mark("curves");
+  mark("curves");
 }
 
 function legend() {
-  const line = (outcome, words) => {
-    const said = run.outcomes[outcome];
-    const group = svg("g", { class: "ask", "data-outcome": outcome, stroke: tinted(said.colour) },
+  const { run } = newest;
+  const item = (words, ...shapes) => html("span", {}, svg("svg", { viewBox: "0 0 60 22" }, ...shapes), words);
+  const ask = (outcome, words) => {
+    const { colour, sign } = run.outcomes[outcome];
+    return item(words, svg("g", { class: "ask", "data-outcome": outcome, stroke: tinted(colour) },
       svg("line", { x1: 2, y1: 11, x2: 58, y2: 11 }),
-      svg("circle", { cx: 30, cy: 11, r: 10, fill: said.colour, class: "badge" }),
-      svg("text", { x: 30, y: 11, stroke: "none" }, said.sign));
-    return item(svg("svg", { viewBox: "0 0 60 22" }, group), words);
+      svg("circle", { cx: 30, cy: 11, r: 10, fill: colour, class: "badge" }),
+      svg("text", { x: 30, y: 11, stroke: "none" }, sign)));
   };
-  const item = (picture, words) => {
-    const span = document.createElement("span");
-    span.append(picture, words);
-    return span;
-  };
-  const box = (element) => svg("svg", { viewBox: "0 0 60 22" }, element);
   const first = tinted(run.robots[0].colour);
   $("legend").replaceChildren(
-    line("answered", "asks, is answered"), line("refused", "is refused"), line("failed", "no answer"),
-    item(box(svg("rect", { x: 19, y: 2, width: 20, height: 18, class: "doorway", stroke: run.doorway_colour })), "doorway"),
-    item(box(svg("circle", { cx: 30, cy: 11, r: 9, class: "ring", stroke: first })), "would ask here"),
-    item(box(svg("rect", { x: 10, y: 2, width: 40, height: 18, fill: first, "fill-opacity": 0.4 })), "asked here so far"),
-    item(box(svg("text", { x: 30, y: 12, class: "label", fill: "currentColor" }, "S1 G1")), "start, goal"),
-    item(box(svg("text", { x: 30, y: 12, class: "met-sign", "font-size": "20" }, "✖")), "miscoordination"));
+    ask("answered", "asks, is answered"), ask("refused", "is refused"), ask("failed", "no answer"),
+    item("doorway", svg("rect", { x: 19, y: 2, width: 20, height: 18, class: "doorway", stroke: run.doorway_colour })),
+    item("would ask here", svg("circle", { cx: 30, cy: 11, r: 9, class: "ring", stroke: first })),
+    item("asked here so far", svg("rect", { x: 10, y: 2, width: 40, height: 18, fill: first, "fill-opacity": 0.4 })),
+    item("start, goal", svg("text", { x: 30, y: 12, class: "label", fill: "currentColor" }, "S1 G1")),
+    item("miscoordination", svg("text", { x: 30, y: 12, class: "met-sign" }, "✖")));
 }
 
 function showFrame() {
+  const { frame, run, curves } = newest;
+  if (!frame) return;
   const held = HELD.includes(frame.state);
   $("step").textContent = number(frame.step);
   $("transitions-of").hidden = frame.transitions === undefined;
   $("transitions").textContent = `${number(frame.transitions)} of ${number(run.budget)}`;
   $("speed").textContent = number(frame.speed ?? (held ? 0 : frame.rate || null));
-  if (frame.episode !== undefined && !curves) $("episodes").textContent = number(frame.episode + 1);
+  if (!curves) $("episodes").textContent = number(frame.episode === undefined ? null : frame.episode + 1);
   setState(frame.state);
   $("pause").textContent = held ? "Go on" : "Hold";
-  $("pause").setAttribute("aria-pressed", held);
-  $("start").disabled = !can("next") || !["finished", "stopped"].includes(frame.state);
-  if (frame.rate !== undefined && document.activeElement !== $("rate")) {
-    const options = [...$("rate").options];
-    if (!options.some((o) => Number(o.value) === frame.rate)) $("rate").add(new Option(`${number(frame.rate)} steps/s`, frame.rate));
-    $("rate").value = String(frame.rate);
+  $("start").disabled = !["finished", "stopped"].includes(frame.state);
+  if (document.activeElement !== $("rate")) {
+    const options = [...$("rate").options].map((one) => Number(one.value));
+    if (!options.includes(frame.rate)) $("rate").add(new Option(`${number(frame.rate)} steps/s`, frame.rate));
+    $("rate").value = frame.rate;
   }
   if (frame.last !== undefined) {
     $("seek").min = frame.first;
     $("seek").max = frame.last;
     if (performance.now() - sliding > 600) $("seek").value = frame.step;
-    $("seek").setAttribute("aria-valuetext", `time step ${frame.step} of ${frame.last}`);
     charts.place(frame.step);
   }
   map.move(frame, held);
-  showAges();
+  agesPanel(run, newest.tables, frame);
 }
 
 function showCurves() {
+  const { curves, run, frame } = newest;
+  charts.show(curves, run, map.shown);
+  if (frame?.last !== undefined) charts.place(frame.step);
+  if (!curves) return;
   $("episodes").textContent = number(curves.episodes);
-  charts.show(curves, run, run.source === "bag" ? frame?.step : null, map.shown);
-  const how = curves.window > 1 ? `each point of the curves: the mean of ${curves.window} episodes` : "each point of the curves: an episode";
+  const how = curves.window > 1 ? `the mean of ${curves.window} episodes` : "an episode";
   const read = curves.read < 1 ? ` · reading the log: ${Math.round(100 * curves.read)} %` : "";
-  $("foot").textContent = `${how}${read} · sparse_coord_ros ${run.version}`;
+  $("foot").textContent = `each point of the curves: ${how}${read} · sparse_coord_ros ${run.version}`;
   $("foot").dataset.read = curves.read;
 }
 
 function showCell() {
-  cellPanel(run, tables, map.cursorCell);
-  showAges();
+  cellPanel(newest.run, newest.tables, map.cell);
+  agesPanel(newest.run, newest.tables, newest.frame);
 }
 
-const showAges = () => agesPanel(run, tables, frame);
-
 // Buttons and keys.
-const pause = () => send("pause", !HELD.includes(frame?.state));
+const pause = () => send("pause", !HELD.includes(newest.frame?.state));
 $("pause").onclick = pause;
 $("next-step").onclick = () => send("step", 1);
 $("back").onclick = () => send("step", -1);
@@ -243,62 +206,44 @@ $("start").onclick = () => send("next", { scenario: $("scenario").value, penalty
 for (const name of ["arrows", "rings", "heat"]) {
   $(`show-${name}`).onchange = (event) => { map.layers[name] = event.target.checked; map.redraw(); };
 }
-$("help").onclick = () => {
-  $("keys").hidden = !$("keys").hidden;
-  $("help").setAttribute("aria-expanded", !$("keys").hidden);
-};
-// The colours of robots depend on the theme: draw everything again.
-function restyle() {
-  if (!run) return;
-  const { shown, cursorCell } = map;
-  map.begin(run);
-  map.shown = shown;
-  map.cursorCell = null;
-  map.choose(cursorCell);
-  $("robots").replaceChildren(...run.robots.map((robot, k) => chip(robot, k)));
-  legend();
-  map.redraw();
-  for (const what of ["frame", "curves", "cell", "dialogue"]) mark(what);
-}
+$("help").onclick = () => { $("keys").hidden = !$("keys").hidden; };
 $("theme").onclick = () => {
-  const dark = getComputedStyle(document.documentElement).getPropertyValue("--lift").trim() === "1";
-  document.documentElement.dataset.theme = dark ? "light" : "dark";
-  restyle();
+  const own = document.documentElement.style, system = matchMedia("(prefers-color-scheme: dark)");
+  own.colorScheme = (own.colorScheme || (system.matches ? "dark" : "light")) === "dark" ? "light" : "dark";
 };
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", restyle);
 
 function faster(by) {
-  const rates = [...$("rate").options].map((o) => Number(o.value)).filter((r) => r > 0).sort((a, b) => a - b);
-  const now = frame?.rate || rates.at(-1);
+  const rates = [...$("rate").options].map((one) => Number(one.value)).filter(Boolean).sort((a, b) => a - b);
+  const now = newest.frame?.rate || rates.at(-1);
   const next = by > 0 ? rates.find((r) => r > now) : rates.findLast((r) => r < now);
   if (next !== undefined) send("rate", next);
 }
 
+// Key: the control that it needs, and what it does.
+const seek = (at) => send("seek", Math.round(at ?? 0));
+const KEYS = {
+  " ": ["pause", pause],
+  ArrowRight: ["step", () => send("step", 1)],
+  ArrowLeft: ["seek", () => send("step", -1)],
+  PageDown: ["seek", (frame) => seek(frame.step + 100)],
+  PageUp: ["seek", (frame) => seek(frame.step - 100)],
+  Home: ["seek", (frame) => seek(frame.first)],
+  End: ["seek", (frame) => seek(frame.last)],
+  "+": ["rate", () => faster(1)],
+  "-": ["rate", () => faster(-1)],
+  r: ["reset", () => send("reset")],
+  t: [null, () => $("theme").click()],
+  "?": [null, () => $("help").click()],
+};
+for (const k of "12345678") KEYS[k] = [null, () => toggle(Number(k) - 1)];
+
 document.addEventListener("keydown", (event) => {
-  if (event.ctrlKey || event.altKey || event.metaKey || !run) return;
-  const typing = ["INPUT", "SELECT", "TEXTAREA"].includes(event.target.tagName) && event.target.type !== "checkbox";
-  if (typing) return;
-  const onButton = event.target.tagName === "BUTTON" && (event.key === " " || event.key === "Enter");
-  if (onButton) return;
-  const seek = (at) => can("seek") && send("seek", Math.round(at));
-  const keys = {
-    " ": () => can("pause") && pause(),
-    ArrowRight: () => can("step") && send("step", 1),
-    ArrowLeft: () => can("seek") && send("step", -1),
-    PageDown: () => seek((frame?.step ?? 0) + 100),
-    PageUp: () => seek((frame?.step ?? 0) - 100),
-    Home: () => seek(frame?.first ?? 0),
-    End: () => seek(frame?.last ?? 0),
-    "+": () => can("rate") && faster(1),
-    "-": () => can("rate") && faster(-1),
-    r: () => can("reset") && send("reset"),
-    t: () => $("theme").click(),
-    "?": () => $("help").click(),
-  };
-  const what = keys[event.key] ?? (/^[1-8]$/.test(event.key) ? () => toggle(Number(event.key) - 1) : null);
-  if (!what) return;
+  const { run, frame } = newest, [control, act] = KEYS[event.key] ?? [];
+  const own = event.target.matches("select, input:not([type=checkbox])") || (event.key === " " && event.target.matches("button, input"));
+  if (!act || !run || !frame || own || event.ctrlKey || event.altKey || event.metaKey) return;
+  if (control && !(mayControl && run.controls.includes(control))) return;
   event.preventDefault();
-  what();
+  act(frame);
 });
 
 connect();
