@@ -17,8 +17,7 @@ from sparse_coord_ros.runlog.agents import first_tables
 from sparse_coord_ros.runlog.dialogue import Request
 from sparse_coord_ros.runlog.log import RunLog
 from sparse_coord_ros.runlog.percepts import percept_end
-from sparse_coord_ros.runlog.replay import Replay, fresh_agent
-from sparse_coord_ros.runlog.trajectory import Trajectory, trajectory_of
+from sparse_coord_ros.runlog.replay import Replay, Trajectory, fresh_agent, trajectory_of
 from sparse_coord_ros.wire.frame import Frame
 
 
@@ -99,7 +98,7 @@ def explained(log: RunLog, robot: int, steps: Sequence[int]) -> Iterator[Coordin
     for step in steps:
         place = int(np.searchsorted(trajectory.step, step))
         here = trajectory.step[place : place + 1] == step
-        if not here.any() or trajectory.action[place] != COORDINATE:
+        if not here.any() or not log.asked[trajectory.row[place], robot]:
             yield None
             continue
         yield _coordination(log, robot, trajectory, replay, place, doubt)
@@ -110,7 +109,8 @@ def _coordination(
 ) -> Coordination:
     """Replay a robot up to an action that is COORDINATE, and over it."""
     step, cell = int(trajectory.step[place]), int(trajectory.cell[place])
-    move = int(trajectory.move[place])
+    row = trajectory.row[place]
+    move = int(log.move[row, robot])
     perceived = trajectory.perceived_at(place)
     agrees = replay.advance(place)
     agent = replay.agent
@@ -130,7 +130,7 @@ def _coordination(
             learned = agent.corrections(step, cell, perceived, move)
         update = Update(
             int(trajectory.next_cell[place]),
-            float(trajectory.reward[place, -1]),
+            float(log.reward[row, robot, -1]),
             star,
             coord[0] if coord else None,
             tuple((*who, rho[who], value) for who, value in learned.items()),
@@ -145,7 +145,7 @@ def _coordination(
         cell=cell,
         peers=peers,
         requests=requests,
-        outcome=percept_end(log.ended[trajectory.row[place], robot]),
+        outcome=percept_end(log.ended[row, robot]),
         perceived=perceived,
         action=Action(computed, True, asked, perceived is not None),
         q_values=tuple(values),

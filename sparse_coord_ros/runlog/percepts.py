@@ -7,12 +7,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.game.perception import percept_probabilities, succeeds
+from sparse_coord_ros.game.links import Percepts
 from sparse_coord_ros.runlog.dialogue import Request, heard
 from sparse_coord_ros.runlog.difference import DIALOGUE, MISSING, Difference
-from sparse_coord_ros.runlog.draws import percept_draws
 from sparse_coord_ros.runlog.log import NONE, RunLog
-from sparse_coord_ros.runlog.trajectory import trajectory_of
+from sparse_coord_ros.runlog.replay import trajectory_of
 from sparse_coord_ros.wire import ACTION, PERCEPT, PerceptEnd
 from sparse_coord_ros.wire.events import EventKind
 from sparse_coord_ros.wire.frame import Frame
@@ -47,20 +46,12 @@ class _Due(NamedTuple):
 class _Judge:
     def __init__(self, log: RunLog, last: int) -> None:
         self.log, self.last, self.frame = log, last, Frame(log.run)
-        scenario = log.run.scenario
-        self.probabilities = percept_probabilities(scenario.perception, scenario.map).tolist()
+        self.percepts = Percepts(log.run.scenario, log.run.seed)
         self.heard: dict[tuple[int, int, int], list[Request]] = {}
         for k in self.robots:
             for request in heard([r for r in log.requests if r.asker == k]):
                 self.heard.setdefault((k, request.peer, request.step), []).append(request)
         self.row = {step: row for row, step in enumerate(log.step.tolist())}
-        steps = [sorted({r.step for r in log.requests if r.asker == k}) for k in self.robots]
-        self.draws = []
-        for k in self.robots:
-            asked = set(log.step[log.asked[:, k]].tolist()) | set(steps[k])
-            wanted = np.array(sorted(step for step in asked if step >= 0), dtype=np.int64)
-            values = percept_draws(log.run, k, wanted)
-            self.draws.append(dict(zip(wanted.tolist(), values.tolist(), strict=True)))
 
     @property
     def robots(self) -> range:
@@ -146,7 +137,7 @@ class _Judge:
             cell = self._cell(peer, step)
             if here is None or cell is None:
                 return None
-            sees = succeeds(self.draws[k][step], self.probabilities[here][cell])
+            sees = self.percepts.sees(step, k, here, cell)
             found.append(_Due(peer, cell, self.frame.centres[cell] if sees else None))
         return found
 

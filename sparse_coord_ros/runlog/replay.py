@@ -1,15 +1,108 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A robot once more, from the log alone: its agent chooses and learns from what it was told."""
+"""One robot's trajectory, as the log tells it, and its agent, which does the same once more."""
 
+import struct
 from copy import deepcopy
+from typing import NamedTuple
 
 import numpy as np
 
+from sparse_coord_ros.game.perception import asked_peers
+from sparse_coord_ros.game.streams import PEER, POLICY, Stream
 from sparse_coord_ros.game.world import UNKNOWN_PARTNERS, Action, Reward
 from sparse_coord_ros.learn.agent import Agent, Tables
-from sparse_coord_ros.runlog.log import RunLog
-from sparse_coord_ros.runlog.trajectory import Trajectory, heard_askers
+from sparse_coord_ros.runlog.log import NONE, RunLog
+from sparse_coord_ros.wire import ACTION_LABELS
+from sparse_coord_ros.wire.frame import Frame
+from sparse_coord_ros.wire.messages import action_numbers
+
+BITS = struct.Struct(f"={len(ACTION_LABELS)}d")
+"""An action's own numbers."""
+
+
+class Trajectory(NamedTuple):
+    """One robot's actions in the log, and what came of them; n actions.
+
+    Attributes:
+        row: which time step of the log, shape (n,).
+        step: the time step, shape (n,).
+        cell: where it was, next_cell: where it was a step later; NONE where the log does not say;
+            shape (n,).
+        peers: whom it asks if it chooses COORDINATE, shape (n, number of them).
+        seen: in which cells it perceived them, shape (n, number of them); NONE in all where not.
+        told: whether the log holds the reward and both states, shape (n,).
+        learned: whether it has learned from the action, shape (n,).
+    """
+
+    row: np.ndarray
+    step: np.ndarray
+    cell: np.ndarray
+    next_cell: np.ndarray
+    peers: np.ndarray
+    seen: np.ndarray
+    told: np.ndarray
+    learned: np.ndarray
+
+    def perceived_at(self, i: int) -> tuple[int, ...] | None:
+        """Return the cells in which it perceived its peers at an action; None where not."""
+        seen = tuple(self.seen[i].tolist())
+        return seen if seen and NONE not in seen else None
+
+
+def trajectory_of(log: RunLog, k: int) -> Trajectory:
+    """Return robot k's trajectory, up to an action or a state that makes no sense.
+
+    Whether it has learned from an action its next one says; from the last one the numbers beside
+    the tables.
+    """
+    rows = np.searchsorted(log.step, log.tracks.actions[k].step)
+    odd = (log.cells[rows, k] == NONE) | (log.move[rows, k] == NONE)
+    if odd.any():
+        rows = rows[: int(np.argmax(odd))]
+    step = log.step[rows]
+    after = np.minimum(rows + 1, len(log.step) - 1)
+    followed = (rows + 1 < len(log.step)) & (log.step[after] == step + 1)
+    next_cell = np.where(followed, log.cells[after, k], NONE)
+    learned = np.zeros(len(rows), dtype=bool)
+    learned[:-1] = log.has_learned[rows, k][1:] == 1.0
+    for entry in log.all_tables:
+        if entry.robot == k and len(step) and entry.step > step[-1]:
+            learned[-1] = entry.counts.get("learned", 0) > int(learned[:-1].sum())
+    setting, robots, draws = (
+        log.run.scenario.peers,
+        len(log.names),
+        Stream(log.run.seed, k, POLICY),
+    )
+    asked = [asked_peers(setting, k, robots, draws.at(at)[PEER]) for at in step.tolist()]
+    count = len(asked_peers(setting, k, robots, 0.0))
+    peers = np.array(asked, dtype=np.int64).reshape(len(rows), count)
+    percepts = log.tracks.percepts[k]
+    right = percepts.step[percepts.rows["count"] == 1 + count]
+    seen = np.where(np.isin(step, right)[:, None], log.percept[rows[:, None], k, peers], NONE)
+    seen[(seen == NONE).any(axis=1)] = NONE
+    return Trajectory(
+        row=rows,
+        step=step,
+        cell=log.cells[rows, k],
+        next_cell=next_cell,
+        peers=peers,
+        seen=seen,
+        told=(next_cell != NONE) & ~np.isnan(log.reward[rows, k, 0]),
+        learned=learned,
+    )
+
+
+def heard_askers(log: RunLog, k: int) -> dict[int, list[tuple[int, int]]]:
+    """Return who asked robot k at which time step, and from which cell: those that it heard."""
+    frame = Frame(log.run)
+    heard: dict[int, list[tuple[int, int]]] = {}
+    for request in log.requests:
+        answer = request.said or request.answer
+        cell = frame.cell(*request.position)
+        if request.peer == k and cell is not None and answer and answer[0] == request.step:
+            heard.setdefault(request.step, []).append((request.asker, cell))
+    return heard
 
 
 def fresh_agent(log: RunLog, k: int, tables: Tables) -> Agent:
@@ -39,23 +132,25 @@ class Replay:
         self.agent = agent
         self.reached = begin
         self.other: Action | None = None
-        self._trajectory = trajectory
+        self._log, self._trajectory = log, trajectory
         self._askers = heard_askers(log, agent.number)
 
     def advance(self, to: int) -> bool:
         """Go on to an action; return whether all before it are the logged ones."""
         if self.reached >= to or self.other is not None:
             return self.other is None
-        agent, done = self.agent, self._trajectory
+        agent, done, k = self.agent, self._trajectory, self.agent.number
         part = slice(self.reached, to)
-        columns = (done.step, done.cell, done.action, done.move, done.learned, done.next_cell)
-        rewards = _rewards(done.reward[part], done.partners[part])
-        rows = zip(*(column[part].tolist() for column in columns), rewards, strict=True)
-        for step, cell, logged_action, logged_move, learned, next_cell, reward in rows:
+        at = done.row[part]
+        columns = (done.step[part], done.cell[part], done.learned[part], done.next_cell[part])
+        numbers = self._log.numbers[at, k, : len(ACTION_LABELS)]
+        rewards = _rewards(self._log.reward[at, k], self._log.partners[at, k])
+        rows = zip(*(column.tolist() for column in columns), numbers, rewards, strict=True)
+        for step, cell, learned, next_cell, logged, reward in rows:
             decision = agent.decide(step, cell)
             perceived = done.perceived_at(self.reached) if decision.peers else None
             action = agent.act(step, cell, decision, perceived)
-            if decision.action != logged_action or action.move != logged_move:
+            if BITS.pack(*action_numbers(action)) != logged.tobytes():
                 self.other = action
                 return False
             if learned:
@@ -74,5 +169,5 @@ def _rewards(reward: np.ndarray, partners: np.ndarray) -> list[Reward]:
     """Return logged rewards, shape (n, 4), and partners, shape (n,), as agents take them."""
     said = (partners >= 0) & (partners < 2.0**53)  # a forged log may say anything
     known = np.where(said, partners, UNKNOWN_PARTNERS).astype(np.int64)
-    columns = (*reward[:, :4].T.tolist(), known.tolist())
+    columns = (*reward.T.tolist(), known.tolist())
     return list(map(Reward._make, zip(*columns, strict=True)))

@@ -11,7 +11,7 @@ from sparse_coord_ros.learn.factors import UNSEEN
 from sparse_coord_ros.learn.simulation import learn, tables_equal
 from sparse_coord_ros.runlog import read_run, verify
 from sparse_coord_ros.runlog.explain import coordinations, explained
-from sparse_coord_ros.runlog.trajectory import heard_askers
+from sparse_coord_ros.runlog.replay import heard_askers
 
 EXPLORING = {
     "steps": 600,

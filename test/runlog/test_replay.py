@@ -2,19 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The agents that learned replay the log, from its start or from a step on."""
 
-import numpy as np
 import pytest
 
-from sparse_coord_ros.game.streams import DRAWS, MOTION, POLICY, Stream
 from sparse_coord_ros.game.world import RewardWeights
 from sparse_coord_ros.learn.agent import Agent
 from sparse_coord_ros.learn.learners import Coop, learner_of
 from sparse_coord_ros.learn.simulation import tables_equal
 from sparse_coord_ros.runlog import read_run, verify
 from sparse_coord_ros.runlog.agents import first_tables
-from sparse_coord_ros.runlog.draws import draws_at
-from sparse_coord_ros.runlog.replay import Replay, fresh_agent
-from sparse_coord_ros.runlog.trajectory import trajectory_of
+from sparse_coord_ros.runlog.replay import Replay, fresh_agent, trajectory_of
 
 HALF = {"perception": "probability:0.5"}
 
@@ -55,12 +51,3 @@ def test_a_replay_begins_anywhere(record, learner):
     rest = Replay(log, trajectory, agent, begin=150)
     assert first.advance(len(trajectory.step)) and rest.advance(len(trajectory.step))
     assert tables_equal([first.agent.tables], [rest.agent.tables])
-
-
-@pytest.mark.parametrize("role", [POLICY, MOTION])
-def test_draws_at_steps_are_those_of_the_stream(role):
-    steps = np.array([0, 1, 5, 8191, 8192, 8193, 40_000, 10**9])
-    stream = Stream(3, 1, role)
-    found = draws_at(3, 1, role, steps)
-    assert found.shape == (len(steps), DRAWS[role])
-    assert found.tolist() == [stream.at(step) for step in steps.tolist()]
