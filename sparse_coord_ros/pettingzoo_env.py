@@ -12,7 +12,7 @@ percepts and rewards.
 from __future__ import annotations
 
 import operator
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
@@ -26,7 +26,7 @@ from sparse_coord_ros.game.links import Percepts
 from sparse_coord_ros.game.perception import asked_peers
 from sparse_coord_ros.game.scenario import Scenario, loaded
 from sparse_coord_ros.game.streams import EVALUATION, LEARNING, PEER, POLICY, Stream
-from sparse_coord_ros.game.world import Action, World
+from sparse_coord_ros.game.world import Action, Reward, World
 from sparse_coord_ros.palette import DOORWAY_COLOUR, WALL_COLOUR, rgb, robot_colour
 
 try:
@@ -40,18 +40,13 @@ except ImportError as missing:
 
 STARTS = ("fixed", "protocol")
 NOBODY = -1
+NO_REWARD = Reward(0.0, 0.0, 0.0, 0.0)
 SIDE = 16
 """Pixels along the side of a cell in pictures."""
 
 
-def parallel_env(
-    scenario: str | Path | Scenario,
-    *,
-    starts: str = "fixed",
-    goal_value: bool = False,
-    render_mode: str | None = None,
-) -> SparseCoordEnv:
-    """Return a scenario as a parallel environment.
+class SparseCoordEnv(ParallelEnv):
+    """A scenario as a parallel environment.
 
     Args:
         scenario: a scenario, a shipped one's name, or a scenario file's path.
@@ -62,18 +57,6 @@ def parallel_env(
             the same problem as ours.
         render_mode: None or "rgb_array".
 
-    Raises:
-        ScenarioError: there is no such scenario.
-        SettingError: a bad value of `starts` or `render_mode`.
-    """
-    return SparseCoordEnv(
-        loaded(scenario), starts=starts, goal_value=goal_value, render_mode=render_mode
-    )
-
-
-class SparseCoordEnv(ParallelEnv):
-    """A scenario; arguments as of `parallel_env`.
-
     Observations are a dict. `observation` holds: the own cell; whether it is the second half of a
     time step; whether a percept succeeded; and for each other robot, in the scenario's order, its
     cell plus 1 where it was perceived, else 0. `action_mask` says which of the five actions are
@@ -82,6 +65,10 @@ class SparseCoordEnv(ParallelEnv):
     An agent that arrives is terminated; when the steps are used up all others are truncated.
     `infos` hold `half_step` (the next step completes this time step, and nothing is discounted in
     between), `reward_parts` (individual, common, ask_cost) and `miscoordination`.
+
+    Raises:
+        ScenarioError: there is no such scenario.
+        SettingError: a bad value of `starts` or `render_mode`.
     """
 
     metadata: ClassVar[dict[str, Any]] = {
@@ -92,13 +79,18 @@ class SparseCoordEnv(ParallelEnv):
     }
 
     def __init__(
-        self, scenario: Scenario, *, starts: str, goal_value: bool, render_mode: str | None
+        self,
+        scenario: str | Path | Scenario,
+        *,
+        starts: str = "fixed",
+        goal_value: bool = False,
+        render_mode: str | None = None,
     ) -> None:
         if starts not in STARTS:
             raise SettingError(f"starts is {starts!r}, allowed: {', '.join(STARTS)}")
         if render_mode not in (None, "rgb_array"):
             raise SettingError(f"render_mode is {render_mode!r}, allowed: None, 'rgb_array'")
-        self.scenario = scenario
+        self.scenario = scenario = loaded(scenario)
         self.render_mode = render_mode
         self.possible_agents = [robot.name for robot in scenario.robots]
         self.agents: list[str] = []
@@ -109,17 +101,16 @@ class SparseCoordEnv(ParallelEnv):
         self.state_space = spaces.MultiDiscrete([cells] * team + [2] * team + [2])
         self._world: World | None = None
         self._half = False
-        self.observation_spaces = {name: self._space() for name in self.possible_agents}
         self.action_spaces = {name: spaces.Discrete(len(ACTIONS)) for name in self.possible_agents}
-
-    def _space(self) -> spaces.Dict:
-        cells, team = len(self.scenario.map.cells), len(self.scenario.robots)
-        return spaces.Dict(
-            {
-                "observation": spaces.MultiDiscrete([cells, 2, 2] + [cells + 1] * (team - 1)),
-                "action_mask": spaces.MultiBinary(len(ACTIONS)),
-            }
-        )
+        self.observation_spaces = {
+            name: spaces.Dict(
+                {
+                    "observation": spaces.MultiDiscrete([cells, 2, 2] + [cells + 1] * (team - 1)),
+                    "action_mask": spaces.MultiBinary(len(ACTIONS)),
+                }
+            )
+            for name in self.possible_agents
+        }
 
     def observation_space(self, agent: str) -> spaces.Dict:
         """Return the space of an agent's observations."""
@@ -152,10 +143,15 @@ class SparseCoordEnv(ParallelEnv):
             self._world.begin_episode()
         self.agents = list(self.possible_agents)
         self._half = False
+        self._forget()
+        infos = {name: self._info(NO_REWARD, False) for name in self.agents}
+        return self._observations(), infos
+
+    def _forget(self) -> None:
+        """Forget what was chosen and asked in the first half of a time step."""
         self._chosen: dict[int, int] = {}
         self._asked: dict[int, tuple[int, ...]] = {}
         self._seen: dict[int, tuple[int, ...] | None] = {}
-        return self._observations(), {name: self._info(None, False) for name in self.agents}
 
     def step(
         self, actions: Mapping[str, int]
@@ -167,44 +163,48 @@ class SparseCoordEnv(ParallelEnv):
         """
         world = self._running()
         chosen = dict(self._checked(name, action) for name, action in actions.items())
-        if not self._half and COORDINATE in chosen.values():
-            self._half, self._chosen = True, chosen
+        rewards: Sequence[Reward] = [NO_REWARD] * len(self.possible_agents)
+        miscoordination = False
+        arrived: Collection[int] = ()
+        over = False
+        self._half = not self._half and COORDINATE in chosen.values()
+        if self._half:
+            self._chosen = chosen
             for k, action in chosen.items():
                 if action == COORDINATE:
-                    self._asked[k] = self._peers(world, k)
-                    cells = tuple(world.cells[peer] for peer in self._asked[k])
-                    sees = partial(self._percepts.sees, world.step, k, world.cells[k])
-                    self._seen[k] = cells if cells and all(map(sees, cells)) else None
-            nothing = dict.fromkeys(self.agents, False)
-            return (
-                self._observations(),
-                dict.fromkeys(self.agents, 0.0),
-                dict(nothing),
-                dict(nothing),
-                {name: self._info(None, False) for name in self.agents},
-            )
-        acts: list[Action | None] = [None] * len(self.possible_agents)
-        for k, move in chosen.items():
-            asked = k in self._asked
-            peers = self._asked.get(k, ())
-            peer = peers[0] if len(peers) == 1 else NOBODY
-            acts[k] = Action(move, asked, peer, self._seen.get(k) is not None)
-        outcome = world.advance(acts)
-        self._half, self._chosen, self._asked, self._seen = False, {}, {}, {}
-        before, rewards = self.agents, {}
-        for name in before:
-            k = self._number[name]
-            bonus = self._goal_value if k in outcome.arrived else 0.0
-            rewards[name] = outcome.rewards[k].total + bonus
-        terminated = {name: self._number[name] in outcome.arrived for name in before}
-        truncated = {name: outcome.episode_over and not terminated[name] for name in before}
+                    self._ask(world, k)
+        else:
+            outcome = world.advance([self._action(k, chosen) for k in range(len(rewards))])
+            self._forget()
+            rewards, arrived, over = outcome.rewards, outcome.arrived, outcome.episode_over
+            miscoordination = outcome.miscoordination
+        acted = {name: self._number[name] for name in self.agents}
         observations = self._observations()
-        infos = {
-            name: self._info(outcome.rewards[self._number[name]], outcome.miscoordination)
-            for name in before
-        }
-        self.agents = [name for name in before if not terminated[name] and not truncated[name]]
-        return observations, rewards, terminated, truncated, infos
+        self.agents = [name for name, k in acted.items() if not over and k not in arrived]
+        return (
+            observations,
+            {n: rewards[k].total + self._goal_value * (k in arrived) for n, k in acted.items()},
+            {name: k in arrived for name, k in acted.items()},
+            {name: over and k not in arrived for name, k in acted.items()},
+            {name: self._info(rewards[k], miscoordination) for name, k in acted.items()},
+        )
+
+    def _ask(self, world: World, k: int) -> None:
+        """Let robot k ask its peers where they are."""
+        draw = self._peer_draws[k].at(world.step)[PEER]
+        peers = asked_peers(self.scenario.peers, k, len(self.possible_agents), draw)
+        cells = tuple(world.cells[peer] for peer in peers)
+        sees = partial(self._percepts.sees, world.step, k, world.cells[k])
+        self._asked[k] = peers
+        self._seen[k] = cells if cells and all(map(sees, cells)) else None
+
+    def _action(self, k: int, chosen: Mapping[int, int]) -> Action | None:
+        """Return what robot k does; None: nothing."""
+        if k not in chosen:
+            return None
+        peers = self._asked.get(k, ())
+        peer = peers[0] if len(peers) == 1 else NOBODY
+        return Action(chosen[k], k in self._asked, peer, self._seen.get(k) is not None)
 
     def state(self) -> np.ndarray:
         """Return the joint state, shape (2 robots + 1,), int64.
@@ -236,9 +236,6 @@ class SparseCoordEnv(ParallelEnv):
             fill(*grid.cells[cell], robot_colour(k), 3 + k % 3)
         return picture
 
-    def close(self) -> None:
-        """Nothing is held open."""
-
     def _running(self) -> World:
         if self._world is None:
             raise RunError("the environment has no episode yet; call reset first")
@@ -269,10 +266,6 @@ class SparseCoordEnv(ParallelEnv):
                 mask[self._chosen.get(k, slice(PRIMITIVES))] = 1
         return mask
 
-    def _peers(self, world: World, k: int) -> tuple[int, ...]:
-        draw = self._peer_draws[k].at(world.step)[PEER]
-        return asked_peers(self.scenario.peers, k, len(self.possible_agents), draw)
-
     def _observations(self) -> dict[str, Any]:
         return {name: self._observation(self._number[name]) for name in self.agents}
 
@@ -283,10 +276,13 @@ class SparseCoordEnv(ParallelEnv):
         values = [world.cells[k], self._half, seen is not None, *others]
         return {"observation": np.array(values, dtype=np.int64), "action_mask": self._mask(k)}
 
-    def _info(self, reward: Any, miscoordination: bool) -> dict[str, Any]:
-        parts = (0.0, 0.0, 0.0) if reward is None else tuple(reward[:3])
+    def _info(self, reward: Reward, miscoordination: bool) -> dict[str, Any]:
         return {
             "half_step": self._half,
-            "reward_parts": parts,
+            "reward_parts": tuple(reward[:3]),
             "miscoordination": miscoordination,
         }
+
+
+parallel_env = SparseCoordEnv
+"""What PettingZoo calls the function that makes an environment."""
