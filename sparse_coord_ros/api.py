@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol, cast, overload
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from sparse_coord_ros.engine import training
 from sparse_coord_ros.engine.batch import run_batch, uses_numba
 from sparse_coord_ros.engine.cluster import check_place, cluster_at
 from sparse_coord_ros.engine.training import EVERY, Training
-from sparse_coord_ros.errors import RunError, SettingError, SparseCoordError, TablesError
+from sparse_coord_ros.errors import RunError, SettingError, SparseCoordError, TablesError, in_short
 from sparse_coord_ros.experiments.catalogue import experiment_names
 from sparse_coord_ros.experiments.conditions import Condition
 from sparse_coord_ros.experiments.runner import (
@@ -55,53 +55,23 @@ from sparse_coord_ros.solve.shipped import ClassBound, RobotPolicy, shipped_clas
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = [
-    # Scenarios
-    "load_scenario",
-    "scenario_names",
-    "Scenario",
-    "generated_building",
-    # Learning
-    "train",
-    "train_many",
-    "Training",
-    "Runs",
-    "Tables",
-    "History",
-    # What it is worth
-    "evaluate",
-    "evaluate_exact",
-    "optimum",
-    "shortest_paths",
-    "joint_mdp",
-    "JointMDP",
-    "class_bound",
-    "shipped_class_bound",
-    "Evaluation",
-    "ExactEvaluation",
-    "ClassBound",
-    "RobotPolicy",
-    # What is on disk
-    "load_run",
-    "SavedRun",
-    "read_log",
-    "RunLog",
-    "verify",
-    "Verification",
-    # Experiments
-    "experiment_names",
-    "run_experiment",
-    "ExperimentResults",
-    # Learners and perception models of one's own
-    "Learner",
-    "Agent",
-    "Reward",
-    "RewardWeights",
-    "register_learner",
-    "register_perception",
-    # Errors
-    "SparseCoordError",
-]
+# Scenarios
+__all__ = ["load_scenario", "scenario_names", "Scenario", "generated_building"]
+# Learning
+__all__ += ["train", "train_many", "Training", "Runs", "Tables", "History"]
+# What it is worth
+__all__ += ["evaluate", "evaluate_exact", "Evaluation", "ExactEvaluation"]
+__all__ += ["optimum", "shortest_paths", "joint_mdp", "JointMDP"]
+__all__ += ["class_bound", "shipped_class_bound", "ClassBound", "RobotPolicy"]
+# What is on disk
+__all__ += ["load_run", "SavedRun", "read_log", "RunLog", "verify", "Verification"]
+# Experiments
+__all__ += ["experiment_names", "run_experiment", "ExperimentResults"]
+# Learners and perception models of one's own
+__all__ += ["Learner", "Agent", "Reward", "RewardWeights"]
+__all__ += ["register_learner", "register_perception"]
+# Errors
+__all__ += ["SparseCoordError"]
 
 LearnerLike = str | Learner | type[Learner]
 ScenarioLike = str | Path | Scenario
@@ -124,7 +94,7 @@ class Learned(Protocol):
 
 
 @dataclass(frozen=True)
-class Runs(Sequence[Training]):
+class Runs:
     """Independent learning runs of one learner in one scenario, in the order of their seeds.
 
     Each is a `Training`, with its greedy trials in `trials`.
@@ -139,16 +109,8 @@ class Runs(Sequence[Training]):
     learner: str
     runs: tuple[Training, ...]
 
-    @overload
-    def __getitem__(self, place: int) -> Training: ...
-
-    @overload
-    def __getitem__(self, place: slice) -> "Runs": ...
-
-    def __getitem__(self, place: int | slice) -> "Training | Runs":
-        """Return a run, or some of them."""
-        if isinstance(place, slice):
-            return Runs(self.scenario, self.learner, self.runs[place])
+    def __getitem__(self, place: int) -> Training:
+        """Return a run."""
         return self.runs[place]
 
     def __iter__(self) -> Iterator[Training]:
@@ -233,9 +195,8 @@ def load_run(directory: str | Path) -> SavedRun:
         RunError: there is no run, or it is in another format.
         SettingError: its learner or its perception model is missing here.
     """
-    if not isinstance(directory, str | os.PathLike):
-        raise RunError(f"run: value is {directory!r}, allowed: a directory, a text or a Path")
-    return SavedRun(Path(directory), run_config.load_run(Path(directory)))
+    path = _path("run", directory)
+    return SavedRun(path, run_config.load_run(path))
 
 
 def train(
@@ -479,7 +440,7 @@ def read_log(bag: str | Path) -> RunLog:
         RunError: `bag` is no path.
         SettingError: its learner or its perception model is missing here.
     """
-    return runlog.read_run(_bag_path(bag))
+    return runlog.read_run(_path("bag", bag))
 
 
 def verify(bag: str | Path) -> Verification:
@@ -493,13 +454,13 @@ def verify(bag: str | Path) -> Verification:
     Raises:
         BagError, RunError, SettingError: as `read_log`.
     """
-    return runlog.verify(_bag_path(bag))
+    return runlog.verify(_path("bag", bag))
 
 
-def _bag_path(bag: object) -> Path:
-    if not isinstance(bag, str | os.PathLike):
-        raise RunError(f"bag: value is {bag!r}, allowed: the path of a bag, a text or a Path")
-    return Path(bag)
+def _path(what: str, value: object) -> Path:
+    if not isinstance(value, str | os.PathLike):
+        raise RunError(f"{what}: value is {value!r}, allowed: a path, as a text or a Path")
+    return Path(value)
 
 
 def run_experiment(
@@ -559,29 +520,19 @@ def _learned(
     learner: LearnerLike | None,
 ) -> tuple[Scenario, Sequence[Tables], Learner | None]:
     """Return the problem to play, the tables, and who acts on them."""
-    own: Scenario | None = None
-    tables: Sequence[Tables]
-    if isinstance(learned, str | Path):
-        return _learned(load_run(learned), scenario, learner)
-    if isinstance(learned, Sequence):
-        tables = cast("Sequence[Tables]", learned)
-    else:
-        if not all(hasattr(learned, name) for name in ("tables", "scenario", "learner")):
-            raise TablesError(
-                f"what was learned: value is {learned!r}, allowed: a Training, a SavedRun, its "
-                "directory, or a list of Tables"
-            )
-        own, tables = learned.scenario, learned.tables
-        learner = learned.learner if learner is None else learner
-    if not all(isinstance(pair, Tables) for pair in tables):
+    run = load_run(learned) if isinstance(learned, str | Path) else learned
+    tables = getattr(run, "tables", run)
+    if not isinstance(tables, list | tuple) or not all(isinstance(one, Tables) for one in tables):
         raise TablesError(
-            "what was learned: value is no list of the robots' tables; give a Training, a "
-            "SavedRun, its directory, or a list of Tables (of many runs, one: runs[0])"
+            f"what was learned: value is {in_short(learned)}, allowed: a Training, a SavedRun, "
+            "its directory, or a list of the robots' Tables (of many runs, one: runs[0])"
         )
+    learner = getattr(run, "learner", None) if learner is None else learner
     rule = None if learner is None else learner_of(learner)
     if scenario is not None:
         problem = loaded(scenario)
         return problem if rule is None else rule.with_defaults(problem), tables, rule
+    own = getattr(run, "scenario", None)
     if own is None:
         raise TablesError("tables alone do not say their scenario; give evaluate(scenario=...)")
     return own, tables, rule

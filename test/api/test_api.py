@@ -125,7 +125,7 @@ def test_scenarios(tmp_path):
         (lambda: sc.evaluate([]), "give evaluate(scenario=...)"),
         (lambda: sc.evaluate([], scenario="env1", trials=0), "setting trials: value is 0"),
         (lambda: sc.evaluate([], scenario="env1"), "tables of 0 robots"),
-        (lambda: sc.evaluate([1, 2], scenario="env1"), "no list of the robots' tables"),
+        (lambda: sc.evaluate([1, 2], scenario="env1"), "a list of the robots' Tables"),
         (lambda: sc.evaluate(3), "value is 3, allowed: a Training"),
         (lambda: sc.train(None), "scenario: value is None"),
         (lambda: sc.load_scenario(b"env1"), "scenario: value is b'env1'"),
@@ -182,7 +182,6 @@ def test_many_runs_are_the_single_ones(scenario, training):
     assert [run.seed for run in many] == [2, 3, 4]
     assert tables_equal(many[1].tables, training.tables)
     assert many[1].history.same_bits(training.history)
-    assert [run.seed for run in many[1:]] == [3, 4]
     assert sc.evaluate(many[1], trials=9).to_dict() == sc.evaluate(training, trials=9).to_dict()
     frame = many.to_pandas()
     assert list(frame) == [
