@@ -13,7 +13,7 @@ import numpy as np
 import yaml
 from PIL import Image
 
-from sparse_coord_ros.errors import MapError, ScenarioError, in_short
+from sparse_coord_ros.errors import MapError, ScenarioError, SettingError, in_short
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.grid import (
     DOORWAY,
@@ -25,6 +25,7 @@ from sparse_coord_ros.game.grid import (
     number_of,
 )
 from sparse_coord_ros.game.scenario import parse_yaml
+from sparse_coord_ros.game.settings import Setting, SettingTable
 
 MOST_YAML = 2**16
 """Bytes of the YAML file; those of map_server have a few hundred."""
@@ -35,9 +36,17 @@ MOST_PIXELS = 100_000_000
 LONGEST_SIDE = 65_535
 """Pixels along a side: counts along a row are 16-bit numbers."""
 
-MODES = ("trinary", "scale", "raw")
-FREE_BELOW, OCCUPIED_ABOVE = 0.25, 0.65
-"""The thresholds of map_server where the file gives none."""
+FIELDS = SettingTable(
+    [
+        Setting("image", str, None, "the image's file"),
+        Setting("resolution", float, None, "metres a pixel", *RESOLUTIONS),
+        Setting("negate", int, 0, "1: dark is free", low=0, high=1),
+        Setting("occupied_thresh", float, 0.65, "occupied from this probability on", 0, 1),
+        Setting("free_thresh", float, 0.25, "free below this probability", 0, 1),
+        Setting("mode", str, "trinary", "how to read", choices=("trinary", "scale", "raw")),
+    ]
+)
+"""The fields of the YAML file with map_server's defaults; what has none must be there."""
 
 LEVEL = 1e-6
 """Largest yaw of an origin that counts as none, in radians."""
@@ -81,38 +90,26 @@ def read_floor_plan(path: Path) -> FloorPlan:
             f"{path}: is an image; give the YAML file that belongs to it"
             + (f": {beside}" if beside.exists() else ", with image, resolution and origin")
         )
-    data = {"occupied_thresh": OCCUPIED_ABOVE, "free_thresh": FREE_BELOW} | _fields(path)
-    where = str(path)
-    image = data.get("image")
-    if not isinstance(image, str) or not image or "\0" in image:
-        raise MapError(f"{where}: field 'image' is {_shown(image)}, must name the image's file")
-
-    def number(name: str, low: float, high: float) -> float:
-        return number_of(data.get(name), low, high, f"{where}: field {name!r}")
-
-    resolution = number("resolution", *RESOLUTIONS)
-    origin = _origin(data.get("origin", [0.0, 0.0, 0.0]), f"{where}: field 'origin'")
-    negate = data.get("negate", 0)
-    if negate not in (0, 1):
-        raise MapError(f"{where}: field 'negate' is {_shown(negate)}, allowed: 0 or 1")
-    above, below = number("occupied_thresh", 0, 1), number("free_thresh", 0, 1)
+    said = _fields(path)
+    try:
+        data = {name: one.parse(said.get(name, one.default)) for name, one in FIELDS.items()}
+    except SettingError as error:
+        raise MapError(f"{path}: {error}") from None
+    origin = _origin(said.get("origin", [0.0, 0.0, 0.0]), f"{path}: field 'origin'")
+    above, below, negate = data["occupied_thresh"], data["free_thresh"], data["negate"]
     if below >= above:
         raise MapError(
-            f"{where}: field 'free_thresh' is {below:g}, allowed: less than occupied_thresh "
+            f"{path}: setting free_thresh: value is {below:g}, allowed: less than occupied_thresh "
             f"({above:g})"
         )
-    mode = data.get("mode", "trinary")
-    if mode not in MODES:
-        raise MapError(f"{where}: field 'mode' is {_shown(mode)}, allowed: {', '.join(MODES)}")
-    values, opaque = _pixels(path.parent / image)
-    if mode == "raw":  # the value is the probability in percent; more is unknown
+    values, known = _pixels(path.parent / data["image"])
+    if data["mode"] == "raw":  # the value is the probability in percent; more is unknown
         occupancy = np.round(values if not negate else 255.0 - values)
-        known, occupancy = opaque & (occupancy <= 100.0), occupancy / np.float32(100.0)
+        known, occupancy = known & (occupancy <= 100.0), occupancy / np.float32(100.0)
     else:
         occupancy = (values if negate else 255.0 - values) / np.float32(255.0)
-        known = opaque
     free, occupied = known & (occupancy < below), known & (occupancy > above)
-    return FloorPlan(path.stem, free, occupied, resolution, origin)
+    return FloorPlan(path.stem, free, occupied, data["resolution"], origin)
 
 
 def _fields(path: Path) -> dict[str, Any]:
@@ -133,13 +130,9 @@ def _fields(path: Path) -> dict[str, Any]:
         raise MapError(str(error)) from None
 
 
-def _shown(value: object) -> str:
-    return "missing" if value is None else in_short(value)
-
-
 def _origin(value: object, what: str) -> tuple[float, float]:
     if not isinstance(value, list) or len(value) not in (2, 3):
-        raise MapError(f"{what} is {_shown(value)}, allowed: [x, y, yaw] in metres, radians")
+        raise MapError(f"{what} is {in_short(value)}, allowed: [x, y, yaw] in metres, radians")
     x, y, yaw = (number_of(one, -FURTHEST, FURTHEST, what) for one in [*value, 0.0][:3])
     if abs(math.remainder(yaw, math.tau)) > LEVEL:
         raise MapError(
@@ -219,22 +212,11 @@ def write_floor_plan(
         "resolution": resolution / pixels,
         "origin": [*grid.origin, 0.0],
         "negate": 0,
-        "occupied_thresh": OCCUPIED_ABOVE,
-        "free_thresh": FREE_BELOW,
+        "occupied_thresh": FIELDS["occupied_thresh"].default,
+        "free_thresh": FIELDS["free_thresh"].default,
     }
     write_whole(picture, file.getvalue())
     write_whole(said, yaml.safe_dump(fields, sort_keys=False))
     return said, picture
 
 
-def doorway_places(grid: GridMap, resolution: float) -> list[tuple[float, float]]:
-    """Return (x, y) of the centre of each doorway cell, in metres."""
-    rows = grid.shape[0]
-    return [
-        (
-            grid.origin[0] + (c + 0.5) * resolution,
-            grid.origin[1] + (rows - r - 0.5) * resolution,
-        )
-        for r, c in grid.cells
-        if grid.rows[r][c] == DOORWAY
-    ]
