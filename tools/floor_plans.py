@@ -18,7 +18,8 @@ import yaml
 from PIL import Image
 from scipy import ndimage
 
-from sparse_coord_ros.maps.image import doorway_places, read_floor_plan
+from sparse_coord_ros.game.grid import GridMap
+from sparse_coord_ros.maps.image import read_floor_plan
 from sparse_coord_ros.maps.plan import import_map
 from sparse_coord_ros.maps.preview import write_preview
 
@@ -230,8 +231,11 @@ def write(name: str, directory: Path) -> list[tuple[float, float]]:
     return [(x + origin[0], y + origin[1]) for x, y in plan.doors]
 
 
-def matched(true: list[tuple[float, float]], found: list[tuple[float, float]]) -> tuple[int, int]:
-    """Return how many true doorways were found, and how many cells lie in no true one."""
+def matched(true: list[tuple[float, float]], grid: GridMap) -> tuple[int, int]:
+    """Return how many true doorways a map has, and how many of its doorway cells lie in none."""
+    side, (x, y) = grid.resolution or 1.0, grid.origin
+    places = (grid.cells[cell] for cell in grid.doorways)
+    found = [(x + (c + 0.5) * side, y + (grid.shape[0] - r - 0.5) * side) for r, c in places]
     hits = sum(any(math.dist(t, f) <= NEAR for f in found) for t in true)
     return hits, sum(all(math.dist(t, f) > NEAR for t in true) for f in found)
 
@@ -251,7 +255,7 @@ def main() -> None:
             done = import_map(plan, cell=CELL, radius=0.2)
             write_preview(options.directory / f"{name}_preview.png", plan, done.grid)
             seconds = time.monotonic() - began
-            hits, false = matched(true, doorway_places(done.grid, CELL))
+            hits, false = matched(true, done.grid)
             rows, columns = plan.free.shape
             print(
                 f"{name}: {columns} x {rows} pixels, {len(done.grid.cells)} cells, "

@@ -12,19 +12,26 @@ from typing import Any
 import yaml
 
 from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.errors import MapError, SettingError
+from sparse_coord_ros.errors import MapError, SettingError, in_short
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.scenario import Robot, Scenario
-from sparse_coord_ros.game.settings import parse_assignments
+from sparse_coord_ros.game.settings import Setting, parse_assignments
 from sparse_coord_ros.maps.gridding import SPECK
 from sparse_coord_ros.maps.image import read_floor_plan
-from sparse_coord_ros.maps.plan import import_map, parse_place, scenario_of
+from sparse_coord_ros.maps.plan import Place, import_map, scenario_of
 from sparse_coord_ros.maps.preview import write_preview
 
 PLACE = re.compile(r"^-[\d.]")
 """What begins a place west of the origin, and no option."""
 
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
+
+CELL = Setting("cell", float, None, "side of a cell, in metres, e.g. 0.5", 0, 1000)
+RADIUS = Setting("radius", float, None, "the robot's radius, in metres, e.g. 0.2", 0, 100)
+SPECK_SIZE = Setting("speck", float, SPECK, "metres up to which a spot is noise; 0: none", 0, 10)
+DOORWAY_LENGTH = Setting(
+    "doorway-length", float, None, "metres through a doorway; longer ones are corridors", 0, 1000
+)
 
 EXAMPLE = (
     "sparse_coord export-map env1 --out env1_map && sparse_coord import-map "
@@ -38,25 +45,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     # argparse takes -3,2 for an option unless it looks like a negative number.
     parser._negative_number_matcher = PLACE
     parser.add_argument("map", metavar="MAP.yaml", type=Path, help="the YAML file of the map")
-    parser.add_argument("--cell", required=True, help="side of a cell, in metres, e.g. 0.5")
-    parser.add_argument("--radius", required=True, help="the robot's radius, in metres, e.g. 0.2")
+    shared.add_setting(parser, CELL)
+    shared.add_setting(parser, RADIUS)
     for name, text in (
         ("--start", "where the robots start, in metres of the map's frame; one a robot"),
         ("--goal", "where they are to go; one a robot, in the same order"),
         ("--doorway", "places in cells that are to be doorways too"),
         ("--no-doorway", "places in doorways that are to be none"),
     ):
-        parser.add_argument(name, nargs="+", action="extend", default=[], metavar="X,Y", help=text)
+        parser.add_argument(
+            name, type=_place, nargs="+", action="extend", default=[], metavar="X,Y", help=text
+        )
     parser.add_argument(
         "--doorway-length",
-        help="metres through a doorway at most; longer ones are corridors (default: by cell and "
-        "radius)",
+        type=DOORWAY_LENGTH.parse,
+        help=f"{DOORWAY_LENGTH.help} (default: by cell and radius)",
     )
-    parser.add_argument(
-        "--speck",
-        default=str(SPECK),
-        help=f"metres up to which a spot is noise; 0: none (default: {SPECK:g})",
-    )
+    shared.add_setting(parser, SPECK_SIZE)
     shared.add_set(
         parser, "a setting of the scenario; what is not set is suggested by the map's distances"
     )
@@ -75,28 +80,29 @@ def execute(options: argparse.Namespace) -> int:
             f"--start has {len(options.start)} places and --goal {len(options.goal)}; give each "
             "robot both"
         )
-    robots = [
-        (parse_place(start), parse_place(goal))
-        for start, goal in zip(options.start, options.goal, strict=True)
-    ]
+    robots = list(zip(options.start, options.goal, strict=True))
     given = parse_assignments(options.assignments)
     if given and not robots:
         raise SettingError("--set needs a scenario: give --start and --goal of the robots")
-    name = _checked(options.map.stem if options.name is None else options.name)
+    name = options.map.stem if options.name is None else options.name
+    if not NAME.fullmatch(name):
+        raise MapError(
+            f"name {name[:100]!r}: allowed are up to 100 letters, digits, '_', '-' and '.'; "
+            "choose one with --name"
+        )
     folder = options.out or Path(f"{name}_map")
     text, scenario_file, picture = (folder / f"{name}{end}" for end in (".txt", ".yaml", ".png"))
-    _check_free(options.map, folder, [text, scenario_file, picture], options.replace)
+    _check_free(options.map, [text, scenario_file, picture], options.replace)
     plan = read_floor_plan(options.map)
-    length = options.doorway_length
     imported = import_map(
         plan,
-        cell=_metres("cell", options.cell),
-        radius=_metres("radius", options.radius),
+        cell=options.cell,
+        radius=options.radius,
         robots=robots,
-        add=[parse_place(place) for place in options.doorway],
-        remove=[parse_place(place) for place in options.no_doorway],
-        longest=None if length is None else _metres("doorway-length", length),
-        speck=_metres("speck", options.speck),
+        add=options.doorway,
+        remove=options.no_doorway,
+        longest=options.doorway_length,
+        speck=options.speck,
         name=name,
     )
     grid, notes = imported.grid, list(imported.notes)
@@ -149,34 +155,28 @@ def _print(facts: dict[str, Any]) -> None:
     print("written: " + ", ".join(facts["files"]))
 
 
-def _checked(name: str) -> str:
-    if not NAME.fullmatch(name):
-        raise MapError(
-            f"name {name[:100]!r}: allowed are up to 100 letters, digits, '_', '-' and '.'; "
-            "choose one with --name"
-        )
-    return name
-
-
-def _metres(flag: str, text: str) -> float:
+def _place(text: str) -> Place:
+    """Read X,Y in metres."""
     try:
-        value = float(text)
+        x, y = map(float, text.split(","))
     except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise SettingError(f"--{flag}: value is {text!r}, allowed: a number of metres")
-    return value
-
-
-def _check_free(source: Path, folder: Path, files: list[Path], replace: bool) -> None:
-    there = [path for path in files if path.exists()]
-    if there and not replace:
-        raise MapError(
-            f"{there[0]}: exists already, nothing is overwritten; choose another --out, or give "
-            "--replace"
+        x = y = math.nan
+    if not (math.isfinite(x) and math.isfinite(y)):
+        raise argparse.ArgumentTypeError(
+            f"{in_short(text)} is no place, allowed: X,Y in metres of the map's frame, e.g. 2,-1"
         )
-    if any(path.exists() and path.samefile(source) for path in there if source.exists()):
-        raise MapError(f"{folder}: {source} would be overwritten; choose another --out")
+    return x, y
+
+
+def _check_free(source: Path, files: list[Path], replace: bool) -> None:
+    for path in files:
+        if path.exists() and not replace:
+            raise MapError(
+                f"{path}: exists already, nothing is overwritten; choose another --out, or give "
+                "--replace"
+            )
+        if path.exists() and source.exists() and path.samefile(source):
+            raise MapError(f"{source} would be overwritten; choose another --out")
 
 
 def _scenario_text(scenario: Scenario, given: dict, suggested: dict) -> str:
@@ -186,11 +186,8 @@ def _scenario_text(scenario: Scenario, given: dict, suggested: dict) -> str:
         r.name: {"start": list(place[r.start]), "goal": list(place[r.goal])}
         for r in scenario.robots
     }
-    plain = {k: _plain(getattr(scenario, k)) for k in given}
+    values = ((name, getattr(scenario, name)) for name in given)
+    plain = {k: v if isinstance(v, bool | int | float | str) else str(v) for k, v in values}
     data = {"map": f"{scenario.map.name}.txt", "robots": robots, **plain, **suggested}
     head = "# Made by import-map; robots' places are [row, column] of the map beside this file.\n"
     return head + yaml.safe_dump(data, sort_keys=False, default_flow_style=None)
-
-
-def _plain(value):
-    return value if isinstance(value, bool | int | float | str) else str(value)

@@ -38,19 +38,21 @@ def ros_missing(error: ImportError, alternative: str | None = None) -> RunError:
 def add_setting(
     parser: argparse.ArgumentParser, setting: Setting, help: str | None = None, **more: Any
 ) -> None:
-    """Add the option of a setting, with its default; a bad value raises `SettingError`.
+    """Add the option of a setting; one without a default must be given.
 
     Args:
         parser: of the verb.
-        setting: its name is the option's.
+        setting: its name is the option's; a bad value raises `SettingError`.
         help: what it is, instead of the setting's own words.
         more: further arguments of `add_argument`.
     """
+    known = setting.default is not None
     parser.add_argument(
         f"--{setting.name.replace('_', '-')}",
         type=setting.parse,
+        required=not known,
         default=setting.default,
-        help=f"{help or setting.help} (default: {setting.default})",
+        help=(help or setting.help) + f" (default: {setting.default})" * known,
         **more,
     )
 

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 import yaml
 
-from sparse_coord_ros.errors import SettingError, did_you_mean
+from sparse_coord_ros.errors import SettingError, did_you_mean, in_short
 from sparse_coord_ros.game.specs import Form
 
 LARGEST_WHOLE = 2**53
@@ -102,7 +102,9 @@ class Setting:
         except (TypeError, ValueError, OverflowError, KeyError):
             fits = False
         if not fits:
-            raise SettingError(f"setting {self.name}: value is {value!r}, allowed: {self.allowed}")
+            raise SettingError(
+                f"setting {self.name}: value is {in_short(value)}, allowed: {self.allowed}"
+            )
         return parsed
 
 

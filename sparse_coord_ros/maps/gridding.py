@@ -274,7 +274,8 @@ def _leads_on(free: np.ndarray, row: int, column: int, run: tuple[int, int]) -> 
 
     Args:
         free: the grid's free cells, shape (rows, columns), bool.
-        row, column: the cell beside the run, in its row.
+        row: that of the run.
+        column: the one beside the run.
         run: its first column, and the one behind it.
     """
     top, left = max(0, row - CRUMB), max(0, column - CRUMB)

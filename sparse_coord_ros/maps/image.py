@@ -16,7 +16,6 @@ from PIL import Image
 from sparse_coord_ros.errors import MapError, ScenarioError, SettingError, in_short
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.grid import (
-    DOORWAY,
     FURTHEST,
     IMAGES,
     RESOLUTIONS,
@@ -218,5 +217,3 @@ def write_floor_plan(
     write_whole(picture, file.getvalue())
     write_whole(said, yaml.safe_dump(fields, sort_keys=False))
     return said, picture
-
-

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy import ndimage
 
-from sparse_coord_ros.errors import MapError, ScenarioError, in_short
+from sparse_coord_ros.errors import MapError, ScenarioError
 from sparse_coord_ros.game.grid import DOORWAY, FREE, WALL, GridMap
 from sparse_coord_ros.game.scenario import SETTINGS, Scenario, scenario_from_dict
 from sparse_coord_ros.maps.gridding import (
@@ -86,19 +86,15 @@ def import_map(
         name: the map's name; that of the floor plan where None.
 
     Raises:
-        MapError: a number is out of range; the map has no free cell; the cells are so large that
-            a wall lies between two centres; or a place is in no free cell.
+        MapError: the cells are smaller than pixels, or so large that a wall lies between two
+            centres; the map has no free cell; or a place is in no free cell.
     """
     if longest is None:
         longest = 2 * radius + WALL_THICKNESS + cell
-    for name_, value, low, high, unit in (
-        ("--cell", cell, plan.resolution, 1000.0, "metres, at least a pixel"),
-        ("--radius", radius, 0.0, 100.0, "metres"),
-        ("--speck", speck, 0.0, 10.0, "metres"),
-        ("--doorway-length", longest, 0.0, 1000.0, "metres"),
-    ):
-        if not low <= value <= high:
-            raise MapError(f"{name_} is {value:g}, allowed: {low:g} to {high:g} ({unit})")
+    if cell < plan.resolution:
+        raise MapError(
+            f"--cell is {cell:g}, allowed: at least a pixel of the map, {plan.resolution:g} m"
+        )
     layout = _layout_of(plan, cell, radius, speck)
     free = layout.free
     corner = (
@@ -188,8 +184,8 @@ def _notes(
     notes = []
     if cut:
         notes.append(
-            f"{cut} part{'s are' if cut > 1 else ' is'} cut off although a robot would fit "
-            "through: a smaller --cell may keep the way open"
+            f"{_count(cut, 'part is', 'parts are')} cut off although a robot would fit through: a "
+            "smaller --cell may keep the way open"
         )
     if len(parts) > 1:
         left = "those without a robot are walls now" if robots else "all are in the map"
@@ -203,15 +199,18 @@ def _notes(
             "choose a larger --cell, or add one with --doorway"
         )
     if wide:
-        said = " ".join(f"{x:.2f},{y:.2f}" for x, y in wide[:SHOWN])
-        more = f" and {len(wide) - SHOWN} more" if len(wide) > SHOWN else ""
-        many = len(wide) > 1
+        places = " ".join(f"{x:.2f},{y:.2f}" for x, y in wide[:SHOWN])
         notes.append(
-            f"{len(wide)} passage{'s are' if many else ' is'} two cells wide, and no doorway"
-            f"{'s' if many else ''}, as two robots pass there side by side: at {said}{more}; "
-            "where they would not, choose a larger --cell, or add both cells with --doorway"
+            f"{_count(len(wide), 'passage is', 'passages are')} two cells wide, and no doorway, "
+            f"as two robots pass there side by side: at {places}"
+            f"{' ...' * (len(wide) > SHOWN)}; where they would not, choose a larger --cell, or "
+            "add both cells with --doorway"
         )
     return tuple(notes)
+
+
+def _count(number: int, one: str, many: str) -> str:
+    return f"{number} {one if number == 1 else many}"
 
 
 class _Frame:
@@ -371,21 +370,3 @@ def _oddities(scenario: Scenario) -> list[str]:
     if scenario.steps == SETTINGS["steps"].high:
         odd.append("the step budget is the largest there is: the map may be too large to learn")
     return odd
-
-
-def parse_place(text: str) -> Place:
-    """Read X,Y in metres.
-
-    Raises:
-        ScenarioError: it is none.
-    """
-    parts = text.split(",")
-    try:
-        x, y = map(float, parts)
-    except ValueError:
-        x = y = math.nan
-    if not (math.isfinite(x) and math.isfinite(y)):
-        raise ScenarioError(
-            f"place {in_short(text)}: write it as X,Y in metres of the map's frame, e.g. 2,-1"
-        )
-    return x, y

@@ -75,9 +75,12 @@ def test_nothing_is_overwritten_unasked(sparse_coord, folder, exported, refused)
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
+        ((*ENV1[:4], "--start", "0"), "argument --start: '0' is no place, allowed: X,Y in metres"),
+        ((*ENV1[:4], "--goal", "nan,1"), "argument --goal: 'nan,1' is no place"),
         ((*ENV1,), "--start has 2 places and --goal 0"),
-        (("--cell", "wide", "--radius", "0.1"), "--cell: value is 'wide', allowed: a number"),
-        (("--cell", "-1", "--radius", "0.1"), "--cell is -1, allowed: 0.1 to 1000"),
+        (("--cell", "wide", "--radius", "0.1"), "setting cell: value is 'wide', allowed"),
+        (("--cell", "-1", "--radius", "0.1"), "setting cell: value is '-1', allowed"),
+        (("--cell", "1", "--radius", "-1"), "setting radius: value is '-1', allowed"),
         (("--cell", "1", "--radius", "9"), "finds no room"),
         (("--cell", "1", "--radius", "0.1", "--name", "../up"), "name '../up': allowed are"),
         (("--cell", "1", "--radius", "0.1", "--set", "steps=9"), "--set needs a scenario"),

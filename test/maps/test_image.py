@@ -83,20 +83,26 @@ def test_what_is_not_opaque_is_unknown(saved):
 @pytest.mark.parametrize(
     ("fields", "words"),
     [
-        ({"resolution": -0.05}, "field 'resolution' is -0.05, allowed: a number from 0.001"),
-        ({"resolution": float("nan")}, "field 'resolution' is nan"),
-        ({"resolution": "left out"}, "field 'resolution' is missing"),
-        ({"image": "left out"}, "field 'image' is missing"),
-        ({"image": ["m.pgm"]}, "field 'image' is"),
+        (
+            {"resolution": -0.05},
+            "setting resolution: value is -0.05, allowed: a number from 0.001",
+        ),
+        ({"resolution": float("nan")}, "setting resolution: value is nan"),
+        ({"resolution": "left out"}, "setting resolution: value is None"),
+        ({"image": "left out"}, "setting image: value is None"),
+        ({"image": ["m.pgm"]}, "setting image: value is"),
         ({"image": "n.pgm"}, "n.pgm: no such image"),
         ({"image": "m.yaml"}, "cannot be read as an image"),
-        ({"image": "a\0b"}, "field 'image' is"),
+        ({"image": "a\0b"}, "cannot be read as an image"),
         ({"origin": [0, 0, 0.5]}, "has a yaw of 0.5, allowed: 0"),
         ({"origin": [0]}, "field 'origin' is [0]"),
         ({"origin": [0, float("inf"), 0]}, "field 'origin' is"),
-        ({"negate": 2}, "field 'negate' is 2, allowed: 0 or 1"),
-        ({"free_thresh": 0.7}, "field 'free_thresh' is 0.7, allowed: less than occupied_thresh"),
-        ({"mode": "grey"}, "field 'mode' is 'grey', allowed: trinary, scale, raw"),
+        ({"negate": 2}, "setting negate: value is 2, allowed"),
+        (
+            {"free_thresh": 0.7},
+            "setting free_thresh: value is 0.7, allowed: less than occupied_thresh",
+        ),
+        ({"mode": "grey"}, "setting mode: value is 'grey', allowed: trinary or"),
     ],
 )
 def test_bad_fields_are_one_line(saved, fields, words):
@@ -110,7 +116,7 @@ def test_bad_fields_are_one_line(saved, fields, words):
     ("text", "words"),
     [
         ("image: &a [*a]", "stand for more than"),
-        ("image: [[[[[[[[[[[[[[1]]]]]]]]]]]]]]", "field 'image' is [[[[...]]]]"),
+        ("image: [[[[[[[[[[[[[[1]]]]]]]]]]]]]]", "setting image: value is [[[[...]]]]"),
         ("image: [", "not YAML"),
         ("", "must be 'key: value' lines"),
         ("#" * 70_000, "has more than 65536 bytes"),
