@@ -121,7 +121,8 @@ def test_the_doctor_without_ros(bare):
 
 
 def test_command_line_without_ros(bare, tmp_path):
-    (tmp_path / "text").write_text("no bag")
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other/text").write_text("no bag")
     with BagWriter(tmp_path / "bag") as bag:
         bag.add_metadata("sparse_coord_ros", {"seed": "1", "format": "3"})
         bag.attach("run.yaml", make_run(load_scenario("env1"), {}).to_yaml().encode(), "")
@@ -132,7 +133,7 @@ def test_command_line_without_ros(bare, tmp_path):
         "assert main(['run', 'env1', '--out', '/nonexistent/out']) == 2\n"
         f"for verb, code in dict(info=0, verify=1, explain=0, recover=0).items():\n"
         f"    assert main([verb, {str(tmp_path / 'bag')!r}]) == code, verb\n"
-        f"    assert main([verb, {str(tmp_path / 'text')!r}]) == 2, verb\n"
+        f"    assert main([verb, {str(tmp_path / 'other/text')!r}]) == 2, verb\n"
         "assert not [n for n in sys.modules if n.startswith('sparse_coord_ros.nodes')]"
     )
     for words in ("21 cells", "121.89", "env1, coop, seed 0", "differs: ", "no COORDINATE"):
