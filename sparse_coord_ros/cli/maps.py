@@ -31,15 +31,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             metavar="N",
             help=f"{setting.help} (with --generate; default: {setting.default})",
         )
-    parser.add_argument(
-        "--seed", metavar="N", help="of the building (with --generate; default: 0)"
-    )
     shared.add_json(parser)
 
 
 def execute(options: argparse.Namespace) -> int:
     """Run the verb."""
-    numbers = {name: getattr(options, name) for name in (*SIZES, "seed")}
+    numbers = {name: getattr(options, name) for name in SIZES}
     numbers = {name: value for name, value in numbers.items() if value is not None}
     if options.generate is not None:
         if options.name:

@@ -14,7 +14,7 @@ from sparse_coord_ros.cli.computing import Bar, note_compiling, note_without_num
 from sparse_coord_ros.cli.evaluate import Evaluated, evaluation_of, result_table
 from sparse_coord_ros.compiling import has_numba
 from sparse_coord_ros.engine.batch import ENGINES, is_prepared, prepare
-from sparse_coord_ros.engine.run_checkpoint import CHECKPOINT_FILE, MEASURES
+from sparse_coord_ros.engine.run_checkpoint import CHECKPOINT_FILE
 from sparse_coord_ros.engine.training import (
     EVERY,
     EVERY_TRIALS,
@@ -27,7 +27,7 @@ from sparse_coord_ros.errors import RunError, os_error_text
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.scenario import SETTINGS, Scenario
 from sparse_coord_ros.game.settings import Setting
-from sparse_coord_ros.learn.evaluation import Evaluation
+from sparse_coord_ros.learn.evaluation import MEASURES, Evaluation
 from sparse_coord_ros.learn.history import HISTORY_FILE
 from sparse_coord_ros.learn.run_config import (
     RUN_FILE,

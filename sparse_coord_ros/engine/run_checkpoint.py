@@ -4,16 +4,15 @@
 
 The bytes are those of `learn.checkpoint`. Arrays, besides the positions of G groups of robots that
 learn together (one; K for a learner that learns `alone`) and what each robot remembers:
-`history_g_...`: the fields of `learn.history.History` of group g from 1; `evaluation_steps` (N,)
-and `evaluations` (N, 14): trials, mean, spread and standard error of the four measures, trials in
-which some robot did not arrive; `evaluate_every` and `trials`. The compiled loops trust the
-numbers, so a file that does not fit its digest is refused.
+`history_g_...`: the fields of `learn.history.History` of group g from 1; and `evaluations`, the
+text of their evaluations as JSON. The compiled loops trust the numbers, so a file that does not
+fit its digest is refused.
 """
 
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +35,6 @@ from sparse_coord_ros.learn.learners import Learner
 from sparse_coord_ros.learn.simulation import LearningState, groups_of
 
 CHECKPOINT_FILE = "checkpoint.npz"
-MEASURES = ("reward", "time_to_goal", "miscoordinations", "asks")
 
 
 @dataclass(frozen=True)
@@ -58,10 +56,9 @@ class Checkpoint:
     def save(self, path: Path, scenario: Scenario, learner: Learner, seed: int) -> None:
         """Write the file, whole or not at all."""
         arrays: dict[str, np.ndarray] = {
-            "evaluate_every": np.array(self.evaluate_every),
-            "trials": np.array(self.trials),
-            "evaluation_steps": np.array([step for step, _ in self.evaluations], dtype=np.int64),
-            "evaluations": np.array([_numbers(e) for _, e in self.evaluations]).reshape(-1, 14),
+            "evaluations": np.array(
+                json.dumps([self.evaluate_every, self.trials, self.evaluations], default=asdict)
+            )
         }
         arrays |= position_arrays(self.state.positions)
         for k, memory in enumerate(self.state.memories, start=1):
@@ -103,30 +100,15 @@ def _from(file: Mapping[str, np.ndarray], scenario: Scenario, learner: Learner) 
     positions = positions_from(file, groups, robots)
     memories = [memory_from(file, k) for k in range(1, robots + 1)]
     histories = [history_from(file, f"history_{g}_") for g in range(1, groups + 1)]
-    steps, rows = file["evaluation_steps"].tolist(), file["evaluations"]
-    evaluations = [
-        (step, _evaluation(row)) for step, row in zip(steps, rows.tolist(), strict=True)
-    ]
-    return Checkpoint(
-        LearningState(positions, tuple(memories), tuple(histories)),
-        tuple(evaluations),
-        int(file["evaluate_every"]),
-        int(file["trials"]),
-    )
+    every, trials, found = json.loads(str(file["evaluations"]))
+    evaluations = [(step, _evaluation(**data)) for step, data in found]
+    state = LearningState(positions, tuple(memories), tuple(histories))
+    return Checkpoint(state, tuple(evaluations), every, trials)
 
 
-def _numbers(evaluation: Evaluation) -> list[float]:
-    measures = [getattr(evaluation, name) for name in MEASURES]
-    numbers = [n for m in measures for n in (m.mean, m.spread, m.standard_error)]
-    return [evaluation.trials, *numbers, evaluation.not_arrived]
-
-
-def _evaluation(numbers: list[float]) -> Evaluation:
-    reward, time_to_goal, miscoordinations, asks = (
-        Measure(*numbers[i : i + 3]) for i in range(1, len(numbers) - 1, 3)
-    )
-    trials, not_arrived = int(numbers[0]), int(numbers[-1])
-    return Evaluation(trials, reward, time_to_goal, miscoordinations, asks, not_arrived)
+def _evaluation(trials: int, not_arrived: int, **measures: dict[str, float]) -> Evaluation:
+    found = {name: Measure(**numbers) for name, numbers in measures.items()}
+    return Evaluation(trials=trials, not_arrived=not_arrived, **found)
 
 
 def _digest(scenario: Scenario, learner: Learner, seed: int) -> str:

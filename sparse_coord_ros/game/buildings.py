@@ -6,12 +6,12 @@ The same numbers and seed give the same building, on every machine.
 """
 
 import random
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.grid import DOORWAY, FREE, WALL, parse_map
 from sparse_coord_ros.game.scenario import Scenario, parse_yaml, scenario_from_dict
-from sparse_coord_ros.game.settings import Setting
+from sparse_coord_ros.game.settings import setting, settings_of
 
 CORRIDOR = 2
 """Rows of a corridor: wide enough to pass one another."""
@@ -22,38 +22,25 @@ BESIDE = 0.5
 TRIAL = 5
 """A trial lasts at least so many times as long as the longest of the shortest paths."""
 
-SEED = Setting("seed", int, 0, "seed of the building", low=0, high=2**63 - 1)
-SIZES = {
-    one.name: one
-    for one in (
-        Setting("rooms", int, 3, "rooms in a row", low=1, high=20),
-        Setting("rows", int, 2, "rows of rooms, a corridor between each two", low=1, high=20),
-        Setting("size", int, 4, "cells along the side of a room", low=2, high=20),
-        Setting("robots", int, 16, "robots", low=1, high=60),
-    )
-}
-"""The numbers of a building."""
-
 
 @dataclass(frozen=True)
 class Building:
-    """What a building is made of; the fields are those of `SIZES` and the seed.
+    """What a building is made of.
 
     Raises:
         SettingError: a number out of its range, or too many robots for the rooms.
     """
 
-    rooms: int = 3
-    rows: int = 2
-    size: int = 4
-    robots: int = 16
-    seed: int = 0
+    rooms: int = setting(3, "rooms in a row", low=1, high=20)
+    rows: int = setting(2, "rows of rooms, a corridor between each two", low=1, high=20)
+    size: int = setting(4, "cells along the side of a room", low=2, high=20)
+    robots: int = setting(16, "robots", low=1, high=60)
+    seed: int = setting(0, "seed of the building", low=0, high=2**63 - 1)
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        for field in fields(self):
-            setting = SIZES.get(field.name, SEED)
-            object.__setattr__(self, field.name, setting.parse(getattr(self, field.name)))
+        for name, one in SIZES.items():
+            object.__setattr__(self, name, one.parse(getattr(self, name)))
         places = self.rooms * self.rows * self.size**2
         if self.rooms * self.rows < 2:
             raise SettingError(
@@ -64,6 +51,10 @@ class Building:
                 f"building: {self.robots} robots need as many starts and as many goals, and the "
                 f"rooms have {places} cells; give more rooms, larger ones, or fewer robots"
             )
+
+
+SIZES = settings_of(Building)
+"""The numbers of a building."""
 
 
 def building_text(building: Building) -> str:

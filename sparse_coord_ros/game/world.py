@@ -204,36 +204,40 @@ class World:
         Returns:
             The outcome; `step` and `cells` are then those of the next time step.
         """
-        scenario = self.scenario
-        cells, goals = self.cells, self._goals
         arrivals = []
         for k in self.agents:
             action = actions[k]
-            if action is None or self.arrived[k]:
-                continue
-            cells[k] = self.led(k, action.move)
-            if cells[k] == goals[k]:
-                arrivals.append(k)
-        places = [self._places[x] for x in cells]
+            if action is not None and not self.arrived[k]:
+                self.cells[k] = self.led(k, action.move)
+                if self.cells[k] == self._goals[k]:
+                    arrivals.append(k)
+        places = [self._places[x] for x in self.cells]
         for k in self._out:
             places[k] = NOWHERE
         inside = [place for place in places if place != NOWHERE]
         miscoordination = len(inside) > 1 and miscoordinated(inside)
-        rewards = []
-        for k, action in enumerate(actions):
-            common = self._penalties[k] if miscoordination else 0.0
-            individual = scenario.goal_reward if k in arrivals else 0.0
-            cost = -scenario.ask_cost if action is not None and action.asked else 0.0
-            partners = partners_of(k, places) if scenario.referee else UNKNOWN_PARTNERS
-            total = individual + common + cost
-            rewards.append(Reward(individual, common, cost, total, partners))
+        rewards = tuple(
+            self._reward(k, action, k in arrivals, miscoordination, places)
+            for k, action in enumerate(actions)
+        )
         for k in arrivals:
             self.arrived[k] = True
         self.step += 1
         self.transitions += 1
         self.miscoordinations += miscoordination
         over = all(self.arrived) or self.step - self._episode_start >= self.max_steps
-        return StepOutcome(tuple(rewards), miscoordination, tuple(arrivals), over)
+        return StepOutcome(rewards, miscoordination, tuple(arrivals), over)
+
+    def _reward(
+        self, k: int, action: Action | None, home: bool, miscoordination: bool, places: list[int]
+    ) -> Reward:
+        """Return R_k(t); `places` are the robots' meeting places after the step."""
+        scenario = self.scenario
+        common = self._penalties[k] if miscoordination else 0.0
+        individual = scenario.goal_reward if home else 0.0
+        cost = -scenario.ask_cost if action is not None and action.asked else 0.0
+        partners = partners_of(k, places) if scenario.referee else UNKNOWN_PARTNERS
+        return Reward(individual, common, cost, individual + common + cost, partners)
 
     def led(self, k: int, move: int) -> int:
         """Return the cell in which a move of agent k ends in this time step."""

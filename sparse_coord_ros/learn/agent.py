@@ -49,6 +49,9 @@ if TYPE_CHECKING:
 
 NOBODY = -1
 
+PEER_FROM_1 = np.array([0, 1, 0], dtype=np.int32)
+"""What the states of `Factors` have in files on top: peers are numbered from 1 there."""
+
 
 class Tables(NamedTuple):
     """What one agent has learned.
@@ -64,6 +67,23 @@ class Tables(NamedTuple):
     q_star: np.ndarray
     q_coord: np.ndarray | SparseTable | AdditiveTable
     factors: Factors | None = None
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Return all that they are made of by its name in files: `learn.tables` has the shapes."""
+        found = {"q_star": self.q_star}
+        if self.factors is not None:
+            u, r_bar, w, states, rho = self.factors
+            states = states + PEER_FROM_1
+            found |= {"u": u, "r_bar": r_bar, "w": w, "rho_states": states, "rho": rho}
+        table = self.q_coord
+        if isinstance(table, AdditiveTable):
+            found["robots"] = np.array(len(table.shape) - 1)
+        elif isinstance(table, SparseTable):
+            found |= {"q_coord_keys": table.keys, "q_coord_rows": table.rows}
+            found["q_coord_unseen"] = np.array(table.unseen)
+        else:
+            found["q_coord"] = table
+        return found
 
 
 class Memory(NamedTuple):

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from sparse_coord_ros.errors import TablesError
-from sparse_coord_ros.game.actions import ACTIONS, PRIMITIVES
+from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.settings import Setting
 from sparse_coord_ros.game.streams import EVALUATION
@@ -21,7 +21,9 @@ from sparse_coord_ros.game.world import World
 from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.learners import Learner, learner_of
 from sparse_coord_ros.learn.simulation import Team
-from sparse_coord_ros.learn.sparse import SparseTable
+
+MEASURES = ("reward", "time_to_goal", "miscoordinations", "asks")
+"""The measures of an `Evaluation`."""
 
 TRIALS = Setting("trials", int, 1000, "Monte-Carlo trials", low=1, high=10_000_000)
 
@@ -199,35 +201,27 @@ def check_tables(
             f"tables of {len(tables)} robots for scenario {scenario.name}, which has "
             f"{len(scenario.robots)}; use the tables of a run of this scenario"
         )
+    rule = None if learner is None else learner_of(learner)
     for k, table in enumerate(tables, start=1):
-        for name, array, shape in (
-            (f"q_star_{k}", table.q_star, (cells, len(ACTIONS))),
-            (f"q_coord_{k}", table.q_coord, coord_shape),
-        ):
-            if array.shape != shape:
+        shapes = table.q_star.shape, table.q_coord.shape
+        due = (cells, len(ACTIONS)), coord_shape
+        for name, shape, needed in zip(("q_star", "q_coord"), shapes, due, strict=True):
+            if shape != needed:
                 raise TablesError(
-                    f"{name} has shape {array.shape}, scenario {scenario.name} needs {shape}; use "
+                    f"{name}_{k} has shape {shape}, scenario {scenario.name} needs {needed}; use "
                     "the tables of a run on the same map and with the same setting peers"
                 )
-        values = table.q_coord.rows if isinstance(table.q_coord, SparseTable) else table.q_coord
-        dense = [values] if isinstance(values, np.ndarray) else []  # else: in factors
-        if not all(np.isfinite(array).all() for array in (table.q_star[:, :-1], *dense)):
+        arrays = {**table.arrays(), "q_star": table.q_star[:, :PRIMITIVES]}
+        if not all(np.isfinite(array).all() for array in arrays.values()):
             raise TablesError(
                 f"tables of robot {k} hold values that are no finite numbers; use tables that run "
                 "or train wrote"
             )
-        rule = None if learner is None else learner_of(learner)
-        if rule is not None and (rule.factors is None) != (table.factors is None):
-            others = "learns in factors" if rule.factors is None else "does not learn in factors"
+        if rule is not None and acting_on(table) != kind_of(rule):
             raise TablesError(
-                f"tables of robot {k} were learned by a learner that {others}, the learner is "
-                f"{rule.label}; use the tables of a run with that learner, or choose the other one"
-            )
-        if rule is not None and np.isnan(table.q_star[:, -1]).any() == rule.asks:
-            others = "does not ask" if rule.asks else "asks"
-            raise TablesError(
-                f"q_star_{k} was learned by a learner that {others}, the learner is {rule.label}; "
-                "use the tables of a run with that learner, or choose the other one"
+                f"tables of robot {k} have the form of learner {acting_on(table)}, learner "
+                f"{rule.label} needs that of {kind_of(rule)}; use the tables of a run with that "
+                "learner, or choose the other one"
             )
 
 
@@ -249,7 +243,14 @@ def acting_on(table: Tables) -> str:
     """Return the learner whose greedy policy the tables are for."""
     if table.factors is not None:
         return "factored"
-    return "noncoop" if np.isnan(table.q_star[0, -1]) else "coop"
+    return "noncoop" if np.isnan(table.q_star[:, COORDINATE]).any() else "coop"
+
+
+def kind_of(learner: Learner) -> str:
+    """Return the learner of this package whose tables are made as those of a learner."""
+    if learner.factors is not None:
+        return "factored"
+    return "coop" if learner.asks else "noncoop"
 
 
 def _measure(values: np.ndarray) -> Measure:

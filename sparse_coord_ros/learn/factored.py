@@ -10,7 +10,7 @@ import numpy as np
 
 from sparse_coord_ros.compiling import inlined, inner
 from sparse_coord_ros.errors import SettingError
-from sparse_coord_ros.game.actions import COORDINATE, PRIMITIVES
+from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.links import Percepts
 from sparse_coord_ros.game.perception import succeeds
 from sparse_coord_ros.game.scenario import Scenario
@@ -76,24 +76,24 @@ def check_peers(scenario: Scenario) -> None:
         )
 
 
-def initial_factored(scenario: Scenario, number: int, weights: RewardWeights) -> Tables:
-    """Return one robot's tables before learning: U is `q_coord_init`, all else 0.
+def initial_factored(scenario: Scenario, weights: RewardWeights) -> Tables:
+    """Return the first robot's tables before learning: U is `q_coord_init`, all else 0.
 
     Raises:
         SettingError: COORDINATE does not perceive every peer.
     """
     check_peers(scenario)
-    cells, robots = len(scenario.map.cells), len(scenario.robots)
+    cells, robots, first = len(scenario.map.cells), len(scenario.robots), scenario.q_coord_init
     factors = Factors(
-        individual=np.full((cells, PRIMITIVES), scenario.q_coord_init),
+        individual=np.full((cells, PRIMITIVES), first),
         common=np.zeros((cells, PRIMITIVES)),
         asking=np.zeros(cells),
         states=np.empty((0, 3), dtype=np.int32),
         corrections=np.empty((0, PRIMITIVES)),
     )
-    star = np.full((cells, PRIMITIVES + 1), scenario.q_coord_init + 0.0)
-    star[:, COORDINATE] = scenario.q_coord_init - weights.ask_cost * scenario.ask_cost + 0.0
-    return Tables(star, coordination_table(factors, number, robots), factors)
+    star = np.full((cells, len(ACTIONS)), first + 0.0)
+    star[:, COORDINATE] = first - weights.ask_cost * scenario.ask_cost + 0.0
+    return Tables(star, coordination_table(factors, 0, robots), factors)
 
 
 @inner
@@ -123,14 +123,9 @@ class FactoredAgent(Agent):
     percept model's probability for the two cells. So a request gives no more than a percept.
 
     Args:
-        scenario: the problem.
-        number: k, from 0.
-        seed: the run's seed.
         rule: the parts of the rule.
-        weights: how much each part of a reward counts while it learns.
         tables: tables to go on from, with their factors; initial ones where None.
-        learning: False: act greedily and never update.
-        phase: LEARNING or EVALUATION: which random draws the agent uses.
+        others: as of `Agent`.
 
     Raises:
         SettingError: COORDINATE does not perceive every peer.
@@ -145,12 +140,12 @@ class FactoredAgent(Agent):
         rule: FactorRule,
         weights: RewardWeights = SUM_OF_PARTS,
         tables: Tables | None = None,
-        learning: bool = True,
         phase: int = LEARNING,
+        **others: bool,
     ) -> None:
-        begun = initial_factored(scenario, number, weights) if tables is None else tables
+        begun = initial_factored(scenario, weights) if tables is None else tables
         super().__init__(
-            scenario, number, seed, weights=weights, tables=begun, learning=learning, phase=phase
+            scenario, number, seed, weights=weights, tables=begun, phase=phase, **others
         )
         if begun.factors is None:
             raise ValueError("tables without factors")

@@ -142,6 +142,7 @@ class Learner:
             tables=self.tables(scenario) if tables is None else tables,
             learning=learning,
             phase=phase,
+            **({} if self.factors is None else {"rule": self.factors}),
         )
 
     @property
@@ -271,7 +272,8 @@ class Factored(Learner):
     name = "factored"
     title = "Factored"
     summary = "Algorithm 1 with Q^C as an individual part and sparse corrections"
-    factors: FactorRule = FactorRule()
+    factors = FactorRule()
+    agent_class = FactoredAgent
     minds = FactoredMinds
     defaults = MappingProxyType(
         {"epsilon": "linear:0.3:0.02:0.8", "starts": "exploring:1:0:0.5", "peers": "all"}
@@ -294,29 +296,7 @@ class Factored(Learner):
         Raises:
             SettingError: COORDINATE does not perceive every peer.
         """
-        return initial_factored(scenario, 0, self.weights(scenario))
-
-    def agent(
-        self,
-        scenario: Scenario,
-        number: int,
-        seed: int,
-        *,
-        tables: Tables | None = None,
-        learning: bool = True,
-        phase: int = LEARNING,
-    ) -> Agent:
-        """Return the agent of one robot; arguments as of `Learner.agent`."""
-        return FactoredAgent(
-            scenario,
-            number,
-            seed,
-            rule=self.factors,
-            weights=self.weights(scenario),
-            tables=tables,
-            learning=learning,
-            phase=phase,
-        )
+        return initial_factored(scenario, self.weights(scenario))
 
 
 def _learner(name: str, thing: object) -> Learner:

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A learning run without ROS: the same world and the same agents, one after the other."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -12,10 +12,8 @@ from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.streams import LEARNING
 from sparse_coord_ros.game.world import Action, Position, Reward, StepOutcome, World
 from sparse_coord_ros.learn.agent import Agent, Decision, Memory, Tables
-from sparse_coord_ros.learn.factors import AdditiveTable
 from sparse_coord_ros.learn.history import History, HistoryRecorder, concatenated
 from sparse_coord_ros.learn.learners import Learner, learner_of
-from sparse_coord_ros.learn.sparse import SparseTable
 
 Choice = tuple[int, Decision, Action, tuple[int, ...] | None]
 """What an agent decided: its cell, its decision, the action that it became, what it perceived."""
@@ -236,63 +234,23 @@ class Learning:
         )
 
 
-def learn(
-    scenario: Scenario,
-    learner: str | Learner,
-    seed: int,
-    *,
-    progress: Callable[[int, int], None] = lambda done, budget: None,
-) -> list[Tables]:
+def learn(scenario: Scenario, learner: str | Learner, seed: int) -> list[Tables]:
     """Run one learner for the scenario's budget and return the tables of every robot.
-
-    Arguments as of `learn_agents`.
-    """
-    return [agent.tables for agent in learn_agents(scenario, learner, seed, progress=progress)]
-
-
-def learn_agents(
-    scenario: Scenario,
-    learner: str | Learner,
-    seed: int,
-    *,
-    progress: Callable[[int, int], None] = lambda done, budget: None,
-) -> list[Agent]:
-    """Run one learner for the scenario's budget and return every robot's agent.
 
     Args:
         scenario: the problem and its protocol.
         learner: a learner, or its name.
         seed: the run's seed.
-        progress: called with transitions done and to be done, of all groups of robots together,
-            about every hundredth.
     """
     learning = Learning(scenario, learner, seed, gathering=False)
-    groups = len(groups_of(scenario, learner_of(learner)))
-    part = max(1, scenario.steps // 100)
-    while learning.done < scenario.steps:
-        learning.advance(min(learning.done + part, scenario.steps))
-        progress(learning.done * groups, scenario.steps * groups)
-    return learning.agents
+    learning.advance(scenario.steps)
+    return learning.tables
 
 
 def tables_equal(one: list[Tables], other: list[Tables]) -> bool:
     """Whether two teams' tables agree bit for bit (NaN columns included)."""
-    return len(one) == len(other) and all(
-        len(mine) == len(theirs) and all(map(_same_bits, mine, theirs))
-        for mine, theirs in zip(map(_parts, one), map(_parts, other), strict=True)
-    )
+    return [_bits(tables) for tables in one] == [_bits(tables) for tables in other]
 
 
-def _parts(tables: Tables) -> list[np.ndarray | SparseTable]:
-    """Return all that tables are made of; what is only read from the factors is left out."""
-    q_star, q_coord, factors = tables
-    parts = [] if isinstance(q_coord, AdditiveTable) else [q_coord]
-    return [q_star, *parts, *(() if factors is None else factors)]
-
-
-def _same_bits(one: np.ndarray | SparseTable, other: np.ndarray | SparseTable) -> bool:
-    if isinstance(one, SparseTable) and isinstance(other, SparseTable):
-        return one.same_bits(other)
-    if isinstance(one, SparseTable) or isinstance(other, SparseTable):
-        return False
-    return one.shape == other.shape and one.tobytes() == other.tobytes()
+def _bits(tables: Tables) -> dict[str, tuple[tuple[int, ...], bytes]]:
+    return {name: (array.shape, array.tobytes()) for name, array in tables.arrays().items()}

@@ -27,14 +27,13 @@ from sparse_coord_ros.errors import TablesError
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.learn import archive
-from sparse_coord_ros.learn.agent import Memory, Tables
+from sparse_coord_ros.learn.agent import PEER_FROM_1, Memory, Tables
 from sparse_coord_ros.learn.checkpoint import memory_arrays, memory_from
-from sparse_coord_ros.learn.factors import AdditiveTable, Factors, coordination_table
+from sparse_coord_ros.learn.factors import Factors, coordination_table
 from sparse_coord_ros.learn.sparse import SparseTable
 
 TEAM_FILE = "tables.npz"
 
-PEER_FROM_1 = np.array([0, 1, 0], dtype=np.int32)
 REMEDY = "use a file that run or train wrote"
 
 
@@ -62,20 +61,7 @@ def pack_tables(
     for number, memory in (memories or {}).items():
         arrays |= memory_arrays(memory, number)
     for number, pair in tables.items():
-        arrays[f"q_star_{number}"] = pair.q_star
-        if pair.factors is not None:
-            u, r_bar, w, states, rho = pair.factors
-            said = states + PEER_FROM_1
-            named = {"u": u, "r_bar": r_bar, "w": w, "rho_states": said, "rho": rho}
-            arrays |= {f"{name}_{number}": array for name, array in named.items()}
-        if isinstance(pair.q_coord, AdditiveTable):
-            arrays[f"robots_{number}"] = np.int64(len(pair.q_coord.shape) - 1)
-        elif isinstance(pair.q_coord, SparseTable):
-            arrays[f"q_coord_keys_{number}"] = pair.q_coord.keys
-            arrays[f"q_coord_rows_{number}"] = pair.q_coord.rows
-            arrays[f"q_coord_unseen_{number}"] = np.float64(pair.q_coord.unseen)
-        else:
-            arrays[f"q_coord_{number}"] = pair.q_coord
+        arrays |= {f"{name}_{number}": array for name, array in pair.arrays().items()}
     return archive.pack(arrays)
 
 
@@ -174,14 +160,14 @@ def load_team(directory: Path, scenario: Scenario) -> list[Tables]:
 def _robot(arrays: Mapping[str, np.ndarray], number: int) -> Tables:
     """Return one robot's tables; raise `KeyError` where they are not there."""
     q_star = arrays[f"q_star_{number}"]
-    factors, robots = None, 0
+    factors = None
     if f"u_{number}" in arrays:
         names = ("u", "r_bar", "w", "rho_states", "rho")
         u, r_bar, w, states, rho = (arrays[f"{name}_{number}"] for name in names)
         factors = Factors(u, r_bar, w, states - PEER_FROM_1, rho)
-        robots = int(arrays.get(f"robots_{number}", 0))
-    if factors is not None and robots:
-        return Tables(q_star, coordination_table(factors, number - 1, robots), factors)
+        if f"robots_{number}" in arrays:
+            robots = int(arrays[f"robots_{number}"])
+            return Tables(q_star, coordination_table(factors, number - 1, robots), factors)
     if f"q_coord_keys_{number}" not in arrays:
         return Tables(q_star, arrays[f"q_coord_{number}"], factors)
     keys, rows = arrays[f"q_coord_keys_{number}"], arrays[f"q_coord_rows_{number}"]

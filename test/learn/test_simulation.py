@@ -218,15 +218,6 @@ def test_indiv_never_meets_anybody():
     assert not tables_equal(learn(cheap, "noncoop", 1), learn(dear, "noncoop", 1))
 
 
-def test_progress_reaches_the_budget():
-    seen = []
-    scenario = problem("env1", steps=200)
-    learn(scenario, "indiv", 1, progress=lambda done, budget: seen.append((done, budget)))
-    assert seen[-1] == (400, 400)
-    assert [done for done, _ in seen] == sorted(done for done, _ in seen)
-    assert 50 <= len(seen) <= 200
-
-
 def test_tables_equal_compares_bits():
     def pair(value):
         return Tables(np.array([[value]]), np.array([[[1.0]]]))

@@ -5,6 +5,7 @@
 from collections.abc import Sequence
 
 from sparse_coord_ros.learn.agent import Tables
+from sparse_coord_ros.learn.evaluation import MEASURES
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.look.page.board import Message
 from sparse_coord_ros.solve.exact import evaluate_best
@@ -12,8 +13,6 @@ from sparse_coord_ros.solve.shipped import yardsticks
 
 TRIALS = 300
 """Trials of a team that cannot be evaluated exactly."""
-
-MEASURES = ("reward", "time_to_goal", "miscoordinations", "asks")
 
 
 def evaluation_fields(run: RunConfig, tables: Sequence[Tables], step: int | None) -> Message:
