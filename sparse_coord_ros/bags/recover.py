@@ -20,7 +20,7 @@ from sparse_coord_ros.bags.metadata import (
     bag_information,
     metadata_yaml,
 )
-from sparse_coord_ros.bags.reader import Bag, bag_files, open_bag, stem_and_number
+from sparse_coord_ros.bags.reader import Bag, BagFile, bag_files, open_bag, stem_and_number
 from sparse_coord_ros.bags.writer import BagWriter
 from sparse_coord_ros.errors import BagError
 from sparse_coord_ros.files import take_lock
@@ -67,7 +67,9 @@ def recover(path: Path) -> Recovery:
             written; whatever was recorded is there still.
     """
     path = Path(path)
-    path = path.parent if path.is_file() else path
+    if path.is_file():
+        BagFile(path, checked=False).close()  # what is no bag's file raises
+        path = path.parent
     files = bag_files(path)
     with contextlib.ExitStack() as held:
         for file in files:

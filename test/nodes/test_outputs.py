@@ -97,7 +97,7 @@ def test_nodes_that_open_a_directory_at_once_join_one_run(opened, tmp_path):
     ("learned", "asked", "text"),
     [
         (("env2-2r", "coop"), ("env1", "coop"), "env1"),
-        (("env1", "indiv"), ("env1", "coop"), "learner is coop; use the"),
+        (("env1", "indiv"), ("env1", "coop"), "learner coop needs"),
         (None, ("env1", "coop"), "no readable run.yaml"),
     ],
 )
