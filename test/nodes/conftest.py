@@ -5,7 +5,6 @@
 import functools
 import json
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -59,9 +58,6 @@ transports of its own, shared memory among them.
 PATIENCE_SECONDS = 20.0
 """Far more than anything takes on a loaded machine; reached only where a test fails."""
 
-SHARED_MEMORY_USED: set[str] = set()
-"""Fast DDS's files in shared memory that a process of the tests has used."""
-
 
 class Bench:
     """Nodes of a team in one context and observers in another, spun in the test's own thread."""
@@ -72,10 +68,10 @@ class Bench:
         self._nodes: dict[Node, object] = {}
         self._finished: set[Node] = set()
 
-    def place(self, name: str = "team") -> tuple:
-        """Return (context, executor) of that name."""
+    def place(self, name: str = "team", arguments: list[str] | None = None) -> tuple:
+        """Return (context, executor) of that name; with a command line's arguments where given."""
         if name not in self._places:
-            context = self._stack.enter_context(ros_context())
+            context = self._stack.enter_context(ros_context(arguments))
             executor = make_executor(self._kind, context)
             self._stack.callback(executor.shutdown)
             self._places[name] = (context, executor)
@@ -86,7 +82,6 @@ class Bench:
         executor = self.place(place)[1]
         executor.add_node(node)
         self._nodes[node] = executor
-        _note_shared_memory()
         self._stack.callback(self.destroy, node)
         return node
 
@@ -228,15 +223,13 @@ def simulate():
         team = Team(scenario, seed, agents)
         world = World(scenario, seed)
         recorder = HistoryRecorder(len(everyone))
-        said = SimpleNamespace(scenario=scenario, states={}, actions={}, rewards={}, percepts={})
-        said.states[world.step] = tuple(world.cells)
+        said = SimpleNamespace(scenario=scenario, actions={}, rewards={}, percepts={})
         while world.transitions < scenario.steps:
             step = world.step
             choices, actions = team.act(world)
             outcome = world.advance(actions)
             team.learn(choices, world, outcome)
             recorder.add(world.episode, step, actions, outcome)
-            said.states[world.step] = tuple(world.cells)
             for k in everyone:
                 if actions[k] is not None:
                     said.actions[k, step] = actions[k]
@@ -245,7 +238,6 @@ def simulate():
                         said.percepts[k, step] = (choices[k][0], choices[k][3])
             if outcome.episode_over and world.transitions < scenario.steps:
                 world.begin_episode()
-                said.states[world.step] = tuple(world.cells)
         said.tables = [agent.tables for agent in team.agents]
         said.history = recorder.history()
         return said
@@ -300,7 +292,6 @@ class Process:
 
     def send_signal(self, number: int) -> None:
         """Send a signal."""
-        _note_shared_memory(self.pid)
         self._popen.send_signal(number)
 
     def child(self, module: str) -> SimpleNamespace:
@@ -309,7 +300,6 @@ class Process:
         for pid in map(int, children):
             command = Path(f"/proc/{pid}/cmdline").read_text().split("\0")
             if command[2:3] == [module] or command[2:4] == [EXECUTABLES_MODULE, module]:
-                _note_shared_memory(pid)
                 return SimpleNamespace(pid=pid, send_signal=functools.partial(os.kill, pid))
         raise AssertionError(f"no child runs {module}: {children}")
 
@@ -378,18 +368,6 @@ def _descendants() -> list[str]:
     return found
 
 
-def _note_shared_memory(process: int | str = "self") -> None:
-    """Remember which of Fast DDS's files in shared memory a process of ours uses.
-
-    What lies there beside them belongs to somebody else on this machine.
-    """
-    try:
-        text = Path(f"/proc/{process}/maps").read_text(errors="replace")
-    except OSError:  # it has ended
-        return
-    SHARED_MEMORY_USED.update(re.findall(r"/dev/shm/(?:fastrtps|fastdds)\w+", text))
-
-
 @pytest.fixture(autouse=True)
 def in_own_domain(own_domain):
     """Give each test a ROS domain of its own."""
@@ -418,12 +396,3 @@ def udp_only(ros_environment, tmp_path_factory):
         patch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(profiles))
         patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SYSTEM_DEFAULT")
         yield
-
-
-@pytest.fixture(autouse=True, scope="session")
-def no_shared_memory_left(udp_only):
-    """Check that the tests leave none of Fast DDS's files in shared memory."""
-    SHARED_MEMORY_USED.clear()
-    yield
-    left = [name for name in SHARED_MEMORY_USED if Path(name).exists()]
-    assert not left, f"left behind: {sorted(left)}"

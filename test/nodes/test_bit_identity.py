@@ -19,7 +19,7 @@ from sparse_coord_ros.nodes.team import run_team
 from sparse_coord_ros.nodes.world_simulator import WorldSimulator
 from sparse_coord_ros.runlog import verify
 
-SEED, STEPS = 7, 400
+SEED, STEPS = 7, 250
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +62,7 @@ def test_team_of_three_that_perceive_all_peers_and_pay_differently(
     tmp_path, simulate, assert_same_tables
 ):
     settings = {
-        "steps": 250,
+        "steps": 150,
         "peers": "all",
         "perception": "probability:0.7",
         "penalty": -100,
@@ -78,7 +78,7 @@ def test_team_of_three_that_perceive_all_peers_and_pay_differently(
     sets = [f"{name}={value}" for name, value in settings.items()]
     out = tmp_path / "out"
     with ros_context() as context:
-        summary = run_team(values(out, str(scenario), 250, set=sets, record=True), context=context)
+        summary = run_team(values(out, str(scenario), 150, set=sets, record=True), context=context)
     assert_same_tables(out, said)
     assert summary["timeouts"] == 0
     assert any(reward.common == -200.0 for reward in said.rewards.values())
@@ -105,7 +105,7 @@ def test_team_of_three_that_perceive_all_peers_and_pay_differently(
 
 FACTORED = [
     ("env1", {"steps": 500, "perception": "probability:0.7", "penalty": -60}),
-    ("env2-4r", {"steps": 300, "perception": "probability:0.8", "credit": "team"}),
+    ("env2-4r", {"steps": 120, "perception": "probability:0.8", "credit": "team"}),
 ]
 """What the factored learner learns: two robots, and four whose world has a referee. They explore
 so much that they ask and meet."""
@@ -146,22 +146,14 @@ def test_links_that_fail_fail_alike(tmp_path, simulate, assert_same_tables):
     assert verify(out / "bag").same
 
 
-@pytest.mark.parametrize(
-    "scenario, learner, settings",
-    [
-        ("env1", "coop", {"steps": 150}),
-        ("env2-4r", "factored", {**EXPLORING, "steps": 60, "perception": "probability:0.7"}),
-    ],
-)
-def test_every_node_in_its_own_process(
-    tmp_path, simulate, start, assert_same_tables, scenario, learner, settings
-):
-    said = simulate(scenario, settings, seed=SEED, learner=learner)
+def test_every_node_in_its_own_process(tmp_path, simulate, start, assert_same_tables):
+    settings = {**EXPLORING, "steps": 60, "perception": "probability:0.7"}
+    said = simulate("crowd-3r", settings, seed=SEED, learner="factored")
     out = tmp_path / "out"
-    arguments = ["--learner", learner, "--seed", str(SEED), "--out", str(out), "--processes"]
+    arguments = ["--learner", "factored", "--seed", str(SEED), "--out", str(out), "--processes"]
     for name, value in settings.items():
         arguments += ["--set", f"{name}={value}"]
-    process = start("cli.main", "run", scenario, *arguments)
+    process = start("cli.main", "run", "crowd-3r", *arguments)
     assert process.exit_code() == 0, process.output
     assert_same_tables(out, said)
     assert yaml.safe_load((out / "summary.yaml").read_text())["timeouts"] == 0
@@ -229,7 +221,7 @@ class MailedWorld(Mail, WorldSimulator):
     ids=["single", "shuffled", "doubled", "lost"],
 )
 def test_mail_out_of_order(tmp_path, simulate, assert_same_tables, benches, executor, seed, mail):
-    steps = 30 if executor == "single" else 60
+    steps = 30 if executor == "single" else 45
     said = simulate("env2-4r", {"steps": steps, "perception": "probability:0.8"}, seed=SEED)
     bench = benches(executor)
     context = bench.place()[0]

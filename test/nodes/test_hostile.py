@@ -23,8 +23,11 @@ from sparse_coord_ros.learn.tables import load_team
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.middleware import SECURITY_MARK, check_participants, check_security
 from sparse_coord_ros.nodes.parameters import ROBOT_PARAMETERS, ParameterNode
+from sparse_coord_ros.nodes.recorder import Recorder
+from sparse_coord_ros.nodes.robot import RobotNode
 from sparse_coord_ros.nodes.spin import ros_context, run_node, signals
 from sparse_coord_ros.nodes.team import run_team
+from sparse_coord_ros.nodes.world_simulator import WorldSimulator
 from sparse_coord_ros.runlog.verify import verify
 
 GARBAGE = (b"", b"abcd", b"\x00\x01\x00\x00\xff\xff\xff\xff", bytes(range(12)))
@@ -99,6 +102,7 @@ def test_a_team_under_fire_learns_what_it_would_have_learned(
         ),
         "all has arrived",
     )
+    bench.destroy(attacker.node)  # the recorder would wait for its last words
     world.values["rate"] = 0.0
     bench.spin_until_done()
     said = simulate("env1", {"steps": 60, "epsilon": "constant:1"})
@@ -222,18 +226,20 @@ def test_security_is_refused_where_fast_dds_has_none(tmp_path, monkeypatch):
     check_security(tmp_path)
 
 
-def test_world_and_recorder_may_be_renamed(start, bench, tmp_path):
+def test_world_and_recorder_may_be_renamed(bench, tmp_path):
     """Their roles are known by what they publish; and /clock stands still for use_sim_time."""
-    values = ["-p", "scenario:=env1", "-p", "set:=[steps=30]", "-p", "recorded:=true"]
-    own = ["--ros-args", "-p", "use_sim_time:=true", "-r"]
-    nodes = [start("nodes.world_simulator", *own, "__node:=earth", *values)]
-    out = f"out:={tmp_path / 'bag'}"
-    nodes.append(start("nodes.recorder", *own, "__node:=scribe", "-p", out))
-    nodes += [start("nodes.robot", *own, f"__node:={name}") for name in NAMES]
-    for node in nodes:
-        assert node.exit_code() == 0, node.output
-    bag = open_bag(tmp_path / "bag")
-    assert "/earth/claim" in bag.topics
+
+    def start(kind, name, *parameters):
+        own = ["--ros-args", "-r", f"__node:={name}", "-p", "use_sim_time:=true"]
+        own += [word for parameter in parameters for word in ("-p", parameter)]
+        return bench.add(kind(context=bench.place(name, own)[0]), name)
+
+    start(WorldSimulator, "earth", "scenario:=env1", "set:=[steps=30]", "recorded:=true")
+    start(Recorder, "scribe", f"out:={tmp_path / 'bag'}")
+    for name in NAMES:
+        start(RobotNode, name)
+    bench.spin_until_done()
+    assert "/earth/claim" in open_bag(tmp_path / "bag").topics
     assert verify(tmp_path / "bag").same
 
 

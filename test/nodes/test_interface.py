@@ -204,12 +204,6 @@ def request_of(team, asker, steps_ago=0, name=None):
     return request
 
 
-def test_a_question_about_the_past_says_the_step_it_is_now(team):
-    plan = ask(team, "robot_1", request_of(team, "robot_2", steps_ago=1))
-    assert not plan.poses
-    assert plan.header.stamp == team.states["robot_1"][-1].header.stamp
-
-
 def test_a_stranger_is_refused(team):
     plan = ask(team, "robot_1", request_of(team, "robot_2", name="robot_9"))
     assert not plan.poses

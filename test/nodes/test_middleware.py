@@ -7,8 +7,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 from sparse_coord_ros.nodes.middleware import PROFILES, one_host, repair_promptly
 
 PUBLISH = """
@@ -23,12 +21,6 @@ node.create_publisher(String, "words", 10)
 node.destroy_node()
 rclpy.shutdown()
 """
-
-
-def repaired() -> dict[str, str]:
-    """Return the environment of a node that is started by hand."""
-    repair_promptly()
-    return dict(os.environ)
 
 
 def test_the_profiles_of_the_user_stay(monkeypatch) -> None:
@@ -48,19 +40,17 @@ def test_a_team_on_one_host_has_profiles_of_its_own(monkeypatch) -> None:
     assert one_host() == os.environ
 
 
-@pytest.mark.parametrize("environment", [one_host, repaired])
-def test_fast_dds_understands_the_profiles(monkeypatch, tmp_path, environment) -> None:
-    def printed() -> str:
-        done = subprocess.run([sys.executable, "-c", PUBLISH], capture_output=True, text=True)
-        assert done.returncode == 0, done.stderr
-        return done.stdout + done.stderr
-
+def test_fast_dds_understands_the_profiles(monkeypatch, tmp_path) -> None:
     monkeypatch.setenv(PROFILES, "restored after the test")
     monkeypatch.delenv(PROFILES)
-    monkeypatch.setenv(PROFILES, environment()[PROFILES])
-    assert printed() == ""
-    profiles = Path(os.environ[PROFILES]).read_text()
+    on_one_host = Path(one_host()[PROFILES])
+    repair_promptly()
+    by_hand = Path(os.environ[PROFILES])
     bad = tmp_path / "bad.xml"
-    bad.write_text(profiles.replace("heartbeatPeriod", "heartbeat"))
-    monkeypatch.setenv(PROFILES, str(bad))
-    assert "XMLPARSER" in printed()
+    bad.write_text(by_hand.read_text().replace("heartbeatPeriod", "heartbeat"))
+    for profiles in (on_one_host, by_hand, bad):
+        monkeypatch.setenv(PROFILES, str(profiles))
+        done = subprocess.run([sys.executable, "-c", PUBLISH], capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        printed = done.stdout + done.stderr
+        assert ("XMLPARSER" in printed) if profiles == bad else printed == ""
