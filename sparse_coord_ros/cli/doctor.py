@@ -40,7 +40,7 @@ def execute(options: argparse.Namespace) -> int:
             _print(finding)
     fine = all(one.level != WRONG for one in found)
     if options.json:
-        said = {"fine": fine, "findings": [one._asdict() for one in found]}
+        said = {"fine": fine, "findings": found}
         shared.print_json(said if removed is None else {**said, "removed": removed})
     else:
         if removed is not None:

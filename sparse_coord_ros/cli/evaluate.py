@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.learn.agent import Tables
-from sparse_coord_ros.learn.evaluation import TRIALS, Evaluation, Measure, check_tables, evaluate
+from sparse_coord_ros.learn.evaluation import TRIALS, Evaluation, check_tables, evaluate
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS, RunConfig, load_run
 from sparse_coord_ros.learn.tables import load_team
 from sparse_coord_ros.solve.optimum import joint_optimum
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from sparse_coord_ros.solve.exact import ExactEvaluation
 
 PAPER_PENALTY = -20.0
+MEASURES = ("reward", "time_to_goal", "miscoordinations")
+"""Measures that the paper prints."""
 
 EXAMPLE = (
     "sparse_coord train env1 --out runs/a && sparse_coord evaluate runs/a\n"
@@ -77,12 +79,11 @@ def execute(options: argparse.Namespace) -> int:
     print("\n\n".join(result_table(runs, several=several) for runs in by_game(found)))
     for one in found:
         if isinstance(one.result, Evaluation) and one.result.not_arrived:
-            which = f"{one.directory}: " if several else ""
-            print(
-                f"{which}in {one.result.not_arrived} of {trials} trials some robot did not arrive"
-            )
-    if not several and (options.directories[0] / "bag").is_dir():
-        print(f"bag: {options.directories[0] / 'bag'}")
+            missed = f"{one.result.not_arrived} of {trials} trials"
+            print(f"{one.directory}: in {missed} some robot did not arrive")
+    bag = options.directories[0] / "bag"
+    if bag.is_dir() and not several:
+        print(f"bag: {bag}")
     return 0
 
 
@@ -133,7 +134,7 @@ def facts_of(one: Evaluated) -> dict[str, Any]:
     bound, team = shipped_class_bound(scenario), shipped_best_team(scenario)
     optimum = joint_optimum(scenario)
     return {
-        "directory": str(one.directory),
+        "directory": one.directory,
         "scenario": scenario.name,
         "penalty": scenario.penalty,
         "learner": one.run.learner,
@@ -150,12 +151,8 @@ def facts_of(one: Evaluated) -> dict[str, Any]:
 
 def paper_row(run: RunConfig) -> dict:
     """Return what the paper prints for this run's learner; nothing for another game."""
-    return dict(run.scenario.paper.get(run.learner, {})) if same_game_as_paper(run) else {}
-
-
-def same_game_as_paper(run: RunConfig) -> bool:
-    """Whether the run's rewards are those of the paper's Tables 1 to 3."""
-    return run.scenario.penalty == PAPER_PENALTY
+    same = run.scenario.penalty == PAPER_PENALTY
+    return dict(run.scenario.paper.get(run.learner, {})) if same else {}
 
 
 def result_table(found: Sequence[Evaluated], *, several: bool = False) -> str:
@@ -166,42 +163,28 @@ def result_table(found: Sequence[Evaluated], *, several: bool = False) -> str:
         several: whether the rows name the runs' directories.
     """
     scenario, rows = found[0].run.scenario, []
-    for one in found:
-        name = f"{one.directory}: {title_of(one.run)}" if several else title_of(one.run)
-        rows.append(result_row(name, one.result))
-    papers = {title_of(one.run): paper_row(one.run) for one in found}
+    papers: dict[str, dict] = {}
+    for directory, run, result in found:
+        title = run.rule.title or run.learner
+        papers[title] = paper_row(run)
+        arrived = f"{100 * result.all_arrived:.2f} %"
+        if isinstance(result, Evaluation):
+            arrived = f"{result.trials - result.not_arrived} of {result.trials}"
+        measures = (getattr(result, name) for name in MEASURES)
+        rows.append(
+            [
+                f"{f'{directory}: ' * several}{title}, {result.how}",
+                *(f"{one.mean:.2f} ± {one.spread:.2f}" for one in measures),
+                f"{result.asks.mean:.2f}",
+                arrived,
+            ]
+        )
     for title, paper in papers.items():
         if paper:
-            cells = [
-                "{:.2f} ± {:.2f}".format(*paper[measure]) if measure in paper else "-"
-                for measure in ("reward", "time_to_goal", "miscoordinations")
-            ]
+            pairs = (paper.get(name) for name in MEASURES)
+            cells = ["-" if pair is None else "{:.2f} ± {:.2f}".format(*pair) for pair in pairs]
             rows.append([f"{title}, paper", *cells, "-", "-"])
     for name, value in yardsticks(scenario):
         rows.append([name, f"{value:.2f}", "-", "-", "-", "-"])
     head = ["reward", "time to goal", "miscoordinations", "asks", "all arrived"]
     return shared.format_table([f"{scenario.name}, penalty {scenario.penalty:g}", *head], rows)
-
-
-def title_of(run: RunConfig) -> str:
-    """Return what the run's learner is called in print."""
-    return run.rule.title or run.learner
-
-
-def result_row(name: str, result: Evaluation | ExactEvaluation) -> list[str]:
-    """Return the row of one run."""
-    arrived = f"{100 * result.all_arrived:.2f} %"
-    if isinstance(result, Evaluation):
-        arrived = f"{result.trials - result.not_arrived} of {result.trials}"
-    return [
-        f"{name}, {result.how}",
-        _pair(result.reward),
-        _pair(result.time_to_goal),
-        _pair(result.miscoordinations),
-        f"{result.asks.mean:.2f}",
-        arrived,
-    ]
-
-
-def _pair(measure: Measure) -> str:
-    return f"{measure.mean:.2f} ± {measure.spread:.2f}"

@@ -3,11 +3,9 @@
 """`sparse_coord explain`: each COORDINATE of a time step, from the question to the table entry."""
 
 import argparse
-from typing import Any
 
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.errors import RunError, did_you_mean
-from sparse_coord_ros.game.actions import ACTIONS
 from sparse_coord_ros.game.settings import Setting
 
 STEP = Setting(
@@ -38,17 +36,18 @@ def execute(options: argparse.Namespace) -> int:
     told = (explain(log, k, step) for k in asked if step is not None)
     found = [one for one in told if one is not None]
     if options.json:
-        coordinated = [_facts(log, one) for one in found]
-        shared.print_json({"wanted": wanted, "step": step, "coordinations": coordinated})
+        facts = [{**one._asdict(), "robot": log.names[one.robot]} for one in found]
+        shared.print_json({"wanted": wanted, "step": step, "coordinations": facts})
         return 0
     if log.damage is not None:
         print(f"damaged: {log.damage}; what is before it:")
+    who = options.robot or "nobody"
     if step is None:
-        last = f"; the last time was step {steps[-1]}" if steps else ""
-        print(f"{options.robot or 'nobody'}: no COORDINATE from step {wanted} on{last}")
+        print(
+            f"{who}: no COORDINATE from step {wanted} on; the last: {max(steps, default='none')}"
+        )
     elif wanted not in (0, step):
-        who = f"{options.robot} did not choose" if options.robot else "nobody chose"
-        print(f"at step {wanted} {who} COORDINATE; the next time is step {step}")
+        print(f"{who}: no COORDINATE at step {wanted}; the next is at step {step}")
     for one in found:
         print("\n".join(in_words(log, one)))
     return 0
@@ -64,48 +63,3 @@ def _robots(log, name: str | None) -> list[int]:
             f"robots are {', '.join(log.names)}"
         )
     return [log.names.index(name)]
-
-
-def _facts(log, one) -> dict[str, Any]:
-    """Return plain data of one robot's COORDINATE."""
-    learned: dict[str, Any] = {"reward": None, "next_cell": None, "q_coord": None, "q_star": None}
-    learned["corrections"] = []
-    if (update := one.update) is not None:
-        learned = {
-            "reward": update.reward,
-            "next_cell": update.next_cell,
-            "q_coord": _entry(update.coord),
-            "q_star": _entry(update.star),
-            "corrections": [list(row) for row in update.corrections],
-        }
-    return {
-        "step": one.step,
-        "robot": log.names[one.robot],
-        "cell": one.cell,
-        "requests": [_request(log, request) for request in one.requests],
-        "outcome": one.outcome,
-        "perceived": one.perceived,
-        "action": ACTIONS[one.action.move],
-        "values": one.q_values,
-        "agrees_with_log": one.agrees,
-        "doubt": one.doubt,
-        **learned,
-    }
-
-
-def _request(log, request) -> dict[str, Any]:
-    step, position = (None, None) if request.answer is None else request.answer[:2]
-    return {
-        "peer": log.names[request.peer],
-        "answer_step": step,
-        "answer_position": position,
-        "seconds": request.seconds,
-    }
-
-
-def _entry(changed) -> dict[str, Any] | None:
-    """Return a changed entry of a table."""
-    if changed is None:
-        return None
-    (*state, action), before, after = changed
-    return {"state": state, "action": ACTIONS[action], "before": before, "after": after}

@@ -6,12 +6,11 @@ import argparse
 import os
 import signal
 import sys
-import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 
 from sparse_coord_ros.cli.verbs import VERBS, Parser, add_verb
-from sparse_coord_ros.errors import EXIT_BAD_INPUT, SparseCoordError
+from sparse_coord_ros.errors import EXIT_BAD_INPUT, SparseCoordError, os_error_text
 from sparse_coord_ros.version import __version__
 
 INTERRUPTED = 130
@@ -19,8 +18,8 @@ INTERRUPTED = 130
 WITH_NODES = ("run", "replay")
 """Verbs that run ROS nodes, which say good-bye at a signal by themselves."""
 
-LONGEST_NAME = 300
-"""Characters of a file's name in an error."""
+LONGEST = 300
+"""Characters of what the system refuses."""
 
 
 def make_parser(chosen: str | None = None) -> argparse.ArgumentParser:
@@ -54,23 +53,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         options = make_parser(verb).parse_args(arguments)
         with nullcontext() if verb in WITH_NODES else _terminated_like_interrupted():
             return options.execute(options)
-    except SparseCoordError as error:
-        print(f"error: {error}", file=sys.stderr, flush=True)
-        return error.exit_code
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except OSError as error:
+    except (SparseCoordError, OSError, MemoryError) as error:
         print(f"error: {_in_words(error)}", file=sys.stderr, flush=True)
-        return EXIT_BAD_INPUT
-    except MemoryError as error:
-        print(
-            f"error: not enough memory{f' ({error})' if str(error) else ''}; choose a smaller "
-            "scenario, fewer steps or trials, or fewer --jobs",
-            file=sys.stderr,
-            flush=True,
-        )
-        return EXIT_BAD_INPUT
+        return getattr(error, "exit_code", EXIT_BAD_INPUT)
     except KeyboardInterrupt:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # impatience brings no traceback at the exit
         print("interrupted", file=sys.stderr, flush=True)
@@ -81,23 +69,23 @@ def _verb_of(words: Sequence[str]) -> str | None:
     return next((word for word in words if not word.startswith("-")), None)
 
 
-def _in_words(error: OSError) -> str:
-    problem = error.strerror or str(error)
-    name = "" if error.filename is None else str(error.filename)
-    if len(name) > LONGEST_NAME:
-        name = f"{name[: LONGEST_NAME // 2]}...{name[-LONGEST_NAME // 2 :]}"
-    return f"{problem}: {name}" if name else problem
+def _in_words(error: Exception) -> str:
+    if isinstance(error, MemoryError):
+        return (
+            f"not enough memory{f' ({error})' if str(error) else ''}; choose a smaller scenario, "
+            "fewer steps or trials, or fewer --jobs"
+        )
+    if not isinstance(error, OSError):
+        return str(error)
+    said = os_error_text(error)  # it names the file, however long its name is
+    return said if len(said) <= LONGEST else f"{said[: LONGEST // 2]}...{said[-LONGEST // 2 :]}"
 
 
 @contextmanager
 def _terminated_like_interrupted() -> Iterator[None]:
-    """Let SIGTERM, and SIGHUP unless it is ignored, do what Ctrl-C does, in the main thread."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    numbers = [signal.SIGTERM]
-    if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:
-        numbers.append(signal.SIGHUP)
+    """Let SIGTERM, and SIGHUP unless it is ignored, do what Ctrl-C does."""
+    hung_up = [signal.SIGHUP] if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN else []
+    numbers = (signal.SIGTERM, *hung_up)
     before = {n: signal.signal(n, signal.default_int_handler) for n in numbers}
     try:
         yield

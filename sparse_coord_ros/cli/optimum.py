@@ -3,11 +3,12 @@
 """`sparse_coord optimum`: the exact joint optimum, fixed shortest paths, and the class bound."""
 
 import argparse
-import sys
 from dataclasses import asdict
 from pathlib import Path
 
 from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.cli import pictures
+from sparse_coord_ros.cli.computing import Bar
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS
@@ -38,18 +39,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         dest="class_bound",
         help="search for the best team of two robots that has Algorithm 1's form",
     )
-    for setting, what in ((RESTARTS, "random beginnings"), (SEED, "seed of the search")):
-        parser.add_argument(
-            f"--{setting.name}",
-            type=setting.parse,
-            help=f"with --class: {what} (default: {setting.default})",
-        )
-    parser.add_argument(
-        "--out",
-        type=Path,
-        help="with --class: a JSON file to keep the search in, and to go on from",
-    )
-    parser.add_argument("--picture", type=Path, help="with --class: draw the team, e.g. team.png")
+    for name, kind, text in (
+        ("restarts", RESTARTS.parse, f"random beginnings (default: {RESTARTS.default})"),
+        ("seed", SEED.parse, f"seed of the search (default: {SEED.default})"),
+        ("out", Path, "a JSON file to keep the search in, and to go on from"),
+        ("picture", Path, "draw the team, e.g. team.png"),
+    ):
+        parser.add_argument(f"--{name}", type=kind, help=f"with --class: {text}")
     shared.add_json(parser)
 
 
@@ -66,12 +62,9 @@ def execute(options: argparse.Namespace) -> int:
     paths = shortest_path_reference(scenario)
     shipped, team = shipped_class_bound(scenario), shipped_best_team(scenario)
     if options.json:
-        found = {"scenario": scenario.name, **asdict(optimum), "robots_alone": bound}
-        known = {
-            "class_bound": None if shipped is None else shipped.to_dict(),
-            "best_team": None if team is None else team.to_dict(),
-        }
-        shared.print_json({**found, "shortest_paths": asdict(paths), **known})
+        known = {"class_bound": shipped, "best_team": team, "shortest_paths": paths}
+        facts = {"scenario": scenario.name, **asdict(optimum), "robots_alone": bound}
+        shared.print_json({**facts, **known})
         return 0
     print(f"{scenario.name}, penalty {scenario.penalty:g}, {optimum.joint_states} joint states")
     if optimum.exact:
@@ -92,23 +85,20 @@ def execute(options: argparse.Namespace) -> int:
 def _class_bound(options: argparse.Namespace, scenario: Scenario) -> int:
     """Search for the class bound, and say what was found."""
     check_class(scenario)
-    restarts = RESTARTS.default if options.restarts is None else options.restarts
     picture = options.picture
-    if picture is not None and picture.suffix.lower() not in PICTURES:
-        raise SettingError(f"--picture {picture}: allowed: a name ending in {', '.join(PICTURES)}")
-
-    def progress(done: int, of: int, best: float) -> None:
-        if sys.stderr.isatty():
-            end = "\n" if done == of else "\r"
-            print(f"restart {done} of {of}, best {best:.4f}", end=end, file=sys.stderr, flush=True)
-
-    found = class_bound(
-        scenario,
-        restarts=restarts,
-        seed=options.seed or SEED.default,
-        file=options.out,
-        progress=progress,
-    )
+    if options.out is not None:
+        pictures.check_out(options.out)
+    if picture is not None:
+        pictures.check_out(picture, PICTURES, "--picture")
+    bar = Bar("restarts", quiet=options.json)
+    with bar:
+        found = class_bound(
+            scenario,
+            restarts=RESTARTS.default if options.restarts is None else options.restarts,
+            seed=SEED.default if options.seed is None else options.seed,
+            file=options.out,
+            progress=lambda done, of, best: bar.show(done, of, f"best {best:.4f}"),
+        )
     if picture is not None:
         _draw(picture, scenario, found)
     if options.json:
@@ -129,10 +119,9 @@ def _class_bound(options: argparse.Namespace, scenario: Scenario) -> int:
             print(f"{robot.name} alone could gain {gain:.3f} for itself: no equilibrium")
     if not any(found.gains):
         print("no robot was found to gain by changing alone: an equilibrium, as far as known")
-    if options.out is not None:
-        print(f"search: {options.out}")
-    if picture is not None:
-        print(f"picture: {picture}")
+    for name in ("out", "picture"):
+        if getattr(options, name) is not None:
+            print(f"written: {getattr(options, name)}")
     return 0
 
 

@@ -7,6 +7,7 @@ import json
 import math
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import fields, is_dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -215,15 +216,22 @@ def note(text: str) -> None:
 
 
 def print_json(data: Any) -> None:
-    """Print one JSON object; numbers that are none (NaN) are null."""
+    """Print one JSON object, of records too; numbers that are none (NaN) are null."""
     print(json.dumps(_plain(data), indent=2, allow_nan=False))
 
 
 def _plain(data: Any) -> Any:
+    """Return records as mappings, paths as texts."""
+    if hasattr(data, "_asdict"):
+        data = data._asdict()
+    elif is_dataclass(data):
+        data = {field.name: getattr(data, field.name) for field in fields(data)}
     if isinstance(data, Mapping):
         return {name: _plain(value) for name, value in data.items()}
     if isinstance(data, list | tuple):
         return [_plain(value) for value in data]
+    if isinstance(data, Path):
+        return str(data)
     return None if isinstance(data, float) and not math.isfinite(data) else data
 
 

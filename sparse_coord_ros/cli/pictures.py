@@ -42,27 +42,30 @@ def add_out(parser: argparse.ArgumentParser, kinds: Sequence[str]) -> None:
     )
 
 
-def check_out(path: Path, kinds: Sequence[str]) -> str:
+def check_out(path: Path, kinds: Sequence[str] = (), option: str = "--out") -> str:
     """Return of which kind a file is to be, before anything is computed for it.
+
+    Args:
+        path: the file.
+        kinds: how its name may end; empty: in any way.
+        option: that named it.
 
     Raises:
         SettingError: its name ends otherwise.
         RunError: it cannot be written.
     """
     kind = path.suffix.lower()
-    if kind not in kinds:
-        raise SettingError(
-            f"--out {str(path)[-100:]}: allowed: a name that ends in {', '.join(kinds)}"
-        )
+    shown = f"{option} {str(path)[-100:]}"
+    if kinds and kind not in kinds:
+        raise SettingError(f"{shown}: allowed: a name that ends in {', '.join(kinds)}")
     if len(os.fsencode(path.name + PARTIAL)) > LONGEST_NAME:
-        raise SettingError(f"--out: a name of {len(path.name)} characters; choose a shorter one")
-    folder = path.parent
-    if not folder.is_dir():
-        raise RunError(f"--out {path}: there is no folder {folder}; make it, or choose another")
-    if path.is_dir():
-        raise RunError(f"--out {path}: is a folder; give the name of a file")
-    if not os.access(folder, os.W_OK) or (path.exists() and not os.access(path, os.W_OK)):
-        raise RunError(f"--out {path}: cannot be written; choose another place")
+        raise SettingError(
+            f"{option}: a name of {len(path.name)} characters; choose a shorter one"
+        )
+    if not path.parent.is_dir():
+        raise RunError(f"{shown}: there is no folder {path.parent}; make it, or choose another")
+    if path.is_dir() or not os.access(path if path.exists() else path.parent, os.W_OK):
+        raise RunError(f"{shown}: cannot be written; choose another place")
     return kind.removeprefix(".")
 
 

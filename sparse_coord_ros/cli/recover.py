@@ -30,7 +30,8 @@ def execute(options: argparse.Namespace) -> int:
         shared.print_json(_facts(recovery))
     else:
         print("\n".join(_lines(recovery)))
-    return 0 if recovery.complete else EXIT_LOST
+    lost = (recovery.bag.recovered or {}).get("complete") == "false"
+    return 0 if recovery.complete and not lost else EXIT_LOST
 
 
 def _lines(recovery: Recovery) -> list[str]:
@@ -64,14 +65,14 @@ def _lines(recovery: Recovery) -> list[str]:
 def _facts(recovery: Recovery) -> dict:
     bag = recovery.bag
     return {
-        "bag": str(recovery.path),
+        "bag": recovery.path,
         "changed": recovery.changed,
         "complete": recovery.complete,
         "damage": bag.damage,
         "lost_bytes": bag.lost_bytes,
-        "recovered": None if bag.recovered is None else dict(bag.recovered),
+        "recovered": bag.recovered,
         "messages": bag.message_count,
         "topics": len(bag.topics),
         "attachments": len(bag.attachments),
-        "original": None if recovery.kept is None else str(recovery.kept),
+        "original": recovery.kept,
     }

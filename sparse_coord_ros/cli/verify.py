@@ -36,16 +36,12 @@ def execute(options: argparse.Namespace) -> int:
     if options.json:
         shared.print_json(
             {
-                "bag": str(found.log.bag.path),
+                "bag": found.log.bag.path,
                 "identical": found.same,
                 "cannot_tell": found.cannot_tell,
-                **_numbers(found),
-                "differences": [one._asdict() for one in found.differences],
-                "open": [one._asdict() for one in found.open],
-                "broke_off": list(found.broke_off),
-                "lost": dict(found.lost),
-                "rollbacks": [one._asdict() for one in found.log.tracks.rollbacks],
-                "gaps": [one._asdict() for one in found.log.tracks.gaps],
+                **{name: value for name, value in vars(found).items() if name != "log"},
+                "rollbacks": found.log.tracks.rollbacks,
+                "gaps": found.log.tracks.gaps,
             }
         )
     else:
@@ -53,12 +49,6 @@ def execute(options: argparse.Namespace) -> int:
     if found.cannot_tell:
         return CANNOT_TELL
     return 0 if found.same else 1
-
-
-def _numbers(found) -> dict[str, int]:
-    names = ["steps", "choices", "updates", "tables"]
-    names += ["left_out", "unlearned", "resets", "repeats", "unchecked"]
-    return {name: getattr(found, name) for name in names}
 
 
 def _print(found, shown: int | None) -> None:
@@ -82,13 +72,10 @@ def _print(found, shown: int | None) -> None:
         if count:
             print(f"{count} {what}")
     for back in found.log.tracks.rollbacks:
-        said = f"at step {back.until} the run went back to the checkpoint of step {back.step}"
-        if back.first <= back.until:
-            said += (
-                ": what the log says before that of the steps "
-                f"{back.first} to {back.until} is not compared"
-            )
-        print(said)
+        print(
+            f"at step {back.until} the run went back to the checkpoint of step {back.step}; what "
+            "it had done since is not compared"
+        )
     if found.lost:
         copies = ", ".join(f"{count} of {topic}" for topic, count in found.lost.items())
         print(f"lost copies (of these topics only the last messages are kept): {copies}")

@@ -67,7 +67,7 @@ def test_train(sparse_coord, folder, learner):
     ]
     assert load_history(directory).same_bits(learned(directory).history)
     table = sparse_coord("evaluate", "runs/a", "--trials", 50)[1]
-    assert out.startswith(table.split("in 5")[0])
+    assert out.startswith(table.split("runs/a: in ")[0])
     run = load_run(directory)
     assert (run.learner, run.seed) == (learner, 4)
     scenario = load_scenario("env1").with_settings({"steps": 300, "max_steps": 40})

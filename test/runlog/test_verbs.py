@@ -9,6 +9,7 @@ import pytest
 
 from sparse_coord_ros.bags.reader import open_bag
 from sparse_coord_ros.cli.main import main
+from sparse_coord_ros.game.actions import ACTIONS
 from sparse_coord_ros.game.world import Reward
 from sparse_coord_ros.nodes.messages import Converter
 from sparse_coord_ros.runlog import read_run
@@ -123,10 +124,10 @@ def test_explain_tells_the_whole_dialogue(sparse_coord, good):
         sparse_coord("explain", good.bag, "--step", step, "--robot", "robot_2", "--json")[1]
     )
     (one,) = told["coordinations"]
-    entry = one["q_coord"]
-    assert (entry["state"], entry["action"]) == ([own, peer], move)
-    assert entry["before"] != entry["after"] and one["agrees_with_log"]
-    assert 0 < one["requests"][0]["seconds"] < 0.01
+    (*cells, action), before, after = one["update"]["coord"]
+    assert (one["robot"], cells, ACTIONS[action]) == ("robot_2", [own, peer], move)
+    assert before != after and one["agrees"]
+    assert one["requests"][0]["answer"][0] == step
 
 
 def test_explain_names_the_table_entries_as_they_become(good):
@@ -148,10 +149,10 @@ def test_explain_finds_the_next_one(sparse_coord, good):
     calm = next(t for t in log.step.tolist() if t > steps[3] and t not in steps)
     following = min(t for t in steps if t > calm)
     out = sparse_coord("explain", good.bag, "--step", calm)[1].splitlines()
-    assert out[0] == f"at step {calm} nobody chose COORDINATE; the next time is step {following}"
+    assert out[0] == f"nobody: no COORDINATE at step {calm}; the next is at step {following}"
     assert out[1].startswith(f"step {following}: ")
     code, out, _ = sparse_coord("explain", good.bag, "--step", 10**9)
-    assert code == 0 and f"the last time was step {steps[-1]}" in out
+    assert code == 0 and f"the last: {steps[-1]}" in out
 
 
 @pytest.mark.parametrize(
