@@ -66,23 +66,18 @@ def film(scenario: Scenario, episode: Episode, *, title: str, rate: float = 2.0)
         title: what stands above it.
         rate: time steps a second.
     """
-    stage = _Stage(scenario, episode, title)
-    images: list[Image.Image] = []
-    durations: list[int] = []
-
-    def shoot(step: int, moved: float, steps: float, *, speaking: bool = False) -> None:
-        """Add a picture that stands for so many time steps."""
-        images.append(stage.shoot(step, moved, speaking=speaking))
-        durations.append(max(20, round(100 * steps / rate) * 10))
-
     shown = min(len(episode.steps), MOST_STEPS)
     glide = (0.35, 0.7) if shown <= SMOOTH_STEPS else ()
+    # Of each picture the step, how much of it is over, how long it lasts, whether questions show.
+    pictures: list[tuple[int, float, float, bool]] = []
     for step in range(shown):
         if questions_of(episode.steps[step]):
-            shoot(step, 0.0, TALK, speaking=True)
-        for moved in glide:
-            shoot(step, moved, 0.15)
-        shoot(step, 1.0, 0.7 if glide else 1.0)
+            pictures.append((step, 0.0, TALK, True))
+        pictures += [(step, moved, 0.15, False) for moved in glide]
+        pictures.append((step, 1.0, 0.7 if glide else 1.0, False))
+    stage = _Stage(scenario, episode, title)
+    images = [stage.shoot(step, moved, speaking=asks) for step, moved, _, asks in pictures]
+    durations = [max(20, round(100 * lasts / rate) * 10) for _, _, lasts, _ in pictures]
     durations[-1] += round(1000 * HOLD / rate)
     file = io.BytesIO()
     images[0].save(
@@ -97,16 +92,15 @@ class _Stage:
     def __init__(self, scenario: Scenario, episode: Episode, title: str) -> None:
         self._scenario, self._episode = scenario, episode
         self._names = [robot.name for robot in scenario.robots]
+        steps = episode.steps
         rows, columns = scenario.map.shape
         cell = min(LARGEST_CELL, LONGEST_SIDE / max(rows, columns))
         self._cell = cell = max(SMALLEST_CELL, cell)
-        steps = episode.steps
-        self._spoken = min(SENTENCES, max((len(questions_of(one)) for one in steps), default=0))
+        self._spoken = min(SENTENCES, max(len(questions_of(one)) for one in steps))
         above, below = 0.32, 0.34 + 0.2 * self._spoken
         width = max(LEAST_WIDTH, columns * cell + 0.2)
         height = rows * cell + above + below
-        width, height = round(width * DPI) / DPI, round(height * DPI) / DPI
-        self._figure = figure = Figure(figsize=(width, height), dpi=DPI, facecolor="white")
+        self._figure = figure = Figure(figsize=(width, height), dpi=DPI)
         canvas: Any = FigureCanvasAgg(figure)
         self._canvas = canvas
         wide, high = columns * cell / width, rows * cell / height
@@ -117,20 +111,14 @@ class _Stage:
             mark = Rectangle((column + 0.18, row + 0.28), 0.64, 0.64, fill=False, linewidth=2)
             mark.set(edgecolor=robot_colour(k), linestyle=(0, (2, 1.5)))
             self._axes.add_patch(mark)
-        self._lines = [
-            Text(0.01, (below - 0.2 - 0.2 * n) / height, "", fontsize=9, va="center")
-            for n in range(self._spoken + 1)
-        ]
-        head = Text(0.5, 1 - 0.5 * above / height, title, fontsize=10, ha="center", va="center")
-        for text in (head, *self._lines):
-            text.set_parse_math(False)
-            figure.add_artist(text)
+        self._axes.set_title(title, fontsize=10, parse_math=False)
         self._canvas.draw()
         self._empty = self._canvas.copy_from_bbox(figure.bbox)
+        self._words = figure.text(0.01, (below - 0.1) / height, "", fontsize=9, va="top")
+        self._words.set_parse_math(False)
         self._places = np.array([*scenario.map.cells, (np.nan, np.nan)])[:, ::-1] + 0.5
         cells = [*(one.cells for one in steps), steps[-1].after or (None,) * len(self._names)]
-        known = [[-1 if cell is None else cell for cell in row] for row in cells]
-        self._cells = np.array(known)
+        self._cells = np.nan_to_num(np.array(cells, dtype=float), nan=-1).astype(int)
         self._palette = _palette()
 
     def shoot(self, step: int, moved: float, *, speaking: bool = False) -> Image.Image:
@@ -149,8 +137,7 @@ class _Stage:
         for ask in asks:
             self._put(self._sign(ask, places))
         self._say(step + over, asks, together)
-        for text in self._lines:
-            self._figure.draw_artist(text)
+        self._figure.draw_artist(self._words)
         image = Image.frombuffer(
             "RGBA", self._canvas.get_width_height(), self._canvas.buffer_rgba().tobytes()
         )
@@ -241,8 +228,7 @@ class _Stage:
             at += ": miscoordination"
         elif step == length:
             at += ": all there" if self._episode.arrived else ": not all there"
-        for text, words in zip(self._lines, [at, *said, *[""] * self._spoken], strict=False):
-            text.set_text(words)
+        self._words.set_text("\n".join([at, *said]))
 
 
 def _pale(colour: str) -> tuple[float, float, float]:

@@ -2,18 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """A picture of where bodies drove: their paths over the map, in metres."""
 
-import math
-from collections.abc import Sequence
+from itertools import groupby
 
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Rectangle
 
-from sparse_coord_ros.driving.trials import Drive, Moment
+from sparse_coord_ros.driving.trials import Drive
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.look.figures import LINES
-from sparse_coord_ros.palette import DOORWAY_COLOUR, WALL_COLOUR, robot_colour
+from sparse_coord_ros.palette import DOORWAY_COLOUR, robot_colour
 from sparse_coord_ros.wire.frame import Frame
 
 LONGEST = 10.0
@@ -49,20 +48,12 @@ def paths_figure(
     scale = LONGEST / max(width, height)
     figure = Figure(figsize=(width * scale, height * scale + 0.9), layout="constrained")
     axes = figure.add_subplot()
-    axes.set_aspect("equal")
-    axes.set_xlim(left, left + width)
-    axes.set_ylim(low, low + height)
-    axes.set_xlabel("x (m)")
-    axes.set_ylabel("y (m)")
-    axes.set_title(title)
     if plan is None:
-        for row, line in enumerate(run.scenario.map.rows):
-            for column, symbol in enumerate(line):
-                if symbol == "#":
-                    corner = left + column * side, low + (rows - 1 - row) * side
-                    axes.add_patch(Rectangle(corner, side, side, color=WALL_COLOUR, lw=0))
-    else:
-        axes.imshow(plan[0], cmap="gray", vmin=0, vmax=255, extent=plan[1], zorder=0)
+        walls = np.array([[symbol == "#" for symbol in row] for row in run.scenario.map.rows])
+        plan = np.where(walls, 64, 255), (left, left + width, low, low + height)
+    axes.imshow(plan[0], cmap="gray", vmin=0, vmax=255, extent=plan[1], zorder=0)
+    axes.set(xlim=(left, left + width), ylim=(low, low + height), aspect="equal")
+    axes.set(xlabel="x (m)", ylabel="y (m)", title=title)
     for cell in run.scenario.map.doorways:
         x, y = frame.centres[cell]
         corner = x - side / 2, y - side / 2
@@ -70,7 +61,8 @@ def paths_figure(
     episodes = 1 + max((moment.episode for moment in driven.path), default=0)
     for k, robot in enumerate(run.scenario.robots):
         colour = robot_colour(k)
-        for path in _paths(driven.path, k):
+        for _, moments in groupby(driven.path, key=lambda moment: moment.episode):
+            path = np.array([moment.places[k] for moment in moments])
             style = LINES[k % len(LINES)]
             axes.plot(*path.T, color=colour, ls=style, lw=1.2, alpha=max(THINNEST, 1 / episodes))
         start, goal = frame.centres[robot.start], frame.centres[robot.goal]
@@ -86,15 +78,3 @@ def paths_figure(
         key.append(Line2D([], [], color="black", marker="x", ls="", label="bodies touched"))
     figure.legend(handles=key, loc="outside lower center", ncols=min(6, len(key)), frameon=False)
     return figure
-
-
-def _paths(moments: Sequence[Moment], robot: int) -> list[np.ndarray]:
-    """Return a robot's path in each episode, shape (moments, 2)."""
-    found: list[list[tuple[float, float]]] = []
-    episode: float = math.nan
-    for moment in moments:
-        if moment.episode != episode:
-            found.append([])
-            episode = moment.episode
-        found[-1].append(moment.places[robot])
-    return [np.array(path) for path in found]

@@ -104,8 +104,7 @@ def test_words_below_the_map():
     cells = [[robot.start for robot in crowd.robots]] * 2
     stage = films._Stage(crowd, episode(cells, asks), "a $x$ & <b>")
     stage.shoot(0, 0.0, speaking=True)
-    said = [text.get_text() for text in stage._lines]
-    assert said == [
+    assert stage._words.get_text().split("\n") == [
         "step 0 of 1",
         "robot_1 asks all others: refused, goes north",
         "robot_2 asks all others: refused, goes north",

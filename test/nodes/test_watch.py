@@ -160,7 +160,7 @@ def test_a_page_beside_a_live_team(bench):
     bench.robots(2)
     bench.spin_until(lambda: board.get("frame") is not None, "a frame")
     assert board.get("run")["scenario"] == "env1" and board.get("run")["source"] == "live"
-    board.page_came()
+    board.pages += 1
     node.controls.control(Control(PAUSE, True))
     bench.spin_until(lambda: board.get("frame")["state"] == "paused", "it holds")
     bench.spin_until(lambda: world.lockstep.complete, "all have acted")
@@ -188,7 +188,7 @@ def test_a_team_in_one_process_with_a_page(bench, tmp_path):
     from sparse_coord_ros.look.page.server import Server
 
     page = Server(Board(), port=0)
-    page.board.page_came()
+    page.board.pages += 1
     try:
         values = {"scenario": "env1", "set": ["steps=300"], "out": str(tmp_path / "run")}
         values |= {"claim_window": 0.0, "seed": 3}

@@ -17,29 +17,14 @@ class Board:
     """The newest message of each type.
 
     Attributes:
-        watched: whether a page is there; what is costly need not be made where none is.
+        pages: how many are there; what is costly need not be made where none is.
     """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._messages: dict[str, tuple[int, Message]] = {}
         self._version = 0
-        self._pages = 0
-
-    @property
-    def watched(self) -> bool:
-        """Whether a page is there."""
-        return self._pages > 0
-
-    def page_came(self) -> None:
-        """Note that a page is there."""
-        with self._lock:
-            self._pages += 1
-
-    def page_left(self) -> None:
-        """Note that it is gone."""
-        with self._lock:
-            self._pages -= 1
+        self.pages = 0
 
     def put(self, kind: str, **fields: Any) -> None:
         """Put a message in place of the one before of its type."""

@@ -129,7 +129,7 @@ class LiveView:
     def slow_due(self) -> bool:
         """Return whether it is time for `show_learned`: once a second where a page is there."""
         self._began = self._now()
-        return self.board.watched and self._began >= self._slow
+        return self.board.pages > 0 and self._began >= self._slow
 
     def show_learned(
         self,

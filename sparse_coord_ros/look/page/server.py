@@ -77,7 +77,6 @@ class Page:
         self._names = {"localhost", host.lower()}
         if not self._local:
             self._names |= {socket.gethostname().lower(), socket.getfqdn().lower()}
-        self._sockets: set[web.WebSocketResponse] = set()
         folder = resources.files("sparse_coord_ros.look.page") / "static"
         self._files = {name: (folder / name).read_bytes() for name in FILES}
         self.app = web.Application(middlewares=[self._guard], client_max_size=LARGEST_MESSAGE)
@@ -86,7 +85,6 @@ class Page:
             self.app.router.add_get(f"/{name}", self._file)
         self.app.router.add_get("/ws", self._stream)
         self.app.on_response_prepare.append(_add_headers)
-        self.app.on_shutdown.append(self._close_all)
 
     def allowed(self, host: str) -> bool:
         """Return whether a `Host` (or the one of an `Origin`) names this server.
@@ -120,15 +118,14 @@ class Page:
         return web.Response(body=self._files[name], content_type=FILES[name], charset="utf-8")
 
     async def _stream(self, request: web.Request) -> web.StreamResponse:
-        if len(self._sockets) >= MOST_PAGES:
+        if self.board.pages >= MOST_PAGES:
             return web.Response(status=503, text=f"{MOST_PAGES} pages are open: close one\n")
         # Not compressed: the page is near, and a team in this process would pay for it.
         stream = web.WebSocketResponse(
             max_msg_size=LARGEST_MESSAGE, heartbeat=HEARTBEAT_SECONDS, compress=False
         )
         await stream.prepare(request)
-        self._sockets.add(stream)
-        self.board.page_came()
+        self.board.pages += 1
         sender = asyncio.create_task(self._send(stream))
         try:
             async for message in stream:
@@ -138,8 +135,7 @@ class Page:
             sender.cancel()
             with suppress(asyncio.CancelledError, ConnectionError, RuntimeError):
                 await sender
-            self._sockets.discard(stream)
-            self.board.page_left()
+            self.board.pages -= 1
         return stream
 
     async def _send(self, stream: web.WebSocketResponse) -> None:
@@ -185,11 +181,6 @@ class Page:
         if self.source is not None:
             self.source.control(control)
         return {"type": "done", "do": control.name}
-
-    async def _close_all(self, _: web.Application) -> None:
-        for stream in set(self._sockets):
-            with suppress(Exception):
-                await asyncio.wait_for(stream.close(code=1001, message=b"the source ends"), 1.0)
 
 
 def _hello(*, control: bool) -> dict[str, Any]:
@@ -257,7 +248,7 @@ class Server:
         self._loop.close()
 
     async def _run(self) -> None:
-        runner = web.AppRunner(self.page.app, access_log=None, shutdown_timeout=1.0)
+        runner = web.AppRunner(self.page.app, access_log=None, shutdown_timeout=0.1)
         await runner.setup()
         await web.SockSite(runner, self._listening).start()
         await self._stop.wait()

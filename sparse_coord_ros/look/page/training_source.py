@@ -72,7 +72,7 @@ class TrainingView(LiveView):
             if not self._stepping:
                 self._sleep(1 / LOOKS_A_SECOND)
             return 0
-        self.wants_glimpse = self.board.watched
+        self.wants_glimpse = self.board.pages > 0
         if not self._rate:
             return None
         now = self._now()

@@ -46,7 +46,7 @@ def test_what_takes_long_comes_seldom(view, monkeypatch, took, pause):
 
     monkeypatch.setattr(messages, "curve_fields", slow_message)
     assert not view.slow_due()  # nobody looks
-    view.board.page_came()
+    view.board.pages += 1
     assert view.slow_due()
     view.show_learned(no_history(2), {})
     view.time += 0.99 * pause

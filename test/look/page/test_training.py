@@ -71,7 +71,7 @@ class Clock:
 @pytest.mark.parametrize("every", [0, 50])
 def test_looking_changes_no_bit_and_shows_what_there_is(every):
     problem, board, clock = scenario(), Board(), Clock()
-    board.page_came()
+    board.pages += 1
     view = TrainingView(make_run(problem, {}), board, title="", now=clock, sleep=clock.sleep)
     view.control(Control(RATE, 100.0))
     steps = set()
