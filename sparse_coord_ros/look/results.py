@@ -10,10 +10,9 @@ from sparse_coord_ros.errors import ResultsError, SettingError, did_you_mean
 from sparse_coord_ros.experiments.catalogue import NAMES, experiment
 from sparse_coord_ros.experiments.report.drawings import figures_of
 from sparse_coord_ros.experiments.report.map_pictures import asked_maps
-from sparse_coord_ros.experiments.store import ConditionResult, Plan, read_results
+from sparse_coord_ros.experiments.store import ConditionResult, read_results
 
-CONDITIONS, ASKS = "conditions", "asks"
-VARIANCE = "_variance"
+ASKS, VARIANCE = "asks", "_variance"
 
 
 class ResultsShown:
@@ -33,14 +32,12 @@ class ResultsShown:
 
     def __init__(self, directory: Path) -> None:
         self.directory = directory
-        self.plan: Plan
-        self.plan, found = read_results(directory)
-        if not found:
+        self.plan, self.results = read_results(directory)
+        if not self.results:
             raise ResultsError(
                 f"{directory}: holds no result yet; 'sparse_coord reproduce' puts some there"
             )
-        self.results = found
-        by_id = {one.id: one for one in found}
+        by_id = {one.id: one for one in self.results}
         self.experiments: dict[str, list[ConditionResult]] = {}
         for name in NAMES:
             ids = [condition.id for condition in experiment(name).conditions]
@@ -50,11 +47,9 @@ class ResultsShown:
     @property
     def whats(self) -> list[str]:
         """What can be drawn."""
-        found = [CONDITIONS]
-        found += [ASKS] if self._asking else []
-        for name in self.experiments:
-            found += [name, f"{name}{VARIANCE}"] if name == "figure4" else [name]
-        return found
+        found = ["conditions", ASKS] if self._asking else ["conditions"]
+        extra = [f"figure4{VARIANCE}"] if "figure4" in self.experiments else []
+        return [*found, *self.experiments, *extra]
 
     @property
     def _asking(self) -> list[ConditionResult]:

@@ -13,7 +13,6 @@ import numpy as np
 
 from sparse_coord_ros.bags.layout import being_recorded
 from sparse_coord_ros.errors import BagError, SparseCoordError
-from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.history import concatenated, no_history
 from sparse_coord_ros.look.page import messages
 from sparse_coord_ros.look.page.board import Board
@@ -28,9 +27,6 @@ CONTROLS = (PAUSE, STEP, RATE, SEEK)
 TICK_SECONDS = 1 / 30
 LOOK_SECONDS = 0.5
 """Between two looks at whether the file has grown."""
-
-CURVES_SECONDS = 0.7
-"""Between two messages of curves while the log is read."""
 
 FIRST_RATE = 10.0
 
@@ -63,13 +59,10 @@ class BagSource:
         self.board = board
         self.growing = self._grows()
         if self.log.empty:
-            damage = "" if self.log.damage is None else f"; {self.log.damage}"
             self.log.close()
-            if self.growing:
-                raise BagError(
-                    f"{path}: holds no message yet, its recorder has only begun; try again soon"
-                )
-            raise BagError(f"{path}: holds no message to show{damage}; see 'sparse_coord info'")
+            what = "its recorder has only begun; try again soon"
+            what = what if self.growing else "see 'sparse_coord info'"
+            raise BagError(f"{path}: holds no message to show: {what}")
         begin = self.log.begin()
         acted = np.flatnonzero((begin.cells != NONE).any(axis=1))
         self.first = int(begin.step[acted[0]] if len(acted) else begin.step[0])
@@ -108,19 +101,18 @@ class BagSource:
 
     # In the thread of the source.
 
-    def play(self, stop: Callable[[], bool] = lambda: False) -> None:
-        """Play until told to stop."""
+    def play(self) -> None:
+        """Play until interrupted."""
         reading = threading.Thread(target=self._read_through, daemon=True)
         reading.start()
         looked = self._now()
         try:
-            while not stop():
-                began = self._now()
-                if self.growing and began - looked >= LOOK_SECONDS:
-                    looked = began
+            while True:
+                if self.growing and self._now() - looked >= LOOK_SECONDS:
+                    looked = self._now()
                     self.look()
                 self.tick()
-                self._stop.wait(max(0.0, TICK_SECONDS - (self._now() - began)))
+                time.sleep(TICK_SECONDS)
         finally:
             self._stop.set()
             reading.join()
@@ -160,20 +152,23 @@ class BagSource:
         elif control.name == RATE:
             self.rate = control.value
         elif control.name == SEEK:
-            self.position = float(min(max(control.value, self.first), last))
+            self.position = self._clamped(control.value)
             if self.growing and self.position >= last:
                 self.paused = False
         elif control.name == STEP:
             self.paused = True
-            self.position = float(self._beside(control.value))
+            self.position = self._beside(control.value)
 
-    def _beside(self, count: int) -> int:
+    def _beside(self, count: int) -> float:
         """Return the time step so many steps on in the log, or back."""
         log = self._around(int(self.position))
         row = self._row(log) + count
         if 0 <= row < len(log.step):
-            return int(log.step[row])
-        return int(min(max(int(self.position) + count, self.first), self.log.last_step))
+            return float(log.step[row])
+        return self._clamped(int(self.position) + count)
+
+    def _clamped(self, step: int) -> float:
+        return float(min(max(step, self.first), self.log.last_step))
 
     def _row(self, log: RunLog) -> int:
         """Return the row of the position in a part of the log; -1: before it."""
@@ -207,20 +202,21 @@ class BagSource:
         """Put what belongs to the position on the board, where it is not there already."""
         try:
             log = self._around(int(self.position))
+            row = self._row(log)
+            if row >= 0:
+                self._show(log, row)
         except SparseCoordError as error:
-            self._damaged(error)
-            return
-        row = self._row(log)
-        if row < 0:
-            return
+            self.board.put("notice", text=f"damaged: {error}")
+
+    def _show(self, log: RunLog, row: int) -> None:
         step = int(log.step[row])
         around = {"rate": self.rate, "first": self.first, "last": self.log.last_step}
         if self._new("frame", (step, self.state, around)):
             fields = messages.frame_fields(logged_step(log, row))
             self.board.put("frame", state=self.state, **around, **fields)
             self._tell(log, row)
-        self._show_tables(step)
         self._show_asked(step)
+        self._show_tables(step)
 
     def _tell(self, log: RunLog, row: int) -> None:
         """Show the last questions up to a row, where there are others than before."""
@@ -238,15 +234,8 @@ class BagSource:
         )
         if not self._new("tables", due):
             return
-        found: dict[int, tuple[int, Tables]] = {}
-        for k in range(len(due)):
-            try:
-                entry = self.log.tables_before(k, step)
-            except SparseCoordError as error:
-                self._damaged(error)
-                continue
-            if entry is not None:
-                found[k] = (entry.step, entry.tables)
+        entries = [self.log.tables_before(k, step) for k in range(len(due))]
+        found = {k: (one.step, one.tables) for k, one in enumerate(entries) if one is not None}
         self.board.put("tables", robots=messages.table_fields(self.run, found))
 
     def _show_asked(self, step: int) -> None:
@@ -269,9 +258,6 @@ class BagSource:
         if self._new("notice", text):
             self.board.put("notice", text=text)
 
-    def _damaged(self, error: SparseCoordError) -> None:
-        self.board.put("notice", text=f"damaged: {error}")
-
     # In a thread beside it.
 
     def _read_through(self) -> None:
@@ -279,11 +265,10 @@ class BagSource:
         scenario = self.run.scenario
         history = whole = no_history(len(scenario.robots))
         asked = np.zeros((len(scenario.robots), len(scenario.map.cells)), dtype=np.int64)
-        begin, put = 0, -CURVES_SECONDS
+        begin = 0
         try:
-            while not self._stop.is_set():
+            while True:
                 growing = self.growing
-                before = history
                 for part in self.log.episodes(begin):
                     self._notice()
                     if self._stop.is_set():
@@ -295,26 +280,23 @@ class BagSource:
                         begin = part.open_step
                     asked = asked + part.asked
                     self._asked.append((begin - 1, asked))
-                    if time.monotonic() - put > CURVES_SECONDS:
-                        put = time.monotonic()
-                        share = begin / max(1, self.log.last_step)
-                        self.board.put("curves", read=share, **messages.curve_fields(history))
+                    share = begin / max(1, self.log.last_step)
+                    self.board.put("curves", read=share, **messages.curve_fields(history))
                     time.sleep(0.002)  # playing comes first
-                if history is not before or self.board.get("curves") is None:
-                    self.board.put("curves", read=1.0, **messages.curve_fields(history))
+                self.board.put("curves", read=1.0, **messages.curve_fields(history))
                 if not growing:
                     break
-                self._stop.wait(LOOK_SECONDS)
-            if not self._stop.is_set():
-                self._evaluate()
+                if self._stop.wait(LOOK_SECONDS):
+                    return
+            self._evaluate()
         except SparseCoordError as error:
-            self._damaged(error)
+            self.board.put("notice", text=f"damaged: {error}")
 
     def _evaluate(self) -> None:
         """Show the value of the newest tables, where all robots have learned some."""
-        robots = range(len(self.run.scenario.robots))
-        found = [entry for k in robots if (entry := self.log.tables_before(k)) is not None]
-        if len(found) == len(robots) and any(entry.step for entry in found):
-            step = min(entry.step for entry in found)
-            tables = [entry.tables for entry in found]
+        found = [self.log.tables_before(k) for k in range(len(self.run.scenario.robots))]
+        entries = [entry for entry in found if entry is not None]
+        if len(entries) == len(found) and any(entry.step for entry in entries):
+            step = min(entry.step for entry in entries)
+            tables = [entry.tables for entry in entries]
             self.board.put("evaluation", **evaluation_fields(self.run, tables, step))
