@@ -111,11 +111,10 @@ def played_episode(
     """
     team = greedy_team(scenario, tables, seed, learner)
     world = World(scenario, seed, phase=EVALUATION, max_steps=scenario.horizon)
-    count = wanted + 1 if isinstance(wanted, int) and wanted < PLAYED else PLAYED
     recorder = HistoryRecorder(len(scenario.robots))
-    played = [tuple(_play(world, team, recorder)) for _ in range(count)]
+    played = [tuple(_play(world, team, recorder)) for _ in range(PLAYED)]
     history = recorder.look()
-    number = _chosen(wanted, history, np.ones(count, dtype=bool), "greedy episodes")
+    number = _chosen(wanted, history, np.ones(PLAYED, dtype=bool), "greedy episodes")
     return Episode(number, True, played[number], bool(history.arrived[number].all()))
 
 

@@ -10,11 +10,11 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.collections import EllipseCollection
+from matplotlib.collections import PatchCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
+from matplotlib.patches import Circle, Patch
 
 from sparse_coord_ros.errors import SettingError, did_you_mean
 from sparse_coord_ros.experiments.report.map_pictures import COLOUR_MAP, draw_map
@@ -170,21 +170,11 @@ def _lines(panels: Iterable[Panel]) -> Iterator[list[Panel]]:
 # Maps.
 
 
-def _cell_inches(shown: Shown, longest: float) -> float:
-    """Return how large a cell of a run's map is drawn: such that it can be read."""
-    return max(SMALLEST_CELL, longest / max(shown.config.scenario.map.shape))
-
-
-def _label_size(shown: Shown, longest: float) -> float:
-    """Return the size of the labels of starts and goals, in points."""
-    return max(5.0, min(8.0, 13 * _cell_inches(shown, longest)))
-
-
 def _map_panel(
     shown: Shown, longest: float, draw: Callable[[Axes], None], below: float = 0.0
 ) -> Panel:
     rows, columns = shown.config.scenario.map.shape
-    cell = _cell_inches(shown, longest)
+    cell = max(SMALLEST_CELL, longest / max(rows, columns))
     return Panel(max(2.8, columns * cell + 0.3), rows * cell + 0.6 + below, draw)
 
 
@@ -213,8 +203,7 @@ def _draw_policy(
     robot are hollow and its rings dashed: in greyscale its colour may be another one's, pale.
     """
     scenario = shown.config.scenario
-    label_size = _label_size(shown, POLICY_MAP)
-    draw_map(axes, scenario, label_size=label_size, label_height=0.14)
+    draw_map(axes, scenario, label_height=0.14)
     rows, columns = np.array(scenario.map.cells).T
     south, east = np.array(DIRECTIONS).T
     for place, k in enumerate(robots):
@@ -232,12 +221,8 @@ def _draw_policy(
             **ARROW,
         )
         asks = np.flatnonzero(policy.asks)
-        size = np.full(len(asks), 0.5)
-        rings = EllipseCollection(
-            *(size, size, np.zeros(len(asks))),
-            units="xy",
-            offsets=np.column_stack([x[asks], y[asks]]),
-            offset_transform=axes.transData,
+        rings = PatchCollection(
+            [Circle(at, 0.25) for at in zip(x[asks], y[asks], strict=True)],
             facecolors="none",
             edgecolors=colour,
             linewidths=1.8,
@@ -245,7 +230,7 @@ def _draw_policy(
             alpha=alpha[asks],
             zorder=4,
         )
-        axes.add_collection(rings, autolim=False)
+        axes.add_collection(rings)
     axes.set_title(title, fontsize=10)
     if key:
         _policy_key(shown, robots if len(robots) > 1 else (), axes)
@@ -257,12 +242,12 @@ def _policy_key(shown: Shown, robots: Sequence[int], axes: Axes) -> None:
         face = "white" if place % 2 else robot_colour(k)
         handles.append(Patch(facecolor=face, edgecolor=robot_colour(k), label=_names(shown)[k]))
     if shown.config.rule.asks:
-        ring = Line2D([], [], color="0.3", marker="o", linestyle="none", label="asks here first")
-        ring.set(markersize=9, markerfacecolor="none")
-        handles.append(ring)
+        ring: dict[str, Any] = {"marker": "o", "markersize": 9, "markerfacecolor": "none"}
+        handles.append(Line2D([], [], color="0.3", ls="none", label="asks here first", **ring))
     handles.append(Line2D([], [], color="0.3", alpha=0.3, linewidth=2.2, label="never gets here"))
-    below: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.01)}
-    axes.legend(handles=handles, ncols=2, frameon=False, fontsize=8, **below)
+    axes.legend(
+        handles=handles, ncols=2, frameon=False, loc="upper center", bbox_to_anchor=(0.5, 0)
+    )
 
 
 def _shaded(
@@ -282,8 +267,7 @@ def _shaded(
 def _draw_shades(
     shown: Shown, title: str, dark: np.ndarray, norm: Normalize, bar: str, axes: Axes
 ) -> None:
-    size = _label_size(shown, SHADED_MAP)
-    draw_map(axes, shown.config.scenario, dark, label_size=size, label_height=0.2)
+    draw_map(axes, shown.config.scenario, dark, label_height=0.2)
     axes.set_title(title, fontsize=9)
     if bar:
         beside = axes.inset_axes((1.03, 0.0, 0.035, 1.0))

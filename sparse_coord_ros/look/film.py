@@ -50,9 +50,6 @@ OUTCOME_LINES = {"answered": "-", "refused": (0, (4, 2)), "failed": (0, (1, 2))}
 TALK, HOLD = 1.6, 4.0
 """How long a question stands still, and the last frame, in time steps."""
 
-CLOSE = 0.9
-"""Cells between two robots that leave no room for a sign."""
-
 SHARED = 0.27
 """How far robots that share a cell stand from its centre, in cells."""
 
@@ -205,8 +202,6 @@ class _Stage:
         x, y = 0.45 * places[ask.asker] + 0.55 * places[peer]
         if len(ask.peers) > 1:
             x, y = x + 0.38, y - 0.38
-        elif np.hypot(*(places[ask.asker] - places[peer])) < CLOSE:
-            y -= 0.45  # it would hide their numbers
         if np.isfinite(x):
             colour = OUTCOME_COLOURS[ask.outcome]
             yield Circle((x, y), 0.22, facecolor="white", edgecolor=colour, linewidth=1.8)
@@ -249,6 +244,5 @@ def _palette() -> Image.Image:
     mixed += [list(rgb("#404040")), [0.85] * 3]
     image = Image.new("P", (1, 1))
     unique = np.unique(np.round(np.array(mixed) * 255).astype(np.uint8), axis=0)
-    assert len(unique) <= 256
     image.putpalette(unique.tobytes())
     return image

@@ -29,17 +29,12 @@ class Policy(NamedTuple):
 
 def policy_of(tables: Tables, goal: int) -> Policy:
     """Return the greedy policy of a robot's tables; `goal` is its goal cell."""
+    learned = np.nanmin(tables.q_star, axis=1) < np.nanmax(tables.q_star, axis=1)
+    learned[goal] = False
     values = np.nan_to_num(tables.q_star, nan=-np.inf)  # a baseline has no COORDINATE
     moves = values[:, :PRIMITIVES] == values[:, :PRIMITIVES].max(axis=1, keepdims=True)
     asks = values[:, COORDINATE] >= values.max(axis=1)
-    known = np.isfinite(tables.q_star)
-    low = np.where(known, tables.q_star, np.inf).min(axis=1)
-    high = np.where(known, tables.q_star, -np.inf).max(axis=1)
-    nothing = low == high
-    nothing[goal] = True
-    moves[nothing] = False
-    asks &= ~nothing
-    return Policy(moves, asks)
+    return Policy(moves & learned[:, None], asks & learned)
 
 
 class Sparsity(NamedTuple):

@@ -65,10 +65,12 @@ def run_report(shown: Shown, *, baselines: bool = True) -> str:
         f"{scenario.penalty:g} for a miscoordination, {scenario.ask_cost:g} for asking. "
         f"From {shown.path}; report of sparse_coord_ros {__version__}."
     )
-    damage = None if shown.bag is None else shown.log.damage
-    warning = f"The bag is damaged: {damage}. What is before it:"
+    begins = [begin]
+    if shown.bag is not None and shown.log.damage is not None:
+        words = f"The bag is damaged: {shown.log.damage}. What is before it:"
+        begins.append(text(words, warn=True))
     sections: list[Section] = [
-        ("", [begin] if damage is None else [begin, text(warning, warn=True)]),
+        ("", begins),
         ("The value of the team", _value(shown, baselines)),
         ("What was learned", _learned(shown)),
     ]
@@ -174,9 +176,6 @@ def _faults(shown: Shown) -> Iterator[Part]:
     else:
         yield text("No node warned of anything.")
     yield text("Whether the log is what it has to be, bit for bit, says 'sparse_coord verify'.")
-    if shown.directory is not None and (shown.directory / "summary.yaml").is_file():
-        summary = shown.directory / "summary.yaml"
-        yield code(summary.read_text(encoding="utf-8", errors="replace"), summary="summary.yaml")
 
 
 def _scenario(scenario: Scenario) -> Iterator[Part]:
@@ -190,11 +189,6 @@ def _scenario(scenario: Scenario) -> Iterator[Part]:
         for robot in scenario.robots
     ]
     yield table(["robot", "start [row, column]", "goal [row, column]"], places, words=True)
-    settings = [
-        (name, getattr(scenario, name), setting.default, setting.help)
-        for name, setting in SETTINGS.items()
-    ]
-    yield table(["setting", "value", "default", "meaning"], settings, words=True)
 
 
 def _again(shown: Shown) -> Iterator[Part]:
@@ -234,11 +228,10 @@ def results_report(shown: ResultsShown) -> str:
         f"{plan.seeds[0]} to {plan.seeds[-1]}, {plan.trials} greedy episodes of each run. Report "
         f"of sparse_coord_ros {__version__}."
     )
-    shortest = [f"{one.reference['reward']:.2f}" for one in shown.results]
     rows = [
         {"condition": one.id, "learner": one.learner.title, **condition_row(one)}
-        | {"shortest paths": beside}
-        for one, beside in zip(shown.results, shortest, strict=True)
+        | {"shortest paths": f"{one.reference['reward']:.2f}"}
+        for one in shown.results
     ]
     head = list(dict.fromkeys(key for row in rows for key in row))
     every = table(head, [[row.get(key) or "-" for key in head] for row in rows])
