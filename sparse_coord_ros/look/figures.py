@@ -245,9 +245,7 @@ def _policy_key(shown: Shown, robots: Sequence[int], axes: Axes) -> None:
         ring: dict[str, Any] = {"marker": "o", "markersize": 9, "markerfacecolor": "none"}
         handles.append(Line2D([], [], color="0.3", ls="none", label="asks here first", **ring))
     handles.append(Line2D([], [], color="0.3", alpha=0.3, linewidth=2.2, label="never gets here"))
-    axes.legend(
-        handles=handles, ncols=2, frameon=False, loc="upper center", bbox_to_anchor=(0.5, 0)
-    )
+    axes.legend(handles=handles, ncols=2, loc="upper center", bbox_to_anchor=(0.5, 0))
 
 
 def _shaded(

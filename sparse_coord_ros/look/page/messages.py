@@ -72,13 +72,7 @@ def run_fields(run: RunConfig) -> Message:
             "doorways": sorted(grid.doorways),
         },
         "robots": [
-            {
-                "name": robot.name,
-                "start": robot.start,
-                "goal": robot.goal,
-                "colour": robot_colour(k),
-                "shape": SHAPES[k % len(SHAPES)],
-            }
+            {**vars(robot), "colour": robot_colour(k), "shape": SHAPES[k % len(SHAPES)]}
             for k, robot in enumerate(scenario.robots)
         ],
     }
