@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The loop behind exact means: a team of two robots, its probabilities carried forward.
+"""The loop behind exact evaluation: a team of two robots, its probabilities carried forward.
 
 Plain Python over NumPy arrays, compiled by numba where it is installed; the same bits.
 """
@@ -20,11 +20,13 @@ class Pair(NamedTuple):
 
     Attributes:
         lead: where each move leads, and `STAY`; (cells, moves + 1).
-        start: the joint state that they start in: first robot's cell * cells + second robot's.
+        starts: start cell of each robot; (2,).
         goals: goal cell of each robot; (2,).
         moves: probability of each move, whether asked or not; (2, own cell,
             peer's cell, moves).
         asks: probability of asking; (2, cells).
+        asked: probability of having asked, given what the step came to, a move or `STAY`;
+            (2, own cell, peer's cell, moves + 1).
         meets: whether a step that ends in these cells is a miscoordination; (cells, cells).
         penalties: r^C of each robot; (2,).
         worth: of a robot's arrival, carried to infinity.
@@ -35,10 +37,11 @@ class Pair(NamedTuple):
     """
 
     lead: np.ndarray
-    start: int
+    starts: np.ndarray
     goals: np.ndarray
     moves: np.ndarray
     asks: np.ndarray
+    asked: np.ndarray
     meets: np.ndarray
     penalties: np.ndarray
     worth: float
@@ -54,6 +57,33 @@ REWARD, TIME, ASKS = range(3)
 CONFLICTS, ARRIVED = range(2)
 """Entries of the sums of the team."""
 
+QUANTITIES = 7
+"""`REWARD`, `TIME` and `ASKS` of both robots, numbered 2 * row + robot, and miscoordinations."""
+
+
+class Sums(NamedTuple):
+    """What a trial brings, filled by `carry`, and the space that it needs; all 0 before.
+
+    Attributes:
+        robots: mean `REWARD`, `TIME` and `ASKS` of each robot; (3, 2).
+        team: mean `CONFLICTS`, and the probability that all have `ARRIVED`; (2,).
+        squares: mean square of each of the `QUANTITIES`; (QUANTITIES,).
+        asked: expected asks of each robot in each cell; (2, cells).
+        stays: expected steps that each robot acts in each cell; (2, cells).
+        brought: mean and square of what a step brings of each quantity; (2, QUANTITIES).
+        moments: of each quantity so far, and its square, times the probability of the joint
+            state, now and after the step; (2, cells^2, 2, QUANTITIES), or (2, 0, 2, QUANTITIES)
+            where squares are not wanted.
+    """
+
+    robots: np.ndarray
+    team: np.ndarray
+    squares: np.ndarray
+    asked: np.ndarray
+    stays: np.ndarray
+    brought: np.ndarray
+    moments: np.ndarray
+
 
 def carry(
     pair: Pair,
@@ -61,8 +91,7 @@ def carry(
     later: np.ndarray,
     here: np.ndarray,
     there: np.ndarray,
-    sums: np.ndarray,
-    team: np.ndarray,
+    sums: Sums,
 ) -> None:
     """Add up what a trial brings on average.
 
@@ -72,61 +101,68 @@ def carry(
         later: as `likely`.
         here: space for the joint states that are possible; (cells^2,).
         there: as `here`.
-        sums: filled: `REWARD`, `TIME` and `ASKS` of each robot; (3, 2).
-        team: filled: `CONFLICTS`, and the probability that all have `ARRIVED`; (2,).
+        sums: filled.
     """
     cells = len(pair.lead)
     one, other = pair.goals[0], pair.goals[1]
-    here[0] = pair.start
-    likely[pair.start] = 1.0
+    home = one * cells + other
+    squared = sums.moments.shape[1] > 0
+    here[0] = pair.starts[0] * cells + pair.starts[1]
+    likely[here[0]] = 1.0
     count, factor = 1, 1.0
-    for _ in range(pair.horizon):
+    for t in range(pair.horizon):
         found = 0
         for i in range(count):
             state = here[i]
             p = likely[state]
             likely[state] = 0.0
             x, z = state // cells, state % cells
-            if x != one:
-                sums[TIME, 0] += p
-                sums[ASKS, 0] += p * pair.asks[0, x]
-                sums[REWARD, 0] -= factor * p * pair.asks[0, x] * pair.cost
-            if z != other:
-                sums[TIME, 1] += p
-                sums[ASKS, 1] += p * pair.asks[1, z]
-                sums[REWARD, 1] -= factor * p * pair.asks[1, z] * pair.cost
+            acts(pair, sums, 0, x, p, factor)
+            acts(pair, sums, 1, z, p, factor)
             for a in range(PRIMITIVES + 1):
                 first = p * outcome(pair, 0, x, z, a)
                 if first == 0.0:
                     continue
-                y = pair.lead[x, a]
                 for b in range(PRIMITIVES + 1):
                     q = first * outcome(pair, 1, z, x, b)
                     if q == 0.0:
                         continue
-                    w = pair.lead[z, b]
-                    if pair.meets[y, w]:
-                        team[CONFLICTS] += q
-                        sums[REWARD, 0] += factor * q * pair.penalties[0]
-                        sums[REWARD, 1] += factor * q * pair.penalties[1]
-                    if y == one and x != one:
-                        sums[REWARD, 0] += factor * q * pair.worth
-                    if w == other and z != other:
-                        sums[REWARD, 1] += factor * q * pair.worth
-                    if y == one and w == other:
-                        team[ARRIVED] += q
-                        continue
+                    y, w = pair.lead[x, a], pair.lead[z, b]
                     target = y * cells + w
-                    if later[target] == 0.0:
-                        there[found] = target
-                        found += 1
-                    later[target] += q
+                    pay(pair, sums, x, z, y, w, factor * q, q)
+                    if squared:
+                        bring(pair, sums.brought, 0, x, z, y, w, a, factor)
+                        bring(pair, sums.brought, 1, z, x, w, y, b, factor)
+                        pass_on(sums, t % 2, state, target, q, q / p)
+                    if target != home:
+                        if later[target] == 0.0:
+                            there[found] = target
+                            found += 1
+                        later[target] += q
+            if squared:
+                sums.moments[t % 2, state] = 0.0
         likely, later = later, likely
         here, there = there, here
         count = found
         factor *= pair.discount
+        if squared:
+            settle(sums, (t + 1) % 2, home)
         if count == 0:
             break
+    for i in range(count if squared else 0):
+        settle(sums, pair.horizon % 2, here[i])
+
+
+@inner
+def acts(pair: Pair, sums: Sums, k: int, x: int, p: float, factor: float) -> None:
+    """Add up that robot k acts in cell x, unless it has arrived."""
+    if x != pair.goals[k]:
+        asks = p * pair.asks[k, x]
+        sums.robots[TIME, k] += p
+        sums.robots[ASKS, k] += asks
+        sums.robots[REWARD, k] -= factor * p * pair.asks[k, x] * pair.cost
+        sums.stays[k, x] += p
+        sums.asked[k, x] += asks
 
 
 @inner
@@ -136,6 +172,67 @@ def outcome(pair: Pair, k: int, x: int, z: int, outcome: int) -> float:
     if outcome != STAY:
         return 0.0 if arrived else pair.success * pair.moves[k, x, z, outcome]
     return 1.0 if arrived else 1.0 - pair.success
+
+
+@inner
+def pay(pair: Pair, sums: Sums, x: int, z: int, y: int, w: int, worth: float, q: float) -> None:
+    """Add up what a step from (x, z) to (y, w) pays, its probability q, discounted: `worth`."""
+    if pair.meets[y, w]:
+        sums.team[CONFLICTS] += q
+        sums.robots[REWARD, 0] += worth * pair.penalties[0]
+        sums.robots[REWARD, 1] += worth * pair.penalties[1]
+    if y == pair.goals[0] and x != y:
+        sums.robots[REWARD, 0] += worth * pair.worth
+    if w == pair.goals[1] and z != w:
+        sums.robots[REWARD, 1] += worth * pair.worth
+    if y == pair.goals[0] and w == pair.goals[1]:
+        sums.team[ARRIVED] += q
+
+
+@inner
+def bring(
+    pair: Pair, brought: np.ndarray, k: int, x: int, z: int, y: int, w: int, a: int, factor: float
+) -> None:
+    """Write mean and square of what a step brings to robot k, which it leads from x to y.
+
+    The peer is led from z to w, the step comes to `a`, and its reward counts `factor` times.
+    """
+    acting = 1.0 if x != pair.goals[k] else 0.0
+    meets = 1.0 if pair.meets[y, w] else 0.0
+    asked = acting * pair.asked[k, x, z, a]
+    paid = meets * pair.penalties[k]
+    if acting and y == pair.goals[k]:
+        paid += pair.worth
+    with_cost = paid - pair.cost
+    brought[0, 2 * REWARD + k] = factor * (paid - asked * pair.cost)
+    brought[1, 2 * REWARD + k] = factor**2 * (
+        asked * with_cost * with_cost + (1.0 - asked) * paid * paid
+    )
+    brought[:, 2 * TIME + k] = acting
+    brought[:, 2 * ASKS + k] = asked
+    brought[:, QUANTITIES - 1] = meets
+
+
+@inner
+def pass_on(sums: Sums, now: int, state: int, target: int, q: float, share: float) -> None:
+    """Add the moments so far, with what was brought, to those of the state that a step leads to.
+
+    The step's probability is q; `share` is the part of the state's.
+    """
+    for i in range(QUANTITIES):
+        mean, square = sums.brought[0, i], sums.brought[1, i]
+        so_far = share * sums.moments[now, state, 0, i]
+        squared = share * sums.moments[now, state, 1, i]
+        sums.moments[1 - now, target, 0, i] += so_far + q * mean
+        sums.moments[1 - now, target, 1, i] += squared + 2.0 * mean * so_far + q * square
+
+
+@inner
+def settle(sums: Sums, now: int, state: int) -> None:
+    """Add up the squares of a joint state in which trials end."""
+    for i in range(QUANTITIES):
+        sums.squares[i] += sums.moments[now, state, 1, i]
+    sums.moments[now, state] = 0.0
 
 
 @functools.cache
