@@ -8,7 +8,6 @@ version of the sources has a folder of its own, named by a digest of them all.
 """
 
 import atexit
-import fcntl
 import functools
 import hashlib
 import inspect
@@ -18,7 +17,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, wait
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -28,6 +27,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from sparse_coord_ros.errors import SparseCoordError
+from sparse_coord_ros.files import take_lock
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -292,17 +292,10 @@ def compile_once(key: str, rule: type | None, warm_up: Callable[[], None]) -> No
 @contextmanager
 def _one_process(place: Path | None, key: str) -> Iterator[None]:
     """Hold a lock in the folder of the loops while they are not there; nothing where it fails."""
-    try:
-        lock = (
-            None if place is None or (place / key).exists() else (place / f"{key}.lock").open("w")
-        )
-    except OSError:
-        lock = None
-    if lock is None:
-        yield
-        return
-    with lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+    with ExitStack() as held:
+        if place is not None and not (place / key).exists():
+            with suppress(OSError):
+                take_lock(held.enter_context((place / f"{key}.lock").open("w")), wait=True)
         yield
 
 
@@ -322,19 +315,17 @@ def keep(key: str, rule: type | None = None) -> None:
     """Note that the loops of that name are compiled."""
     place = folder(rule)
     if place is not None:
-        try:
+        with suppress(OSError):  # a full disk: they are compiled again next time
             (place / key).touch()
-        except OSError:  # a full disk: they are compiled again next time
-            return
 
 
 def forget(rule: type | None = None) -> bool:
     """Throw away what is kept, as it cannot be read; return whether there was anything."""
     place = folder(rule)
-    there = place is not None and any(path.suffix != ".lock" for path in place.iterdir())
-    for path in place.iterdir() if place is not None else ():
+    kept = [] if place is None else [one for one in place.iterdir() if one.suffix != ".lock"]
+    for path in kept:
         if path.is_dir():
             shutil.rmtree(path, ignore_errors=True)
-        elif path.suffix != ".lock":
+        else:
             path.unlink(missing_ok=True)
-    return there
+    return bool(kept)

@@ -20,6 +20,7 @@ from sparse_coord_ros.engine import kernels
 from sparse_coord_ros.engine.cluster import Cluster
 from sparse_coord_ros.engine.processes import in_processes
 from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.game import streams
 from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.generator import jump_table, source_of
 from sparse_coord_ros.game.links import UP, link_of
@@ -27,17 +28,6 @@ from sparse_coord_ros.game.miscoordination import meeting_places, miscoordinated
 from sparse_coord_ros.game.perception import drawn_peer, percept_probabilities
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.schedules import exploration, exploring_starts, step_sizes
-from sparse_coord_ros.game.streams import (
-    DRAWS,
-    EVALUATION,
-    LEARNING,
-    MOTION,
-    PEER,
-    PERCEPT,
-    POLICY,
-    START,
-    Stream,
-)
 from sparse_coord_ros.game.world import EPISODE_GAP, FIRST_STEP, Action, Position
 from sparse_coord_ros.learn import loops
 from sparse_coord_ros.learn.agent import NOBODY, Memory, Tables
@@ -289,7 +279,7 @@ class CompiledTeam:
         results = np.zeros((trials, team, 4))
         asked, stays = np.zeros((2, team, len(scenario.map.cells)), dtype=np.int64)
         problem = self._trying._replace(budget=trials)
-        draws = self.draws(seed, problem, EVALUATION)
+        draws = self.draws(seed, problem, streams.EVALUATION)
         state = loops.State(problem, _game(team, FIRST_STEP + EPISODE_GAP), _choice(team), draws)
         while state.game.clock[loops.DONE] < trials:
             minds = self.with_room(minds)
@@ -347,18 +337,18 @@ class CompiledTeam:
         links = [link_of(self.scenario.link, seed, k, phase) for k in range(team)]
         fails = bool(team == 1 or (problem.percept < 1.0).any() or self.scenario.link != UP)
         looked_at = {
-            POLICY: True,
-            MOTION: True,
-            PERCEPT: problem.actions > PRIMITIVES and fails,
-            START: bool(problem.exploring.any()),
-        } | dict.fromkeys(self.minds.roles(), phase == LEARNING)
-        sources = np.zeros((len(DRAWS), team, 4), dtype=np.uint64)
-        for role, width in DRAWS.items():
+            streams.POLICY: True,
+            streams.MOTION: True,
+            streams.PERCEPT: problem.actions > PRIMITIVES and fails,
+            streams.START: bool(problem.exploring.any()),
+        } | dict.fromkeys(self.minds.roles(), phase == streams.LEARNING)
+        sources = np.zeros((len(streams.DRAWS), team, 4), dtype=np.uint64)
+        for role, width in streams.DRAWS.items():
             for k in problem.members.tolist() if looked_at.get(role) else ():
                 sources[role, k] = source_of(seed, k, role, phase, first * width)
         return loops.Draws(
             sources=sources,
-            since=np.full((len(DRAWS), team), first),
+            since=np.full((len(streams.DRAWS), team), first),
             jumps=JUMPS,
             fails=fails,
             block=BLOCK,
@@ -408,7 +398,7 @@ class CompiledLearning:
                 problem,
                 game,
                 self._choice,
-                team.draws(seed, problem, LEARNING, int(game.clock[loops.END])),
+                team.draws(seed, problem, streams.LEARNING, int(game.clock[loops.END])),
             )
             for problem, game in zip(team.learning, games, strict=True)
         ]
@@ -460,7 +450,7 @@ class CompiledLearning:
         peer = NOBODY
         robots = len(scenario.robots)
         if asked and robots > 1 and scenario.peers != "all":
-            draw = Stream(self._seed, k, POLICY).at(step)[PEER]
+            draw = streams.Stream(self._seed, k, streams.POLICY).at(step)[streams.PEER]
             peer = drawn_peer(k, robots, draw)
         perceived = asked and int(chosen.rows[k]) != loops.NO_ROW
         return Action(int(chosen.moves[k]), asked, peer, perceived)
@@ -553,6 +543,13 @@ def _choice(team: int) -> loops.Choices:
     return loops.Choices(*np.zeros((4, team), dtype=np.int64))
 
 
+AS_THEY_ARE = (
+    *("max_steps", "move_success", "goal_reward", "ask_cost", "discount", "goal_value"),
+    "referee",
+)
+"""Settings that loops read as they are."""
+
+
 def make_problem(
     scenario: Scenario, learner: Learner, members: np.ndarray
 ) -> loops.CompiledScenario:
@@ -591,11 +588,5 @@ def make_problem(
         actions=len(ACTIONS) if learner.asks else PRIMITIVES,
         weights=np.array(learner.weights(scenario)),
         budget=scenario.steps,
-        max_steps=scenario.max_steps,
-        move_success=scenario.move_success,
-        goal_reward=scenario.goal_reward,
-        ask_cost=scenario.ask_cost,
-        discount=scenario.discount,
-        goal_value=scenario.goal_value,
-        referee=scenario.referee,
+        **{name: getattr(scenario, name) for name in AS_THEY_ARE},
     )

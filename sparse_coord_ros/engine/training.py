@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, TypeAlias
 
 import numpy as np
 
@@ -119,6 +119,10 @@ class Training:
         return folder
 
 
+LearningRun: TypeAlias = Learning | CompiledLearning
+"""A run in progress on either engine."""
+
+
 class Watcher(Protocol):
     """Who looks at a run while it goes on; it may hold it, or slow it down.
 
@@ -128,7 +132,7 @@ class Watcher(Protocol):
 
     wants_glimpse: bool
 
-    def look(self, learning: "LearningRun", glimpse: Glimpse | None) -> int | None:
+    def look(self, learning: LearningRun, glimpse: Glimpse | None) -> int | None:
         """Look at a run between two transitions.
 
         Args:
@@ -139,41 +143,6 @@ class Watcher(Protocol):
             After how many transitions to look again at the latest; 0: hold, and look again at
             once; None: as it is best for the speed.
         """
-
-
-class LearningRun(Protocol):
-    """What both engines offer.
-
-    Attributes:
-        done: transitions made so far.
-    """
-
-    done: int
-
-    def advance(self, until: int) -> None:
-        """Learn until so many transitions have been made."""
-
-    @property
-    def tables(self) -> list[Tables]:
-        """What every robot has learned so far."""
-
-    @property
-    def visited(self) -> np.ndarray:
-        """Joint states of Q^C that each robot has updated."""
-
-    @property
-    def history(self) -> History:
-        """The episodes so far."""
-
-    def state(self) -> LearningState:
-        """Return where the run is."""
-
-    def glimpse(self) -> Glimpse:
-        """Make one transition and return it."""
-
-    @property
-    def asked(self) -> np.ndarray:
-        """How often each robot has learned from COORDINATE in each cell."""
 
 
 def engine_for(scenario: Scenario, learner: str | Learner, engine: str = "auto") -> str:
@@ -249,39 +218,45 @@ def train(
             evaluate_every, trials = saved.evaluate_every, saved.trials
     chosen = engine_for(scenario, rule, engine)
     under_way = _RunUnderWay(
-        scenario, rule, seed, chosen, evaluate_every or 0, trials, checkpoint, progress, saved
+        scenario,
+        rule,
+        seed,
+        chosen,
+        evaluate_every or 0,
+        trials,
+        checkpoint,
+        progress,
+        watcher,
+        [] if saved is None else list(saved.evaluations),
     )
-    under_way.watcher = watcher
+    under_way.begin(None if saved is None else saved.state)
     return under_way.run(scenario.steps if until is None else min(until, scenario.steps))
 
 
+@dataclass
 class _RunUnderWay:
     """A run under way; arguments as of `train`."""
 
-    def __init__(
-        self,
-        scenario: Scenario,
-        learner: Learner,
-        seed: int,
-        engine: str,
-        evaluate_every: int,
-        trials: int,
-        checkpoint: Path | None,
-        progress: Callable[[int, int], None],
-        saved: Checkpoint | None,
-    ) -> None:
-        self.scenario, self.learner, self.seed, self.engine = scenario, learner, seed, engine
-        self.evaluate_every, self.trials = evaluate_every, trials
-        self.checkpoint, self.progress = checkpoint, progress
-        self.watcher: Watcher | None = None
-        self.evaluations = [] if saved is None else list(saved.evaluations)
-        state = None if saved is None else saved.state
+    scenario: Scenario
+    learner: Learner
+    seed: int
+    engine: str
+    evaluate_every: int
+    trials: int
+    checkpoint: Path | None
+    progress: Callable[[int, int], None]
+    watcher: Watcher | None
+    evaluations: list[tuple[int, Evaluation]]
+
+    def begin(self, state: LearningState | None) -> None:
+        """Begin, or go on where the run was."""
         self.learning: LearningRun
-        if engine == "numba":
-            prepare(scenario, learner, history=True)
-            self.learning = CompiledLearning(CompiledTeam(scenario, learner), seed, state)
+        if self.engine == "numba":
+            prepare(self.scenario, self.learner, history=True)
+            team = CompiledTeam(self.scenario, self.learner)
+            self.learning = CompiledLearning(team, self.seed, state)
         else:
-            self.learning = Learning(scenario, learner, seed, state)
+            self.learning = Learning(self.scenario, self.learner, self.seed, state)
 
     def run(self, until: int) -> Training:
         """Learn until so many transitions have been made, or a signal comes."""
@@ -316,10 +291,8 @@ class _RunUnderWay:
             if wanted == 0:
                 continue
             target = min(until, learning.done + min(part, wanted or part))
-            if self.evaluate_every:
-                target = min(
-                    target, (learning.done // self.evaluate_every + 1) * self.evaluate_every
-                )
+            if every:
+                target = min(target, (learning.done // every + 1) * every)
             began = time.monotonic()
             learning.advance(target)
             took = time.monotonic() - began

@@ -15,20 +15,11 @@ import numpy as np
 
 from sparse_coord_ros.compiling import inlined
 from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.game import streams
 from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.perception import asked_peers, drawn_peer, succeeds
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.schedules import exploration, step_sizes
-from sparse_coord_ros.game.streams import (
-    EXPLORE,
-    EXPLORED_ACTION,
-    LEARNING,
-    PEER,
-    POLICY,
-    PRIMITIVE_TIE,
-    TIE,
-    Stream,
-)
 from sparse_coord_ros.game.world import SUM_OF_PARTS, Action, Reward, RewardWeights
 from sparse_coord_ros.learn import loops
 from sparse_coord_ros.learn.algorithm import (
@@ -182,7 +173,7 @@ class Agent:
         weights: RewardWeights = SUM_OF_PARTS,
         tables: Tables | None = None,
         learning: bool = True,
-        phase: int = LEARNING,
+        phase: int = streams.LEARNING,
     ) -> None:
         self.number = number
         self.learning = learning
@@ -192,7 +183,7 @@ class Agent:
         self.weights = weights
         self._peers = tuple(k for k in range(len(scenario.robots)) if k != number)
         self._asks_whom = scenario.peers
-        self._draws = Stream(seed, number, POLICY, phase)
+        self._draws = streams.Stream(seed, number, streams.POLICY, phase)
         budget = scenario.steps if learning else 0
         self._epsilon = exploration(scenario.epsilon, budget)
         self._step_sizes = step_sizes(scenario.step_size, budget)
@@ -238,14 +229,16 @@ class Agent:
             self.values(cell),
             self.actions,
             self.epsilon(step),
-            draws[EXPLORE],
-            draws[EXPLORED_ACTION],
-            draws[TIE],
+            draws[streams.EXPLORE],
+            draws[streams.EXPLORED_ACTION],
+            draws[streams.TIE],
         )
         if action != COORDINATE:
             return Decision(action)
         robots = len(self._peers) + 1
-        return Decision(action, asked_peers(self._asks_whom, self.number, robots, draws[PEER]))
+        return Decision(
+            action, asked_peers(self._asks_whom, self.number, robots, draws[streams.PEER])
+        )
 
     def act(
         self, step: int, cell: int, decision: Decision, perceived: tuple[int, ...] | None
@@ -266,7 +259,7 @@ class Agent:
 
     def coordinate(self, step: int, cell: int, perceived: tuple[int, ...] | None) -> int:
         """Return the primitive action that COORDINATE becomes; arguments as of `act`."""
-        tie = self._draws.at(step)[PRIMITIVE_TIE]
+        tie = self._draws.at(step)[streams.PRIMITIVE_TIE]
         return greedy(self.values_asking(cell, perceived), PRIMITIVES, tie)
 
     def values_asking(self, cell: int, perceived: tuple[int, ...] | None) -> list[float]:
@@ -465,7 +458,7 @@ class TableMinds(NamedTuple):
             values = minds.q_star[k, cells[k]]
         else:
             values = minds.rows.values[k, row]
-        return loops.greedy_action(values, PRIMITIVES, state.draws, k, step, PRIMITIVE_TIE)
+        return loops.greedy_action(values, PRIMITIVES, state.draws, k, step, streams.PRIMITIVE_TIE)
 
     @staticmethod
     def bootstrap(state: loops.State, minds: "TableMinds", step: int, k: int, y: int) -> float:
@@ -529,7 +522,7 @@ def perceived_state(state: loops.State, k: int, step: int) -> int:
                     return loops.NO_ROW
                 key = key * size + cells[peer]
     else:
-        which = loops.drawn(draws, POLICY, k, step, PEER) if team > 2 else 0.0
+        which = loops.drawn(draws, streams.POLICY, k, step, streams.PEER) if team > 2 else 0.0
         peer = drawn_peer(k, team, which)
         if not succeeds(draw, chances[cells[peer]]):
             return loops.NO_ROW

@@ -10,19 +10,11 @@ import numpy as np
 
 from sparse_coord_ros.compiling import inlined, inner
 from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.game import streams
 from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.links import Percepts
 from sparse_coord_ros.game.perception import succeeds
 from sparse_coord_ros.game.scenario import Scenario
-from sparse_coord_ros.game.streams import (
-    BLIND,
-    BLIND_ACTION,
-    BLIND_EXPLORE,
-    LEARNING,
-    PRIMITIVE_TIE,
-    REPLAY,
-    Stream,
-)
 from sparse_coord_ros.game.world import (
     SUM_OF_PARTS,
     UNKNOWN_PARTNERS,
@@ -30,30 +22,9 @@ from sparse_coord_ros.game.world import (
     Reward,
     RewardWeights,
 )
-from sparse_coord_ros.learn import loops
+from sparse_coord_ros.learn import factors, loops
 from sparse_coord_ros.learn.agent import Agent, Decision, Memory, Tables, with_memories
 from sparse_coord_ros.learn.algorithm import Values
-from sparse_coord_ros.learn.factors import (
-    UNSEEN,
-    FactorRule,
-    Factors,
-    Own,
-    Terms,
-    coordination_table,
-    counted,
-    key_of,
-    keys_below,
-    keys_of,
-    learn_asking,
-    learn_correction,
-    learn_move,
-    refresh,
-    replay,
-    rows_at_most,
-    sorted_factors,
-    states_of,
-    unseen_key,
-)
 from sparse_coord_ros.learn.rows import FREE_PLACE, Rows, find_row, make_rows, row_to_learn
 
 if TYPE_CHECKING:
@@ -84,7 +55,7 @@ def initial_factored(scenario: Scenario, weights: RewardWeights) -> Tables:
     """
     check_peers(scenario)
     cells, robots, first = len(scenario.map.cells), len(scenario.robots), scenario.q_coord_init
-    factors = Factors(
+    begun = factors.Factors(
         individual=np.full((cells, PRIMITIVES), first),
         common=np.zeros((cells, PRIMITIVES)),
         asking=np.zeros(cells),
@@ -93,11 +64,11 @@ def initial_factored(scenario: Scenario, weights: RewardWeights) -> Tables:
     )
     star = np.full((cells, len(ACTIONS)), first + 0.0)
     star[:, COORDINATE] = first - weights.ask_cost * scenario.ask_cost + 0.0
-    return Tables(star, coordination_table(factors, 0, robots), factors)
+    return Tables(star, factors.coordination_table(begun, 0, robots), begun)
 
 
 @inner
-def terms_of(problem: Any, goal: int, weights: Values) -> Terms:
+def terms_of(problem: Any, goal: int, weights: Values) -> factors.Terms:
     """Return the numbers of the rule for a robot with that goal.
 
     Args:
@@ -106,7 +77,7 @@ def terms_of(problem: Any, goal: int, weights: Values) -> Terms:
         weights: as of `game.world.RewardWeights`.
     """
     after = problem.discount * problem.goal_value
-    return Terms(
+    return factors.Terms(
         weights[2] * problem.ask_cost,
         problem.discount,
         goal,
@@ -137,10 +108,10 @@ class FactoredAgent(Agent):
         number: int,
         seed: int,
         *,
-        rule: FactorRule,
+        rule: factors.FactorRule,
         weights: RewardWeights = SUM_OF_PARTS,
         tables: Tables | None = None,
-        phase: int = LEARNING,
+        phase: int = streams.LEARNING,
         **others: bool,
     ) -> None:
         begun = initial_factored(scenario, weights) if tables is None else tables
@@ -153,26 +124,26 @@ class FactoredAgent(Agent):
         self._rule, self._terms = rule, terms_of(scenario, self.goal, weights)
         self._right_of_way = rule.right_of_way and self._robots > 2
         nothing = np.zeros((self._cells, PRIMITIVES), dtype=np.int64)
-        factors = begun.factors
-        arrays = (*factors[:3], nothing, nothing, nothing, np.empty(0, dtype=np.int64))
+        known = begun.factors
+        arrays = (*known[:3], nothing, nothing, nothing, np.empty(0, dtype=np.int64))
         more = dict(zip(REMEMBERED, arrays, strict=True))
         self._take(begun.q_star, np.zeros(begun.q_star.shape, dtype=np.int64), more)
-        keys = keys_of(factors.states, self._cells, self._robots).tolist()
+        keys = factors.keys_of(known.states, self._cells, self._robots).tolist()
         self._rho: dict[int, list[float]] = dict(
-            zip(keys, factors.corrections.tolist(), strict=True)
+            zip(keys, known.corrections.tolist(), strict=True)
         )
         self._counts: dict[int, list[int]] = {}
         self._by_count = self._step_sizes.by_count.tolist()
         self._floor = self._step_sizes.by_step.tolist()
         self._percepts = Percepts(scenario, seed, phase)
-        self._replays = Stream(seed, number, REPLAY, phase)
-        self._blind = Stream(seed, number, BLIND, phase)
+        self._replays = streams.Stream(seed, number, streams.REPLAY, phase)
+        self._blind = streams.Stream(seed, number, streams.BLIND, phase)
         self._askers: dict[int, dict[int, int]] = {}
 
     def _take(self, star: np.ndarray, updates: np.ndarray, more: Mapping[str, np.ndarray]) -> None:
         tried = np.zeros(self._cells * PRIMITIVES, dtype=np.int64)
         tried[: len(more["tried"])] = more["tried"]
-        self._own = Own(
+        self._own = factors.Own(
             star=star.tolist(),
             value=star.max(axis=1).tolist(),
             updates=updates.tolist(),
@@ -184,7 +155,7 @@ class FactoredAgent(Agent):
     def tables(self) -> Tables:
         """What it has learned so far; a copy."""
         own = self._own
-        factors = sorted_factors(
+        known = factors.sorted_factors(
             np.array(own.u),
             np.array(own.r_bar),
             np.array(own.w),
@@ -192,8 +163,8 @@ class FactoredAgent(Agent):
             np.array(list(self._rho.values())).reshape(-1, PRIMITIVES),
             self._robots,
         )
-        q_coord = coordination_table(factors, self.number, self._robots)
-        return Tables(np.array(own.star), q_coord, factors)
+        q_coord = factors.coordination_table(known, self.number, self._robots)
+        return Tables(np.array(own.star), q_coord, known)
 
     @property
     def coord_visited(self) -> int:
@@ -212,12 +183,12 @@ class FactoredAgent(Agent):
             perceived: the peers' cells; None: the percept failed.
         """
         if perceived is None:
-            keys = [unseen_key(cell, self._cells, self._robots)]
+            keys = [factors.unseen_key(cell, self._cells, self._robots)]
         else:
             keys = [
                 self._key(cell, j, z)
                 for j, z in zip(self._peers, perceived, strict=True)
-                if counted(self.number, j, cell, z, self._right_of_way)
+                if factors.counted(self.number, j, cell, z, self._right_of_way)
             ]
         correction = [0.0] * PRIMITIVES
         for row in (self._rho[key] for key in keys if key in self._rho):
@@ -242,7 +213,9 @@ class FactoredAgent(Agent):
             for peer, place in self._known(step, cell, perceived).items()
         }
         if perceived is None:
-            keys[UNSEEN, UNSEEN] = unseen_key(cell, self._cells, self._robots)
+            keys[factors.UNSEEN, factors.UNSEEN] = factors.unseen_key(
+                cell, self._cells, self._robots
+            )
         nothing = [0.0] * PRIMITIVES
         return {place: self._rho.get(key, nothing)[move] for place, key in keys.items()}
 
@@ -255,8 +228,8 @@ class FactoredAgent(Agent):
     def coordinate(self, step: int, cell: int, perceived: tuple[int, ...] | None) -> int:
         """Return the move that COORDINATE becomes; after a failed percept it is explored."""
         draws = self._blind.at(step)
-        if perceived is None and draws[BLIND_EXPLORE] < self.epsilon(step):
-            return int(draws[BLIND_ACTION] * PRIMITIVES)
+        if perceived is None and draws[streams.BLIND_EXPLORE] < self.epsilon(step):
+            return int(draws[streams.BLIND_ACTION] * PRIMITIVES)
         return super().coordinate(step, cell, perceived)
 
     def values_asking(self, cell: int, perceived: tuple[int, ...] | None) -> list[float]:
@@ -282,7 +255,7 @@ class FactoredAgent(Agent):
         individual = self.weights.individual * reward.individual
         common = self.weights.common * (reward.common if reward.partners else 0.0)
         asked = decision.action == COORDINATE
-        learn_move(
+        factors.learn_move(
             own, cell, action.move, next_cell, individual, common, asked, terms, by_count, floor
         )
         for peer, place in self._known(step, cell, perceived).items():
@@ -290,12 +263,12 @@ class FactoredAgent(Agent):
             self._correct(self._key(cell, peer, place), action.move, share, floor)
         if asked:
             if perceived is None:
-                key = unseen_key(cell, self._cells, self._robots)
+                key = factors.unseen_key(cell, self._cells, self._robots)
                 self._correct(key, action.move, common, floor)
             correction = self.correction(cell, perceived)
-            learn_asking(own, cell, correction, rule.percept_update, by_count, floor)
-        refresh(own, cell, terms)
-        replay(own, rule.replays, self._replays.at(step)[0], terms)
+            factors.learn_asking(own, cell, correction, rule.percept_update, by_count, floor)
+        factors.refresh(own, cell, terms)
+        factors.replay(own, rule.replays, self._replays.at(step)[0], terms)
 
     def _known(self, step: int, cell: int, perceived: tuple[int, ...] | None) -> dict[int, int]:
         """Return the cells of the peers that it knows of, in ascending order of the peers."""
@@ -307,12 +280,12 @@ class FactoredAgent(Agent):
         return {peer: place for peer, place in sorted(self._askers[step].items()) if sees(place)}
 
     def _key(self, cell: int, peer: int, place: int) -> int:
-        return key_of(cell, peer, place, self._cells, self._robots)
+        return factors.key_of(cell, peer, place, self._cells, self._robots)
 
     def _correct(self, key: int, move: int, common: float, floor: float) -> None:
         rho = self._rho.setdefault(key, [0.0] * PRIMITIVES)
         counts = self._counts.setdefault(key, [0] * PRIMITIVES)
-        learn_correction(rho, counts, move, common, self._by_count, floor)
+        factors.learn_correction(rho, counts, move, common, self._by_count, floor)
 
     @property
     def asked_in(self) -> np.ndarray:
@@ -330,7 +303,7 @@ class FactoredAgent(Agent):
         return Memory(
             np.array(own.star),
             np.array(own.updates, dtype=np.int64),
-            states_of(keys, self._cells, self._robots).reshape(len(keys), 3),
+            factors.states_of(keys, self._cells, self._robots).reshape(len(keys), 3),
             np.array([self._rho[key] for key in keys]).reshape(len(keys), PRIMITIVES),
             np.array([self._counts[k] for k in keys], dtype=np.int64).reshape(-1, PRIMITIVES),
             {
@@ -342,7 +315,7 @@ class FactoredAgent(Agent):
     def go_on_from(self, memory: Memory) -> None:
         """Go on with what another agent of the same run has learned."""
         self._take(memory.q_star, memory.star_updates, memory.more)
-        keys = keys_of(memory.states, self._cells, self._robots).tolist()
+        keys = factors.keys_of(memory.states, self._cells, self._robots).tolist()
         self._rho |= dict(zip(keys, memory.values.tolist(), strict=True))
         self._counts = dict(zip(keys, memory.updates.tolist(), strict=True))
 
@@ -371,31 +344,31 @@ class FactoredMinds(NamedTuple):
     q_star: np.ndarray
     star_updates: np.ndarray
     rows: Rows
-    own: Own
+    own: factors.Own
     askers: np.ndarray
     partners: np.ndarray
     correction: np.ndarray
-    rule: FactorRule
+    rule: factors.FactorRule
 
     @staticmethod
     def roles() -> tuple[int, ...]:
         """Streams that it draws from while it learns."""
-        return (REPLAY, BLIND)
+        return (streams.REPLAY, streams.BLIND)
 
     @classmethod
     def initial(cls, scenario: Scenario, learner: "Learner", block: int) -> "FactoredMinds":
         """Return what robots know before learning; as of `loops.Minds`."""
         team, cells = len(scenario.robots), len(scenario.map.cells)
         q_star = np.repeat(learner.tables(scenario).q_star[None], team, axis=0)
-        keys = keys_below(cells, team)
+        keys = factors.keys_below(cells, team)
         rows = make_rows(
-            team, 0 if keys > DENSE_ROWS else keys, 0.0, team, rows_at_most(cells, team)
+            team, 0 if keys > DENSE_ROWS else keys, 0.0, team, factors.rows_at_most(cells, team)
         )
         if keys > DENSE_ROWS:
             rows = rows.empty(rows.rows_for(0, block))
         star_updates = np.zeros(q_star.shape, dtype=np.int32)
         counts = np.zeros((3, team, cells, PRIMITIVES), dtype=np.int64)
-        own = Own(
+        own = factors.Own(
             np.full((team, cells, PRIMITIVES), scenario.q_coord_init),
             np.zeros((team, cells, PRIMITIVES)),
             np.zeros((team, cells)),
@@ -425,15 +398,15 @@ class FactoredMinds(NamedTuple):
         found, own, robots = [], self.own, len(self.askers)
         for k in range(robots):
             keys, rho, _ = self.rows.learned(k)
-            factors = sorted_factors(own.u[k], own.r_bar[k], own.w[k], keys, rho, robots)
-            q_coord = coordination_table(factors, k, robots)
-            found.append(Tables(self.q_star[k], q_coord, factors))
+            known = factors.sorted_factors(own.u[k], own.r_bar[k], own.w[k], keys, rho, robots)
+            q_coord = factors.coordination_table(known, k, robots)
+            found.append(Tables(self.q_star[k], q_coord, known))
         return found
 
     def memory(self, k: int, scenario: Scenario) -> Memory:
         """Return what robot k has learned, as its agent remembers it; a copy."""
         keys, values, updates = self.rows.learned(k)
-        states = states_of(keys, len(scenario.map.cells), len(self.askers))
+        states = factors.states_of(keys, len(scenario.map.cells), len(self.askers))
         star_updates = self.star_updates[k].astype(np.int64)
         more = {name: getattr(self.own, name)[k].copy() for name in REMEMBERED}
         more["tried"] = more["tried"][: self.own.used[k, 0]]
@@ -448,7 +421,7 @@ class FactoredMinds(NamedTuple):
             self.own.value[k] = memory.q_star.max(axis=1)
             self.own.used[k] = len(memory.more["tried"])
         cells, robots = len(scenario.map.cells), len(memories)
-        keys = [keys_of(memory.states, cells, robots) for memory in memories]
+        keys = [factors.keys_of(memory.states, cells, robots) for memory in memories]
         found: FactoredMinds = with_memories(self, memories, keys)
         return found
 
@@ -487,9 +460,11 @@ class FactoredMinds(NamedTuple):
         for b in range(PRIMITIVES):
             values[b] = minds.own.u[k, x, b] + values[b]
         if seen == loops.NO_ROW and epsilon > 0.0:
-            if loops.drawn(draws, BLIND, k, step, BLIND_EXPLORE) < epsilon:
-                return int(loops.drawn(draws, BLIND, k, step, BLIND_ACTION) * PRIMITIVES)
-        return loops.greedy_action(values, PRIMITIVES, draws, k, step, PRIMITIVE_TIE)
+            if loops.drawn(draws, streams.BLIND, k, step, streams.BLIND_EXPLORE) < epsilon:
+                return int(
+                    loops.drawn(draws, streams.BLIND, k, step, streams.BLIND_ACTION) * PRIMITIVES
+                )
+        return loops.greedy_action(values, PRIMITIVES, draws, k, step, streams.PRIMITIVE_TIE)
 
     @staticmethod
     def learn(
@@ -511,7 +486,7 @@ class FactoredMinds(NamedTuple):
         own = own_of(minds.own, k)
         individual = weights[0] * reward[0]
         common = weights[1] * (reward[1] if partners != 0 else 0.0)
-        learn_move(own, x, m, y, individual, common, asked, terms, by_count, floor)
+        factors.learn_move(own, x, m, y, individual, common, asked, terms, by_count, floor)
         size, team = minds.q_star.shape[1], len(choice.cells)
         perceived = asked and seen == PERCEIVED
         if perceived or minds.askers[k] != 0:
@@ -522,23 +497,25 @@ class FactoredMinds(NamedTuple):
                     known = succeeds(loops.percept_draw(draws, k, step), problem.percept[x, z])
                 if known and peer != k:
                     share = common if (partners >> peer) & 1 else 0.0
-                    key = key_of(x, peer, z, size, team)
+                    key = factors.key_of(x, peer, z, size, team)
                     learn_row(minds.rows, k, key, m, share, by_count, floor)
         if asked:
             if not perceived:
-                key = unseen_key(x, size, team)
+                key = factors.unseen_key(x, size, team)
                 learn_row(minds.rows, k, key, m, common, by_count, floor)
             correct(minds, k, x, choice.cells, seen)
-            learn_asking(own, x, minds.correction, rule.percept_update, by_count, floor)
-        refresh(own, x, terms)
+            factors.learn_asking(own, x, minds.correction, rule.percept_update, by_count, floor)
+        factors.refresh(own, x, terms)
         if rule.replays > 0:
-            replay(own, rule.replays, loops.drawn(draws, REPLAY, k, step, 0), terms)
+            factors.replay(
+                own, rule.replays, loops.drawn(draws, streams.REPLAY, k, step, 0), terms
+            )
 
 
 @inlined
-def own_of(team: Own, k: int) -> Own:
+def own_of(team: factors.Own, k: int) -> factors.Own:
     """Return robot k's factors and model of those of all robots."""
-    return Own(
+    return factors.Own(
         team.u[k],
         team.r_bar[k],
         team.w[k],
@@ -561,11 +538,11 @@ def correct(minds: FactoredMinds, k: int, x: int, cells: np.ndarray, seen: int) 
         correction[b] = 0.0
     size, team = minds.q_star.shape[1], len(cells)
     if seen == loops.NO_ROW:
-        add_row(minds.rows, k, unseen_key(x, size, team), correction)
+        add_row(minds.rows, k, factors.unseen_key(x, size, team), correction)
         return
     for peer in range(team):
-        if peer != k and counted(k, peer, x, cells[peer], minds.rule.right_of_way):
-            add_row(minds.rows, k, key_of(x, peer, cells[peer], size, team), correction)
+        if peer != k and factors.counted(k, peer, x, cells[peer], minds.rule.right_of_way):
+            add_row(minds.rows, k, factors.key_of(x, peer, cells[peer], size, team), correction)
 
 
 @inlined
@@ -591,4 +568,4 @@ def learn_row(
 ) -> None:
     """Learn one entry of rho, in a new row if there is none."""
     row = row_to_learn(rows, k, key)
-    learn_correction(rows.values[k, row], rows.updates[k, row], m, common, by_count, floor)
+    factors.learn_correction(rows.values[k, row], rows.updates[k, row], m, common, by_count, floor)
