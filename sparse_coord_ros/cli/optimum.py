@@ -8,7 +8,6 @@ from pathlib import Path
 
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli import pictures
-from sparse_coord_ros.cli.computing import Bar
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS
@@ -90,6 +89,8 @@ def _class_bound(options: argparse.Namespace, scenario: Scenario) -> int:
         pictures.check_out(options.out)
     if picture is not None:
         pictures.check_out(picture, PICTURES, "--picture")
+    from sparse_coord_ros.cli.computing import Bar  # the engine with it: no small verb needs it
+
     bar = Bar("restarts", quiet=options.json)
     with bar:
         found = class_bound(
