@@ -68,9 +68,12 @@ class Guard:
         self._publisher = node.create_publisher(CLAIM.type, CLAIM.of("~"), CLAIM.qos)
         self._say()
 
-    def hold(self) -> None:
-        """Have the name: nobody who had it has been heard in time."""
+    def holds(self, now: float) -> bool:
+        """Whether the node has its name: nobody who had it before has been heard in time."""
+        if now - self._node.born < self._node.values["claim_window"]:
+            return False
         self._rise(ClaimRank.HOLDING)
+        return True
 
     def join(self) -> None:
         """Take part in a run."""

@@ -6,13 +6,14 @@ from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.client import Client
 from std_srvs.srv import Trigger
 
 from sparse_coord_ros import wire
 from sparse_coord_ros.errors import RunError, TablesError, did_you_mean, os_error_text
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.world import Action, Reward
-from sparse_coord_ros.learn.agent import Agent, Tables
+from sparse_coord_ros.learn.agent import Agent
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.learn.tables import TEAM_FILE, pack_tables, robot_file
 from sparse_coord_ros.lockstep.gate import StepGate
@@ -29,10 +30,10 @@ from sparse_coord_ros.nodes.messages import (
     tables_message,
 )
 from sparse_coord_ros.nodes.outputs import Output, begin_with
-from sparse_coord_ros.nodes.peers import Clients, Peers
+from sparse_coord_ros.nodes.peers import Peers
 from sparse_coord_ros.nodes.spin import wait_for_readers
 from sparse_coord_ros.wire import RECORDER, WORLD, Account, services
-from sparse_coord_ros.wire.status import ROLL_CALL, Order, Said
+from sparse_coord_ros.wire.status import ROLL_CALL, Said
 
 PEER_PATIENCE_SECONDS = 2.0
 """How long a robot that is ready itself waits for its peers' services before it says so."""
@@ -56,9 +57,10 @@ class Member:
         SparseCoordError: the scenario has no such robot, or the tables to begin with do not fit.
     """
 
-    def __init__(self, node: Follower, guard: Guard, run: RunConfig, clients: Clients) -> None:
-        self._node, self._guard, self._name = node, guard, node.get_name()
-        self.run = run
+    def __init__(
+        self, node: Follower, guard: Guard, run: RunConfig, clients: dict[str, Client]
+    ) -> None:
+        self._node, self._guard, self._name, self.run = node, guard, node.get_name(), run
         self._number = self._place_in_team()
         self._convert = Converter(run)
         own = [robot_file(Path(), self._name).name, TEAM_FILE]
@@ -100,25 +102,15 @@ class Member:
 
     def _fresh_agent(self) -> Agent:
         """Return an agent as it is at the run's beginning."""
-        run = self.run
-        return run.rule.agent(
-            run.scenario,
-            self._number,
-            run.seed,
-            tables=self._initial_tables(),
-            learning=not run.greedy,
-        )
-
-    def _initial_tables(self) -> Tables | None:
-        source = self._node.values["tables"] or self.run.tables
-        if source:
-            return begin_with(Path(source), self.run)[self._number]
-        if self.run.greedy:
+        run, number, learning = self.run, self._number, not self.run.greedy
+        source = self._node.values["tables"] or run.tables
+        if run.greedy and not source:
             raise TablesError(
                 f"robot {self._name}: the run is greedy but parameter 'tables' names no learned "
                 "tables; give the output directory of a run"
             )
-        return None
+        tables = begin_with(Path(source), run)[number] if source else None
+        return run.rule.agent(run.scenario, number, run.seed, tables=tables, learning=learning)
 
     # Going back to a checkpoint.
 
@@ -128,22 +120,18 @@ class Member:
 
     def world_said(self, said: Said) -> None:
         """Take in what the world says: an order to go back, and how far it is."""
-        self._obey(said.order)
+        order = said.order
+        if self._back.obey(order):
+            if order.step != ROLL_CALL:
+                self._unsaid = False
+                self._gate = StepGate(order.first)
+                self._peers.start_anew()
+                self._node.get_logger().info(f"went back to the checkpoint of step {order.step}")
+                self.joined = False  # the world goes on when all listen anew, and have said so
+            elif self.joined:
+                self._say_progress()
         if self._gate.confirmed(said.step):
             self.lockstep.state(*self._kept)
-
-    def _obey(self, order: Order) -> None:
-        if not self._back.obey(order):
-            return
-        if order.step == ROLL_CALL:
-            if self.joined:
-                self._say_progress()
-            return
-        self._unsaid = False
-        self._gate = StepGate(order.first)
-        self._peers.start_anew()
-        self._node.get_logger().info(f"went back to the checkpoint of step {order.step}")
-        self.joined = False  # the world goes on when all listen anew, and have said so
 
     # Outgoing: the port of the lock step.
 
@@ -161,8 +149,9 @@ class Member:
             self.lockstep.expire()
 
     def episode(self, step: int) -> None:
-        """Publish the coordination map as it is when an episode begins."""
-        self._publish_map(step)
+        """Publish the coordination map as it is, when an episode begins and now and then."""
+        tables = self.lockstep.agent.tables
+        self._map_publisher.publish(self._convert.pack_coordination_map(step, tables))
 
     def checkpoint(self, step: int) -> None:
         """Publish the tables on the way, and save where the robot is."""
@@ -306,20 +295,16 @@ class Member:
             "transitions_dropped": self.lockstep.dropped,
             "messages_dropped": self._node.intake.total,
         }
-        message = DiagnosticArray(header=self._convert.header(step))
         doing = wire.RunState.LEARNING if self.lockstep.agent.learning else wire.RunState.GREEDY
-        message.status = [status(f"{self._node.full_name}: agent", doing, values)]
-        self._diagnostics.publish(message)
+        said = status(f"{self._node.full_name}: agent", doing, values)
+        header = self._convert.header(step)
+        self._diagnostics.publish(DiagnosticArray(header=header, status=[said]))
         if not self._unsaid:
-            self._publish_map(self.lockstep.handled)
+            self.episode(self.lockstep.handled)
 
     def _say_what_is_known(self, step: int) -> None:
-        self._publish_map(step)
+        self.episode(step)
         self._publish_tables(wire.Occasion.INITIAL)
-
-    def _publish_map(self, step: int) -> None:
-        tables = self.lockstep.agent.tables
-        self._map_publisher.publish(self._convert.pack_coordination_map(step, tables))
 
     def _publish_tables(self, occasion: str) -> None:
         """Publish the tables; `occasion` says why."""

@@ -43,21 +43,6 @@ def _introspect(node: Node, endpoint: Client | Service) -> None:
     )
 
 
-class Clients:
-    """One client for each robot that is asked; its node is the first that wants to ask it."""
-
-    def __init__(self) -> None:
-        self._clients: dict[str, Client] = {}
-
-    def of(self, name: str, node: Node) -> Client:
-        """Return the client of a robot's `active_perception`; `node` makes it if there is none."""
-        if name not in self._clients:
-            client = node.create_client(ACTIVE_PERCEPTION_TYPE, ACTIVE_PERCEPTION.of(name))
-            _introspect(node, client)
-            self._clients[name] = client
-        return self._clients[name]
-
-
 class Peer:
     """One peer's `active_perception`, to ask it.
 
@@ -82,11 +67,6 @@ class Peer:
         self._unsent: int | None = None
         self._open: Future | None = None
         self._sent = 0.0
-
-    @property
-    def waits(self) -> bool:
-        """Whether a request is to be sent, or to be answered."""
-        return self._unsent is not None or self._open is not None
 
     def ready(self) -> bool:
         """Whether the peer's service has been there."""
@@ -161,7 +141,8 @@ class Peers:
         run: the run.
         convert: between its steps and cells and messages.
         side: the robot's side of the lock step.
-        clients: those of the robots of this process.
+        clients: those of the robots of this process, by the name of who is asked; each is made by
+            the first robot that wants to ask it.
     """
 
     def __init__(
@@ -170,18 +151,23 @@ class Peers:
         run: RunConfig,
         convert: Converter,
         side: RobotSide,
-        clients: Clients,
+        clients: dict[str, Client],
     ) -> None:
         self._intake, self._convert, self._side = node.intake, convert, side
         self._names = [robot.name for robot in run.scenario.robots]
         self._service = ACTIVE_PERCEPTION.of(node.get_name())
         self._deadline = Deadline(run.percept_timeout, run.step_timeout)
         _introspect(node, node.create_service(ACTIVE_PERCEPTION_TYPE, self._service, self._answer))
-        self._peers = {
-            k: Peer(node, clients.of(name, node), node.guarded(partial(self._on_answer, k)))
-            for k, name in enumerate(self._names)
-            if name != node.get_name()
-        }
+        self._peers: dict[int, Peer] = {}
+        for k, name in enumerate(self._names):
+            if name == node.get_name():
+                continue
+            if name not in clients:
+                service = ACTIVE_PERCEPTION.of(name)
+                clients[name] = node.create_client(ACTIVE_PERCEPTION_TYPE, service)
+                _introspect(node, clients[name])
+            answered = node.guarded(partial(self._on_answer, k))
+            self._peers[k] = Peer(node, clients[name], answered)
 
     def ready(self) -> bool:
         """Whether every peer's service has been there."""
@@ -205,8 +191,7 @@ class Peers:
                 asked.gave_up()
             self._side.expire()
         for peer in self._peers.values():
-            if peer.waits:
-                peer.send_what_waits()
+            peer.send_what_waits()
 
     def _answer(self, request: GetPlan.Request, response: GetPlan.Response) -> GetPlan.Response:
         """Answer a peer (or a person, who gives no stamp and no name)."""

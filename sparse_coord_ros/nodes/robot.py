@@ -5,12 +5,13 @@
 import sys
 from typing import Unpack
 
+from rclpy.client import Client
+
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.nodes.follower import Follower
 from sparse_coord_ros.nodes.guard import Guard
 from sparse_coord_ros.nodes.member import Member
 from sparse_coord_ros.nodes.parameters import ROBOT_PARAMETERS, Place
-from sparse_coord_ros.nodes.peers import Clients
 from sparse_coord_ros.nodes.spin import run_node
 from sparse_coord_ros.wire.status import Said
 
@@ -38,18 +39,19 @@ class RobotNode(Follower):
     member: Member | None = None
 
     def __init__(
-        self, *, name: str = "robot", clients: Clients | None = None, **place: Unpack[Place]
+        self,
+        *,
+        name: str = "robot",
+        clients: dict[str, Client] | None = None,
+        **place: Unpack[Place],
     ) -> None:
         super().__init__(name, ROBOT_PARAMETERS, **place)
-        self._peer_clients = Clients() if clients is None else clients
+        self._peer_clients = {} if clients is None else clients
         self.guard = Guard(self)
 
     def may_begin(self, now: float) -> bool:
         """Whether nobody who had the name before has been heard in time."""
-        if now - self.born < self.values["claim_window"]:
-            return False
-        self.guard.hold()
-        return True
+        return self.guard.holds(now)
 
     def begin(self, run: RunConfig) -> None:
         """Become a member of the team."""

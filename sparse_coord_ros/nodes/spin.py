@@ -113,21 +113,19 @@ def tidy_shared_memory() -> None:
 
 
 @contextmanager
-def ros_context(args: Sequence[str] | None = None, *, domain_id: int | None = None):
+def ros_context(args: Sequence[str] | None = None) -> Iterator[Context]:
     """Open a ROS context of its own, without ROS's signal handlers; see `repair_promptly` too.
 
     Args:
         args: command line with `--ros-args`; None: no arguments.
-        domain_id: the ROS domain; None: that of the environment.
     """
     repair_promptly()
     check_security()
     context = Context()
     try:
         rclpy.init(
-            args=list(args) if args is not None else [],
+            args=list(args or ()),
             context=context,
-            domain_id=domain_id,
             signal_handler_options=SignalHandlerOptions.NO,
         )
     except RuntimeError as error:  # of rcl: malformed or unknown ROS arguments

@@ -8,6 +8,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rclpy.client import Client
 from rclpy.context import Context
 
 from sparse_coord_ros.bags.reader import BAG_DIRECTORY
@@ -23,7 +24,6 @@ from sparse_coord_ros.nodes.parameters import (
     of_table,
     run_from_parameters,
 )
-from sparse_coord_ros.nodes.peers import Clients
 from sparse_coord_ros.nodes.recorder import Recorder
 from sparse_coord_ros.nodes.robot import RobotNode
 from sparse_coord_ros.nodes.spin import (
@@ -106,7 +106,7 @@ def run_team(
         world = WorldSimulator(values=of_table(WORLD_PARAMETERS, values), **place)
         nodes.append(world)
         robots = []
-        clients = Clients()
+        clients: dict[str, Client] = {}
         for robot in run.scenario.robots:
             own = of_table(ROBOT_PARAMETERS, values)
             robots.append(RobotNode(name=robot.name, values=own, clients=clients, **place))

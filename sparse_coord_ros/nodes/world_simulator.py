@@ -168,8 +168,7 @@ class WorldSimulator(ParameterNode):
         if self._stopped:
             return
         if self._output is None:
-            if now - self.born >= self.values["claim_window"]:
-                self._guard.hold()
+            if self._guard.holds(now):
                 self._open()
             return
         if not self.speed.begun:

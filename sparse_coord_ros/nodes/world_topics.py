@@ -160,6 +160,6 @@ class WorldTopics:
 
     def report(self, state: str, values: Mapping[str, object], *, warn: bool) -> None:
         """Publish diagnostics."""
-        message = DiagnosticArray(header=self.convert.header(self._game.step))
-        message.status = [status(f"{self._node.full_name}: run", state, values, warn=warn)]
-        self._diagnostics_publisher.publish(message)
+        header = self.convert.header(self._game.step)
+        said = status(f"{self._node.full_name}: run", state, values, warn=warn)
+        self._diagnostics_publisher.publish(DiagnosticArray(header=header, status=[said]))
