@@ -7,7 +7,6 @@ from collections import deque
 from types import SimpleNamespace
 from typing import NamedTuple
 
-import yaml
 from nav_msgs.srv import GetPlan
 from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import String
@@ -18,7 +17,7 @@ from sparse_coord_ros.bags.metadata import ROLLED_BACK
 from sparse_coord_ros.bags.reader import open_bag
 from sparse_coord_ros.bags.recover import continued
 from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.run_config import make_run
+from sparse_coord_ros.learn.run_config import bag_files, make_run
 from sparse_coord_ros.learn.tables import pack_tables, unpack_robot
 from sparse_coord_ros.lockstep.robot_side import RobotSide
 from sparse_coord_ros.lockstep.world_side import WorldSide
@@ -98,10 +97,8 @@ class Recording:
             wire.FORMAT_KEY: str(wire.BAG_FORMAT),
         }
         self.bag.add_metadata("sparse_coord_ros", record)
-        scenario = yaml.safe_dump(run.scenario.to_dict(), sort_keys=False, allow_unicode=True)
-        self.bag.attach("run.yaml", text.encode(), "application/yaml")
-        self.bag.attach("scenario.yaml", scenario.encode(), "application/yaml")
-        self.bag.attach("map.txt", run.scenario.map.to_text().encode(), "text/plain")
+        for name, content in bag_files(run, text).items():
+            self.bag.attach(name, content.encode(), "text/plain")
         self.write("/run", "std_msgs/msg/String", serialize_message(String(data=text)))
         self.world = WorldSide(run, self)
         begin = tables or [None] * len(self.names)

@@ -173,6 +173,12 @@ def versions() -> dict[str, str]:
     return found
 
 
+def bag_files(run: RunConfig, text: str) -> dict[str, str]:
+    """Return the texts that a bag of a run attaches, by their names; `text`: of its `run.yaml`."""
+    scenario = yaml.safe_dump(run.scenario.to_dict(), sort_keys=False, allow_unicode=True)
+    return {RUN_FILE: text, SCENARIO_FILE: scenario, MAP_FILE: run.scenario.map.to_text()}
+
+
 def run_from_yaml(text: str, *, where: str) -> RunConfig:
     """Read a run back; settings that the text lacks have their defaults.
 

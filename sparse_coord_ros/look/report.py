@@ -29,7 +29,6 @@ from sparse_coord_ros.solve.exact import evaluate_best
 from sparse_coord_ros.solve.reference import shortest_path_reference
 from sparse_coord_ros.solve.shipped import yardsticks
 from sparse_coord_ros.version import __version__
-from sparse_coord_ros.wire import ROSOUT
 
 TRIALS = 1000
 BASELINES = ("indiv", "noncoop")
@@ -168,7 +167,7 @@ def _faults(shown: Shown) -> Iterator[Part]:
         yield text(str(problem), warn=True)
     warnings = Counter(
         f"{said.name}: {said.msg}"[:300]
-        for said in log.tracks.spoken.get(ROSOUT, ())
+        for said in log.tracks.rosout
         if said.level >= WARNING_LEVEL
     )
     if warnings:

@@ -75,10 +75,10 @@ class Shown:
         """
         recording = self.recording
         self.say(f"reading {self.bag}")
-        topics = [*MOVES, PERCEPT, STATUS]
+        topics = [*MOVES, PERCEPT, STATUS, ROSOUT]
         if recording.run.rule.factors is not None:
             topics.append(SERVICE_EVENTS)
-        log = recording.whole(topics, (ROSOUT,))
+        log = recording.whole(topics)
         if log.damage is not None:
             self.say(f"the bag is damaged ({log.damage}): going on with what is before that")
         return log

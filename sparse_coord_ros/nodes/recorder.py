@@ -12,7 +12,6 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, Unpack
 
-import yaml
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
@@ -24,13 +23,7 @@ from sparse_coord_ros.bags.metadata import RESTARTED, ROLLED_BACK
 from sparse_coord_ros.bags.process import BagProcess
 from sparse_coord_ros.bags.recover import continued, run_id
 from sparse_coord_ros.errors import BagError, RunError, SparseCoordError
-from sparse_coord_ros.learn.run_config import (
-    MAP_FILE,
-    RUN_FILE,
-    RUN_RECORD,
-    SCENARIO_FILE,
-    RunConfig,
-)
+from sparse_coord_ros.learn.run_config import MAP_FILE, RUN_RECORD, RunConfig, bag_files
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.follower import Follower
 from sparse_coord_ros.nodes.messages import (
@@ -101,13 +94,12 @@ class Recording:
 
     def begin(self, channel: int) -> None:
         """Write down what the run is; not where its bag is continued, which has it."""
-        bag, scenario, run_text = self.bag, self.run.scenario, self.run.to_yaml()
+        bag, run_text = self.bag, self.run.to_yaml()
         record = {**self.run.record(), wire.FORMAT_KEY: str(wire.BAG_FORMAT)}
         bag.add_metadata(RUN_RECORD, record)
-        text = yaml.safe_dump(scenario.to_dict(), sort_keys=False, allow_unicode=True)
-        bag.attach(RUN_FILE, run_text.encode(), "application/yaml")
-        bag.attach(SCENARIO_FILE, text.encode(), "application/yaml")
-        bag.attach(MAP_FILE, scenario.map.to_text().encode(), "text/plain")
+        for name, text in bag_files(self.run, run_text).items():
+            kind = "text/plain" if name == MAP_FILE else "application/yaml"
+            bag.attach(name, text.encode(), kind)
         bag.write(channel, serialize_message(String(data=run_text)), 0, 0)
 
     def writer(self, channel: int, name: str, *, stamped: bool) -> Callable[[bytes], None]:

@@ -42,12 +42,24 @@ class RecordedTables(NamedTuple):
     counts: Mapping[str, int]
 
 
-def tables_name(name: str, robots: Sequence[str]) -> tuple[int, int] | None:
-    """Return robot (from 0) and time step of tables with that name; None: of no robot's."""
-    match = NAME.fullmatch(name)
-    if match is None or match[1] not in robots:
-        return None
-    return robots.index(match[1]), int(match[2])
+def attached_tables(
+    bag: Bag, run: RunConfig, backs: Sequence[Rollback]
+) -> Iterator[tuple[int, Attachment, tuple[int, int] | None]]:
+    """Yield the attachments that are called like tables, but those that a roll-back superseded.
+
+    Each with the place of its file before it, and (robot from 0, time step) after it; None where
+    they are of no robot.
+    """
+    robots = [robot.name for robot in run.scenario.robots]
+    for place, file in enumerate(bag.files):
+        for attachment in file.attachments:
+            match = NAME.fullmatch(attachment.name)
+            if match is not None and match[1] in robots:
+                k, step = robots.index(match[1]), int(match[2])
+                if of_last([place], [step], backs)[0]:
+                    yield place, attachment, (k, step)
+            elif attachment.name.startswith(TABLES_FOLDER):
+                yield place, attachment, None
 
 
 def read_tables(
@@ -58,62 +70,39 @@ def read_tables(
     Those that a roll-back superseded are left out; those from its checkpoint on come again,
     and to a recorder that was started again the last ones of each robot.
     """
-    robots = [robot.name for robot in run.scenario.robots]
-    found, odd = [], []
+    scenario = run.scenario
+    cells = len(scenario.map.cells)
+    due = (cells, len(ACTIONS)), (cells,) * scenario.perceived + (PRIMITIVES,)
+    found: list[RecordedTables] = []
+    problems: list[Difference] = []
     first_file: dict[tuple[str, bytes], int] = {}
-    for in_file, attachment in _attached(bag):
-        name = attachment.name
-        of = tables_name(name, robots)
+    for in_file, attachment, of in attached_tables(bag, run, backs):
+        name, data = attachment.name, attachment.data
         if of is None:
             what = f"attachment {name if len(name) < 100 else f'{name[:60]}...'}"
-            odd.append(Difference(None, None, what, "of no robot of the run", "of one"))
+            problems.append(Difference(None, None, what, "of no robot of the run", "of one"))
             continue
         k, step = of
-        if not of_last([in_file], [step], backs)[0]:
-            continue
-        data = attachment.data
-        key = (name, hashlib.sha256(data).digest())
-        if key in first_file and not _of_checkpoint(in_file, step, backs):
+        robot, key = scenario.robots[k].name, (name, hashlib.sha256(data).digest())
+        again = any(back.file == in_file and back.step <= step <= back.until for back in backs)
+        if key in first_file and not again:
             why = (bag.files[in_file].continued or {}).get("why")
             if why != RESTARTED or first_file[key] == in_file:
-                odd.append(Difference(step, robots[k], TABLES, "twice", "once"))
+                problems.append(Difference(step, robot, TABLES, "twice", "once"))
             continue
         first_file[key] = in_file
-        entry, wrong = _unpacked(data, k, step, name, run)
-        found += entry
-        odd += wrong
-    return found, odd
-
-
-def _attached(bag: Bag) -> Iterator[tuple[int, Attachment]]:
-    """Yield all that is called like tables, with the place of its file."""
-    for place, file in enumerate(bag.files):
-        for attachment in file.attachments:
-            if attachment.name.startswith(TABLES_FOLDER):
-                yield place, attachment
-
-
-def _of_checkpoint(in_file: int, step: int, backs: Sequence[Rollback]) -> bool:
-    """Whether tables come again as a file takes the run back: of its checkpoint or later."""
-    return any(back.file == in_file and back.step <= step <= back.until for back in backs)
-
-
-def _unpacked(
-    data: bytes, k: int, step: int, name: str, run: RunConfig
-) -> tuple[list[RecordedTables], list[Difference]]:
-    """Return one robot's tables if they can be read, and what is wrong with them."""
-    scenario = run.scenario
-    robot, cells = scenario.robots[k].name, len(scenario.map.cells)
-    due = (cells, len(ACTIONS)), (cells,) * scenario.perceived + (PRIMITIVES,)
-    try:
-        tables, counts = unpack_robot(data, k + 1, where=name)
-    except TablesError as error:
-        return [], [Difference(step, robot, TABLES, str(error), "readable tables")]
-    shapes = tables.q_star.shape, tables.q_coord.shape
-    if shapes != due:
-        logged, computed = (f"shapes {q_star} and {q_coord}" for q_star, q_coord in (shapes, due))
-        return [], [Difference(step, robot, TABLES, logged, computed)]
-    odd = []
-    if counts.get("step") != step:
-        odd.append(Difference(step, robot, TABLES, f"of step {counts.get('step')}", f"of {step}"))
-    return [RecordedTables(k, step, tables, counts)], odd
+        try:
+            tables, counts = unpack_robot(data, k + 1, where=name)
+        except TablesError as error:
+            problems.append(Difference(step, robot, TABLES, str(error), "readable tables"))
+            continue
+        shapes = tables.q_star.shape, tables.q_coord.shape
+        if shapes != due:
+            said = (f"shapes {q_star} and {q_coord}" for q_star, q_coord in (shapes, due))
+            problems.append(Difference(step, robot, TABLES, *said))
+            continue
+        if counts.get("step") != step:
+            said_step = f"of step {counts.get('step')}"
+            problems.append(Difference(step, robot, TABLES, said_step, f"of {step}"))
+        found.append(RecordedTables(k, step, tables, counts))
+    return found, problems

@@ -22,7 +22,7 @@ from sparse_coord_ros.runlog.dialogue import Request
 from sparse_coord_ros.runlog.difference import Difference
 from sparse_coord_ros.runlog.tracks import Tracks, read_tracks
 from sparse_coord_ros.wire import ACTION, PERCEPT, REWARD
-from sparse_coord_ros.wire.frame import EAST_NORTH, Frame
+from sparse_coord_ros.wire.frame import MOVE_OF, Frame
 from sparse_coord_ros.wire.messages import action_from
 
 if TYPE_CHECKING:
@@ -197,35 +197,29 @@ class RunLog:
 
 
 def cell_numbers(frame: Frame, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return in which cells positions (shape (..., 2), metres) lie, and which are their centres.
+    """Return in which cells positions lie, and which are their centres.
 
-    `NONE` where there is no free cell.
+    Args:
+        frame: the run's frame.
+        places: in metres, shape (..., 2).
+
+    Returns:
+        The cells, `NONE` where there is no free one, int32, and whether each position is the
+        middle of its cell, bool; both of shape (...).
     """
-    rows, columns = frame.grid.shape
-    numbers = np.full((rows + 1, columns + 1), NONE, dtype=np.int32)
-    for cell, (row, column) in enumerate(frame.grid.cells):
-        numbers[row, column] = cell
-    with np.errstate(invalid="ignore"):
-        offsets = places - np.array(frame.origin)
-        column, south = (np.floor_divide(offsets[..., i], frame.resolution) for i in (0, 1))
-        inside = (column >= 0) & (column < columns) & (south >= 0) & (south < rows)
-    from_top = np.where(inside, rows - 1 - np.where(inside, south, 0), rows).astype(np.int64)
-    found = numbers[from_top, np.where(inside, column, columns).astype(np.int64)]
-    centres = np.array([*frame.centres, (np.nan, np.nan)])
-    exact = (centres[found] == places).all(axis=-1)
-    for odd in np.argwhere(~exact & ~np.isnan(places).any(axis=-1)).tolist():
-        place = tuple(places[tuple(odd)].tolist())
-        number = frame.cell(*place)  # a centre that was rounded
-        found[tuple(odd)] = NONE if number is None else number
-        exact[tuple(odd)] = number is not None and frame.centres[number] == place
-    return found, exact
+    pairs = np.ascontiguousarray(places).view(np.complex128)[..., 0]
+    different, which = np.unique(pairs, return_inverse=True)
+    found = []
+    for x, y in ((pair.real, pair.imag) for pair in different.tolist()):
+        cell = frame.cell(x, y)
+        found.append((NONE, False) if cell is None else (cell, frame.centres[cell] == (x, y)))
+    table = np.array(found, dtype=np.int32).reshape(len(found), 2)[which.reshape(pairs.shape)]
+    return table[..., 0], table[..., 1] == 1
 
 
 def merged(steps: Sequence[np.ndarray]) -> np.ndarray:
-    """Return the time steps that are in any of some ascending arrays, ascending, each once."""
-    together = np.sort(np.concatenate(steps), kind="stable")
-    first = np.concatenate([[True], together[1:] != together[:-1]])
-    return np.asarray(together[first[: len(together)]])
+    """Return the time steps that are in any of some arrays, ascending, each once, shape (T,)."""
+    return np.unique(np.concatenate(steps))
 
 
 def read_run(path: Path) -> RunLog:
@@ -262,9 +256,11 @@ def log_of(tracks: Tracks) -> RunLog:
             partners[rewarded, k] = rewards.rows["numbers"][:, len(REWARD.labels)]
         numbers[np.searchsorted(step, actions.step), k] = actions.rows["numbers"]
     cells, centred = cell_numbers(frame, position)
-    move = _moves(numbers)
+    pairs = zip(numbers[..., 0].ravel().tolist(), numbers[..., 1].ravel().tolist(), strict=True)
+    move = np.array([MOVE_OF.get(pair, NONE) for pair in pairs], dtype=np.int8).reshape(shape)
     peer = np.full(shape, NOBODY, dtype=np.int16)
     said = numbers[..., ACTION.column("peer")]
+    move[~np.isfinite(said)] = NONE
     known = (move != NONE) & (said >= 0) & (said <= len(names))
     peer[known] = said[known].astype(np.int16) - 1
     coordinate = numbers[..., ACTION.column("coordinate")]
@@ -303,12 +299,3 @@ def log_of(tracks: Tracks) -> RunLog:
         requests=tuple(tracks.requests),
         tracks=tracks,
     )
-
-
-def _moves(numbers: np.ndarray) -> np.ndarray:
-    """Return the primitive actions that logged numbers say; NONE where they say none."""
-    moves = np.full(numbers.shape[:-1], NONE, dtype=np.int8)
-    readable = np.isfinite(numbers[..., ACTION.column("peer")])
-    for move, (east, north) in enumerate(EAST_NORTH):
-        moves[(numbers[..., 0] == east) & (numbers[..., 1] == north) & readable] = move
-    return moves

@@ -42,20 +42,19 @@ class Return(NamedTuple):
     step: int
     text: str
 
-    def explains(self, difference: Difference) -> bool:
-        """Whether a difference follows from it."""
-        if difference.step is None or difference.step < self.step:
-            return False
-        of_world = difference.quantity in OF_WORLD
-        return of_world if self.robot is None else difference.robot == self.robot
-
 
 def left_open(log: RunLog, found: Sequence[Difference]) -> tuple[list[Difference], list[str]]:
     """Return what is left open as somebody went on without the team, and who, as sentences."""
     open_: list[Difference] = []
     said = []
     for one in (*_robots(log), *_worlds(log)) if found else ():
-        mine = [difference for difference in found if one.explains(difference)]
+        mine = [
+            odd
+            for odd in found
+            if odd.step is not None
+            and odd.step >= one.step
+            and (odd.quantity in OF_WORLD if one.robot is None else odd.robot == one.robot)
+        ]
         open_ += mine
         said += [one.text] if mine else []
     return open_, said

@@ -45,9 +45,6 @@ from sparse_coord_ros.wire.occupancy import OccupancyData
 from sparse_coord_ros.wire.status import Said, read_status
 
 THE_CLOCK = wire.CLOCK.name.lstrip("/")
-SPOKEN = (wire.DIAGNOSTICS, wire.ROSOUT)
-"""Topics of which `Tracks.spoken` keeps the messages, where they are asked for."""
-
 NOTHING = np.empty(0, dtype=np.int64)
 
 
@@ -87,7 +84,7 @@ class Tracks:
         coordination_maps: of each robot, with the grid's `data`.
         statuses: of the world, in the order of the log.
         requests: the dialogue.
-        spoken: decoded messages of some of `SPOKEN`, by topic, where they were asked for.
+        rosout: what nodes logged, decoded, where it was asked for.
         tables: of each attachment.
         rollbacks: where the run went back to a checkpoint; what they superseded is left out.
         gaps: what was not recorded between two files.
@@ -108,7 +105,7 @@ class Tracks:
     coordination_maps: list[tuple[np.ndarray, np.ndarray]] = field(default_factory=list)
     statuses: list[Said] = field(default_factory=list)
     requests: list[Request] = field(default_factory=list)
-    spoken: dict[wire.Topic, list[Any]] = field(default_factory=dict)
+    rosout: list[Any] = field(default_factory=list)
     tables: list[RecordedTables] = field(default_factory=list)
     rollbacks: list[Rollback] = field(default_factory=list)
     gaps: list[Gap] = field(default_factory=list)
@@ -145,11 +142,11 @@ class Tracks:
         return self.prefix + (topic.name if robot is None else topic.of(self.names[robot]))
 
 
-def read_tracks(path: Path, also: Collection[wire.Topic] = ()) -> Tracks:
-    """Read a bag; arguments and errors as of `read_run`, `also`: of `SPOKEN`."""
+def read_tracks(path: Path) -> Tracks:
+    """Read a bag; arguments and errors as of `read_run`."""
     bag = open_bag(path)
     found = find_run(bag, Decoder(bag.topics))
-    tracks = tracks_of(bag, found, also=also)
+    tracks = tracks_of(bag, found)
     odd = list(check_bag_run(bag, found))
     due = [tracks.topic(*of) for of in _forms(tracks)]
     missing = [f"topic {name}" for name in due if name not in bag.topics]
@@ -191,23 +188,17 @@ def _forms(tracks: Tracks) -> dict[tuple[wire.Topic, int | None], Reading]:
     return found
 
 
-def tracks_of(
-    bag: Bag,
-    found: BagRun,
-    only: Collection[wire.Topic] | None = None,
-    also: Collection[wire.Topic] = (),
-) -> Tracks:
+def tracks_of(bag: Bag, found: BagRun, only: Collection[wire.Topic] | None = None) -> Tracks:
     """Return a bag's messages without its attachments.
 
     Args:
         bag: the bag, or a part of one.
         found: its run.
-        only: the topics to read, the others seem to have no messages; None: all.
-        also: of `SPOKEN`, to be read too.
+        only: the topics to read, the others seem to have no messages; None: all but `ROSOUT`.
     """
     clock = find_clock(bag.topics, bag.counts) or wire.CLOCK.name
     tracks = Tracks(bag, found.run, found.prefix, clock)
-    _Sorter(tracks, only, also).sort()
+    _Sorter(tracks, only).sort()
     return tracks
 
 
@@ -219,11 +210,9 @@ def _under_way(step: int, back: Rollback | None) -> bool:
 class _Sorter:
     """Reads a bag, puts its rows in the order of time steps, and notes which are out of it."""
 
-    def __init__(
-        self, tracks: Tracks, only: Collection[wire.Topic] | None, also: Collection[wire.Topic]
-    ) -> None:
+    def __init__(self, tracks: Tracks, only: Collection[wire.Topic] | None) -> None:
         bag, forms = tracks.bag, _forms(tracks)
-        self._tracks, self._also = tracks, also
+        self._tracks = tracks
         self._period = Frame(tracks.run).period
         self._backs = rollbacks(bag)
         begins: list[int | None] = [None] * len(bag.files)
@@ -232,7 +221,8 @@ class _Sorter:
         read = {
             tracks.topic(*of): form for of, form in forms.items() if only is None or of[0] in only
         }
-        read |= {tracks.topic(topic): lambda message: message for topic in also}
+        if wire.ROSOUT in (only or ()):
+            read[wire.ROSOUT.name] = lambda message: message
         stamped = [tracks.topic(*of) for of in forms if of[0].stamped]
         columns = Columns(bag, read, stamped, self._period, begins)
         tracks.problems += columns.problems
@@ -257,8 +247,8 @@ class _Sorter:
         ]
         self._statuses()
         self._dialogue()
-        for topic in self._also:
-            tracks.spoken[topic] = np.concatenate(self._of(topic)).tolist()
+        logged = [rows[wire.ROSOUT.name] for rows in self._files if wire.ROSOUT.name in rows]
+        tracks.rosout = [message for rows in logged for message in rows.tolist()]
 
     def _of(self, topic: wire.Topic, k: int | None = None) -> list[np.ndarray]:
         """Return the rows of a topic, of each file."""

@@ -14,16 +14,19 @@ from sparse_coord_ros.bags.reader import Bag, open_bag
 from sparse_coord_ros.learn.history import History
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.learn.tables import unpack_robot
-from sparse_coord_ros.runlog.attached import RecordedTables, tables_name
+from sparse_coord_ros.runlog.attached import RecordedTables, attached_tables
 from sparse_coord_ros.runlog.bag_run import find_run
 from sparse_coord_ros.runlog.decode import Decoder
 from sparse_coord_ros.runlog.log import RunLog, log_of
-from sparse_coord_ros.runlog.timeline import of_last, rollbacks
+from sparse_coord_ros.runlog.timeline import rollbacks
 from sparse_coord_ros.runlog.tracks import add_tables, tracks_of
 from sparse_coord_ros.wire.frame import Frame
 
 MOVES = (wire.LOCAL_STATE, wire.REWARD, wire.ACTION)
 """What the history is computed from."""
+
+BLOCKS_AROUND = 6
+"""Blocks of the file that are read to show a time step."""
 
 STRETCH_BYTES = 500_000
 """Bytes of the file of which the history is computed at once."""
@@ -76,7 +79,6 @@ class LongLog:
         self.run: RunConfig = self._source.run
         self.period = Frame(self.run).period
         self._backs = rollbacks(self.bag)
-        self._tables: tuple[int, list[dict[int, Attachment]]] | None = None
 
     @property
     def blocks(self) -> list[Block]:
@@ -102,26 +104,21 @@ class LongLog:
         bag = self.bag.between(first * self.period, last * self.period)
         return log_of(tracks_of(bag, self._source)).between(first, last)
 
-    def whole(self, only: Collection[wire.Topic], also: Collection[wire.Topic] = ()) -> RunLog:
-        """Return all time steps and tables, as far as some topics tell of them, read once.
-
-        Args:
-            only: the topics to read.
-            also: of `SPOKEN`, to be read too.
-        """
-        tracks = tracks_of(Bag(self.bag.files), self._source, only, also)
+    def whole(self, only: Collection[wire.Topic]) -> RunLog:
+        """Return all time steps and tables, as far as some topics tell of them, read once."""
+        tracks = tracks_of(Bag(self.bag.files), self._source, only)
         add_tables(tracks)
         return log_of(tracks)
 
-    def around(self, step: int, chunks: int = 6) -> RunLog:
-        """Return the time steps of a few chunks in whose middle a time step lies."""
+    def around(self, step: int) -> RunLog:
+        """Return the time steps of a few blocks in whose middle a time step lies."""
         places = self.blocks
         if not places:
             return self.read(step, step)
         ends = np.maximum.accumulate([place.end_ns for place in places])
         middle = int(np.searchsorted(ends, step * self.period))
-        low = max(0, min(middle, len(places) - 1) - chunks // 2)
-        some = places[low : low + chunks]
+        low = max(0, min(middle, len(places) - 1) - BLOCKS_AROUND // 2)
+        some = places[low : low + BLOCKS_AROUND]
         first = min(place.start_ns for place in some) // self.period
         last = max(place.end_ns for place in some) // self.period
         return self.read(min(first, step), max(last, step))
@@ -192,21 +189,6 @@ class LongLog:
         return RecordedTables(robot, at, tables, counts)
 
     @property
-    def path(self) -> Path:
-        """The bag's file, or its directory."""
-        return self.bag.path
-
-    @property
-    def damage(self) -> str | None:
-        """Where the log cannot be read any further, and why; None: nowhere yet."""
-        return self.bag.damage
-
-    @property
-    def finished(self) -> bool:
-        """Whether no more will come."""
-        return self.bag.finished
-
-    @property
     def empty(self) -> bool:
         """Whether there is no time step."""
         return not any(place.end_ns for place in self.blocks)
@@ -216,28 +198,14 @@ class LongLog:
         places = [place for place in self.blocks if place.end_ns][:2]
         return self.read(0, max(place.end_ns for place in places) // self.period)
 
-    def extend(self) -> bool:
-        """Take in what the file has grown by; return whether there was anything."""
-        return self.bag.extend()
-
     def table_steps(self) -> list[list[int]]:
         """Return of each robot the time steps of its tables."""
         return [sorted(known) for known in self._known_tables()]
 
     def _known_tables(self) -> list[dict[int, Attachment]]:
         """Return of each robot where its tables are, by time step; of equal steps the later."""
-        count = len(self.bag.attachments)
-        if self._tables is None or self._tables[0] != count:
-            robots = [robot.name for robot in self.run.scenario.robots]
-            known: list[dict[int, Attachment]] = [{} for _ in robots]
-            for place, file in enumerate(self.bag.files):
-                for one in file.attachments:
-                    of = tables_name(one.name, robots)
-                    if of is not None and of_last([place], [of[1]], self._backs)[0]:
-                        known[of[0]][of[1]] = one
-            self._tables = (count, known)
-        return self._tables[1]
-
-    def close(self) -> None:
-        """Close the file."""
-        self.bag.close()
+        known: list[dict[int, Attachment]] = [{} for _ in self.run.scenario.robots]
+        for _, attachment, of in attached_tables(self.bag, self.run, self._backs):
+            if of is not None:
+                known[of[0]][of[1]] = attachment
+        return known

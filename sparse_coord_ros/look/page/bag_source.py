@@ -59,7 +59,7 @@ class BagSource:
         self.board = board
         self.growing = self._grows()
         if self.log.empty:
-            self.log.close()
+            self.log.bag.close()
             what = "its recorder has only begun; try again soon"
             what = what if self.growing else "see 'sparse_coord info'"
             raise BagError(f"{path}: holds no message to show: {what}")
@@ -76,7 +76,7 @@ class BagSource:
         self._shown: dict[str, object] = {}
         self._asked: list[tuple[int, np.ndarray]] = []
         self._stop = threading.Event()
-        place = self.log.path
+        place = self.log.bag.path
         title = str(place if place.is_dir() else place.parent)
         fields = messages.run_fields(self.run)
         board.put("run", source="bag", title=title, controls=CONTROLS, **fields)
@@ -91,7 +91,7 @@ class BagSource:
     def _grows(self) -> bool:
         """Whether a recorder holds the file's lock; one that was renamed or removed has none."""
         try:
-            return not self.log.finished and being_recorded(self.log.path)
+            return not self.log.bag.finished and being_recorded(self.log.bag.path)
         except BagError:
             return False
 
@@ -116,17 +116,17 @@ class BagSource:
         finally:
             self._stop.set()
             reading.join()
-            self.log.close()
+            self.log.bag.close()
 
     def look(self) -> None:
         """Take in what the file has grown by."""
         following = self.following
         growing = self._grows()
-        if self.log.extend():
+        if self.log.bag.extend():
             self._window = None
         if following:
             self.position = float(self.log.last_step)
-        if self.log.finished or self.log.damage is not None or not growing:
+        if self.log.bag.finished or self.log.bag.damage is not None or not growing:
             self.growing = False
             self._notice()
 
@@ -247,11 +247,11 @@ class BagSource:
     def _notice(self) -> None:
         """Say what state the file is in."""
         log = self.log
-        if log.damage is not None:
-            text = f"damaged: {log.damage}; what is before it is shown"
+        if log.bag.damage is not None:
+            text = f"damaged: {log.bag.damage}; what is before it is shown"
         elif self.growing:
             text = "still being recorded: the page follows it"
-        elif not log.finished:
+        elif not log.bag.finished:
             text = "never closed by its recorder: what there is of it is shown"
         else:
             text = ""

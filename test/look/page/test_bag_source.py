@@ -40,7 +40,7 @@ class Player:
 def player(bag):
     made = Player(bag)
     yield made
-    made.source.log.close()
+    made.source.log.bag.close()
 
 
 def test_each_value_shown_is_the_log_s(player, bag):
@@ -119,7 +119,7 @@ def test_a_bag_that_grows_is_followed(bag, tmp_path, monkeypatch):
     player.source.look()
     assert player.after(0.1)["step"] == read_run(bag).step[-1] > before["step"]
     assert not player.source.growing and player.board.get("notice")["text"] == ""
-    player.source.log.close()
+    player.source.log.bag.close()
 
 
 @pytest.mark.parametrize(("recorded_now", "words"), [(True, "try again soon"), (False, "info'")])
@@ -142,16 +142,16 @@ def test_what_is_damaged_unfinished_or_removed(bag, tmp_path):
     player = Player(cut)
     assert "never closed" in player.board.get("notice")["text"]
     place = player.source.log.blocks[-1]
-    player.source.log.close()
+    player.source.log.bag.close()
     data[place.offset + 200 : place.offset + 264] = bytes(64)
     cut.write_bytes(data)
     player = Player(cut)
     player.source._read_through()
     assert "damaged: " in player.board.get("notice")["text"]
-    player.source.log.close()
+    player.source.log.bag.close()
     copy = tmp_path / "copy"
     shutil.copytree(bag, copy)
     player = Player(copy)
     shutil.rmtree(copy)
     assert player.do(SEEK, 500)["step"] > 490
-    player.source.log.close()
+    player.source.log.bag.close()
