@@ -7,10 +7,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from sparse_coord_ros import wire
 from sparse_coord_ros.bags.metadata import SPLIT
 from sparse_coord_ros.runlog.difference import MISSING, Difference
 from sparse_coord_ros.runlog.log import RunLog, cell_numbers
-from sparse_coord_ros.wire import ACTION, LOCAL_STATE, MAP, MARKERS, PERCEPT, REWARD
 from sparse_coord_ros.wire.frame import Frame
 
 
@@ -26,7 +26,7 @@ def check_world_maps(
         last: the last time step to check; None: all.
     """
     maps, (shown, rows) = log.tracks.maps, log.tracks.markers
-    for kind, steps in ((MAP.name, maps), (MARKERS.name, shown)):
+    for kind, steps in ((wire.MAP.name, maps), (wire.MARKERS.name, shown)):
         # Where the log breaks off, only those before the last one that was shown.
         due = starts if last is None else starts[starts <= min(last, steps.max(initial=0))]
         for step in due[~np.isin(due, steps)].tolist():
@@ -35,10 +35,10 @@ def check_world_maps(
     whys = [(file.continued or {}).get("why", SPLIT) for file in log.bag.files]
     again = sum(why != SPLIT for why in whys)
     for step in maps[1:][np.diff(maps) == 0].tolist()[again:]:
-        yield Difference(step, None, MAP.name, "twice", "once")
+        yield Difference(step, None, wire.MAP.name, "twice", "once")
     until = end if last is None else min(end, last)
     for step in maps[~np.isin(maps, [0, *starts.tolist()]) & (maps <= until)].tolist():
-        yield Difference(step, None, MAP.name, "there", "none: no episode begins")
+        yield Difference(step, None, wire.MAP.name, "there", "none: no episode begins")
     row = np.minimum(np.searchsorted(log.step, shown), len(log.step) - 1)
     if not len(log.step):
         return
@@ -49,7 +49,7 @@ def check_world_maps(
         said, _ = cell_numbers(Frame(log.run), rows["places"][place])
         logged = f"robots in cells {said.tolist()}"
         due_cells = f"in {log.cells[row[place]].tolist()}"
-        yield Difference(int(shown[place]), None, MARKERS.name, logged, due_cells)
+        yield Difference(int(shown[place]), None, wire.MARKERS.name, logged, due_cells)
 
 
 def check_repeats(log: RunLog, last: int | None) -> Iterator[Difference]:
@@ -72,14 +72,16 @@ def check_repeats(log: RunLog, last: int | None) -> Iterator[Difference]:
                 break
             due = states[step] if known_rewards.has(np.array([step - 1]))[0] else 0
             if step in percepts:
-                yield Difference(step, name, PERCEPT.name, "twice", "once")
+                yield Difference(step, name, wire.PERCEPT.name, "twice", "once")
             if actions[step] > states[step]:
-                yield Difference(step, name, ACTION.name, "twice", "once: its state came once")
+                yield Difference(
+                    step, name, wire.ACTION.name, "twice", "once: its state came once"
+                )
             if rewards[step - 1] > due:
-                yield Difference(step - 1, name, REWARD.name, "twice", "once")
+                yield Difference(step - 1, name, wire.REWARD.name, "twice", "once")
             elif rewards[step - 1] < due:
                 yield Difference(
-                    step, name, LOCAL_STATE.name, "twice", "once: its reward came once"
+                    step, name, wire.LOCAL_STATE.name, "twice", "once: its reward came once"
                 )
 
 

@@ -7,21 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sparse_coord_ros import wire
 from sparse_coord_ros.game.world import EPISODE_GAP, Action, World
 from sparse_coord_ros.learn.agent import NOBODY
 from sparse_coord_ros.runlog.difference import MISSING, Difference
 from sparse_coord_ros.runlog.log import NONE, RunLog, merged
 from sparse_coord_ros.runlog.tracks import THE_CLOCK
-from sparse_coord_ros.wire import (
-    ACTION,
-    LOCAL_STATE,
-    OVER,
-    PARTNERS,
-    REWARD,
-    STATUS,
-    Began,
-    RunState,
-)
 from sparse_coord_ros.wire.frame import Frame
 
 
@@ -92,7 +83,7 @@ class _Walk:
         self.made = self.left_out = self.resets = 0
         self.starts: list[int] = []
         self.went_on = self.over = False
-        self.reasons: tuple[str, ...] = (Began.START,)
+        self.reasons: tuple[str, ...] = (wire.Began.START,)
 
     def check(self) -> WorldCheck:
         """Return the first difference, and what was there before it."""
@@ -118,18 +109,20 @@ class _Walk:
         due = world.step
         if self.starts and not self.went_on:
             if world.transitions == world.scenario.steps:
-                return Difference(step, None, LOCAL_STATE.name, "there", "the run is over")
+                return Difference(step, None, wire.LOCAL_STATE.name, "there", "the run is over")
             if step == due + 1:
                 acted = [k for k in self.robots if due in self.acted[k]]
-                what = (acted[0], REWARD.name) if acted else (0, ACTION.name)
+                what = (acted[0], wire.REWARD.name) if acted else (0, wire.ACTION.name)
                 also = "it acted and " if acted else ""
                 return self._differ(due, *what, MISSING, f"one: {also}the world went on")
             due += EPISODE_GAP
         if step != due:
-            return self._differ(due, 0, LOCAL_STATE.name, MISSING, "a state")
+            return self._differ(due, 0, wire.LOCAL_STATE.name, MISSING, "a state")
         if self.starts and not self.went_on:
-            self.reasons = (Began.STEPS,) if self.over else (Began.RESET, Began.NOBODY_LEFT)
-            self.reasons = (Began.ARRIVED,) if all(world.arrived) else self.reasons
+            self.reasons = (
+                (wire.Began.STEPS,) if self.over else (wire.Began.RESET, wire.Began.NOBODY_LEFT)
+            )
+            self.reasons = (wire.Began.ARRIVED,) if all(world.arrived) else self.reasons
             self.resets += not self.over
             self.over = False
             world.begin_episode()
@@ -145,7 +138,7 @@ class _Walk:
                 if self.log.tracks.states[k].has(np.array(step)):
                     logged = self._place(*self.log.position[row, k].tolist())
                 computed = self._place(*self.frame.centres[cell])
-                return self._differ(step, k, LOCAL_STATE.name, logged, computed)
+                return self._differ(step, k, wire.LOCAL_STATE.name, logged, computed)
         return None
 
     def _place(self, x: float, y: float) -> str:
@@ -164,7 +157,7 @@ class _Walk:
                 odd = f"episode began: {status.began}", " or ".join(self.reasons)
             else:
                 continue
-            return Difference(status.step, None, STATUS.name, *odd)
+            return Difference(status.step, None, wire.STATUS.name, *odd)
         return None
 
     def _transition(self, step: int) -> Difference | None:
@@ -178,19 +171,19 @@ class _Walk:
             if over or world.arrived[k]:
                 logged = f"{tuple(self.reward[row, k].tolist())}"
                 computed = "none" if over else "none: it has arrived"
-                return self._differ(step, k, REWARD.name, logged, computed)
+                return self._differ(step, k, wire.REWARD.name, logged, computed)
             move = self.move[row][k]
             if step not in self.acted[k]:
-                return self._differ(step, k, ACTION.name, MISSING, "one, for it is rewarded")
+                return self._differ(step, k, wire.ACTION.name, MISSING, "one, for it is rewarded")
             if move == NONE:
                 logged = f"(east, north) {tuple(self.log.numbers[row, k, :2].tolist())}"
-                return self._differ(step, k, ACTION.name, logged, "an action")
+                return self._differ(step, k, wire.ACTION.name, logged, "an action")
             actions[k] = Action(move, self.asked[row][k], NOBODY, False)
         left = [k for k in self.robots if actions[k] is None and not world.arrived[k]]
         if left and self.statuses and self.left_out + len(left) > self.statuses[0].left_out:
             # A reward that is missing looks like a robot that was left out.
             acted = [k for k in left if step in self.acted[k]]
-            quantity = REWARD.name if acted else ACTION.name
+            quantity = wire.REWARD.name if acted else wire.ACTION.name
             due = "one, for the world does not say that it left the robot out"
             return self._differ(step, (acted or left)[0], quantity, MISSING, due)
         outcome = world.advance(actions)
@@ -199,7 +192,7 @@ class _Walk:
             due_numbers = np.array(reward[: len(said)], dtype=np.float64)
             if actions[k] is not None and said.tobytes() != due_numbers.tobytes():
                 logged, computed = _parts(said.tolist()), _parts(due_numbers.tolist())
-                return self._differ(step, k, REWARD.name, logged, computed)
+                return self._differ(step, k, wire.REWARD.name, logged, computed)
         self.over = outcome.episode_over
         self.made += 1
         self.left_out += len(left)
@@ -211,22 +204,22 @@ class _Walk:
         left = world.scenario.steps - world.transitions
         if self.went_on or (self.over and left):
             due = world.step + (0 if self.went_on else EPISODE_GAP)
-            return self._differ(due, 0, LOCAL_STATE.name, MISSING, "a state")
+            return self._differ(due, 0, wire.LOCAL_STATE.name, MISSING, "a state")
         end = next(reversed(self.log.tracks.statuses), None)
-        if end is None or end.state not in OVER:
+        if end is None or end.state not in wire.OVER:
             odd = MISSING if end is None else repr(end.state), "the end of the run"
         elif end.step != world.step:
             odd = f"step {end.step}", "the last step"
-        elif (end.state == RunState.FINISHED) != (left == 0):
+        elif (end.state == wire.RunState.FINISHED) != (left == 0):
             odd = repr(end.state), f"{left} steps of the budget left"
         else:
             return None
-        return Difference(world.step, None, STATUS.name, *odd)
+        return Difference(world.step, None, wire.STATUS.name, *odd)
 
     def _differ(self, step: int, k: int, quantity: str, logged: str, computed: str) -> Difference:
         return Difference(step, self.log.names[k], quantity, logged, computed)
 
 
 def _parts(numbers: Sequence[float]) -> str:
-    labels = (*REWARD.labels, PARTNERS)
+    labels = (*wire.REWARD.labels, wire.PARTNERS)
     return " ".join(f"{label}={n!r}" for label, n in zip(labels, numbers, strict=False))

@@ -9,23 +9,15 @@ with, so what follows from that is left open, and said.
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
+from sparse_coord_ros import wire
 from sparse_coord_ros.runlog.decode import Decoder
 from sparse_coord_ros.runlog.difference import Difference
 from sparse_coord_ros.runlog.log import RunLog
 from sparse_coord_ros.runlog.tracks import THE_CLOCK
-from sparse_coord_ros.wire import (
-    COORDINATION_MAP,
-    LOCAL_STATE,
-    MAP,
-    MARKERS,
-    PROGRESS,
-    REWARD,
-    STATUS,
-)
 from sparse_coord_ros.wire.frame import Frame
 
-OF_WORLD = {one.name for one in (LOCAL_STATE, REWARD, MAP, MARKERS, STATUS, COORDINATION_MAP)}
-OF_WORLD |= {THE_CLOCK}
+OF_WORLD = {THE_CLOCK, wire.LOCAL_STATE.name, wire.REWARD.name, wire.STATUS.name}
+OF_WORLD |= {wire.MAP.name, wire.MARKERS.name, wire.COORDINATION_MAP.name}
 """What depends on where the world is in its game."""
 
 
@@ -63,7 +55,7 @@ def left_open(log: RunLog, found: Sequence[Difference]) -> tuple[list[Difference
 def _robots(log: RunLog) -> Iterator[Return]:
     for k, name in enumerate(log.names):
         life, back = "", None
-        for step, said in _values(log, log.tracks.topic(PROGRESS, k)):
+        for step, said in _values(log, log.tracks.topic(wire.PROGRESS, k)):
             if life and said.get("life") != life and said.get("resumed") == "1":
                 text = (
                     f"{name} came back at step {step} with what it had learned until step "
@@ -77,7 +69,7 @@ def _robots(log: RunLog) -> Iterator[Return]:
 
 
 def _worlds(log: RunLog) -> Iterator[Return]:
-    for step, said in _values(log, log.tracks.topic(STATUS)):
+    for step, said in _values(log, log.tracks.topic(wire.STATUS)):
         order = said.get("rollback", "").split()
         if len(order) == 3 and order[1] == "-1":
             text = f"the world came back at step {step} and went on with a new episode"

@@ -29,18 +29,9 @@ from sparse_coord_ros.runlog.timeline import (
     rollbacks,
     steps_of,
 )
+from sparse_coord_ros.wire import messages
 from sparse_coord_ros.wire.events import event_form
 from sparse_coord_ros.wire.frame import Frame
-from sparse_coord_ros.wire.messages import (
-    ACTION_FORM,
-    CLOCK_FORM,
-    POSE_FORM,
-    REFEREED_FORM,
-    REWARD_FORM,
-    grid_form,
-    markers_form,
-    percept_form,
-)
 from sparse_coord_ros.wire.occupancy import OccupancyData
 from sparse_coord_ros.wire.status import Said, read_status
 
@@ -168,17 +159,17 @@ def _forms(tracks: Tracks) -> dict[tuple[wire.Topic, int | None], Reading]:
     """Return how the messages of the run's topics are read, of the team and of each robot."""
     run, frame = tracks.run, Frame(tracks.run)
     of_team: dict[wire.Topic, Reading] = {
-        wire.CLOCK: CLOCK_FORM,
-        wire.MAP: grid_form(frame, OccupancyData(frame).map),
-        wire.MARKERS: markers_form(frame, run.scenario),
+        wire.CLOCK: messages.CLOCK_FORM,
+        wire.MAP: messages.grid_form(frame, OccupancyData(frame).map),
+        wire.MARKERS: messages.markers_form(frame, run.scenario),
         wire.STATUS: read_status,
     }
     of_robot: dict[wire.Topic, Reading] = {
-        wire.LOCAL_STATE: POSE_FORM,
-        wire.REWARD: REFEREED_FORM if run.scenario.referee else REWARD_FORM,
-        wire.ACTION: ACTION_FORM,
-        wire.PERCEPT: percept_form(len(tracks.names)),
-        wire.COORDINATION_MAP: grid_form(frame),
+        wire.LOCAL_STATE: messages.POSE_FORM,
+        wire.REWARD: messages.REFEREED_FORM if run.scenario.referee else messages.REWARD_FORM,
+        wire.ACTION: messages.ACTION_FORM,
+        wire.PERCEPT: messages.percept_form(len(tracks.names)),
+        wire.COORDINATION_MAP: messages.grid_form(frame),
         wire.SERVICE_EVENTS: event_form(tracks.names),
     }
     found: dict[tuple[wire.Topic, int | None], Reading] = {}

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sparse_coord_ros import wire
 from sparse_coord_ros.runlog.agents import AgentCheck
 from sparse_coord_ros.runlog.copies import check_repeats, check_world_maps, repeat_count
 from sparse_coord_ros.runlog.difference import MISSING, Difference
@@ -17,18 +18,6 @@ from sparse_coord_ros.runlog.log import RunLog, read_run
 from sparse_coord_ros.runlog.percepts import check_percepts
 from sparse_coord_ros.runlog.returned import left_open
 from sparse_coord_ros.runlog.tracks import THE_CLOCK
-from sparse_coord_ros.wire import (
-    COORDINATION_MAP,
-    LOCAL_STATE,
-    MAP,
-    MARKERS,
-    OVER,
-    REWARD,
-    STATUS,
-    TABLES,
-    TABLES_DEPTH,
-    tables_attachment,
-)
 
 
 @dataclass(frozen=True)
@@ -144,10 +133,10 @@ def _differences(
     return sorted(dict.fromkeys(found), key=lambda one: one.rank)
 
 
-EPISODES = {topic.name: topic for topic in (MAP, MARKERS, COORDINATION_MAP)}
+EPISODES = {topic.name: topic for topic in (wire.MAP, wire.MARKERS, wire.COORDINATION_MAP)}
 """What comes as each episode begins."""
 
-KEPT = {**EPISODES, TABLES.name: TABLES}
+KEPT = {**EPISODES, wire.TABLES.name: wire.TABLES}
 """Of what the middleware keeps only the last messages for a recorder that lags."""
 
 
@@ -161,10 +150,14 @@ def _lost(log: RunLog, difference: Difference) -> bool:
 
     Of tables: whether as many as it keeps came later, made by all that was learned before.
     """
-    if difference.quantity == TABLES.name and difference.logged == MISSING and difference.step:
+    if (
+        difference.quantity == wire.TABLES.name
+        and difference.logged == MISSING
+        and difference.step
+    ):
         k = log.names.index(difference.robot or "")
         later = sum(one.robot == k and one.step > difference.step for one in log.all_tables)
-        return later >= TABLES_DEPTH
+        return later >= wire.TABLES_DEPTH
     if difference.quantity not in EPISODES or difference.logged != MISSING:
         return False
     return log.bag.counts.get(_topic(log, difference), 0) > 0
@@ -177,7 +170,9 @@ def _killed_robots(
     killed, said = [], []
     for agent in agents:
         end = int(log.tracks.states[agent.k].step.max(initial=0))
-        due = Difference(end, agent.name, TABLES.name, MISSING, tables_attachment(agent.name, end))
+        due = Difference(
+            end, agent.name, wire.TABLES.name, MISSING, wire.tables_attachment(agent.name, end)
+        )
         if end and agent.killed and due in found:
             killed.append(due)
             said.append(f"{agent.name} saved no tables at its end (killed?)")
@@ -187,16 +182,16 @@ def _killed_robots(
 def _killed_world(log: RunLog, found: Sequence[Difference]) -> tuple[list[Difference], list[str]]:
     """Return what is missing as the world was killed, and a sentence that says so."""
     statuses = log.tracks.statuses
-    if log.broken_off or not statuses or statuses[-1].state in OVER:
+    if log.broken_off or not statuses or statuses[-1].state in wire.OVER:
         return [], []
     last = max(int(t.step.max(initial=0)) for t in (*log.tracks.states, log.tracks.clock))
     # The messages of its last moment may be lost too.
-    of_world = (LOCAL_STATE.name, REWARD.name, THE_CLOCK)
+    of_world = (wire.LOCAL_STATE.name, wire.REWARD.name, THE_CLOCK)
     killed = [
         one
         for one in found
         if (one.quantity in of_world and one.logged == MISSING and (one.step or 0) >= last)
-        or (one.quantity == STATUS.name and one.logged == repr(statuses[-1].state))
-        or (one.quantity == TABLES.name and one.computed.startswith("the log ends at step"))
+        or (one.quantity == wire.STATUS.name and one.logged == repr(statuses[-1].state))
+        or (one.quantity == wire.TABLES.name and one.computed.startswith("the log ends at step"))
     ]
     return killed, ["the world did not say how the run ended (killed?)"] if killed else []

@@ -13,11 +13,9 @@ from recordings import each
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
-from sparse_coord_ros.api import read_log
-from sparse_coord_ros.api import verify as verify_path
 from sparse_coord_ros.bags.reader import open_bag
 from sparse_coord_ros.cli.main import main
-from sparse_coord_ros.errors import BagError, RunError
+from sparse_coord_ros.errors import BagError
 from sparse_coord_ros.runlog import verify
 from sparse_coord_ros.wire import TABLES_DEPTH
 
@@ -243,14 +241,6 @@ def test_a_status_that_cannot_be(alter, message, without, words):
         status.values = [one for one in status.values if one.key not in without]
 
     assert logged(alter(each("/status", DiagnosticStatus, change, slice(1, 2))), words)
-
-
-@pytest.mark.parametrize("bag", [None, 5])
-def test_what_is_no_path(bag):
-    for function in (read_log, verify_path):
-        with pytest.raises(RunError, match="allowed: the path of a bag") as caught:
-            function(bag)
-        assert "\n" not in str(caught.value)
 
 
 def test_a_robot_that_stops_while_it_repeats_a_request(good, record):

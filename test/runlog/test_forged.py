@@ -366,8 +366,9 @@ def test_what_was_recovered_is_judged_up_to_where_it_broke_off(good, tmp_path):
     data = open_bag(good.bag).path.read_bytes()
     draw = random.Random(5)
     parts = set()
-    for number in range(5):
-        cut = tmp_path / f"cut{number}_0.mcap.partial"
+    for number in range(3):
+        cut = tmp_path / str(number) / "cut_0.mcap.partial"
+        cut.parent.mkdir()
         cut.write_bytes(data[: draw.randrange(len(data) // 20, len(data))])
         found = verify(recover(cut).path)
         assert [one.quantity for one in found.differences] == ["file"], found.differences
