@@ -8,7 +8,7 @@ no longer latched.
 
 import functools
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import yaml
@@ -36,26 +36,12 @@ class QoS:
         durability: `volatile`, or `transient_local` for a latched topic.
         history: `keep_last` or `keep_all`.
         depth: messages kept with `keep_last`, 0 or more; ignored with `keep_all`.
-
-    Raises:
-        BagError: a policy is not one of the names above, or the depth is negative.
     """
 
     reliability: str = "reliable"
     durability: str = "volatile"
     history: str = "keep_last"
     depth: int = 10
-
-    def __post_init__(self) -> None:
-        """Refuse values that rosbag2 could not read back."""
-        for field in fields(self):
-            value = getattr(self, field.name)
-            allowed = _POLICIES.get(field.name)
-            if allowed is None:
-                if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-                    raise BagError(f"QoS depth is {value!r}: give a whole number, 0 or more")
-            elif value not in allowed:
-                raise BagError(f"QoS {field.name} is {value!r}: give one of {', '.join(allowed)}")
 
     def as_mapping(self) -> dict[str, Any]:
         """Return the profile with the keys, order and policy names of rosbag2 version 9."""
@@ -99,14 +85,16 @@ def profiles_from_text(text: str) -> tuple[QoS, ...]:
 
 
 def _profile(entry: dict[str, Any]) -> QoS:
-    values = {}
+    values: dict[str, Any] = {"depth": int(entry.get("depth", QoS.depth))}
+    if values["depth"] < 0:
+        raise ValueError
     for name, allowed in _POLICIES.items():
         value = entry.get(name)
         if isinstance(value, int) and 1 <= value <= len(allowed):
             value = allowed[value - 1]
         # Else it is what rosbag2 calls unknown, system_default or best_available.
         values[name] = value if value in allowed else getattr(QoS, name)
-    return QoS(depth=entry.get("depth", QoS.depth), **values)
+    return QoS(**values)
 
 
 class _Dumper(yaml.SafeDumper):

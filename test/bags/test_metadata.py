@@ -4,13 +4,11 @@
 
 from textwrap import indent
 
-import pytest
 import yaml
 from rosbags.interfaces import QosDurability, QosHistory, QosReliability
 from rosbags.rosbag2.metadata import parse_qos
 
 from sparse_coord_ros.bags import (
-    BagError,
     BagTopic,
     QoS,
     bag_information,
@@ -115,20 +113,3 @@ def test_rosbags_reads_the_profiles():
     assert (plain.history, plain.depth) == (QosHistory.KEEP_LAST, 10)
     assert (latched.durability, latched.depth) == (QosDurability.TRANSIENT_LOCAL, 1)
     assert (fast.reliability, fast.history) == (QosReliability.BEST_EFFORT, QosHistory.KEEP_ALL)
-
-
-@pytest.mark.parametrize(
-    ("policy", "value", "allowed"),
-    [
-        ("reliability", "sure", "reliable, best_effort"),
-        ("durability", "latched", "transient_local, volatile"),
-        ("history", 1, "keep_last, keep_all"),
-        ("depth", -1, "0 or more"),
-        ("depth", 2.5, "0 or more"),
-        ("depth", True, "0 or more"),
-    ],
-)
-def test_unknown_policies_are_refused(policy, value, allowed):
-    """The error names policy, value and what is allowed."""
-    with pytest.raises(BagError, match=f"QoS {policy} is {value!r}.*{allowed}"):
-        QoS(**{policy: value})

@@ -106,11 +106,11 @@ def test_all_that_was_handed_over_is_written_when_the_parent_is_gone(tmp_path, s
 
 def test_a_writer_that_hangs_is_given_up(tmp_path, monkeypatch):
     writer = BagProcess(tmp_path / "run")
-    monkeypatch.setattr("sparse_coord_ros.bags.process.PATIENCE_SECONDS", 1)
+    monkeypatch.setattr("sparse_coord_ros.bags.process.PATIENCE_SECONDS", 0.3)
     with socket.fromfd(writer._connection.fileno(), socket.AF_UNIX, socket.SOCK_STREAM) as ours:
-        ours.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("ll", 1, 0))
+        ours.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("ll", 0, 300_000))
     os.kill(writer._process.pid, signal.SIGSTOP)
-    with pytest.raises(BagError, match="has not moved for 1 s; .*: look at its disk"):
+    with pytest.raises(BagError, match="has not moved for 0.3 s; .*: look at its disk"):
         writer.add_topic("/a", STRING, QoS())
     with pytest.raises(BagError, match="has not moved"):
         writer.close()

@@ -203,7 +203,10 @@ def hostile_file(path, metadata=None, encoding="cdr", data=b"\0" * 4, time=1):
         ({"metadata": {"offered_qos_profiles": "7"}}, "topic '/bad': its QoS profiles cannot"),
         ({"metadata": {"offered_qos_profiles": "- x"}}, "topic '/bad': its QoS profiles cannot"),
         ({"metadata": {"offered_qos_profiles": "[" * 400}}, "topic '/bad': its QoS profiles"),
-        ({"metadata": {"offered_qos_profiles": "- {depth: -1}"}}, "topic '/bad': QoS depth is -1"),
+        (
+            {"metadata": {"offered_qos_profiles": "- {depth: -1}"}},
+            "topic '/bad': its QoS profiles cannot",
+        ),
         ({"time": 2**64 - 1}, "a message with an impossible time"),
     ],
 )

@@ -21,7 +21,7 @@ from sparse_coord_ros.nodes.team import run_team
 from sparse_coord_ros.runlog import read_run, verify
 from sparse_coord_ros.wire import ACTION, REWARD
 
-SEED, STEPS, CHECKPOINT = 5, 250, 100
+SEED, STEPS, CHECKPOINT = 5, 120, 50
 PERIOD_NS = 200_000_000
 NAMES = ("robot_1", "robot_2")
 CLAIMS = {f"/{name}/claim" for name in ("world_simulator", *NAMES)}
@@ -39,7 +39,7 @@ TEAM_TOPICS = LATCHED | STEP_TOPICS | {"/clock", "/diagnostics"}
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
-    """Record a run of 250 steps in which percepts fail now and then."""
+    """Record a run in which percepts fail now and then."""
     out = tmp_path_factory.mktemp("recorded") / "out"
     values = {
         "scenario": "env1",

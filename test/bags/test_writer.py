@@ -3,14 +3,10 @@
 """Bags read back by two independent readers, rosbags and mcap with mcap_ros2."""
 
 import errno
-import json
 import os
 import resource
-import subprocess
-import sys
 from collections import defaultdict
 from contextlib import contextmanager
-from pathlib import Path
 
 import pytest
 from mcap.reader import NonSeekingReader, SeekingReader, make_reader
@@ -152,24 +148,6 @@ def test_same_calls_give_same_bytes(tmp_path, samples, compression):
     assert len(summary.chunk_indexes) > 3
     assert {i.compression for i in summary.chunk_indexes} == {compression.replace("none", "")}
     assert len(list(mcap_reader(one).iter_messages())) == 99
-
-
-def test_doctor_finds_nothing(tmp_path, samples):
-    """A third reader of MCAP, made to find fault with files."""
-    doctor = Path(sys.executable).with_name("pymcap-cli")
-    if not doctor.exists():
-        pytest.skip("pymcap-cli is not installed")
-    directory = write_all_types(tmp_path / "run", samples, rounds=9, chunk_size=2_000)
-    done = subprocess.run(
-        [doctor, "doctor", "--format", "jsonl", directory / "run_0.mcap"],
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
-    assert done.returncode == 0, done.stdout
-    found = [json.loads(line) for line in done.stdout.splitlines()]
-    codes = {line["code"] for line in found if "code" in line}
-    assert codes <= {"SMALL_CHUNKS"}, done.stdout
 
 
 def test_existing_directory_is_refused_and_untouched(bag_directory):

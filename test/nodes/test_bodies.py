@@ -34,7 +34,7 @@ QUICK = {"speed": 2.0, "turn": 6.0}
 ROBOTS = ("robot_1", "robot_2")
 
 
-def with_bodies(bench, out, *, steps=16, body=None, driver=None, namespace="", **more):
+def with_bodies(bench, out, *, steps=8, body=None, driver=None, namespace="", **more):
     """Start a team with bodies on a bench, and return its world, robots, drivers and body."""
     more |= {"set": [f"steps={steps}"], "out": str(out), "seed": 7, "namespace": namespace}
     world = bench.world(bodies=True, **more)
@@ -61,11 +61,11 @@ def test_bodies_that_get_there_learn_what_the_grid_teaches(
     poses = bench.observer().listen(PoseStamped, "robot_1/pose")
     bench.spin_until_done()
     gather(out, world.run.scenario, interrupted=False)
-    assert_same_tables(out, simulate("env1", {"steps": 16}, seed=7))
+    assert_same_tables(out, simulate("env1", {"steps": 8}, seed=7))
     summary = world.summary()
     assert (summary["moves_failed"], summary["bodies_lost"]) == (0, 0)
     assert summary["body_seconds"] > 0
-    assert len(poses) > 16 and poses[0].header.frame_id == "map"
+    assert len(poses) > 8 and poses[0].header.frame_id == "map"
     with np.load(paths) as kept:
         assert kept["poses"].shape[1:] == (2, 3)
         assert (np.diff(kept["seconds"]) >= 0).all()

@@ -147,7 +147,13 @@ def value(topic, data):
     return message.msg if topic == "/rosout" else message.data
 
 
-def test_everything_comes_back_as_it_was_recorded(bench, bag):
+@pytest.fixture
+def hasty(monkeypatch):
+    """Do not wait for volatile readers of latched topics, which never say that they have it."""
+    monkeypatch.setattr("sparse_coord_ros.nodes.spin.READERS_SECONDS", 0.1)
+
+
+def test_everything_comes_back_as_it_was_recorded(bench, bag, hasty):
     recorded = defaultdict(list)
     for message in open_bag(bag).messages():
         recorded[message.topic].append(message.data)
@@ -181,7 +187,7 @@ def test_types_and_qos_are_those_of_the_bag_and_latched_stays_latched(bench, bag
     there.wait_for(("/map", "map 0"))
 
 
-def test_steps_pauses_rates_and_positions(bench, bag):
+def test_steps_pauses_rates_and_positions(bench, bag, hasty):
     topics = ("/clock", "/robot_1/action", "/map")
     there = Audience(bench, bag, rate=0.01).listen(*topics)
     assert there.step() == (True, "paused at 0.100 s: 3 messages")
@@ -392,13 +398,10 @@ def test_the_verb_plays_to_the_end_and_says_how_well(bag, capfd):
     assert "ms late" in err
 
 
-@pytest.mark.parametrize(
-    ("number", "executor"), [(signal.SIGINT, "events"), (signal.SIGTERM, "single")]
-)
-def test_signals_end_it_cleanly(start_node, bag, number, executor):
-    player = start_node("player", "player", bag=str(bag), rate=0.01, executor=executor)
+def test_a_signal_ends_it_cleanly(start_node, bag):
+    player = start_node("player", "player", bag=str(bag), rate=0.01, executor="single")
     player.wait_for("time steps")
-    player.send_signal(number)
+    player.send_signal(signal.SIGTERM)
     assert player.exit_code() == 0
     assert "stopped at" in player.output
     assert "Traceback" not in player.output
@@ -502,11 +505,11 @@ def test_keys_are_heard_at_the_highest_rate(terminal, tmp_path):
     """Where more is to be published than can be, all the time."""
     with BagWriter(tmp_path / "bag") as writer:
         channel = writer.add_topic("/map", "std_msgs/msg/String", QoS())
-        for number in range(20_000):
+        for number in range(2_000):
             writer.write(channel, serialize_message(String(data="map")), number, number)
     shell = terminal(str(tmp_path / "bag"), "--rate", "1000", "--loop")
     shell.wait_for("q: quit")
-    time.sleep(1.5)  # it lets subscribers come, and plays
+    time.sleep(0.8)  # it lets subscribers come, and plays
     shell.type(b" ")
     shell.wait_for("paused at")
     shell.type(b" ")

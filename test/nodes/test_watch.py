@@ -152,7 +152,8 @@ def test_what_was_missed_is_said_and_begins_no_episode(good, what):
     assert view.board.get("notice")["text"] == said  # it stays
 
 
-def test_a_page_beside_a_live_team(bench):
+def test_a_page_beside_a_live_team(bench, monkeypatch):
+    monkeypatch.setattr(watch, "GONE_SECONDS", 1.5)  # it says its status every second
     world = bench.world(set=["steps=3000"], checkpoint=20)
     node = bench.add(WatchNode(context=bench.place("observer")[0], values={"port": 0}), "observer")
     board = node.server.board
@@ -182,6 +183,7 @@ def test_a_page_beside_a_live_team(bench):
     bench.spin_until(lambda: board.get("frame")["state"] == "gone", "the world is gone")
     node.controls.control(Control(PAUSE, True))
     bench.spin_until(lambda: "nobody offers" in board.get("notice")["text"], "no world")
+    node.finish(interrupted=True)
 
 
 def test_a_team_in_one_process_with_a_page(bench, tmp_path):
