@@ -18,12 +18,7 @@ from pathlib import Path
 from sparse_coord_ros.errors import BagError
 
 _SEPARATOR = "=" * 80
-_TYPE_NAME = re.compile(
-    r"(?P<package>\w+)/"
-    r"(?:msg/(?P<message>\w+)|srv/(?P<service>\w+)_(?P<part>Request|Response|Event))",
-    re.ASCII,
-)
-_FIELD = re.compile(r"^([ \t]*)([A-Za-z][A-Za-z0-9_/]*)(?=(?:\[[^\]]*\])?[ \t]+\w)", re.MULTILINE)
+_FIELD = re.compile(r"^[ \t]*([A-Za-z][A-Za-z0-9_/]*)(?=(?:\[[^\]]*\])?[ \t]+\w)", re.MULTILINE)
 _PRIMITIVES = frozenset(
     "bool byte char float32 float64 int8 uint8 int16 uint16 int32 uint32 int64 uint64 "
     "string wstring".split()
@@ -47,7 +42,7 @@ def schema_text(type_name: str) -> str:
         that names it.
 
     Raises:
-        BagError: the name has another form, or a definition is not installed.
+        BagError: a definition is not installed.
     """
     seen: set[str] = set()
 
@@ -73,9 +68,6 @@ def type_hash(type_name: str) -> str:
 
     Args:
         type_name: `package/msg/Type`, or `package/srv/Service_Event` (`_Request`, `_Response`).
-
-    Raises:
-        BagError: the name has another form.
     """
     package, kind, stem, _ = _parse(type_name)
     path = _interface_file(package, kind, f"{stem}.json")
@@ -87,15 +79,9 @@ def type_hash(type_name: str) -> str:
 
 def _parse(type_name: str) -> tuple[str, str, str, str]:
     """Return package, `msg` or `srv`, the interface file's stem, and the part of a service."""
-    match = _TYPE_NAME.fullmatch(type_name)
-    if match is None:
-        raise BagError(
-            f"message type {type_name!r} is not understood: give it as package/msg/Type, for "
-            "example nav_msgs/msg/Path, or as package/srv/Service_Event"
-        )
-    if match["message"]:
-        return match["package"], "msg", match["message"], ""
-    return match["package"], "srv", match["service"], match["part"]
+    package, kind, name = type_name.split("/")
+    stem, _, part = name.partition("_")
+    return package, kind, stem, part
 
 
 def _definition(name: str) -> str:
@@ -111,22 +97,18 @@ def _definition(name: str) -> str:
             f"{package}/srv/{stem}_Response[<=1] response\n"
         )
     request, response = re.split(r"^---[ \t\r]*\n?", text, maxsplit=1, flags=re.MULTILINE)
-    return _qualified(request if part == "Request" else response, package)
+    text = request if part == "Request" else response
+    # In a `srv` type a reader takes a bare name for one of `srv`.
+    return _FIELD.sub(lambda field: field[0].replace(field[1], _full(field[1], package)), text)
 
 
-def _qualified(text: str, package: str) -> str:
-    """Give every field type its package: in a `srv` type a reader takes a bare one for `srv`."""
-
-    def qualify(match: re.Match[str]) -> str:
-        indent, name = match.groups()
-        return match[0] if name in _PRIMITIVES or "/" in name else f"{indent}{package}/{name}"
-
-    return _FIELD.sub(qualify, text)
+def _full(name: str, package: str) -> str:
+    """Return a field's type with its package."""
+    return name if name in _PRIMITIVES or "/" in name else f"{package}/{name}"
 
 
 def _dependencies(text: str, package: str) -> list[str]:
-    names = {match[2] for match in _FIELD.finditer(text)} - _PRIMITIVES
-    return sorted(name if "/" in name else f"{package}/{name}" for name in names)
+    return sorted({_full(name, package) for name in _FIELD.findall(text)} - _PRIMITIVES)
 
 
 def _read(package: str, kind: str, stem: str) -> str:
