@@ -83,6 +83,7 @@ setup(
             "pettingzoo>=1.24",
             "pytest-xdist",
             "rosbags",
+            "pymcap-cli",
         ],
         "lint": ["ruff", "mypy", "types-PyYAML", "types-tqdm", "pandas-stubs"],
         # The documentation as pages (make docs), and how much of the code the tests run.

@@ -109,7 +109,7 @@ class BagWriter:
             enable_data_crcs=True,
         )
         self._add_message = self._writer.add_message
-        self._schema_ids: dict[tuple[str, str, str], int] = {}
+        self._schema_ids: dict[tuple[str, str, bytes], int] = {}
         self._start_ns = LATEST_NS
         self._end_ns = 0
         self._writer.start(profile="ros2", library=f"sparse_coord_ros {__version__}")
@@ -144,7 +144,7 @@ class BagWriter:
         return self._bytes_before + self._file.tell()
 
     def add_topic(self, topic: str, type_name: str, qos: QoS) -> int:
-        """Return the topic's channel id, registering topic and type if they are new.
+        """Return the topic's channel id, registering topic and type if the topic is new.
 
         Args:
             topic: full topic name, with a leading slash.
@@ -152,17 +152,10 @@ class BagWriter:
             qos: what the topic's publisher offers.
 
         Raises:
-            BagError: the topic is known with another type or profile, the type's definition is
-                not installed, or the bag is closed or broken.
+            BagError: the type's definition is not installed, or the bag is closed or broken.
         """
         self._file.check_usable()
-        known = self._topics.get(topic)
-        if known is not None:
-            if (known.type_name, known.qos) != (type_name, (qos,)):
-                raise BagError(
-                    f"topic {topic} is in the bag as {known.type_name} with {known.qos[0]}, not "
-                    f"{type_name} with {qos}: record one type and one profile a topic"
-                )
+        if topic in self._channels:
             return self._channels[topic]
         # rosbags does not find a service event by the name under which it registers these types,
         # and then cannot open a bag that has a hash for one.
@@ -175,11 +168,9 @@ class BagWriter:
         """Return the channel id of a new topic, told as another bag tells it.
 
         Raises:
-            BagError: the topic's name is in the bag already, or the bag is closed or broken.
+            BagError: the bag is closed or broken.
         """
         self._file.check_usable()
-        if topic.name in self._topics:
-            raise BagError(f"topic {topic.name} is in the bag already: add a topic once")
         self._topics[topic.name] = topic
         channel_id = self._channels[topic.name] = self._register(topic)
         self._counts[channel_id] = self._in_files(topic.name)
@@ -187,20 +178,14 @@ class BagWriter:
 
     def _register(self, topic: BagTopic) -> int:
         """Write a topic's type and channel into the file, and return the channel."""
-        schema = topic.type_name, topic.schema_encoding, topic.schema
+        schema = topic.type_name, topic.schema_encoding, topic.schema.encode()
         if schema not in self._schema_ids:
-            self._schema_ids[schema] = self._writer.register_schema(
-                *schema[:2], schema[2].encode()
-            )
-        return self._writer.register_channel(
-            topic.name,
-            "cdr",
-            self._schema_ids[schema],
-            {
-                "offered_qos_profiles": offered_qos_profiles(topic.qos),
-                "topic_type_hash": topic.type_hash,
-            },
-        )
+            self._schema_ids[schema] = self._writer.register_schema(*schema)
+        said = {
+            "offered_qos_profiles": offered_qos_profiles(topic.qos),
+            "topic_type_hash": topic.type_hash,
+        }
+        return self._writer.register_channel(topic.name, "cdr", self._schema_ids[schema], said)
 
     def write(
         self,
@@ -313,8 +298,6 @@ class BagWriter:
         Raises:
             BagError: writing failed.
         """
-        if self._file.closed:
-            return
         try:
             if self._file.refusal is None:
                 self._writer.flush()

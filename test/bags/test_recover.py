@@ -232,8 +232,6 @@ def test_sequence_numbers_and_foreign_types_are_carried_over(tmp_path):
     channel = writer.add_known_topic(topic)
     for sequence in (5, 7, 6):
         writer.write(channel, b"\0\1\0\0x", 1, 2, sequence)
-    with pytest.raises(BagError, match="/a is in the bag already"):
-        writer.add_known_topic(topic)
     writer.abandon()
     assert recover(tmp_path / "run").complete
     bag = open_bag(tmp_path / "run")
