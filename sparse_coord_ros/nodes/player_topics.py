@@ -146,8 +146,7 @@ def class_of(topic: BagTopic) -> type:
         found: type = interface.message_class(name)
     except (ImportError, AttributeError, ValueError):
         raise ValueError(f"type {name} is not installed") from None
-    installed = type_hash(name)
-    if topic.type_hash and installed and topic.type_hash != installed:
+    if topic.type_hash and type_hash(name) not in ("", topic.type_hash):
         raise ValueError(f"type {name} is installed in another version")
     return found
 

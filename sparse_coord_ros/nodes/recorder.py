@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Unpack
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import DurabilityPolicy
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 
@@ -280,7 +280,8 @@ class Recorder(Follower):
         """Register a topic and return its channel in the bag."""
         assert self.recording is not None
         full_name = self.resolve_topic_name(name)
-        return self.recording.bag.add_topic(full_name, topic.type_name, _bag_qos(topic.qos))
+        qos = QoS(durability=topic.qos.durability.name.lower(), depth=topic.qos.depth)
+        return self.recording.bag.add_topic(full_name, topic.type_name, qos)
 
     def _record(self, recording: Recording, topic: interface.RosTopic, name: str) -> None:
         """Write down a topic, at the time that its messages say, or at the world's."""
@@ -385,15 +386,6 @@ class Recorder(Follower):
             with contextlib.suppress(BagError):
                 self.recording.bag.close()
         super().destroy_node()
-
-
-def _bag_qos(qos: QoSProfile) -> QoS:
-    return QoS(
-        reliability="reliable",
-        durability=qos.durability.name.lower(),
-        history="keep_last",
-        depth=qos.depth,
-    )
 
 
 def main(args: list[str] | None = None) -> int:
