@@ -493,7 +493,8 @@ def run_experiment(
 
     Raises:
         ScenarioError, SettingError: no such experiment, scenario or learner, or a bad setting.
-        ResultsError: `out` cannot be used, or holds results of something else.
+        ResultsError: `out` holds results of something else, or is in use.
+        OSError: `out` cannot be written.
         RunError: the cluster cannot be reached, or was lost.
         PluginError: a learner or perception model of the user's own failed.
     """
@@ -502,9 +503,10 @@ def run_experiment(
         raise SettingError(
             "no experiment is asked for; name at least one, or all: experiment_names()"
         )
+    plan = _plan(seed, runs, trials)
     return run_targets(
-        parse_targets(asked),
-        _plan(seed, runs, trials),
+        parse_targets(asked, plan),
+        plan,
         out=None if out is None else Path(out),
         report=report,
         engine=engine,

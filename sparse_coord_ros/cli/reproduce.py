@@ -9,7 +9,6 @@ from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.computing import (
     Bar,
     add_computing,
-    note_compiling,
     note_without_numba,
 )
 from sparse_coord_ros.cli.evaluate import Evaluated, result_table
@@ -17,7 +16,6 @@ from sparse_coord_ros.engine.batch import uses_numba
 from sparse_coord_ros.experiments.catalogue import NAMES
 from sparse_coord_ros.experiments.runner import (
     ExperimentResults,
-    check_runs,
     parse_targets,
     run_targets,
 )
@@ -58,14 +56,14 @@ def execute(options: argparse.Namespace) -> int:
     """Run the verb."""
     plan = Plan(options.seed, options.runs, options.trials)
     compiled = options.scheduler is not None or uses_numba(options.engine)
-    targets = parse_targets(options.targets)
-    check_runs(targets, plan)
+    targets = parse_targets(options.targets, plan)
     if options.list:
-        listed = targets.ids
+        conditions = [one.id for one in targets.conditions]
+        runs = [f"{one.id}/{number}" for one, number in targets.runs]
         if options.json:
-            shared.print_json(listed)
+            shared.print_json({"conditions": conditions, "runs": runs})
         else:
-            print("\n".join(listed["conditions"] + listed["runs"]))
+            print("\n".join(conditions + runs))
         return 0
     bar = Bar("agent-steps")
 
@@ -83,7 +81,6 @@ def execute(options: argparse.Namespace) -> int:
             jobs=options.jobs,
             scheduler=options.scheduler,
             progress=progress,
-            compiling=note_compiling,
             report=True,
         )
     if options.json:

@@ -10,7 +10,7 @@ import importlib
 import os
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import ExitStack
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -20,10 +20,7 @@ from sparse_coord_ros.dataframes import data_frame
 from sparse_coord_ros.engine.batch import (
     Run,
     agent_steps,
-    is_prepared,
-    prepare,
     run_batch,
-    uses_numba,
 )
 from sparse_coord_ros.engine.cluster import Cluster, check_place, cluster_at
 from sparse_coord_ros.errors import (
@@ -45,7 +42,6 @@ from sparse_coord_ros.experiments.store import (
     digest,
     open_results,
     sample,
-    unusable_file,
 )
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.specs import Spec
@@ -59,8 +55,7 @@ if TYPE_CHECKING:
 
 Progress = Callable[[str, int, int], None]
 """Called with a condition's id, the agent-steps done so far and those of the whole call: where a
-condition begins, after what it needs is compiled, and after each of its runs; on a cluster, as it
-begins and after each task."""
+condition begins, and after each of its runs; on a cluster, as it begins and after each task."""
 
 
 def no_progress(name: str, done: int, total: int) -> None:
@@ -80,14 +75,6 @@ class Targets:
     experiments: tuple[Experiment, ...]
     conditions: tuple[Condition, ...]
     runs: tuple[tuple[Condition, int], ...]
-
-    @property
-    def ids(self) -> dict[str, list[str]]:
-        """The ids of the conditions and of the single runs."""
-        return {
-            "conditions": [one.id for one in self.conditions],
-            "runs": [f"{one.id}/{number}" for one, number in self.runs],
-        }
 
 
 class SingleRun(NamedTuple):
@@ -190,14 +177,16 @@ class ExperimentResults(Mapping[str, ConditionResult]):
         }
 
 
-def parse_targets(targets: Iterable[str | Condition]) -> Targets:
+def parse_targets(targets: Iterable[str | Condition], plan: Plan) -> Targets:
     """Return what the names of experiments and the ids of conditions and single runs ask for.
 
     Args:
         targets: names, ids and conditions; empty: every experiment.
+        plan: first seed, learning runs and trials.
 
     Raises:
-        SettingError: neither an experiment nor an id; two scenario files of one name.
+        SettingError: neither an experiment nor an id; a single run that the plan does not have;
+            two scenario files of one name.
         ScenarioError: an id with an unknown scenario.
     """
     asked = list(targets)
@@ -225,20 +214,15 @@ def parse_targets(targets: Iterable[str | Condition]) -> Targets:
             )
         if number is None:
             named[condition.id] = condition
-        else:
-            runs[f"{condition.id}/{number}"] = condition, number
-    conditions = {one.id: one for each in chosen for one in each.conditions} | named
-    return Targets(chosen, tuple(conditions.values()), tuple(runs.values()))
-
-
-def check_runs(targets: Targets, plan: Plan) -> None:
-    """Raise `SettingError` where a single run is asked for that the plan does not have."""
-    for condition, number in targets.runs:
-        if number >= plan.runs:
+        elif number >= plan.runs:
             raise SettingError(
                 f"id {condition.id}/{number}: run {number} is not one of {plan.runs}; choose a "
                 f"number below {plan.runs} or more --runs"
             )
+        else:
+            runs[f"{condition.id}/{number}"] = condition, number
+    conditions = {one.id: one for each in chosen for one in each.conditions} | named
+    return Targets(chosen, tuple(conditions.values()), tuple(runs.values()))
 
 
 def run_targets(
@@ -250,7 +234,6 @@ def run_targets(
     jobs: int | None = None,
     scheduler: str | None = None,
     progress: Progress = no_progress,
-    compiling: Callable[[], None] = lambda: None,
     report: bool = False,
 ) -> ExperimentResults:
     """Compute what is asked for, or take it from the results directory where it is there.
@@ -263,34 +246,32 @@ def run_targets(
         jobs: threads (or processes); all cores that this process may use where None.
         scheduler: address of the scheduler of a Dask cluster that computes; None: this machine.
         progress: see `Progress`.
-        compiling: called before some seconds go by in which numba compiles, if they do.
         report: write the report of the experiments, with its tables and figures, into `out`.
 
     Raises:
-        ResultsError: `out` cannot be used, or holds results of something else.
-        SettingError: the number of a single run is not below `plan.runs`; single runs or a report
-            without `out`; numba is asked for and not there; `jobs` and a scheduler.
+        ResultsError: `out` holds results of something else, or is in use.
+        SettingError: single runs or a report without `out`; numba is asked for and not there;
+            `jobs` and a scheduler.
+        OSError: `out` cannot be written.
         RunError: a process that computed runs was killed; the cluster cannot be reached or was
             lost; pandas or Matplotlib is missing, which a report needs.
     """
-    check_runs(targets, plan)
     check_place(jobs, scheduler)
     if out is None and (targets.runs or report):
         raise SettingError("single runs and reports are files: name a results directory")
     if report and targets.experiments:
         _check_report()
-    opened: AbstractContextManager[Results | None]
-    opened = nullcontext() if out is None else open_results(out, plan)
-    with opened as results, cluster_at(scheduler) as cluster:
-        by = Computing(engine, jobs, cluster)
-        found = compute(
-            targets.conditions, plan, by, results=results, progress=progress, compiling=compiling
-        )
+    with ExitStack() as stack:
+        results = None if out is None else stack.enter_context(open_results(out, plan))
+        by = Computing(engine, jobs, stack.enter_context(cluster_at(scheduler)))
+        found = compute(targets.conditions, plan, by, results=results, progress=progress)
         played = []
         if results is not None:
             played = [one_run(results, *one, by) for one in targets.runs]
             if report and targets.experiments:
-                _report(results, targets.experiments, found)
+                from sparse_coord_ros.experiments.report import write_report
+
+                write_report(results.directory, plan, targets.experiments, found)
     return ExperimentResults(plan, targets, found, tuple(played))
 
 
@@ -325,7 +306,6 @@ def compute(
     *,
     results: Results | None = None,
     progress: Progress = no_progress,
-    compiling: Callable[[], None] = lambda: None,
 ) -> dict[str, ConditionResult]:
     """Return every condition's result; compute (and save) those that are not there yet.
 
@@ -335,7 +315,6 @@ def compute(
         by: engine, threads or cluster.
         results: the results directory, open; None: nothing is saved.
         progress: see `Progress`.
-        compiling: called before some seconds go by in which numba compiles, if they do.
     """
     conditions = list(conditions)
     there = {one.id: None if results is None else results.load(one) for one in conditions}
@@ -344,7 +323,7 @@ def compute(
     if by.cluster is not None:
         computed = _on_cluster(by.cluster, missing, plan, by.engine, progress)
     else:
-        computed = _here(missing, plan, by, progress, compiling)
+        computed = _here(missing, plan, by, progress)
     for one, result in computed:
         if results is not None:
             results.save(one, result)
@@ -360,14 +339,10 @@ def _here(
     plan: Plan,
     by: Computing,
     progress: Progress,
-    compiling: Callable[[], None],
 ) -> Computed:
     """Compute conditions on this machine, one after the other."""
     done, total = 0, _all_steps(conditions, plan)
     for one in conditions:
-        if uses_numba(by.engine, learner_of(one.learner)) and not is_prepared(learner=one.learner):
-            compiling()
-            prepare(one.scenario, one.learner, engine=by.engine)
         progress(one.id, done, total)
         samples = []
         for run in by.runs(one, plan.seeds, plan.trials):
@@ -433,61 +408,20 @@ def _check_report() -> None:
             ) from None
 
 
-def _report(
-    results: Results, chosen: Sequence[Experiment], found: Mapping[str, ConditionResult]
-) -> None:
-    from sparse_coord_ros.experiments.report import write_report
-
-    directory = results.directory
-    try:
-        write_report(directory, results.plan, *complete(results, chosen, found))
-    except OSError as error:  # Matplotlib's: without the file's name
-        raise unusable_file(directory / "figures", error, "written") from None
-
-
-def complete(
-    results: Results, chosen: Sequence[Experiment], found: Mapping[str, ConditionResult]
-) -> tuple[list[Experiment], dict[str, ConditionResult]]:
-    """Return every experiment whose conditions are all there, in the order of `NAMES`, and those.
-
-    Args:
-        results: the results directory.
-        chosen: experiments whose conditions are found.
-        found: results of conditions, by id.
-    """
-    shown, known = [], dict(found)
-    asked = {one.name: one for one in chosen}
-    for name in NAMES:
-        one = asked.get(name) or experiment(name)
-        if name not in asked:
-            try:
-                there = {each.id: results.load(each) for each in one.conditions}
-            except ResultsError:  # of another protocol, and not asked for
-                continue
-            if not all(there.values()):
-                continue
-            known |= {key: result for key, result in there.items() if result is not None}
-        shown.append(one)
-    return shown, known
-
-
 def one_run(results: Results, condition: Condition, number: int, by: Computing) -> SingleRun:
     """Compute one run of a condition and save what it learned, as `train` does.
 
     Where that run is there already, only its trials are played again.
 
     Raises:
-        ResultsError: something else is in its place, or it cannot be written.
+        ResultsError: something else is in its place.
     """
     seed, trials = results.plan.seed + number, results.plan.trials
     folder = results.run_folder(condition, number)
     run_config = make_run(condition.scenario, {"seed": seed, "learner": condition.learner})
-    try:
-        if folder.exists():
-            played = _played_again(folder, run_config, trials)
-            return SingleRun(condition, seed, played, folder)
-    except OSError as error:
-        raise unusable_file(folder, error, "read") from None
+    if folder.exists():
+        played = _played_again(folder, run_config, trials)
+        return SingleRun(condition, seed, played, folder)
     [run] = by.runs(condition, [seed], trials, history=True)
     assert run.trials is not None
     assert run.history is not None
@@ -499,8 +433,6 @@ def one_run(results: Results, condition: Condition, number: int, by: Computing) 
         save_team(partial, run.tables)
         run.history.save(partial)
         os.rename(partial, folder)
-    except OSError as error:
-        raise unusable_file(folder, error, "written") from None
     finally:
         shutil.rmtree(partial, ignore_errors=True)
     return SingleRun(condition, seed, run.trials, folder)

@@ -6,7 +6,6 @@
 condition is done, so an interrupted experiment goes on where it stopped.
 """
 
-import errno
 import hashlib
 import json
 import math
@@ -40,9 +39,6 @@ FORMAT = 3
 MANIFEST = "results.json"
 CONDITIONS = "conditions"
 """The folder of the conditions' files."""
-
-LONGEST_NAME = 255
-"""Characters of a file's name, on common file systems."""
 
 RUNS = Setting("runs", int, 100, "learning runs of a condition", low=1, high=1_000_000)
 TRIALS = Setting("trials", int, 1000, "Monte-Carlo trials of a run", low=1, high=1_000_000)
@@ -324,24 +320,12 @@ class Results:
         self.plan = plan
 
     def path(self, condition: Condition) -> Path:
-        """Return where a condition's result is.
-
-        Raises:
-            ResultsError: the file's name would be too long.
-        """
-        return self._inside(CONDITIONS, f"{condition.id}.json")
+        """Return where a condition's result is."""
+        return self.directory / CONDITIONS / f"{condition.id}.json"
 
     def run_folder(self, condition: Condition, number: int) -> Path:
         """Return where a single run of a condition is."""
-        return self._inside("runs", f"{condition.id}/{number}")
-
-    def _inside(self, folder: str, name: str) -> Path:
-        path = self.directory / folder / name
-        assert path.is_relative_to(self.directory / folder)  # an id has plain names only
-        assert ".." not in name.split("/")
-        if len(path.name + PARTIAL) > LONGEST_NAME:  # said before hours are spent on the condition
-            raise unusable_file(path, OSError(errno.ENAMETOOLONG, "File name too long"), "written")
-        return path
+        return self.directory / "runs" / condition.id / str(number)
 
     def load(self, condition: Condition) -> ConditionResult | None:
         """Return a condition's result, None where it is not there yet.
@@ -356,18 +340,12 @@ class Results:
             return _load(path, condition, self.plan)
         except FileNotFoundError:
             return None
-        except OSError as error:
-            raise unusable_file(path, error, "read") from None
         except _MALFORMED:
             os.replace(path, path.with_name(path.name + ".broken"))
             return None
 
     def save(self, condition: Condition, result: ConditionResult) -> None:
-        """Write a condition's result, whole or not at all.
-
-        Raises:
-            ResultsError: it cannot be written.
-        """
+        """Write a condition's result, whole or not at all."""
         data = {field.name: getattr(result, field.name) for field in fields(result)}
         said = {"format": FORMAT, "digest": digest(condition)}
         write_result(self.path(condition), json.dumps({**said, **data, "condition": result.id}))
@@ -407,28 +385,15 @@ def read_results(directory: Path) -> tuple[Plan, list[ConditionResult]]:
     """Read all that a results directory holds, without writing there.
 
     Raises:
-        ResultsError: it is no results directory, or a file cannot be read.
+        ResultsError: it is no results directory, or a file cannot be read as one of its own.
     """
-    path = directory / MANIFEST
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-        _check_format(path, found["format"])
-        plan = Plan(*(int(found[name]) for name in ("seed", "runs", "trials")))
-    except OSError as error:
-        raise ResultsError(f"{path}: cannot be read ({error.strerror})") from None
-    except _MALFORMED:
-        raise ResultsError(
-            f"{path}: is no results.json of this software; give the directory that "
-            "'sparse_coord reproduce' wrote"
-        ) from None
+    plan = Plan(**_manifest(directory / MANIFEST))
     results = []
     folder = directory / CONDITIONS
     for file in sorted(folder.rglob("*.json")):
         try:
             condition, _ = parse_id(str(file.relative_to(folder).with_suffix("")))
             results.append(_load(file, condition, plan))
-        except OSError as error:
-            raise ResultsError(f"{file}: cannot be read ({error.strerror})") from None
         except _MALFORMED:
             raise ResultsError(
                 f"{file}: cannot be read as a result; remove it, and 'sparse_coord reproduce' "
@@ -437,19 +402,29 @@ def read_results(directory: Path) -> tuple[Plan, list[ConditionResult]]:
     return plan, results
 
 
+def _manifest(path: Path) -> dict[str, int]:
+    """Return the plan that a results.json says, by the names of its fields."""
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+        _check_format(path, found["format"])
+        return {field.name: int(found[field.name]) for field in fields(Plan)}
+    except _MALFORMED:
+        raise ResultsError(
+            f"{path}: is no results.json of this software; give the directory that "
+            "'sparse_coord reproduce' wrote, or another --out"
+        ) from None
+
+
 @contextmanager
 def open_results(directory: Path, plan: Plan) -> Iterator[Results]:
     """Create a results directory or go on with one, for this process alone.
 
     Raises:
-        ResultsError: it is no results directory, has another version or plan, cannot be written,
-            or another process is writing it.
+        ResultsError: it is no results directory, has another format or plan, or another process
+            is writing it.
     """
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-        lock = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
-    except OSError as error:
-        raise unusable_file(directory, error, "used") from None
+    directory.mkdir(parents=True, exist_ok=True)
+    lock = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
     try:
         if not take_lock(lock):
             raise ResultsError(
@@ -465,57 +440,25 @@ def open_results(directory: Path, plan: Plan) -> Iterator[Results]:
 def _check_manifest(directory: Path, plan: Plan) -> None:
     """Make sure that the directory is of this plan; write its manifest where it is new."""
     path = directory / MANIFEST
-    wanted = {"format": FORMAT, "version": __version__, **asdict(plan)}
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
+    wanted = asdict(plan)
+    if not path.exists():
         # An interruption right at the beginning leaves our own half-written manifest.
         if any(found.name != path.name + PARTIAL for found in directory.iterdir()):
             raise ResultsError(
                 f"results directory {directory}: holds other files and no {MANIFEST}; choose an "
                 "empty or new directory for --out"
-            ) from None
-        write_result(path, json.dumps(wanted, indent=2) + "\n")
-        return
-    except OSError as error:
-        raise unusable_file(directory, error, "used") from None
-    except (ValueError, RecursionError):
-        found = None
-    if not isinstance(found, dict) or not isinstance(found.get("format"), int):
-        raise ResultsError(
-            f"{path}: is not readable as JSON; choose another --out, or remove the directory"
-        )
-    _check_format(path, found["format"])
-    for name, value in asdict(plan).items():
-        if found.get(name) != value:
+            )
+        said = {"format": FORMAT, "version": __version__, **wanted}
+        write_result(path, json.dumps(said, indent=2) + "\n")
+    for name, found in _manifest(path).items():
+        if found != wanted[name]:
             raise ResultsError(
-                f"results directory {directory}: was made with {name} {found.get(name)!r}, this "
-                f"is {name} {value!r}; nothing is mixed: use the same, or another --out"
+                f"results directory {directory}: was made with {name} {found}, this is {name} "
+                f"{wanted[name]}; nothing is mixed: use the same, or another --out"
             )
 
 
 def write_result(path: Path, text: str) -> None:
-    """Write a text file, whole or not at all; its folder is made where it is missing.
-
-    Raises:
-        ResultsError: it cannot be written.
-    """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(path, text)
-    except OSError as error:
-        raise unusable_file(path, error, "written") from None
-
-
-def unusable_file(path: Path, error: OSError, what: str) -> ResultsError:
-    """Return the error for a file or folder that cannot be read or written."""
-    name = str(path)
-    if len(name) > 300:
-        name = f"{name[:147]}...{name[-147:]}"
-    if error.errno == errno.ENAMETOOLONG:
-        remedy = "change fewer settings at once, or choose a shorter --out"
-    elif error.errno in (errno.ENOSPC, errno.EDQUOT):
-        remedy = "make room and call again: what was finished is kept"
-    else:
-        remedy = "mend that, or choose another --out"
-    return ResultsError(f"{name}: cannot be {what} ({error.strerror}); {remedy}")
+    """Write a text file, whole or not at all; its folder is made where it is missing."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(path, text)

