@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import isfinite
-from typing import Any, NamedTuple, get_type_hints
+from typing import Any, get_type_hints
 
 import numpy as np
 
@@ -231,82 +231,42 @@ def grid_form(frame: Frame, due: bytes | None = None) -> Form:
     return Form(np.dtype([NS, *column]), [(Layout([*header(), *items]), by_name)])
 
 
-CUBE, SPHERE, CYLINDER = 1, 2, 3
-"""Shapes of visualization_msgs/Marker."""
-
-
-class Mark(NamedTuple):
-    """One marker.
-
-    Attributes:
-        space, number: namespace and number, by which it is replaced.
-        at: where it is; None: it moves.
-        look: shape, action (0: show), scale x, y, z; colour r, g, b, a.
-    """
-
-    space: str
-    number: int
-    at: tuple[float, float] | None
-    look: tuple[float, ...]
-
-
-def marks(frame: Frame, scenario: Scenario) -> list[Mark]:
-    """Return the markers of a run: doorways, then of each robot its goal and itself."""
-
-    def look(shape: int, height: float, colour: str, alpha: float = 0.8) -> tuple[float, ...]:
-        width = (0.5 if shape == SPHERE else 0.9) * frame.resolution
-        return (shape, 0, width, width, height * frame.resolution, *rgb(colour), alpha)
-
-    # The map is dark where walls are; the scene's boxes stand on the doorways' plates.
-    plate = look(CUBE, 0.05, DOORWAY_COLOUR, 0.3)
-    found = [
-        Mark(DOORWAYS, number, frame.centres[cell], plate)
-        for number, cell in enumerate(sorted(frame.grid.doorways))
-    ]
-    for k, robot in enumerate(scenario.robots):
-        colour = robot_colour(k)
-        found.append(Mark(GOALS, k, frame.centres[robot.goal], look(CYLINDER, 0.04, colour)))
-        found.append(Mark(ROBOTS, k, None, look(SPHERE, 0.5, colour)))
-    return found
+CUBE, SPHERE, CYLINDER, SHOW = 1, 2, 3, 0
+"""Shapes of visualization_msgs/Marker, and what is to be done with it."""
 
 
 def markers_form(frame: Frame, scenario: Scenario) -> Form:
-    """Return the form of the markers: the robots' positions, `places`."""
-    due = marks(frame, scenario)
-    moving = [number for number, mark in enumerate(due) if mark.at is None]
+    """Return the form of the markers: doorways and goals, then the robots, which are at `places`.
+
+    The map is dark where walls are; the scene's boxes stand on the doorways' plates.
+    """
+    # Namespace, number, cell (None: it moves); shape; width and height in cells; colour, opacity.
+    marks: list[tuple[str, int, int | None, int, float, float, str, float]] = [
+        (DOORWAYS, number, cell, CUBE, 0.9, 0.05, DOORWAY_COLOUR, 0.3)
+        for number, cell in enumerate(sorted(frame.grid.doorways))
+    ]
+    goals = enumerate(robot.goal for robot in scenario.robots)
+    marks += [(GOALS, k, goal, CYLINDER, 0.9, 0.04, robot_colour(k), 0.8) for k, goal in goals]
+    still, robots = len(marks), range(len(scenario.robots))
+    marks += [(ROBOTS, k, None, SPHERE, 0.5, 0.5, robot_colour(k), 0.8) for k in robots]
+    items: list[Item] = [Fixed("<u4", len(marks))]
+    for i, (space, number, cell, shape, width, height, colour, opacity) in enumerate(marks):
+        items += [*header(f"{i}_"), space, *(Fixed("<i4", n) for n in (number, shape, SHOW))]
+        items += place(f"{i}_") if cell is None else place_at(*frame.centres[cell])
+        items += [Fixed("<f8", size * frame.resolution) for size in (width, width, height)]
+        items += [Fixed("<f4", share) for share in (*rgb(colour), opacity)]
+        items += [*no_stamp(), *nothing("u1", "<u4", "<u4"), ""]  # lifetime to texture
+        items += [*no_stamp(), "", "", *nothing("<u4", "<u4"), "", "", "", *nothing("<u4", "u1")]
 
     def fill(rows: np.ndarray, fields: np.ndarray) -> np.ndarray:
         rows["ns"] = stamps_of(fields, "0_")
-        for place_, number in enumerate(moving):
-            rows["places"][:, place_] = fields[f"{number}_xy"]
-        stamps = [stamps_of(fields, f"{number}_") for number in range(len(due))]
+        for k in robots:
+            rows["places"][:, k] = fields[f"{still + k}_xy"]
+        stamps = [stamps_of(fields, f"{number}_") for number in range(len(marks))]
         return np.asarray(np.all([one == stamps[0] for one in stamps], axis=0))
 
-    items: list[Item] = [Fixed("<u4", len(due))]
-    for i, mark in enumerate(due):
-        items += [*header(f"{i}_"), mark.space, Fixed("<i4", mark.number)]
-        items += [Fixed("<i4", number) for number in mark.look[:2]]
-        items += place(f"{i}_") if mark.at is None else place_at(*mark.at)
-        items += [Fixed("<f8", number) for number in mark.look[2:5]]
-        items += [Fixed("<f4", number) for number in mark.look[5:]]
-        items += [*no_stamp(), *nothing("u1", "<u4", "<u4"), ""]  # lifetime to texture
-        items += [*no_stamp(), "", "", *nothing("<u4", "<u4"), "", "", "", *nothing("<u4", "u1")]
-    columns = np.dtype([NS, ("places", "f8", (len(moving), 2))])
+    columns = np.dtype([NS, ("places", "f8", (len(robots), 2))])
     return Form(columns, [(Layout(items), fill)])
-
-
-def reward_from(numbers: Sequence[float]) -> Reward:
-    """Return the reward that the numbers of a `reward` say.
-
-    Raises:
-        ValueError: the partners are no number.
-    """
-    individual, common, ask_cost, total, *partners = numbers
-    if not partners:
-        return Reward(individual, common, ask_cost, total)
-    if not isfinite(partners[0]):
-        raise ValueError(f"says partners {partners[0]:g}, no sum of powers of two")
-    return Reward(individual, common, ask_cost, total, int(partners[0]))
 
 
 def action_numbers(action: Action) -> tuple[float, ...]:
@@ -334,15 +294,8 @@ def action_from(numbers: Sequence[float]) -> Action:
     return Action(move, bool(asked), int(peer) - 1, bool(perceived))
 
 
-_ACCOUNT_KINDS = tuple(get_type_hints(Account).values())
-
-
-def account_from(numbers: Sequence[float]) -> Account:
-    """Return the account that the numbers of an `action` say; ValueError where one is none."""
-    said = numbers[-len(_ACCOUNT_KINDS) :]
-    if not all(map(isfinite, said)):
-        raise ValueError(f"says {', '.join(map(str, said))} of itself: not finite")
-    return Account(*(kind(number) for kind, number in zip(_ACCOUNT_KINDS, said, strict=True)))
+ACCOUNT_KINDS = tuple(get_type_hints(Account).values())
+"""The types of an account's numbers."""
 
 
 FLAGS = (0.0, 1.0)
@@ -366,7 +319,6 @@ class Messages(Frame):
         self._reward = REFEREED_FORM if self.referee else REWARD_FORM
         self._grids = OccupancyData(self)
         self._grid = grid_form(self).layout
-        self._marks = marks(self, run.scenario)
         self._markers = markers_form(self, run.scenario).layout
 
     def _read(self, topic: Topic, form: Form, data: bytes) -> tuple[Any, ...]:
@@ -421,7 +373,9 @@ class Messages(Frame):
         sec, nanosec, *numbers = self._read(REWARD, self._reward, data)
         if not all(map(isfinite, numbers)):
             raise ValueError(f"says the rewards {', '.join(map(str, numbers))}: not finite")
-        return self.checked_step(sec, nanosec), reward_from(numbers)
+        individual, common, cost, total, *partners = numbers
+        reward = Reward(individual, common, cost, total, *map(int, partners))
+        return self.checked_step(sec, nanosec), reward
 
     def pack_action(self, step: int, action: Action, account: Account) -> bytes:
         """Return an action as CDR of sensor_msgs/JointState; peers count from 1, 0 is none."""
@@ -440,7 +394,11 @@ class Messages(Frame):
     def unpack_account(self, data: bytes) -> tuple[int, Action, Account]:
         """Return (step, action, what the robot says of itself); errors as of `unpack_action`."""
         step, action, numbers = self._action(data)
-        return step, action, account_from(numbers)
+        said = numbers[-len(ACCOUNT_KINDS) :]
+        if not all(map(isfinite, said)):
+            raise ValueError(f"says {', '.join(map(str, said))} of itself: not finite")
+        kinds = zip(ACCOUNT_KINDS, said, strict=True)
+        return step, action, Account(*(kind(number) for kind, number in kinds))
 
     def _action(self, data: bytes) -> tuple[int, Action, Sequence[float]]:
         sec, nanosec, *numbers = self._read(ACTION, ACTION_FORM, data)
@@ -464,10 +422,7 @@ class Messages(Frame):
 
     def pack_markers(self, step: int, cells: Sequence[int]) -> bytes:
         """Return doorways, goals and robots as CDR of visualization_msgs/MarkerArray."""
-        values: list[float] = []
-        robots = iter(cells)
-        for mark in self._marks:
-            values += self.stamp(step)
-            if mark.at is None:
-                values += self.centres[next(robots)]
-        return self._markers.pack(*values)
+        stamp = self.stamp(step)
+        still = stamp * (len(self.grid.doorways) + self.robots)
+        robots = (number for cell in cells for number in (*stamp, *self.centres[cell]))
+        return self._markers.pack(*still, *robots)

@@ -125,7 +125,7 @@ def test_a_bag_that_grows_is_followed(bag, tmp_path, monkeypatch):
 @pytest.mark.parametrize(("recorded_now", "words"), [(True, "try again soon"), (False, "info'")])
 def test_a_bag_without_a_message_yet(tmp_path, monkeypatch, recorded_now, words):
     nothing = SimpleNamespace(
-        empty=True, run=None, damage=None, finished=False, path=tmp_path, close=bool
+        empty=True, bag=SimpleNamespace(finished=False, path=tmp_path, close=bool), run=None
     )
     monkeypatch.setattr("sparse_coord_ros.look.page.bag_source.LongLog", lambda path: nothing)
     monkeypatch.setattr(
