@@ -7,9 +7,9 @@ from pathlib import Path
 
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli import pictures
+from sparse_coord_ros.cli.options import Option
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.settings import Setting
-from sparse_coord_ros.learn.run_config import RUN_SETTINGS
 
 KINDS = (".gif",)
 RATE = Setting("rate", float, 2.0, "time steps a second", low=0.1, high=20)
@@ -17,28 +17,26 @@ RATE = Setting("rate", float, 2.0, "time steps a second", low=0.1, high=20)
 EXAMPLE = "sparse_coord animate runs/demo --episode best --out demo.gif"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
-    parser.add_argument(
-        "source", metavar="RUN|BAG", type=Path, help="a run's directory; a bag's, or its file"
-    )
-    parser.add_argument(
-        "--episode",
-        default="last",
-        metavar="N|best|last|asks",
-        help="which one, from 0; best: of the highest reward; last: the last whole one; asks: "
-        "that with the most questions (default: last)",
-    )
-    parser.add_argument(
+OPTIONS = (
+    Option("source RUN|BAG", Path, "a run's directory; a bag's, or its file"),
+    Option(
+        "--episode N|best|last|asks",
+        None,
+        "which one, from 0; best: of the highest reward; last: the last whole one; asks: that "
+        "with the most questions",
+        {"default": "last"},
+    ),
+    Option(
         "--greedy",
-        action="store_true",
-        help="play greedy episodes on the learned tables instead of showing recorded ones; a run "
+        bool,
+        "play greedy episodes on the learned tables instead of showing recorded ones; a run "
         "without a bag is always shown so",
-    )
-    shared.add_setting(parser, RUN_SETTINGS["seed"], "seed of greedy episodes")
-    shared.add_setting(parser, RATE)
-    pictures.add_out(parser, KINDS)
-    shared.add_json(parser)
+    ),
+    shared.SEED,
+    RATE,
+    pictures.out_option(KINDS),
+    shared.JSON,
+)
 
 
 def execute(options: argparse.Namespace) -> int:

@@ -2,32 +2,30 @@
 # SPDX-License-Identifier: Apache-2.0
 """What computes runs and where: options, notes on numba, and a line of progress."""
 
-import argparse
 import sys
 from contextlib import ExitStack
 
 from tqdm import tqdm
 
-from sparse_coord_ros.cli.options import note
+from sparse_coord_ros.cli.options import Option, note
 from sparse_coord_ros.engine.batch import ENGINES
 from sparse_coord_ros.experiments.store import JOBS
 
-
-def add_computing(parser: argparse.ArgumentParser) -> None:
-    """Add --engine, --jobs and --scheduler."""
-    parser.add_argument(
+COMPUTING = (
+    Option(
         "--engine",
-        choices=ENGINES,
-        default="auto",
-        help="numba, python, or auto: numba where it is installed; the results are the same",
-    )
-    parser.add_argument("--jobs", type=JOBS.parse, help=f"{JOBS.help} (default: all cores)")
-    parser.add_argument(
-        "--scheduler",
-        metavar="ADDRESS",
-        help="compute on a Dask cluster, whose scheduler has this address, e.g. "
-        "tcp://10.0.0.1:8786 (default: on this machine); the results are the same",
-    )
+        ("auto", *(one for one in ENGINES if one != "auto")),
+        "numba, python, or auto: numba where it is installed; the results are the same",
+    ),
+    Option("--jobs", JOBS.parse, f"{JOBS.help} (default: all cores)"),
+    Option(
+        "--scheduler ADDRESS",
+        None,
+        "compute on a Dask cluster, whose scheduler has this address, e.g. tcp://10.0.0.1:8786 "
+        "(default: on this machine); the results are the same",
+    ),
+)
+"""What computes, and where."""
 
 
 def note_compiling() -> None:

@@ -7,6 +7,7 @@ import textwrap
 from collections.abc import Iterator
 
 from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.cli.options import Option
 from sparse_coord_ros.doctor import checks
 from sparse_coord_ros.doctor.checks import WRONG, Finding
 
@@ -16,14 +17,10 @@ WIDTH = 100
 EXAMPLE = "sparse_coord doctor"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
-    parser.add_argument(
-        "--clean",
-        action="store_true",
-        help="first remove what killed processes with ROS left in shared memory",
-    )
-    shared.add_json(parser)
+OPTIONS = (
+    Option("--clean", bool, "first remove what killed processes with ROS left in shared memory"),
+    shared.JSON,
+)
 
 
 def execute(options: argparse.Namespace) -> int:

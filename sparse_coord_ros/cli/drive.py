@@ -5,16 +5,15 @@
 import argparse
 from pathlib import Path
 
-import numpy as np
-
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli import pictures
 from sparse_coord_ros.cli.computing import Bar
+from sparse_coord_ros.cli.options import Option
 from sparse_coord_ros.driving.trials import DRIVE_SETTINGS, Drive, drive
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.settings import Setting, parse_assignments
 from sparse_coord_ros.learn.evaluation import Trials, play
-from sparse_coord_ros.learn.run_config import RUN_SETTINGS, RunConfig, load_run
+from sparse_coord_ros.learn.run_config import RunConfig, load_run
 from sparse_coord_ros.learn.tables import load_team
 
 EPISODES = Setting("episodes", int, 100, "greedy episodes from the starts", low=2, high=1_000_000)
@@ -35,7 +34,11 @@ ROWS = (
     ("seconds of an episode", "{seconds:.1f}", "{seconds_in_grid:.1f}"),
     ("seconds of a step", "{seconds_a_step:.2f}", "{seconds_a_cell:.2f}"),
     ("asks of a robot in an episode", "{asks:.2f}", "{asks_in_grid:.2f}"),
-    ("steps that end with two in a doorway", "{miscoordinations}", "{miscoordinations_in_grid}"),
+    (
+        "steps that end with two in a doorway",
+        "{miscoordinations:.0f}",
+        "{miscoordinations_in_grid:.0f}",
+    ),
     ("bodies that touched in a doorway", "{touches_in_doorways}", "-"),
     ("bodies that touched elsewhere", "{touches_elsewhere}", "-"),
     ("bodies that touched a wall", "{bumps}", "-"),
@@ -45,24 +48,19 @@ ROWS = (
 """The rows of the table: what is counted, how the bodies did, what the grid predicts."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
-    parser.add_argument("directory", metavar="DIR", type=Path, help="output of run or train")
-    shared.add_setting(parser, EPISODES)
-    shared.add_setting(parser, RUN_SETTINGS["seed"])
-    settings = [f"{s.name}: {s.help} (default: {s.default})" for s in DRIVE_SETTINGS.values()]
-    shared.add_set(
-        parser, f"change a setting of the bodies; may be repeated: {'; '.join(settings)}"
-    )
-    parser.add_argument("--out", type=Path, metavar="FILE", help="draw the paths over the map")
-    shared.add_setting(parser, FOLLOWED)
-    parser.add_argument(
-        "--plan",
-        type=Path,
-        metavar="MAP.yaml",
-        help="the building's map, as map_server reads it, to draw the paths on",
-    )
-    shared.add_json(parser)
+OPTIONS = (
+    Option("directory DIR", Path, "output of run or train"),
+    EPISODES,
+    shared.SEED,
+    shared.changes(
+        "change a setting of the bodies; may be repeated: "
+        + "; ".join(f"{s.name}: {s.help} (default: {s.default})" for s in DRIVE_SETTINGS.values())
+    ),
+    Option("--out FILE", Path, "draw the paths over the map"),
+    FOLLOWED,
+    Option("--plan MAP.yaml", Path, "the building's map, as map_server reads it, to draw on"),
+    shared.JSON,
+)
 
 
 def execute(options: argparse.Namespace) -> int:
@@ -101,31 +99,28 @@ def facts_of(run: RunConfig, driven: Drive, grid: Trials, speed: float) -> dict:
 
     The grid's prediction of an episode's seconds is its steps, each a cell's way at full speed.
     """
-    episodes, robots = driven.arrived.shape
     straight = run.resolution / speed
-    last = grid.time_to_goal.max(axis=1)
+    alike = {
+        "arrived": (driven.arrived.all(axis=1).sum(), grid.arrived.all(axis=1).sum()),
+        "time_to_goal": (driven.times.mean(), grid.time_to_goal.mean()),
+        "seconds": (driven.seconds.mean(), straight * grid.time_to_goal.max(axis=1).mean()),
+        "miscoordinations": (driven.miscoordinations.sum(), grid.miscoordinations.sum()),
+        "asks": (driven.asks.mean(), grid.asks.mean()),
+    }
     return {
-        "episodes": episodes,
-        "arrived": int(driven.arrived.all(axis=1).sum()),
-        "arrived_in_grid": int(grid.arrived.all(axis=1).sum()),
-        "time_to_goal": float(driven.times.mean()),
-        "time_to_goal_in_grid": float(grid.time_to_goal.mean()),
-        "seconds": float(driven.seconds.mean()),
-        "seconds_in_grid": float(straight * last.mean()),
+        "episodes": len(driven.steps),
+        "robots": len(run.scenario.robots),
+        **{name: one.item() for name, (one, _) in alike.items()},
+        **{f"{name}_in_grid": one.item() for name, (_, one) in alike.items()},
         "seconds_a_step": float(driven.seconds.sum() / driven.steps.sum()),
         "seconds_a_cell": straight,
-        "miscoordinations": int(driven.miscoordinations.sum()),
-        "miscoordinations_in_grid": int(grid.miscoordinations.sum()),
         "touches_in_doorways": int(driven.in_doorways.sum()),
         "touches_elsewhere": int(driven.elsewhere.sum()),
         "bumps": driven.bumps,
-        "asks": float(driven.asks.mean()),
-        "asks_in_grid": float(grid.asks.mean()),
         "moves": driven.moves,
         "moves_failed": driven.failed,
         "bodies_lost": driven.lost,
-        "drift": float(np.mean(driven.drift)),
-        "robots": robots,
+        "drift": float(driven.drift.mean()),
     }
 
 

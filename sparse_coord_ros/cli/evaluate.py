@@ -10,9 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.cli.options import Option
+from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.evaluation import TRIALS, Evaluation, check_tables, evaluate
-from sparse_coord_ros.learn.run_config import RUN_SETTINGS, RunConfig, load_run
+from sparse_coord_ros.learn.run_config import RunConfig, load_run
 from sparse_coord_ros.learn.tables import load_team
 from sparse_coord_ros.solve.optimum import joint_optimum
 from sparse_coord_ros.solve.shipped import (
@@ -36,26 +38,22 @@ EXAMPLE = (
 )
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
-    parser.add_argument(
-        "directories",
-        metavar="DIR",
-        type=Path,
-        nargs="+",
-        help="output of run or train; several are compared, exactly where that can be",
-    )
-    how = parser.add_mutually_exclusive_group()
-    how.add_argument(
-        "--trials", type=TRIALS.parse, help=f"{TRIALS.help} (default: {TRIALS.default})"
-    )
-    how.add_argument(
+OPTIONS = (
+    Option(
+        "directories DIR",
+        Path,
+        "output of run or train; several are compared, exactly where that can be",
+        {"nargs": "+"},
+    ),
+    Option("--trials", TRIALS.parse, f"{TRIALS.help} (default: {TRIALS.default})"),
+    Option(
         "--exact",
-        action="store_true",
-        help="compute the measures instead, for one or two robots: no trials, no standard error",
-    )
-    shared.add_setting(parser, RUN_SETTINGS["seed"], "seed of the trials")
-    shared.add_json(parser)
+        bool,
+        "compute the measures instead, for one or two robots: no trials, no standard error",
+    ),
+    Option("--seed", shared.SEED, "seed of the trials"),
+    shared.JSON,
+)
 
 
 class Evaluated(NamedTuple):
@@ -68,6 +66,8 @@ class Evaluated(NamedTuple):
 
 def execute(options: argparse.Namespace) -> int:
     """Run the verb."""
+    if options.exact and options.trials is not None:
+        raise SettingError("--trials: not allowed with --exact, which plays none; choose one")
     trials = options.trials or TRIALS.default
     several = len(options.directories) > 1
     exact = True if options.exact else None if several and options.trials is None else False

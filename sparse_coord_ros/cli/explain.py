@@ -5,6 +5,7 @@
 import argparse
 
 from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.cli.options import Option
 from sparse_coord_ros.errors import RunError, did_you_mean
 from sparse_coord_ros.game.settings import Setting
 
@@ -15,12 +16,12 @@ STEP = Setting(
 EXAMPLE = "sparse_coord explain runs/demo/bag --step 9"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
-    shared.add_bag(parser)
-    shared.add_setting(parser, STEP)
-    parser.add_argument("--robot", metavar="NAME", help="of this robot only")
-    shared.add_json(parser)
+OPTIONS = (
+    shared.BAG,
+    STEP,
+    Option("--robot NAME", None, "of this robot only"),
+    shared.JSON,
+)
 
 
 def execute(options: argparse.Namespace) -> int:

@@ -5,8 +5,8 @@
 import argparse
 from pathlib import Path
 
-from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.maps import map_of
+from sparse_coord_ros.cli.options import Option
 from sparse_coord_ros.errors import MapError
 from sparse_coord_ros.game.grid import RESOLUTIONS
 from sparse_coord_ros.game.settings import Setting
@@ -18,17 +18,13 @@ PIXELS = Setting("pixels", int, 10, "pixels along the side of a cell", 1, 1000)
 EXAMPLE = "sparse_coord export-map env1 --out env1_map"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
-    parser.add_argument("map", metavar="MAP", help="a map's name, a map file, or a scenario file")
-    parser.add_argument(
-        "--resolution", type=RESOLUTION.parse, help="metres a cell (default: the map's own, or 1)"
-    )
-    shared.add_setting(parser, PIXELS)
-    parser.add_argument(
-        "--image", choices=("pgm", "png"), default="pgm", help="the image's format (default: pgm)"
-    )
-    parser.add_argument("--out", type=Path, help="directory (default: here)")
+OPTIONS = (
+    Option("map MAP", None, "a map's name, a map file, or a scenario file"),
+    Option("--resolution", RESOLUTION.parse, "metres a cell (default: the map's own, or 1)"),
+    PIXELS,
+    Option("--image", ("pgm", "png"), "the image's format"),
+    Option("--out", Path, "directory (default: here)"),
+)
 
 
 def execute(options: argparse.Namespace) -> int:

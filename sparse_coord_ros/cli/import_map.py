@@ -12,6 +12,7 @@ from typing import Any
 import yaml
 
 from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.cli.options import Option
 from sparse_coord_ros.errors import MapError, SettingError, in_short
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.scenario import Robot, Scenario
@@ -20,9 +21,6 @@ from sparse_coord_ros.maps.gridding import SPECK
 from sparse_coord_ros.maps.image import read_floor_plan
 from sparse_coord_ros.maps.plan import Place, import_map, scenario_of
 from sparse_coord_ros.maps.preview import write_preview
-
-PLACE = re.compile(r"^-[\d.]")
-"""What begins a place west of the origin, and no option."""
 
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
 
@@ -40,37 +38,43 @@ EXAMPLE = (
 )
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
-    # argparse takes -3,2 for an option unless it looks like a negative number.
-    parser._negative_number_matcher = PLACE
-    parser.add_argument("map", metavar="MAP.yaml", type=Path, help="the YAML file of the map")
-    shared.add_setting(parser, CELL)
-    shared.add_setting(parser, RADIUS)
-    for name, text in (
-        ("--start", "where the robots start, in metres of the map's frame; one a robot"),
-        ("--goal", "where they are to go; one a robot, in the same order"),
-        ("--doorway", "places in cells that are to be doorways too"),
-        ("--no-doorway", "places in doorways that are to be none"),
-    ):
-        parser.add_argument(
-            name, type=_place, nargs="+", action="extend", default=[], metavar="X,Y", help=text
+def _place(text: str) -> Place:
+    """Read X,Y in metres."""
+    try:
+        x, y = map(float, text.split(","))
+    except ValueError:
+        x = y = math.nan
+    if not (math.isfinite(x) and math.isfinite(y)):
+        raise argparse.ArgumentTypeError(
+            f"{in_short(text)} is no place, allowed: X,Y in metres of the map's frame, e.g. 2,-1"
         )
-    parser.add_argument(
+    return x, y
+
+
+PLACES = {"nargs": "+", "action": "extend", "default": []}
+
+OPTIONS = (
+    Option("map MAP.yaml", Path, "the YAML file of the map"),
+    CELL,
+    RADIUS,
+    Option("--start X,Y", _place, "where the robots start, in metres of the map's frame", PLACES),
+    Option("--goal X,Y", _place, "where they are to go, in the same order", PLACES),
+    Option("--doorway X,Y", _place, "places in cells that are to be doorways too", PLACES),
+    Option("--no-doorway X,Y", _place, "places in doorways that are to be none", PLACES),
+    Option(
         "--doorway-length",
-        type=DOORWAY_LENGTH.parse,
-        help=f"{DOORWAY_LENGTH.help} (default: by cell and radius)",
-    )
-    shared.add_setting(parser, SPECK_SIZE)
-    shared.add_set(
-        parser, "a setting of the scenario; what is not set is suggested by the map's distances"
-    )
-    parser.add_argument("--name", help="name of map and scenario (default: that of the file)")
-    parser.add_argument("--out", type=Path, help="directory (default: <name>_map)")
-    parser.add_argument(
-        "--replace", action="store_true", help="replace what an earlier import-map wrote there"
-    )
-    shared.add_json(parser)
+        DOORWAY_LENGTH.parse,
+        f"{DOORWAY_LENGTH.help} (default: by cell and radius)",
+    ),
+    SPECK_SIZE,
+    shared.changes(
+        "a setting of the scenario; what is not set is suggested by the map's distances"
+    ),
+    Option("--name", None, "name of map and scenario (default: that of the file)"),
+    Option("--out", Path, "directory (default: <name>_map)"),
+    Option("--replace", bool, "replace what an earlier import-map wrote there"),
+    shared.JSON,
+)
 
 
 def execute(options: argparse.Namespace) -> int:
@@ -153,19 +157,6 @@ def _print(facts: dict[str, Any]) -> None:
     for note in facts["notes"]:
         print(f"note: {note}")
     print("written: " + ", ".join(facts["files"]))
-
-
-def _place(text: str) -> Place:
-    """Read X,Y in metres."""
-    try:
-        x, y = map(float, text.split(","))
-    except ValueError:
-        x = y = math.nan
-    if not (math.isfinite(x) and math.isfinite(y)):
-        raise argparse.ArgumentTypeError(
-            f"{in_short(text)} is no place, allowed: X,Y in metres of the map's frame, e.g. 2,-1"
-        )
-    return x, y
 
 
 def _check_free(source: Path, files: list[Path], replace: bool) -> None:

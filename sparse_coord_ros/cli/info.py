@@ -12,10 +12,10 @@ from sparse_coord_ros.learn.run_config import RUN_RECORD
 EXAMPLE = "sparse_coord info runs/demo/bag"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
-    shared.add_bag(parser)
-    shared.add_json(parser)
+OPTIONS = (
+    shared.BAG,
+    shared.JSON,
+)
 
 
 def execute(options: argparse.Namespace) -> int:

@@ -2,11 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Starts the nodes of a live run: in this process, or each in its own."""
 
-import errno
 import os
 import signal
-import socket
-import struct
 import subprocess
 import sys
 import tempfile
@@ -22,6 +19,7 @@ from rclpy.logging import LoggingSeverity, set_logger_level
 from sparse_coord_ros.bags.reader import BAG_DIRECTORY
 from sparse_coord_ros.cli.options import note
 from sparse_coord_ros.errors import EXIT_BAD_INPUT, BagError, RunError
+from sparse_coord_ros.files import HeldError, hold
 from sparse_coord_ros.learn.run_config import create_output
 from sparse_coord_ros.nodes.middleware import check_participants, one_host
 from sparse_coord_ros.nodes.outputs import gather
@@ -89,30 +87,16 @@ def sole_team() -> Iterator[None]:
         RunError: another `sparse_coord run` of this user has it.
     """
     domain = os.environ.get("ROS_DOMAIN_ID", "0")
-    address = f"\0sparse_coord_{os.getuid()}_domain_{domain}"  # no file; gone with its process
-    with socket.socket(socket.AF_UNIX) as holder:
-        try:
-            holder.bind(address)
-            holder.listen()
-        except OSError as error:
-            if error.errno == errno.EADDRINUSE:
-                raise RunError(
-                    f"ROS domain {domain}: {_listener(address)} runs a team in it; wait for its "
-                    "end, or choose another ROS_DOMAIN_ID"
-                ) from None
-            # A system without such addresses: the nodes' guards decide.
-        yield
-
-
-def _listener(address: str) -> str:
-    """Return which process listens at a Unix address, in words."""
+    name = f"sparse_coord_{os.getuid()}_domain_{domain}"
     try:
-        with socket.socket(socket.AF_UNIX) as visitor:
-            visitor.connect(address)
-            credentials = visitor.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12)
-            return f"process {struct.unpack('3i', credentials)[0]}"
-    except OSError:  # it has just ended
-        return "another process"
+        holder = hold(Path(tempfile.gettempdir()) / name)
+    except HeldError as error:
+        raise RunError(
+            f"ROS domain {domain}: {error} runs a team in it; wait for its end, or choose another "
+            "ROS_DOMAIN_ID"
+        ) from None
+    with holder:
+        yield
 
 
 def _run_processes(values: dict[str, Any], stop: Stop, quiet: bool) -> dict[str, Any]:
@@ -177,7 +161,7 @@ def _wait(
     """
     world = processes[WORLD]
     robots = [process for name, process in processes.items() if name not in (WORLD, RECORDER)]
-    alone_since = None
+    last_robot = time.monotonic()
     while True:
         running = any(one.poll() is None for one in processes.values())  # before what they say
         _check(
@@ -186,10 +170,8 @@ def _wait(
         if not running:
             return False
         if world.poll() is not None or any(robot.poll() is None for robot in robots):
-            alone_since = None
-        elif alone_since is None:
-            alone_since = time.monotonic()
-        left = alone_since is not None and time.monotonic() - alone_since > ALONE_SECONDS
+            last_robot = time.monotonic()
+        left = time.monotonic() - last_robot > ALONE_SECONDS
         if left:
             note("all robots have left: the run ends")
         if left or stop:

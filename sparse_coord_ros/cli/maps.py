@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.cli.options import Option
 from sparse_coord_ros.errors import ScenarioError, SettingError
 from sparse_coord_ros.game.buildings import SIZES, Building, building_text
 from sparse_coord_ros.game.grid import GridMap, load_map, map_names
@@ -14,24 +15,19 @@ from sparse_coord_ros.game.scenario import load_scenario
 EXAMPLE = "sparse_coord maps env1"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
-    parser.add_argument(
-        "name", metavar="NAME", nargs="?", help="a map's name, a map file, or a scenario file"
-    )
-    parser.add_argument(
-        "--generate",
-        metavar="FILE",
-        type=Path,
-        help="write a scenario on a generated building: rooms, corridors, doorways, robots",
-    )
-    for name, setting in SIZES.items():
-        parser.add_argument(
-            f"--{name}",
-            metavar="N",
-            help=f"{setting.help} (with --generate; default: {setting.default})",
-        )
-    shared.add_json(parser)
+OPTIONS = (
+    Option("name NAME", None, "a map's name, a map file, or a scenario file", {"nargs": "?"}),
+    Option(
+        "--generate FILE",
+        Path,
+        "write a scenario on a generated building: rooms, corridors, doorways, robots",
+    ),
+    *(
+        Option(f"--{name} N", None, f"{one.help} (with --generate; default: {one.default})")
+        for name, one in SIZES.items()
+    ),
+    shared.JSON,
+)
 
 
 def execute(options: argparse.Namespace) -> int:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli import pictures
+from sparse_coord_ros.cli.options import Option
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS
@@ -29,23 +30,24 @@ OF_THE_SEARCH = ("restarts", "seed", "out", "picture")
 EXAMPLE = "sparse_coord optimum env1 --penalty -100"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
-    shared.add_scenario(parser)
-    parser.add_argument(
+OPTIONS = (
+    *shared.scenario_options(),
+    Option(
         "--class",
-        action="store_true",
-        dest="class_bound",
-        help="search for the best team of two robots that has Algorithm 1's form",
-    )
-    for name, kind, text in (
-        ("restarts", RESTARTS.parse, f"random beginnings (default: {RESTARTS.default})"),
-        ("seed", SEED.parse, f"seed of the search (default: {SEED.default})"),
-        ("out", Path, "a JSON file to keep the search in, and to go on from"),
-        ("picture", Path, "draw the team, e.g. team.png"),
-    ):
-        parser.add_argument(f"--{name}", type=kind, help=f"with --class: {text}")
-    shared.add_json(parser)
+        bool,
+        "search for the best team of two robots that has Algorithm 1's form",
+        {"dest": "class_bound"},
+    ),
+    Option(
+        "--restarts",
+        RESTARTS.parse,
+        f"with --class: random beginnings (default: {RESTARTS.default})",
+    ),
+    Option("--seed", SEED.parse, f"with --class: seed of the search (default: {SEED.default})"),
+    Option("--out", Path, "with --class: a JSON file to keep the search in, and to go on from"),
+    Option("--picture", Path, "with --class: draw the team, e.g. team.png"),
+    shared.JSON,
+)
 
 
 def execute(options: argparse.Namespace) -> int:
@@ -83,13 +85,14 @@ def execute(options: argparse.Namespace) -> int:
 
 def _class_bound(options: argparse.Namespace, scenario: Scenario) -> int:
     """Search for the class bound, and say what was found."""
+    from sparse_coord_ros.cli.computing import Bar
+
     check_class(scenario)
     picture = options.picture
     if options.out is not None:
         pictures.check_out(options.out)
     if picture is not None:
         pictures.check_out(picture, PICTURES, "--picture")
-    from sparse_coord_ros.cli.computing import Bar  # the engine with it: no small verb needs it
 
     bar = Bar("restarts", quiet=options.json)
     with bar:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.game.scenario import Scenario, load_scenario, scenario_names
@@ -36,33 +36,47 @@ def ros_missing(error: ImportError, alternative: str | None = None) -> RunError:
     return RunError(f"ROS 2 is not there ({error}); {', '.join(ways[:-1])}, or {ways[-1]}")
 
 
-def add_setting(
-    parser: argparse.ArgumentParser, setting: Setting, help: str | None = None, **more: Any
-) -> None:
-    """Add the option of a setting; one without a default must be given.
+class Option(NamedTuple):
+    """An option or an argument of a verb.
 
-    Args:
-        parser: of the verb.
-        setting: its name is the option's; a bad value raises `SettingError`.
-        help: what it is, instead of the setting's own words.
-        more: further arguments of `add_argument`.
+    Attributes:
+        words: its name and what stands for its value, as usage lines have it: "--out FILE".
+        kind: bool: a flag; a `Setting`: its values, with its default, and needed where it has
+            none; a tuple of texts: one of these, the first by default; else what reads the value:
+            a type, a function, or None for a text; without a default.
+        help: what it is.
+        more: further arguments of `add_argument`; and `names`, what the Tab key offers.
     """
-    known = setting.default is not None
-    parser.add_argument(
-        f"--{setting.name.replace('_', '-')}",
-        type=setting.parse,
-        required=not known,
-        default=setting.default,
-        help=(help or setting.help) + f" (default: {setting.default})" * known,
-        **more,
-    )
+
+    words: str
+    kind: Setting | tuple[str, ...] | Callable[[str], Any] | None
+    help: str
+    more: Mapping[str, Any] = {}
 
 
-def add_bag(parser: argparse.ArgumentParser) -> None:
-    """Add BAG."""
-    parser.add_argument(
-        "bag", metavar="BAG", type=_bag, help="a bag's or a run's directory, or a file"
-    )
+def add_options(parser: argparse.ArgumentParser, options: Iterable[Option | Setting]) -> None:
+    """Add options to a parser; a `Setting` stands for the option of its name."""
+    for one in options:
+        if isinstance(one, Setting):
+            one = Option(f"--{one.name}", one, one.help)
+        name, _, metavar = one.words.partition(" ")
+        how: dict[str, Any] = {"help": one.help, **({"metavar": metavar} if metavar else {})}
+        if one.kind is bool:
+            how["action"] = "store_true"
+        elif isinstance(one.kind, tuple):
+            how |= {"choices": one.kind, "default": one.kind[0]}
+        elif isinstance(one.kind, Setting):
+            how |= {"type": one.kind.parse, "default": one.kind.default}
+            how["required"] = one.kind.default is None
+        elif one.kind is not None:
+            how["type"] = one.kind
+        how |= one.more
+        offered = how.pop("names", None)
+        if how.get("default") not in (None, []):
+            how["help"] += f" (default: {how['default']})"
+        action = parser.add_argument(name, **how)
+        if offered is not None:  # argcomplete calls its `completer`
+            setattr(action, "completer", lambda offered=offered, **_: offered())  # noqa: B010
 
 
 def _bag(text: str) -> Path:
@@ -71,85 +85,63 @@ def _bag(text: str) -> Path:
     return Path(text)
 
 
-def add_scenario(parser: argparse.ArgumentParser, *, optional: bool = False) -> None:
-    """Add SCENARIO and the options that change it."""
-    scenario = parser.add_argument(
-        "scenario",
-        nargs="?" if optional else None,
-        metavar="SCENARIO",
-        help=f"path of a scenario file, or one of: {', '.join(scenario_names())}",
+BAG = Option("bag BAG", _bag, "a bag's or a run's directory, or a file")
+JSON = Option("--json", bool, "print one JSON object for machines")
+SEED = RUN_SETTINGS["seed"]
+PAGE = (
+    Option("--port N", None, "of the page; 0: one that is free", {"default": PORT}),
+    Option(
+        "--host ADDRESS",
+        None,
+        "serve the page on this address, also for other machines: who reaches it can watch",
+        {"default": HOST},
+    ),
+    Option("--browser", bool, "open the page in the browser"),
+)
+"""Where the page is served."""
+
+WATCH = (
+    Option("--watch", bool, "show the run on a page in the browser, which stays when it is over"),
+    *PAGE,
+)
+
+
+def changes(help: str) -> Option:
+    """Return --set."""
+    how = {"action": "append", "default": [], "dest": "assignments"}
+    return Option("--set KEY=VALUE", None, help, how)
+
+
+def scenario_options(*, optional: bool = False) -> tuple[Option, ...]:
+    """Return SCENARIO and the options that change it."""
+    how = {"names": scenario_names, **({"nargs": "?"} if optional else {})}
+    known = f"path of a scenario file, or one of: {', '.join(scenario_names())}"
+    what = "change a scenario setting, e.g. perception=probability:0.7; may be repeated"
+    return (
+        Option("scenario SCENARIO", None, known, how),
+        Option("--penalty", None, "r^C of a miscoordination, e.g. -20"),
+        changes(what),
     )
-    completed_by(scenario, scenario_names)
-    parser.add_argument("--penalty", help="r^C of a miscoordination, e.g. -20")
-    add_set(parser, "change a scenario setting, e.g. perception=probability:0.7; may be repeated")
 
 
-def completed_by(option: argparse.Action, names: Callable[[], Iterable[str]]) -> None:
-    """Let the Tab key offer names for an option's value; argcomplete calls its `completer`."""
-    setattr(option, "completer", lambda **_: names())  # noqa: B010 - argcomplete's way
-
-
-def add_set(parser: argparse.ArgumentParser, help: str) -> None:
-    """Add --set."""
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        dest="assignments",
-        help=help,
-    )
-
-
-def add_run(parser: argparse.ArgumentParser, *, resume: str) -> None:
-    """Add the options of a learning run: what learns, where it goes, and whether it goes on.
+def run_options(resume: str) -> tuple[Option | Setting, ...]:
+    """Return the options of a learning run: what learns, where it goes, and whether it goes on.
 
     Args:
-        parser: of the verb.
         resume: help of --resume.
     """
-    add_scenario(parser, optional=True)
-    parser.add_argument("--steps", help="step budget in transitions (default: the scenario's)")
-    add_setting(parser, RUN_SETTINGS["seed"])
-    parser.add_argument(
-        "--out", type=Path, help="output directory, must not exist (default: runs/<name>_<time>)"
-    )
     known = [f"{name}: {learner.summary}" for name, learner in LEARNERS.registered.items()]
-    learner = parser.add_argument(
-        "--learner",
-        default=RUN_SETTINGS["learner"].default,
-        help=f"{'; '.join(known)}; or one of your own as module:Class (default: %(default)s)",
+    learner = {"default": RUN_SETTINGS["learner"].default, "names": lambda: LEARNERS.names}
+    return (
+        *scenario_options(optional=True),
+        Option("--steps", None, "step budget in transitions (default: the scenario's)"),
+        SEED,
+        Option("--out", Path, "output directory, must not exist (default: runs/<name>_<time>)"),
+        Option(
+            "--learner", None, f"{'; '.join(known)}; or one of your own as module:Class", learner
+        ),
+        Option("--resume DIR", Path, resume),
     )
-    completed_by(learner, lambda: LEARNERS.names)
-    parser.add_argument("--resume", type=Path, metavar="DIR", help=resume)
-
-
-def add_page(parser: argparse.ArgumentParser) -> None:
-    """Add what says where the page is served."""
-    parser.add_argument(
-        "--port",
-        default=str(PORT),
-        metavar="N",
-        help=f"of the page (default: {PORT}; 0: one that is free)",
-    )
-    parser.add_argument(
-        "--host",
-        default=HOST,
-        metavar="ADDRESS",
-        help="serve the page on this address, also for other machines: who reaches it can watch "
-        f"(default: {HOST}, this machine only)",
-    )
-    parser.add_argument("--browser", action="store_true", help="open the page in the browser")
-
-
-def add_watch(parser: argparse.ArgumentParser) -> None:
-    """Add --watch, and where the page is served."""
-    parser.add_argument(
-        "--watch",
-        action="store_true",
-        help="show the run on a page in the browser, which stays when it is over",
-    )
-    add_page(parser)
 
 
 def nothing_else_given(options: argparse.Namespace) -> None:
@@ -170,11 +162,6 @@ def nothing_else_given(options: argparse.Namespace) -> None:
             f"{', '.join(given)} cannot change a run that is resumed; leave it out: "
             f"sparse_coord {options.verb} --resume {options.resume}"
         )
-
-
-def add_json(parser: argparse.ArgumentParser) -> None:
-    """Add --json."""
-    parser.add_argument("--json", action="store_true", help="print one JSON object for machines")
 
 
 def settings_of(options: argparse.Namespace) -> dict[str, str]:

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the verbs that make pictures share: what they show, where it goes, what is missing."""
 
-import argparse
 import os
 import sys
 import time
@@ -31,15 +30,10 @@ class Announcer:
         print(f"{passed:5.1f} s  {what} ...", file=sys.stderr, flush=True)
 
 
-def add_out(parser: argparse.ArgumentParser, kinds: Sequence[str]) -> None:
-    """Add --out."""
-    parser.add_argument(
-        "--out",
-        type=Path,
-        required=True,
-        metavar="FILE",
-        help=f"where to write it; its name ends in {' or '.join(kinds)}",
-    )
+def out_option(kinds: Sequence[str]) -> shared.Option:
+    """Return --out, which is needed."""
+    where = f"where to write it; its name ends in {' or '.join(kinds)}"
+    return shared.Option("--out FILE", Path, where, {"required": True})
 
 
 def check_out(path: Path, kinds: Sequence[str] = (), option: str = "--out") -> str:

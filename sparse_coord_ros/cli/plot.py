@@ -7,6 +7,7 @@ from pathlib import Path
 
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli import pictures
+from sparse_coord_ros.cli.options import Option
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.settings import Setting
 
@@ -18,24 +19,24 @@ MOST_RUNS = 8
 EXAMPLE = "sparse_coord plot runs/demo --what policy,length --out demo.png"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
-    parser.add_argument(
-        "sources",
-        metavar="RUN|BAG|RESULTS",
-        nargs="+",
-        type=Path,
-        help="directories of runs, bags (several are drawn side by side), or one of results",
-    )
-    parser.add_argument(
+OPTIONS = (
+    Option(
+        "sources RUN|BAG|RESULTS",
+        Path,
+        "directories of runs, bags (several are drawn side by side), or one of results",
+        {"nargs": "+"},
+    ),
+    Option(
         "--what",
-        help="of a run: policy, asks (where it asks), sparsity (of Q^C), curves (of learning), "
-        "length (the first of these), percepts (how they ended; needs a bag); of results: "
-        "conditions, asks, or an experiment's name; several with commas (default: all there is)",
-    )
-    shared.add_setting(parser, DPI)
-    pictures.add_out(parser, KINDS)
-    shared.add_json(parser)
+        None,
+        "of a run: policy, asks (where it asks), sparsity (of Q^C), curves (of learning), length "
+        "(the first of these), percepts (how they ended; needs a bag); of results: conditions, "
+        "asks, or an experiment's name; several with commas (default: all there is)",
+    ),
+    DPI,
+    pictures.out_option(KINDS),
+    shared.JSON,
+)
 
 
 def execute(options: argparse.Namespace) -> int:

@@ -17,10 +17,10 @@ EXAMPLE = (
 )
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
-    shared.add_bag(parser)
-    shared.add_json(parser)
+OPTIONS = (
+    shared.BAG,
+    shared.JSON,
+)
 
 
 def execute(options: argparse.Namespace) -> int:

@@ -6,40 +6,36 @@ import argparse
 import re
 
 from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.cli.options import Option
 from sparse_coord_ros.errors import SettingError
 
-OPTIONS = {"bag": "BAG", "rate": "--rate", "position": "--start", "topics": "--topics"}
+NAMES = {"bag": "BAG", "rate": "--rate", "position": "--start", "topics": "--topics"}
 """What the player's parameters are called here."""
 
 EXAMPLE = "sparse_coord replay runs/demo/bag --rate 2 --start 12.5"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
-    shared.add_bag(parser)
-    parser.add_argument(
-        "--rate", default="1", metavar="R", help="seconds of the bag played a second (default: 1)"
-    )
-    parser.add_argument(
-        "--start",
-        default="0",
-        metavar="T",
-        help="begin so many seconds after the bag's first message",
-    )
-    parser.add_argument("--loop", action="store_true", help="begin again at the end")
-    parser.add_argument(
-        "--topics",
-        action="append",
-        metavar="TOPIC",
-        help="only this topic, and /clock; a name, or a pattern like '/robot_1*'; repeatable "
-        "(default: all but /rosout, /parameter_events and claims)",
-    )
-    parser.add_argument(
+OPTIONS = (
+    shared.BAG,
+    Option("--rate R", None, "seconds of the bag played a second", {"default": "1"}),
+    Option(
+        "--start T", None, "begin so many seconds after the bag's first message", {"default": "0"}
+    ),
+    Option("--loop", bool, "begin again at the end"),
+    Option(
+        "--topics TOPIC",
+        None,
+        "only this topic, and /clock; a name, or a pattern like '/robot_1*'; repeatable (default: "
+        "all but /rosout, /parameter_events and claims)",
+        {"action": "append"},
+    ),
+    Option(
         "--step",
-        action="store_true",
-        help="begin paused; space goes on, the right arrow or the service /player/step shows the "
-        "next time step",
-    )
+        bool,
+        "begin paused; space goes on, the right arrow or the service /player/step shows the next "
+        "time step",
+    ),
+)
 
 
 def execute(options: argparse.Namespace) -> int:
@@ -72,4 +68,4 @@ def _as_typed(text: str) -> str:
     found = re.match(r"(?:node player: )?parameter (\w+)", text)
     if found is None:
         return text
-    return OPTIONS.get(found[1], found[1]) + text[found.end() :]
+    return NAMES.get(found[1], found[1]) + text[found.end() :]

@@ -7,27 +7,23 @@ from pathlib import Path
 
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli import pictures
+from sparse_coord_ros.cli.options import Option
 
 KINDS = (".html", ".htm")
 
 EXAMPLE = "sparse_coord report runs/demo --out demo.html"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
-    parser.add_argument(
-        "source",
-        metavar="RUN|BAG|RESULTS",
-        type=Path,
-        help="a run's directory; a bag's, or its file; a directory of results",
-    )
-    parser.add_argument(
-        "--no-baselines",
-        action="store_true",
-        help="do not let Indiv. and Non-coop. learn the same, to compare",
-    )
-    pictures.add_out(parser, KINDS)
-    shared.add_json(parser)
+OPTIONS = (
+    Option(
+        "source RUN|BAG|RESULTS",
+        Path,
+        "a run's directory; a bag's, or its file; a directory of results",
+    ),
+    Option("--no-baselines", bool, "do not let Indiv. and Non-coop. learn the same, to compare"),
+    pictures.out_option(KINDS),
+    shared.JSON,
+)
 
 
 def execute(options: argparse.Namespace) -> int:

@@ -6,22 +6,15 @@ import argparse
 from pathlib import Path
 
 from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.cli.computing import (
-    Bar,
-    add_computing,
-    note_without_numba,
-)
+from sparse_coord_ros.cli.computing import COMPUTING, Bar, note_without_numba
 from sparse_coord_ros.cli.evaluate import Evaluated, result_table
+from sparse_coord_ros.cli.options import Option
 from sparse_coord_ros.engine.batch import uses_numba
 from sparse_coord_ros.experiments.catalogue import NAMES
-from sparse_coord_ros.experiments.runner import (
-    ExperimentResults,
-    parse_targets,
-    run_targets,
-)
+from sparse_coord_ros.experiments.runner import ExperimentResults, parse_targets, run_targets
 from sparse_coord_ros.experiments.store import RUNS, TRIALS, Plan
 from sparse_coord_ros.learn.evaluation import summary
-from sparse_coord_ros.learn.run_config import RUN_SETTINGS, make_run
+from sparse_coord_ros.learn.run_config import make_run
 
 EXAMPLE = (
     "sparse_coord reproduce table1 table2 --out results\n"
@@ -29,27 +22,27 @@ EXAMPLE = (
 )
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
-    parser.add_argument(
-        "targets",
-        metavar="WHAT",
-        nargs="*",
-        help=f"experiments ({', '.join(NAMES)}), conditions such as env1/coop/penalty=-20, or "
-        "single runs such as env1/coop/penalty=-20/3 (default: every experiment)",
-    )
-    parser.add_argument(
+OPTIONS = (
+    Option(
+        "targets WHAT",
+        None,
+        f"experiments ({', '.join(NAMES)}), conditions such as env1/coop/penalty=-20, or single "
+        "runs such as env1/coop/penalty=-20/3 (default: every experiment)",
+        {"nargs": "*"},
+    ),
+    Option(
         "--out",
-        type=Path,
-        default=Path("results"),
-        help="results directory; what it holds already is not computed again (default: results)",
-    )
-    shared.add_setting(parser, RUNS)
-    shared.add_setting(parser, TRIALS)
-    shared.add_setting(parser, RUN_SETTINGS["seed"], "seed of run 0; run i has seed + i")
-    add_computing(parser)
-    parser.add_argument("--list", action="store_true", help="list the conditions and stop")
-    shared.add_json(parser)
+        Path,
+        "results directory; what it holds already is not computed again",
+        {"default": Path("results")},
+    ),
+    RUNS,
+    TRIALS,
+    Option("--seed", shared.SEED, "seed of run 0; run i has seed + i"),
+    *COMPUTING,
+    Option("--list", bool, "list the conditions and stop"),
+    shared.JSON,
+)
 
 
 def execute(options: argparse.Namespace) -> int:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.cli.options import Option
 from sparse_coord_ros.errors import BagError, RunError
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS
 from sparse_coord_ros.learn.tables import TEAM_FILE
@@ -21,47 +22,33 @@ if TYPE_CHECKING:
 EXAMPLE = "sparse_coord run env1 --steps 2000 --seed 7\n  sparse_coord run --resume runs/a"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
-    shared.add_run(
-        parser,
-        resume="go on with a run that ended too early, from its last common checkpoint, instead "
-        "of SCENARIO; DIR is its output directory",
-    )
-    parser.add_argument(
-        "--executor",
-        choices=("events", "single"),
-        default="events",
-        help="what runs the callbacks (default: events)",
-    )
-    parser.add_argument("--processes", action="store_true", help="every node in its own process")
-    parser.add_argument("--rate", default="0", metavar="HZ", help="time steps a second, to watch")
-    parser.add_argument("--no-record", action="store_true", help="write no bag")
-    parser.add_argument(
-        "--compression",
-        choices=("zstd", "lz4", "none"),
-        default="zstd",
-        help="of the bag (default: zstd)",
-    )
-    parser.add_argument(
-        "--max-bagfile-size", metavar="BYTES", help="begin another file of the bag after so many"
-    )
-    parser.add_argument(
-        "--max-bagfile-duration",
-        metavar="SECONDS",
-        help="begin another file of the bag after so many simulated seconds",
-    )
-    parser.add_argument(
-        "--checkpoint",
-        type=RUN_SETTINGS["checkpoint"].parse,
-        metavar="STEPS",
-        help="record the tables and save what --resume needs each so many steps (default: 10000; "
-        "0: only at the end)",
-    )
-    parser.add_argument("--tables", metavar="DIR", help="begin with the tables of that run")
-    parser.add_argument("--greedy", action="store_true", help="act on --tables without learning")
-    shared.add_watch(parser)
-    shared.add_json(parser)
+OPTIONS = (
+    *shared.run_options(
+        "go on with a run that ended too early, from its last common checkpoint, instead of "
+        "SCENARIO; DIR is its output directory"
+    ),
+    Option("--executor", ("events", "single"), "what runs the callbacks"),
+    Option("--processes", bool, "every node in its own process"),
+    Option("--rate HZ", None, "time steps a second, to watch"),
+    Option("--no-record", bool, "write no bag"),
+    Option("--compression", ("zstd", "lz4", "none"), "of the bag"),
+    Option("--max-bagfile-size BYTES", None, "begin another file of the bag after so many"),
+    Option(
+        "--max-bagfile-duration SECONDS",
+        None,
+        "begin another file of the bag after so many simulated seconds",
+    ),
+    Option(
+        "--checkpoint STEPS",
+        RUN_SETTINGS["checkpoint"].parse,
+        "record the tables and save what --resume needs each so many steps (default: 10000; 0: "
+        "only at the end)",
+    ),
+    Option("--tables DIR", None, "begin with the tables of that run"),
+    Option("--greedy", bool, "act on --tables without learning"),
+    *shared.WATCH,
+    shared.JSON,
+)
 
 
 def execute(options: argparse.Namespace) -> int:

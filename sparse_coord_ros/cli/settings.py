@@ -10,6 +10,7 @@ from dataclasses import asdict
 from typing import Any, NamedTuple
 
 from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.cli.options import Option
 from sparse_coord_ros.driving.trials import DRIVE_SETTINGS
 from sparse_coord_ros.errors import SettingError, did_you_mean
 from sparse_coord_ros.game.scenario import DIALOGUE, PROTOCOL, SETTINGS
@@ -40,15 +41,15 @@ class Entry(NamedTuple):
     facts: dict[str, Any]
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
-    parser.add_argument(
-        "names",
-        metavar="NAME",
-        nargs="*",
-        help=f"settings, learners, or groups: {', '.join(GROUPS)} (default: all)",
-    )
-    shared.add_json(parser)
+OPTIONS = (
+    Option(
+        "names NAME",
+        None,
+        f"settings, learners, or groups: {', '.join(GROUPS)} (default: all)",
+        {"nargs": "*"},
+    ),
+    shared.JSON,
+)
 
 
 def execute(options: argparse.Namespace) -> int:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.cli.options import Option
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.settings import Setting
@@ -21,17 +22,12 @@ EXAMPLE = (
 )
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
-    shared.add_bag(parser)
-    parser.add_argument(
-        "--step",
-        type=STEP.parse,
-        metavar="N",
-        help="the checkpoint's time step; without: say which",
-    )
-    parser.add_argument("--out", type=Path, metavar="DIR", help="where to write them")
-    shared.add_json(parser)
+OPTIONS = (
+    shared.BAG,
+    Option("--step N", STEP.parse, "the checkpoint's time step; without: say which"),
+    Option("--out DIR", Path, "where to write them"),
+    shared.JSON,
+)
 
 
 def execute(options: argparse.Namespace) -> int:

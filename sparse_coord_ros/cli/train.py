@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.computing import Bar, note_compiling, note_without_numba
 from sparse_coord_ros.cli.evaluate import Evaluated, evaluation_of, result_table
+from sparse_coord_ros.cli.options import Option
 from sparse_coord_ros.compiling import has_numba
 from sparse_coord_ros.engine.batch import ENGINES, is_prepared, prepare
 from sparse_coord_ros.engine.run_checkpoint import CHECKPOINT_FILE
@@ -27,7 +28,7 @@ from sparse_coord_ros.errors import RunError, os_error_text
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.scenario import SETTINGS, Scenario
 from sparse_coord_ros.game.settings import Setting
-from sparse_coord_ros.learn.evaluation import MEASURES, Evaluation
+from sparse_coord_ros.learn.evaluation import MEASURES
 from sparse_coord_ros.learn.history import HISTORY_FILE
 from sparse_coord_ros.learn.run_config import (
     RUN_FILE,
@@ -41,7 +42,6 @@ from sparse_coord_ros.solve.optimum import joint_optimum
 
 if TYPE_CHECKING:
     from sparse_coord_ros.look.page.server import Server
-    from sparse_coord_ros.solve.exact import ExactEvaluation
 
 EVALUATIONS_FILE = "evaluations.csv"
 FILES = (RUN_FILE, CHECKPOINT_FILE, HISTORY_FILE, EVALUATIONS_FILE, TEAM_FILE)
@@ -61,34 +61,31 @@ EXAMPLE = (
 )
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
-    shared.add_run(
-        parser,
-        resume="go on with an interrupted run, instead of SCENARIO; DIR is its output directory",
-    )
-    parser.add_argument(
+OPTIONS = (
+    *shared.run_options(
+        "go on with an interrupted run, instead of SCENARIO; DIR is its output directory"
+    ),
+    Option(
         "--engine",
-        choices=ENGINES,
-        default="auto",
-        help="what computes, with the same bits: auto is numba where it is installed and the run "
-        "is long enough to be worth compiling (default: auto)",
-    )
-    parser.add_argument(
-        "--evaluate-every",
-        type=EVERY.parse,
-        metavar="STEPS",
-        help=f"evaluate each so many steps too, by {EVERY_TRIALS.default} trials, into "
+        ("auto", *(one for one in ENGINES if one != "auto")),
+        "what computes, with the same bits: auto is numba where it is installed and the run is "
+        "long enough to be worth compiling",
+    ),
+    Option(
+        "--evaluate-every STEPS",
+        EVERY.parse,
+        f"evaluate each so many steps too, by {EVERY_TRIALS.default} trials, into "
         f"{EVALUATIONS_FILE}",
-    )
-    parser.add_argument(
+    ),
+    Option(
         "--trials",
-        type=TRIALS.parse,
-        help="Monte-Carlo trials of what was learned (default: none where it can be computed, as "
-        "for two robots, else 1000; 0: do not evaluate it)",
-    )
-    shared.add_watch(parser)
-    shared.add_json(parser)
+        TRIALS.parse,
+        "Monte-Carlo trials of what was learned (default: none where it can be computed, as for "
+        "two robots, else 1000; 0: do not evaluate it)",
+    ),
+    *shared.WATCH,
+    shared.JSON,
+)
 
 
 def execute(options: argparse.Namespace) -> int:
@@ -192,12 +189,11 @@ def _save(out: Path, done: Training) -> None:
     if done.evaluations:
         file = io.StringIO()
         writer = csv.writer(file, lineterminator="\n")
-        parts = ("", "_spread", "_standard_error")
-        names = [f"{name}{part}" for name in MEASURES for part in parts]
+        parts = ("mean", "spread", "standard_error")
+        names = [f"{name}_{part}".removesuffix("_mean") for name in MEASURES for part in parts]
         writer.writerow(["steps", "trials", *names, "not_arrived"])
         for steps, found in done.evaluations:
-            measures = [getattr(found, name) for name in MEASURES]
-            numbers = [n for m in measures for n in (m.mean, m.spread, m.standard_error)]
+            numbers = [getattr(getattr(found, name), part) for name in MEASURES for part in parts]
             writer.writerow([steps, found.trials, *numbers, found.not_arrived])
         write_whole(out / EVALUATIONS_FILE, file.getvalue())
     save_team(out, done.tables, done.memories)
@@ -223,30 +219,23 @@ def _say(out: Path, run: RunConfig, done: Training, trials: int | None, *, as_js
         shared.print_json(said)
         return
     if done.evaluations:
+        rows = [
+            [
+                str(steps),
+                *(f"{getattr(found, name).mean:.2f}" for name in MEASURES),
+                f"{found.trials - found.not_arrived} of {found.trials}",
+            ]
+            for steps, found in done.evaluations
+        ]
         head = ["after steps", "reward", "time to goal", "miscoordinations", "asks", "arrived"]
-        print(shared.format_table(head, [_row(n, e) for n, e in done.evaluations]), end="\n\n")
+        print(shared.format_table(head, rows), end="\n\n")
     if result is not None:
         print(result_table([Evaluated(out, run, result)]))
-        missed = _missed(result)
-        if missed:
-            print(f"{missed} some robot did not arrive.")
-            for line in advice(scenario, done):
-                print(line)
+        missed = 1.0 - result.all_arrived
+        if missed > HARDLY_EVER:
+            print(f"In {missed:.1%} of the trials some robot did not arrive.")
+            print("\n".join(advice(scenario, done)))
     print(f"tables   {out / TEAM_FILE}\nhistory  {out / HISTORY_FILE}\nrun      {out / RUN_FILE}")
-
-
-def _missed(result: "Evaluation | ExactEvaluation") -> str:
-    """Return in how many trials some robot did not arrive; nothing where hardly ever."""
-    if isinstance(result, Evaluation):
-        count = result.not_arrived
-        return f"In {count} of {result.trials} trials" if count else ""
-    missed = 1.0 - result.all_arrived
-    return f"In {missed:.1%} of all trials" if missed > HARDLY_EVER else ""
-
-
-def _row(steps: int, found: Evaluation) -> list[str]:
-    means = [f"{getattr(found, name).mean:.2f}" for name in MEASURES]
-    return [f"{steps}", *means, f"{found.trials - found.not_arrived} of {found.trials}"]
 
 
 def advice(scenario: Scenario, done: Training) -> list[str]:

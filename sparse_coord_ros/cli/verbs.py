@@ -4,6 +4,7 @@
 
 import argparse
 import importlib
+import re
 from collections.abc import Mapping
 from typing import Any, NoReturn
 
@@ -37,7 +38,11 @@ VERBS: Mapping[str, str] = {
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose errors are one line."""
+    """A parser whose errors are one line, and to which -3,2 is a value, not an option."""
+
+    def __init__(self, *args: Any, **more: Any) -> None:
+        super().__init__(*args, **more)
+        self._negative_number_matcher = re.compile(r"^-[\d.]")
 
     def error(self, message: str) -> NoReturn:
         """Say what is wrong in one line and exit."""
@@ -47,13 +52,15 @@ class Parser(argparse.ArgumentParser):
 def add_verb(verbs: Any, name: str) -> None:
     """Import a verb's module and add its parser.
 
-    The module has an `EXAMPLE` that works, `add_arguments(parser)`, and `execute(options)`, which
-    returns the exit code.
+    The module has an `EXAMPLE` that works, its `OPTIONS`, and `execute(options)`, which returns
+    the exit code.
 
     Args:
         verbs: the subparsers of `sparse_coord`.
         name: the verb.
     """
+    from sparse_coord_ros.cli.options import add_options
+
     module = importlib.import_module(f"sparse_coord_ros.cli.{name.replace('-', '_')}")
     help = VERBS[name]
     parser = verbs.add_parser(
@@ -63,5 +70,5 @@ def add_verb(verbs: Any, name: str) -> None:
         epilog=f"example:\n  {module.EXAMPLE}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    module.add_arguments(parser)
+    add_options(parser, module.OPTIONS)
     parser.set_defaults(execute=module.execute, parser=parser)

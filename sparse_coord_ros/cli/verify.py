@@ -5,6 +5,7 @@
 import argparse
 
 from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.cli.options import Option
 
 SHOWN = 10
 CANNOT_TELL = 3
@@ -19,13 +20,11 @@ NOT_COMPARED = (
 EXAMPLE = "sparse_coord verify runs/demo/bag"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
-    shared.add_bag(parser)
-    parser.add_argument(
-        "--all", action="store_true", help=f"print all differences, not the first {SHOWN}"
-    )
-    shared.add_json(parser)
+OPTIONS = (
+    shared.BAG,
+    Option("--all", bool, f"print all differences, not the first {SHOWN}"),
+    shared.JSON,
+)
 
 
 def execute(options: argparse.Namespace) -> int:

@@ -7,6 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.cli.options import Option
 from sparse_coord_ros.cli.page import announce, served
 from sparse_coord_ros.game.settings import Setting
 
@@ -16,19 +17,18 @@ STEP = Setting("step", int, 0, "of a bag: time step to begin at", low=0, high=2*
 EXAMPLE = "sparse_coord watch runs/demo/bag"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
-    parser.add_argument(
-        "bag",
-        metavar="BAG",
-        nargs="?",
-        type=Path,
-        help="a bag's or a run's directory, or a file; one that is still being recorded is "
-        "followed (default: the team that runs now, over its ROS topics)",
-    )
-    shared.add_setting(parser, RATE)
-    shared.add_setting(parser, STEP)
-    shared.add_page(parser)
+OPTIONS = (
+    Option(
+        "bag BAG",
+        Path,
+        "a bag's or a run's directory, or a file; one that is still being recorded is followed "
+        "(default: the team that runs now, over its ROS topics)",
+        {"nargs": "?"},
+    ),
+    RATE,
+    STEP,
+    *shared.PAGE,
+)
 
 
 def execute(options: argparse.Namespace) -> int:

@@ -12,7 +12,8 @@ from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
-from sparse_coord_ros.cli.computing import add_computing
+from sparse_coord_ros.cli.computing import COMPUTING
+from sparse_coord_ros.cli.options import add_options
 from sparse_coord_ros.cli.verbs import Parser
 from sparse_coord_ros.engine.cluster import cluster_at
 from sparse_coord_ros.errors import EXIT_BAD_INPUT, SparseCoordError
@@ -33,7 +34,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("studies", nargs="*", metavar="STUDY", help=f"of {', '.join(NAMES)}")
     parser.add_argument("--out", type=Path, default=Path("coordination"), help="results directory")
     parser.add_argument("--page", type=Path, default=PAGE, help="the document with the tables")
-    add_computing(parser)
+    add_options(parser, COMPUTING)
     options = parser.parse_args(arguments)
     try:
         chosen = _chosen(options.studies, options.out)

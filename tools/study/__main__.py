@@ -16,7 +16,8 @@ from typing import TypeVar
 import pandas as pd
 from tqdm import tqdm
 
-from sparse_coord_ros.cli.computing import add_computing
+from sparse_coord_ros.cli.computing import COMPUTING
+from sparse_coord_ros.cli.options import add_options
 from sparse_coord_ros.cli.verbs import Parser
 from sparse_coord_ros.engine.cluster import cluster_at
 from sparse_coord_ros.errors import EXIT_BAD_INPUT, SparseCoordError
@@ -67,7 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         ("seed", 10000, "seed of run 0; run i has seed + i"),
     ):
         parser.add_argument(f"--{name}", type=int, default=default, help=what)
-    add_computing(parser)
+    add_options(parser, COMPUTING)
     try:
         return execute(parser.parse_args(arguments))
     except SparseCoordError as error:
