@@ -25,10 +25,6 @@ def all_axes(figure):
     return [one for part in figure.subfigs for one in part.axes]
 
 
-def texts(figure):
-    return [axes.get_title() for axes in all_axes(figure)]
-
-
 def test_arrows_and_rings_are_the_policy(trained):
     shown = open_shown(trained)
     [axes, *_] = all_axes(figures.runs_figure([shown], ["policy"]))
@@ -76,13 +72,17 @@ def test_percepts_are_the_log(bag):
     assert set(figures.HATCHES) == set(OUTCOME_COLOURS)
 
 
-def test_runs_side_by_side(trained, bag):
-    runs = [open_shown(trained), open_shown(bag)]
+def test_runs_side_by_side_under_names_that_are_no_formulas(trained, bag, tmp_path):
+    place = tmp_path / "$x_{$_$y$" / "bag"
+    shutil.copytree(bag, place)
+    runs = [open_shown(trained), open_shown(place)]
     figure = figures.runs_figure(runs, ["policy", "length"])
-    assert texts(figure)[:2] == ["trained: greedy moves", f"{bag.parent.name}: greedy moves"]
-    labels = [line.get_label() for axes in all_axes(figure) for line in axes.lines]
-    assert labels == ["trained", bag.parent.name]
-    assert figures.names_of([runs[1], runs[1]]) == [str(bag)] * 2
+    figure.canvas.draw()
+    axes = all_axes(figure)
+    names = ["trained", r"\$x_{\$_\$y\$"]
+    assert [one.get_title() for one in axes[:2]] == [f"{name}: greedy moves" for name in names]
+    assert [line.get_label() for one in axes for line in one.lines] == names
+    assert figures.names_of([runs[0], runs[0]]) == [str(trained)] * 2
 
 
 def test_what_a_source_has(trained, bag):
@@ -93,39 +93,24 @@ def test_what_a_source_has(trained, bag):
         figures.parse_whats("curves,polcy", [])
 
 
-def test_dollars_in_names_are_no_formula(bag, tmp_path):
-    place = tmp_path / "$x_{$_$y$" / "bag"
-    shutil.copytree(bag, place)
-    runs = [open_shown(place), open_shown(bag)]
-    figure = figures.runs_figure(runs, ["length"])
-    figure.canvas.draw()
-    assert all_axes(figure)[0].lines[0].get_label() == r"\$x_{\$_\$y\$"
-
-
 def test_the_pictures_of_results(results, tmp_path):
     shown = ResultsShown(results)
     assert shown.whats == ["conditions", "asks"]
-    assert len(shown.figure("conditions").axes) == 3
     with pytest.raises(SettingError, match="these results have conditions, asks"):
         shown.figure("table1")
     out = tmp_path / "r.png"
-    arguments = ["plot", str(results), "--what", "asks", "--dpi", "30", "--out", str(out)]
-    assert main(arguments) == 0 and out.exists()
+    assert main(["plot", str(results), "--dpi", "30", "--out", str(out)]) == 0
+    assert out.read_bytes().startswith(b"\x89PNG")
 
 
-@pytest.mark.parametrize(
-    ("ending", "begins"), [("png", b"\x89PNG"), ("svg", b"<?xml"), ("PDF", b"%PDF")]
-)
-def test_plot_writes_each_kind_the_same_bytes_each_time(trained, tmp_path, capsys, ending, begins):
-    files = [tmp_path / f"{n}.{ending}" for n in ("ab" if ending == "svg" else "a")]
+@pytest.mark.parametrize(("ending", "begins"), [("svg", b"<?xml"), ("PDF", b"%PDF")])
+def test_plot_writes_the_same_bytes_each_time(trained, tmp_path, capsys, ending, begins):
+    files = [tmp_path / f"{n}.{ending}" for n in "ab"]
     for file in files:
-        arguments = ["plot", str(trained), "--what", "length", "--out", str(file), "--json"]
-        assert main([*arguments, "--dpi", "40"]) == 0
-        out, err = capsys.readouterr()
-        said = json.loads(out)
+        assert main(["plot", str(trained), "--what", "length", "--out", str(file), "--json"]) == 0
+        said = json.loads(capsys.readouterr().out)
         assert said == {"file": str(file), "bytes": file.stat().st_size, "what": "length"}
-        assert "drawing length ..." in err
-    assert files[0].read_bytes() == files[-1].read_bytes()
+    assert files[0].read_bytes() == files[1].read_bytes()
     assert files[0].read_bytes().startswith(begins)
 
 
@@ -138,31 +123,16 @@ def said(capsys, *arguments):
 
 def test_bad_input_is_one_line(trained, results, tmp_path, capsys):
     out = tmp_path / "x.png"
-    for bad, words in (
-        ("x.gif", "allowed: a name that ends in .png, .svg, .pdf"),
-        ("none/x.png", "there is no folder"),
-        ("x.png/y.png", "there is no folder"),
-        ("y" * 250 + ".png", "shorter"),
-    ):
-        assert words in said(capsys, trained, "--out", tmp_path / bad)
     (tmp_path / "d.png").mkdir()
-    assert "is a folder" in said(capsys, trained, "--out", tmp_path / "d.png")
+    assert "ends in .png, .svg, .pdf" in said(capsys, trained, "--out", tmp_path / "x.gif")
+    assert "there is no folder" in said(capsys, trained, "--out", tmp_path / "none/x.png")
+    assert "cannot be written" in said(capsys, trained, "--out", tmp_path / "d.png")
     assert "has no bag" in said(capsys, trained, "--what", "percepts", "--out", out)
-    assert "--what ''" in said(capsys, trained, "--what", "", "--out", out)
     assert "setting dpi" in said(capsys, trained, "--dpi", "1e9", "--out", out)
     assert "not a bag" in said(capsys, tmp_path, "--out", out)
     assert "plot it alone" in said(capsys, results, trained, "--out", out)
     assert "at most 8" in said(capsys, *[trained] * 9, "--out", out)
-    (tmp_path / "results.json").write_text('{"format": 3, "seed": 0, "runs": 2, "trials": 2}')
-    assert "holds no result yet" in said(capsys, tmp_path, "--out", out)
     assert not out.exists()
-
-
-def test_a_bag_that_broke_off_is_plotted_as_far_as_it_goes(bag, tmp_path):
-    cut, out = tmp_path / "cut.mcap", tmp_path / "x.png"
-    cut.write_bytes((bag / "bag_0.mcap").read_bytes()[:20_000])
-    assert main(["plot", str(cut), "--what", "length", "--dpi", "30", "--out", str(out)]) == 0
-    assert out.exists()
 
 
 def test_a_missing_package_is_one_line(trained, tmp_path, capsys, monkeypatch):

@@ -7,7 +7,6 @@ import json
 from itertools import pairwise
 
 import numpy as np
-import pytest
 from PIL import Image
 
 from sparse_coord_ros import wire
@@ -71,7 +70,9 @@ def test_robots_move_from_cell_to_cell():
     assert 20 < (orange - orange.min(axis=0)).mean() and orange[:, 1].mean() > blue[:, 1].mean()
     assert last > 2000  # the last frame stands still
     moving = episode([[0, 3], [1, 3], [1, 7], [1, 7]])
-    assert sum(ms for _, ms in frames(film(ENV1, moving, title="t"))) == 3 * 510 + 2000
+    made = film(ENV1, moving, title="t")
+    assert sum(ms for _, ms in frames(made)) == 3 * 510 + 2000
+    assert made == film(ENV1, moving, title="t")
 
 
 def test_outcomes_differ_in_colour_line_and_sign():
@@ -98,33 +99,25 @@ def test_a_miscoordination_is_marked():
     assert all(near(pictures[1], colour).sum() > 100 for colour in ROBOT_COLOURS[:2])
 
 
-def test_words_below_the_map():
-    asks = [Question(k, tuple(set(range(8)) - {k}), wire.PerceptEnd.REFUSED, 0) for k in range(6)]
+def test_many_questions_are_told_in_few_words_and_hide_no_robot():
     crowd = load_scenario("crowd-8r")
-    cells = [[robot.start for robot in crowd.robots]] * 2
-    stage = films._Stage(crowd, episode(cells, asks), "a $x$ & <b>")
-    stage.shoot(0, 0.0, speaking=True)
+    asks = [Question(k, tuple(set(range(8)) - {k}), wire.PerceptEnd.REFUSED, 0) for k in range(6)]
+    places = [35, 36, 37, 38, 39, 40, 57, 20]  # a throng round the doorways
+    stage = films._Stage(crowd, episode([places] * 2, asks), "a $x$ & <b>")
+    quiet, asking = (
+        np.asarray(stage.shoot(0, 0.0, speaking=speaking).convert("RGB")).astype(int)
+        for speaking in (False, True)
+    )
     assert stage._words.get_text().split("\n") == [
         "step 0 of 1",
         "robot_1 asks all others: refused, goes north",
         "robot_2 asks all others: refused, goes north",
         "and 4 more ask",
     ]
-    assert (
-        Question(0, (), wire.PerceptEnd.NOBODY_TO_ASK, 2).in_words(["a"])
-        == "a asks nobody: no answer, goes east"
-    )
-
-
-def test_many_questions_to_all_hide_no_robot(monkeypatch):
-    monkeypatch.setattr(films, "DPI", 50)
-    crowd = load_scenario("crowd-8r")
-    places = [35, 36, 37, 38, 39, 40, 57, 20]  # a throng round the doorways
-    asks = [Question(k, tuple(set(range(8)) - {k}), wire.PerceptEnd.ANSWERED, 0) for k in range(6)]
-    [(quiet, _), *_] = frames(film(crowd, episode([places] * 2), title="t"))
-    [(picture, _), *_] = frames(film(crowd, episode([places] * 2, asks), title="t"))
+    alone = Question(0, (), wire.PerceptEnd.NOBODY_TO_ASK, 2)
+    assert alone.in_words(["a"]) == "a asks nobody: no answer, goes east"
     for colour in ROBOT_COLOURS:
-        assert near(picture, colour).sum() > 0.6 * near(quiet, colour).sum()
+        assert near(asking, colour).sum() > 0.6 * near(quiet, colour).sum()
 
 
 def test_a_state_that_the_log_lacks_and_long_episodes(monkeypatch):
@@ -150,24 +143,17 @@ def test_animate_a_bag_and_a_run_without_one(bag, trained, tmp_path, capsys, mon
         assert main(arguments) == 0
         told = json.loads(capsys.readouterr().out)
         assert told["greedy"] is greedy and told["arrived"] and 7 < told["steps"] < 100
-        assert out.read_bytes().startswith(b"GIF89a") and told["bytes"] < 1_000_000
-    again = tmp_path / "again.gif"
-    assert main(["animate", str(trained), "--episode", "best", "--out", str(again)]) == 0
-    assert again.read_bytes() == (tmp_path / "trained.gif").read_bytes()
+        assert out.read_bytes().startswith(b"GIF89a")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["{bag}", "--episode", "first"], "give the number of an episode"),
-        (["{trained}", "--rate", "0"], "rate"),
-        (["{results}"], "holds results, which have no episodes"),
-        (["{bag}", "--greedy", "--episode", "100"], "allowed: 0 to 99"),
-    ],
-)
-def test_bad_input_is_one_line(bag, trained, results, tmp_path, capsys, arguments, words):
-    given = [text.format(bag=bag, trained=trained, results=results) for text in arguments]
+def test_bad_input_is_one_line(bag, trained, results, tmp_path, capsys):
     out = tmp_path / "x.gif"
-    assert main(["animate", *given, "--out", str(out)]) == 2
-    error = capsys.readouterr().err.splitlines()[-1]
-    assert error.startswith("error: ") and words in error and not out.exists()
+    for arguments, words in (
+        ([bag, "--episode", "first"], "give the number of an episode"),
+        ([trained, "--rate", "0"], "rate"),
+        ([results], "holds results, which have no episodes"),
+        ([trained, "--episode", "100"], "allowed: 0 to 99"),
+    ):
+        assert main(["animate", *map(str, arguments), "--out", str(out)]) == 2
+        error = capsys.readouterr().err.splitlines()[-1]
+        assert error.startswith("error: ") and words in error and not out.exists()
