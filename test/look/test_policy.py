@@ -36,12 +36,7 @@ def test_a_baseline_never_asks_and_its_goal_has_no_move():
 
 @pytest.mark.parametrize(
     ("name", "learner", "settings"),
-    [
-        ("env1", "coop", {}),
-        ("crowd-3r", "coop", {"peers": "all"}),
-        ("env1", "factored", {}),
-        ("crowd-3r", "factored", {}),
-    ],
+    [("env1", "coop", {}), ("crowd-3r", "coop", {"peers": "all"}), ("crowd-3r", "factored", {})],
 )
 def test_learned_joint_states(name, learner, settings):
     rule = learner_of(learner)

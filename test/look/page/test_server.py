@@ -104,8 +104,6 @@ async def test_other_hosts_and_origins_are_refused(client, page):
         for path in ("/", "/ws"):
             answer = await client.get(path, headers={"Origin": origin})
             assert answer.status == 403, (origin, path)
-        with pytest.raises(aiohttp.WSServerHandshakeError):
-            await client.ws_connect("/ws", headers={"Origin": origin})
     answer = await client.get("/", headers={"Sec-Fetch-Site": "cross-site"})
     assert answer.status == 403
     own = {"Origin": f"http://127.0.0.1:{port}", "Host": f"127.0.0.1:{port}"}
@@ -154,8 +152,6 @@ async def test_bytes_huge_and_endless_messages_end_one_page_not_the_server(clien
         while (message := await stream.receive(timeout=5)).type is aiohttp.WSMsgType.TEXT:
             pass
         assert message.type in (aiohttp.WSMsgType.CLOSE, aiohttp.WSMsgType.CLOSED)
-    async with client.ws_connect("/ws") as stream:
-        await next_of(stream, "run")
     assert (await client.get("/")).status == 200
 
 
@@ -206,40 +202,30 @@ def test_the_server_has_a_thread_and_a_port_of_its_own():
 
 
 @pytest.mark.parametrize(
-    ("name", "value"),
+    ("name", "values"),
     [
-        (RESET, None),  # this source has none
-        ("exec", "ls"),
-        (["pause"], True),
-        (PAUSE, "yes"),
-        (RATE, -1),
-        (RATE, True),
-        (RATE, float("inf")),
-        (RATE, 10**400),
-        (SEEK, 1.5),
-        (SEEK, 10**40),
-        (STEP, 0),
-        (STEP, 1001),
-        (STEP, True),
-        (NEXT, "env1"),
-        (NEXT, {"scenario": "/etc/passwd", "penalty": -1}),
-        (NEXT, {"scenario": "env1", "penalty": 5}),
-        (NEXT, {"scenario": "env1", "penalty": "x"}),
+        (RESET, [None]),  # this source has none
+        ("exec", ["ls"]),
+        (["pause"], [True]),
+        (PAUSE, ["yes"]),
+        (RATE, [-1, True, float("inf"), float("nan"), 10**400]),
+        (SEEK, [1.5, 10**40]),
+        (STEP, [0, 1001, True]),
+        (NEXT, ["env1", {"scenario": "/etc/passwd", "penalty": -1}]),
+        (NEXT, [{"scenario": "env1", "penalty": bad} for bad in (5, "x", float("nan"))]),
     ],
 )
-def test_what_a_page_may_not_ask_for(name, value):
-    with pytest.raises(SettingError, match="^control ") as error:
-        parse_control({"do": name, "value": value}, ALL)
-    assert "\n" not in str(error.value) and len(str(error.value)) < 300
+def test_what_a_page_may_not_ask_for(name, values):
+    for value in values:
+        with pytest.raises(SettingError, match="^control ") as error:
+            parse_control({"do": name, "value": value}, ALL)
+        assert "\n" not in str(error.value) and len(str(error.value)) < 300
 
 
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [(PAUSE, False), (STEP, 1), (STEP, -1000), (RATE, 0.0), (RATE, 5), (SEEK, 0)]
-    + [(NEXT, {"scenario": "isr", "penalty": -5.0})],
-)
-def test_what_a_page_may_ask_for(name, value):
-    assert parse_control({"do": name, "value": value}, ALL) == Control(name, value)
+def test_what_a_page_may_ask_for():
+    allowed = [(PAUSE, False), (STEP, 1), (STEP, -1000), (RATE, 0.0), (RATE, 5), (SEEK, 0)]
+    for name, value in [*allowed, (NEXT, {"scenario": "isr", "penalty": -5.0})]:
+        assert parse_control({"do": name, "value": value}, ALL) == Control(name, value)
 
 
 def test_an_address_is_told_only_where_there_is_something_to_see(tmp_path, capsys):

@@ -30,7 +30,6 @@ def scenario(name="env1", **settings):
     ("name", "learner", "settings"),
     [
         ("env1", "coop", {"perception": "probability:0.5"}),
-        ("env2-4r", "coop", {}),
         ("crowd-3r", "factored", {"perception": "probability:0.5", "peers": "all"}),
         ("env1", "indiv", {}),
     ],
