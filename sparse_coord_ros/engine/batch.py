@@ -98,7 +98,8 @@ def run_batch(
     rule = learner_of(learner)
     if cluster is not None:
         shares = cluster.shares(seeds, agent_steps(scenario), len(seeds))
-        asked = [(scenario, rule, share, trials, engine, history) for share in shares]
+        how = {"trials": trials, "engine": engine, "history": history}
+        asked = [(scenario, rule, share, how) for share in shares]
         for runs in cluster.in_order(_runs_of, asked):
             yield from runs
         return
@@ -130,17 +131,10 @@ def agent_steps(scenario: Scenario) -> int:
 
 
 def _runs_of(
-    scenario: Scenario,
-    learner: Learner,
-    seeds: Sequence[int],
-    trials: int,
-    engine: str,
-    history: bool,
+    scenario: Scenario, learner: Learner, seeds: Sequence[int], how: dict[str, Any]
 ) -> list[Run]:
     """Compute some runs in a thread of a cluster's worker."""
-    return list(
-        run_batch(scenario, learner, seeds, trials=trials, engine=engine, jobs=1, history=history)
-    )
+    return list(run_batch(scenario, learner, seeds, jobs=1, **how))
 
 
 def uses_numba(engine: str, learner: Learner | None = None) -> bool:
@@ -439,28 +433,20 @@ class CompiledLearning:
                 after[k] = int(state.game.cells[k])
                 if acted:
                     actions[k] = self._action(k, before.step)
-        return Glimpse(
-            positions[0].step, tuple(cells), tuple(actions), tuple(after), self._met(after)
-        )
+        places = meeting_places(team.scenario)[after]
+        met = bool(miscoordinated(places)) and not team.learner.alone  # those never meet
+        return Glimpse(positions[0].step, tuple(cells), tuple(actions), tuple(after), met)
 
     def _action(self, k: int, step: int) -> Action:
         """Return what a robot did at the time step that was made last."""
         chosen, scenario = self._choice, self._team.scenario
-        asked = int(chosen.actions[k]) == COORDINATE
+        asked, robots = int(chosen.actions[k]) == COORDINATE, len(scenario.robots)
         peer = NOBODY
-        robots = len(scenario.robots)
         if asked and robots > 1 and scenario.peers != "all":
             draw = streams.Stream(self._seed, k, streams.POLICY).at(step)[streams.PEER]
             peer = drawn_peer(k, robots, draw)
         perceived = asked and int(chosen.rows[k]) != loops.NO_ROW
         return Action(int(chosen.moves[k]), asked, peer, perceived)
-
-    def _met(self, cells: Sequence[int]) -> bool:
-        """Whether a joint state is a miscoordination; robots that learn alone never meet."""
-        scenario = self._team.scenario
-        if self._team.learner.alone:
-            return False
-        return bool(miscoordinated(meeting_places(scenario)[list(cells)]))
 
     @property
     def asked(self) -> np.ndarray:

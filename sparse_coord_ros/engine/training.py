@@ -25,12 +25,12 @@ from sparse_coord_ros.engine.batch import (
     prepare,
     uses_numba,
 )
-from sparse_coord_ros.engine.run_checkpoint import Checkpoint, load_checkpoint
 from sparse_coord_ros.errors import RunError, SettingError
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.settings import Setting
 from sparse_coord_ros.learn.agent import Memory, Tables
+from sparse_coord_ros.learn.checkpoint import Checkpoint, load_checkpoint
 from sparse_coord_ros.learn.evaluation import Evaluation, Trials, play, summary
 from sparse_coord_ros.learn.history import History
 from sparse_coord_ros.learn.learners import Learner, learner_of

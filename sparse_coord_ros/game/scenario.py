@@ -47,9 +47,6 @@ PEERS = ("one", "all")
 LARGEST_DENSE = 2**24
 """Bytes of one robot's Q^C up to which it is an array: a pair's on 724 cells."""
 
-MOST_VALUES = 1_000_000
-"""Values of a YAML file, what aliases stand for included."""
-
 LONGEST = 1_000_000
 """Most steps of an episode or a trial."""
 
@@ -348,23 +345,7 @@ def parse_yaml(text: str, *, where: str) -> dict[str, Any]:
         ) from None
     if not isinstance(data, dict):
         raise ScenarioError(f"{where}: must be 'key: value' lines, is {type(data).__name__}")
-    if _values(data, {}) > MOST_VALUES:
-        raise ScenarioError(
-            f"{where}: its aliases (*name) stand for more than {MOST_VALUES:,} values; write the "
-            "values out"
-        )
     return data
-
-
-def _values(data: object, known: dict[int, float]) -> float:
-    """Return how many values YAML data would have if each alias were written out."""
-    if not isinstance(data, dict | list):
-        return 1.0
-    if id(data) not in known:
-        known[id(data)] = float("inf")  # while it is counted: what holds itself has no end
-        inside = data.values() if isinstance(data, dict) else data
-        known[id(data)] = 1.0 + sum(_values(one, known) for one in inside)
-    return known[id(data)]
 
 
 def scenario_from_dict(

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import yaml
 
 from sparse_coord_ros.errors import SettingError, did_you_mean, in_short
-from sparse_coord_ros.game.specs import Form
+from sparse_coord_ros.game.specs import Form, in_range
 
 LARGEST_WHOLE = 2**53
 """Whole numbers written like 1e5 are taken up to here: further on floats skip some."""
@@ -73,15 +73,7 @@ class Setting:
             return "a text" if self.kind is str else "a list of texts"
         words = "a whole number" if self.kind is int else "a number"
         words = words if self.least is None else f"0, or {words}"
-        low, high = (
-            f"{bound}" if self.kind is int else f"{bound:g}" if bound is not None else ""
-            for bound in (self.low if self.least is None else self.least, self.high)
-        )
-        if self.low is not None and self.high is not None:
-            return f"{words} from {low} to {high}"
-        if self.low is not None:
-            return f"{words} of at least {low}"
-        return words if self.high is None else f"{words} of at most {high}"
+        return in_range(words, self.low if self.least is None else self.least, self.high)
 
     def parse(self, value: object) -> Any:
         """Return the value in the setting's type; texts are read as on the command line.

@@ -33,11 +33,21 @@ class Number:
     @property
     def allowed(self) -> str:
         """What may be given, in words."""
-        if math.isfinite(self.low) and math.isfinite(self.high):
-            return f"a number from {self.low:g} to {self.high:g}"
-        if math.isfinite(self.low):
-            return f"a number of at least {self.low:g}"
-        return f"a number of at most {self.high:g}" if math.isfinite(self.high) else "a number"
+        return in_range("a number", self.low, self.high)
+
+
+def in_range(words: str, low: float | None, high: float | None) -> str:
+    """Return which numbers are allowed, in words; None or an infinite number: no bound."""
+    low, high = (None if n is None or math.isinf(n) else n for n in (low, high))
+    if low is not None and high is not None:
+        return f"{words} from {_shown(low)} to {_shown(high)}"
+    if low is not None:
+        return f"{words} of at least {_shown(low)}"
+    return words if high is None else f"{words} of at most {_shown(high)}"
+
+
+def _shown(number: float) -> str:
+    return str(number) if isinstance(number, int) else f"{number:g}"
 
 
 def probability(name: str) -> Number:

@@ -24,7 +24,6 @@ from sparse_coord_ros.game.world import SUM_OF_PARTS, Action, Reward, RewardWeig
 from sparse_coord_ros.learn import loops
 from sparse_coord_ros.learn.algorithm import (
     Values,
-    epsilon_greedy,
     greatest,
     greedy,
     step_size,
@@ -223,22 +222,26 @@ class Agent:
         """Take note that a peer asks in a time step, from that cell; Algorithm 1 does not."""
 
     def decide(self, step: int, cell: int) -> Decision:
-        """Choose A_k(t) (Algorithm 1, line 4)."""
-        draws = self._draws.at(step)
-        action = epsilon_greedy(
-            self.values(cell),
-            self.actions,
-            self.epsilon(step),
-            draws[streams.EXPLORE],
-            draws[streams.EXPLORED_ACTION],
-            draws[streams.TIE],
-        )
+        """Choose A_k(t) by the learning policy pi_epsilon (Algorithm 1, line 4)."""
+        action = self.explored(step, self.values(cell), self.actions, streams.TIE)
         if action != COORDINATE:
             return Decision(action)
-        robots = len(self._peers) + 1
-        return Decision(
-            action, asked_peers(self._asks_whom, self.number, robots, draws[streams.PEER])
-        )
+        draw, robots = self._draws.at(step)[streams.PEER], len(self._peers) + 1
+        return Decision(action, asked_peers(self._asks_whom, self.number, robots, draw))
+
+    def explored(self, step: int, values: Values, count: int, tie: int) -> int:
+        """Return the action that the learning policy pi_epsilon chooses.
+
+        Args:
+            step: t.
+            values: those of the actions.
+            count: how many of them compete.
+            tie: the column of `streams.POLICY` that decides between ties.
+        """
+        draws = self._draws.at(step)
+        if draws[streams.EXPLORE] < self.epsilon(step):
+            return int(draws[streams.EXPLORED_ACTION] * count)
+        return greedy(values, count, draws[tie])
 
     def act(
         self, step: int, cell: int, decision: Decision, perceived: tuple[int, ...] | None

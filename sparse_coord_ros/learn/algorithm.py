@@ -45,29 +45,6 @@ def greedy(values: Values, count: int, tie: float) -> int:
     return 0
 
 
-def epsilon_greedy(
-    values: Values,
-    count: int,
-    epsilon: float,
-    explore: float,
-    explored_action: float,
-    tie: float,
-) -> int:
-    """Return the action of the learning policy pi_epsilon (Algorithm 1, line 4).
-
-    Args:
-        values: Q*(x, .).
-        count: all actions, or only the moves for the baselines.
-        epsilon: probability of a uniformly drawn action.
-        explore: draw in [0, 1): below epsilon the agent explores.
-        explored_action: draw in [0, 1) that picks the explored action.
-        tie: draw in [0, 1) that decides between ties.
-    """
-    if explore < epsilon:
-        return int(explored_action * count)
-    return greedy(values, count, tie)
-
-
 @inner
 def greatest(values: Values, count: int) -> float:
     """Return the maximum of the first `count` values: max_b Q'(y, b) of QLUpdate."""

@@ -10,6 +10,7 @@ of `Learner`: see examples/own_learner.py.
 import functools
 import math
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from types import MappingProxyType
 from typing import Any, Concatenate, ParamSpec, TypeVar
@@ -206,16 +207,14 @@ def _guarded(method: Callable[Concatenate[Learner, _P], _T]) -> Callable[..., _T
 
 
 def _checked_weights(said: str, made: Any) -> Any:
-    try:
+    with suppress(TypeError, ValueError):
         weights = RewardWeights(*map(float, made))
-    except (TypeError, ValueError):
-        weights = RewardWeights(math.nan, math.nan, math.nan)
-    if not all(map(math.isfinite, weights)):
-        raise SettingError(
-            f"{said}: its weights are {made!r}, allowed: three numbers, for the individual "
-            "reward, the common reward and the cost of asking"
-        )
-    return weights
+        if all(map(math.isfinite, weights)):
+            return weights
+    raise SettingError(
+        f"{said}: its weights are {made!r}, allowed: three numbers, for the individual reward, "
+        "the common reward and the cost of asking"
+    )
 
 
 def _guard_agent(said: str, agent: object) -> None:

@@ -237,12 +237,6 @@ def create_output(directory: Path) -> Path:
         RunError: it exists already (nothing is overwritten) or cannot be created.
     """
     try:
-        str(directory).encode()
-    except UnicodeEncodeError:
-        raise RunError(
-            f"output directory {str(directory)!r}: its name is no UTF-8; choose another"
-        ) from None
-    try:
         directory.mkdir(parents=True)
     except FileExistsError:
         raise RunError(

@@ -8,9 +8,9 @@ import pytest
 from sparse_coord_ros.engine import batch
 from sparse_coord_ros.engine.batch import CompiledLearning, CompiledTeam, run_batch
 from sparse_coord_ros.engine.kernels import PLAIN
-from sparse_coord_ros.engine.run_checkpoint import Checkpoint, load_checkpoint
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn import factored
+from sparse_coord_ros.learn.checkpoint import Checkpoint, load_checkpoint
 from sparse_coord_ros.learn.evaluation import play
 from sparse_coord_ros.learn.factors import FactorRule
 from sparse_coord_ros.learn.learners import Factored, learner_of

@@ -8,7 +8,7 @@ from collections import Counter
 import pytest
 
 from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
-from sparse_coord_ros.learn.algorithm import epsilon_greedy, greatest, greedy, updated
+from sparse_coord_ros.learn.algorithm import greatest, greedy, updated
 
 N = 60
 DRAWS = [(i + 0.5) / N for i in range(N)]
@@ -52,31 +52,6 @@ def test_greedy_at_the_ends_of_the_draw(ties):
     values = [0.0] * ties + [-1.0] * (5 - ties)
     assert greedy(values, 5, 0.0) == 0
     assert greedy(values, 5, LARGEST_DRAW) == ties - 1
-
-
-@pytest.mark.parametrize("count", [4, 5])
-@pytest.mark.parametrize("epsilon", [0.0, 0.25, 0.5, 1.0])
-def test_epsilon_greedy(count, epsilon):
-    values = [1.0, 2.0, 2.0, 0.0, 2.0]
-    maxima = [a for a in range(count) if values[a] == 2.0]
-    coarse = [(i + 0.5) / 20 for i in range(20)]  # every epsilon is a multiple of 1/20
-    counted = Counter(
-        epsilon_greedy(values, count, epsilon, explore, action, t)
-        for explore in coarse
-        for action in coarse
-        for t in DRAWS
-    )
-    for action in range(count):
-        share = epsilon / count + (1 - epsilon) * (action in maxima) / len(maxima)
-        assert counted[action] / (20 * 20 * N) == pytest.approx(share, abs=1e-12)
-    assert set(counted) <= set(range(count))
-
-
-def test_epsilon_zero_never_explores_and_one_always_does():
-    values = [0.0, 9.0, 0.0, 0.0, 0.0]
-    assert epsilon_greedy(values, 5, 0.0, 0.0, 0.99, 0.5) == 1
-    assert epsilon_greedy(values, 5, 1.0, LARGEST_DRAW, 0.0, 0.5) == 0
-    assert epsilon_greedy(values, 5, 1.0, LARGEST_DRAW, LARGEST_DRAW, 0.5) == 4
 
 
 @pytest.mark.parametrize(

@@ -5,10 +5,10 @@
 from typing import Any
 
 from sparse_coord_ros.game.actions import COORDINATE, PRIMITIVES
-from sparse_coord_ros.game.streams import EXPLORE, EXPLORED_ACTION, PRIMITIVE_TIE
+from sparse_coord_ros.game.streams import PRIMITIVE_TIE
 from sparse_coord_ros.game.world import Action, Reward
 from sparse_coord_ros.learn.agent import Agent, Decision
-from sparse_coord_ros.learn.algorithm import epsilon_greedy, greatest, updated
+from sparse_coord_ros.learn.algorithm import greatest, updated
 from sparse_coord_ros.learn.factors import FactorRule
 from sparse_coord_ros.learn.learners import Factored, Learner
 
@@ -63,15 +63,7 @@ class JointAgent(Agent):
         row = self._tables.q_coord[cell, *perceived].tolist()
         if self._last is not None and self._last[0] == step - 1:
             self._update(greatest(row, PRIMITIVES))
-        draws = self._draws.at(step)
-        return epsilon_greedy(
-            row,
-            PRIMITIVES,
-            self.epsilon(step),
-            draws[EXPLORE],
-            draws[EXPLORED_ACTION],
-            draws[PRIMITIVE_TIE],
-        )
+        return self.explored(step, row, PRIMITIVES, PRIMITIVE_TIE)
 
     def learn(
         self,
