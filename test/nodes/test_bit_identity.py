@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Real topics and services learn what the simulation without ROS learns, to the last bit."""
 
-from collections import deque
-from random import Random
+from itertools import count
 
 import pytest
 import yaml
@@ -12,11 +11,11 @@ from nav_msgs.msg import Path
 from rclpy.serialization import deserialize_message
 
 from sparse_coord_ros.learn.run_config import load_run
+from sparse_coord_ros.lockstep.robot_side import RobotSide
+from sparse_coord_ros.lockstep.world_side import WorldSide
 from sparse_coord_ros.nodes.messages import Converter
-from sparse_coord_ros.nodes.robot import RobotNode
 from sparse_coord_ros.nodes.spin import ros_context
 from sparse_coord_ros.nodes.team import run_team
-from sparse_coord_ros.nodes.world_simulator import WorldSimulator
 from sparse_coord_ros.runlog import verify
 
 SEED, STEPS = 7, 250
@@ -160,102 +159,22 @@ def test_every_node_in_its_own_process(tmp_path, simulate, start, assert_same_ta
     assert (out / "bag" / "metadata.yaml").exists()
 
 
-class Mail:
-    """Holds all incoming messages of a node and delivers them late, in a random order.
+def test_what_is_lost_is_said_again(bench, tmp_path, simulate, assert_same_tables, monkeypatch):
+    """An action, a reward and a state that do not come."""
+    settings = {"steps": 45, "perception": "probability:0.8"}
+    said = simulate("env2-4r", settings, seed=SEED)
 
-    The order within a topic stays, as DDS promises; between topics nothing is promised. Some
-    messages can be doubled, and of each topic some can be lost.
-    """
+    def losing(hear, number):
+        calls = count(1)
+        return lambda *what: next(calls) != number and hear(*what)
 
-    def __init__(self, *, random, doubled=0.0, lost=(), **options):
-        self._held: dict[str, deque] = {}
-        self._random, self._doubled, self._lost = random, doubled, lost
-        self.counts = dict.fromkeys(("delivered", "overtaken", "doubled", "lost"), 0)
-        self._arrivals = 0
-        super().__init__(**options)
-        self.create_timer(0.0003, self._deliver)
-
-    def create_subscription(self, kind, topic, callback, qos, **options):
-        held = self._held[topic] = deque()
-        counts = {"here": 0}
-
-        def hold(message):
-            counts["here"] += 1
-            self._arrivals += 1
-            if (topic.rpartition("/")[2], counts["here"]) in self._lost:
-                self.counts["lost"] += 1
-            else:
-                held.append((self._arrivals, message, callback))
-
-        return super().create_subscription(kind, topic, hold, qos, **options)
-
-    def _deliver(self):
-        full = [held for held in self._held.values() if held]
-        if not full or self._random.random() < 0.3:
-            return
-        number, message, callback = self._random.choice(full).popleft()
-        self.counts["delivered"] += 1
-        self.counts["overtaken"] += any(held and held[0][0] < number for held in full)
-        callback(message)
-        if self._random.random() < self._doubled:
-            self.counts["doubled"] += 1
-            callback(message)
-
-
-class MailedRobot(Mail, RobotNode):
-    """A robot with unreliable mail."""
-
-
-class MailedWorld(Mail, WorldSimulator):
-    """A world with unreliable mail."""
-
-
-@pytest.mark.parametrize(
-    ("executor", "seed", "mail"),
-    [
-        ("single", 1, {}),
-        ("events", 2, {}),
-        ("events", 3, {"doubled": 0.2}),
-        ("events", 4, {"lost": {("action", 20), ("reward", 30), ("local_state", 40)}}),
-    ],
-    ids=["single", "shuffled", "doubled", "lost"],
-)
-def test_mail_out_of_order(tmp_path, simulate, assert_same_tables, benches, executor, seed, mail):
-    steps = 30 if executor == "single" else 45
-    said = simulate("env2-4r", {"steps": steps, "perception": "probability:0.8"}, seed=SEED)
-    bench = benches(executor)
-    context = bench.place()[0]
-    sets = [f"steps={steps}", "perception=probability:0.8"]
-    names = [robot.name for robot in said.scenario.robots]
-    out = str(tmp_path)
-    own = {"out": out, "claim_window": 0.0}
-    world = MailedWorld(
-        random=Random(seed),
-        context=context,
-        values={**own, "scenario": "env2-4r", "seed": SEED, "set": sets},
-        doubled=mail.get("doubled", 0.0),
-        lost=mail.get("lost", ()),
-    )
-    robots = [
-        MailedRobot(
-            random=Random(100 * seed + k),
-            context=context,
-            name=name,
-            values=own,
-            doubled=mail.get("doubled", 0.0),
-            lost=mail.get("lost", ()) if k == 0 else (),
-        )
-        for k, name in enumerate(names)
-    ]
-    for node in (world, *robots):
-        bench.add(node)
+    lost = [(WorldSide, "action", 20), (RobotSide, "reward", 60), (RobotSide, "state", 90)]
+    for side, kind, number in lost:
+        monkeypatch.setattr(side, kind, losing(getattr(side, kind), number))
+    sets = [f"{name}={value}" for name, value in settings.items()]
+    world = bench.world(scenario="env2-4r", seed=SEED, out=str(tmp_path), set=sets)
+    robots = bench.robots(4, out=str(tmp_path))
     bench.spin_until_done()
     assert_same_tables(tmp_path, said)
-    counts = [node.counts for node in (world, *robots)]
-    assert sum(count["overtaken"] for count in counts) > steps
-    assert sum(robot.member.lockstep.asks["repeated"] for robot in robots) > 0
-    assert (sum(count["doubled"] for count in counts) > steps / 2) == ("doubled" in mail)
-    assert world.summary()["stale_actions"] > 0 or "doubled" not in mail
-    assert sum(count["lost"] for count in counts) == (6 if "lost" in mail else 0)
     assert world.summary()["timeouts"] == 0
     assert sum(robot.member.lockstep.dropped for robot in robots) == 0
