@@ -8,7 +8,7 @@ team moves into a namespace together. A robot's topics lie under its name.
 
 import functools
 import importlib
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -29,28 +29,19 @@ def _qos(depth: int, durability: DurabilityPolicy = DurabilityPolicy.VOLATILE) -
     )
 
 
-STEP_QOS = _qos(STEP_DEPTH)
-"""Reliable, volatile. The lock step needs a depth of 2; the rest is for a recorder that lags."""
-
-EVENT_QOS = _qos(10)
-"""Reliable, volatile, for what comes seldom."""
-
-LATCHED_QOS = _qos(1, DurabilityPolicy.TRANSIENT_LOCAL)
-"""Reliable, transient local: a late subscriber gets the last message."""
-
-TABLES_QOS = _qos(wire.TABLES_DEPTH, DurabilityPolicy.TRANSIENT_LOCAL)
-"""As `LATCHED_QOS`, with those before, for a recorder that is to get all of them."""
+PROFILES = {
+    Delivery.STEP: _qos(STEP_DEPTH),
+    Delivery.EVENT: _qos(10),
+    Delivery.LATCHED: _qos(1, DurabilityPolicy.TRANSIENT_LOCAL),
+    Delivery.TABLES: _qos(wire.TABLES_DEPTH, DurabilityPolicy.TRANSIENT_LOCAL),
+}
+"""How each is offered, always reliably. The lock step needs a depth of 2; the rest is for a
+recorder that lags."""
+STEP_QOS, LATCHED_QOS = PROFILES[Delivery.STEP], PROFILES[Delivery.LATCHED]
 
 RECORDER_QOS = _qos(RECORDER_DEPTH)
 RECORDER_LATCHED_QOS = _qos(RECORDER_DEPTH, DurabilityPolicy.TRANSIENT_LOCAL)
 """What the recorder asks for: on its side nothing is overwritten before it is written down."""
-
-PROFILES = {
-    Delivery.STEP: STEP_QOS,
-    Delivery.EVENT: EVENT_QOS,
-    Delivery.LATCHED: LATCHED_QOS,
-    Delivery.TABLES: TABLES_QOS,
-}
 
 
 def message_class(type_name: str) -> Any:
@@ -77,8 +68,8 @@ class RosTopic(wire.Topic):
 @functools.cache
 def bind(topic: wire.Topic) -> RosTopic:
     """Return a topic of the vocabulary with its message class and QoS profile."""
-    said = {field.name: getattr(topic, field.name) for field in fields(wire.Topic)}
-    return RosTopic(**said, type=message_class(topic.type_name), qos=PROFILES[topic.delivery])
+    kind, qos = message_class(topic.type_name), PROFILES[topic.delivery]
+    return RosTopic(**vars(topic), type=kind, qos=qos)
 
 
 def __getattr__(name: str) -> RosTopic:

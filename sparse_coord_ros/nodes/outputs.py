@@ -32,7 +32,6 @@ from sparse_coord_ros.lockstep.checkpoints import (
 from sparse_coord_ros.lockstep.robot_side import ASKS, RobotState
 from sparse_coord_ros.lockstep.world_side import WorldState
 from sparse_coord_ros.nodes.parameters import ParameterNode, run_from_parameters
-from sparse_coord_ros.version import __version__
 
 SUMMARY_FILE = "summary.yaml"
 NO_OUTPUT = "parameter resume: needs parameter 'out', the output directory of the run"
@@ -90,8 +89,7 @@ def resumed_run(values: Mapping[str, Any]) -> RunConfig:
             that goes with it.
 
     Raises:
-        SparseCoordError: there is none, it is finished, of another version, or another run than
-            the one described.
+        SparseCoordError: there is none, it is finished, or another run than the one described.
     """
     if not values["out"]:
         raise RunError(NO_OUTPUT)
@@ -99,12 +97,6 @@ def resumed_run(values: Mapping[str, Any]) -> RunConfig:
     run = load_run(out)
     if (out / TEAM_FILE).exists() and not (out / CHECKPOINTS).is_dir():
         raise RunError(f"{out}: the run is finished, there is nothing to go on with")
-    wrote = run.versions.get("sparse_coord_ros")
-    if wrote != __version__:
-        raise RunError(
-            f"{out}: is a run of version {wrote} of sparse_coord_ros, this is {__version__}; go "
-            "on with that version, or begin the run anew"
-        )
     if values["scenario"]:
         asked = run_from_parameters(values)
         if asked.digest != run.digest:

@@ -100,10 +100,7 @@ class Returning:
 
     def _on_progress(self, robot: int, said: Progress) -> None:
         """Take in what a robot says of its checkpoints; one that comes back may take us along."""
-        first, new = self.back.said[robot] is None, self.back.heard(robot, said)
-        name, step = self._names[robot], self._side.world.step
-        if first:
-            self._node.get_logger().info(f"{name} is there")
+        new, name, step = self.back.heard(robot, said), self._names[robot], self._side.world.step
         if not (new and self._under_way) or self._side.finished:
             return
         if not said.resumed:

@@ -36,10 +36,10 @@ from sparse_coord_ros.nodes.parameters import (
 )
 from sparse_coord_ros.nodes.returning import Returning
 from sparse_coord_ros.nodes.spin import run_node, tidy_shared_memory, wait_for_readers
-from sparse_coord_ros.nodes.world_bodies import DRIVER, WorldBodies
+from sparse_coord_ros.nodes.world_bodies import WorldBodies
 from sparse_coord_ros.nodes.world_speed import WorldSpeed
 from sparse_coord_ros.nodes.world_topics import WorldTopics
-from sparse_coord_ros.wire import RECORDER, WORLD, services
+from sparse_coord_ros.wire import WORLD, services
 
 TICK_SECONDS = 0.02
 REPORT_SECONDS = 1.0
@@ -204,7 +204,11 @@ class WorldSimulator(ParameterNode):
             self.remind(self._reminder, ", ".join(missing))
             limit = self.values["startup_timeout"]
             if 0 < limit < now - self.born:
-                raise _nobody_came(missing, limit)
+                raise RunError(
+                    f"startup_timeout: after {limit:g} s still no node for {', '.join(missing)}; "
+                    "start each: ros2 run sparse_coord_ros recorder (the robots wait for it too), "
+                    f"or robot --ros-args -r __node:={self._names[0]}"
+                )
             return
         self._guard.join()
         self._reminder.over()
@@ -328,20 +332,25 @@ class WorldSimulator(ParameterNode):
         write_whole(out / SUMMARY_FILE, yaml.safe_dump(self.summary(), sort_keys=False))
         self.lockstep.history.history().save(out)
 
+    def _counts(self) -> dict[str, Any]:
+        """Return what summary and diagnostics count."""
+        return {
+            "transitions": self.lockstep.world.transitions,
+            "miscoordinations": self.lockstep.world.miscoordinations,
+            "timeouts": self.lockstep.timeouts,
+            "replaced_robots": self.returning.back.replaced,
+            "messages_dropped": self.intake.total,
+        }
+
     def summary(self) -> dict[str, Any]:
         """Return what happened, as plain data."""
-        world, back = self.lockstep.world, self.returning.back
         return {
-            "transitions": world.transitions,
-            "episodes": world.episode + 1,
-            "last_step": world.step,
-            "miscoordinations": world.miscoordinations,
-            "timeouts": self.lockstep.timeouts,
+            **self._counts(),
+            "episodes": self.lockstep.world.episode + 1,
+            "last_step": self.lockstep.world.step,
             "stale_actions": self.lockstep.stale,
-            "replaced_robots": back.replaced,
-            "taken_back": back.taken_back,
-            "transitions_lost": back.lost,
-            "messages_dropped": self.intake.total,
+            "taken_back": self.returning.back.taken_back,
+            "transitions_lost": self.returning.back.lost,
             "executor": self.values["executor"],
             "rate": self.values["rate"],
             **({} if self.bodies is None else self.bodies.summary()),
@@ -353,14 +362,10 @@ class WorldSimulator(ParameterNode):
         world, run = self.lockstep.world, self.run
         rate, moved = self.speed.report(now)
         values = {
-            "transitions": world.transitions,
+            **self._counts(),
             "budget": run.scenario.steps,
             "steps_per_second": f"{rate:.0f}",
             "episode": world.episode,
-            "miscoordinations": world.miscoordinations,
-            "timeouts": self.lockstep.timeouts,
-            "replaced_robots": self.returning.back.replaced,
-            "messages_dropped": self.intake.total,
             "topics_of_two_publishers": len(self._guard.doubled),
         }
         self.topics.report(self.doing, values, warn=bool(self.lockstep.absent))
@@ -372,18 +377,6 @@ class WorldSimulator(ParameterNode):
                 f"{world.miscoordinations} miscoordinations"
             )
         self._show()
-
-
-def _nobody_came(missing: list[str], limit: float) -> RunError:
-    command = f"robot --ros-args -r __node:={missing[0]}"
-    if missing[0].startswith(f"{DRIVER} "):
-        command = missing[0]
-    if RECORDER in missing:
-        command = f"{RECORDER} (the robots wait for it too)"
-    return RunError(
-        f"startup_timeout: after {limit:g} s still no node for {', '.join(missing)}; start each, "
-        f"e.g.: ros2 run sparse_coord_ros {command}"
-    )
 
 
 def main(args: list[str] | None = None) -> int:
