@@ -301,17 +301,10 @@ def bag_files(path: Path) -> list[Path]:
     if not path.is_dir():
         return [path]
     for directory in (path, path / BAG_DIRECTORY):
-        try:
-            files = sorted(p for p in directory.iterdir() if not p.name.startswith("."))
-        except (FileNotFoundError, NotADirectoryError):
-            break
-        except OSError as error:
-            raise BagError(f"cannot read the bag {directory}: {error.strerror}") from error
         found = {
             file.name.removesuffix(PARTIAL): file
             for ending in (f".mcap{PARTIAL}", ".mcap")
-            for file in files
-            if file.name.endswith(ending)
+            for file in sorted(directory.glob(f"[!.]*{ending}"))
         }
         if len(found) < 2:
             if found:

@@ -85,43 +85,40 @@ class BodyNode(Follower):
         self._odometry_publishers = [self.announce(interface.ODOMETRY, name) for name in names]
         convert = Converter(run)
         read = functools.partial(read_goals, convert, names)
-        self.intake.listen(interface.BODY_GOALS, self._on_goals, read=read)
+        self.intake.listen(
+            interface.BODY_GOALS, functools.partial(self._on_goals, arena), read=read
+        )
         for k, name in enumerate(names):
-            take = functools.partial(self._on_command, k)
+            take = functools.partial(self._on_command, arena, k)
             self.intake.listen(interface.CMD_VEL, take, name, read=read_command)
             report = functools.partial(read_reached, convert, k)
-            self.intake.listen(interface.REACHED, self._on_reached, name, read=report)
+            reached = functools.partial(self._on_reached, arena)
+            self.intake.listen(interface.REACHED, reached, name, read=report)
         if self.values["body_rate"] > 0:
-            self.create_timer(self.values["period"] / self.values["body_rate"], self._on_time)
+            seconds = self.values["period"] / self.values["body_rate"]
+            self.create_timer(seconds, functools.partial(self._on_time, arena))
         self._say(arena, look=True)
 
-    def _on_goals(self, goals: Goals) -> None:
-        if self.arena is None:
-            return
+    def _on_goals(self, arena: Arena, goals: Goals) -> None:
         if self.values["body_rate"] == 0:
-            if self.arena.send(goals):
-                self._say(self.arena, look=True)
+            if arena.send(goals):
+                self._say(arena, look=True)
         elif goals.place:
-            self.arena.put({goal.robot: goal.end for goal in goals.bodies})
+            arena.put({goal.robot: goal.end for goal in goals.bodies})
 
-    def _on_command(self, robot: int, command: Command) -> None:
-        if self.arena is None:
-            return
+    def _on_command(self, arena: Arena, robot: int, command: Command) -> None:
         if self.values["body_rate"] > 0:
-            self.arena.bodies[robot].command = command
-        elif self.arena.told(robot, command):
-            self._say(self.arena, look=True)
+            arena.bodies[robot].command = command
+        elif arena.told(robot, command):
+            self._say(arena, look=True)
 
-    def _on_reached(self, reached: Reached) -> None:
-        if self.arena is None or self.values["body_rate"] > 0:
-            return
-        if self.arena.reached(reached.robot, reached.number):
-            self._say(self.arena, look=True)
+    def _on_reached(self, arena: Arena, reached: Reached) -> None:
+        if self.values["body_rate"] == 0 and arena.reached(reached.robot, reached.number):
+            self._say(arena, look=True)
 
-    def _on_time(self) -> None:
-        if self.arena is not None:
-            self.arena.tick()
-            self._say(self.arena, look=True)
+    def _on_time(self, arena: Arena) -> None:
+        arena.tick()
+        self._say(arena, look=True)
 
     def _say(self, arena: Arena, *, look: bool) -> None:
         """Publish where the bodies are; `look`: they are looked at anew, else as last time."""

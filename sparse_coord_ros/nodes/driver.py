@@ -5,6 +5,7 @@
 import functools
 import sys
 import time
+from dataclasses import replace
 from typing import Any, Unpack
 
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist
@@ -98,27 +99,18 @@ class DriverNode(Follower):
         self._convert = Converter(run)
         read = functools.partial(read_goals, self._convert, names)
         self.intake.listen(interface.BODY_GOALS, self._on_goals, read=read)
-        if self.values["pose_type"] == TF:
+        pose_type = self.values["pose_type"]
+        if pose_type == TF:
             self._hear_transforms()
         else:
-            kind, inside = TYPES[self.values["pose_type"]]
-            self._subscribe(
-                kind,
-                interface.POSE.of(self._robot),
-                functools.partial(self._on_pose, inside),
-                POSES_QOS if self.values["pose_type"] != "pose" else interface.POSE.qos,
+            kind, inside = TYPES[pose_type]
+            self.intake.listen(
+                replace(interface.POSE, type=kind),
+                self._see,
+                self._robot,
+                read=functools.partial(self._read_pose, inside),
+                qos=interface.POSE.qos if pose_type == "pose" else POSES_QOS,
             )
-
-    def _subscribe(self, kind: Any, name: str, then: Any, qos: QoSProfile) -> None:
-        """Subscribe; what is malformed is dropped."""
-
-        def take(message: Any) -> None:
-            try:
-                then(message)
-            except ValueError as error:
-                self.intake.drop(name, error)
-
-        self.create_subscription(kind, name, take, qos)
 
     def _hear_transforms(self) -> None:
         try:
@@ -128,22 +120,23 @@ class DriverNode(Follower):
                 f"parameter pose_type: tf needs the package tf2_msgs ({error}); install it, or "
                 "take a topic of poses"
             ) from None
+        topic = replace(interface.POSE, type=TFMessage)
         for name, qos in (("/tf", TF_QOS), ("/tf_static", STATIC_QOS)):
-            then = functools.partial(self._on_transforms, qos is STATIC_QOS)
-            self._subscribe(TFMessage, name, then, qos)
+            read = functools.partial(self._read_transforms, qos is STATIC_QOS)
+            self.intake.listen(topic, self._see, name=name, read=read, qos=qos)
 
-    def _on_transforms(self, static: bool, message: Any) -> None:
+    def _read_transforms(self, static: bool, message: Any) -> tuple[float, Pose] | None:
+        """Return when the body was where, as far as that is known; ValueError: no transforms."""
         for one in message.transforms:
             place, turn = one.transform.translation, one.transform.rotation
             pose = Pose(place.x, place.y, yaw_of(turn.x, turn.y, turn.z, turn.w))
             seconds = None if static else _seconds(one.header)
             self._tree.hear(one.header.frame_id, one.child_frame_id, pose, seconds)
         base = self.values["base_frame"] or f"{self._robot}/base_link"
-        found = self._tree.find(self.values["map_frame"], base)
-        if found is not None:
-            self._see(*found)
+        return self._tree.find(self.values["map_frame"], base)
 
-    def _on_pose(self, inside: Any, message: Any) -> None:
+    def _read_pose(self, inside: Any, message: Any) -> tuple[float, Pose]:
+        """Return when the body was where; ValueError: in another frame, or no pose."""
         wanted = self.values["map_frame"]
         if message.header.frame_id.lstrip("/") != wanted:
             raise ValueError(
@@ -152,16 +145,17 @@ class DriverNode(Follower):
         pose = inside(message)
         turn = pose.orientation
         yaw = yaw_of(turn.x, turn.y, turn.z, turn.w)
-        self._see(_seconds(message.header), Pose(pose.position.x, pose.position.y, yaw))
+        return _seconds(message.header), Pose(pose.position.x, pose.position.y, yaw)
 
-    def _see(self, seconds: float, pose: Pose) -> None:
-        now, before = time.monotonic(), self._pose_time
-        if seconds == before and now - self._seen < HEAP_SECONDS:
+    def _see(self, seen: tuple[float, Pose] | None) -> None:
+        if seen is None or self.driver is None:
+            return
+        now, seconds = time.monotonic(), seen[0]
+        if seconds == self._pose_time and now - self._seen < HEAP_SECONDS:
             return  # they came while this node slept: the body does not wait for an answer
-        if self.driver is not None:
-            self._seen, self._stopped, self._pose_time = now, False, seconds
-            self.driver.sees(seconds, pose)
-            self._drive(self.driver)
+        self._seen, self._stopped, self._pose_time = now, False, seconds
+        self.driver.sees(*seen)
+        self._drive(self.driver)
 
     def _on_goals(self, goals: Goals) -> None:
         if self.driver is not None:

@@ -10,8 +10,9 @@ import pytest
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
-from sparse_coord_ros.bags import BagError, BagWriter, QoS, open_bag
+from sparse_coord_ros.bags import BagWriter, QoS, open_bag
 from sparse_coord_ros.bags.recover import recover
+from sparse_coord_ros.errors import BagError
 
 STRING, HEADER = "std_msgs/msg/String", "std_msgs/msg/Header"
 LATCHED = QoS(durability="transient_local", depth=1)

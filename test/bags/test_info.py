@@ -6,7 +6,8 @@ import json
 
 import pytest
 
-from sparse_coord_ros.bags import Attachment, BagWriter, QoS
+from sparse_coord_ros.bags import BagWriter, QoS
+from sparse_coord_ros.bags.contents import Attachment
 from sparse_coord_ros.bags.recover import recover
 from sparse_coord_ros.cli.main import main
 

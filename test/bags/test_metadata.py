@@ -8,14 +8,9 @@ import yaml
 from rosbags.interfaces import QosDurability, QosHistory, QosReliability
 from rosbags.rosbag2.metadata import parse_qos
 
-from sparse_coord_ros.bags import (
-    BagTopic,
-    QoS,
-    bag_information,
-    metadata_yaml,
-    offered_qos_profiles,
-)
-from sparse_coord_ros.bags.metadata import FileSummary
+from sparse_coord_ros.bags import BagTopic, QoS
+from sparse_coord_ros.bags.metadata import FileSummary, bag_information, metadata_yaml
+from sparse_coord_ros.bags.qos import offered_qos_profiles
 
 LATCHED = QoS(durability="transient_local", depth=1)
 

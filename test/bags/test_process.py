@@ -13,8 +13,9 @@ import sys
 
 import pytest
 
-from sparse_coord_ros.bags import BagError, QoS, open_bag
+from sparse_coord_ros.bags import QoS, open_bag
 from sparse_coord_ros.bags.process import BagProcess
+from sparse_coord_ros.errors import BagError
 
 STRING = "std_msgs/msg/String"
 

@@ -17,17 +17,10 @@ from mcap.writer import CompressionType, Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 
-from sparse_coord_ros.bags import (
-    BagError,
-    BagTopic,
-    BagWriter,
-    Message,
-    QoS,
-    open_bag,
-    schema_text,
-    type_hash,
-)
+from sparse_coord_ros.bags import BagTopic, BagWriter, Message, QoS, open_bag, type_hash
 from sparse_coord_ros.bags.records import LARGEST_RECORD, Damage, chunk_content
+from sparse_coord_ros.bags.schemas import schema_text
+from sparse_coord_ros.errors import BagError
 
 STRING = "std_msgs/msg/String"
 LATCHED = QoS(durability="transient_local", depth=1)

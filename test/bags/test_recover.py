@@ -12,9 +12,10 @@ from mcap.reader import make_reader
 from mcap_ros2.reader import read_ros2_messages
 from rosbags.highlevel import AnyReader
 
-from sparse_coord_ros.bags import BagError, BagTopic, BagWriter, QoS, open_bag
+from sparse_coord_ros.bags import BagTopic, BagWriter, QoS, open_bag
 from sparse_coord_ros.bags.recover import recover
 from sparse_coord_ros.cli.main import main
+from sparse_coord_ros.errors import BagError
 
 STRING = "std_msgs/msg/String"
 

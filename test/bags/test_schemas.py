@@ -9,7 +9,9 @@ from pathlib import Path
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from sparse_coord_ros.bags import BagError, schema_text, type_hash
+from sparse_coord_ros.bags import type_hash
+from sparse_coord_ros.bags.schemas import schema_text
+from sparse_coord_ros.errors import BagError
 
 SEPARATOR = "=" * 80
 PACKAGES = (

@@ -121,7 +121,7 @@ def test_poses_that_came_while_a_driver_slept_are_no_complaint(bench, tmp_path):
     drivers[0].driver = SimpleNamespace(sees=lambda *said: taken.append(said), next=lambda: (0, 0))
     drivers[0]._drive = lambda driver: None
     for seconds in (7.0, *[7.1] * 9, 7.2):
-        drivers[0]._see(seconds, Pose(0.0, 0.0, 0.0))
+        drivers[0]._see((seconds, Pose(0.0, 0.0, 0.0)))
     assert [seconds for seconds, _ in taken] == [7.0, 7.1, 7.2]
 
 
@@ -300,9 +300,10 @@ def test_poses_from_transforms(bench):
         )
 
     base = transform("odom", "robot_1/base_link", 2.0, 7)
-    driver._on_transforms(False, SimpleNamespace(transforms=[base]))
+    driver._see(driver._read_transforms(False, SimpleNamespace(transforms=[base])))
     assert driver.driver.pose is None
-    driver._on_transforms(True, SimpleNamespace(transforms=[transform("map", "odom", 1.0, 0)]))
+    odom = SimpleNamespace(transforms=[transform("map", "odom", 1.0, 0)])
+    driver._see(driver._read_transforms(True, odom))
     assert driver.driver.pose == (3.0, 0.0, 0.0)
 
 
