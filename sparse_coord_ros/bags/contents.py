@@ -150,7 +150,6 @@ class BagFile:
         try:
             self.extend()
         except BagError as error:
-            self.close()
             raise BagError(f"{path}: {error}") from error
         if checked:
             if self.damage is None and not self._closed and path.suffix != PARTIAL:

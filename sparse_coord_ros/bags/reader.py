@@ -272,13 +272,7 @@ def open_bag(path: Path, *, checked: bool = True) -> Bag:
             one bag, or a file does not begin as MCAP, holds other messages than those of ROS 2, or
             is a run's in another format than this version's.
     """
-    files = [BagFile(file, checked=checked) for file in bag_files(Path(path))]
-    try:
-        return Bag(files)
-    except BagError:
-        for file in files:
-            file.close()
-        raise
+    return Bag([BagFile(file, checked=checked) for file in bag_files(Path(path))])
 
 
 def _added(counts: Iterable[Counter[str]]) -> Counter[str]:

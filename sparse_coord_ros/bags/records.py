@@ -87,7 +87,7 @@ class Source:
     """An open MCAP file, of which nothing is read that is not there.
 
     Attributes:
-        close: closes it; nobody needs to, but a name that is gone does not free the disk.
+        close: closes it; else it is closed when nobody has it any more.
 
     Raises:
         BagError: there is no such file, or it does not begin as MCAP.
@@ -100,10 +100,8 @@ class Source:
         try:
             begin = self.read(0, min(self.size, len(MAGIC)))
         except Damage as damage:
-            self.close()
             raise BagError(f"cannot read {path}: {damage}") from damage
         if begin != MAGIC:
-            self.close()
             raise BagError(f"{path} is not an MCAP file: it does not begin like one")
 
     @property

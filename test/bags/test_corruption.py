@@ -169,33 +169,6 @@ def tiny(tmp_path_factory, samples):
     return content(open_bag(path))
 
 
-@pytest.mark.long
-def test_cut_at_every_byte(tmp_path, tiny):
-    """More bytes never give less; only the whole file is whole, and cuts are told from kills."""
-    before = 0
-    clean = []
-    for ending in ("", ".partial"):
-        path = tmp_path / f"run_0.mcap{ending}"
-        for size in range(len(tiny.data)):
-            path.write_bytes(tiny.data[:size])
-            if size < 8:
-                with pytest.raises(BagError, match="is not an MCAP file"):
-                    open_bag(path)
-                continue
-            bag = open_bag(path)
-            assert not bag.finished
-            read = check_prefix(bag, tiny)
-            assert before <= read or size == 8
-            before = read
-            if bag.damage is None:
-                clean.append((size, read))
-                assert ending
-        assert before == 3
-    # After the header, the attachment, three chunks and their indexes, rosbag2's metadata, the end
-    # of the data.
-    assert [read for _, read in clean] == [0, 0, 1, 1, 2, 2, 3, 3, 3, 3]
-
-
 def test_every_flipped_byte_is_found(tmp_path, tiny):
     """One flipped bit anywhere is reported (in every tenth byte, for the time)."""
     draw = random.Random(2)

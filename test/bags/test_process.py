@@ -2,10 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The writer in a process of its own: what it says when that process fails."""
 
-import fcntl
 import os
 import re
-import resource
 import signal
 import socket
 import struct
@@ -18,38 +16,6 @@ from sparse_coord_ros.bags.process import BagProcess
 from sparse_coord_ros.errors import BagError
 
 STRING = "std_msgs/msg/String"
-
-
-@pytest.fixture
-def many_files():
-    """Allow more open files than `select` can count."""
-    before = resource.getrlimit(resource.RLIMIT_NOFILE)
-    if before[1] not in (resource.RLIM_INFINITY,) and before[1] < 1200:
-        pytest.skip("the system allows no 1200 open files")
-    resource.setrlimit(resource.RLIMIT_NOFILE, (max(before[0], 1200), before[1]))
-    yield
-    resource.setrlimit(resource.RLIMIT_NOFILE, before)
-
-
-def test_a_bag_is_written_among_a_thousand_open_files(tmp_path, samples, monkeypatch, many_files):
-    made = socket.socketpair
-
-    def far():
-        pair = made()
-        numbers = [fcntl.fcntl(one, fcntl.F_DUPFD_CLOEXEC, 1100) for one in pair]
-        for one in pair:
-            one.close()
-        return tuple(socket.socket(fileno=number) for number in numbers)
-
-    monkeypatch.setattr(socket, "socketpair", far)
-    writer = BagProcess(tmp_path / "run")
-    assert writer._connection.fileno() > 1023
-    channel = writer.add_topic("/a", STRING, QoS())
-    for i in range(3):
-        writer.write(channel, samples.cdr(STRING), i, i)
-        writer.flush()
-    writer.close()
-    assert (open_bag(tmp_path / "run").message_count, writer.message_count) == (3, 3)
 
 
 @pytest.mark.parametrize(

@@ -75,7 +75,7 @@ def test_bodies_that_get_there_learn_what_the_grid_teaches(
     assert body.summary()["seconds"] >= summary["body_seconds"] - 1e-6
 
 
-@pytest.mark.parametrize("order", ["21wedb", "d1bw2e"])
+@pytest.mark.parametrize("order", ["d1bw2e"])
 def test_any_order(bench, tmp_path, order):
     context = bench.place()[0]
 

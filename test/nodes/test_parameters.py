@@ -10,9 +10,7 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
 from rclpy.parameter import parameter_value_to_python
 
-from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.scenario import SETTINGS
-from sparse_coord_ros.learn.run_config import RUN_SETTINGS
 from sparse_coord_ros.nodes import recorder, robot, team, world_simulator
 from sparse_coord_ros.nodes.parameters import (
     BODY_PARAMETERS,
@@ -88,10 +86,6 @@ def test_ranges_are_in_the_descriptors(made):
     assert constraints == "allowed: events or single"
 
 
-def test_a_runs_settings_are_the_worlds_parameters():
-    assert set(RUN_SETTINGS) <= set(WORLD_PARAMETERS)
-
-
 def test_no_scenario_setting_is_called_like_a_parameter():
     assert not set(SETTINGS) & set(TEAM_PARAMETERS)
 
@@ -119,19 +113,6 @@ def test_scenario_settings_are_parameters_of_the_world(bench):
     shown = {name: world.get_parameter(name).value for name in ("penalty", "max_steps", "starts")}
     assert shown == {"penalty": -100.0, "max_steps": 40, "starts": str(world.run.scenario.starts)}
     assert all(world.describe_parameter(name).read_only for name in SETTINGS)
-
-
-@pytest.mark.parametrize(
-    ("values", "text"),
-    [
-        ({"sed": 7}, r"unknown parameter 'sed' \(did you mean 'seed'\?\); allowed: scenario, set"),
-        ({"seed": True}, "parameter seed: value is True, allowed: a whole number"),
-        ({"set": "steps=7"}, "parameter set: value is 'steps=7', allowed: a list of texts"),
-    ],
-)
-def test_bad_values_stop_a_node_at_once(made, values, text):
-    with pytest.raises(SettingError, match=f"^node node: {text}"):
-        made(WORLD_PARAMETERS, **values)
 
 
 def test_whole_numbers_do_for_numbers(made):

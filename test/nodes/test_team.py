@@ -111,7 +111,7 @@ def test_in_one_process_an_answer_reaches_one_client(own_domain, tmp_path):
             clients.append(probe.count_clients(services.ACTIVE_PERCEPTION.of("robot_1")))
             return False
 
-        values = {"scenario": "crowd-3r", "set": ["steps=300"], "record": False}
+        values = {"scenario": "crowd-3r", "set": ["steps=60"], "record": False}
         summary = run_team({**values, "out": str(tmp_path / "run")}, context=context, stop=look)
         probe.destroy_node()
     assert summary["timeouts"] == 0
@@ -124,7 +124,7 @@ def test_a_bystander_is_no_robot(bench):
     for name in NAMES:
         observer.listen(JointState, f"{name}/reward")
         observer.listen(PoseStamped, f"{name}/local_state")
-    world = bench.world(set=["steps=30"], rate=20.0)
+    world = bench.world(set=["steps=10"], rate=20.0)
     bench.spin_until(lambda: observer.count("robot_2/local_state"), "world found")
     assert observer.call(SetBool, "world_simulator/pause", SetBool.Request(data=True)).success
     bench.robots()
