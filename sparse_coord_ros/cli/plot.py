@@ -45,6 +45,7 @@ def execute(options: argparse.Namespace) -> int:
     with pictures.drawing():
         from sparse_coord_ros.experiments.report.charts import rendered
         from sparse_coord_ros.look import figures
+        from sparse_coord_ros.look.results import ResultsShown
         from sparse_coord_ros.look.sources import is_results, open_shown
 
         say = pictures.Announcer()
@@ -55,7 +56,9 @@ def execute(options: argparse.Namespace) -> int:
                     f"{results[0]} holds results: plot it alone; runs and bags can be drawn side "
                     "by side"
                 )
-            what, figure = _of_results(results[0], options.what)
+            shown = ResultsShown(results[0])
+            what = shown.whats[0] if options.what is None else options.what
+            figure = shown.figure(what)
         else:
             if len(options.sources) > MOST_RUNS:
                 raise SettingError(
@@ -71,11 +74,3 @@ def execute(options: argparse.Namespace) -> int:
         data = rendered(figure, kind, options.dpi)
     pictures.write(options.out, data, json=options.json, what=what)
     return 0
-
-
-def _of_results(path: Path, what: str | None):
-    from sparse_coord_ros.look.results import ResultsShown
-
-    shown = ResultsShown(path)
-    what = shown.whats[0] if what is None else what
-    return what, shown.figure(what)

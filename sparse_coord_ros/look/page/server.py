@@ -244,8 +244,8 @@ class Server:
             self._thread.join(5.0)
 
     def _serve(self) -> None:
-        self._loop.run_until_complete(self._run())
-        self._loop.close()
+        with asyncio.Runner(loop_factory=lambda: self._loop) as runner:
+            runner.run(self._run())
 
     async def _run(self) -> None:
         runner = web.AppRunner(self.page.app, access_log=None, shutdown_timeout=0.1)
