@@ -22,7 +22,7 @@ from sparse_coord_ros.learn.rows import FREE_PLACE
 from sparse_coord_ros.learn.simulation import Learning, tables_equal
 
 PROTOCOL = {
-    "steps": 1500,
+    "steps": 1000,
     "penalty": -100,
     "starts": "random",
     "step_size": "power:0.6",
@@ -80,17 +80,13 @@ CASES = [
         "coop",
         {"starts": "exploring:1:0.1:0.8", "step_size": "floored:0.7:0.2:0.01", "horizon": 70},
     ),
-    ("env2-2r", "coop", {"step_size": "constant:0.3", "epsilon": "constant:0.4"}),
     ("env2-4r", "coop", {"common_reward": "each:0:1:0.5:3"}),
-    ("crowd-3r", "noncoop", {"common_reward": "each:0:0.1:3"}),
     ("env2-2r", "coop", {"peers": "all", "perception": "probability:0.7"}),
     ("crowd-3r", "coop", {"peers": "all"}),
-    ("crowd-3r", "noncoop", {"peers": "all"}),
     ("crowd-3r", "coop", {"peers": "all", "perception": "probability:0.7", "max_steps": 30}),
-    ("env2-4r", "coop", {"peers": "all", "common_reward": "each:2:0:1:1", "horizon": 20}),
     ("env1", "coop", {"link": "lost:0.3"}),
     ("env2-4r", "coop", {"link": "bursts:0.05:0.2", "perception": "probability:0.7"}),
-    ("crowd-3r", "coop", {"peers": "all", "link": "dead:1500", "max_steps": 30}),
+    ("crowd-3r", "coop", {"peers": "all", "link": "dead:1000", "max_steps": 30}),
 ]
 
 
@@ -183,20 +179,19 @@ def test_what_trials_look_at_is_not_saved():
     assert_same_run(team.run(1, 20), single(scenario, "coop", 1, 20))
 
 
-@pytest.mark.parametrize("learner", ["coop", "indiv"])
-def test_both_engines_give_the_same_runs_in_the_order_of_the_seeds(learner):
+def test_both_engines_give_the_same_runs_in_the_order_of_the_seeds():
     settings = {"peers": "all", "perception": "probability:0.8", "q_star_init": 250}
     scenario = problem("crowd-3r", steps=400, **settings)
     seeds = [11, 3, 8]
     plain, numba = (
-        list(run_batch(scenario, learner, seeds, trials=10, engine=engine, jobs=2, history=True))
+        list(run_batch(scenario, "coop", seeds, trials=10, engine=engine, jobs=2, history=True))
         for engine in ("python", "numba")
     )
     assert [run.seed for run in numba] == seeds
     for one, other in zip(plain, numba, strict=True):
         assert one.history.episodes > 0 and one.history.same_bits(other.history)
         assert_same_run(one, other)
-        assert (other.trials.asks.sum() > 0) == (learner == "coop")
+        assert other.trials.asks.sum() > 0
     assert not tables_equal(numba[0].tables, numba[1].tables)
 
 

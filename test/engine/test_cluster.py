@@ -7,7 +7,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from contextlib import ExitStack
 
 import dask
@@ -242,28 +241,3 @@ def test_whoever_is_killed_the_files_are_the_same(tmp_path, processes, loser):
     assert killed == [True]
     found = [files(tmp_path / name) for name in ("one", "two", "cluster")]
     assert found[0] == found[1] == found[2]
-
-
-@pytest.mark.long
-def test_an_interrupted_sweep_ends_at_once(tmp_path, processes):
-    address, _, _ = processes
-    process = subprocess.Popen(
-        [sys.executable, "-m", "sparse_coord_ros.cli.main", "reproduce", "--runs", "4"]
-        + ["env1/coop/penalty=-20,steps=1000000", "--engine", "python", "--scheduler", address],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
-        cwd=tmp_path,
-        stderr=subprocess.PIPE,
-        text=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    )
-    try:
-        while not (tmp_path / "results" / "results.json").exists():
-            time.sleep(0.1)
-        time.sleep(4)
-        process.send_signal(signal.SIGINT)
-        sent = time.monotonic()
-        assert process.communicate(timeout=30)[1].splitlines()[-1] == "interrupted"
-        assert time.monotonic() - sent < 5
-    finally:
-        process.kill()
-    assert process.returncode == 130

@@ -17,14 +17,12 @@ from sparse_coord_ros.learn.learners import Factored, learner_of
 from sparse_coord_ros.learn.simulation import Learning, tables_equal
 from sparse_coord_ros.solve.exact import evaluate_exact
 
-SETTINGS = {"steps": 2500, "max_steps": 30, "penalty": -50, "q_coord_init": 60}
+SETTINGS = {"steps": 1600, "max_steps": 30, "penalty": -50, "q_coord_init": 60}
 CASES = [
-    ("env1", {}),
     ("env1", {"perception": "probability:0.7", "common_reward": "each:1:0.5", "credit": "team"}),
     ("env2-2r", {"perception": "line_of_sight", "goal_value": 0, "step_size": "constant:0.2"}),
     ("env2-4r", {"perception": "range:4", "credit": "weight:2"}),
-    ("env2-4r", {"conflict": "any_doorway", "perception": "probability:0.8"}),
-    ("env2-4r", {"referee": False, "starts": "fixed"}),
+    ("env2-4r", {"referee": False, "starts": "fixed", "conflict": "any_doorway"}),
 ]
 
 
@@ -112,7 +110,7 @@ def test_rules_with_a_part_turned_off(learner, name):
     assert not tables_equal(run.tables, whole(scenario, "factored", 4).tables)
 
 
-@pytest.mark.parametrize(("name", "settings"), [CASES[1], CASES[3]])
+@pytest.mark.parametrize(("name", "settings"), [CASES[0], CASES[2]])
 def test_a_run_in_parts_through_files_is_the_unbroken_run(
     rho, monkeypatch, tmp_path, name, settings
 ):

@@ -22,7 +22,6 @@ from sparse_coord_ros.learn.simulation import Learning, tables_equal
 SETTINGS = {"steps": 1200, "max_steps": 30, "perception": "probability:0.7", "penalty": -50}
 CASES = [
     ("env1", "coop", {}),
-    ("env1", "indiv", {}),
     ("env2-4r", "noncoop", {}),
     ("crowd-3r", "coop", {"peers": "all"}),
     ("crowd-3r", "indiv", {"peers": "all"}),
@@ -71,7 +70,7 @@ def test_a_run_in_parts_is_the_unbroken_run(monkeypatch, name, learner, settings
     assert expected.history.length.sum() == scenario.steps * (
         len(scenario.robots) if learner == "indiv" else 1
     )
-    parts = [1, 2, 3, 64, 65, 200, 201, 777, scenario.steps]
+    parts = [1, 2, 64, 65, 201, 777, scenario.steps]
     running = {engine: make(engine, scenario, learner, 5) for engine in ("python", "numba")}
     resumed = dict(running)
     for until in parts:
@@ -92,7 +91,7 @@ def test_a_run_in_parts_is_the_unbroken_run(monkeypatch, name, learner, settings
 
 @pytest.mark.parametrize("engine", ["python", "numba"])
 def test_history_says_what_happened(engine):
-    settings = {"conflict": "any_doorway", "starts": "random", "q_star_init": 0, "steps": 4000}
+    settings = {"conflict": "any_doorway", "starts": "random", "q_star_init": 0, "steps": 2500}
     scenario = problem("env2-4r", **settings)
     learning = make(engine, scenario, "coop", 3)
     learning.advance(scenario.steps)
@@ -113,19 +112,7 @@ def test_history_says_what_happened(engine):
     assert (history.reward[~met] < paid[~met]).any()
 
 
-def test_robots_that_learn_alone_have_episodes_of_their_own():
-    scenario = problem("env2-4r")
-    history = unbroken(scenario, "indiv", 1).history
-    assert (history.present.sum(axis=1) == 1).all()
-    assert (np.diff(np.argmax(history.present, axis=1)) >= 0).all()
-    for k in range(4):
-        assert history.length[history.present[:, k]].sum() == scenario.steps
-    assert not history.reward[~history.present].any()
-    assert not history.arrived[~history.present].any()
-
-
-@pytest.mark.parametrize("engine", ["python", "numba"])
-@pytest.mark.parametrize("learner", ["coop", "indiv"])
+@pytest.mark.parametrize(("engine", "learner"), [("python", "indiv"), ("numba", "coop")])
 def test_train(engine, learner):
     scenario = problem("env1")
     seen = []
@@ -147,7 +134,7 @@ def test_train(engine, learner):
     assert done.evaluations[0][1] != expected
 
 
-@pytest.mark.parametrize(("name", "learner", "settings"), CASES)
+@pytest.mark.parametrize(("name", "learner", "settings"), [CASES[0], CASES[3]])
 def test_resume(tmp_path, name, learner, settings):
     """On the other engine; the two have each begun, and ended, some of the cases."""
     scenario = problem(name, **settings)
@@ -169,7 +156,7 @@ def test_resume(tmp_path, name, learner, settings):
     ("engine", "number"), [("python", signal.SIGTERM), ("numba", signal.SIGINT)]
 )
 def test_an_interrupt_saves_before_it_is_heard(tmp_path, engine, number):
-    scenario = problem("env1", steps=10_000_000 if engine == "numba" else 200_000)
+    scenario = problem("env1", steps=400_000)
     file = tmp_path / "checkpoint.npz"
 
     def progress(done, budget):

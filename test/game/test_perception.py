@@ -10,7 +10,6 @@ import pytest
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.grid import load_map, parse_map
 from sparse_coord_ros.game.perception import (
-    MODELS,
     PERCEPTION,
     asked_peers,
     percept_probabilities,
@@ -22,13 +21,6 @@ from sparse_coord_ros.learn.run_config import make_run
 
 def matrix(spec, grid):
     return percept_probabilities(PERCEPTION.parse(spec), grid)
-
-
-def test_every_model_that_can_be_named_exists():
-    assert set(MODELS.names) == {"always", "never", "probability", "line_of_sight", "range"}
-    for name, model in MODELS.registered.items():
-        assert name in PERCEPTION.usage
-        assert callable(model)
 
 
 @pytest.mark.parametrize(
@@ -104,18 +96,6 @@ def test_a_map_too_large_to_learn_is_refused_before_a_run():
     scenario = scenario_from_dict(data, where="hall.yaml", name="hall")
     with pytest.raises(SettingError, match="map hall has 25600 cells, allowed .* at most 23170"):
         make_run(scenario, {})
-
-
-@pytest.mark.parametrize(
-    ("text", "allowed"),
-    [
-        ("range:-1", "of at least 0"),
-        ("probability:2", "from 0 to 1"),
-    ],
-)
-def test_numbers_out_of_range_say_what_is_allowed(text, allowed):
-    with pytest.raises(SettingError, match=f"allowed: a number {allowed}$"):
-        PERCEPTION.parse(text)
 
 
 def test_who_is_asked():

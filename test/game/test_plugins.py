@@ -9,7 +9,7 @@ import pytest
 
 import sparse_coord_ros as sc
 from sparse_coord_ros.engine.batch import run_batch
-from sparse_coord_ros.errors import PluginError, SettingError
+from sparse_coord_ros.errors import PluginError
 from sparse_coord_ros.game import plugins
 from sparse_coord_ros.game.perception import MODELS
 from sparse_coord_ros.learn.learners import LEARNERS, learner_of
@@ -66,15 +66,8 @@ class Needy(sc.Learner):
     def __init__(self, more):
         self.more = more
 
-class Leaving(sc.Learner):
-    def weights(self, scenario):
-        raise SystemExit(3)
-
 class NoLearner:
     pass
-
-def leave(grid):
-    raise SystemExit("no fog here")
 
 def fog(grid, p):
     return np.full((len(grid.cells),) * 2, p)
@@ -180,7 +173,6 @@ def test_what_is_no_learner_is_said_in_one_line(module, name, words):
         ("class Team(:\n", "SyntaxError: invalid syntax (their_fault.py, line 1)"),
         ("\n1 / 0\n", "ZeroDivisionError: division by zero (their_fault.py, line 2)"),
         ("import nowhere", "ModuleNotFoundError: No module named 'nowhere' (their_fault.py, line"),
-        ("raise SystemExit(0)", "SystemExit: 0 (their_fault.py, line 1)"),
     ],
 )
 def test_a_module_that_fails_is_blamed(module, tmp_path, code, words):
@@ -223,7 +215,6 @@ def test_names_that_collide(module):
         ("Weightless", ["its weights are {'common': 2}, allowed: three numbers"]),
         ("Nobody", ["'an agent' is no agent, must be a sparse_coord_ros.Agent"]),
         ("Needy", ["failed while being made: TypeError", "'more'"]),
-        ("Leaving", ["failed while making its weights: SystemExit: 3", line("SystemExit(3)")]),
         ("Odd", ["failed while making its tables: AttributeError", line("no_such")]),
     ],
 )
@@ -249,7 +240,6 @@ def test_the_traceback_stays_available(module, small):
             "their_code:divide",
             ["failed while it looked at map env1: ZeroDivisionError", line("1 / 0")],
         ),
-        ("their_code:leave", ["SystemExit: no fog here", line('SystemExit("no fog')]),
         ("their_code:flat", ["returned an array of shape (21,) with values from 1 to 1"]),
         ("their_code:fog:2", ["with values from 2 to 2", "from 0 to 1"]),
         ("their_code:number", ["is no function"]),
@@ -286,11 +276,3 @@ def test_entry_points_of_installed_packages(module, small, monkeypatch):
         assert "learner 'lost' is not there" in refusal(learner_of, "lost")
     finally:
         sys.path.remove(".")
-
-
-def test_errors_are_not_wrapped_twice(module):
-    with (
-        pytest.raises(SettingError, match="^of mine$"),
-        plugins.failing_as("learner 'x'", "learning"),
-    ):
-        raise SettingError("of mine")

@@ -19,6 +19,25 @@ def read(data):
     )[0]
 
 
+@pytest.mark.parametrize("data", [b"", b"just text", b"PK\x03\x04 no zip"])
+def test_what_is_no_archive(data):
+    with pytest.raises(TablesError, match="a.npz: cannot be read as tables .*; use another"):
+        read(data)
+
+
+def test_a_spoiled_byte_is_refused_or_without_effect():
+    """Whatever byte is wrong: never a traceback, never other numbers."""
+    whole = archive.pack(ARRAYS)
+    refused = 0
+    for place in range(len(whole)):
+        try:
+            found = read(whole[:place] + bytes([whole[place] ^ 0xFF]) + whole[place + 1 :])
+            assert all(found[name].tobytes() == ARRAYS[name].tobytes() for name in ARRAYS)
+        except TablesError:
+            refused += 1
+    assert refused > len(whole) / 2
+
+
 def test_arrays_come_back():
     found = read(archive.pack(ARRAYS))
     assert found.keys() == ARRAYS.keys()

@@ -126,38 +126,13 @@ def test_a_robot_that_is_not_in_the_file(tmp_path, team):
         assert words in message
 
 
-@pytest.mark.parametrize("content", [b"", b"just text", b"PK\x03\x04 no zip"])
-def test_not_a_tables_file(tmp_path, content):
-    path = tmp_path / TEAM_FILE
-    path.write_bytes(content)
-    message = refusal(load_team, tmp_path, load_scenario("env1"))
-    assert f"{path}: cannot be read as tables" in message
-
-
-def test_a_spoiled_byte_is_refused_or_without_effect(tmp_path, team):
-    """Whatever byte is wrong: never a traceback, never other numbers (a zip has checksums)."""
-    save_team(tmp_path, team)
-    path = tmp_path / TEAM_FILE
-    whole = path.read_bytes()
-    refused = 0
-    for place in range(0, len(whole), 89):
-        path.write_bytes(whole[:place] + bytes([whole[place] ^ 0xFF]) + whole[place + 1 :])
-        try:
-            assert tables_equal(load_tables(path, [1, 2]), team)
-        except TablesError as error:
-            assert str(path) in str(error)
-            refused += 1
-    assert refused > 100
-
-
-@pytest.mark.parametrize("number", [2, 4])
-def test_another_format_is_one_line(tmp_path, team, number):
+def test_another_format_is_one_line(tmp_path, team):
     save_team(tmp_path, team)
     with np.load(tmp_path / TEAM_FILE) as file:
-        arrays = {**file, "format": np.array(number)}
+        arrays = {**file, "format": np.array(4)}
     np.savez(tmp_path / TEAM_FILE, **arrays)
     message = refusal(load_tables, tmp_path / TEAM_FILE, [1])
-    assert f"is in format {number}" in message and "3" in message
+    assert "is in format 4" in message and "3" in message
 
 
 @pytest.mark.parametrize(("name", "learner"), [("env1", "coop"), ("crowd-3r", "factored")])
