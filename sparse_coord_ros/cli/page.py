@@ -102,7 +102,7 @@ def one_by_one(
 
 def show_end(server: "Server", out: Path) -> None:
     """Show the value of a finished run's tables."""
-    from sparse_coord_ros.look.page.evaluation import evaluation_fields
+    from sparse_coord_ros.look.page.messages import evaluation_fields
 
     try:
         run = load_run(out)

@@ -1,23 +1,32 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A page that tells all of a run, or of results: what was learned, its value, what went wrong."""
+"""A page that tells all of a run, or of results: what was learned, its value, what went wrong.
 
+It is one HTML file without scripts, made by `templates/report.html.j2` of sections; a section is a
+heading and parts: what `text`, `table`, `code` and `picture` return. Whatever text comes from
+outside is escaped.
+"""
+
+import base64
 import contextlib
 import shlex
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any
 
 import numpy as np
+from jinja2 import Environment, PackageLoader
+from matplotlib.figure import Figure
 
 from sparse_coord_ros.engine.training import train
 from sparse_coord_ros.errors import SparseCoordError
+from sparse_coord_ros.experiments.report.charts import rendered
 from sparse_coord_ros.experiments.report.text import condition_row
 from sparse_coord_ros.game.scenario import SETTINGS, Scenario, load_scenario
 from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.learners import Learner, learner_of
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.look import figures
-from sparse_coord_ros.look.document import Part, Section, code, page, picture, table, text
 from sparse_coord_ros.look.results import ResultsShown
 from sparse_coord_ros.look.sources import TRIALS as PLAYED_EPISODES
 from sparse_coord_ros.look.sources import Shown
@@ -35,6 +44,10 @@ BASELINES = ("indiv", "noncoop")
 MOST_WARNINGS = 20
 WARNING_LEVEL = 30
 """Of a rcl_interfaces/Log; what is below is no warning."""
+
+Part = dict[str, Any]
+Section = tuple[str, Iterable[Part]]
+"""A heading (empty: none) and what is below it."""
 
 CAPTIONS = {
     "policy": "Greedy moves of the learned tables. A ring: the robot asks there before it moves. "
@@ -244,3 +257,34 @@ def results_report(shown: ResultsShown) -> str:
     note = text("In brackets: the standard error of the mean over the runs.")
     sections += [("Every condition", [every, note]), ("How to reproduce it", [code(again)])]
     return page(f"Results in {shown.directory.name or shown.directory}", sections)
+
+
+# What the page is made of.
+
+
+def text(words: str, *, warn: bool = False) -> Part:
+    """Return a paragraph; `warn` marks it."""
+    return {"kind": "text", "text": words, "warn": warn}
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[object]], *, words: bool = False) -> Part:
+    """Return a table; `words`: all its columns are aligned to the left."""
+    return {"kind": "table", "head": head, "rows": rows, "words": words}
+
+
+def code(lines: str, *, summary: str = "") -> Part:
+    """Return a text as it is, folded away below a summary where there is one."""
+    return {"kind": "code", "text": lines, "summary": summary}
+
+
+def picture(figure: Figure, caption: str) -> Part:
+    """Return a picture."""
+    data = base64.b64encode(rendered(figure, "svg")).decode()
+    return {"kind": "picture", "data": data, "caption": caption}
+
+
+def page(title: str, sections: Iterable[Section]) -> str:
+    """Return the page."""
+    loader = PackageLoader("sparse_coord_ros.look")
+    template = Environment(loader=loader, autoescape=True, keep_trailing_newline=True)
+    return template.get_template("report.html.j2").render(title=title, sections=sections)

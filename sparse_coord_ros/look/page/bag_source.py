@@ -17,7 +17,6 @@ from sparse_coord_ros.learn.history import concatenated, no_history
 from sparse_coord_ros.look.page import messages
 from sparse_coord_ros.look.page.board import Board
 from sparse_coord_ros.look.page.controls import PAUSE, RATE, SEEK, STEP, Control
-from sparse_coord_ros.look.page.evaluation import evaluation_fields
 from sparse_coord_ros.look.steps import logged_step
 from sparse_coord_ros.runlog.log import NONE, RunLog
 from sparse_coord_ros.runlog.window import LongLog
@@ -299,4 +298,4 @@ class BagSource:
         if len(entries) == len(found) and any(entry.step for entry in entries):
             step = min(entry.step for entry in entries)
             tables = [entry.tables for entry in entries]
-            self.board.put("evaluation", **evaluation_fields(self.run, tables, step))
+            self.board.put("evaluation", **messages.evaluation_fields(self.run, tables, step))

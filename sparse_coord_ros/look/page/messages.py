@@ -6,7 +6,7 @@ Every source, live or recorded, makes the same messages by these functions. A me
 one before of its type: the page needs only the newest of each.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -31,6 +31,8 @@ from sparse_coord_ros.runlog.explain import (
     move_in_words,
     reward_in_words,
 )
+from sparse_coord_ros.solve.exact import evaluate_best
+from sparse_coord_ros.solve.shipped import yardsticks
 from sparse_coord_ros.version import __version__
 from sparse_coord_ros.wire import PerceptEnd
 
@@ -39,6 +41,11 @@ POINTS = 240
 
 DIALOGUE = 40
 """Questions that the page shows."""
+
+TRIALS = 300
+"""Trials of a team that cannot be evaluated exactly."""
+
+MEASURES = ("reward", "time_to_goal", "miscoordinations", "asks")
 
 SHAPES = ("circle", "square", "triangle", "diamond", "pentagon", "hexagon", "star", "cross")
 """What tells the robots apart beside colour and number."""
@@ -144,6 +151,29 @@ def curve_fields(history: History) -> Message:
         "miscoordinations": means(history.miscoordinations, every),
         "reward": means(history.reward, own),
         "asks": means(history.asks, own),
+    }
+
+
+def evaluation_fields(run: RunConfig, tables: Sequence[Tables], step: int | None) -> Message:
+    """Return the evaluation of tables: exact for one or two robots, else by `TRIALS` trials.
+
+    Args:
+        run: the run.
+        tables: of every robot.
+        step: of which time step they are; None: of the run's end.
+
+    Raises:
+        TablesError: the tables do not fit the run.
+    """
+    result = evaluate_best(run.scenario, tables, trials=TRIALS, learner=run.rule)
+    measures = {name: getattr(result, name) for name in MEASURES}
+    return {
+        "how": result.how,
+        "step": step,
+        "learner": run.rule.title or run.learner,
+        **{name: {"mean": one.mean, "spread": one.spread} for name, one in measures.items()},
+        "all_arrived": result.all_arrived,
+        "yardsticks": yardsticks(run.scenario),
     }
 
 
