@@ -58,7 +58,7 @@ class Answer(NamedTuple):
 
 
 class Pending(NamedTuple):
-    """An action whose outcome is still to come.
+    """An action whose outcome is still to come: what `Agent.learn` is told first, and the account.
 
     Attributes:
         step: the time step.
@@ -300,15 +300,7 @@ class RobotSide:
             if pending is not None and step == pending.step + 1:
                 if self._reward is None:
                     return
-                self.agent.learn(
-                    pending.step,
-                    pending.cell,
-                    pending.decision,
-                    pending.action,
-                    pending.perceived,
-                    self._reward,
-                    cell,
-                )
+                self.agent.learn(*pending[:-1], self._reward, cell)
                 self._learned_last = self.agent.learning
                 self.learned += self.agent.learning
             self._pending = None

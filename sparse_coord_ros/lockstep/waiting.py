@@ -132,7 +132,6 @@ class WorldPresence:
         self._run_id, self._budget, self._patience = run_id, budget, patience
         self._heard = now
         self._other = False
-        self._reminder = Reminder()
         self.end: int | None = None
         self.ended = 0.0
 
@@ -176,13 +175,3 @@ class WorldPresence:
         if 0 < self._patience <= silent:
             return f"no word from the world for {silent:.0f} s (parameter world_timeout)"
         return ""
-
-    def to_say(self, now: float) -> str:
-        """Return what is to be said now about a world that is missed, or an empty text."""
-        if self.silent(now) < SILENT_SECONDS:
-            self._reminder.over()
-            return ""
-        if not self._reminder.due(now):
-            return ""
-        until = f"; giving up after {self._patience:g} s" if self._patience else ""
-        return f"no word from the world for {self.silent(now):.0f} s: waiting for it{until}"

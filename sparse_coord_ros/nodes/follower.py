@@ -7,7 +7,7 @@ from typing import Unpack
 
 from sparse_coord_ros.game.settings import SettingTable
 from sparse_coord_ros.learn.run_config import RunConfig
-from sparse_coord_ros.lockstep.waiting import WorldPresence
+from sparse_coord_ros.lockstep.waiting import SILENT_SECONDS, Reminder, WorldPresence
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.messages import read_run
 from sparse_coord_ros.nodes.parameters import ParameterNode, Place
@@ -48,6 +48,7 @@ class Follower(ParameterNode):
         self.run: RunConfig | None = None
         self.status: Said | None = None
         self.presence: WorldPresence | None = None
+        self._missing = Reminder()
         self._reported = time.monotonic()
         self._stopping: float | None = None
         self.intake.listen(interface.RUN, self._on_run, read=read_run)
@@ -140,9 +141,11 @@ class Follower(ParameterNode):
     def look_for_the_world(self, now: float) -> None:
         """Say where the run's world is silent; called with every tick before the run's end."""
         assert self.presence is not None
-        missed, gone = self.presence.to_say(now), self.presence.given_up(now)
-        if missed:
-            self.get_logger().warning(missed)
+        if self.presence.silent(now) < SILENT_SECONDS:
+            self._missing.over()
+        else:
+            self.remind(self._missing, "a word of the world")
+        gone = self.presence.given_up(now)
         if gone:
             self.lost(gone)
 

@@ -19,7 +19,6 @@ from sparse_coord_ros.learn.tables import TEAM_FILE, pack_tables, robot_file
 from sparse_coord_ros.lockstep.gate import StepGate
 from sparse_coord_ros.lockstep.robot_side import NO_STEP, RobotSide
 from sparse_coord_ros.lockstep.rollback import RobotRollback
-from sparse_coord_ros.lockstep.waiting import Reminder
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.follower import Follower
 from sparse_coord_ros.nodes.guard import Guard
@@ -82,7 +81,6 @@ class Member:
             node.get_logger().info(f"{self._name} {what}")
         self._gate = StepGate()
         self._kept = (0, 0)
-        self._reminder = Reminder()
         self.joined = False
         self._ears: list[Any] = []
         self._ready_since = 0.0
@@ -209,7 +207,7 @@ class Member:
         """
         missing = self._not_heard_by()
         if missing:
-            self._node.remind(self._reminder, missing)
+            self._node.remind(self._node.reminder, missing)
             return
         self._ready_since = self._ready_since or now
         if now - self._ready_since < PEER_PATIENCE_SECONDS and not self._peers.ready():
@@ -288,7 +286,7 @@ class Member:
         """Say how learning goes, and where the robot would ask."""
         step = self.lockstep.newest[0]
         if self.joined and step == NO_STEP:
-            self._node.remind(self._reminder, "the world to begin")
+            self._node.remind(self._node.reminder, "the world to begin")
         values = {
             **{f"asks_{how}": count for how, count in self.lockstep.asks.items()},
             "epsilon": f"{self.lockstep.agent.epsilon(step):.4f}",

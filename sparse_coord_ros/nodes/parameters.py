@@ -122,6 +122,7 @@ class ParameterNode(Node):
         intake: its subscriptions.
         full_name: its name with its namespace, as diagnostics say it: `team_a/robot_1`.
         born: when the node began, by the monotonic clock.
+        reminder: when to say what the node waits for.
         failure: why the node must stop, or None.
         done: whether the node has nothing more to do.
 
@@ -154,7 +155,7 @@ class ParameterNode(Node):
             ) from None
         self.full_name = self.get_fully_qualified_name().lstrip("/")
         self.born = time.monotonic()
-        self._start_reminder = Reminder()
+        self.reminder = Reminder()
         self.failure: SparseCoordError | None = None
         self.done = False
         self._table, self._changeable = table, changeable
@@ -236,7 +237,7 @@ class ParameterNode(Node):
 
     def check_startup_time(self) -> None:
         """Raise `RunError` where no world simulator has announced a run in time."""
-        self.remind(self._start_reminder, f"a world simulator on {self._run_topic()}")
+        self.remind(self.reminder, f"a world simulator on {self._run_topic()}")
         limit = self.values["startup_timeout"]
         if 0 < limit < time.monotonic() - self.born:
             raise RunError(

@@ -22,7 +22,7 @@ from sparse_coord_ros.game.world import Action, World
 from sparse_coord_ros.learn.history import HISTORY_FILE
 from sparse_coord_ros.learn.run_config import RUN_FILE
 from sparse_coord_ros.learn.tables import TEAM_FILE, robot_file
-from sparse_coord_ros.lockstep.waiting import REPEAT_SECONDS, Reminder, Silence
+from sparse_coord_ros.lockstep.waiting import REPEAT_SECONDS, Silence
 from sparse_coord_ros.lockstep.world_side import WorldSide
 from sparse_coord_ros.nodes.guard import Guard
 from sparse_coord_ros.nodes.outputs import SUMMARY_FILE, Output, resumed_run
@@ -81,7 +81,6 @@ class WorldSimulator(ParameterNode):
         self._names = [robot.name for robot in self.run.scenario.robots]
         self._guard = Guard(self)
         self._silence = Silence(time.monotonic())
-        self._reminder = Reminder()
         self.bodies: WorldBodies | None = None
         if self.values["bodies"]:
             self.bodies = WorldBodies(self, self.run, self._advance_where_due)
@@ -201,7 +200,7 @@ class WorldSimulator(ParameterNode):
     def _start_when_complete(self, now: float) -> None:
         missing = self.returning.resume() or self._missing()
         if missing:
-            self.remind(self._reminder, ", ".join(missing))
+            self.remind(self.reminder, ", ".join(missing))
             limit = self.values["startup_timeout"]
             if 0 < limit < now - self.born:
                 raise RunError(
@@ -211,7 +210,7 @@ class WorldSimulator(ParameterNode):
                 )
             return
         self._guard.join()
-        self._reminder.over()
+        self.reminder.over()
         self._silence.begin(now)
         self.speed.begin(now)
         self.returning.begin(now)
@@ -238,7 +237,7 @@ class WorldSimulator(ParameterNode):
             self.bodies.look(now)
         self._advance_where_due()  # the rate may have been set to 0 meanwhile
         if self.lockstep.complete or self._silence.lasts(now) < REPEAT_SECONDS:
-            self._reminder.over()
+            self.reminder.over()
             return
         if self._silence.repeats(now):
             self.lockstep.repeat()
@@ -251,7 +250,7 @@ class WorldSimulator(ParameterNode):
         side, silent, stands = self.lockstep, self._silence.lasts(now), self._silence.stands(now)
         missing = side.missing()
         names = ", ".join(self._names[k] for k in sorted(missing or side.absent))
-        self.remind(self._reminder, f"{names} at step {side.world.step}")
+        self.remind(self.reminder, f"{names} at step {side.world.step}")
         if 0 < self.values["lost_timeout"] <= stands:
             raise RunError(
                 f"lost_timeout: step {side.world.step}: the world has stood still for "
