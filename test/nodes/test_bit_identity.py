@@ -37,7 +37,7 @@ def values(out, scenario="env1", steps=STEPS, **more):
 
 @pytest.mark.parametrize(
     ("executor", "record", "namespace"),
-    [("events", False, ""), ("events", True, "team_a"), ("single", True, "")],
+    [("events", True, "team_a"), ("single", False, "")],
 )
 def test_team_in_one_process(tmp_path, env1, assert_same_tables, executor, record, namespace):
     out = tmp_path / "out"

@@ -8,7 +8,6 @@ import signal
 import pytest
 import yaml
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
 from rcl_interfaces.msg import Log
 from rclpy.serialization import serialize_message
@@ -21,6 +20,7 @@ from sparse_coord_ros.game.settings import SettingTable
 from sparse_coord_ros.learn.agent import Agent
 from sparse_coord_ros.learn.tables import load_team
 from sparse_coord_ros.nodes import interface
+from sparse_coord_ros.nodes.messages import status
 from sparse_coord_ros.nodes.middleware import SECURITY_MARK, check_participants, check_security
 from sparse_coord_ros.nodes.parameters import ROBOT_PARAMETERS, ParameterNode
 from sparse_coord_ros.nodes.recorder import Recorder
@@ -29,6 +29,7 @@ from sparse_coord_ros.nodes.spin import ros_context, run_node, signals
 from sparse_coord_ros.nodes.team import run_team
 from sparse_coord_ros.nodes.world_simulator import WorldSimulator
 from sparse_coord_ros.runlog.verify import verify
+from sparse_coord_ros.wire.status import Said
 
 GARBAGE = (b"", b"abcd", b"\x00\x01\x00\x00\xff\xff\xff\xff", bytes(range(12)))
 SETTINGS = ["steps=60", "epsilon=constant:1"]
@@ -57,21 +58,20 @@ def pose(cell_of, step, cell):
     return serialize_message(cell_of.pose(step, cell))
 
 
-def status(run, state, step, transitions):
-    values = {"run": run, "step": step, "transitions": transitions}
-    pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
-    return DiagnosticStatus(message=state, values=pairs)
+def forged(*said):
+    return status("env1", said[1], Said(*said).values())
 
 
 def test_a_team_under_fire_learns_what_it_would_have_learned(
     bench, tmp_path, simulate, assert_same_tables
 ):
     """Garbage, far steps, other frames, other runs, forged ends and claims; and verify agrees."""
+    attacker = Attacker(bench)
     world = bench.world(out=str(tmp_path), set=SETTINGS, recorded=True, rate=0.001)
     recorder = bench.recorder(tmp_path / "bag")
     robots = bench.robots(out=str(tmp_path))
     bench.spin_until(lambda: world.lockstep.complete, "the first barrier")
-    attacker, convert = Attacker(bench), world.topics.convert
+    convert = world.topics.convert
     for data in GARBAGE:
         for topic in (interface.RUN, interface.STATUS, interface.CLOCK):
             attacker.say(topic, data)
@@ -86,8 +86,8 @@ def test_a_team_under_fire_learns_what_it_would_have_learned(
     late.header.stamp.sec = -5
     attacker.say(interface.LOCAL_STATE, serialize_message(late), "robot_2")
     for run in ("", "another"):
-        attacker.say(interface.STATUS, status(run, "finished", 1, 60))
-    attacker.say(interface.STATUS, status(world.run.id, "finished", 1, 7))
+        attacker.say(interface.STATUS, forged(run, "finished", 1, 60))
+    attacker.say(interface.STATUS, forged(world.run.id, "finished", 1, 7))
     attacker.say(interface.RUN, String(data="steps: [1"))
     for stamp in (Time(), Time(sec=2**31 - 1)):
         for name in (*NAMES, "world_simulator"):
