@@ -83,22 +83,23 @@ def here(place, monkeypatch, capsys):
 
 @pytest.fixture(scope="module", params=["Team", "Eager"])
 def runs(request, place, verb):
-    """Return the learner and its runs: without ROS, live, and live in processes."""
+    """Return the learner and its runs: without ROS, live, and of one live in processes."""
     learner = f"my_code:{request.param}"
-    out = [f"{request.param}_{way}" for way in ("train", "live", "processes")]
+    ways = ("train", "live", "processes")[: 3 if request.param == "Eager" else 2]
+    out = [f"{request.param}_{way}" for way in ways]
     how = ("env1", "--learner", learner, *SETTINGS, "--out")
     with chdir(place):
         assert main(["train", *how, out[0], "--trials", "0"]) == 0
         assert main(["run", *how, out[1]]) == 0
-    verb("run", *how, out[2], "--processes")
+    if len(out) == 3:
+        verb("run", *how, out[2], "--processes")
     return learner, [place / directory for directory in out]
 
 
 def test_all_ways_of_running_learn_the_same(runs):
     learner, directories = runs
     tables = [load_tables(directory / "tables.npz", [1, 2]) for directory in directories]
-    assert tables_equal(tables[0], tables[1])
-    assert tables_equal(tables[0], tables[2])
+    assert all(tables_equal(tables[0], others) for others in tables[1:])
     for directory in directories:
         said = yaml.safe_load((directory / "run.yaml").read_text())
         assert said["learner"] == learner
@@ -106,7 +107,7 @@ def test_all_ways_of_running_learn_the_same(runs):
 
 
 def test_it_is_evaluated_verified_and_explained(runs, here):
-    learner, (trained, live, _) = runs
+    learner, (trained, live, *_) = runs
     data = json.loads(here("evaluate", trained, "--trials", 3, "--json"))
     assert data["learner"] == learner
     assert json.loads(here("verify", live, "--json"))["identical"] is True
@@ -133,16 +134,15 @@ def test_reproduce_names_it_in_ids(place, verb):
     assert np.isfinite(reward)
 
 
-def test_where_it_fails_one_line_says_so(here, verb, place):
+def test_where_it_fails_one_line_says_so(here, place):
     broken = ("--learner", "my_code:Broken", "--steps", 50)
     blame = "error: learner 'my_code:Broken' failed while learning: KeyError: "
     for arguments in (
         ("train", "env1", *broken, "--out", "broken"),
+        ("run", "env1", *broken, "--out", "broken_live"),
         ("reproduce", "env1/my_code:Broken/penalty=-20", "--runs", 2, "--out", "broken_r"),
     ):
         error = here(*arguments, code=2)
         assert error.splitlines()[-1].startswith(blame), error
         assert "Traceback" not in error
     assert not (place / "broken").exists()
-    error = verb("run", "env1", *broken, "--out", "broken", code=2)
-    assert any(line.startswith(blame) for line in error.splitlines()), error
