@@ -3,17 +3,35 @@
 """Every file of examples/ does what its first lines say, in a folder of its own."""
 
 import csv
+import runpy
 from pathlib import Path
 
 import pytest
+
+from sparse_coord_ros.cli.main import main
+from sparse_coord_ros.engine.batch import run_batch
+from sparse_coord_ros.game.perception import MODELS
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.learners import LEARNERS
+from sparse_coord_ros.learn.simulation import tables_equal
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 @pytest.fixture
-def said(python, tmp_path):
-    """Return a function that runs Python in an empty folder and returns what it printed."""
-    return lambda *words: python(*words, cwd=tmp_path, env={"MPLBACKEND": "Agg"}).stdout
+def said(tmp_path, monkeypatch, capsys):
+    """Return a function that runs an example in an empty folder and returns what it printed."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MPLBACKEND", "Agg")
+    for registry in (LEARNERS, MODELS):  # forgets what the example registers
+        monkeypatch.setattr(registry, "_known", registry.registered)
+
+    def run(name, *words):
+        monkeypatch.setattr("sys.argv", [name, *map(str, words)])
+        runpy.run_path(str(EXAMPLES / name), run_name="__main__")
+        return capsys.readouterr().out
+
+    return run
 
 
 def test_all_of_them_are_listed_and_run_here():
@@ -23,20 +41,20 @@ def test_all_of_them_are_listed_and_run_here():
     assert [name for name in names if f"({name})" not in listed] == []
 
 
-def test_train_and_plot(said, tmp_path):
-    out = said(EXAMPLES / "train_and_plot.py", 2000)
+def test_train_and_plot(said, tmp_path, capsys):
+    out = said("train_and_plot.py", 2000)
     assert [line.split(":")[0] for line in out.splitlines()] == [
         "noncoop",
         "coop",
         "exact joint optimum",
     ]
     assert (tmp_path / "learning_curve.png").read_bytes()[1:4] == b"PNG"
-    verb = ("-m", "sparse_coord_ros.cli.main", "evaluate")
-    assert "Coop., 5 trials" in said(*verb, "runs/coop", "--trials", 5)
+    assert main(["evaluate", "runs/coop", "--trials", "5"]) == 0
+    assert "Coop., 5 trials" in capsys.readouterr().out
 
 
 def test_twenty_runs(said, tmp_path):
-    assert "miscoordinations" in said(EXAMPLES / "twenty_runs.py", 500, 2)
+    assert "miscoordinations" in said("twenty_runs.py", 500, 2)
     with (tmp_path / "twenty_runs.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert [(row["learner"], row["seed"]) for row in rows] == [
@@ -48,58 +66,53 @@ def test_twenty_runs(said, tmp_path):
 
 
 def test_own_perception(said):
-    lines = said(EXAMPLES / "own_perception.py", 2000).splitlines()
+    lines = said("own_perception.py", 2000).splitlines()
     assert [line.rpartition(": reward")[0] for line in lines] == ["always", "fog:4", "fog:1"]
     assert len({line.partition("reward")[2] for line in lines}) > 1
 
 
 def test_own_learner(said):
-    lines = said(EXAMPLES / "own_learner.py", 20000).splitlines()
+    lines = said("own_learner.py", 20000).splitlines()
     assert [line.split(":")[0] for line in lines] == ["coop", "careful"]
     assert len({line.partition(":")[2] for line in lines}) == 2
-
-
-BOTH = """
-from sparse_coord_ros.engine.batch import run_batch
-from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.learn.simulation import tables_equal
-
-scenario = load_scenario("env1", steps=3000, penalty=-20)
-first, second = (
-    next(run_batch(scenario, learner, [5], trials=9, engine=engine, jobs=1))
-    for learner, engine in PAIRS
-)
-same = first.trials.reward.tobytes() == second.trials.reward.tobytes()
-print(same, tables_equal(first.tables, second.tables))
-"""
 
 
 OWN = "expected_sarsa:ExpectedSarsa"
 
 
 @pytest.fixture
-def compared(said):
+def compared(monkeypatch):
     """Return a function that compares trials and tables of two pairs of learner and engine."""
-    path = f"import sys; sys.path.append({str(EXAMPLES)!r})"
-    return lambda *pairs: said("-c", f"{path}\nPAIRS = {pairs}{BOTH}").split()
+    monkeypatch.syspath_prepend(EXAMPLES)
+
+    def compare(*pairs):
+        scenario = load_scenario("env1", steps=3000, penalty=-20)
+        first, second = (
+            next(iter(run_batch(scenario, learner, [5], trials=9, engine=engine, jobs=1)))
+            for learner, engine in pairs
+        )
+        same = first.trials.reward.tobytes() == second.trials.reward.tobytes()
+        return same, tables_equal(first.tables, second.tables)
+
+    return compare
 
 
-def test_expected_sarsa(said, compared):
-    lines = said(EXAMPLES / "expected_sarsa.py", 2000).splitlines()
-    assert [line.split(":")[0] for line in lines] == ["coop", "expected_sarsa"]
-    assert compared((OWN, "python"), ("coop", "python"))[-1] == "False"
+def test_expected_sarsa(compared):
+    assert not compared((OWN, "python"), ("coop", "python"))[1]
 
 
 @pytest.mark.long
-def test_expected_sarsa_compiled(compared):
+def test_expected_sarsa_compiled(said, compared):
     """A minute of compiling; then the bits of plain Python."""
-    assert compared((OWN, "auto"), (OWN, "python")) == ["True", "True"]
+    lines = said("expected_sarsa.py", 2000).splitlines()
+    assert [line.split(":")[0] for line in lines] == ["coop", "expected_sarsa"]
+    assert compared((OWN, "auto"), (OWN, "python")) == (True, True)
 
 
 @pytest.mark.long
 def test_pettingzoo_learners(said):
     pytest.importorskip("open_spiel")
-    lines = said(EXAMPLES / "pettingzoo_learners.py", 600, 2, 3).splitlines()
+    lines = said("pettingzoo_learners.py", 600, 2, 3).splitlines()
     titles = [line.split("|")[1].strip() for line in lines[2:-1]]
     assert titles == [
         "OpenSpiel Q-learner",
@@ -112,11 +125,7 @@ def test_pettingzoo_learners(said):
     assert lines[-1] == "class bound 118.51, joint optimum 120.56"
 
 
-def test_analyse_log(said):
-    verb = ("-m", "sparse_coord_ros.cli.main", "run")
-    said(*verb, "env1", "--steps", 300, "--seed", 2, "--out", "runs/demo")
-    out = said(EXAMPLES / "analyse_log.py", "runs/demo")
-    assert out.splitlines()[0].startswith("env1, coop: ")
-    assert out.splitlines()[1] == "identical"
-    assert "robot_1 asked " in out
-    assert "  row " in out
+def test_analyse_log(said, good):
+    title, verdict, *lines = said("analyse_log.py", good.bag).splitlines()
+    assert title.startswith("env1, coop: ") and verdict == "identical"
+    assert "robot_1 asked " in lines[0] and "  row " in lines[1]
