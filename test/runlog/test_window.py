@@ -46,7 +46,7 @@ def test_a_stretch_is_what_the_whole_log_has_there(bag):
 def test_of_several_files_what_was_superseded_is_left_out(record, tmp_path):
     """A run that went back to a checkpoint is the log of an unbroken run."""
     run = record(
-        settings={"steps": 600, "perception": "probability:0.6"}, values={"checkpoint": 9}
+        settings={"steps": 400, "perception": "probability:0.6"}, values={"checkpoint": 30}
     )
     names = [one.name for one in open_bag(run.bag).attachments]
     steps = [int(name[15:-4]) for name in names if name.startswith("tables/robot_1_")]
