@@ -3,10 +3,10 @@
 """The log of a run without ROS.
 
 - As arrays: `log` (all of it) and `window` (any stretch of a long one), from the messages topic by
-  topic (`tracks`, by `columns` and `decode`), the service events (`dialogue`),
-  the attached tables (`attached`), over all files of a bag (`timeline`), of one run (`bag_run`).
-- Verified: `verify`, of the world (`game_check`), each robot (`agents`), `percepts` and what comes
-  more than once (`copies`); who came back alone (`returned`). What differs is a `difference`.
+  topic (`tracks`, by `columns` and `decode`), the service events (`dialogue`), the attached tables
+  (`attached`), over all files of a bag (`timeline`), of one run (`bag_run`).
+- Verified: `verify`, of the world (`game_check`), each robot (`agents`), `percepts`; who came back
+  alone (`returned`). What differs is a `difference`.
 - Explained: `explain`, each COORDINATE.
 
 `replay` is what one robot did, and lets its agent do it again.

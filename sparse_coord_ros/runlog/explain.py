@@ -9,7 +9,7 @@ import numpy as np
 
 from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.world import Action
-from sparse_coord_ros.learn.agent import NOBODY, Tables
+from sparse_coord_ros.learn.agent import NOBODY
 from sparse_coord_ros.learn.factored import FactoredAgent
 from sparse_coord_ros.learn.factors import UNSEEN
 from sparse_coord_ros.learn.run_config import RunConfig
@@ -115,28 +115,32 @@ def _coordination(
     agrees = replay.advance(place)
     agent = replay.agent
     values = agent.values_asking(cell, perceived)[:PRIMITIVES]
-    before = _entries(agent.tables, cell, perceived, move)
-    rho: dict[tuple[int, int], float] = {}
-    if isinstance(agent, FactoredAgent):
-        replay.hear(step)
-        rho = agent.corrections(step, cell, perceived, move)
+    entries: list[tuple[int, ...]] = [(cell, COORDINATE)]
+    entries += [] if perceived is None else [(cell, *perceived, move)]
+
+    def learned() -> tuple[list[float], dict[tuple[int, int], float]]:
+        tables = agent.tables
+        known = zip((tables.q_star, tables.q_coord), entries, strict=False)
+        rho = {}
+        if isinstance(agent, FactoredAgent):
+            replay.hear(step)
+            rho = agent.corrections(step, cell, perceived, move)
+        return [float(table[entry]) for table, entry in known], rho
+
+    before, rho = learned()
     agrees = agrees and replay.advance(place + 1)
     update = None
     if trajectory.learned[place] and agrees:
-        after = _entries(agent.tables, cell, perceived, move)
-        star, *coord = [(*pair, after[pair[0]]) for pair in before.items()]
-        learned = {}
-        if isinstance(agent, FactoredAgent):
-            learned = agent.corrections(step, cell, perceived, move)
+        after, rho_after = learned()
+        star, *coord = zip(entries, before, after, strict=True)
         update = Update(
             int(trajectory.next_cell[place]),
             float(log.reward[row, robot, -1]),
             star,
             coord[0] if coord else None,
-            tuple((*who, rho[who], value) for who, value in learned.items()),
+            tuple((*who, rho[who], value) for who, value in rho_after.items()),
         )
     peers = tuple(trajectory.peers[place].tolist())
-    requests = tuple(r for r in log.requests if (r.asker, r.step) == (robot, step))
     computed = move if replay.other is None else replay.other.move
     asked = peers[0] if len(peers) == 1 else NOBODY
     return Coordination(
@@ -144,7 +148,7 @@ def _coordination(
         robot=robot,
         cell=cell,
         peers=peers,
-        requests=requests,
+        requests=tuple(r for r in log.requests if (r.asker, r.step) == (robot, step)),
         outcome=percept_end(log.ended[row, robot]),
         perceived=perceived,
         action=Action(computed, True, asked, perceived is not None),
@@ -153,19 +157,6 @@ def _coordination(
         agrees=agrees,
         doubt=doubt,
     )
-
-
-def _entries(
-    tables: Tables, cell: int, perceived: tuple[int, ...] | None, move: int
-) -> dict[tuple[int, ...], float]:
-    """Return the entries of Q* and, where it perceived, of Q^C that COORDINATE changes."""
-    entries: dict[tuple[int, ...], float] = {
-        (cell, COORDINATE): float(tables.q_star[cell, COORDINATE])
-    }
-    if perceived is not None:
-        entry = (cell, *perceived, move)
-        entries[entry] = float(tables.q_coord[entry])
-    return entries
 
 
 def cell_in_words(run: RunConfig, cell: int | None) -> str:

@@ -150,23 +150,23 @@ class RunLog:
             "step": np.repeat(self.step, robots),
             "episode": np.repeat(self.episode, robots),
             "robot": np.tile(np.array(self.names, dtype=object), count),
-            "cell": self.cells.ravel(),
-            "row": grid[..., 0].ravel(),
-            "column": grid[..., 1].ravel(),
-            "x": self.position[..., 0].ravel(),
-            "y": self.position[..., 1].ravel(),
-            "action": self.action.ravel(),
-            "action_name": called[self.action].ravel(),
-            "move": self.move.ravel(),
-            "move_name": called[self.move].ravel(),
+            "cell": self.cells,
+            "row": grid[..., 0],
+            "column": grid[..., 1],
+            "x": self.position[..., 0],
+            "y": self.position[..., 1],
+            "action": self.action,
+            "action_name": called[self.action],
+            "move": self.move,
+            "move_name": called[self.move],
+            "peer": self.peer,
+            "asked": self.asked,
+            "perceived": self.perceived,
         }
-        for name in ("peer", "asked", "perceived"):
-            columns[name] = getattr(self, name).ravel()
-        for place, name in enumerate(self.names):
-            columns[f"percept_{name}"] = self.percept[..., place].ravel()
-        for place, label in enumerate(REWARD.labels):
-            columns["reward" if label == "total" else label] = self.reward[..., place].ravel()
-        return data_frame(columns)
+        columns |= {f"percept_{name}": self.percept[..., k] for k, name in enumerate(self.names)}
+        labels = [label.replace("total", "reward") for label in REWARD.labels]
+        columns |= {label: self.reward[..., place] for place, label in enumerate(labels)}
+        return data_frame({name: values.ravel() for name, values in columns.items()})
 
     def history(self) -> History:
         """Return what happened in each learning episode, as far as the log goes."""

@@ -7,6 +7,7 @@ with, so what follows from that is left open, and said.
 """
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from typing import NamedTuple
 
 from sparse_coord_ros import wire
@@ -15,6 +16,7 @@ from sparse_coord_ros.runlog.difference import Difference
 from sparse_coord_ros.runlog.log import RunLog
 from sparse_coord_ros.runlog.tracks import THE_CLOCK
 from sparse_coord_ros.wire.frame import Frame
+from sparse_coord_ros.wire.status import ROLL_CALL, values_of
 
 OF_WORLD = {THE_CLOCK, wire.LOCAL_STATE.name, wire.REWARD.name, wire.STATUS.name}
 OF_WORLD |= {wire.MAP.name, wire.MARKERS.name, wire.COORDINATION_MAP.name}
@@ -70,8 +72,7 @@ def _robots(log: RunLog) -> Iterator[Return]:
 
 def _worlds(log: RunLog) -> Iterator[Return]:
     for step, said in _values(log, log.tracks.topic(wire.STATUS)):
-        order = said.get("rollback", "").split()
-        if len(order) == 3 and order[1] == "-1":
+        if said.get("rollback", "").split()[1:2] == [str(ROLL_CALL)]:
             text = f"the world came back at step {step} and went on with a new episode"
             yield Return(None, step, f"{text}: what it then does is not computed again")
             return
@@ -81,8 +82,6 @@ def _values(log: RunLog, topic: str) -> Iterator[tuple[int, dict[str, str]]]:
     """Yield the log's time step and the values of each message of a topic."""
     decode, period = Decoder(log.bag.topics), Frame(log.run).period
     for message in log.bag.messages({topic}) if topic in log.bag.topics else ():
-        try:
-            said = {one.key: one.value for one in decode(topic, message.data).values}
-        except (AttributeError, ValueError):  # no DiagnosticStatus; its reader says so
-            continue
-        yield round(message.log_time_ns / period), said
+        with suppress(AttributeError, ValueError):  # no DiagnosticStatus; its reader says so
+            said = values_of(decode(topic, message.data))
+            yield round(message.log_time_ns / period), said

@@ -11,9 +11,13 @@ import numpy as np
 
 from sparse_coord_ros import wire
 from sparse_coord_ros.runlog.agents import AgentCheck
-from sparse_coord_ros.runlog.copies import check_repeats, check_world_maps, repeat_count
 from sparse_coord_ros.runlog.difference import MISSING, Difference
-from sparse_coord_ros.runlog.game_check import WorldCheck, check_world
+from sparse_coord_ros.runlog.game_check import (
+    WorldCheck,
+    check_repeats,
+    check_world,
+    check_world_maps,
+)
 from sparse_coord_ros.runlog.log import RunLog, read_run
 from sparse_coord_ros.runlog.percepts import check_percepts
 from sparse_coord_ros.runlog.returned import left_open
@@ -114,7 +118,7 @@ def verify(path: Path) -> Verification:
         left_out=world.left_out,
         unlearned=sum(agent.unlearned for agent in agents),
         resets=world.resets,
-        repeats=repeat_count(log),
+        repeats=sum(len(t.repeats) for agent in agents for t in log.tracks.of(agent.k)),
         unchecked=unchecked,
     )
 
@@ -127,16 +131,13 @@ def _differences(
     found += [p for p in log.problems if last is None or p.step is None or p.step <= last]
     found += check_repeats(log, last)
     found += [] if world.difference is None else [world.difference]
-    found += check_world_maps(log, world.starts, world.end, last)
+    found += check_world_maps(log, world, last)
     for agent in agents:
         found += agent.differences()
     return sorted(dict.fromkeys(found), key=lambda one: one.rank)
 
 
-EPISODES = {topic.name: topic for topic in (wire.MAP, wire.MARKERS, wire.COORDINATION_MAP)}
-"""What comes as each episode begins."""
-
-KEPT = {**EPISODES, wire.TABLES.name: wire.TABLES}
+KEPT = {one.name: one for one in (wire.MAP, wire.MARKERS, wire.COORDINATION_MAP, wire.TABLES)}
 """Of what the middleware keeps only the last messages for a recorder that lags."""
 
 
@@ -150,17 +151,13 @@ def _lost(log: RunLog, difference: Difference) -> bool:
 
     Of tables: whether as many as it keeps came later, made by all that was learned before.
     """
-    if (
-        difference.quantity == wire.TABLES.name
-        and difference.logged == MISSING
-        and difference.step
-    ):
-        k = log.names.index(difference.robot or "")
-        later = sum(one.robot == k and one.step > difference.step for one in log.all_tables)
-        return later >= wire.TABLES_DEPTH
-    if difference.quantity not in EPISODES or difference.logged != MISSING:
+    step, robot, quantity, logged, _ = difference
+    if logged != MISSING or quantity not in KEPT or not step:
         return False
-    return log.bag.counts.get(_topic(log, difference), 0) > 0
+    if quantity != wire.TABLES.name:
+        return log.bag.counts.get(_topic(log, difference), 0) > 0
+    later = [one for one in log.all_tables if log.names[one.robot] == robot and one.step > step]
+    return len(later) >= wire.TABLES_DEPTH
 
 
 def _killed_robots(

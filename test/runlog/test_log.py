@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The log as arrays and as a data frame: what the simulation without ROS says."""
 
-import builtins
 from collections import Counter
 from dataclasses import fields, replace
 
@@ -14,7 +13,6 @@ from sparse_coord_ros.bags import BagWriter
 from sparse_coord_ros.bags.playlist import Playlist
 from sparse_coord_ros.bags.reader import open_bag
 from sparse_coord_ros.bags.topics import find_clock
-from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.game.world import World
 from sparse_coord_ros.learn.agent import Agent
 from sparse_coord_ros.learn.simulation import Learning, Team, tables_equal
@@ -102,20 +100,6 @@ def test_a_data_frame(run):
     assert second["cell"].tolist() == log.cells[:, 1].tolist()
     assert second["reward"].sum() == np.nansum(log.reward[:, 1, 3])
     assert second["percept_robot_1"].tolist() == log.percept[:, 1, 0].tolist()
-
-
-def test_without_pandas_it_is_one_line(good, monkeypatch):
-    log = read_run(good.bag)
-    load = builtins.__import__
-
-    def refuse(name, *arguments, **keywords):
-        if name == "pandas":
-            raise ImportError("No module named 'pandas'")
-        return load(name, *arguments, **keywords)
-
-    monkeypatch.setattr(builtins, "__import__", refuse)
-    with pytest.raises(RunError, match="pip install pandas"):
-        log.to_pandas()
 
 
 @pytest.mark.parametrize(
