@@ -32,7 +32,6 @@ from sparse_coord_ros.solve import class_loops
 from sparse_coord_ros.solve.class_loops import (
     OPTIONS,
     ClassTeam,
-    SearchLoops,
     WeightedGame,
     Workspace,
 )
@@ -76,7 +75,6 @@ def class_bound(
     seed: int = 0,
     file: Path | None = None,
     progress: Progress = lambda done, of, best: None,
-    loops: SearchLoops | None = None,
 ) -> ClassBound:
     """Search for the best team of Algorithm 1's form.
 
@@ -86,33 +84,31 @@ def class_bound(
         seed: of every random draw.
         file: where to keep what was found after each restart, and to go on from.
         progress: called after each restart.
-        loops: the loops to use; compiled ones where None.
 
     Raises:
         SettingError: not two robots.
         ResultsError: the file is that of another search.
     """
     check_class(scenario)
-    loops = class_loops.compiled() if loops is None else loops
     game = _game(scenario, (0.5, 0.5))
     both = np.ones(2, dtype=np.bool_)
     values, best = _kept(file, scenario, seed)
     found = None if best is None else _from_texts(scenario, best)
     for i in range(len(values), restarts):
-        policy, value = _restart(scenario, game, loops, both, [seed, i], None)
+        policy, value = _restart(scenario, game, both, [seed, i], None)
         if found is None or value > max(values) + class_loops.BETTER:
             found = policy
         values.append(value)
         if file is not None:
-            _keep(file, scenario, seed, values, _texts(scenario, game, loops, found))
+            _keep(file, scenario, seed, values, _texts(scenario, game, found))
         progress(len(values), restarts, max(values))
     assert found is not None
     top = max(values)
-    robots = _texts(scenario, game, loops, found)
+    robots = _texts(scenario, game, found)
     return ClassBound(
         value=top,
         robots=robots,
-        gains=tuple(_gain(scenario, robots, k, seed, loops) for k in range(2)),
+        gains=tuple(_gain(scenario, robots, k, seed) for k in range(2)),
         restarts=len(values),
         agreed=sum(value > top - AGREE for value in values),
         seed=seed,
@@ -185,7 +181,6 @@ def _space(scenario: Scenario, game: WeightedGame) -> Workspace:
 def _restart(
     scenario: Scenario,
     game: WeightedGame,
-    loops: SearchLoops,
     free: np.ndarray,
     seed: list[int],
     fixed: ClassTeam | None,
@@ -195,12 +190,11 @@ def _restart(
     Args:
         scenario: the problem.
         game: whose reward counts.
-        loops: the loops.
         free: whose choices are searched.
         seed: of the draws.
         fixed: what those do whose choices are not searched.
     """
-    rng = np.random.default_rng(seed)
+    loops, rng = class_loops.compiled(), np.random.default_rng(seed)
     best = _random(scenario, rng)
     if fixed is not None:
         for k in np.flatnonzero(~free):
@@ -261,10 +255,10 @@ def _shaken(
 
 
 def _texts(
-    scenario: Scenario, game: WeightedGame, loops: SearchLoops, policy: ClassTeam
+    scenario: Scenario, game: WeightedGame, policy: ClassTeam
 ) -> tuple[RobotPolicy, RobotPolicy]:
     """Return the team as texts; a robot that never gets to a cell does not ask there."""
-    new = ClassTeam(*(array.copy() for array in policy))
+    loops, new = class_loops.compiled(), ClassTeam(*(array.copy() for array in policy))
     space = _space(scenario, game)
     both = np.ones(2, dtype=np.bool_)
     loops.solve(game, new, both, space, -np.inf)
@@ -296,12 +290,10 @@ def _from_texts(scenario: Scenario, robots: Sequence[RobotPolicy]) -> ClassTeam:
     return policy
 
 
-def _gain(
-    scenario: Scenario, robots: Sequence[RobotPolicy], k: int, seed: int, loops: SearchLoops
-) -> float:
+def _gain(scenario: Scenario, robots: Sequence[RobotPolicy], k: int, seed: int) -> float:
     """Return the most that robot k was found to gain for itself, the other staying as it is."""
+    loops, alone = class_loops.compiled(), np.arange(2) == k
     game = _game(scenario, (1.0, 0.0) if k == 0 else (0.0, 1.0))
-    alone = np.arange(2) == k
     space = _space(scenario, game)
     fixed = _from_texts(scenario, robots)
     now = loops.solve(game, fixed, np.zeros(2, dtype=np.bool_), space, -np.inf)
@@ -309,7 +301,7 @@ def _gain(
     own = ClassTeam(*(array.copy() for array in fixed))
     best = loops.climb(game, own, alone, _space(scenario, game), trials)
     for i in range(DEVIATIONS):
-        best = max(best, _restart(scenario, game, loops, alone, [seed, k, i], fixed)[1])
+        best = max(best, _restart(scenario, game, alone, [seed, k, i], fixed)[1])
     return best - now if best > now + class_loops.BETTER else 0.0
 
 
@@ -324,14 +316,8 @@ def _kept(
         values = [float(value) for value in data["values"]]
         best = [RobotPolicy(str(r["moves"]), dict(r["asks"])) for r in data["robots"]]
         said = (data["format"], data["game"], data["seed"])
-        cells = len(scenario.map.cells)
-        fits = len(best) == 2 and all(
-            len(text) == cells and set(text) <= set(LETTERS)
-            for robot in best
-            for text in (robot.moves, *robot.asks.values())
-        )
-        fits &= all(0 <= int(x) < cells for robot in best for x in robot.asks)
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        fits = _from_texts(scenario, best).moves.shape == (2, len(scenario.map.cells))
+    except (OSError, ValueError, LookupError, TypeError, AttributeError):
         raise ResultsError(f"{file}: is no search for a class bound; give another file") from None
     if said != (FORMAT, game_digest(scenario), seed) or not values or not fits:
         raise ResultsError(

@@ -40,11 +40,11 @@ def made(grid=SMALL, robots=None, **settings):
     return drawn(grid, robots, **{"penalty": -100, **settings})
 
 
-def class_value(scenario, robots, loops=PLAIN):
+def class_value(scenario, robots):
     """Return what a team of these policies is worth to infinity, averaged over the robots."""
     game = class_search._game(scenario, (0.5, 0.5))
     team, nobody = class_search._from_texts(scenario, robots), np.zeros(2, dtype=bool)
-    return loops.solve(game, team, nobody, class_search._space(scenario, game), -np.inf)
+    return LOOPS.solve(game, team, nobody, class_search._space(scenario, game), -np.inf)
 
 
 def class_tables(scenario, robots):
@@ -85,7 +85,7 @@ def every_team(scenario):
 @pytest.mark.parametrize("ask_cost", [pytest.param(0.01, marks=pytest.mark.long), 3])
 def test_the_search_finds_the_best_of_every_team(ask_cost):
     scenario = made(TINY, ask_cost=ask_cost)
-    found = class_bound(scenario, restarts=5, loops=LOOPS)
+    found = class_bound(scenario, restarts=5)
     assert found.value == pytest.approx(max(every_team(scenario)), abs=1e-6)
 
 
@@ -102,7 +102,7 @@ def test_the_search_finds_the_best_of_every_team(ask_cost):
 )
 def test_the_value_is_what_exact_evaluation_says(settings):
     scenario = made("1.D.2\n..D..", **settings, horizon=2000)
-    found = class_bound(scenario, restarts=2, loops=LOOPS)
+    found = class_bound(scenario, restarts=2)
     worth = evaluate_exact(scenario, class_tables(scenario, found.robots))
     assert worth.reward.mean == pytest.approx(found.value, abs=1e-6)
     assert class_value(scenario, found.robots) == pytest.approx(found.value, abs=1e-6)
@@ -112,7 +112,7 @@ def test_the_value_is_what_exact_evaluation_says(settings):
 
 def test_no_other_moves_after_percepts_are_better():
     scenario = made(ask_cost=0.1)
-    found = class_bound(scenario, restarts=3, loops=LOOPS)
+    found = class_bound(scenario, restarts=3)
     assert any(robot.asks for robot in found.robots)
     rng = np.random.default_rng(0)
     for _ in range(20):
@@ -126,14 +126,15 @@ def test_no_other_moves_after_percepts_are_better():
             )
             for robot in found.robots
         ]
-        assert class_value(scenario, others, loops=LOOPS) <= found.value + 1e-6
+        assert class_value(scenario, others) <= found.value + 1e-6
 
 
 @needs_numba
-def test_compiled_loops_find_the_same():
+def test_compiled_loops_find_the_same(monkeypatch):
     scenario = made(TINY, ask_cost=0.01)
-    plain = class_bound(scenario, restarts=2, loops=PLAIN)
-    compiled = class_bound(scenario, restarts=2)
+    compiled = class_bound(scenario, restarts=1)
+    monkeypatch.setattr(class_loops, "compiled", lambda: PLAIN)
+    plain = class_bound(scenario, restarts=1)
     assert compiled.value == pytest.approx(plain.value, abs=1e-9)
     assert (compiled.robots, compiled.agreed) == (plain.robots, plain.agreed)
 
@@ -181,15 +182,14 @@ def test_who_steps_aside_for_both_would_rather_not():
 
 def test_a_search_that_was_cut_off_goes_on(tmp_path):
     scenario = made()
-    whole = class_bound(scenario, restarts=4, loops=LOOPS)
+    whole = class_bound(scenario, restarts=4)
     file = tmp_path / "search.json"
-    first = class_bound(scenario, restarts=2, loops=LOOPS, file=file)
+    first = class_bound(scenario, restarts=2, file=file)
     assert first.restarts == 2
     done = []
     found = class_bound(
         scenario,
         restarts=4,
-        loops=LOOPS,
         file=file,
         progress=lambda now, of, best: done.append((now, of, best)),
     )
@@ -197,7 +197,7 @@ def test_a_search_that_was_cut_off_goes_on(tmp_path):
     assert (found.value, found.agreed, found.restarts) == (whole.value, whole.agreed, 4)
     assert len(json.loads(file.read_text())["values"]) == 4
     before = file.read_bytes()
-    again = class_bound(scenario, restarts=4, loops=LOOPS, file=file)
+    again = class_bound(scenario, restarts=4, file=file)
     assert (again, file.read_bytes()) == (found, before)
 
 
@@ -217,10 +217,10 @@ def test_a_search_that_was_cut_off_goes_on(tmp_path):
 def test_another_file_is_refused(tmp_path, change):
     scenario = made(TINY)
     file = tmp_path / "search.json"
-    class_bound(scenario, restarts=1, loops=LOOPS, file=file)
+    class_bound(scenario, restarts=1, file=file)
     file.write_text(change(json.loads(file.read_text())))
     with pytest.raises(ResultsError, match="search.json: is .*give another file"):
-        class_bound(scenario, restarts=1, loops=LOOPS, file=file)
+        class_bound(scenario, restarts=1, file=file)
 
 
 def test_only_two_robots():
@@ -250,7 +250,7 @@ def test_words_and_picture_show_what_the_team_does(tmp_path):
     ]
     figure = Figure()
     axes = figure.subplots()
-    found = class_bound(scenario, restarts=1, loops=LOOPS)
+    found = class_bound(scenario, restarts=1)
     draw_team(axes, scenario, found)
     assert f"class bound {found.value:.2f}" in axes.get_title()
     figure.savefig(tmp_path / "team.png")

@@ -8,11 +8,13 @@ Its words are in the template of its name, in `templates`.
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cache, partial
 from itertools import groupby, takewhile
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
 from sparse_coord_ros.experiments.catalogue import CLOSED, FALLS, LEARNERS, LONG, REACHED
 from sparse_coord_ros.experiments.report import analysis
@@ -88,6 +90,29 @@ class Section:
     values: Mapping[str, Any] = field(default_factory=dict)
 
 
+@cache
+def _words() -> dict[str, dict[str, str]]:
+    file = Path(__file__).with_name("templates") / "claims.yaml"
+    found: dict[str, dict[str, str]] = yaml.safe_load(file.read_text(encoding="utf-8"))
+    return found
+
+
+def finding(name: str, holds: int, cases: int, **values: Any) -> Finding:
+    """Return a line of the findings, its words by its name from claims.yaml.
+
+    Args:
+        name: of the claim.
+        holds: in how many cases it holds.
+        cases: how many cases there are.
+        values: what else the words name.
+    """
+    said = {"of": of(holds, cases), "holds": holds, **values}
+    text, source, measured = (
+        _words()[name][part].format(**said) for part in ("claim", "from", "measured")
+    )
+    return Finding(text, source, measured, holds, cases)
+
+
 def section_of(name: str, results: Results) -> Section:
     """Return the section on an experiment."""
     return SECTIONS.get(name, _default)(results)
@@ -142,10 +167,7 @@ def _rewards(table: str, results: Results) -> Section:
         {**row, "class bound": bound_of(one), "joint optimum": optimum_of(one)}
         for row, one in zip(_beside_paper(results, "reward", {}), coop, strict=True)
     ]
-    measured = (
-        f"{of(same, shown)} rows agree; rows of the paper that exceed the exact optimum or "
-        f"contradict its own Table 2: {rejected}"
-    )
+    claim = finding("rewards", same, shown, table=table, rejected=rejected)
     shares, sizes = zip(*((one.visited_share, one.visited_bytes) for one in coop), strict=True)
     values = {
         "visited": f"{percent(min(shares))} to {percent(max(shares))}",
@@ -156,7 +178,7 @@ def _rewards(table: str, results: Results) -> Section:
             if one.best("asks").mean < analysis.RARE
         },
     }
-    return Section(rows, [Finding("The mean rewards", table, measured, same, shown)], values)
+    return Section(rows, [claim], values)
 
 
 def reward_claims(source: str, results: Results) -> list[Finding]:
@@ -172,31 +194,11 @@ def reward_claims(source: str, results: Results) -> list[Finding]:
     arrived = sum(e.arrived * e.runs for e in coop) / sum(e.runs for e in coop)
     better = len(coop) - len(below)
     but = f"; not in {', '.join(below)}" if below else ""
+    told = {"arrived": percent(arrived, 2), "failed": failed(coop), "wanted": percent(ARRIVE)}
     return [
-        Finding(
-            "Coop. is worth no less than the baselines",
-            source,
-            f"at least the better baseline minus {MARGIN} in {of(better, len(coop))} "
-            f"scenarios{but}",
-            better,
-            len(coop),
-        ),
-        Finding(
-            "Indiv. learns shortest paths",
-            "exact values",
-            f"within {analysis.AGREE:g} standard errors of their exact value in "
-            f"{of(exact, len(indiv))} scenarios",
-            exact,
-            len(indiv),
-        ),
-        Finding(
-            f"With Coop. every robot arrives in at least {percent(ARRIVE)} of the trials",
-            "our target",
-            f"in {percent(arrived, 2)}; in {failed(coop)} teams some robot fails more often than "
-            "once in a thousand trials",
-            arrived >= ARRIVE,
-            1,
-        ),
+        finding("no_less", better, len(coop), source=source, margin=MARGIN, but=but),
+        finding("shortest", exact, len(indiv), errors=analysis.AGREE),
+        finding("arrive", arrived >= ARRIVE, 1, **told),
     ]
 
 
@@ -206,17 +208,13 @@ def _table2(results: Results) -> Section:
     for measure, text in words.items():
         rows += _beside_paper(results, measure, {"measure": text})
         same, shown = _as_paper(results, measure)
-        measured = f"{of(same, shown)} rows agree"
-        claims.append(Finding(f"The {text}", "Table 2", measured, same, shown))
+        claims.append(finding("table2", same, shown, what=text))
     means = {
         one.scenario.name: one.best("miscoordinations").mean
         for one in pick(results, learner="coop")
     }
     told = named({name: f"{mean:.2f}" for name, mean in means.items()})
-    never = list(means.values()).count(0)
-    claims.append(
-        Finding("Coop. never miscoordinates", "Table 2", f"per episode: {told}", never, len(means))
-    )
+    claims.append(finding("never", list(means.values()).count(0), len(means), told=told))
     return Section(rows, claims)
 
 
@@ -284,26 +282,12 @@ def _figure4(results: Results) -> Section:
     less = sum(one.surely_less for one in falls)
     lowest = f"{min(one.scenario.penalty for one in results):g}"
     within = sum(ratio <= FALLS.get(name, math.inf) for name, ratio in ratios.items())
+    limits = named({name: f"{limit:g}" for name, limit in FALLS.items()})
+    told = named({name: f"{ratio:.2f}" for name, ratio in ratios.items()})
+    least, most = min(coop_falls), max(coop_falls)
     claims = [
-        Finding(
-            "The reward of Coop. stays about the same while the penalty grows, and that of the "
-            "baselines falls",
-            "Figure 4",
-            f"from 0 to {lowest} Coop. loses {min(coop_falls):.1f} to {max(coop_falls):.1f}; "
-            f"surely less than both baselines in {of(less, len(rows))} cases",
-            less,
-            len(rows),
-        ),
-        Finding(
-            f"From a penalty of 0 to {lowest}, given 10^5 steps, Factored loses hardly more than "
-            "the best team of its form, at most so many times as much: "
-            + named({name: f"{limit:g}" for name, limit in FALLS.items()}),
-            "our target",
-            "times as much as the class bound: "
-            + named({name: f"{ratio:.2f}" for name, ratio in ratios.items()}),
-            within,
-            len(ratios),
-        ),
+        finding("constant", less, len(rows), lowest=lowest, least=least, most=most),
+        finding("falls", within, len(ratios), lowest=lowest, limits=limits, ratios=told),
     ]
     return Section(rows, claims, {"lowest": lowest})
 
@@ -341,20 +325,8 @@ def _penalty100(results: Results) -> Section:
                     "failed teams": failed([one]),
                 }
             )
-    texts = (
-        (
-            "coop",
-            CLOSED,
-            "Given time, Coop. closes this share of the gap from Non-coop. to the optimum: ",
-        ),
-        (
-            "factored",
-            REACHED,
-            "Factored closes this share of the gap from Non-coop. to the class bound: ",
-        ),
-    )
     claims = []
-    for learner, targets, text in texts:
+    for learner, targets in (("coop", CLOSED), ("factored", REACHED)):
         found = closed[learner]
         met = sum(
             one is not None and one.mean >= targets.get(name, math.inf)
@@ -362,7 +334,7 @@ def _penalty100(results: Results) -> Section:
         )
         aims = named({name: percent(targets[name], 0) for name in found if name in targets})
         told = named({name: share(one) for name, one in found.items()})
-        claims.append(Finding(text + aims, "our target", told, met, len(found)))
+        claims.append(finding(learner, met, len(found), aims=aims, told=told))
     return Section(rows, claims)
 
 
@@ -386,9 +358,7 @@ def _ask_cost(results: Results) -> Section:
             f"{one.best('asks').mean:.2f} at {cost}" for one, cost in ends
         )
         less.append(difference(free, dear, "asks"))
-    claim = "Robots ask less where asking costs more"
-    measured = f"COORDINATE per robot and episode: {named(told)}"
-    return Section(rows, [Finding(claim, "open question (Section 5)", measured, *_surely(less))])
+    return Section(rows, [finding("ask_cost", *_surely(less), told=named(told))])
 
 
 def _beats_shortest_paths(result: ConditionResult) -> bool:
@@ -415,10 +385,7 @@ def _perception(results: Results) -> Section:
             }
         )
     told = named({name: signed(gain) for name, gain in gains.items()})
-    measured = f"gain from percepts that never succeed to those that always do: {told}"
-    claim = "Percepts that fail cost reward"
-    source = "open question (Section 5)"
-    return Section(rows, [Finding(claim, source, measured, *_surely(gains.values()))])
+    return Section(rows, [finding("perception", *_surely(gains.values()), told=told)])
 
 
 def _uneven(results: Results) -> Section:
@@ -438,10 +405,7 @@ def _uneven(results: Results) -> Section:
             }
         )
     better = of(sum(gain.mean > 0 for gain in gains), len(gains))
-    sure, cases = _surely(gains)
-    measured = f"worth more in {better} cases (even r^C among them), surely in {sure}"
-    claim = "Coop. is worth more than Non-coop. where r^C is uneven too"
-    return Section(rows, [Finding(claim, "open question (Section 5)", measured, sure, cases)])
+    return Section(rows, [finding("uneven", *_surely(gains), better=better)])
 
 
 def _crowd(results: Results) -> Section:
@@ -464,20 +428,10 @@ def _crowd(results: Results) -> Section:
         pick(results, peers="all", learner="coop")[-1],
         pick(results, learner="factored"),
     )
+    both = one[0] + every[0], one[1] + every[1]
     claims = [
-        Finding(
-            "In larger teams too, Coop. is worth more than Non-coop.",
-            "open question (footnote 3)",
-            f"surely in {of(*one)} team sizes with one peer, in {of(*every)} with all peers",
-            one[0] + every[0],
-            one[1] + every[1],
-        ),
-        Finding(
-            "Factored is worth more than Non-coop., whatever the team size",
-            "our target",
-            f"surely in {of(*factored)} team sizes",
-            *factored,
-        ),
+        finding("crowd", *both, one=of(*one), every=of(*every)),
+        finding("crowd_factored", *factored),
     ]
     values = {
         "robots": len(crowded.scenario.robots),
@@ -506,12 +460,8 @@ def _where(results: Results) -> Section:
                 "visited": percent(one.visited_share),
             }
         )
-    measured = (
-        f"chosen within {analysis.NEAR} moves of a doorway more often than the time spent there "
-        f"explains in {of(sum(apart), len(apart))} scenarios"
-    )
-    claim = "Robots coordinate only where they must"
-    return Section(rows, [Finding(claim, "central claim", measured, sum(apart), len(apart))])
+    claim = finding("where", sum(apart), len(apart), near=analysis.NEAR)
+    return Section(rows, [claim])
 
 
 def _default(results: Results) -> Section:
