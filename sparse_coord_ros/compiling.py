@@ -187,9 +187,7 @@ def accepted(name: str, value: bool) -> dict[str, bool]:
     return options
 
 
-def jit(
-    loops: Sequence[Callable[..., Any]], rule: type | None = None, *, make_arrays: bool = False
-) -> list[Callable[..., Any]]:
+def jit(loops: Sequence[Callable[..., Any]], rule: type | None = None) -> list[Callable[..., Any]]:
     """Return loops that numba compiles when they are first called, or takes from disk.
 
     No fast-math: the same bits as plain Python.
@@ -197,7 +195,6 @@ def jit(
     Args:
         loops: the loops.
         rule: the class whose static methods `delegated` functions call; None: there is none.
-        make_arrays: whether they make arrays, so that numba counts references to them.
     """
     for function in (*_before, *_inner, *_delegated):
         _registered(function)
@@ -205,7 +202,7 @@ def jit(
     before = config["CACHE_DIR"]
     if place is not None:
         config["CACHE_DIR"] = str(place)
-    options: dict[str, Any] = {} if make_arrays else dict(accepted("_nrt", False))
+    options: dict[str, Any] = dict(accepted("_nrt", False))
     options |= {"nogil": True, "cache": place is not None}
     try:
         return [numba().njit(**options)(loop) for loop in loops]

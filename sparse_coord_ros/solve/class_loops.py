@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.compiling import has_numba, jit
+from sparse_coord_ros.compiling import has_numba, inner, jit
 from sparse_coord_ros.game.actions import PRIMITIVES, STAY
 
 OUTCOMES = PRIMITIVES + 1
@@ -90,6 +90,7 @@ class Workspace(NamedTuple):
         tried: how many combinations of outcomes of a joint state were looked at; -1: unknown.
         inside: whether the team gets into a joint state; (cells * cells,).
         visited: whether a robot acts in a cell; (2, cells).
+        nobody: of each robot, that its moves after a percept are given: False; (2,).
         above: what no team can be worth more than from a joint state; (cells, cells).
         everything: every joint state but that in which both have arrived, in a good order.
     """
@@ -101,10 +102,12 @@ class Workspace(NamedTuple):
     tried: np.ndarray
     inside: np.ndarray
     visited: np.ndarray
+    nobody: np.ndarray
     above: np.ndarray
     everything: np.ndarray
 
 
+@inner
 def can_do(
     game: WeightedGame, policy: ClassTeam, free: np.ndarray, k: int, x: int, z: int, outcome: int
 ) -> bool:
@@ -120,6 +123,7 @@ def can_do(
     return bool(game.percept[x, z] > 0.0 and (free[k] or policy.seen[k, x, z] == outcome))
 
 
+@inner
 def reach(game: WeightedGame, policy: ClassTeam, free: np.ndarray, space: Workspace) -> int:
     """Write the joint states that the team can get into to `order`, successors first.
 
@@ -165,6 +169,7 @@ def reach(game: WeightedGame, policy: ClassTeam, free: np.ndarray, space: Worksp
     return count
 
 
+@inner
 def outcome(
     lead: np.ndarray, success: float, x: int, sees: float, seen: int, unseen: int, number: int
 ) -> tuple[int, float]:
@@ -180,6 +185,7 @@ def outcome(
     return x, 1.0 - success
 
 
+@inner
 def expected(
     game: WeightedGame,
     value: np.ndarray,
@@ -223,16 +229,19 @@ def expected(
     return gain, stay
 
 
+@inner
 def asks_at(game: WeightedGame, policy: ClassTeam, k: int, x: int) -> bool:
     """Whether robot k asks in cell x."""
     return bool(policy.asks[k, x] and x != game.goals[k])
 
 
+@inner
 def tried(chooses: bool, seen: int) -> range:
     """Return the moves after a percept to look at: all of one that chooses, else its own."""
     return range(PRIMITIVES) if chooses else range(seen, seen + 1)
 
 
+@inner
 def best_at(
     game: WeightedGame, policy: ClassTeam, free: np.ndarray, value: np.ndarray, x: int, y: int
 ) -> float:
@@ -261,6 +270,7 @@ def best_at(
     return best
 
 
+@inner
 def solve(
     game: WeightedGame, policy: ClassTeam, free: np.ndarray, space: Workspace, target: float
 ) -> float:
@@ -277,6 +287,7 @@ def solve(
     return sweep(game, policy, free, space.value, space.order[:count], target)
 
 
+@inner
 def sweep(
     game: WeightedGame,
     policy: ClassTeam,
@@ -303,13 +314,13 @@ def sweep(
     return float(value[x0, y0])
 
 
+@inner
 def visit(game: WeightedGame, policy: ClassTeam, space: Workspace) -> None:
     """Write to `visited` and `inside` where the team gets, its moves after percepts given."""
     cells = game.lead.shape[0]
-    free = np.zeros(2, dtype=np.bool_)
     space.visited[:] = False
     space.inside[:] = False
-    for state in space.order[: reach(game, policy, free, space)]:
+    for state in space.order[: reach(game, policy, space.nobody, space)]:
         x, y = state // cells, state % cells
         space.inside[state] = True
         if x != game.goals[0]:
@@ -323,6 +334,7 @@ def fill(game: WeightedGame, policy: ClassTeam, free: np.ndarray, space: Workspa
     sweep(game, policy, free, space.value, space.everything, -np.inf)
 
 
+@inner
 def surround(game: WeightedGame, policy: ClassTeam, free: np.ndarray, space: Workspace) -> None:
     """Write where the team gets, and what the joint states elsewhere are worth at most."""
     visit(game, policy, space)
@@ -337,6 +349,7 @@ def surround(game: WeightedGame, policy: ClassTeam, free: np.ndarray, space: Wor
     sweep(game, policy, free, space.value, space.order[:count], -np.inf, OUTSIDE_SWEEPS)
 
 
+@inner
 def promising(
     game: WeightedGame, policy: ClassTeam, free: np.ndarray, space: Workspace, k: int, x: int
 ) -> bool:
@@ -352,6 +365,14 @@ def promising(
             if best_at(game, policy, free, space.value, a, b) > space.value[a, b] + enough:
                 return True
     return False
+
+
+@inner
+def copy(source: np.ndarray, target: np.ndarray) -> None:
+    """Copy the values of joint states; NumPy's own way would have numba count references."""
+    for x in range(len(source)):
+        for y in range(len(source)):
+            target[x, y] = source[x, y]
 
 
 def climb(
@@ -389,14 +410,14 @@ def climb(
             continue
         policy.moves[k, x], policy.asks[k, x] = move, asks
         if promising(game, policy, free, space, k, x):
-            space.kept[:] = space.value
+            copy(space.value, space.kept)
             found = solve(game, policy, free, space, best + BETTER)
             if found > best + BETTER:
                 best = found
                 failed = 0
                 surround(game, policy, free, space)
                 continue
-            space.value[:] = space.kept
+            copy(space.kept, space.value)
         policy.moves[k, x], policy.asks[k, x] = old_move, old_asks
     best = solve(game, policy, free, space, -np.inf)
     visit(game, policy, space)
@@ -415,29 +436,8 @@ class SearchLoops(NamedTuple):
 PLAIN = SearchLoops(solve, visit, climb, fill)
 """The loops as plain Python: slow, for tests and where numba is missing."""
 
-CALLED: tuple[Callable[..., Any], ...] = (
-    can_do,
-    reach,
-    outcome,
-    expected,
-    asks_at,
-    tried,
-    best_at,
-    sweep,
-    solve,
-    visit,
-    surround,
-    promising,
-)
-
 
 @functools.cache
 def compiled() -> SearchLoops:
     """Return the loops compiled by numba, or as plain Python where it is not installed."""
-    if not has_numba():
-        return PLAIN
-    import numba
-
-    for function in CALLED:
-        numba.extending.register_jitable(function)
-    return SearchLoops(*jit(PLAIN, make_arrays=True))
+    return SearchLoops(*jit(PLAIN)) if has_numba() else PLAIN

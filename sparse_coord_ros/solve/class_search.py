@@ -173,6 +173,7 @@ def _space(scenario: Scenario, game: WeightedGame) -> Workspace:
         tried=np.zeros(cells * cells, dtype=np.int64),
         inside=np.zeros(cells * cells, dtype=np.bool_),
         visited=np.zeros((2, cells), dtype=np.bool_),
+        nobody=np.zeros(2, dtype=np.bool_),
         above=alone[0][:, None] + alone[1][None, :],
         everything=near[near != goal],
     )
@@ -364,11 +365,10 @@ def acting(scenario: Scenario, robots: Sequence[RobotPolicy]) -> Acting:
     team = _from_texts(scenario, robots)
     game = _game(scenario, (0.5, 0.5))
     space = _space(scenario, game)
-    nobody = np.zeros(2, dtype=np.bool_)
     cells = len(scenario.map.cells)
     class_loops.visit(game, team, space)
     seen: list[dict[int, list[int]]] = [{}, {}]
-    count = class_loops.reach(game, team, nobody, space)
+    count = class_loops.reach(game, team, space.nobody, space)
     for state in np.sort(space.order[:count]):
         here = (int(state // cells), int(state % cells))
         for k in range(2):
