@@ -96,7 +96,7 @@ def link_of(link: Spec, seed: int, agent: int, phase: int = LEARNING) -> Link:
 
 
 def _bursts(draws: np.ndarray, p_down: float, p_up: float) -> np.ndarray:
-    """Return the pattern of a link that goes down and comes back; it begins up."""
+    """Return the pattern of a link that goes down and comes back, shape (PERIOD,), bool."""
     down, found = False, []
     for draw in draws.tolist():
         down = draw >= p_up if down else draw < p_down

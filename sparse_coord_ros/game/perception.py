@@ -11,12 +11,13 @@ under a name; one of the user's own may also be named as `module:function`.
 import inspect
 import math
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Any, cast
 
 import numpy as np
 
 from sparse_coord_ros.compiling import inner
-from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.errors import SettingError, in_short
 from sparse_coord_ros.game.grid import GridMap
 from sparse_coord_ros.game.plugins import Registry, failing_as, is_path, is_shipped, path_of
 from sparse_coord_ros.game.specs import Form, Number, Spec, SpecFamily
@@ -75,7 +76,7 @@ class PerceptionFamily(SpecFamily):
         """The allowed forms, for help and error texts."""
         return f"{super().usage}, or one of your own as module:function"
 
-    def parse(self, value: object) -> Spec:
+    def parse(self, value: object) -> Any:
         """Read a model with its numbers; errors as of `SpecFamily.parse`."""
         if isinstance(value, Spec):
             return value
@@ -144,17 +145,14 @@ def percept_probabilities(model: Spec, grid: GridMap) -> np.ndarray:
     with failing_as(name, f"it looked at map {grid.name}"):
         found = MODELS.find(model.kind)(grid, *model.numbers)
     cells = len(grid.cells)
-    try:
+    with suppress(TypeError, ValueError):
         matrix = np.ascontiguousarray(found, dtype=np.float64)
-        fits = matrix.shape == (cells, cells) and bool(((matrix >= 0) & (matrix <= 1)).all())
-    except (TypeError, ValueError):
-        fits = False
-    if not fits:
-        raise SettingError(
-            f"{name}: returned {_shown(found)}, allowed: probabilities from 0 to 1, shape "
-            f"({cells}, {cells}): the asker's cell, then the asked robot's"
-        )
-    return matrix
+        if matrix.shape == (cells, cells) and ((matrix >= 0) & (matrix <= 1)).all():
+            return matrix
+    raise SettingError(
+        f"{name}: returned {' '.join(in_short(found).split())}, allowed: probabilities from 0 to "
+        f"1, shape ({cells}, {cells}): the asker's cell, then the asked robot's"
+    )
 
 
 @inner
@@ -197,14 +195,6 @@ def probability_rows(model: Spec, grid: GridMap) -> Sequence[Sequence[float]]:
     matrix = percept_probabilities(model, grid)
     rows: Any = matrix if matrix.size > LARGEST_LISTS else matrix.tolist()
     return cast(Sequence[Sequence[float]], rows)
-
-
-def _shown(found: object) -> str:
-    if not isinstance(found, np.ndarray):
-        return repr(found)[:60]
-    numbers = found.size and np.issubdtype(found.dtype, np.number)
-    values = f" with values from {found.min():g} to {found.max():g}" if numbers else ""
-    return f"an array of shape {found.shape}{values}"
 
 
 def _probability(grid: GridMap, p: float) -> np.ndarray:

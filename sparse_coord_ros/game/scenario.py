@@ -444,30 +444,17 @@ def _robots(value: object, grid: GridMap, where: str) -> tuple[Robot, ...]:
 
 def _cell(value: object, grid: GridMap, where: str) -> int:
     """Return the cell number of a start digit of the map or of [row, column]."""
-    if isinstance(value, int) and not isinstance(value, bool):
-        if value in grid.starts:
-            return grid.starts[value]
-        raise ScenarioError(
-            f"{where} is {value}, but map {grid.name} has the starts "
-            f"{sorted(grid.starts) or 'none'}; name one of them or give [row, column]"
-        )
-    if (
-        isinstance(value, list | tuple)
-        and len(value) == 2
-        and all(isinstance(v, int) and not isinstance(v, bool) for v in value)
-    ):
-        position = (value[0], value[1])
-        if position in grid.number:
-            return grid.number[position]
-        rows, columns = grid.shape
-        inside = 0 <= position[0] < rows and 0 <= position[1] < columns
-        problem = "is a wall" if inside else f"is outside the {rows} x {columns} grid"
-        raise ScenarioError(
-            f"{where} {list(position)} {problem} of map {grid.name}; choose a free cell "
-            "(row and column count from 0 at the top left)"
-        )
+    numbers = value if isinstance(value, list | tuple) else [value]
+    if all(isinstance(number, int) and not isinstance(number, bool) for number in numbers):
+        if len(numbers) == 1 and numbers[0] in grid.starts:
+            return grid.starts[numbers[0]]
+        if tuple(numbers) in grid.number:
+            return grid.number[tuple(numbers)]
+    rows, columns = grid.shape
     raise ScenarioError(
-        f"{where} is {value!r}, allowed: a start digit of the map or [row, column]"
+        f"{where} is {value!r}, allowed: a start of map {grid.name} ({sorted(grid.starts)}), or "
+        f"[row, column] of a free cell of its {rows} x {columns} grid, counted from 0 at the top "
+        "left"
     )
 
 

@@ -7,33 +7,18 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import yaml
 
 from sparse_coord_ros.errors import SettingError, did_you_mean, in_short
-from sparse_coord_ros.game.specs import Form, in_range
+from sparse_coord_ros.game.specs import SpecFamily, in_range
 
 LARGEST_WHOLE = 2**53
 """Whole numbers written like 1e5 are taken up to here: further on floats skip some."""
 
 TRUTHS = dict.fromkeys(("true", "yes", "on", "1"), True)
 TRUTHS |= dict.fromkeys(("false", "no", "off", "0"), False)
-
-
-class Family(Protocol):
-    """Values with a syntax of their own, such as `probability:0.7`."""
-
-    @property
-    def usage(self) -> str:
-        """The allowed forms, for help and error texts."""
-
-    @property
-    def forms(self) -> tuple[Form, ...]:
-        """The allowed forms, one by one."""
-
-    def parse(self, value: object) -> Any:
-        """Read a value; raises `SettingError`."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +37,7 @@ class Setting:
     """
 
     name: str
-    kind: type | Family
+    kind: type | SpecFamily
     default: Any
     help: str
     low: float | None = None
@@ -189,7 +174,7 @@ def tables_from_yaml(path: Path) -> dict[str, SettingTable]:
     return {name: SettingTable(table.values()) for name, table in said.items()}
 
 
-def setting(default: Any, help: str, kind: Family | None = None, **limits: Any) -> Any:
+def setting(default: Any, help: str, kind: SpecFamily | None = None, **limits: Any) -> Any:
     """Return a field of a dataclass that is a setting, for `settings_of`.
 
     Args:

@@ -9,7 +9,7 @@ settings. A family of them (the perception models, the schedules) is one `SpecFa
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from sparse_coord_ros.errors import SettingError, did_you_mean
 
@@ -114,8 +114,8 @@ class SpecFamily:
         """The allowed forms, for help and error texts."""
         return ", ".join(form.text for form in self.forms)
 
-    def parse(self, value: object) -> Spec:
-        """Read a setting's value.
+    def parse(self, value: object) -> Any:
+        """Read a setting's value, as a `Spec` where a family does not say otherwise.
 
         Raises:
             SettingError: unknown kind, wrong count of numbers, or a number out of range.

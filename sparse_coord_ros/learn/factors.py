@@ -100,7 +100,7 @@ def rows_at_most(cells: int, robots: int) -> int:
 
 
 def states_of(keys: Iterable[int], cells: int, robots: int) -> np.ndarray:
-    """Return what row numbers mean, as `Factors.states`."""
+    """Return what row numbers mean, as `Factors.states`: shape (rows, 3), int32."""
     numbers = np.fromiter(keys, dtype=np.int64)
     seen = numbers < cells * robots * cells
     own, rest = np.divmod(numbers, robots * cells)
@@ -111,7 +111,7 @@ def states_of(keys: Iterable[int], cells: int, robots: int) -> np.ndarray:
 
 
 def keys_of(states: np.ndarray, cells: int, robots: int) -> np.ndarray:
-    """Return the row numbers of `Factors.states`."""
+    """Return the row numbers of `Factors.states`: shape (rows,), int64."""
     x, peer, z = states.astype(np.int64).T
     keys: np.ndarray = np.where(
         peer == UNSEEN, cells * robots * cells + x, (x * robots + peer) * cells + z
@@ -170,6 +170,8 @@ class AdditiveTable:
 
 def coordination_table(factors: Factors, number: int, robots: int) -> "np.ndarray | AdditiveTable":
     """Return Q^C as the robot acts on it: an array for two robots, else read from the factors.
+
+    The array has the shape (cells, cells, 4), float64: the own cell, the peer's, the move.
 
     Args:
         factors: the robot's factors.

@@ -23,7 +23,7 @@ from sparse_coord_ros.game.grid import RESOLUTIONS
 from sparse_coord_ros.game.perception import check_percepts
 from sparse_coord_ros.game.scenario import Scenario, parse_yaml, scenario_from_dict
 from sparse_coord_ros.game.settings import setting, settings_of
-from sparse_coord_ros.game.specs import Form
+from sparse_coord_ros.game.specs import Form, SpecFamily
 from sparse_coord_ros.learn.learners import LEARNERS, Learner, learner_of
 from sparse_coord_ros.version import __version__
 
@@ -37,7 +37,7 @@ RUN_RECORD = "sparse_coord_ros"
 """Name of the bag's metadata record about the run."""
 
 
-class LearnerName:
+class LearnerName(SpecFamily):
     """The setting that names a learner, as its name or as `module:Class`."""
 
     @property
@@ -50,7 +50,7 @@ class LearnerName:
         """The learners that are registered."""
         return tuple(Form(name, one.summary) for name, one in LEARNERS.registered.items())
 
-    def parse(self, value: object) -> str:
+    def parse(self, value: object) -> Any:
         """Return the learner's name as files have it.
 
         Raises:
@@ -59,7 +59,7 @@ class LearnerName:
         return learner_of(value if isinstance(value, Learner) else str(value)).label
 
 
-LEARNER = LearnerName()
+LEARNER = LearnerName("learner")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -194,18 +194,15 @@ def run_from_yaml(text: str, *, where: str) -> RunConfig:
     if written != FORMAT:
         raise RunError(other_format(where, written, FORMAT))
     known = [f.name for f in fields(RunConfig)]
-    for name in data:
-        if name not in known:
-            raise RunError(
-                f"{where}: is not a run.yaml of this software: unknown field {name!r}"
-                f"{did_you_mean(str(name), known)}; use the file that run or train wrote"
-            )
+    wrong = [f"unknown field {n!r}{did_you_mean(str(n), known)}" for n in data if n not in known]
     for name in ("scenario", "versions"):
         if not isinstance(data.get(name), dict):
-            raise RunError(
-                f"{where}: is not a run.yaml of this software: field {name!r} is missing or no "
-                "mapping; use the file that run or train wrote"
-            )
+            wrong.append(f"field {name!r} is missing or no mapping")
+    if wrong:
+        raise RunError(
+            f"{where}: is not a run.yaml of this software: {wrong[0]}; use the file that run or "
+            "train wrote"
+        )
     scenario = scenario_from_dict(data["scenario"], where=f"{where} (scenario)", name="scenario")
     settings = RUN_SETTINGS.parse({n: data[n] for n in RUN_SETTINGS if n in data})
     return RunConfig(

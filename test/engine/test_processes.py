@@ -56,17 +56,6 @@ def test_a_closed_iterator_waits_for_no_call():
     assert time.monotonic() - started < 5
 
 
-def test_no_open_file_is_inherited(tmp_path):
-    with (tmp_path / "lock").open("w") as file:
-        os.set_inheritable(file.fileno(), True)
-        (links,) = in_processes(os.listdir, [("/proc/self/fd",)], 1)
-        (found,) = in_processes(os.path.exists, [(f"/proc/self/fd/{file.fileno()}",)], 1)
-        assert "0" in links
-        if found:  # the number is taken by something else
-            (target,) = in_processes(os.readlink, [(f"/proc/self/fd/{file.fileno()}",)], 1)
-            assert target != str(tmp_path / "lock")
-
-
 def test_an_interrupt_at_the_terminal_is_for_the_parent_alone():
     (blocked,) = in_processes(signal.pthread_sigmask, [(signal.SIG_BLOCK, ())], 1)
     assert signal.SIGINT in blocked

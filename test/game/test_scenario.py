@@ -224,14 +224,17 @@ def test_bad_settings(values, words):
         ({"robots": {"r": {"start": 1}}}, ["robot r", "must be {start: ..., goal: ...}"]),
         ({"robots": {"r 1": {"start": 1, "goal": 2}}}, ["robot name 'r 1'", "letters"]),
         ({"robots": {"r": {"start": 7, "goal": 1}}}, ["robot r: start is 7", "[1, 2]"]),
-        ({"robots": {"r": {"start": [0, 2], "goal": 1}}}, ["robot r: start [0, 2] is a wall"]),
+        (
+            {"robots": {"r": {"start": [0, 2], "goal": 1}}},
+            ["start is [0, 2], allowed", "free"],
+        ),
         (
             {"robots": {"r": {"start": 1, "goal": [0, 5]}}},
-            ["robot r: goal [0, 5] is outside the 5 x 5 grid", "choose a free cell"],
+            ["robot r: goal is [0, 5]", "of its 5 x 5 grid"],
         ),
-        ({"robots": {"r": {"start": [-1, 0], "goal": 1}}}, ["start [-1, 0] is outside"]),
-        ({"robots": {"r": {"start": "a", "goal": 1}}}, ["start is 'a'", "start digit"]),
-        ({"robots": {"r": {"start": True, "goal": 1}}}, ["start is True", "start digit"]),
+        ({"robots": {"r": {"start": [-1, 0], "goal": 1}}}, ["start is [-1, 0], allowed"]),
+        ({"robots": {"r": {"start": "a", "goal": 1}}}, ["start is 'a', allowed: a start"]),
+        ({"robots": {"r": {"start": True, "goal": 1}}}, ["start is True, allowed: a start"]),
         (
             {"robots": {"r": {"start": 1, "goal": [0, 0]}}},
             ["start and goal are the same cell, [0, 0]"],

@@ -7,8 +7,8 @@ import pytest
 from sparse_coord_ros.engine.batch import run_batch
 from sparse_coord_ros.errors import PluginError, SettingError
 from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.game.world import SUM_OF_PARTS, Action, Reward, RewardWeights
-from sparse_coord_ros.learn.agent import NOBODY, Agent, Decision
+from sparse_coord_ros.game.world import SUM_OF_PARTS, RewardWeights
+from sparse_coord_ros.learn.agent import Agent
 from sparse_coord_ros.learn.learners import LEARNERS, Learner, learner_of
 from sparse_coord_ros.learn.run_config import make_run, run_from_yaml
 from sparse_coord_ros.learn.simulation import learn, tables_equal
@@ -112,11 +112,3 @@ def test_defaults_of_a_learner_hold_where_nobody_chose():
     assert str(make_run(scenario, {}).scenario.epsilon) == "linear:0.15:0.02:0.8"
     again = run_from_yaml(run.to_yaml().replace("constant:0.5", "constant:0.25"), where="here")
     assert str(again.scenario.epsilon) == "constant:0.25"
-
-
-def test_an_agent_learns_from_the_parts_by_their_weights():
-    scenario = load_scenario("env1").with_settings({"step_size": "constant:1", "discount": 0})
-    agent = Heavy().agent(scenario, 0, 0)
-    reward = Reward(individual=7.0, common=-2.0, ask_cost=-0.5, total=4.5)
-    agent.learn(1, 2, Decision(0), Action(0, False, NOBODY, False), None, reward, 3)
-    assert agent.tables.q_star[2, 0] == 7.0 - 5 * 2.0 - 0.5
