@@ -54,7 +54,7 @@ def execute(options: argparse.Namespace) -> int:
                 f"{options.source} holds results, which have no episodes; give a run's directory "
                 "or a bag"
             )
-        say = pictures.Announcer()
+        say = shared.note
         shown = open_shown(options.source, say)
         scenario = shown.config.scenario
         greedy = options.greedy or shown.bag is None

@@ -130,33 +130,26 @@ def execute(options: argparse.Namespace) -> int:
         "columns": grid.shape[1],
         "cells": len(grid.cells),
         "doorways": imported.doorways,
-        "parts": list(imported.parts),
+        "parts": imported.parts,
         "resolution": grid.resolution,
-        "origin": list(grid.origin),
+        "origin": grid.origin,
         "suggested": suggested,
         "notes": notes,
-        "files": [str(path) for path in (*written, picture)],
+        "files": [*written, picture],
     }
     if options.json:
         shared.print_json(facts)
-    else:
-        _print(facts)
-    return 0
-
-
-def _print(facts: dict[str, Any]) -> None:
-    x, y = facts["origin"]
+        return 0
+    x, y = grid.origin
     print(
-        f"{facts['name']}: {facts['rows']} x {facts['columns']}, {facts['cells']} cells of "
-        f"{facts['resolution']:g} m, {facts['doorways']} doorways; lower left corner at "
-        f"{x:g},{y:g}"
+        "{name}: {rows} x {columns}, {cells} cells of {resolution:g} m, {doorways} doorways; "
+        "lower left corner at {x:g},{y:g}".format(**facts, x=x, y=y)
     )
-    if facts["suggested"]:
-        said = ", ".join(f"{name}={value}" for name, value in facts["suggested"].items())
+    if suggested:
+        said = ", ".join(f"{name}={value}" for name, value in suggested.items())
         print(f"settings by distance: {said}")
-    for note in facts["notes"]:
-        print(f"note: {note}")
-    print("written: " + ", ".join(facts["files"]))
+    print("\n".join([*(f"note: {note}" for note in notes), "written:"]), *facts["files"])
+    return 0
 
 
 def _check_free(source: Path, files: list[Path], replace: bool) -> None:

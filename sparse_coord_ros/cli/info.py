@@ -34,22 +34,18 @@ def execute(options: argparse.Namespace) -> int:
 
 def _information(bag, *, recording: bool) -> dict[str, Any]:
     record = dict(bag.metadata.get(RUN_RECORD, {}))
-    versions = {
-        name.removeprefix("version_"): record.pop(name)
-        for name in list(record)
-        if name.startswith("version_")
-    }
+    versions = {name: record.pop(name) for name in list(record) if name.startswith("version_")}
     return {
-        "file": str(bag.path),
+        "file": bag.path,
         "files": [file.path.name for file in bag.files],
         "bytes": bag.file_bytes,
         "finished": bag.finished,
         "recording": recording,
         "damage": bag.damage,
-        "recovered": None if bag.recovered is None else dict(bag.recovered),
-        "compression": list(bag.compressions),
+        "recovered": bag.recovered,
+        "compression": bag.compressions,
         "run": record,
-        "versions": versions,
+        "versions": {name.removeprefix("version_"): said for name, said in versions.items()},
         "start_seconds": bag.start_ns / 1e9,
         "duration_seconds": (bag.end_ns - bag.start_ns) / 1e9,
         "messages": bag.message_count,
@@ -79,11 +75,9 @@ def _print(found: dict[str, Any]) -> None:
         print(f"files: {', '.join(found['files'])}")
     if found["recovered"] is not None:
         print(recovered_text(found["recovered"]))
-    if found["run"]:
-        print("run: " + ", ".join(f"{name} {value}" for name, value in found["run"].items()))
-    if found["versions"]:
-        named = (f"{name} {value}" for name, value in found["versions"].items())
-        print("versions: " + ", ".join(named))
+    for what in ("run", "versions"):
+        if found[what]:
+            print(f"{what}: " + ", ".join(f"{name} {said}" for name, said in found[what].items()))
     print(
         f"{found['messages']} messages in {found['duration_seconds']:.1f} s of simulated time, "
         f"chunks {', '.join(found['compression']) or 'none'}\n"

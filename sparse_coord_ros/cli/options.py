@@ -17,7 +17,7 @@ from sparse_coord_ros.game.scenario import Scenario, load_scenario, scenario_nam
 from sparse_coord_ros.game.settings import Setting, parse_assignments
 from sparse_coord_ros.learn.learners import LEARNERS
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS
-from sparse_coord_ros.look.page.controls import HOST, PORT
+from sparse_coord_ros.look.page.controls import HOST, PORT_SETTING
 
 FIXED = (
     *("scenario", "penalty", "assignments", "steps", "seed", "out", "learner"),
@@ -89,7 +89,7 @@ BAG = Option("bag BAG", _bag, "a bag's or a run's directory, or a file")
 JSON = Option("--json", bool, "print one JSON object for machines")
 SEED = RUN_SETTINGS["seed"]
 PAGE = (
-    Option("--port N", None, "of the page; 0: one that is free", {"default": PORT}),
+    Option("--port N", PORT_SETTING, PORT_SETTING.help),
     Option(
         "--host ADDRESS",
         None,

@@ -3,17 +3,17 @@
 """The page of `watch`, `run --watch` and `train --watch`: served while a block runs."""
 
 import argparse
-import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, nullcontext
+from contextlib import closing, contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from sparse_coord_ros.cli.options import note
 from sparse_coord_ros.errors import RunError, SparseCoordError
 from sparse_coord_ros.learn.run_config import load_run
 from sparse_coord_ros.learn.tables import load_team
-from sparse_coord_ros.look.page.controls import NEXT, PORT_SETTING, Control
+from sparse_coord_ros.look.page.controls import NEXT, Control
 
 if TYPE_CHECKING:
     from sparse_coord_ros.look.page.board import Board
@@ -33,26 +33,22 @@ def served(options: argparse.Namespace, board: "Board | None" = None) -> Iterato
 
     Raises:
         RunError: aiohttp is missing, the port is taken, or the address cannot be served.
-        SettingError: the port is none.
     """
     from sparse_coord_ros.look.page.board import Board
     from sparse_coord_ros.look.page.server import Server
 
-    port = PORT_SETTING.parse(options.port)
-    server = Server(Board() if board is None else board, host=options.host, port=port)
-    try:
+    server = Server(Board() if board is None else board, host=options.host, port=options.port)
+    with closing(server):
         if server.warning:
-            print(f"warning: {server.warning}", file=sys.stderr)
+            note(f"warning: {server.warning}")
         yield server
-    finally:
-        server.close()
 
 
 def announce(server: "Server", options: argparse.Namespace) -> None:
     """Print the address of a page that has something to show; open it where that is wanted."""
-    print(f"watch it at {server.address}", file=sys.stderr, flush=True)
+    note(f"watch it at {server.address}")
     if options.browser and not _opened(server.address):
-        print("no browser is here: open that address in one", file=sys.stderr)
+        note("no browser is here: open that address in one")
 
 
 class Wishes:
@@ -127,11 +123,9 @@ def next_wish(server: "Server", stop: Callable[[], bool]) -> Mapping[str, Any]:
     """
     wishes = Wishes()
     server.show(wishes)
-    print(
+    note(
         f"the run is over; the page stays at {server.address}: start the next run there, or end "
-        "with Ctrl-C",
-        file=sys.stderr,
-        flush=True,
+        "with Ctrl-C"
     )
     while wishes.next is None:
         if stop():

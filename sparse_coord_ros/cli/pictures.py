@@ -3,8 +3,6 @@
 """What the verbs that make pictures share: what they show, where it goes, what is missing."""
 
 import os
-import sys
-import time
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -16,18 +14,6 @@ from sparse_coord_ros.files import PARTIAL, write_whole
 
 LONGEST_NAME = 255
 """Bytes of a file's name, on common file systems."""
-
-
-class Announcer:
-    """Says on stderr what takes a while."""
-
-    def __init__(self) -> None:
-        self._begun = time.monotonic()
-
-    def __call__(self, what: str) -> None:
-        """Say what begins now."""
-        passed = time.monotonic() - self._begun
-        print(f"{passed:5.1f} s  {what} ...", file=sys.stderr, flush=True)
 
 
 def out_option(kinds: Sequence[str]) -> shared.Option:

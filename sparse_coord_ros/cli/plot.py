@@ -48,7 +48,7 @@ def execute(options: argparse.Namespace) -> int:
         from sparse_coord_ros.look.results import ResultsShown
         from sparse_coord_ros.look.sources import is_results, open_shown
 
-        say = pictures.Announcer()
+        say = shared.note
         results = [path for path in options.sources if is_results(path)]
         if results:
             if len(options.sources) > 1:

@@ -34,7 +34,7 @@ def execute(options: argparse.Namespace) -> int:
         from sparse_coord_ros.look.results import ResultsShown
         from sparse_coord_ros.look.sources import is_results, open_shown
 
-        say = pictures.Announcer()
+        say = shared.note
         if is_results(options.source):
             say("drawing")
             page = report.results_report(ResultsShown(options.source))

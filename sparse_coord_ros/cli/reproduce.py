@@ -58,14 +58,9 @@ def execute(options: argparse.Namespace) -> int:
         else:
             print("\n".join(conditions + runs))
         return 0
-    bar = Bar("agent-steps")
-
-    def progress(name: str, done: int, total: int) -> None:
-        if options.engine == "auto" and not compiled and not bar.began:
-            note_without_numba()
-        bar.show(done, total, name)
-
-    with bar:
+    if options.engine == "auto" and not compiled:
+        note_without_numba()
+    with Bar("agent-steps") as bar:
         done = run_targets(
             targets,
             plan,
@@ -73,7 +68,7 @@ def execute(options: argparse.Namespace) -> int:
             engine=options.engine,
             jobs=options.jobs,
             scheduler=options.scheduler,
-            progress=progress,
+            progress=lambda name, done, total: bar.show(done, total, name),
             report=True,
         )
     if options.json:
