@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
+from sparse_coord_ros import wire
 from sparse_coord_ros.bags.contents import Attachment
 from sparse_coord_ros.bags.metadata import RESTARTED
 from sparse_coord_ros.bags.reader import Bag
@@ -16,13 +17,11 @@ from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.learn.tables import unpack_robot
 from sparse_coord_ros.runlog.difference import Difference
-from sparse_coord_ros.runlog.timeline import Rollback, of_last
-from sparse_coord_ros.wire import TABLES as TABLES_TOPIC
-from sparse_coord_ros.wire import TABLES_FOLDER, tables_attachment
+from sparse_coord_ros.runlog.timeline import Rollback, holds
 
-TABLES = TABLES_TOPIC.name
+TABLES = wire.TABLES.name
 NAME = re.compile(
-    tables_attachment("(.+)", "(0|[1-9][0-9]{0,17})").replace(".npz", r"\.npz"), re.ASCII
+    wire.tables_attachment("(.+)", "(0|[1-9][0-9]{0,17})").replace(".npz", r"\.npz"), re.ASCII
 )
 
 
@@ -56,9 +55,9 @@ def attached_tables(
             match = NAME.fullmatch(attachment.name)
             if match is not None and match[1] in robots:
                 k, step = robots.index(match[1]), int(match[2])
-                if of_last([place], [step], backs)[0]:
+                if holds(place, step, backs):
                     yield place, attachment, (k, step)
-            elif attachment.name.startswith(TABLES_FOLDER):
+            elif attachment.name.startswith(wire.TABLES_FOLDER):
                 yield place, attachment, None
 
 

@@ -140,7 +140,7 @@ class _Walk:
         for k, cell in enumerate(self.world.cells):
             if row is None or not self.centred[row][k] or self.cells[row][k] != cell:
                 logged = MISSING
-                if self.log.tracks.states[k].has(np.array(step)):
+                if step in self.log.tracks.states[k].step:
                     logged = self._place(*self.log.position[row, k].tolist())
                 computed = self._place(*self.frame.centres[cell])
                 return self._differ(step, k, wire.LOCAL_STATE.name, logged, computed)
@@ -280,11 +280,11 @@ def check_repeats(log: RunLog, last: int | None) -> Iterator[Difference]:
         again = [Counter(track.repeats.tolist()) for track in log.tracks.of(k)]
         states, rewards, actions, percepts = again
         steps = {*states, *actions, *percepts} | {step + 1 for step in rewards}
-        known_rewards = log.tracks.rewards[k]
+        rewarded = set(log.tracks.rewards[k].step.tolist())
         for step in sorted(steps):
             if last is not None and step > last:
                 break
-            due = states[step] if known_rewards.has(np.array([step - 1]))[0] else 0
+            due = states[step] if step - 1 in rewarded else 0
             if step in percepts:
                 yield Difference(step, name, wire.PERCEPT.name, "twice", "once")
             if actions[step] > states[step]:

@@ -76,27 +76,20 @@ def kept(
             begin = back.step * period if checkpoints else end
             # Before them lie stragglers: what was under way when the order came.
             late = np.flatnonzero(np.diff(more["ns"]) < 0)
-            more = more[late[-1] + 1 :] if len(late) and _falls(more["ns"], late) else more
+            after = int(late[-1]) + 1 if len(late) else 0
+            if after and more["ns"][:after].min() > more["ns"][after]:
+                more = more[after:]
             more = more[more["ns"] >= begin]
         rows = np.concatenate([rows, more])
     return rows
 
 
-def _falls(ns: np.ndarray, late: np.ndarray) -> bool:
-    """Whether all that comes before the last fall is of a later time than what comes after it."""
-    last = int(late[-1]) + 1
-    return bool(ns[:last].min() > ns[last])
-
-
-def of_last(places: Sequence[int], steps: Sequence[int], backs: Sequence[Rollback]) -> list[bool]:
-    """Return which of some things, in a file and of a time step each, are not superseded."""
-    return [
-        not any(
-            (place < back.file and step >= back.first) or (place == back.file and step < back.step)
-            for back in backs
-        )
-        for place, step in zip(places, steps, strict=True)
-    ]
+def holds(place: int, step: int, backs: Sequence[Rollback]) -> bool:
+    """Whether what a file (by its place) says of a time step is not superseded."""
+    return not any(
+        (place < back.file and step >= back.first) or (place == back.file and step < back.step)
+        for back in backs
+    )
 
 
 def gaps(

@@ -24,8 +24,8 @@ from sparse_coord_ros.runlog.timeline import (
     Gap,
     Rollback,
     gaps,
+    holds,
     kept,
-    of_last,
     rollbacks,
     steps_of,
 )
@@ -51,10 +51,6 @@ class Track(NamedTuple):
     step: np.ndarray
     rows: np.ndarray
     repeats: np.ndarray
-
-    def has(self, steps: np.ndarray) -> np.ndarray:
-        """Return whether there is a message of each of some steps, a bool each."""
-        return np.asarray(np.isin(steps, self.step))
 
 
 @dataclass
@@ -172,11 +168,10 @@ def _forms(tracks: Tracks) -> dict[tuple[wire.Topic, int | None], Reading]:
         wire.COORDINATION_MAP: messages.grid_form(frame),
         wire.SERVICE_EVENTS: event_form(tracks.names),
     }
-    found: dict[tuple[wire.Topic, int | None], Reading] = {}
-    found |= {(topic, None): form for topic, form in of_team.items()}
-    for k in range(len(tracks.names)):
-        found |= {(topic, k): form for topic, form in of_robot.items()}
-    return found
+    found: dict[tuple[wire.Topic, int | None], Reading]
+    found = {(topic, None): form for topic, form in of_team.items()}
+    robots = range(len(tracks.names))
+    return found | {(topic, k): form for k in robots for topic, form in of_robot.items()}
 
 
 def tracks_of(bag: Bag, found: BagRun, only: Collection[wire.Topic] | None = None) -> Tracks:
@@ -326,14 +321,12 @@ class _Sorter:
 
     def _statuses(self) -> None:
         """Note the world's statuses, and what is odd about them."""
-        of_files = [rows.tolist() for rows in self._of(wire.STATUS)]
-        said = [(place, one) for place, of in enumerate(of_files) for one in of]
-        valid = of_last([place for place, _ in said], [one.step for _, one in said], self._backs)
         # A world that is yet to go back does not know where the team is.
         found = [
             one
-            for (_, one), ok in zip(said, valid, strict=True)
-            if ok and one.state != wire.RunState.RESUMING
+            for place, rows in enumerate(self._of(wire.STATUS))
+            for one in rows.tolist()
+            if holds(place, one.step, self._backs) and one.state != wire.RunState.RESUMING
         ]
         for before, status in zip([None, *found], found, strict=False):
             odd: list[tuple[str, str]] = []

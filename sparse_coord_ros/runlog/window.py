@@ -86,12 +86,9 @@ class LongLog:
         found = []
         for place, blocks in enumerate(self.bag.blocks):
             firsts = [back.first for back in self._backs if back.file > place]
-            end = min(firsts) * self.period - 1 if firsts else None
-            for block in blocks:
-                if end is None or block.end_ns <= end:
-                    found.append(block)
-                elif block.start_ns <= end:
-                    found.append(block._replace(end_ns=end))
+            end = min(firsts) * self.period - 1 if firsts else np.inf
+            known = [block for block in blocks if block.start_ns <= end]
+            found += [block._replace(end_ns=int(min(block.end_ns, end))) for block in known]
         return found
 
     @property
