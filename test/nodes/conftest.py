@@ -257,13 +257,6 @@ def assert_same_tables():
 
 
 EXECUTABLES_MODULE = "sparse_coord_ros.executables"
-EXECUTABLES = {"cli.main": "sparse_coord"} | {
-    f"nodes.{name}": name
-    for name in (
-        *("world_simulator", "robot", "recorder", "team", "player", "watch"),
-        *("driver", "body"),
-    )
-}
 
 
 class Process:
@@ -272,17 +265,10 @@ class Process:
     def __init__(self, module: str, arguments: list[str], log: Path) -> None:
         self._log = log
         with log.open("wb") as file:
+            name = "sparse_coord" if module == "cli.main" else module.removeprefix("nodes.")
+            command = [sys.executable, "-m", EXECUTABLES_MODULE, name, *arguments]
             self._popen = subprocess.Popen(
-                [
-                    sys.executable,
-                    "-m",
-                    EXECUTABLES_MODULE,
-                    EXECUTABLES[module],
-                    *arguments,
-                ],
-                stdout=file,
-                stderr=subprocess.STDOUT,
-                start_new_session=True,
+                command, stdout=file, stderr=subprocess.STDOUT, start_new_session=True
             )
         self.pid = self._popen.pid
 
