@@ -113,7 +113,7 @@ def test_of_two_nodes_of_a_name_one_ends(rank):
 def test_a_second_world_stops(bench):
     first = bench.world(rate=0.001)
     observer = bench.observer()
-    bench.spin_until(lambda: observer.count("run"), "first is there")
+    bench.spin_until(lambda: first._guard.claim.rank == ClaimRank.HOLDING, "first has its name")
     second = WorldSimulator(
         context=bench.place("elsewhere")[0], values={"scenario": "cit", "claim_window": 5.0}
     )
