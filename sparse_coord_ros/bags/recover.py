@@ -149,9 +149,6 @@ def _mended(bag: Bag, directory: Path) -> Recovery:
         if not one.finished or one.damage is not None:
             with _draft(Bag([one]), directory / _DRAFT) as draft:
                 kept.append(_keep(file))
-                if metadata.exists():
-                    _keep(metadata)
-                    metadata.unlink(missing_ok=True)
                 os.replace(draft / finished.name, finished)
                 if file != finished:
                     file.unlink(missing_ok=True)  # it is there as `kept`

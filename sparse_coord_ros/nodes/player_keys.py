@@ -5,6 +5,7 @@
 import contextlib
 import os
 import re
+import select
 import termios
 import tty
 
@@ -49,7 +50,8 @@ class Keyboard:
             return []
         try:
             self._prepare()
-            typed = os.read(self._descriptor, 1024)
+            waits = select.select([self._descriptor], [], [], 0)[0]
+            typed = os.read(self._descriptor, 1024) if waits else b""
         except (OSError, termios.error):  # the terminal is gone
             self.there = False
             return []
@@ -64,13 +66,9 @@ class Keyboard:
                 termios.tcsetattr(self._descriptor, termios.TCSADRAIN, before)
 
     def _prepare(self) -> None:
-        """Have keys without Enter, echo or waiting; again after the shell had the terminal."""
-        mode = termios.tcgetattr(self._descriptor)
-        control = mode[tty.CC]
-        if mode[tty.LFLAG] & termios.ICANON or control[termios.VMIN] != 0:
-            mode[tty.LFLAG] &= ~(termios.ECHO | termios.ICANON)
-            control[termios.VMIN] = control[termios.VTIME] = 0
-            termios.tcsetattr(self._descriptor, termios.TCSADRAIN, mode)
+        """Have keys without Enter or echo; again after the shell had the terminal."""
+        if termios.tcgetattr(self._descriptor)[tty.LFLAG] & termios.ICANON:
+            tty.setcbreak(self._descriptor, termios.TCSADRAIN)
 
     def _in_front(self) -> bool:
         try:

@@ -165,7 +165,7 @@ def test_cut_bag_loses_its_tail(tmp_path, samples, capsys):
         assert [line[:24] for line in lines[3:-1]] == ["before, it was recovered"] * number
         assert lines[-1] == f"the original is {file}{ending}"
         assert (bag / f"run_0.mcap{ending}").read_bytes() == cut
-        assert (bag / f"metadata.yaml{ending}").exists()
+        assert (bag / "metadata.yaml.damaged").exists()
         check_whole(bag, samples, read.message_count)
 
 
