@@ -41,6 +41,17 @@ def test_a_bag_that_cannot_be_made_is_one_error_and_no_traceback(tmp_path, capfd
     assert capfd.readouterr().err == ""
 
 
+def test_a_bag_is_continued_in_its_next_file(tmp_path, samples):
+    for options in ({}, {"earlier": True}):
+        if options:
+            options["earlier"] = open_bag(tmp_path / "run")
+        writer = BagProcess(tmp_path / "run", **options)
+        writer.write(writer.add_topic("/a", STRING, QoS()), samples.cdr(STRING), 1, 1)
+        writer.close()
+    bag = open_bag(tmp_path / "run")
+    assert len(bag.files) == 2 and [one.sequence for one in bag.messages()] == [0, 1]
+
+
 def test_a_writer_that_is_killed_leaves_a_bag_to_recover(tmp_path, samples):
     writer = BagProcess(tmp_path / "run")
     channel = writer.add_topic("/a", STRING, QoS())
