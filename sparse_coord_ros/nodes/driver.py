@@ -20,7 +20,6 @@ from sparse_coord_ros.driving.trials import limits_of
 from sparse_coord_ros.errors import RunError, SettingError, did_you_mean
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.lockstep.bodies import Goals
-from sparse_coord_ros.lockstep.waiting import Reminder
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.follower import Follower
 from sparse_coord_ros.nodes.messages import (
@@ -70,7 +69,6 @@ class DriverNode(Follower):
         self._seen = 0.0
         self._pose_time: float | None = None
         self._stopped = False
-        self._reminder = Reminder()
         self._reached_publisher: Any = None
         self._tree = Tree()
         topic = interface.CMD_VEL
@@ -184,9 +182,9 @@ class DriverNode(Follower):
             return
         if self._reached_publisher is None:
             if driver.pose is None:
-                self.remind(self._reminder, f"poses of {self._robot}")
+                self.remind(self.reminder, f"poses of {self._robot}")
             elif self._cmd_vel.get_subscription_count() == 0:
-                self.remind(self._reminder, f"a body that hears {self._cmd_vel.topic_name}")
+                self.remind(self.reminder, f"a body that hears {self._cmd_vel.topic_name}")
             else:  # the world waits for this publisher
                 self._reached_publisher = self.announce(interface.REACHED, self._robot)
             return

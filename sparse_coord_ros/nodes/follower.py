@@ -5,6 +5,7 @@
 import time
 from typing import Unpack
 
+from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.game.settings import SettingTable
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.lockstep.waiting import SILENT_SECONDS, Reminder, WorldPresence
@@ -60,8 +61,19 @@ class Follower(ParameterNode):
         return True
 
     def wait(self) -> None:
-        """Wait for a run to be announced; called with every tick until one is."""
-        self.check_startup_time()
+        """Wait for a run to be announced; called with every tick until one is.
+
+        Raises:
+            RunError: no world simulator has announced one within `startup_timeout`.
+        """
+        topic, limit = self.resolve_topic_name(interface.RUN.name), self.values["startup_timeout"]
+        self.remind(self.reminder, f"a world simulator on {topic}")
+        if 0 < limit < time.monotonic() - self.born:
+            raise RunError(
+                f"startup_timeout: node {self.get_name()} heard of no world simulator on {topic} "
+                f"within {limit:g} s; start one: "
+                "ros2 run sparse_coord_ros world_simulator --ros-args -p scenario:=env1"
+            )
 
     def begin(self, run: RunConfig) -> None:
         """Begin with a run."""
@@ -150,6 +162,7 @@ class Follower(ParameterNode):
             self.lost(gone)
 
     def _begin(self, run: RunConfig, now: float) -> None:
+        self.reminder.over()
         patience = self.values.get("world_timeout", 0.0)
         self.presence = WorldPresence(run.id, run.scenario.steps, patience, now)
         self.begin(run)

@@ -235,20 +235,6 @@ class ParameterNode(Node):
         publisher.line = Line() if self._tap is None else self._tap.line(publisher.topic_name)
         return publisher
 
-    def check_startup_time(self) -> None:
-        """Raise `RunError` where no world simulator has announced a run in time."""
-        self.remind(self.reminder, f"a world simulator on {self._run_topic()}")
-        limit = self.values["startup_timeout"]
-        if 0 < limit < time.monotonic() - self.born:
-            raise RunError(
-                f"startup_timeout: node {self.get_name()} heard of no world simulator on "
-                f"{self._run_topic()} within {limit:g} s; start one: "
-                "ros2 run sparse_coord_ros world_simulator --ros-args -p scenario:=env1"
-            )
-
-    def _run_topic(self) -> str:
-        return self.resolve_topic_name(RUN.name)
-
     def names_of(self, role: str) -> set[str]:
         """Return what the nodes of a role are called; a robot's role is its name."""
         if role not in ROLES:
