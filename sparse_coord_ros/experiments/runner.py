@@ -12,7 +12,6 @@ import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -54,8 +53,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Progress = Callable[[str, int, int], None]
-"""Called with a condition's id, the agent-steps done so far and those of the whole call: where a
-condition begins, and after each of its runs; on a cluster, as it begins and after each task."""
+"""Called with a condition's id, the agent-steps done so far and those of the whole call: as it
+begins, and after each run; on a cluster, after each task."""
 
 
 def no_progress(name: str, done: int, total: int) -> None:
@@ -317,71 +316,48 @@ def compute(
         progress: see `Progress`.
     """
     conditions = list(conditions)
-    there = {one.id: None if results is None else results.load(one) for one in conditions}
-    missing = [one for one in conditions if there[one.id] is None]
-    found = {name: result for name, result in there.items() if result is not None}
-    if by.cluster is not None:
-        computed = _on_cluster(by.cluster, missing, plan, by.engine, progress)
-    else:
-        computed = _here(missing, plan, by, progress)
-    for one, result in computed:
-        if results is not None:
-            results.save(one, result)
-        found[one.id] = result
-    return {one.id: found[one.id] for one in conditions}
-
-
-Computed = Iterator[tuple[Condition, ConditionResult]]
-
-
-def _here(
-    conditions: Sequence[Condition],
-    plan: Plan,
-    by: Computing,
-    progress: Progress,
-) -> Computed:
-    """Compute conditions on this machine, one after the other."""
-    done, total = 0, _all_steps(conditions, plan)
-    for one in conditions:
+    found = {one.id: None if results is None else results.load(one) for one in conditions}
+    missing = [one for one in conditions if found[one.id] is None]
+    done, total = 0, sum(agent_steps(one.scenario) * plan.runs for one in missing)
+    parts: dict[Condition, dict[int, list[Sample]]] = {one: {} for one in missing}
+    for one in missing[:1]:
         progress(one.id, done, total)
-        samples = []
-        for run in by.runs(one, plan.seeds, plan.trials):
-            samples.append(sample(run))
-            done += agent_steps(one.scenario)
-            progress(one.id, done, total)
-        yield one, collect(one, plan.trials, samples)
-
-
-def _on_cluster(
-    cluster: Cluster,
-    conditions: Sequence[Condition],
-    plan: Plan,
-    engine: str,
-    progress: Progress,
-) -> Computed:
-    """Compute conditions on a cluster, all at once; yield each when its last run is there."""
-    done, total = 0, _all_steps(conditions, plan)
-    work: list[tuple[Scenario, Learner, Sequence[int], int, str]] = []
-    whose: list[tuple[Condition, int]] = []
-    parts: dict[Condition, list[list[Sample] | None]] = {}
-    for one in conditions:
-        rule = learner_of(one.learner)
-        shares = cluster.shares(plan.seeds, agent_steps(one.scenario), plan.runs * len(conditions))
-        parts[one] = [None] * len(shares)
-        whose += [(one, place) for place in range(len(shares))]
-        work += [(one.scenario, rule, share, plan.trials, engine) for share in shares]
-    for one in conditions[:1]:
-        progress(one.id, done, total)
-    for number, samples in cluster.results(samples_of, work):
-        one, place = whose[number]
-        own = parts[one]
-        own[place] = samples
+    for one, first, samples in (_here if by.cluster is None else _on_cluster)(missing, plan, by):
         done += len(samples) * agent_steps(one.scenario)
         progress(one.id, done, total)
-        whole = [part for part in own if part is not None]
-        if len(whole) == len(own):
-            del parts[one]
-            yield one, collect(one, plan.trials, chain.from_iterable(whole))
+        parts[one][first] = samples
+        if sum(map(len, parts[one].values())) == plan.runs:
+            ordered = [own for _, part in sorted(parts.pop(one).items()) for own in part]
+            found[one.id] = result = collect(one, plan.trials, ordered)
+            if results is not None:
+                results.save(one, result)
+    return {name: result for name, result in found.items() if result is not None}
+
+
+Computed = Iterator[tuple[Condition, int, list[Sample]]]
+"""Conditions, with samples of some of their runs and the first one's seed."""
+
+
+def _here(conditions: Sequence[Condition], plan: Plan, by: Computing) -> Computed:
+    """Compute conditions on this machine, one run after the other."""
+    for one in conditions:
+        for run in by.runs(one, plan.seeds, plan.trials):
+            yield one, run.seed, [sample(run)]
+
+
+def _on_cluster(conditions: Sequence[Condition], plan: Plan, by: Computing) -> Computed:
+    """Compute conditions on a cluster, all at once, each task some runs of one condition."""
+    assert by.cluster is not None
+    work: list[tuple[Scenario, Learner, Sequence[int], int, str]] = []
+    whose: list[Condition] = []
+    for one in conditions:
+        steps, runs = agent_steps(one.scenario), plan.runs * len(conditions)
+        for share in by.cluster.shares(plan.seeds, steps, runs):
+            whose.append(one)
+            rule = learner_of(one.learner)
+            work.append((one.scenario, rule, share, plan.trials, by.engine))
+    for number, samples in by.cluster.results(samples_of, work):
+        yield whose[number], work[number][2][0], samples
 
 
 def samples_of(
@@ -390,10 +366,6 @@ def samples_of(
     """Compute some runs of a condition in a thread of a cluster's worker."""
     runs = run_batch(scenario, learner, seeds, trials=trials, engine=engine, jobs=1)
     return [sample(run) for run in runs]
-
-
-def _all_steps(conditions: Iterable[Condition], plan: Plan) -> int:
-    return sum(agent_steps(one.scenario) * plan.runs for one in conditions)
 
 
 def _check_report() -> None:

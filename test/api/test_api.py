@@ -234,7 +234,6 @@ def test_experiments_are_those_of_reproduce(printed, tmp_path):
         (IDS[0], 0),
         (IDS[0], 1000),
         (IDS[0], 2000),
-        (IDS[1], 2000),
         (IDS[1], 3000),
         (IDS[1], 4000),
     ]

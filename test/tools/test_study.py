@@ -108,12 +108,8 @@ def likes(wanted):
     """Return results that are the better the more choices are the wanted ones."""
 
     def compute(cell):
-        s = cell.scenario
-        wrong = sum(
-            str(getattr(s, name)) != str(getattr(ideal, name))
-            for name in SETTINGS
-            for ideal in [s.with_settings(settings_of(wanted))]
-        )
+        own, ideal = cell.scenario, cell.scenario.with_settings(settings_of(wanted))
+        wrong = sum(str(getattr(own, n)) != str(getattr(ideal, n)) for n in SETTINGS)
         return result(good(cell).measure("reward").mean - wrong)
 
     return compute
