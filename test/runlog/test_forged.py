@@ -303,6 +303,27 @@ def test_swapped_service_events(alter):
     assert any("younger" in one.logged for one in found.differences)
 
 
+def test_what_a_person_asks_may_be_anything(alter):
+    """Of it and its answer the log keeps nothing, not even where it stands in another frame."""
+
+    def change(messages):
+        _, received, answered, *_ = places(messages, EVENT)
+        asked, answer = (
+            deserialize_message(messages[place].data, GetPlan.Event)
+            for place in (received, answered)
+        )
+        asked.info.stamp = answer.info.stamp
+        asked.request[0].start.header.frame_id = "odom"
+        for event in (answer, asked):
+            event.info.client_gid[0] = 77
+            person = messages[answered]._replace(data=serialize_message(event))
+            messages.insert(answered + 1, person)
+        return messages
+
+    found = alter(change)
+    assert found.same, found.first
+
+
 # Attachments.
 
 
