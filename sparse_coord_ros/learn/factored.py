@@ -154,17 +154,7 @@ class FactoredAgent(Agent):
     @property
     def tables(self) -> Tables:
         """What it has learned so far; a copy."""
-        own = self._own
-        known = factors.sorted_factors(
-            np.array(own.u),
-            np.array(own.r_bar),
-            np.array(own.w),
-            np.fromiter(self._rho, dtype=np.int64),
-            np.array(list(self._rho.values())).reshape(-1, PRIMITIVES),
-            self._robots,
-        )
-        q_coord = factors.coordination_table(known, self.number, self._robots)
-        return Tables(np.array(own.star), q_coord, known)
+        return factored_tables(self.memory(), self.number, self._robots)
 
     @property
     def coord_visited(self) -> int:
@@ -298,14 +288,15 @@ class FactoredAgent(Agent):
         `states` are those of rho, shape (rows, 3), as of `Factors`, and `values` is rho;
         `star_updates` counts how often each move was tried, and COORDINATE.
         """
-        own = self._own
-        keys = sorted(self._counts)
+        own, nothing = self._own, [0] * PRIMITIVES
+        keys = sorted(self._rho)
+        counts = [self._counts.get(key, nothing) for key in keys]
         return Memory(
             np.array(own.star),
             np.array(own.updates, dtype=np.int64),
             factors.states_of(keys, self._cells, self._robots).reshape(len(keys), 3),
             np.array([self._rho[key] for key in keys]).reshape(len(keys), PRIMITIVES),
-            np.array([self._counts[k] for k in keys], dtype=np.int64).reshape(-1, PRIMITIVES),
+            np.array(counts, dtype=np.int64).reshape(len(keys), PRIMITIVES),
             {
                 **{name: np.array(getattr(own, name)) for name in REMEMBERED[:-1]},
                 "tried": np.array(own.tried[: own.used[0]], dtype=np.int64),
@@ -317,7 +308,16 @@ class FactoredAgent(Agent):
         self._take(memory.q_star, memory.star_updates, memory.more)
         keys = factors.keys_of(memory.states, self._cells, self._robots).tolist()
         self._rho |= dict(zip(keys, memory.values.tolist(), strict=True))
-        self._counts = dict(zip(keys, memory.updates.tolist(), strict=True))
+        counts = zip(keys, memory.updates.tolist(), strict=True)
+        self._counts = {key: count for key, count in counts if any(count)}
+
+
+def factored_tables(memory: Memory, number: int, robots: int) -> Tables:
+    """Return the tables of a robot (from 0) that remembers this; rows of rho that are 0 go."""
+    kept = (memory.values != 0.0).any(axis=1)
+    u, r_bar, w = (memory.more[name] for name in REMEMBERED[:3])
+    known = factors.Factors(u, r_bar, w, memory.states[kept], memory.values[kept])
+    return Tables(memory.q_star, factors.coordination_table(known, number, robots), known)
 
 
 DENSE_ROWS = 2**19
@@ -395,13 +395,8 @@ class FactoredMinds(NamedTuple):
 
     def tables(self, scenario: Scenario, learner: "Learner") -> list[Tables]:
         """Return what each robot has learned."""
-        found, own, robots = [], self.own, len(self.askers)
-        for k in range(robots):
-            keys, rho, _ = self.rows.learned(k)
-            known = factors.sorted_factors(own.u[k], own.r_bar[k], own.w[k], keys, rho, robots)
-            q_coord = factors.coordination_table(known, k, robots)
-            found.append(Tables(self.q_star[k], q_coord, known))
-        return found
+        robots = range(len(self.askers))
+        return [factored_tables(self.memory(k, scenario), k, len(robots)) for k in robots]
 
     def memory(self, k: int, scenario: Scenario) -> Memory:
         """Return what robot k has learned, as its agent remembers it; a copy."""

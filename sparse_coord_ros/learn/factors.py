@@ -119,22 +119,6 @@ def keys_of(states: np.ndarray, cells: int, robots: int) -> np.ndarray:
     return keys
 
 
-def sorted_factors(
-    individual: np.ndarray,
-    common: np.ndarray,
-    asking: np.ndarray,
-    keys: np.ndarray,
-    corrections: np.ndarray,
-    robots: int,
-) -> Factors:
-    """Return factors from rows in any order; rows that are 0 are left out."""
-    cells = len(individual)
-    kept = (corrections != 0.0).any(axis=1)
-    order = np.argsort(keys[kept])
-    states = states_of(keys[kept][order], cells, robots)
-    return Factors(individual, common, asking, states, corrections[kept][order])
-
-
 class AdditiveTable:
     """Q^C over the joint states of more than two robots, read from factors.
 

@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from types import MappingProxyType
-from typing import Any, Concatenate, ParamSpec, TypeVar
+from typing import Any
 
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.plugins import Registry, failing_as, is_shipped, path_of
@@ -78,9 +78,9 @@ class Learner:
                 setattr(cls, attribute, getattr(Learner, attribute))
         if is_shipped(cls):
             return
-        for method in ("with_defaults", "weights", "tables", "agent"):
-            if method in vars(cls):
-                setattr(cls, method, _guarded(vars(cls)[method]))
+        for name, check in CHECKS.items():
+            if name in vars(cls):
+                setattr(cls, name, _guarded(vars(cls)[name], f"making its {name}", check))
 
     def with_defaults(self, scenario: Scenario) -> Scenario:
         """Return the scenario with this learner's defaults for settings that nobody chose.
@@ -183,27 +183,34 @@ class Learner:
         return f"<learner {self.label}>"
 
 
-_P = ParamSpec("_P")
-_T = TypeVar("_T")
+def _guarded(
+    method: Callable[..., Any],
+    doing: str,
+    check: Callable[[str, Any], Any] = lambda said, made: made,
+    said: str = "",
+) -> Callable[..., Any]:
+    """Return a method of the user's own that says in one line where it fails.
 
-
-def _guarded(method: Callable[Concatenate[Learner, _P], _T]) -> Callable[..., _T]:
-    """Return a method of a learner of the user's own, checked."""
+    Args:
+        method: of a learner, or, bound, of its agent.
+        doing: what it is called for.
+        check: returns what was made, or raises `SettingError`.
+        said: what messages call the learner; empty: as the method's first argument is called.
+    """
 
     @functools.wraps(method)
-    def checked(self: Learner, *args: _P.args, **kwargs: _P.kwargs) -> _T:
-        said = f"learner {self.label!r}"
-        with failing_as(said, f"making its {method.__name__}"):
-            made = method(self, *args, **kwargs)
-            if method.__name__ == "agent":
-                _guard_agent(said, made)
-            elif method.__name__ == "weights":
-                made = _checked_weights(said, made)
-            elif method.__name__ == "with_defaults" and not isinstance(made, Scenario):
-                raise SettingError(f"{said}: its with_defaults returns {made!r}, no Scenario")
-        return made
+    def guarded(*args: Any, **more: Any) -> Any:
+        blamed = said or f"learner {args[0].label!r}"
+        with failing_as(blamed, doing):
+            return check(blamed, method(*args, **more))
 
-    return checked
+    return guarded
+
+
+def _checked_scenario(said: str, made: Any) -> Any:
+    if not isinstance(made, Scenario):
+        raise SettingError(f"{said}: its with_defaults returns {made!r}, no Scenario")
+    return made
 
 
 def _checked_weights(said: str, made: Any) -> Any:
@@ -217,22 +224,25 @@ def _checked_weights(said: str, made: Any) -> Any:
     )
 
 
-def _guard_agent(said: str, agent: object) -> None:
+def _checked_agent(said: str, agent: Any) -> Any:
     """Let the agent of a learner of the user's own say in one line where it fails."""
     if not isinstance(agent, Agent):
         raise SettingError(f"{said}: {agent!r} is no agent, must be a sparse_coord_ros.Agent")
     doings = {"decide": "deciding", "act": "acting", "learn": "learning", "bootstrap": "learning"}
     for name, doing in doings.items():
         method = getattr(agent, name)
-        if is_shipped(method.__func__ if hasattr(method, "__func__") else method):
-            continue
+        if not is_shipped(getattr(method, "__func__", method)):
+            setattr(agent, name, _guarded(method, doing, said=said))
+    return agent
 
-        @functools.wraps(method)
-        def checked(*args: Any, _method: Any = method, _doing: str = doing, **kwargs: Any) -> Any:
-            with failing_as(said, _doing):
-                return _method(*args, **kwargs)
 
-        setattr(agent, name, checked)
+CHECKS: Mapping[str, Callable[[str, Any], Any]] = {
+    "with_defaults": _checked_scenario,
+    "weights": _checked_weights,
+    "tables": lambda said, made: made,
+    "agent": _checked_agent,
+}
+"""The methods of a learner of the user's own that are checked."""
 
 
 class Coop(Learner):
