@@ -3,7 +3,7 @@
 """The agent that learns Q* and Q^C in factors (`learn.factors`)."""
 
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -123,33 +123,21 @@ class FactoredAgent(Agent):
         self._cells, self._robots = len(scenario.map.cells), len(scenario.robots)
         self._rule, self._terms = rule, terms_of(scenario, self.goal, weights)
         self._right_of_way = rule.right_of_way and self._robots > 2
-        nothing = np.zeros((self._cells, PRIMITIVES), dtype=np.int64)
-        known = begun.factors
+        known, nothing = begun.factors, np.zeros((self._cells, PRIMITIVES), dtype=np.int64)
         arrays = (*known[:3], nothing, nothing, nothing, np.empty(0, dtype=np.int64))
         more = dict(zip(REMEMBERED, arrays, strict=True))
-        self._take(begun.q_star, np.zeros(begun.q_star.shape, dtype=np.int64), more)
-        keys = factors.keys_of(known.states, self._cells, self._robots).tolist()
-        self._rho: dict[int, list[float]] = dict(
-            zip(keys, known.corrections.tolist(), strict=True)
+        updates = np.zeros(begun.q_star.shape, dtype=np.int64)
+        no_counts = np.zeros(known.corrections.shape, dtype=np.int64)
+        self._rho: dict[int, list[float]] = {}
+        self.go_on_from(
+            Memory(begun.q_star, updates, known.states, known.corrections, no_counts, more)
         )
-        self._counts: dict[int, list[int]] = {}
         self._by_count = self._step_sizes.by_count.tolist()
         self._floor = self._step_sizes.by_step.tolist()
         self._percepts = Percepts(scenario, seed, phase)
         self._replays = streams.Stream(seed, number, streams.REPLAY, phase)
         self._blind = streams.Stream(seed, number, streams.BLIND, phase)
         self._askers: dict[int, dict[int, int]] = {}
-
-    def _take(self, star: np.ndarray, updates: np.ndarray, more: Mapping[str, np.ndarray]) -> None:
-        tried = np.zeros(self._cells * PRIMITIVES, dtype=np.int64)
-        tried[: len(more["tried"])] = more["tried"]
-        self._own = factors.Own(
-            star=star.tolist(),
-            value=star.max(axis=1).tolist(),
-            updates=updates.tolist(),
-            used=[len(more["tried"])],
-            **{name: array.tolist() for name, array in {**more, "tried": tried}.items()},
-        )
 
     @property
     def tables(self) -> Tables:
@@ -305,11 +293,20 @@ class FactoredAgent(Agent):
 
     def go_on_from(self, memory: Memory) -> None:
         """Go on with what another agent of the same run has learned."""
-        self._take(memory.q_star, memory.star_updates, memory.more)
+        used = len(memory.more["tried"])
+        tried = np.zeros(self._cells * PRIMITIVES, dtype=np.int64)
+        tried[:used] = memory.more["tried"]
+        self._own = factors.Own(
+            star=memory.q_star.tolist(),
+            value=memory.q_star.max(axis=1).tolist(),
+            updates=memory.star_updates.tolist(),
+            used=[used],
+            **{name: array.tolist() for name, array in {**memory.more, "tried": tried}.items()},
+        )
         keys = factors.keys_of(memory.states, self._cells, self._robots).tolist()
         self._rho |= dict(zip(keys, memory.values.tolist(), strict=True))
         counts = zip(keys, memory.updates.tolist(), strict=True)
-        self._counts = {key: count for key, count in counts if any(count)}
+        self._counts: dict[int, list[int]] = {key: count for key, count in counts if any(count)}
 
 
 def factored_tables(memory: Memory, number: int, robots: int) -> Tables:
