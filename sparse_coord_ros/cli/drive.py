@@ -88,7 +88,9 @@ def execute(options: argparse.Namespace) -> int:
     if options.json:
         shared.print_json({"scenario": run.scenario.name, "seed": seed, **facts})
         return 0
-    print(table_of(run, facts))
+    rows = [[name, *(text.format(**facts) for text in texts)] for name, *texts in ROWS]
+    head = [f"{run.scenario.name}, {episodes} episodes", "driven", "by the grid"]
+    print(shared.format_table(head, rows))
     if options.out is not None:
         print(f"written: {options.out}")
     return 0
@@ -122,13 +124,6 @@ def facts_of(run: RunConfig, driven: Drive, grid: Trials, speed: float) -> dict:
         "bodies_lost": driven.lost,
         "drift": float(driven.drift.mean()),
     }
-
-
-def table_of(run: RunConfig, facts: dict) -> str:
-    """Return the table that `drive` prints."""
-    rows = [[name, *(text.format(**facts) for text in texts)] for name, *texts in ROWS]
-    head = [f"{run.scenario.name}, {facts['episodes']} episodes", "driven", "by the grid"]
-    return shared.format_table(head, rows)
 
 
 def _draw(options: argparse.Namespace, kind: str, run: RunConfig, driven: Drive) -> None:

@@ -218,17 +218,6 @@ def _say(out: Path, run: RunConfig, done: Training, trials: int | None, *, as_js
             said["evaluations"] = [{"steps": n, **e.to_dict()} for n, e in done.evaluations]
         shared.print_json(said)
         return
-    if done.evaluations:
-        rows = [
-            [
-                str(steps),
-                *(f"{getattr(found, name).mean:.2f}" for name in MEASURES),
-                f"{found.trials - found.not_arrived} of {found.trials}",
-            ]
-            for steps, found in done.evaluations
-        ]
-        head = ["after steps", "reward", "time to goal", "miscoordinations", "asks", "arrived"]
-        print(shared.format_table(head, rows), end="\n\n")
     if result is not None:
         print(result_table([Evaluated(out, run, result)]))
         missed = 1.0 - result.all_arrived
@@ -236,6 +225,8 @@ def _say(out: Path, run: RunConfig, done: Training, trials: int | None, *, as_js
             print(f"In {missed:.1%} of the trials some robot did not arrive.")
             print("\n".join(advice(scenario, done)))
     print(f"tables   {out / TEAM_FILE}\nhistory  {out / HISTORY_FILE}\nrun      {out / RUN_FILE}")
+    if done.evaluations:
+        print(f"on the way  {out / EVALUATIONS_FILE}")
 
 
 def advice(scenario: Scenario, done: Training) -> list[str]:
@@ -250,36 +241,39 @@ def advice(scenario: Scenario, done: Training) -> list[str]:
     history = done.history
     last = slice(history.episodes // 2, None)
     arrived = history.arrived[last][history.present[last]].mean()
-    longer = (
-        f"In the second half of learning {arrived:.0%} of the robots' episodes ended at the goal; "
-        f"learn longer: --steps {10 * scenario.steps}."
-    )
+    longest = f"and the longest way takes about {needed}"
+    left = scenario.discount**moves
     causes = [
         (
             scenario.horizon < needed,
-            f"A trial ends after {scenario.horizon} steps and the longest way takes about "
-            f"{needed}: --set horizon={2 * needed}.",
+            f"A trial ends after {scenario.horizon} steps {longest}",
+            f"horizon={2 * needed}",
         ),
         (
             scenario.max_steps < needed,
-            f"An episode ends after {scenario.max_steps} steps and the longest way takes about "
-            f"{needed}: --set max_steps={2 * needed}.",
+            f"An episode ends after {scenario.max_steps} steps {longest}",
+            f"max_steps={2 * needed}",
         ),
         (
             scenario.goal_value == 0 and scenario.q_star_init > 0,
-            "Arriving pays once (goal_value 0), less than the initial values promise elsewhere: "
-            "--set goal_value=200.",
+            "Arriving pays once (goal_value 0), less than the initial values promise elsewhere",
+            "goal_value=200",
         ),
         (
-            scenario.discount**moves < FAR,
+            left < FAR,
             f"The goal is {moves} moves away, and discount {scenario.discount:g} leaves "
-            f"{scenario.discount**moves:.1%} of its value there: --set discount=0.99.",
+            f"{left:.1%} of its value there",
+            "discount=0.99",
         ),
         (
             str(scenario.starts) == "fixed",
-            "Episodes that always begin at the same cells seldom find a goal far away: "
-            f"--set starts={SETTINGS['starts'].default}.",
+            "Episodes that always begin at the same cells seldom find a goal far away",
+            f"starts={SETTINGS['starts'].default}",
         ),
     ]
-    tips = [text for holds, text in causes if holds]
-    return [*tips[:1], longer]
+    tips = [f"{why}: --set {remedy}." for holds, why, remedy in causes if holds]
+    return [
+        *tips[:1],
+        f"In the second half of learning {arrived:.0%} of the robots' episodes ended at the goal; "
+        f"learn longer: --steps {10 * scenario.steps}.",
+    ]
