@@ -10,12 +10,12 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from sparse_coord_ros import runlog
 from sparse_coord_ros.dataframes import data_frame
 from sparse_coord_ros.engine import training
 from sparse_coord_ros.engine.batch import run_batch, uses_numba
@@ -43,7 +43,6 @@ from sparse_coord_ros.learn.history import History, load_history, no_history
 from sparse_coord_ros.learn.learners import Learner, learner_of, register_learner
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS, RunConfig
 from sparse_coord_ros.learn.tables import load_team
-from sparse_coord_ros.runlog import RunLog, Verification
 from sparse_coord_ros.solve import class_search, exact
 from sparse_coord_ros.solve import joint_mdp as joint_mdp_module
 from sparse_coord_ros.solve.exact import ExactEvaluation
@@ -54,6 +53,8 @@ from sparse_coord_ros.solve.shipped import ClassBound, RobotPolicy, shipped_clas
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from sparse_coord_ros.runlog import RunLog, Verification
 
 # Scenarios
 __all__ = ["load_scenario", "scenario_names", "Scenario", "generated_building"]
@@ -428,7 +429,14 @@ def shortest_paths(scenario: ScenarioLike) -> Reference:
     return shortest_path_reference(loaded(scenario))
 
 
-def read_log(bag: str | Path) -> RunLog:
+def __getattr__(name: str) -> object:
+    """Load what reads logs when its names are first used: it takes as long as all the rest."""
+    if name in ("RunLog", "Verification"):
+        return getattr(import_module("sparse_coord_ros.runlog"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def read_log(bag: str | Path) -> "RunLog":
     """Read a run's log as arrays: who was where, chose what, asked whom, perceived and got what.
 
     Args:
@@ -440,10 +448,12 @@ def read_log(bag: str | Path) -> RunLog:
         RunError: `bag` is no path.
         SettingError: its learner or its perception model is missing here.
     """
-    return runlog.read_run(_path("bag", bag))
+    from sparse_coord_ros.runlog import read_run
+
+    return read_run(_path("bag", bag))
 
 
-def verify(bag: str | Path) -> Verification:
+def verify(bag: str | Path) -> "Verification":
     """Compute a recorded run again from its seed and its log alone, and compare.
 
     Its attribute `same` says whether nothing differs, `differences` says what does.
@@ -454,6 +464,8 @@ def verify(bag: str | Path) -> Verification:
     Raises:
         BagError, RunError, SettingError: as `read_log`.
     """
+    from sparse_coord_ros import runlog
+
     return runlog.verify(_path("bag", bag))
 
 
