@@ -212,25 +212,27 @@ def _draw_policy(
         x, y = columns + 0.5 + 0.4 * side, rows + 0.6 + 0.2 * side
         colour, alpha = robot_colour(k), np.where(shown.trials.stays[k] > 0, 1.0, 0.3)
         cells, moves = np.nonzero(policy.moves)
-        axes.quiver(
-            *(x[cells] - 0.2 * east[moves], y[cells] - 0.2 * south[moves]),
-            *(0.4 * east[moves], 0.4 * south[moves]),
-            facecolor="white" if place % 2 else colour,
-            edgecolor=colour,
-            alpha=alpha[cells],
-            **ARROW,
-        )
+        if len(cells):
+            axes.quiver(
+                *(x[cells] - 0.2 * east[moves], y[cells] - 0.2 * south[moves]),
+                *(0.4 * east[moves], 0.4 * south[moves]),
+                facecolor="white" if place % 2 else colour,
+                edgecolor=colour,
+                alpha=alpha[cells],
+                **ARROW,
+            )
         asks = np.flatnonzero(policy.asks)
-        rings = PatchCollection(
-            [Circle(at, 0.25) for at in zip(x[asks], y[asks], strict=True)],
-            facecolors="none",
-            edgecolors=colour,
-            linewidths=1.8,
-            linestyles=LINES[place % 2],
-            alpha=alpha[asks],
-            zorder=4,
-        )
-        axes.add_collection(rings)
+        if len(asks):
+            rings = PatchCollection(
+                [Circle(at, 0.25) for at in zip(x[asks], y[asks], strict=True)],
+                facecolors="none",
+                edgecolors=colour,
+                linewidths=1.8,
+                linestyles=LINES[place % 2],
+                alpha=alpha[asks],
+                zorder=4,
+            )
+            axes.add_collection(rings)
     axes.set_title(title, fontsize=10)
     if key:
         _policy_key(shown, robots if len(robots) > 1 else (), axes)

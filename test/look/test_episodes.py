@@ -70,6 +70,8 @@ def test_how_a_question_ended_is_guessed_only_where_nobody_tells_it():
     assert question == (0, (1, 2), PerceptEnd.REFUSED, 2)
     told = Glimpse(5, (3, 4), (asks, moves), (4, 5), False, ends=(PerceptEnd.LATE, None))
     assert questions_of(told)[0].outcome == FAILED
+    perceived = told._replace(actions=(asks._replace(perceived=True), moves))
+    assert questions_of(perceived)[0].outcome == ANSWERED
     alone = Glimpse(5, (3,), (asks,), (4,), False)
     assert questions_of(alone)[0].end == PerceptEnd.NOBODY_TO_ASK
 

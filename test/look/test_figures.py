@@ -5,6 +5,7 @@
 import json
 import shutil
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,8 +13,12 @@ from matplotlib.collections import PatchCollection
 from matplotlib.quiver import Quiver
 
 from sparse_coord_ros.cli.main import main
+from sparse_coord_ros.driving.trials import Moment
 from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.look import figures
+from sparse_coord_ros.look.paths import paths_figure
 from sparse_coord_ros.look.policy import policy_of
 from sparse_coord_ros.look.results import ResultsShown
 from sparse_coord_ros.look.sources import open_shown
@@ -69,6 +74,8 @@ def test_percepts_are_the_log(bag):
     assert labels == [f"{n} ({f.sum()})" for n, f in found.items() if f.any()] and len(labels) == 2
     hatches = [container[0].get_hatch() for container in axes.containers]
     assert len(set(hatches)) == 2  # told apart without colour
+    below, above = axes.containers
+    assert [bar.get_y() for bar in above] == [bar.get_height() for bar in below]
     assert set(figures.HATCHES) == set(OUTCOME_COLOURS)
 
 
@@ -112,6 +119,17 @@ def test_plot_writes_the_same_bytes_each_time(trained, tmp_path, capsys, ending,
         assert said == {"file": str(file), "bytes": file.stat().st_size, "what": "length"}
     assert files[0].read_bytes() == files[1].read_bytes()
     assert files[0].read_bytes().startswith(begins)
+
+
+def test_each_episode_has_a_path_of_its_own():
+    run = make_run(load_scenario("env1"), {})
+    moments = [Moment(n // 3, 0.1 * n, ((n, 0.0), (0.0, n))) for n in range(6)]
+    touches = [SimpleNamespace(place=(1.0, 1.0))]
+    figure = paths_figure(run, SimpleNamespace(path=moments, touches=touches), "t")
+    lines = [line.get_xydata().tolist() for line in figure.axes[0].lines]
+    own = [[[n, 0] for n in range(3)], [[n, 0] for n in range(3, 6)]]
+    others = [[[y, x] for x, y in path] for path in own]
+    assert lines == [*own, *others, [[1, 1]]]
 
 
 def said(capsys, *arguments):

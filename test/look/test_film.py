@@ -90,10 +90,11 @@ def test_outcomes_differ_in_colour_line_and_sign():
 
 
 def test_a_miscoordination_is_marked():
-    pictures = [
-        frames(film(ENV1, episode([[9, 11], [DOOR, DOOR]], met=met), title="t"))[-1][0]
-        for met in (False, True)
-    ]
+    cells = [[9, 11], [DOOR, DOOR]]
+    made = (film(ENV1, episode(cells, met=met), title="t") for met in (False, True))
+    films = [[picture for picture, _ in frames(data)] for data in made]
+    assert np.array_equal(films[0][0], films[1][0])  # only when they are there
+    pictures = [one[-1] for one in films]
     quiet, marked = (near(one, DOORWAY_COLOUR).sum() for one in pictures)
     assert marked > 1.5 * quiet
     assert all(near(pictures[1], colour).sum() > 100 for colour in ROBOT_COLOURS[:2])

@@ -19,6 +19,7 @@ def test_greedy_moves_and_asks():
     q_star[4] = [1, 2, 3, 4, 9]
     q_star[5] = [9, 9, 9, 9, 9]  # nothing was learned here
     q_star[6] = [1, 2, 3, 4, 4]  # as good to ask as to go west
+    q_star[7] = [1, 2, 3, 4, 5]  # the goal
     policy = policy_of(Tables(q_star, q_coord), goal=7)
     assert policy.moves[3].tolist() == [False, True, True, False]
     assert policy.moves[4].tolist() == [False, False, False, True]

@@ -13,6 +13,8 @@ import pytest
 import yaml
 
 from sparse_coord_ros.cli.main import main
+from sparse_coord_ros.engine.training import train
+from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.run_config import load_run
 from sparse_coord_ros.learn.simulation import tables_equal
 from sparse_coord_ros.look.report import results_report, run_report
@@ -65,6 +67,13 @@ def test_its_numbers_are_those_of_the_log(page, bag):
     told = "\n".join(in_words(log, explain(log, k, int(log.step[row]))))
     assert told in unescape(page)
     assert "refused" in page
+
+
+def test_a_baseline_is_not_compared_with_itself(tmp_path, quick):
+    scenario = load_scenario("env1").with_settings({"steps": 300})
+    train(scenario, "noncoop", 1, engine="python").save(tmp_path / "run")
+    page = run_report(open_shown(tmp_path / "run"))
+    assert "Indiv., same seed" in page and "Non-coop., same seed" not in page
 
 
 def test_its_command_computes_the_same_bits(trained, tmp_path, monkeypatch, quick):

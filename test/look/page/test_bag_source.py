@@ -4,6 +4,8 @@
 
 import json
 import shutil
+import threading
+import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -65,6 +67,11 @@ def test_the_words_begin_as_explain_tells_them(player, bag):
     assert due[1].strip().startswith(said["lines"][1])
     assert due[3].strip().startswith(said["lines"][2])
     assert due[4].strip() == said["lines"][3]
+    player.do(SEEK, 10**9)
+    told = {
+        entry["outcome"]: entry["lines"][1] for entry in player.board.get("dialogue")["entries"]
+    }
+    assert "answers cell" in told["answered"] and told["refused"].endswith(": refused")
 
 
 def test_curves_and_evaluation_are_those_of_the_log(player, bag):
@@ -114,9 +121,15 @@ def test_a_bag_that_grows_is_followed(bag, tmp_path, monkeypatch):
     assert player.do(SEEK, 10**6)["state"] == "following"  # and now it does
     assert player.do(STEP, 1)["state"] == "ended"
     assert player.do(PAUSE, False)["state"] == "following"
+    reading = threading.Thread(target=player.source._read_through)
+    reading.start()
+    while player.board.get("curves") is None:
+        time.sleep(0.01)
     with path.open("ab") as file:
         file.write(data[len(data) // 2 :])
     player.source.look()
+    reading.join()
+    assert player.board.get("curves")["episodes"] == read_run(bag).history().episodes
     assert player.after(0.1)["step"] == read_run(bag).step[-1] > before["step"]
     assert not player.source.growing and player.board.get("notice")["text"] == ""
     player.source.log.bag.close()

@@ -33,7 +33,7 @@ def ask(view, step):
 def test_the_newest_questions_are_told_once(view):
     for step in range(50):
         ask(view, step)
-        view.show(transitions=step, episode=1)  # nothing is new
+        view.show(transitions=step, episode=0, rate=1.0)  # the same transition
     told = [entry["step"] for entry in view.board.get("dialogue")["entries"]]
     assert told == list(range(50 - messages.DIALOGUE, 50))
 
@@ -59,6 +59,18 @@ def test_numbers_have_four_digits_and_json_knows_each():
     found = messages._plain(np.array([[1.00001, np.nan], [-np.inf, 2 / 3]]))
     assert found == [[1.0, None], [None, 0.6667]]
     assert messages._plain(np.array([1.5, 2.0])) == [1.5, 2.0]
+
+
+def test_a_robot_s_curve_leaves_out_the_episodes_in_which_it_was_not_there():
+    history = no_history(2)._replace(
+        first_step=np.arange(2),
+        length=np.array([3, 5]),
+        miscoordinations=np.zeros(2),
+        reward=np.array([[1.0, 0.0], [0.0, 4.0]]),
+        asks=np.zeros((2, 2)),
+        present=np.eye(2),
+    )
+    assert messages.curve_fields(history)["reward"] == [[1.0, None], [None, 4.0]]
 
 
 def test_curves_of_a_long_run_are_means_and_take_no_copy_of_it():

@@ -76,6 +76,15 @@ async def next_of(stream, *kinds):
             return message
 
 
+def test_a_board_gives_what_is_newer_the_oldest_first():
+    made = board()
+    for kind, step in (("frame", 1), ("notice", 2), ("frame", 3)):
+        made.put(kind, step=step)
+    versions, texts = zip(*made.newer(0), strict=True)
+    assert [json.loads(text)["type"] for text in texts] == ["run", "notice", "frame"]
+    assert json.loads(texts[-1])["step"] == 3 and made.newer(versions[-1]) == []
+
+
 @served
 async def test_fixed_files_and_nothing_else(client, page):
     for name, kind in {"": "text/html", **FILES}.items():
