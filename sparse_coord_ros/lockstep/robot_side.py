@@ -58,44 +58,19 @@ class Answer(NamedTuple):
 
 
 class Pending(NamedTuple):
-    """An action whose outcome is still to come: what `Agent.learn` is told first, and the account.
+    """An action whose outcome is still to come.
 
     Attributes:
-        step: the time step.
-        cell: the own cell.
         decision: what was decided before anybody was asked.
         action: what was done.
         perceived: the cells of the peers that were perceived; None: none.
         account: what was said beside the action.
     """
 
-    step: int
-    cell: int
     decision: Decision
     action: Action
     perceived: tuple[int, ...] | None
     account: Account
-
-
-class Asking(NamedTuple):
-    """A decision whose peers are asked, one after the other.
-
-    Attributes:
-        step: the time step.
-        cell: the own cell.
-        decision: the decision.
-        seen: the cells of the peers that have answered, in the order of `decision.peers`.
-    """
-
-    step: int
-    cell: int
-    decision: Decision
-    seen: tuple[int, ...] = ()
-
-    @property
-    def peer(self) -> int:
-        """The peer that is asked now."""
-        return self.decision.peers[len(self.seen)]
 
 
 class RobotState(NamedTuple):
@@ -147,7 +122,8 @@ class RobotSide:
         self._states: deque[tuple[int, int]] = deque()
         self._reward: Reward | None = None
         self._pending: Pending | None = None
-        self._asking: Asking | None = None
+        self._asked: Decision | None = None  # whose peers are asked, one after the other
+        self._seen: tuple[int, ...] = ()  # cells of those that have answered
         self._checkpoint = run.checkpoint
         self._percepts = Percepts(run.scenario, run.seed)
         self.go_on_from(agent, None)
@@ -158,10 +134,10 @@ class RobotSide:
 
         "percept" or "reward". A deadline runs on it; when it passes, call `expire`.
         """
-        if self._asking is not None:
-            return ("percept", self._asking.step)
+        if self._asked is not None:
+            return ("percept", self._handled)
         if self._states and self._pending is not None:
-            return ("reward", self._pending.step)
+            return ("reward", self._handled)
         return None
 
     @property
@@ -175,7 +151,7 @@ class RobotSide:
     @property
     def asking(self) -> int:
         """The peer that it waits for, or -1."""
-        return -1 if self._asking is None else self._asking.peer
+        return -1 if self._asked is None else self._asked.peers[len(self._seen)]
 
     @property
     def counts(self) -> dict[str, int]:
@@ -190,37 +166,35 @@ class RobotSide:
             return
         self.newest = (step, cell)
         self._states.append((step, cell))
-        if self._asking is not None:  # the world went on without this robot
-            self._asking = None
+        self._asked = None  # where it still asks, the world went on without it
         self._go_on()
 
     def reward(self, step: int, reward: Reward) -> None:
         """Take in R_k of the action at a time step."""
-        if self._pending is not None and step == self._pending.step:
+        if self._pending is not None and step == self._handled:
             self._reward = reward
             self._go_on()
 
     def answer(self, peer: int, request_step: int, answer: Answer) -> None:
         """Take in a peer's answer to the request of a time step."""
-        asking = self._asking
-        if asking is None or asking.step != request_step or asking.peer != peer:
+        step, asked = self._handled, self._asked
+        if asked is None or step != request_step or self.asking != peer:
             return
-        if answer.step < asking.step:
+        if answer.step < step:
             self.asks["repeated"] += 1
-            self._port.ask(peer, asking.step, asking.cell)
-        elif answer.step > asking.step or answer.cell is None:
+            self._port.ask(peer, step, self._cell)
+        elif answer.step > step or answer.cell is None:
             self._act(None, PerceptEnd.REFUSED)
         else:
-            seen = (*asking.seen, answer.cell)
-            if len(seen) < len(asking.decision.peers):
-                self._asking = asking._replace(seen=seen)
-                self._port.ask(self._asking.peer, asking.step, asking.cell)
+            self._seen += (answer.cell,)
+            if len(self._seen) < len(asked.peers):
+                self._port.ask(self.asking, step, self._cell)
             else:
-                self._act(seen, PerceptEnd.ANSWERED)
+                self._act(self._seen, PerceptEnd.ANSWERED)
 
     def expire(self) -> None:
         """The deadline on `waiting` has passed: a failed percept, or a transition unlearned."""
-        if self._asking is not None:
+        if self._asked is not None:
             self._act(None, PerceptEnd.LATE)
         elif self.waiting is not None:
             self.dropped += 1
@@ -250,7 +224,7 @@ class RobotSide:
         An agent learns only when it works off a state, so this may be asked for at any time.
         """
         # What it has chosen at this step, it will choose again.
-        chosen = self._asking is not None or self._pending is not None
+        chosen = self._asked is not None or self._pending is not None
         asks = self._asks_before if chosen else self.asks.values()
         told = self._learned_last if self._pending is None else self._pending.account.learned
         return RobotState(
@@ -266,7 +240,7 @@ class RobotSide:
     def account_of(self, step: int) -> Account | None:
         """Return what the robot said of itself at a time step; None: it is over, or to come."""
         pending = self._pending
-        return pending.account if pending is not None and pending.step == step else None
+        return pending.account if pending is not None and step == self._handled else None
 
     def go_on_from(self, agent: Agent, state: RobotState | None) -> None:
         """Go on where a robot of the same run was, and forget all that is newer.
@@ -279,7 +253,7 @@ class RobotSide:
         """
         self.agent = agent
         self._states.clear()
-        self._reward = self._pending = self._asking = None
+        self._reward = self._pending = self._asked = None
         if state is not None:
             agent.go_on_from(state.memory)
         begin = (BEFORE_ANY_STEP, -1, 0, NO_STEP, False, (0,) * (len(ASKS) + 2))
@@ -296,34 +270,34 @@ class RobotSide:
         """Work off the states that have come, as far as what belongs to them is there."""
         while self._states:
             step, cell = self._states[0]
-            pending = self._pending
-            if pending is not None and step == pending.step + 1:
+            before, pending = self._handled, self._pending
+            if pending is not None and step == before + 1:
                 if self._reward is None:
                     return
-                self.agent.learn(*pending[:-1], self._reward, cell)
+                self.agent.learn(before, self._cell, *pending[:-1], self._reward, cell)
                 self._learned_last = self.agent.learning
                 self.learned += self.agent.learning
             self._pending = None
             self._reward = None
             self._states.popleft()
-            if step == self._handled + 1:
+            if step == before + 1:
                 self.transitions += 1
             else:
                 self._episode_start = step
                 self._port.episode(step)
-            before, self._handled, self._cell = self._handled, step, cell
+            self._handled, self._cell = step, cell
             if self._checkpoint and before // self._checkpoint < step // self._checkpoint:
                 if before != BEFORE_ANY_STEP:
                     self._port.checkpoint(step)
             if not self._states and not self._rests(step, cell):
-                self._choose(step, cell)
+                self._choose()
 
     def _repeat(self, step: int, cell: int) -> None:
         """The world says a state again because it misses the action: say it, or choose it now."""
-        if self._pending is not None and self._pending.step == step:
+        if self._pending is not None and self._handled == step:
             self._port.act(step, self._pending.action, self._pending.account)
-        elif self._asking is None and self._handled == step and cell != self.agent.goal:
-            self._choose(step, cell)
+        elif self._asked is None and self._handled == step and cell != self.agent.goal:
+            self._choose()
 
     def _rests(self, step: int, cell: int) -> bool:
         """Whether no action is due: arrived, end of the episode, or end of the run."""
@@ -333,28 +307,27 @@ class RobotSide:
             or self.transitions >= self._budget
         )
 
-    def _choose(self, step: int, cell: int) -> None:
+    def _choose(self) -> None:
         self._asks_before = tuple(self.asks.values())
-        decision = self.agent.decide(step, cell)
-        self._asking = Asking(step, cell, decision)
+        decision = self._asked = self.agent.decide(self._handled, self._cell)
+        self._seen = ()
         if decision.peers:
-            self._port.ask(self._asking.peer, step, cell)
+            self._port.ask(self.asking, self._handled, self._cell)
         elif decision.action == COORDINATE:
             self._act(None, PerceptEnd.NOBODY_TO_ASK)
         else:
             self._act(None, PerceptEnd.DID_NOT_ASK)
 
     def _act(self, perceived: tuple[int, ...] | None, ended: PerceptEnd) -> None:
-        asking, self._asking = self._asking, None
-        if asking is None:  # nothing is to be decided
-            return
-        step, cell, decision, _ = asking
+        decision, self._asked = self._asked, None
+        assert decision is not None
+        step, cell = self._handled, self._cell
         if ended in (PerceptEnd.ANSWERED, PerceptEnd.REFUSED, PerceptEnd.LATE):
             self.asks[ended.words] += 1
         action = self.agent.act(step, cell, decision, perceived)
         account = Account(ended, self._learned_last)
         self._learned_last = False
-        self._pending = Pending(step, cell, decision, action, perceived, account)
+        self._pending = Pending(decision, action, perceived, account)
         if action.asked:
             self._port.percept(step, cell, perceived)
         self._port.act(step, action, account)
