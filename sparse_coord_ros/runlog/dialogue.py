@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The dialogue of active perception, put together from the recorded service events."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -46,6 +47,11 @@ class Request:
         return (self.wall_ns[EventKind.RETURNED] - self.wall_ns[EventKind.SENT]) / SECOND
 
 
+def sent_ns(request: Request) -> int:
+    """Return when a request was sent, by the wall clock; 0 where that is not recorded."""
+    return request.wall_ns.get(EventKind.SENT, 0)
+
+
 def heard(requests: Sequence[Request]) -> list[Request]:
     """Return the requests but those that the asker had given up when their answer came.
 
@@ -58,21 +64,15 @@ def heard(requests: Sequence[Request]) -> list[Request]:
     Returns:
         The newest first.
     """
-    latest: dict[tuple[int, int], int] = {}
+    latest: dict[tuple[int, int], float] = {}
     found = []
-    ordered = sorted(
-        requests[::-1], key=lambda one: one.wall_ns.get(EventKind.SENT, 0), reverse=True
-    )
-    for request in ordered:
-        place, sent = (request.peer, request.step), request.wall_ns.get(EventKind.SENT)
-        if request.wall_ns.get(EventKind.RETURNED, 0) < latest.get(place, _NEVER):
+    for request in sorted(requests[::-1], key=sent_ns, reverse=True):
+        place = (request.peer, request.step)
+        if request.wall_ns.get(EventKind.RETURNED, 0) < latest.get(place, math.inf):
             found.append(request)
-        if sent is not None:
-            latest[place] = sent
+        if EventKind.SENT in request.wall_ns:
+            latest[place] = sent_ns(request)
     return found
-
-
-_NEVER = 2**63
 
 
 def times_asked_again(requests: Sequence[Request]) -> int:
