@@ -105,10 +105,6 @@ def create_bag_file(directory: Path, file_name: str, *, new: bool = True) -> Out
             directory.mkdir(parents=True)
         return OutputFile(directory / file_name)
     except FileExistsError as error:
-        if not new:
-            raise BagError(
-                f"bag file {directory / file_name} exists: another recorder writes this bag"
-            ) from error
         raise BagError(
             f"bag directory {directory} exists: choose another name, or move it away"
         ) from error

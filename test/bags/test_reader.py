@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the reader says of finished, unfinished, foreign and hostile bags."""
 
+import errno
 import io
 import os
 import struct
@@ -101,6 +102,15 @@ def test_nothing_to_read_is_one_line(tmp_path):
     }.items():
         with pytest.raises(BagError, match=message):
             open_bag(tmp_path / path)
+
+
+def test_a_disk_that_fails_is_one_line(tmp_path, bag, monkeypatch):
+    def bad_disk(*_):
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    monkeypatch.setattr("sparse_coord_ros.bags.records.os.pread", bad_disk)
+    with pytest.raises(BagError, match=r"\.partial: byte 0: cannot be read: Input/output error$"):
+        open_bag(tmp_path / "run")
 
 
 def test_file_that_changes_while_it_is_read(tmp_path, bag):
