@@ -184,14 +184,8 @@ def test_many_runs_are_the_single_ones(scenario, training):
     assert many[1].history.same_bits(training.history)
     assert sc.evaluate(many[1], trials=9).to_dict() == sc.evaluate(training, trials=9).to_dict()
     frame = many.to_pandas()
-    assert list(frame) == [
-        "seed",
-        "reward",
-        "time_to_goal",
-        "asks",
-        "miscoordinations",
-        "arrived",
-    ]
+    measures = ["reward", "time_to_goal", "asks", "miscoordinations", "arrived"]
+    assert list(frame) == ["seed", *measures]
     assert frame.reward[1] == sc.evaluate(training, trials=4, seed=3).reward.mean
     assert frame.arrived[0] == many[0].trials.arrived.all(axis=1).mean()
     bare = sc.train_many(scenario, runs=1, trials=0, history=False)

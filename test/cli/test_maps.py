@@ -25,13 +25,8 @@ def test_one_map(sparse_coord):
     code, out, err = sparse_coord("maps", "env1")
     assert (code, err) == (0, "")
     assert "\n".join(load_map("env1").rows) in out
-    for words in (
-        "env1: Two rooms",
-        "source: Melo",
-        "provenance: ",
-        "5 x 5, 21 cells, 1 doorways",
-    ):
-        assert words in out
+    words = ("env1: Two rooms", "source: Melo", "provenance: ", "5 x 5, 21 cells, 1 doorways")
+    assert [one for one in words if one not in out] == []
 
 
 def test_the_map_of_a_scenario_file(sparse_coord, folder):

@@ -61,18 +61,15 @@ def test_interrupted_in_a_condition_it_goes_on_with_that_one(sparse_coord, folde
 
 
 def test_a_single_run_is_that_run(sparse_coord, folder):
-    target = "env1/coop/penalty=-20,steps=3000/3"
+    target = "env1/coop/penalty=-20,steps=300/3"
     arguments = ("--runs", "4", "--trials", "5", "--seed", "10", "--out", "r")
     code, out, _ = sparse_coord("reproduce", target, *arguments)
     assert code == 0
     assert "exact joint optimum" in out
-    scenario = load_scenario("env1").with_settings({"steps": 3000})
-    assert tables_equal(
-        load_team(folder / "r/runs" / target, scenario), learn(scenario, "coop", 13)
-    )
-    code, out, _ = sparse_coord("evaluate", f"r/runs/{target}", "--trials", "5", "--json")
-    assert code == 0
-    assert json.loads(out)["learner"] == "coop"
+    scenario = load_scenario("env1").with_settings({"steps": 300})
+    saved = load_team(folder / "r/runs" / target, scenario)
+    assert tables_equal(saved, learn(scenario, "coop", 13))
+    assert sparse_coord("evaluate", f"r/runs/{target}", "--trials", "5")[0] == 0
 
 
 def test_list(sparse_coord, folder):
@@ -119,6 +116,7 @@ def files(folder):
 
 
 JSON = ((), ("--json",))
+RUN = ("history.npz", "run.yaml", "tables.npz")
 
 
 def test_a_run_that_is_there_is_not_overwritten(sparse_coord, refused, folder):
@@ -162,12 +160,8 @@ def test_scenario_files_stay_in_the_results_directory(sparse_coord, folder):
     assert code == 0, err
     assert out.splitlines()[2].startswith("mine/indiv/penalty=-1 ")
     made = {str(path.relative_to(folder / "work/r")) for path in set(files(folder)) - before}
-    run = "runs/mine/indiv/penalty=-1/1"
-    assert made == {"results.json", "conditions/mine/indiv/penalty=-1.json"} | {
-        f"{run}/history.npz",
-        f"{run}/run.yaml",
-        f"{run}/tables.npz",
-    }
+    run = {f"runs/mine/indiv/penalty=-1/1/{name}" for name in RUN}
+    assert made == {"results.json", "conditions/mine/indiv/penalty=-1.json"} | run
     for target in (other, f"{other}/1"):
         code, _, err = sparse_coord("reproduce", target, *FEW, "--out", "work/r")
         assert (code, err.count("\n")) == (2, 1)
@@ -204,11 +198,7 @@ def within(seconds, condition):
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="looks at /proc of Linux")
 @pytest.mark.parametrize(
     "number",
-    [
-        pytest.param(signal.SIGINT, marks=pytest.mark.long),
-        pytest.param(signal.SIGTERM, marks=pytest.mark.long),
-        signal.SIGKILL,
-    ],
+    [pytest.param(signal.SIGINT, marks=pytest.mark.long), signal.SIGKILL],
 )
 def test_no_process_goes_on_computing(folder, number):
     command = ["reproduce", "crowd-8r/coop/penalty=-20,steps=1000000", "--engine", "python"]
