@@ -17,7 +17,7 @@ from sparse_coord_ros.driving.ground import Ground, Pose
 from sparse_coord_ros.driving.steering import STOP, Command
 from sparse_coord_ros.driving.transforms import Tree, yaw_of
 from sparse_coord_ros.driving.trials import limits_of
-from sparse_coord_ros.errors import RunError, SettingError, did_you_mean
+from sparse_coord_ros.errors import RunError, SettingError
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.lockstep.bodies import Goals
 from sparse_coord_ros.nodes import interface
@@ -26,6 +26,7 @@ from sparse_coord_ros.nodes.messages import (
     Converter,
     reached_message,
     read_goals,
+    robot_number,
 )
 from sparse_coord_ros.nodes.parameters import DRIVER_PARAMETERS, TF, Place
 from sparse_coord_ros.nodes.spin import run_node, wait_for_readers
@@ -86,13 +87,8 @@ class DriverNode(Follower):
     def begin(self, run: RunConfig) -> None:
         """Begin with a run: hear goals and poses."""
         names = [robot.name for robot in run.scenario.robots]
-        if self._robot not in names:
-            raise RunError(
-                f"parameter robot: the run has no {self._robot!r}"
-                f"{did_you_mean(self._robot, names)}; its robots: {', '.join(names)}"
-            )
+        number = robot_number(run, self._robot, "give parameter robot one of them")
         ground = Ground(run, self.values["radius"])
-        number = names.index(self._robot)
         self.driver = Driver(ground, limits_of(self.values, ground.side), number)
         self._convert = Converter(run)
         read = functools.partial(read_goals, self._convert, names)

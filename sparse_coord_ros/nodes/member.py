@@ -10,7 +10,7 @@ from rclpy.client import Client
 from std_srvs.srv import Trigger
 
 from sparse_coord_ros import wire
-from sparse_coord_ros.errors import RunError, TablesError, did_you_mean, os_error_text
+from sparse_coord_ros.errors import TablesError, os_error_text
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.world import Action, Reward
 from sparse_coord_ros.learn.agent import Agent
@@ -25,6 +25,7 @@ from sparse_coord_ros.nodes.guard import Guard
 from sparse_coord_ros.nodes.messages import (
     Converter,
     progress_message,
+    robot_number,
     status,
     tables_message,
 )
@@ -60,7 +61,8 @@ class Member:
         self, node: Follower, guard: Guard, run: RunConfig, clients: dict[str, Client]
     ) -> None:
         self._node, self._guard, self._name, self.run = node, guard, node.get_name(), run
-        self._number = self._place_in_team()
+        remedy = f"name the node with --ros-args -r __node:={run.scenario.robots[0].name}"
+        self._number = robot_number(run, self._name, remedy)
         self._convert = Converter(run)
         own = [robot_file(Path(), self._name).name, TEAM_FILE]
         self.output = Output(node, self._name, run, own)
@@ -87,16 +89,6 @@ class Member:
         self._peers = Peers(node, run, self._convert, self.lockstep, clients)
         node.create_service(Trigger, services.SAVE.of("~"), self._on_save)
         self._say_progress()
-
-    def _place_in_team(self) -> int:
-        name, names = self._name, [robot.name for robot in self.run.scenario.robots]
-        if name not in names:
-            raise RunError(
-                f"robot {name!r}: scenario {self.run.scenario.name} has no such robot"
-                f"{did_you_mean(name, names)}; its robots are {', '.join(names)}; name the "
-                f"node with --ros-args -r __node:={names[0]}"
-            )
-        return names.index(name)
 
     def _fresh_agent(self) -> Agent:
         """Return an agent as it is at the run's beginning."""

@@ -14,6 +14,7 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, MultiArrayDimension, String, UInt8MultiArray
 
+from sparse_coord_ros.errors import RunError, did_you_mean
 from sparse_coord_ros.learn.run_config import RunConfig, run_from_yaml
 from sparse_coord_ros.lockstep.bodies import LOST, BodyGoal, Goals, Reached
 from sparse_coord_ros.nodes.interface import bind
@@ -56,6 +57,21 @@ def read_run(message: String) -> RunConfig:
         SparseCoordError: it is none, or one in another format.
     """
     return run_from_yaml(message.data, where=f"topic {RUN.name}")
+
+
+def robot_number(run: RunConfig, name: str, remedy: str) -> int:
+    """Return a robot's number in the scenario, from 0.
+
+    Raises:
+        RunError: the scenario has no such robot; `remedy` says what to do.
+    """
+    names = [robot.name for robot in run.scenario.robots]
+    if name not in names:
+        raise RunError(
+            f"robot {name!r}: scenario {run.scenario.name} has no such robot"
+            f"{did_you_mean(name, names)}; its robots are {', '.join(names)}; {remedy}"
+        )
+    return names.index(name)
 
 
 def progress_message(name: str, said: Progress) -> DiagnosticStatus:

@@ -17,7 +17,7 @@ from sparse_coord_ros.wire import RECORDER
 from sparse_coord_ros.wire.status import NO_ORDER, ROLL_CALL, Progress, read_progress
 
 
-class Returning:
+class Returning(WorldRollback):
     """Hears what robots say of their checkpoints, and takes the team back where that is due.
 
     Args:
@@ -26,9 +26,6 @@ class Returning:
         side: the world's side of the lock step.
         store: the world's checkpoints.
         changed: called when an order was given, and when the team goes on.
-
-    Attributes:
-        back: the order that stands, and what it cost.
     """
 
     def __init__(
@@ -39,10 +36,10 @@ class Returning:
         store: Store,
         changed: Callable[[], None],
     ) -> None:
-        self._node, self._run, self._side, self._changed = node, run, side, changed
         self._names = [robot.name for robot in run.scenario.robots]
+        super().__init__(side, store, len(self._names))
+        self._node, self._run, self._changed = node, run, changed
         self._warn = node.get_logger().warning
-        self.back = WorldRollback(side, store, len(self._names))
         self._under_way = False
         self._recorder_obeyed = NO_ORDER
         self._since = 0.0
@@ -55,7 +52,7 @@ class Returning:
     @property
     def calling(self) -> bool:
         """Whether the team waits for all to say where they are, before it goes on there."""
-        return self._side.held and self.back.order.step == ROLL_CALL
+        return self._side.held and self.order.step == ROLL_CALL
 
     def resume(self) -> list[str]:
         """Where a run is resumed, order from where; return whose checkpoints are not known yet.
@@ -65,10 +62,10 @@ class Returning:
         """
         if not self._node.values["resume"] or self._side.held:
             return []
-        pairs = zip(self._names, self.back.said, strict=True)
+        pairs = zip(self._names, self.said, strict=True)
         silent = [name for name, said in pairs if said is None]
         if not silent:
-            if not self._go_back(together=self._node.values["returning"] == ROLL_BACK):
+            if not self._order_back(together=self._node.values["returning"] == ROLL_BACK):
                 raise RunError(
                     "resume: a robot keeps no checkpoints; give every robot parameter 'out' and "
                     "resume:=true, or this world returning:=continue"
@@ -79,19 +76,19 @@ class Returning:
             )
         return silent
 
-    def go_on(self, now: float, *, all_listen: Callable[[], bool]) -> None:
+    def look(self, now: float, *, all_listen: Callable[[], bool]) -> None:
         """End the hold after an order; who does not obey in time joins later."""
         late = now - self._since >= self._run.step_timeout
-        recorded = not self._run.recorded or self._recorder_obeyed == self.back.order.name
+        recorded = not self._run.recorded or self._recorder_obeyed == self.order.name
         if not late and not (recorded and all_listen()):
             return
-        waiting = [self._names[k] for k in sorted(self.back.waiting)]
-        if not self.back.go_on(anyway=late):
+        waiting = [self._names[k] for k in sorted(self.waiting)]
+        if not self.go_on(anyway=late):
             return
         if waiting:
             self._warn(f"{', '.join(waiting)} did not obey; going on without")
-        if self.back.lost:
-            self._warn(f"{self.back.lost} transitions are lost in the history")
+        if self.lost:
+            self._warn(f"{self.lost} transitions are lost in the history")
         self._changed()
 
     def begin(self, now: float) -> None:
@@ -100,7 +97,7 @@ class Returning:
 
     def _on_progress(self, robot: int, said: Progress) -> None:
         """Take in what a robot says of its checkpoints; one that comes back may take us along."""
-        new, name, step = self.back.heard(robot, said), self._names[robot], self._side.world.step
+        new, name, step = self.heard(robot, said), self._names[robot], self._side.world.step
         if not (new and self._under_way) or self._side.finished:
             return
         if not said.resumed:
@@ -108,14 +105,14 @@ class Returning:
                 f"{name} was replaced at step {step}: a new node has its name, with tables of its "
                 "own"
             )
-        elif self._node.values["returning"] == ROLL_BACK and self._go_back():
+        elif self._node.values["returning"] == ROLL_BACK and self._order_back():
             self._warn(
                 f"{name} came back at step {step}: everybody goes back to the checkpoint of step "
-                f"{self.back.order.step}"
+                f"{self.order.step}"
             )
         else:
             lost = max(0, step - said.step)
-            self.back.lost += lost
+            self.lost += lost
             self._warn(
                 f"{name} came back at step {step} with what it had learned until step "
                 f"{said.step}: the team goes on, {lost} time steps of {name} are lost"
@@ -124,9 +121,9 @@ class Returning:
     def _on_recorder(self, said: Progress) -> None:
         self._recorder_obeyed = said.obeyed
 
-    def _go_back(self, *, together: bool = True) -> bool:
-        """Order to go back, as `WorldRollback.go_back`, and say so."""
-        gone = self.back.go_back(together=together)
+    def _order_back(self, *, together: bool = True) -> bool:
+        """Go back, as `go_back`, and say so."""
+        gone = self.go_back(together=together)
         if gone:
             self._since = time.monotonic()
             self._changed()

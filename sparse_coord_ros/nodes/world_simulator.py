@@ -117,7 +117,7 @@ class WorldSimulator(ParameterNode):
 
     def _say(self) -> None:
         if self._output is not None:
-            self.topics.say(self.doing, self.lockstep, self.returning.back.order)
+            self.topics.say(self.doing, self.lockstep, self.returning.order)
 
     def _show(self) -> None:
         """Show where the robots are; a resumed team that is yet to go back is elsewhere."""
@@ -173,7 +173,7 @@ class WorldSimulator(ParameterNode):
         if not self.speed.begun:
             self._start_when_complete(now)
         elif self.lockstep.held:
-            self.returning.go_on(now, all_listen=lambda: not self._missing())
+            self.returning.look(now, all_listen=lambda: not self._missing())
         elif not self.lockstep.finished:
             self._watch_the_barrier(now)
         if now - self.speed.reported >= REPORT_SECONDS:
@@ -337,7 +337,7 @@ class WorldSimulator(ParameterNode):
             "transitions": self.lockstep.world.transitions,
             "miscoordinations": self.lockstep.world.miscoordinations,
             "timeouts": self.lockstep.timeouts,
-            "replaced_robots": self.returning.back.replaced,
+            "replaced_robots": self.returning.replaced,
             "messages_dropped": self.intake.total,
         }
 
@@ -348,8 +348,8 @@ class WorldSimulator(ParameterNode):
             "episodes": self.lockstep.world.episode + 1,
             "last_step": self.lockstep.world.step,
             "stale_actions": self.lockstep.stale,
-            "taken_back": self.returning.back.taken_back,
-            "transitions_lost": self.returning.back.lost,
+            "taken_back": self.returning.taken_back,
+            "transitions_lost": self.returning.lost,
             "executor": self.values["executor"],
             "rate": self.values["rate"],
             **({} if self.bodies is None else self.bodies.summary()),

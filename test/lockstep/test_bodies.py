@@ -6,8 +6,7 @@ import pytest
 
 from sparse_coord_ros.game.actions import SOUTH
 from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.game.world import Action, World
-from sparse_coord_ros.learn.simulation import Team
+from sparse_coord_ros.game.world import Action
 from sparse_coord_ros.lockstep.bodies import (
     BEGIN,
     LOST,
@@ -18,7 +17,6 @@ from sparse_coord_ros.lockstep.bodies import (
     Reached,
     waves,
 )
-from sparse_coord_ros.lockstep.world_side import WorldSide
 
 
 class Port:
@@ -157,41 +155,3 @@ A, B, C, DOOR = 1, 2, 3, 9
 def test_the_order_in_which_bodies_set_out(goals, order):
     found = waves([BodyGoal(k, *ends) for k, ends in enumerate(goals)], frozenset({DOOR}))
     assert [[goal.robot for goal in wave] for wave in found] == order
-
-
-class Silent:
-    """A port of the world that says nothing."""
-
-    def state(self, *said):
-        pass
-
-    reward = episode = checkpoint = state
-
-
-def test_bodies_that_get_there_play_the_grid_s_game():
-    """Through the lock step: the same cells, rewards and episodes for hundreds of steps."""
-    from sparse_coord_ros.learn.learners import learner_of
-    from sparse_coord_ros.learn.run_config import make_run
-
-    run = make_run(load_scenario("env1", steps=400), {"seed": 3})
-    agents = [learner_of("coop").agent(run.scenario, k, 3) for k in range(2)]
-    team, grid = Team(run.scenario, 3, agents), World(run.scenario, 3)
-    port = Port()
-    world = BodyWorld(run.scenario, 3)
-    side, barrier = BodiesSide(world, port), WorldSide(run, Silent(), world)
-    barrier.start()
-    while not barrier.finished:
-        assert world.cells == grid.cells and world.step == grid.step
-        choices, actions = team.act(grid)
-        for k, action in enumerate(actions):
-            if action is not None:
-                barrier.action(k, world.step, action)
-        assert barrier.actions == tuple(actions)
-        while not side.made(barrier.actions):
-            arrive(side, port.goals[-1])
-        outcome = grid.advance(actions)
-        team.learn(choices, grid, outcome)
-        barrier.advance()
-        if outcome.episode_over and grid.transitions < 400:
-            grid.begin_episode()
-    assert barrier.world.miscoordinations == grid.miscoordinations

@@ -250,7 +250,7 @@ def test_bad_goals_are_refused():
     ("values", "kind", "text"),
     [
         ({}, SettingError, "parameter robot: none is given"),
-        ({"robot": "robot_9"}, RunError, "the run has no 'robot_9'"),
+        ({"robot": "robot_9"}, RunError, "robot 'robot_9': scenario env1 has no such robot"),
         ({"robot": "robot_1", "radius": 3.0}, SettingError, "radius: value is 3, allowed: less"),
         ({"robot": "robot_1", "pose_type": "gps"}, SettingError, "pose_type"),
     ],
