@@ -8,6 +8,7 @@ from pathlib import Path
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.options import Option
 from sparse_coord_ros.errors import ScenarioError, SettingError
+from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.buildings import SIZES, Building, building_text
 from sparse_coord_ros.game.grid import GridMap, load_map, map_names
 from sparse_coord_ros.game.scenario import load_scenario
@@ -71,12 +72,10 @@ def map_of(name: str) -> GridMap:
 
 def _generate(path: Path, building: Building, *, as_json: bool) -> int:
     """Write a building's scenario file, and show its map."""
-    text = building_text(building)
+    if path.exists():
+        raise ScenarioError(f"{path}: exists already; choose another file, or remove it")
     try:
-        with path.open("x", encoding="utf-8") as file:
-            file.write(text)
-    except FileExistsError:
-        raise ScenarioError(f"{path}: exists already; choose another file, or remove it") from None
+        write_whole(path, building_text(building))
     except OSError as error:
         raise ScenarioError(f"{path}: cannot be written ({error.strerror})") from None
     grid = load_scenario(str(path)).map

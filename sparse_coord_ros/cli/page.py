@@ -4,6 +4,7 @@
 
 import argparse
 import time
+import webbrowser
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager, nullcontext
 from pathlib import Path
@@ -47,7 +48,7 @@ def served(options: argparse.Namespace, board: "Board | None" = None) -> Iterato
 def announce(server: "Server", options: argparse.Namespace) -> None:
     """Print the address of a page that has something to show; open it where that is wanted."""
     note(f"watch it at {server.address}")
-    if options.browser and not _opened(server.address):
+    if options.browser and not webbrowser.open(server.address):
         note("no browser is here: open that address in one")
 
 
@@ -133,14 +134,3 @@ def next_wish(server: "Server", stop: Callable[[], bool]) -> Mapping[str, Any]:
         time.sleep(0.05)
     server.show(None)
     return wishes.next
-
-
-def _opened(address: str) -> bool:
-    """Open a graphical browser; a browser in the terminal would hide everything else."""
-    import webbrowser
-
-    try:
-        browser = webbrowser.get()
-    except webbrowser.Error:
-        return False
-    return type(browser) is not webbrowser.GenericBrowser and browser.open(address)

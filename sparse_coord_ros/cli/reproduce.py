@@ -85,11 +85,8 @@ def execute(options: argparse.Namespace) -> int:
 
 def _print(out: Path, done: ExperimentResults) -> None:
     chosen = done.targets.experiments
-    own = {one.id for each in chosen for one in each.conditions}
     rows = []
     for name, result in done.items():
-        if name in own and len(chosen) > 1:
-            continue
         reward, asks = result.measure("reward"), result.measure("asks")
         error = f"{reward.standard_error:.2f}" if result.runs > 1 else "-"
         rows.append(

@@ -237,28 +237,11 @@ def advice(scenario: Scenario, done: Training) -> list[str]:
         done: the run, in which they did not.
     """
     moves = max(int(scenario.map.distances_to(r.goal)[r.start]) for r in scenario.robots)
-    needed = int(1.5 * moves / scenario.move_success) + 1
     history = done.history
     last = slice(history.episodes // 2, None)
     arrived = history.arrived[last][history.present[last]].mean()
-    longest = f"and the longest way takes about {needed}"
     left = scenario.discount**moves
     causes = [
-        (
-            scenario.horizon < needed,
-            f"A trial ends after {scenario.horizon} steps {longest}",
-            f"horizon={2 * needed}",
-        ),
-        (
-            scenario.max_steps < needed,
-            f"An episode ends after {scenario.max_steps} steps {longest}",
-            f"max_steps={2 * needed}",
-        ),
-        (
-            scenario.goal_value == 0 and scenario.q_star_init > 0,
-            "Arriving pays once (goal_value 0), less than the initial values promise elsewhere",
-            "goal_value=200",
-        ),
         (
             left < FAR,
             f"The goal is {moves} moves away, and discount {scenario.discount:g} leaves "

@@ -26,9 +26,6 @@ from sparse_coord_ros.game.grid import (
 from sparse_coord_ros.game.scenario import parse_yaml
 from sparse_coord_ros.game.settings import Setting, SettingTable
 
-MOST_YAML = 2**16
-"""Bytes of the YAML file; those of map_server have a few hundred."""
-
 MOST_PIXELS = 100_000_000
 """Pixels of an image: 10,000 x 10,000."""
 
@@ -113,14 +110,7 @@ def read_floor_plan(path: Path) -> FloorPlan:
 
 def _fields(path: Path) -> dict[str, Any]:
     try:
-        with path.open("rb") as file:
-            data = file.read(MOST_YAML + 1)
-        if len(data) > MOST_YAML:
-            raise MapError(
-                f"{path}: has more than {MOST_YAML} bytes, that of map_server has a few hundred; "
-                "give the YAML file beside the image"
-            )
-        return parse_yaml(data.decode("utf-8"), where=str(path))
+        return parse_yaml(path.read_text(encoding="utf-8"), where=str(path))
     except OSError as error:
         raise MapError(f"{path}: cannot be read: {error.strerror or error}") from None
     except UnicodeDecodeError as error:

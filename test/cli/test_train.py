@@ -117,9 +117,6 @@ def test_evaluations_on_the_way(sparse_coord, folder):
     ("settings", "words"),
     [
         ({}, ["learn longer: --steps 500"]),
-        ({"max_steps": 10}, ["An episode ends after 10 steps", "--set max_steps=", "--steps 500"]),
-        ({"horizon": 10}, ["A trial ends after 10 steps", "--set horizon="]),
-        ({"goal_value": 0}, ["--set goal_value=200"]),
         ({"discount": 0.5}, ["discount 0.5 leaves", "--set discount=0.99"]),
         ({"starts": "fixed"}, ["--set starts=exploring:1:0.2:0.5"]),
     ],

@@ -115,11 +115,9 @@ def test_bad_fields_are_one_line(saved, fields, words):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("image: &a [*a]", "stand for more than"),
         ("image: [[[[[[[[[[[[[[1]]]]]]]]]]]]]]", "setting image: value is [[[[...]]]]"),
         ("image: [", "not YAML"),
         ("", "must be 'key: value' lines"),
-        ("#" * 70_000, "has more than 65536 bytes"),
         ("image: !!python/object/apply:os.system [ls]\n", "not YAML"),
         (b"\x89PNG\xff", "is no UTF-8 text"),
     ],
