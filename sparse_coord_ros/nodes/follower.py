@@ -3,7 +3,7 @@
 """A node that follows a run: it begins when a world announces one, and ends with it."""
 
 import time
-from typing import Unpack
+from typing import Any, Unpack
 
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.game.settings import SettingTable
@@ -34,6 +34,8 @@ class Follower(ParameterNode):
         place: where the node is made, and with what: see `Place`.
 
     Attributes:
+        part: whose `go_on`, `report`, `world_said` and `all_done` are called: this node, or
+            what `begin` has put here.
         run: the run, once it is announced.
         status: what the world said last.
         presence: whether the run's world is there; None: the node has not begun.
@@ -46,6 +48,7 @@ class Follower(ParameterNode):
 
     def __init__(self, name: str, table: SettingTable, **place: Unpack[Place]) -> None:
         super().__init__(name, table, **place)
+        self.part: Any = self
         self.run: RunConfig | None = None
         self.status: Said | None = None
         self.presence: WorldPresence | None = None
@@ -112,7 +115,7 @@ class Follower(ParameterNode):
         if self.presence is None or self.done:
             return True
         if self.presence.end is not None:
-            return self.all_done(now)
+            return self.part.all_done(now)
         return now - self._stopping > STOP_SECONDS
 
     def _on_run(self, run: RunConfig) -> None:
@@ -130,7 +133,7 @@ class Follower(ParameterNode):
         except ValueError as error:
             self.intake.drop(interface.STATUS.name, error)
         else:
-            self.world_said(said)
+            self.part.world_said(said)
 
     def _tick(self) -> None:
         now = time.monotonic()
@@ -141,12 +144,12 @@ class Follower(ParameterNode):
             elif ready:
                 self._begin(self.run, now)
             return
-        self.go_on(now)
+        self.part.go_on(now)
         if now - self._reported >= REPORT_SECONDS:
             self._reported = now
-            self.report()
+            self.part.report()
         if self.presence.end is not None:
-            self.done = self.done or self.all_done(now)
+            self.done = self.done or self.part.all_done(now)
         else:
             self.look_for_the_world(now)
 

@@ -35,6 +35,9 @@ from sparse_coord_ros.nodes.spin import wait_for_readers
 from sparse_coord_ros.wire import RECORDER, WORLD, Account, services
 from sparse_coord_ros.wire.status import ROLL_CALL, Said
 
+LAST_WORDS_SECONDS = 2.0
+"""How long a robot waits for its last reward after the run's end."""
+
 PEER_PATIENCE_SECONDS = 2.0
 """How long a robot that is ready itself waits for its peers' services before it says so."""
 
@@ -60,7 +63,9 @@ class Member:
     def __init__(
         self, node: Follower, guard: Guard, run: RunConfig, clients: dict[str, Client]
     ) -> None:
-        self._node, self._guard, self._name, self.run = node, guard, node.get_name(), run
+        assert node.presence is not None
+        self._node, self._presence, self._guard = node, node.presence, guard
+        self._name, self.run = node.get_name(), run
         remedy = f"name the node with --ros-args -r __node:={run.scenario.robots[0].name}"
         self._number = robot_number(run, self._name, remedy)
         self._convert = Converter(run)
@@ -163,7 +168,7 @@ class Member:
                 "that it is so far",
             )
             return
-        if self._node.presence is not None and self._node.presence.sees(step):
+        if self._presence.sees(step):
             drop(interface.STATUS.name, "the run was said to be over")
         if self._unsaid:  # no order to go back has come: it goes on from its own checkpoint
             self._unsaid = False
@@ -185,11 +190,11 @@ class Member:
 
     # The course of the run.
 
-    def go_on(self, now: float, *, over: bool) -> None:
+    def go_on(self, now: float) -> None:
         """Join the run where the robot has not; then keep its deadlines until it is over."""
         if not self.joined:
             self._join_when_ready(now)
-        elif not over:
+        elif self._presence.end is None:
             self._peers.keep_the_deadline(now)
 
     def _join_when_ready(self, now: float) -> None:
@@ -237,10 +242,11 @@ class Member:
             return "a recorder to listen to this robot"
         return ""
 
-    def has_learned(self, last_step: int) -> bool:
-        """Whether all is learned that happened before a time step, the run's last."""
-        side = self.lockstep
-        return self.joined and side.waiting is None and side.newest[0] >= last_step
+    def all_done(self, now: float) -> bool:
+        """Whether all is learned that happened, or what is missing has had its time to come."""
+        side, end, ended = self.lockstep, self._presence.end, self._presence.ended
+        heard_all = self.joined and end is not None and side.newest[0] >= end
+        return (heard_all and side.waiting is None) or now - ended > LAST_WORDS_SECONDS
 
     # Saving.
 

@@ -13,10 +13,6 @@ from sparse_coord_ros.nodes.guard import Guard
 from sparse_coord_ros.nodes.member import Member
 from sparse_coord_ros.nodes.parameters import ROBOT_PARAMETERS, Place
 from sparse_coord_ros.nodes.spin import run_node
-from sparse_coord_ros.wire.status import Said
-
-LAST_WORDS_SECONDS = 2.0
-"""How long a robot waits for its last reward after the run's end."""
 
 
 class RobotNode(Follower):
@@ -55,29 +51,7 @@ class RobotNode(Follower):
 
     def begin(self, run: RunConfig) -> None:
         """Become a member of the team."""
-        self.member = Member(self, self.guard, run, self._peer_clients)
-
-    def world_said(self, said: Said) -> None:
-        """Take in what the world says."""
-        if self.member is not None:
-            self.member.world_said(said)
-
-    def go_on(self, now: float) -> None:
-        """Join the run, then keep its deadlines."""
-        if self.member is not None and self.presence is not None:
-            self.member.go_on(now, over=self.presence.end is not None)
-
-    def report(self) -> None:
-        """Publish how learning goes."""
-        if self.member is not None:
-            self.member.report()
-
-    def all_done(self, now: float) -> bool:
-        """Whether all is learned that happened, or what is missing has had its time to come."""
-        assert self.member is not None and self.presence is not None
-        end, ended = self.presence.end, self.presence.ended
-        learned = end is not None and self.member.has_learned(end)
-        return learned or now - ended > LAST_WORDS_SECONDS
+        self.part = self.member = Member(self, self.guard, run, self._peer_clients)
 
     def destroy_node(self) -> None:
         """As `Node`'s; others may have its checkpoints then."""

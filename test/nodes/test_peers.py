@@ -10,9 +10,8 @@ from nav_msgs.srv import GetPlan
 
 from sparse_coord_ros.lockstep.waiting import Deadline, WorldPresence
 from sparse_coord_ros.nodes import peers
-from sparse_coord_ros.nodes.member import Member
+from sparse_coord_ros.nodes.member import LAST_WORDS_SECONDS, Member
 from sparse_coord_ros.nodes.peers import Peer, Peers
-from sparse_coord_ros.nodes.robot import LAST_WORDS_SECONDS, RobotNode
 
 
 class Future:
@@ -120,20 +119,17 @@ def test_an_answer_that_nobody_looked_at_yet_is_not_asked_for_again(node, monkey
     [(None, 9, True), (("reward", 8), 9, False), (None, 8, False), (("percept", 9), 9, False)],
 )
 def test_a_robot_leaves_when_all_is_learned(waiting, newest, done):
-    """Not with a reward pending, or before it has the last state."""
+    """Not with a reward pending, or before it has the last state: or some seconds later.
+
+    They count from the first time that it hears of the run's end.
+    """
+    presence = WorldPresence("this", 9, 0.0, 0.0)
+    presence.hear("this", "finished", 9, 9, 1.0)
+    presence.hear("this", "finished", 9, 9, 2.0)
     lockstep = SimpleNamespace(waiting=waiting, newest=(newest, 3))
-    assert Member.has_learned(SimpleNamespace(joined=True, lockstep=lockstep), 9) is done
-
-
-def test_a_robot_whose_last_reward_does_not_come_leaves_after_a_while():
-    """It has some seconds from the first time that it hears of the run's end."""
-    member = SimpleNamespace(has_learned=lambda step: False)
-    watch = WorldPresence("this", 9, 0.0, 0.0)
-    watch.hear("this", "finished", 9, 9, 1.0)
-    watch.hear("this", "finished", 9, 9, 2.0)
-    robot = SimpleNamespace(member=member, presence=watch)
-    assert not RobotNode.all_done(robot, 1.0 + LAST_WORDS_SECONDS)
-    assert RobotNode.all_done(robot, 1.0 + LAST_WORDS_SECONDS + 0.1)
+    member = SimpleNamespace(joined=True, lockstep=lockstep, _presence=presence)
+    assert Member.all_done(member, 1.0 + LAST_WORDS_SECONDS) is done
+    assert Member.all_done(member, 1.0 + LAST_WORDS_SECONDS + 0.1)
 
 
 def test_the_deadline_of_what_is_waited_for():
