@@ -8,7 +8,6 @@ from pathlib import Path
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli import pictures
 from sparse_coord_ros.cli.options import Option
-from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.settings import Setting
 
 KINDS = (".gif",)
@@ -45,15 +44,10 @@ def execute(options: argparse.Namespace) -> int:
     with pictures.drawing():
         from sparse_coord_ros.look import film
         from sparse_coord_ros.look.episodes import episode_number, logged_episode, played_episode
-        from sparse_coord_ros.look.sources import is_results, open_shown
+        from sparse_coord_ros.look.sources import open_shown
         from sparse_coord_ros.look.steps import questions_of
 
         wanted = episode_number(options.episode)
-        if is_results(options.source):
-            raise SettingError(
-                f"{options.source} holds results, which have no episodes; give a run's directory "
-                "or a bag"
-            )
         say = shared.note
         shown = open_shown(options.source, say)
         scenario = shown.config.scenario

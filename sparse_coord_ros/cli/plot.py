@@ -49,14 +49,8 @@ def execute(options: argparse.Namespace) -> int:
         from sparse_coord_ros.look.sources import is_results, open_shown
 
         say = shared.note
-        results = [path for path in options.sources if is_results(path)]
-        if results:
-            if len(options.sources) > 1:
-                raise SettingError(
-                    f"{results[0]} holds results: plot it alone; runs and bags can be drawn side "
-                    "by side"
-                )
-            shown = ResultsShown(results[0])
+        if len(options.sources) == 1 and is_results(options.sources[0]):
+            shown = ResultsShown(options.sources[0])
             what = shown.whats[0] if options.what is None else options.what
             figure = shown.figure(what)
         else:

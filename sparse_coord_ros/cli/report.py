@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`sparse_coord report`: all that there is to tell of a run, or of results, as one page."""
+"""`sparse_coord report`: all that there is to tell of a run, as one page."""
 
 import argparse
 from pathlib import Path
@@ -15,11 +15,7 @@ EXAMPLE = "sparse_coord report runs/demo --out demo.html"
 
 
 OPTIONS = (
-    Option(
-        "source RUN|BAG|RESULTS",
-        Path,
-        "a run's directory; a bag's, or its file; a directory of results",
-    ),
+    Option("source RUN|BAG", Path, "a run's directory; a bag's, or its file"),
     Option("--no-baselines", bool, "do not let Indiv. and Non-coop. learn the same, to compare"),
     pictures.out_option(KINDS),
     shared.JSON,
@@ -30,16 +26,10 @@ def execute(options: argparse.Namespace) -> int:
     """Run the verb."""
     pictures.check_out(options.out, KINDS)
     with pictures.drawing():
-        from sparse_coord_ros.look import report
-        from sparse_coord_ros.look.results import ResultsShown
-        from sparse_coord_ros.look.sources import is_results, open_shown
+        from sparse_coord_ros.look.report import run_report
+        from sparse_coord_ros.look.sources import open_shown
 
-        say = shared.note
-        if is_results(options.source):
-            say("drawing")
-            page = report.results_report(ResultsShown(options.source))
-        else:
-            shown = open_shown(options.source, say)
-            page = report.run_report(shown, baselines=not options.no_baselines)
+        shown = open_shown(options.source, shared.note)
+        page = run_report(shown, baselines=not options.no_baselines)
     pictures.write(options.out, page, json=options.json)
     return 0

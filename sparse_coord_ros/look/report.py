@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A page that tells all of a run, or of results: what was learned, its value, what went wrong.
+"""A page that tells all of a run: what was learned, its value, what went wrong.
 
 It is one HTML file without scripts, made by `templates/report.html.j2` of sections; a section is a
 heading and parts: what `text`, `table`, `code` and `picture` return. Whatever text comes from
@@ -21,13 +21,11 @@ from matplotlib.figure import Figure
 from sparse_coord_ros.engine.training import train
 from sparse_coord_ros.errors import SparseCoordError
 from sparse_coord_ros.experiments.report.charts import rendered
-from sparse_coord_ros.experiments.report.text import condition_row
 from sparse_coord_ros.game.scenario import SETTINGS, Scenario, load_scenario
 from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.learners import Learner, learner_of
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.look import figures
-from sparse_coord_ros.look.results import ResultsShown
 from sparse_coord_ros.look.sources import TRIALS as PLAYED_EPISODES
 from sparse_coord_ros.look.sources import Shown
 from sparse_coord_ros.look.steps import ended
@@ -57,7 +55,6 @@ CAPTIONS = {
     "curves": "Learning curves: each dot an episode, each line a running mean.",
     "percepts": "How often robots asked while they learned, and how it ended.",
 }
-WHAT_TITLES = {"conditions": "Reward, miscoordinations and asks", "asks": "Where robots ask"}
 
 
 def run_report(shown: Shown, *, baselines: bool = True) -> str:
@@ -230,33 +227,6 @@ def _command(config: RunConfig) -> str:
             words += ["--set", f"{setting}={value}"]
     comment = "# scenario and map: see run.yaml below\n" if base is None else ""
     return comment + shlex.join(words)
-
-
-def results_report(shown: ResultsShown) -> str:
-    """Return the page of a results directory."""
-    plan = shown.plan
-    begin = text(
-        f"{len(shown.results)} conditions, {plan.runs} learning runs of each with the seeds "
-        f"{plan.seeds[0]} to {plan.seeds[-1]}, {plan.trials} greedy episodes of each run. Report "
-        f"of sparse_coord_ros {__version__}."
-    )
-    rows = [
-        {"condition": one.id, "learner": one.learner.title, **condition_row(one)}
-        | {"shortest paths": f"{one.reference['reward']:.2f}"}
-        for one in shown.results
-    ]
-    head = list(dict.fromkeys(key for row in rows for key in row))
-    every = table(head, [[row.get(key) or "-" for key in head] for row in rows])
-    words = ["sparse_coord", "reproduce", *(one.id for one in shown.results)]
-    words += ["--out", "results", "--runs", str(plan.runs), "--trials", str(plan.trials)]
-    again = shlex.join([*words, "--seed", str(plan.seed)])
-    sections: list[Section] = [("", [begin])]
-    for what in shown.whats:
-        title = WHAT_TITLES.get(what, what.replace("_", ", "))
-        sections.append((title, [picture(shown.figure(what), title)]))
-    note = text("In brackets: the standard error of the mean over the runs.")
-    sections += [("Every condition", [every, note]), ("How to reproduce it", [code(again)])]
-    return page(f"Results in {shown.directory.name or shown.directory}", sections)
 
 
 # What the page is made of.

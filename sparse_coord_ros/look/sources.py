@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 
 from sparse_coord_ros.bags.reader import BAG_DIRECTORY
-from sparse_coord_ros.errors import RunError, SparseCoordError, TablesError
+from sparse_coord_ros.errors import RunError, SettingError, SparseCoordError, TablesError
 from sparse_coord_ros.experiments.store import MANIFEST
 from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.evaluation import Trials, check_tables, play
@@ -156,7 +156,13 @@ def open_shown(path: Path, say: Say = lambda _: None) -> Shown:
 
     Raises:
         RunError, BagError: it is neither; `info` says more of a bag.
+        SettingError: it is a directory of results.
     """
+    if is_results(path):
+        raise SettingError(
+            f"{path} holds results, not a run: 'reproduce' writes their report, 'plot' draws them "
+            "alone; give a run's directory or a bag"
+        )
     if (path / RUN_FILE).is_file():
         bag = path / BAG_DIRECTORY
         return Shown(path, path, bag if bag.is_dir() else None, say)

@@ -152,7 +152,7 @@ def test_bad_input_is_one_line(bag, trained, results, tmp_path, capsys):
     for arguments, words in (
         ([bag, "--episode", "first"], "give the number of an episode"),
         ([trained, "--rate", "0"], "rate"),
-        ([results], "holds results, which have no episodes"),
+        ([results], "holds results, not a run"),
         ([trained, "--episode", "100"], "allowed: 0 to 99"),
     ):
         assert main(["animate", *map(str, arguments), "--out", str(out)]) == 2

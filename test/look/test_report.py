@@ -17,8 +17,7 @@ from sparse_coord_ros.engine.training import train
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.run_config import load_run
 from sparse_coord_ros.learn.simulation import tables_equal
-from sparse_coord_ros.look.report import results_report, run_report
-from sparse_coord_ros.look.results import ResultsShown
+from sparse_coord_ros.look.report import run_report
 from sparse_coord_ros.look.sources import open_shown
 from sparse_coord_ros.runlog.explain import explain, in_words
 from sparse_coord_ros.runlog.log import read_run
@@ -100,13 +99,6 @@ def test_whatever_comes_from_files_is_escaped(trained, tmp_path):
     page = run_report(open_shown(run), baselines=False)
     assert "script" not in tags_of(page) and "&lt;script&gt;" in page
     assert page.count("&lt;script&gt;") >= 3  # title of the map, version, run.yaml
-
-
-def test_the_page_of_results(results):
-    page = results_report(ResultsShown(results))
-    assert tags_of(page).count("img") == 2
-    ids = [f"env1/{learner}/penalty=-20,steps=300" for learner in ("coop", "noncoop")]
-    assert f"reproduce {ids[0]} {ids[1]}" in page
 
 
 def test_report_writes_the_file_and_says_what_is_wrong(bag, tmp_path, capsys, quick):
