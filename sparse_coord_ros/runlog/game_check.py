@@ -7,7 +7,6 @@ And what comes more than once: map and markers with each episode, messages again
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -21,28 +20,8 @@ from sparse_coord_ros.runlog.tracks import THE_CLOCK
 from sparse_coord_ros.wire.frame import Frame
 
 
-class WorldCheck(NamedTuple):
-    """What came of it.
-
-    Attributes:
-        difference: the first, or None.
-        transitions: steps of the world that agree.
-        left_out: number of (robot, step) that the world made without the robot's action.
-        resets: episodes that began early: by a reset, or as no robot was left to wait for.
-        starts: the first time steps of the episodes, int64, shape (n,).
-        end: the last time step that was computed.
-    """
-
-    difference: Difference | None
-    transitions: int
-    left_out: int
-    resets: int
-    starts: np.ndarray
-    end: int
-
-
-def check_world(log: RunLog, last: int | None) -> WorldCheck:
-    """Compare states, rewards, clock and status with what the world does.
+class WorldCheck:
+    """A world that makes the logged steps, as long as it comes to the logged states and rewards.
 
     The log says who acted: the world rewards exactly those. The others that had not arrived were
     left out; the status says how many.
@@ -50,20 +29,17 @@ def check_world(log: RunLog, last: int | None) -> WorldCheck:
     Args:
         log: the log.
         last: the last time step to check; None: all, and the run's end.
-    """
-    return _Walk(log, last).check()
-
-
-class _Walk:
-    """A world that makes the logged steps, as long as it comes to the logged states and rewards.
 
     Attributes:
-        world: the world, in the time step that is looked at.
-        made: transitions that agree.
-        left_out, resets, starts: as of `WorldCheck`, so far.
+        world: the world, in the last time step that was computed.
+        transitions: steps of the world that agree.
+        left_out: number of (robot, step) that the world made without the robot's action.
+        resets: episodes that began early: by a reset, or as no robot was left to wait for.
+        starts: the first time steps of the episodes.
         went_on: whether the time step before was a transition.
         over: whether that ended the episode.
         reasons: why the episode can have begun.
+        first: the first difference in states, rewards, clock or status; None: there is none.
     """
 
     def __init__(self, log: RunLog, last: int | None) -> None:
@@ -85,19 +61,20 @@ class _Walk:
         self.reward = log.reward
         if log.run.scenario.referee:
             self.reward = np.concatenate([log.reward, log.partners[..., None]], axis=2)
-        self.made = self.left_out = self.resets = 0
+        self.transitions = self.left_out = self.resets = 0
         self.starts: list[int] = []
         self.went_on = self.over = False
         self.reasons: tuple[str, ...] = (wire.Began.START,)
 
-    def check(self) -> WorldCheck:
-        """Return the first difference, and what was there before it."""
-        found = next((found for step in self.steps if (found := self._step(step))), None)
-        if found is None and self.last is None:
-            found = self._end()
-        starts = np.array(self.starts, dtype=np.int64)
-        end = self.world.step
-        return WorldCheck(found, self.made, self.left_out, self.resets, starts, end)
+        odd = (found for step in self.steps if (found := self._step(step)) is not None)
+        self.first = next(odd, None)
+        if self.first is None and last is None:
+            self.first = self._end()
+
+    def differences(self) -> list[Difference]:
+        """Return in what states, rewards, clock, status, map, markers and repeats differ."""
+        first = [] if self.first is None else [self.first]
+        return [*first, *self._maps(), *self._markers(), *self._repeats()]
 
     def _step(self, step: int) -> Difference | None:
         """Return the first thing that differs in a time step, and make it."""
@@ -154,8 +131,8 @@ class _Walk:
         """Compare what the world says of itself with what was counted."""
         while self.statuses and self.statuses[0].step <= step:
             status = self.statuses.pop(0)
-            if status.transitions != self.made:
-                odd = f"{status.transitions} transitions", f"{self.made}"
+            if status.transitions != self.transitions:
+                odd = f"{status.transitions} transitions", f"{self.transitions}"
             elif status.left_out != self.left_out:
                 odd = f"{status.left_out} robots' steps left out", f"{self.left_out}"
             elif status.began not in self.reasons:
@@ -199,7 +176,7 @@ class _Walk:
                 logged, computed = _parts(said.tolist()), _parts(due_numbers.tolist())
                 return self._differ(step, k, wire.REWARD.name, logged, computed)
         self.over = outcome.episode_over
-        self.made += 1
+        self.transitions += 1
         self.left_out += len(left)
         return None
 
@@ -224,76 +201,61 @@ class _Walk:
     def _differ(self, step: int, k: int, quantity: str, logged: str, computed: str) -> Difference:
         return Difference(step, self.log.names[k], quantity, logged, computed)
 
+    def _maps(self) -> Iterator[Difference]:
+        """Yield what is missing of map and markers as an episode begins, and maps too many."""
+        log, last, starts = self.log, self.last, np.array(self.starts, dtype=np.int64)
+        maps = log.tracks.maps
+        for kind, steps in ((wire.MAP.name, maps), (wire.MARKERS.name, log.tracks.markers[0])):
+            # Where the log breaks off, only those before the last one that was shown.
+            due = starts if last is None else starts[starts <= min(last, steps.max(initial=0))]
+            for step in due[~np.isin(due, steps)].tolist():
+                yield Difference(step, None, kind, MISSING, "one as the episode begins")
+        # A recorder that was started again gets the last one a second time.
+        again = sum((file.continued or {}).get("why", SPLIT) != SPLIT for file in log.bag.files)
+        for step in maps[1:][np.diff(maps) == 0].tolist()[again:]:
+            yield Difference(step, None, wire.MAP.name, "twice", "once")
+        until = self.world.step if last is None else min(self.world.step, last)
+        for step in maps[~np.isin(maps, [0, *self.starts]) & (maps <= until)].tolist():
+            yield Difference(step, None, wire.MAP.name, "there", "none: no episode begins")
+
+    def _markers(self) -> Iterator[Difference]:
+        """Yield where markers show robots elsewhere than they are."""
+        log = self.log
+        for step, (_, places) in zip(*map(np.ndarray.tolist, log.tracks.markers), strict=True):
+            row = self.row.get(step)
+            if row is None or (self.last is not None and step > self.last):
+                continue
+            stated = log.position[row]
+            if not np.isnan(stated).any() and (stated != places).any():
+                said, _ = cell_numbers(self.frame, places)
+                logged = f"robots in cells {said.tolist()}"
+                yield Difference(step, None, wire.MARKERS.name, logged, f"in {self.cells[row]}")
+
+    def _repeats(self) -> Iterator[Difference]:
+        """Yield what came twice without a reason.
+
+        The world repeats state and last reward together, to a robot whose action it misses; only
+        then the robot repeats its action. A percept is never repeated.
+        """
+        for k in self.robots:
+            again = [Counter(track.repeats.tolist()) for track in self.log.tracks.of(k)]
+            states, rewards, actions, percepts = again
+            for step in sorted({*states, *actions, *percepts, *(step + 1 for step in rewards)}):
+                if self.last is not None and step > self.last:
+                    break
+                due = states[step] if step - 1 in self.rewarded[k] else 0
+                if step in percepts:
+                    yield self._differ(step, k, wire.PERCEPT.name, "twice", "once")
+                if actions[step] > states[step]:
+                    once = "once: its state came once"
+                    yield self._differ(step, k, wire.ACTION.name, "twice", once)
+                if rewards[step - 1] > due:
+                    yield self._differ(step - 1, k, wire.REWARD.name, "twice", "once")
+                elif rewards[step - 1] < due:
+                    once = "once: its reward came once"
+                    yield self._differ(step, k, wire.LOCAL_STATE.name, "twice", once)
+
 
 def _parts(numbers: Sequence[float]) -> str:
     labels = (*wire.REWARD.labels, wire.PARTNERS)
     return " ".join(f"{label}={n!r}" for label, n in zip(labels, numbers, strict=False))
-
-
-def check_world_maps(log: RunLog, world: WorldCheck, last: int | None) -> Iterator[Difference]:
-    """Yield in what map and markers, which come with each episode, differ from what they must be.
-
-    Args:
-        log: the log.
-        world: what was computed.
-        last: the last time step to check; None: all.
-    """
-    starts = world.starts
-    maps, (shown, rows) = log.tracks.maps, log.tracks.markers
-    for kind, steps in ((wire.MAP.name, maps), (wire.MARKERS.name, shown)):
-        # Where the log breaks off, only those before the last one that was shown.
-        due = starts if last is None else starts[starts <= min(last, steps.max(initial=0))]
-        for step in due[~np.isin(due, steps)].tolist():
-            yield Difference(step, None, kind, MISSING, "one as the episode begins")
-    # A recorder that was started again gets the last one a second time.
-    whys = [(file.continued or {}).get("why", SPLIT) for file in log.bag.files]
-    again = sum(why != SPLIT for why in whys)
-    for step in maps[1:][np.diff(maps) == 0].tolist()[again:]:
-        yield Difference(step, None, wire.MAP.name, "twice", "once")
-    until = world.end if last is None else min(world.end, last)
-    for step in maps[~np.isin(maps, [0, *starts.tolist()]) & (maps <= until)].tolist():
-        yield Difference(step, None, wire.MAP.name, "there", "none: no episode begins")
-    row = np.minimum(np.searchsorted(log.step, shown), len(log.step) - 1)
-    if not len(log.step):
-        return
-    stated = (log.step[row] == shown) & ~np.isnan(log.position[row]).any(axis=(1, 2))
-    stated &= True if last is None else shown <= last
-    wrong = stated & (rows["places"] != log.position[row]).any(axis=(1, 2))
-    for place in np.flatnonzero(wrong).tolist():
-        said, _ = cell_numbers(Frame(log.run), rows["places"][place])
-        logged = f"robots in cells {said.tolist()}"
-        due_cells = f"in {log.cells[row[place]].tolist()}"
-        yield Difference(int(shown[place]), None, wire.MARKERS.name, logged, due_cells)
-
-
-def check_repeats(log: RunLog, last: int | None) -> Iterator[Difference]:
-    """Yield what came twice without a reason.
-
-    The world repeats state and last reward together, to a robot whose action it misses; only then
-    the robot repeats its action. A percept is never repeated.
-
-    Args:
-        log: the log.
-        last: the last time step to check; None: all.
-    """
-    for k, name in enumerate(log.names):
-        again = [Counter(track.repeats.tolist()) for track in log.tracks.of(k)]
-        states, rewards, actions, percepts = again
-        steps = {*states, *actions, *percepts} | {step + 1 for step in rewards}
-        rewarded = set(log.tracks.rewards[k].step.tolist())
-        for step in sorted(steps):
-            if last is not None and step > last:
-                break
-            due = states[step] if step - 1 in rewarded else 0
-            if step in percepts:
-                yield Difference(step, name, wire.PERCEPT.name, "twice", "once")
-            if actions[step] > states[step]:
-                yield Difference(
-                    step, name, wire.ACTION.name, "twice", "once: its state came once"
-                )
-            if rewards[step - 1] > due:
-                yield Difference(step - 1, name, wire.REWARD.name, "twice", "once")
-            elif rewards[step - 1] < due:
-                yield Difference(
-                    step, name, wire.LOCAL_STATE.name, "twice", "once: its reward came once"
-                )

@@ -12,12 +12,7 @@ import numpy as np
 from sparse_coord_ros import wire
 from sparse_coord_ros.runlog.agents import AgentCheck
 from sparse_coord_ros.runlog.difference import MISSING, Difference
-from sparse_coord_ros.runlog.game_check import (
-    WorldCheck,
-    check_repeats,
-    check_world,
-    check_world_maps,
-)
+from sparse_coord_ros.runlog.game_check import WorldCheck
 from sparse_coord_ros.runlog.log import RunLog, read_run
 from sparse_coord_ros.runlog.percepts import check_percepts
 from sparse_coord_ros.runlog.returned import left_open
@@ -93,8 +88,9 @@ def verify(path: Path) -> Verification:
     log = read_run(path)
     last = log.last_step
     unchecked = 0 if last is None else int(np.count_nonzero(log.step > last))
-    world = check_world(log, last)
-    agents = [AgentCheck(log, k, world.starts, last) for k in range(len(log.names))]
+    world = WorldCheck(log, last)
+    starts = np.array(world.starts, dtype=np.int64)
+    agents = [AgentCheck(log, k, starts, last) for k in range(len(log.names))]
     found = _differences(log, last, world, agents)
     lost = [one for one in found if _lost(log, one)]
     missed = set(lost)
@@ -129,9 +125,7 @@ def _differences(
     """Return all that differs up to a time step, in the order of time."""
     found = check_percepts(log, last)
     found += [p for p in log.problems if last is None or p.step is None or p.step <= last]
-    found += check_repeats(log, last)
-    found += [] if world.difference is None else [world.difference]
-    found += check_world_maps(log, world, last)
+    found += world.differences()
     for agent in agents:
         found += agent.differences()
     return sorted(dict.fromkeys(found), key=lambda one: one.rank)

@@ -236,7 +236,7 @@ CUBE, SPHERE, CYLINDER, SHOW = 1, 2, 3, 0
 
 
 def markers_form(frame: Frame, scenario: Scenario) -> Form:
-    """Return the form of the markers: doorways and goals, then the robots, which are at `places`.
+    """Return the form of the markers: doorways, then each robot's goal and itself, at `places`.
 
     The map is dark where walls are; the scene's boxes stand on the doorways' plates.
     """
@@ -245,10 +245,9 @@ def markers_form(frame: Frame, scenario: Scenario) -> Form:
         (DOORWAYS, number, cell, CUBE, 0.9, 0.05, DOORWAY_COLOUR, 0.3)
         for number, cell in enumerate(sorted(frame.grid.doorways))
     ]
-    goals = enumerate(robot.goal for robot in scenario.robots)
-    marks += [(GOALS, k, goal, CYLINDER, 0.9, 0.04, robot_colour(k), 0.8) for k, goal in goals]
-    still, robots = len(marks), range(len(scenario.robots))
-    marks += [(ROBOTS, k, None, SPHERE, 0.5, 0.5, robot_colour(k), 0.8) for k in robots]
+    for k, robot in enumerate(scenario.robots):
+        marks.append((GOALS, k, robot.goal, CYLINDER, 0.9, 0.04, robot_colour(k), 0.8))
+        marks.append((ROBOTS, k, None, SPHERE, 0.5, 0.5, robot_colour(k), 0.8))
     items: list[Item] = [Fixed("<u4", len(marks))]
     for i, (space, number, cell, shape, width, height, colour, opacity) in enumerate(marks):
         items += [*header(f"{i}_"), space, *(Fixed("<i4", n) for n in (number, shape, SHOW))]
@@ -260,12 +259,13 @@ def markers_form(frame: Frame, scenario: Scenario) -> Form:
 
     def fill(rows: np.ndarray, fields: np.ndarray) -> np.ndarray:
         rows["ns"] = stamps_of(fields, "0_")
-        for k in robots:
-            rows["places"][:, k] = fields[f"{still + k}_xy"]
+        moving = [number for number, mark in enumerate(marks) if mark[2] is None]
+        for k, number in enumerate(moving):
+            rows["places"][:, k] = fields[f"{number}_xy"]
         stamps = [stamps_of(fields, f"{number}_") for number in range(len(marks))]
         return np.asarray(np.all([one == stamps[0] for one in stamps], axis=0))
 
-    columns = np.dtype([NS, ("places", "f8", (len(robots), 2))])
+    columns = np.dtype([NS, ("places", "f8", (len(scenario.robots), 2))])
     return Form(columns, [(Layout(items), fill)])
 
 
@@ -423,6 +423,6 @@ class Messages(Frame):
     def pack_markers(self, step: int, cells: Sequence[int]) -> bytes:
         """Return doorways, goals and robots as CDR of visualization_msgs/MarkerArray."""
         stamp = self.stamp(step)
-        still = stamp * (len(self.grid.doorways) + self.robots)
-        robots = (number for cell in cells for number in (*stamp, *self.centres[cell]))
-        return self._markers.pack(*still, *robots)
+        doorways = stamp * len(self.grid.doorways)
+        robots = (number for cell in cells for number in (*stamp, *stamp, *self.centres[cell]))
+        return self._markers.pack(*doorways, *robots)
