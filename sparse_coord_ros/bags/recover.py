@@ -24,7 +24,6 @@ from sparse_coord_ros.bags.reader import Bag, BagFile, bag_files, open_bag, stem
 from sparse_coord_ros.bags.writer import BagWriter
 from sparse_coord_ros.errors import BagError
 from sparse_coord_ros.files import take_lock
-from sparse_coord_ros.learn.run_config import RUN_FILE
 
 _DRAFT = ".recovering"
 
@@ -114,15 +113,6 @@ def continued(directory: Path) -> Bag | None:
     if recovery.complete and recovery.kept is not None:
         recovery.kept.unlink()  # all of it is in the file that was finished
     return open_bag(directory)
-
-
-def run_id(bag: Bag) -> str:
-    """Return the identity of the run that a bag records; empty where it says none."""
-    for attachment in bag.attachments:
-        if attachment.name == RUN_FILE:
-            with contextlib.suppress(yaml.YAMLError, AttributeError):
-                return str(yaml.safe_load(attachment.data).get("id", ""))
-    return ""
 
 
 def _holds_anything(file: Path) -> bool:

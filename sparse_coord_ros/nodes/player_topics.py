@@ -10,7 +10,6 @@ from rclpy.exceptions import InvalidTopicNameException
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from rosgraph_msgs.msg import Clock as ClockMessage
 
 from sparse_coord_ros import wire
 from sparse_coord_ros.bags import Bag, BagTopic, Message, QoS, open_bag, type_hash
@@ -19,6 +18,7 @@ from sparse_coord_ros.bags.topics import find_clock
 from sparse_coord_ros.errors import BagError, SettingError
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.wire.frame import SECOND
+from sparse_coord_ros.wire.messages import CLOCK_FORM
 
 ROS_OWN = (wire.ROSOUT.name, wire.PARAMETER_EVENTS.name)
 """Topics that every node has itself."""
@@ -53,7 +53,15 @@ class Stage:
             warn(f"{bag.path}: {bag.damage}; {played} is played")
         elif not bag.finished:
             warn(f"{bag.path} was never closed by its recorder: what there is of it is played")
-        self.publishers, skipped = make_publishers(node, bag, names)
+        self.publishers: dict[str, Publisher] = {}
+        skipped = []
+        for name in names:
+            topic = bag.topics[name]
+            try:
+                kind, qos = class_of(topic), offered_qos(topic.qos)
+                self.publishers[name] = node.create_publisher(kind, name, qos)
+            except (ImportError, AttributeError, ValueError, InvalidTopicNameException) as error:
+                skipped.append(f"{name} ({' '.join(str(error).split())})")
         if not self.publishers:
             why = ", ".join(skipped) or "it has none"
             raise BagError(f"bag {bag.path}: no topic can be played: {why}")
@@ -61,11 +69,11 @@ class Stage:
             warn(f"not played: {', '.join(skipped)}")
         self._send = {name: publisher.publish for name, publisher in self.publishers.items()}
         own = find_clock(bag.topics, bag.counts)
-        topic = interface.CLOCK
-        self.clock_name = topic.name if own is None else own
+        clock = interface.CLOCK
+        self.clock_name = clock.name if own is None else own
         self.clock: Publisher | None = None
         if own not in self.publishers or not bag.counts[own]:
-            self.clock = node.create_publisher(topic.type, topic.name, topic.qos)
+            self.clock = node.create_publisher(clock.type, clock.name, clock.qos)
         self._told_ns: int | None = None
 
     @property
@@ -82,10 +90,8 @@ class Stage:
         """Publish the time where the bag itself does not."""
         if self.clock is not None and time_ns != self._told_ns:
             self._told_ns = time_ns
-            message = ClockMessage()
-            seconds, message.clock.nanosec = divmod(time_ns, SECOND)
-            message.clock.sec = min(seconds, 2**31 - 1)
-            self.clock.publish(message)
+            seconds, nanosec = divmod(time_ns, SECOND)
+            self.clock.publish(CLOCK_FORM.layout.pack(min(seconds, 2**31 - 1), nanosec))
 
 
 def chosen_topics(bag: Bag, patterns: Sequence[str]) -> list[str]:
@@ -114,25 +120,6 @@ def chosen_topics(bag: Bag, patterns: Sequence[str]) -> list[str]:
             )
         chosen |= fitting
     return sorted(chosen)
-
-
-def make_publishers(
-    node: Node, bag: Bag, names: Sequence[str]
-) -> tuple[dict[str, Publisher], list[str]]:
-    """Advertise topics as they were recorded.
-
-    Returns:
-        The publishers by topic, and for each topic without one a text that says why.
-    """
-    publishers, skipped = {}, []
-    for name in names:
-        topic = bag.topics[name]
-        try:
-            kind = class_of(topic)
-            publishers[name] = node.create_publisher(kind, name, offered_qos(topic.qos))
-        except (ImportError, AttributeError, ValueError, InvalidTopicNameException) as error:
-            skipped.append(f"{name} ({' '.join(str(error).split())})")
-    return publishers, skipped
 
 
 def class_of(topic: BagTopic) -> type:

@@ -21,7 +21,7 @@ from sparse_coord_ros import wire
 from sparse_coord_ros.bags import BagWriter, QoS
 from sparse_coord_ros.bags.metadata import RESTARTED, ROLLED_BACK
 from sparse_coord_ros.bags.process import BagProcess
-from sparse_coord_ros.bags.recover import continued, run_id
+from sparse_coord_ros.bags.recover import continued
 from sparse_coord_ros.errors import BagError, RunError, SparseCoordError
 from sparse_coord_ros.learn.run_config import MAP_FILE, RUN_RECORD, RunConfig, bag_files
 from sparse_coord_ros.nodes import interface
@@ -95,7 +95,7 @@ class Recording:
     def begin(self, channel: int) -> None:
         """Write down what the run is; not where its bag is continued, which has it."""
         bag, run_text = self.bag, self.run.to_yaml()
-        record = {**self.run.record(), wire.FORMAT_KEY: str(wire.BAG_FORMAT)}
+        record = {**self.run.record(), "id": self.run.id, wire.FORMAT_KEY: str(wire.BAG_FORMAT)}
         bag.add_metadata(RUN_RECORD, record)
         for name, text in bag_files(self.run, run_text).items():
             kind = "text/plain" if name == MAP_FILE else "application/yaml"
@@ -229,7 +229,8 @@ class Recorder(Follower):
     def begin(self, run: RunConfig) -> None:
         """Open the bag, and listen to the run's team."""
         earlier = continued(self.directory) if self.values["resume"] else None
-        if earlier is not None and run_id(earlier) not in ("", run.id):
+        before = {} if earlier is None else earlier.metadata.get(RUN_RECORD, {})
+        if before.get("id", run.id) != run.id:
             raise RunError(
                 f"{self.directory}: holds the recording of another run; choose another one "
                 "for parameter 'out'"

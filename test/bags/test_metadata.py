@@ -5,8 +5,6 @@
 from textwrap import indent
 
 import yaml
-from rosbags.interfaces import QosDurability, QosHistory, QosReliability
-from rosbags.rosbag2.metadata import parse_qos
 
 from sparse_coord_ros.bags import BagTopic, QoS
 from sparse_coord_ros.bags.metadata import FileSummary, bag_information, metadata_yaml
@@ -95,16 +93,3 @@ def test_qos_text_is_a_yaml_sequence_of_policies_by_name():
     assert offered_qos_profiles([LATCHED]) == LATCHED_TEXT
     assert offered_qos_profiles([LATCHED, LATCHED]) == f"{LATCHED_TEXT}\n{LATCHED_TEXT}"
     assert offered_qos_profiles([]) == "[]"
-
-
-def test_rosbags_reads_the_profiles():
-    """An independent reader finds the policies that were written."""
-    profiles = [QoS(), LATCHED, QoS(reliability="best_effort", history="keep_all", depth=0)]
-    plain, latched, fast = parse_qos(offered_qos_profiles(profiles))
-    assert (plain.reliability, plain.durability) == (
-        QosReliability.RELIABLE,
-        QosDurability.VOLATILE,
-    )
-    assert (plain.history, plain.depth) == (QosHistory.KEEP_LAST, 10)
-    assert (latched.durability, latched.depth) == (QosDurability.TRANSIENT_LOCAL, 1)
-    assert (fast.reliability, fast.history) == (QosReliability.BEST_EFFORT, QosHistory.KEEP_ALL)

@@ -13,17 +13,18 @@ import pytest
 import yaml
 
 import sparse_coord_ros
-from sparse_coord_ros.bags import open_bag
+from sparse_coord_ros.bags import BagWriter, open_bag
 from sparse_coord_ros.cli.main import main as sparse_coord
-from sparse_coord_ros.errors import BagError
+from sparse_coord_ros.errors import BagError, RunError
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.history import load_history
-from sparse_coord_ros.learn.run_config import load_run
+from sparse_coord_ros.learn.run_config import RUN_RECORD, load_run
 from sparse_coord_ros.learn.tables import load_team
 from sparse_coord_ros.lockstep.world_side import WorldSide
 from sparse_coord_ros.nodes.recorder import BagProcess
 from sparse_coord_ros.nodes.spin import ros_context
 from sparse_coord_ros.nodes.team import run_team
+from sparse_coord_ros.wire import BAG_FORMAT, FORMAT_KEY
 
 FULL = 350_000
 """Bytes of a file at which the disk is full."""
@@ -184,11 +185,13 @@ def test_flush_seconds_bounds_what_an_unfinished_bag_lacks(bench, tmp_path):
     assert recorder.error is None
 
 
-def test_without_either_nothing_is_flushed(bench, tmp_path):
-    """So that the two tests before this one could fail."""
-    step, recorder = a_recorded_bench(bench, tmp_path / "bag", 30)
-    bench.spin_until(lambda: recorder.recording.bag.message_count > 7 * step, "all is there")
-    assert last_step(tmp_path / "bag") <= 1, "with the robots' first tables"
+def test_a_bag_of_another_run_is_not_continued(bench, tmp_path):
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.add_metadata(RUN_RECORD, {FORMAT_KEY: str(BAG_FORMAT), "id": "another"})
+    bench.world(recorded=True)
+    bench.recorder(tmp_path / "bag", resume=True)
+    with pytest.raises(RunError, match="holds the recording of another run"):
+        bench.spin_until(lambda: False)
 
 
 def test_a_recording_leaves_room_for_the_tables(bench, tmp_path, monkeypatch):

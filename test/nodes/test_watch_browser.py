@@ -154,24 +154,6 @@ def test_a_page_beside_a_team_in_other_processes(browser, start, tmp_path):
     browser.wait_for(f"{late} || {same}")
 
 
-def test_a_foreign_page_gets_nothing_and_an_address_without_token_no_controls(browser, start, bag):
-    process = start("cli.main", "watch", str(bag), "--port", "0")
-    address = address_of(process)
-    port = re.search(r":(\d+)/", address)[1]
-    browser.open("data:text/html,<p>elsewhere</p>")
-    browser.wait_for("document.querySelector('p')")
-    browser.value(
-        f"window.said = ''; const s = new WebSocket('ws://127.0.0.1:{port}/ws');"
-        "s.onopen = () => { said = 'open' }; s.onerror = () => { said = 'refused' }; 0"
-    )
-    browser.wait_for("said === 'refused'")
-    browser.problems.clear()  # Chromium notes the refusal
-    browser.open(address.partition("#")[0])
-    browser.wait_for(f"{STEP} > 0")
-    assert browser.value("document.getElementById('pause').matches(':disabled')")
-    assert "view only" in browser.value("document.getElementById('said').textContent")
-
-
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_eight_robots_in_light_and_dark(browser, start, tmp_path, scheme):
     (tmp_path / "eight.txt").write_text(
