@@ -204,29 +204,29 @@ class World:
         Returns:
             The outcome; `step` and `cells` are then those of the next time step.
         """
-        arrivals = []
+        cells, arrivals = self.cells, []
         for k in self.agents:
             action = actions[k]
             if action is not None and not self.arrived[k]:
-                self.cells[k] = self.led(k, action.move)
-                if self.cells[k] == self._goals[k]:
+                cells[k] = self.led(k, action.move)
+                if cells[k] == self._goals[k]:
                     arrivals.append(k)
-        places = [self._places[x] for x in self.cells]
+        places = [self._places[x] for x in cells]
         for k in self._out:
             places[k] = NOWHERE
         inside = [place for place in places if place != NOWHERE]
         miscoordination = len(inside) > 1 and miscoordinated(inside)
-        rewards = tuple(
+        rewards = [
             self._reward(k, action, k in arrivals, miscoordination, places)
             for k, action in enumerate(actions)
-        )
+        ]
         for k in arrivals:
             self.arrived[k] = True
         self.step += 1
         self.transitions += 1
         self.miscoordinations += miscoordination
         over = all(self.arrived) or self.step - self._episode_start >= self.max_steps
-        return StepOutcome(rewards, miscoordination, tuple(arrivals), over)
+        return StepOutcome(tuple(rewards), miscoordination, tuple(arrivals), over)
 
     def _reward(
         self, k: int, action: Action | None, home: bool, miscoordination: bool, places: list[int]

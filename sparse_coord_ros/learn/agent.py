@@ -179,6 +179,7 @@ class Agent:
         self.goal = scenario.robots[number].goal
         self.actions = len(ACTIONS) if asks else PRIMITIVES
         self._tables = initial_tables(scenario, asks=asks) if tables is None else tables
+        self._coord: Any = self._tables.q_coord  # written to like an array, whatever it is
         self.weights = weights
         self._peers = tuple(k for k in range(len(scenario.robots)) if k != number)
         self._asks_whom = scenario.peers
@@ -302,7 +303,7 @@ class Agent:
         """
         if not self.learning:
             return
-        q_star, q_coord = self._arrays()
+        q_star, q_coord = self._tables.q_star, self._coord
         total = weighed(reward, self.weights)
         at_goal = next_cell == self.goal
         bootstrap = self._goal_value if at_goal else self.bootstrap(next_cell, step)
@@ -333,7 +334,7 @@ class Agent:
         An agent of one's own that remembers more than tables and their counts of updates cannot
         go on from here: its learning is not to be broken off.
         """
-        q_star, q_coord = self._arrays()
+        q_star, q_coord = self._tables.q_star, self._coord
         states = sorted({entry[:-1] for entry in self.coord_updates})
         moves = range(PRIMITIVES)
         updates = [[self.coord_updates[*state, move] for move in moves] for state in states]
@@ -347,7 +348,7 @@ class Agent:
 
     def go_on_from(self, memory: Memory) -> None:
         """Go on with what another agent of the same run has learned."""
-        q_star, q_coord = self._arrays()
+        q_star, q_coord = self._tables.q_star, self._coord
         q_star[:] = memory.q_star
         self.star_updates[:] = memory.star_updates
         rows = zip(memory.states.tolist(), memory.values, memory.updates.tolist(), strict=True)
@@ -356,11 +357,6 @@ class Agent:
                 if count:
                     q_coord[*state, move] = values[move]
                     self.coord_updates[*state, move] = count
-
-    def _arrays(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return Q* and Q^C, for this to write to; a sparse Q^C is used like an array."""
-        table: Any = self._tables.q_coord
-        return self._tables.q_star, table
 
     def step_size_of(
         self, updates: np.ndarray | Counter[tuple[int, ...]], entry: tuple[int, ...], step: int
