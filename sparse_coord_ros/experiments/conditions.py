@@ -18,7 +18,6 @@ from functools import cache, cached_property, lru_cache
 from sparse_coord_ros.errors import ScenarioError, SettingError
 from sparse_coord_ros.game.scenario import Scenario, load_scenario, scenario_names
 from sparse_coord_ros.game.settings import parse_assignments
-from sparse_coord_ros.game.specs import Spec
 from sparse_coord_ros.learn.learners import learner_of
 from sparse_coord_ros.share import share_file
 
@@ -52,9 +51,9 @@ class Condition:
 
 def _load(name: str) -> Scenario:
     if name in _shipped_names():
-        return _shipped(name)
+        return _read(str(share_file("config", f"{name}.yaml")), shipped=True)
     if os.path.isfile(name):
-        return _file(os.path.abspath(name))
+        return _read(os.path.abspath(name), shipped=False)
     return load_scenario(name)  # says that there is none
 
 
@@ -63,15 +62,10 @@ def _shipped_names() -> frozenset[str]:
     return frozenset(scenario_names())
 
 
-@cache
-def _shipped(name: str) -> Scenario:
-    return load_scenario(str(share_file("config", f"{name}.yaml")))
-
-
 @lru_cache(maxsize=64)
-def _file(path: str) -> Scenario:
+def _read(path: str, *, shipped: bool) -> Scenario:
     scenario = load_scenario(path)
-    if scenario.name in _shipped_names():
+    if not shipped and scenario.name in _shipped_names():
         raise ScenarioError(
             f"{path}: its name {scenario.name!r} is that of a shipped scenario, and results are "
             "filed by name; give it another with the field 'name', or rename the file"
@@ -142,9 +136,5 @@ def _short(text: str) -> str:
 
 
 def _text(value: object) -> str:
-    """Return a setting's value as it is read back: 20.0 as 20."""
-    if isinstance(value, Spec | str):
-        return str(value)
-    if isinstance(value, float):
-        return repr(value + 0.0).removesuffix(".0")  # -0.0 is 0
-    return str(value)
+    """Return a setting's value as it is read back: 20.0 as 20, and -0.0 as 0."""
+    return repr(value + 0.0).removesuffix(".0") if isinstance(value, float) else str(value)

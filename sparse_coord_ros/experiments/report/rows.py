@@ -3,7 +3,7 @@
 """Results of conditions: how to pick some, what is known to compare them with, and their CSV."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -22,7 +22,14 @@ PAPER_SETTINGS = (("penalty", "-20"),)
 PAPER_TRIALS = 1000
 """Monte-Carlo trials behind each number of the paper (Section 4)."""
 
-PAPER_MEASURES = ("reward", "time_to_goal", "miscoordinations")
+PAPER = ("reward", "time_to_goal", "miscoordinations")
+"""Measures that the paper prints."""
+
+PROPERTIES = (
+    *("optimum", "optimum_exact", "arrived", "failed_teams", "joint_states"),
+    *("visited_share", "visited_bytes", "dense_bytes"),
+)
+"""Of a result, as columns."""
 
 
 def paper(result: ConditionResult, measure: str) -> Measure | None:
@@ -72,15 +79,29 @@ def by_scenario(results: Iterable[ConditionResult]) -> list[list[ConditionResult
 
 def to_csv(results: Iterable[ConditionResult]) -> str:
     """Return a CSV file: one row a condition, one value a field, in full precision."""
-    rows = pd.DataFrame([_row(one) for one in results])
+    rows = pd.DataFrame([dict(_flat(_row(one))) for one in results])
     return rows.to_csv(index=False, lineterminator="\n")
 
 
+def _flat(row: Mapping[Any, Any], head: str = "") -> Iterator[tuple[str, object]]:
+    """Yield names and values of columns: nested keys are joined."""
+    for key, value in row.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{head}{key}_")
+        else:
+            yield f"{head}{key}", value
+
+
 def _row(result: ConditionResult) -> dict[str, Any]:
+    """Return what a row says, nested: a column's name is its keys, joined."""
     scenario = result.scenario
     robots = len(scenario.robots)
     settings = {name: getattr(scenario, name) for name in SETTINGS}
-    row: dict[str, Any] = {
+    by_robot = {name: result.robot_means[name] for name in BY_ROBOT}
+    by_robot["common_reward_factor"] = list(scenario.common_reward.numbers) or [1.0] * robots
+    exact = result.exact or dict.fromkeys((*SUMS, "arrived"), [math.nan])
+    found = {name: paper(result, name) or Measure(math.nan, math.nan, 0) for name in PAPER}
+    return {
         "id": result.id,
         "scenario": scenario.name,
         "learner": result.condition.learner,
@@ -88,24 +109,15 @@ def _row(result: ConditionResult) -> dict[str, Any]:
         **{key: str(v) if isinstance(v, Spec) else v for key, v in settings.items()},
         "runs": result.runs,
         "trials": result.trials,
+        **{name: asdict(result.measure(name)) for name in SUMS},
+        "paper": {name: {"mean": m.mean, "spread": m.spread} for name, m in found.items()},
+        "shortest_path": {name: result.reference[name] for name in PAPER},
+        **{name: getattr(result, name) for name in PROPERTIES},
+        **{f"{name}_robot": dict(enumerate(own, start=1)) for name, own in by_robot.items()},
+        "exact": {
+            name: {"mean": np.mean(own), "standard_error": standard_error(np.array(own))}
+            for name, own in exact.items()
+        },
+        "class_bound": class_bound(result),
+        "best_team": best_team(result),
     }
-    for name in SUMS:
-        row |= {f"{name}_{key}": value for key, value in asdict(result.measure(name)).items()}
-    for name in PAPER_MEASURES:
-        printed = paper(result, name)
-        row |= {f"paper_{name}_{key}": getattr(printed, key, None) for key in ("mean", "spread")}
-    row |= {f"shortest_path_{name}": result.reference[name] for name in PAPER_MEASURES}
-    for name in (
-        *("optimum", "optimum_exact", "arrived", "failed_teams", "joint_states"),
-        *("visited_share", "visited_bytes", "dense_bytes"),
-    ):
-        row[name] = getattr(result, name)
-    by_robot = {name: result.robot_means[name] for name in BY_ROBOT}
-    factors = scenario.common_reward.numbers or (1.0,) * robots
-    for name, values in {**by_robot, "common_reward_factor": factors}.items():
-        row |= {f"{name}_robot_{k}": value for k, value in enumerate(values, start=1)}
-    for name in (*SUMS, "arrived"):
-        exact = np.array((result.exact or {}).get(name, [math.nan]))
-        row[f"exact_{name}_mean"] = float(exact.mean())
-        row[f"exact_{name}_standard_error"] = standard_error(exact)
-    return {**row, "class_bound": class_bound(result), "best_team": best_team(result)}
