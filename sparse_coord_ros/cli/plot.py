@@ -8,13 +8,10 @@ from pathlib import Path
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli import pictures
 from sparse_coord_ros.cli.options import Option
-from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.settings import Setting
 
 KINDS = (".png", ".svg", ".pdf")
 DPI = Setting("dpi", int, 110, "dots an inch of a PNG", low=20, high=600)
-MOST_RUNS = 8
-"""Runs in one picture: so many lines can be told apart."""
 
 EXAMPLE = "sparse_coord plot runs/demo --what policy,length --out demo.png"
 
@@ -45,22 +42,14 @@ def execute(options: argparse.Namespace) -> int:
     with pictures.drawing():
         from sparse_coord_ros.experiments.report.charts import rendered
         from sparse_coord_ros.look import figures
-        from sparse_coord_ros.look.results import ResultsShown
+        from sparse_coord_ros.look.results import results_figure
         from sparse_coord_ros.look.sources import is_results, open_shown
 
         say = shared.note
         if len(options.sources) == 1 and is_results(options.sources[0]):
-            shown = ResultsShown(options.sources[0])
-            what = shown.whats[0] if options.what is None else options.what
-            figure = shown.figure(what)
+            what, figure = results_figure(options.sources[0], options.what)
         else:
-            if len(options.sources) > MOST_RUNS:
-                raise SettingError(
-                    f"{len(options.sources)} runs in one picture; allowed: at most {MOST_RUNS}"
-                )
             runs = [open_shown(path, say) for path in options.sources]
-            for run in runs:
-                _ = run.config  # says what is no run
             whats = figures.parse_whats(options.what, runs)
             what = ",".join(whats)
             figure = figures.runs_figure(runs, whats)

@@ -12,64 +12,45 @@ from sparse_coord_ros.experiments.report.drawings import figures_of
 from sparse_coord_ros.experiments.report.map_pictures import asked_maps
 from sparse_coord_ros.experiments.store import ConditionResult, read_results
 
-ASKS, VARIANCE = "asks", "_variance"
+VARIANCE = "_variance"
 
 
-class ResultsShown:
-    """A results directory to look at.
+def results_figure(directory: Path, what: str | None = None) -> tuple[str, Figure]:
+    """Draw something of a results directory.
 
     Args:
         directory: where it is.
+        what: `conditions`, every one; `asks`, a map a scenario in which somebody asks; the name of
+            an experiment that is complete, or of its figure; None: the first of these.
 
-    Attributes:
-        plan: seed, runs and trials of every condition.
-        results: the result of every condition.
-        experiments: the results of each experiment that is complete, by its name.
+    Returns:
+        What is drawn, and the figure.
 
     Raises:
         ResultsError: it is no results directory, or holds no result yet, or a broken one.
+        SettingError: there is no such thing to draw.
     """
-
-    def __init__(self, directory: Path) -> None:
-        self.directory = directory
-        self.plan, self.results = read_results(directory)
-        if not self.results:
-            raise ResultsError(
-                f"{directory}: holds no result yet; 'sparse_coord reproduce' puts some there"
-            )
-        by_id = {one.id: one for one in self.results}
-        self.experiments: dict[str, list[ConditionResult]] = {}
-        for name in NAMES:
-            ids = [condition.id for condition in experiment(name).conditions]
-            if all(one in by_id for one in ids):
-                self.experiments[name] = [by_id[one] for one in ids]
-
-    @property
-    def whats(self) -> list[str]:
-        """What can be drawn."""
-        found = ["conditions", ASKS] if self._asking else ["conditions"]
-        extra = [f"figure4{VARIANCE}"] if "figure4" in self.experiments else []
-        return [*found, *self.experiments, *extra]
-
-    @property
-    def _asking(self) -> list[ConditionResult]:
-        """One condition a scenario in which somebody asks, for its map."""
-        able = [one for one in self.results if one.learner.asks]
-        asking = {one.scenario.name: one for one in able if one.best("asks").mean > 0}
-        return list(asking.values())
-
-    def figure(self, what: str) -> Figure:
-        """Draw something of `whats`.
-
-        Raises:
-            SettingError: it is not there.
-        """
-        if what not in self.whats:
-            raise SettingError(
-                f"--what {what!r}: these results have {', '.join(self.whats)}"
-                f"{did_you_mean(what, self.whats)}"
-            )
-        if what == ASKS:
-            return asked_maps(self._asking)
-        name = what.removesuffix(VARIANCE)
-        return figures_of(name, self.experiments.get(name, self.results))[what]
+    _, results = read_results(directory)
+    if not results:
+        raise ResultsError(
+            f"{directory}: holds no result yet; 'sparse_coord reproduce' puts some there"
+        )
+    by_id = {one.id: one for one in results}
+    drawn: dict[str, list[ConditionResult]] = {"conditions": list(results)}
+    for name in NAMES:
+        ids = [condition.id for condition in experiment(name).conditions]
+        if by_id.keys() >= set(ids):
+            drawn[name] = [by_id[one] for one in ids]
+    if "figure4" in drawn:
+        drawn[f"figure4{VARIANCE}"] = drawn["figure4"]
+    able = [one for one in results if one.learner.asks]
+    asking = {one.scenario.name: one for one in able if one.best("asks").mean > 0}
+    whats = [*drawn, "asks"] if asking else [*drawn]
+    what = what or whats[0]
+    if what not in whats:
+        raise SettingError(
+            f"--what {what!r}: these results have {', '.join(whats)}{did_you_mean(what, whats)}"
+        )
+    if what == "asks":
+        return what, asked_maps(list(asking.values()))
+    return what, figures_of(what.removesuffix(VARIANCE), drawn[what])[what]

@@ -38,7 +38,6 @@ except ImportError as error:
 LARGEST_MESSAGE = 4096
 """Bytes of a page's message."""
 
-MOST_PAGES = 32
 FRAMES_A_SECOND = 20
 """Messages of one type that a page gets at most in a second."""
 
@@ -118,8 +117,6 @@ class Page:
         return web.Response(body=self._files[name], content_type=FILES[name], charset="utf-8")
 
     async def _stream(self, request: web.Request) -> web.StreamResponse:
-        if self.board.pages >= MOST_PAGES:
-            return web.Response(status=503, text=f"{MOST_PAGES} pages are open: close one\n")
         # Not compressed: the page is near, and a team in this process would pay for it.
         stream = web.WebSocketResponse(
             max_msg_size=LARGEST_MESSAGE, heartbeat=HEARTBEAT_SECONDS, compress=False
