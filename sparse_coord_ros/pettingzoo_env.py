@@ -11,7 +11,6 @@ percepts and rewards.
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Collection, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -241,21 +240,17 @@ class SparseCoordEnv(ParallelEnv):
             raise RunError("the environment has no episode yet; call reset first")
         return self._world
 
-    def _checked(self, name: str, action: object) -> tuple[int, int]:
+    def _checked(self, name: str, action: int) -> tuple[int, int]:
         """Return an agent's number and its action's."""
         if name not in self.agents:
             raise SettingError(f"agent {name!r} does not act; allowed: {', '.join(self.agents)}")
         k = self._number[name]
         mask = self._mask(k)
-        try:
-            number = operator.index(action)  # type: ignore[arg-type]  # what is none raises
-        except TypeError:
-            number = -1
-        if not 0 <= number < len(ACTIONS) or not mask[number]:
+        if not self.action_spaces[name].contains(action) or not mask[action]:
             raise SettingError(
                 f"agent {name}: action is {action!r}, allowed: {np.flatnonzero(mask).tolist()}"
             )
-        return k, number
+        return k, int(action)
 
     def _mask(self, k: int) -> np.ndarray:
         mask = np.ones(len(ACTIONS), dtype=np.int8)

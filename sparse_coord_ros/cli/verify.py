@@ -88,10 +88,8 @@ def _print(found, shown: int | None) -> None:
         print("cannot tell all of the run; what the log does say of the rest is as it has to be")
         print(f"open: {found.first}")
         return
-    print(f"differs: {found.first}")
-    rest = found.differences[1:shown]
-    for difference in rest:
-        print(f"         {difference}")
-    more = len(found.differences) - 1 - len(rest)
+    for difference in found.differences[:shown]:
+        print(f"differs: {difference}")
+    more = len(found.differences[shown:]) if shown else 0
     if more:
-        print(f"         and {more} more (--all)")
+        print(f"and {more} more (--all)")

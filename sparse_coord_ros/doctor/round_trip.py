@@ -130,22 +130,20 @@ def main(role: str, name: str) -> int:
         node = rclpy.create_node(f"{name}_{role}", context=context)
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)
-        if role == "echo":
-            answers = node.create_publisher(Int64, f"{name}/answer", 10)
-            node.create_subscription(Int64, f"{name}/question", answers.publish, 10)
-            while not stopped:
-                executor.spin_once(timeout_sec=0.1)
-        else:
-            questions = node.create_publisher(Int64, f"{name}/question", 10)
-            heard: list[Any] = []
-            node.create_subscription(Int64, f"{name}/answer", heard.append, 10)
+        asks = role == "ask"
+        says, hears = ("question", "answer") if asks else ("answer", "question")
+        publisher = node.create_publisher(Int64, f"{name}/{says}", 10)
+        heard: list[Any] = []
+        then = heard.append if asks else publisher.publish
+        node.create_subscription(Int64, f"{name}/{hears}", then, 10)
+        began = time.monotonic()
+        while not (stopped or heard or (asks and time.monotonic() - began > SECONDS)):
+            if asks:
+                publisher.publish(Int64(data=1))
+            executor.spin_once(timeout_sec=0.05)
+        if asks:
             said: dict[str, Any] = {"rmw": rclpy.get_rmw_implementation_identifier()}
-            began = time.monotonic()
-            while not heard and time.monotonic() - began < SECONDS and not stopped:
-                questions.publish(Int64(data=1))
-                executor.spin_once(timeout_sec=0.05)
-            if heard:
-                said["round_trip"] = time.monotonic() - began
+            said |= {"round_trip": time.monotonic() - began} if heard else {}
             print(json.dumps(said), flush=True)
         executor.shutdown()
         node.destroy_node()
