@@ -105,7 +105,7 @@ def test_our_learner_learns_the_same_bits_through_it(name, settings):
         done += 1
         step += 1
         if not env.agents:
-            assert all(ended[agent] or cut[agent] for agent in before)
+            assert all(ended[agent] != cut[agent] for agent in before)
             seen, _ = env.reset()
             step = world.step
     assert asked > 20

@@ -5,7 +5,7 @@
 import itertools
 import signal
 import sys
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from types import SimpleNamespace
 
 import pytest
@@ -87,3 +87,28 @@ def test_a_signal_ends_a_watched_run_in_whichever_moment(
     before = signal.getsignal(number)
     code, _, _ = sparse_coord("run", "env1", "--steps", 5, "--out", "out", "--watch", "--port", 0)
     assert code == 0 and signal.getsignal(number) == before
+
+
+def test_the_page_chooses_the_next_team(monkeypatch):
+    """It begins anew, in a directory of its own, whatever the first one went on from."""
+    from sparse_coord_ros.cli import page
+
+    begun, played = [], []
+    options = SimpleNamespace(scenario=None, penalty=None, out="a", resume="a")
+    wish = {"scenario": "isr", "penalty": -3.0}
+    monkeypatch.setattr(page, "served", lambda options: nullcontext())
+    monkeypatch.setattr(page, "announce", lambda *_: None)
+    monkeypatch.setattr(page, "show_end", lambda *_: None)
+    monkeypatch.setattr(page, "next_wish", lambda *_: wish)
+
+    def begin(options):
+        begun.append(tuple(vars(options).values()))
+        return f"out{len(begun)}", len(begun)
+
+    def play(options, out, team, server):
+        played.append((out, team))
+        return 7 * (team == 2)
+
+    assert page.one_by_one(options, begin, play) == 7
+    assert begun == [(None, None, "a", "a"), ("isr", -3.0, None, None)]
+    assert played == [("out1", 1), ("out2", 2)]

@@ -63,6 +63,11 @@ def test_values_by_negate_thresholds_and_mode(saved, fields, rows):
     assert (plan.resolution, plan.origin, plan.name) == (0.1, (-1.0, 2.0), "m")
 
 
+def test_the_thresholds_of_map_server(saved):
+    unsaid = {"occupied_thresh": "left out", "free_thresh": "left out"}
+    assert signs(saved(np.array([[192, 191, 90, 89]], dtype=np.uint8), **unsaid)) == [".??#"]
+
+
 def test_kinds_of_images(saved):
     expected = signs(saved())
     assert signs(saved(name="m.png")) == expected

@@ -10,7 +10,7 @@ import pytest
 from sparse_coord_ros.errors import MapError, ScenarioError
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.run_config import make_run, run_from_yaml
-from sparse_coord_ros.maps.gridding import grown, without_specks
+from sparse_coord_ros.maps.gridding import across, grown, without_specks
 from sparse_coord_ros.maps.image import FloorPlan, read_floor_plan
 from sparse_coord_ros.maps.plan import import_map, scenario_of
 from sparse_coord_ros.maps.preview import write_preview
@@ -126,6 +126,13 @@ def test_corridors_and_pockets_are_no_doorways():
     drawing.fill(7.0, 0, 7.2, 0.9)
     assert import_map(plan_of(drawing), cell=0.5, radius=0.2).doorways == 0
     assert import_map(plan_of(drawing), cell=0.5, radius=0.2, longest=4.0).doorways == 1
+
+
+@pytest.mark.parametrize(("corner", "doors"), [("#", 0), (".", 1)])
+def test_a_doorway_leads_to_four_cells_at_both_ends(corner, doors):
+    rows = ("#######", "#..D..#", f"#..#.{corner}#", "#######")
+    free = np.array([[sign != "#" for sign in row] for row in rows])
+    assert across(free, 1).max() == across(free.T, 1).max() == doors
 
 
 def test_doorways_by_hand():
