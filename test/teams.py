@@ -7,6 +7,17 @@ import numpy as np
 from sparse_coord_ros.game.scenario import scenario_from_dict
 from sparse_coord_ros.learn.agent import Tables
 
+PROTOCOL = {
+    "starts": "random",
+    "step_size": "power:0.6",
+    "epsilon": "linear:1:0.05:0.8",
+    "q_star_init": 30,
+    "q_coord_init": 200,
+    "goal_value": 200,
+    "max_steps": 1000,
+}
+"""All that the learning protocol leaves open, so that new defaults change no expectation."""
+
 
 def drawn(grid="1..D..2", robots=None, **settings):
     """Return a scenario from the rows of a map, robots as {name: (start, goal)}."""

@@ -10,6 +10,7 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
+from teams import PROTOCOL
 
 from sparse_coord_ros.engine import batch, kernels
 from sparse_coord_ros.engine.batch import CompiledTeam, run_batch, uses_numba
@@ -21,22 +22,12 @@ from sparse_coord_ros.learn.evaluation import play
 from sparse_coord_ros.learn.rows import FREE_PLACE
 from sparse_coord_ros.learn.simulation import Learning, tables_equal
 
-PROTOCOL = {
-    "steps": 1000,
-    "penalty": -100,
-    "starts": "random",
-    "step_size": "power:0.6",
-    "epsilon": "linear:1:0.05:0.8",
-    "q_star_init": 0,
-    "q_coord_init": 200,
-    "goal_value": 200,
-    "max_steps": 1000,
-}
+GIVEN = {**PROTOCOL, "steps": 1000, "penalty": -100, "q_star_init": 0}
 """Whatever the defaults are: robots that learn enough in so few steps to meet and to ask."""
 
 
 def problem(name, **settings):
-    return load_scenario(name).with_settings({**PROTOCOL, **settings})
+    return load_scenario(name).with_settings({**GIVEN, **settings})
 
 
 def single(scenario, learner, seed, trials):

@@ -7,6 +7,7 @@ from collections import defaultdict
 
 import numpy as np
 import pytest
+from teams import PROTOCOL
 
 from sparse_coord_ros.game.perception import MODELS, percept_probabilities
 from sparse_coord_ros.game.scenario import load_scenario
@@ -15,21 +16,11 @@ from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.simulation import Learning, learn, tables_equal
 from sparse_coord_ros.learn.sparse import SparseTable
 
-# Everything that the learning protocol leaves open, so that new defaults change no expectation.
-PROTOCOL = {
-    "starts": "random",
-    "step_size": "power:0.6",
-    "epsilon": "linear:1:0.05:0.8",
-    "q_star_init": 30,
-    "q_coord_init": 200,
-    "goal_value": 200,
-    "max_steps": 1000,
-    "perception": "always",
-}
+GIVEN = {**PROTOCOL, "perception": "always"}
 
 
 def problem(name, **settings):
-    return load_scenario(name).with_settings({**PROTOCOL, **settings})
+    return load_scenario(name).with_settings({**GIVEN, **settings})
 
 
 class Reference:

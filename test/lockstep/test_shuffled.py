@@ -10,6 +10,7 @@ import random
 
 import numpy as np
 import pytest
+from teams import PROTOCOL
 
 from sparse_coord_ros.game.perception import MODELS
 from sparse_coord_ros.game.scenario import load_scenario
@@ -18,16 +19,6 @@ from sparse_coord_ros.learn.learners import Factored, learner_of
 from sparse_coord_ros.learn.simulation import learn, tables_equal
 
 from .team import Team
-
-PROTOCOL = {
-    "starts": "random",
-    "step_size": "power:0.6",
-    "epsilon": "linear:1:0.05:0.8",
-    "q_star_init": 30,
-    "q_coord_init": 200,
-    "goal_value": 200,
-    "max_steps": 1000,
-}
 
 
 def problem(name, **settings):
