@@ -30,7 +30,7 @@ from sparse_coord_ros.nodes.parameters import (
     WORLD_PARAMETERS,
     of_table,
 )
-from sparse_coord_ros.nodes.spin import STOPPING, Stop, ros_context, signals, tidy_shared_memory
+from sparse_coord_ros.nodes.spin import STOPPING, Stop, ros_context, signals
 from sparse_coord_ros.nodes.team import run_team, team_run
 from sparse_coord_ros.wire import RECORDER, WORLD
 
@@ -68,9 +68,8 @@ def run(
     """
     values = {**TEAM_PARAMETERS.defaults(), **TEAM_PARAMETERS.parse(values)}
     with signals() if stop is None else nullcontext(stop) as stop, sole_team():
-        if processes:  # the world's tidies
+        if processes:
             return _run_processes(values, stop, quiet)
-        tidy_shared_memory()
         with ros_context() as context:
             if quiet:
                 set_logger_level("", LoggingSeverity.WARN)

@@ -16,7 +16,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.executors import Executor, SingleThreadedExecutor
-from rclpy.logging import LoggingSeverity, get_logger
+from rclpy.logging import LoggingSeverity
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.signals import SignalHandlerOptions
@@ -32,7 +32,6 @@ from sparse_coord_ros.errors import (
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.middleware import check_security, repair_promptly
 from sparse_coord_ros.nodes.parameters import ParameterNode
-from sparse_coord_ros.nodes.shared_memory import FOLDER as SHARED_MEMORY
 from sparse_coord_ros.nodes.shared_memory import leftovers
 
 READERS_SECONDS = 3.5
@@ -104,14 +103,6 @@ def signals() -> Iterator[Stop]:
             signal.signal(number, handler)
 
 
-def tidy_shared_memory() -> None:
-    """Remove the segments of killed processes, before ROS starts; say so in one line."""
-    removed = leftovers(remove=True)
-    if removed:
-        said = f"removed {len(removed)} files of killed processes from {SHARED_MEMORY}"
-        get_logger("sparse_coord").info(said)
-
-
 @contextmanager
 def ros_context(args: Sequence[str] | None = None) -> Iterator[Context]:
     """Open a ROS context of its own, without ROS's signal handlers; see `repair_promptly` too.
@@ -121,6 +112,7 @@ def ros_context(args: Sequence[str] | None = None) -> Iterator[Context]:
     """
     repair_promptly()
     check_security()
+    leftovers(remove=True)  # of killed processes
     context = Context()
     try:
         rclpy.init(

@@ -33,7 +33,6 @@ from sparse_coord_ros.nodes.spin import (
     ros_context,
     signals,
     spin_nodes,
-    tidy_shared_memory,
 )
 from sparse_coord_ros.nodes.tap import Tap
 from sparse_coord_ros.nodes.world_simulator import WorldSimulator
@@ -179,7 +178,6 @@ def main(args: list[str] | None = None) -> int:
     Returns:
         The exit code: 0 after the run and after a signal, 2 on bad input or a broken recording.
     """
-    tidy_shared_memory()
     with signals() as stop:
         return exit_code_of(lambda: _run(sys.argv if args is None else args, stop))
 

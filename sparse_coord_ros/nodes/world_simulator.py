@@ -35,7 +35,7 @@ from sparse_coord_ros.nodes.parameters import (
     run_from_parameters,
 )
 from sparse_coord_ros.nodes.returning import Returning
-from sparse_coord_ros.nodes.spin import run_node, tidy_shared_memory, wait_for_readers
+from sparse_coord_ros.nodes.spin import run_node, wait_for_readers
 from sparse_coord_ros.nodes.world_bodies import WorldBodies
 from sparse_coord_ros.nodes.world_speed import WorldSpeed
 from sparse_coord_ros.nodes.world_topics import WorldTopics
@@ -380,7 +380,6 @@ class WorldSimulator(ParameterNode):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node `world_simulator`."""
-    tidy_shared_memory()
     return run_node(lambda context: WorldSimulator(context=context), args)
 
 
