@@ -275,12 +275,15 @@ def test_tables_of_another_kind_are_refused():
         play(problem, coop, trials=2, seed=0, learner="factored")
     with pytest.raises(TablesError, match="form of learner factored.* coop needs"):
         play(problem, own, trials=2, seed=0, learner="coop")
+    with pytest.raises(TablesError, match="form of learner coop.* indiv needs that of noncoop"):
+        play(problem, coop, trials=2, seed=0, learner="indiv")
 
 
 def test_learning_goes_on_from_tables():
     problem = scenario(steps=1500, penalty=-60, epsilon="constant:0.6", max_steps=20)
     tables = learn(problem, "factored", 0)
     one = Factored().agent(problem, 0, 9, tables=tables[0])
+    assert one.coord_visited == 0 < len(one.tables.factors.states)
     assert one.tables.factors.corrections.tobytes() == tables[0].factors.corrections.tobytes()
     greedy = Factored().agent(problem, 0, 9, tables=tables[0], learning=False)
     moved(greedy, 1, 2, EAST, 3, paid(common=-20.0))

@@ -28,9 +28,9 @@ def test_a_row_is_learned_when_any_one_of_its_moves_is(move):
 
 @pytest.mark.parametrize("hashed", [False, True])
 def test_rows_that_were_put_are_found_by_their_keys(hashed):
-    keys = np.array([6, 2])
+    keys = np.array([6, 18])  # in a table of 16 rows 18 lies before 6
     values, updates = np.array([[1.0] * PRIMITIVES, [2.0] * PRIMITIVES]), np.ones((2, PRIMITIVES))
-    rows = make_rows(1, 8, 0.0, 1, 8, hashed=hashed)
+    rows = make_rows(1, 32, 0.0, 1, 8, hashed=hashed)
     rows.put(0, keys, values, updates)
     if hashed:
         grown = rows.empty(16)
@@ -39,7 +39,7 @@ def test_rows_that_were_put_are_found_by_their_keys(hashed):
         assert rows.used.tolist() == [2]
     for key, due in zip(keys.tolist(), values.tolist(), strict=True):
         assert rows.values[0, row_to_learn(rows, 0, key)].tolist() == due
-    assert rows.learned(0)[0].tolist() == [2, 6]
+    assert rows.learned(0)[0].tolist() == [6, 18]
 
 
 def test_a_hashed_table_stays_half_empty_whatever_a_block_brings():
