@@ -28,11 +28,6 @@ COMPUTING = (
 """What computes, and where."""
 
 
-def note_compiling() -> None:
-    """Say that it takes some seconds until the first transition."""
-    note("compiling the learning loop (some 10 s, once) ...")
-
-
 def note_without_numba() -> None:
     """Say what numba would bring."""
     note("numba is not installed: plain Python, about 100 times slower; pip install numba")

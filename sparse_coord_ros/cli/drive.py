@@ -17,9 +17,9 @@ from sparse_coord_ros.learn.run_config import RunConfig, load_run
 from sparse_coord_ros.learn.tables import load_team
 
 EPISODES = Setting("episodes", int, 100, "greedy episodes from the starts", low=2, high=1_000_000)
-FOLLOWED = Setting(
-    "followed", int, 10, "episodes in the picture, the first ones", low=1, high=1000
-)
+FOLLOWED = 10
+"""Episodes in the picture, the first ones."""
+
 DPI = 110
 KINDS = (".png", ".svg", ".pdf")
 
@@ -56,8 +56,7 @@ OPTIONS = (
         "change a setting of the bodies; may be repeated: "
         + "; ".join(f"{s.name}: {s.help} (default: {s.default})" for s in DRIVE_SETTINGS.values())
     ),
-    Option("--out FILE", Path, "draw the paths over the map"),
-    FOLLOWED,
+    Option("--out FILE", Path, "draw the paths of the first episodes over the map"),
     Option("--plan MAP.yaml", Path, "the building's map, as map_server reads it, to draw on"),
     shared.JSON,
 )
@@ -78,7 +77,7 @@ def execute(options: argparse.Namespace) -> int:
             episodes=episodes,
             seed=seed,
             values=values,
-            followed=0 if options.out is None else options.followed,
+            followed=0 if options.out is None else FOLLOWED,
             progress=lambda done: bar.show(done, episodes),
         )
     grid = play(run.scenario, tables, trials=episodes, seed=seed, learner=run.rule)

@@ -70,7 +70,6 @@ OPTIONS = (
     shared.changes(
         "a setting of the scenario; what is not set is suggested by the map's distances"
     ),
-    Option("--name", None, "name of map and scenario (default: that of the file)"),
     Option("--out", Path, "directory (default: <name>_map)"),
     Option("--replace", bool, "replace what an earlier import-map wrote there"),
     shared.JSON,
@@ -88,11 +87,11 @@ def execute(options: argparse.Namespace) -> int:
     given = parse_assignments(options.assignments)
     if given and not robots:
         raise SettingError("--set needs a scenario: give --start and --goal of the robots")
-    name = options.map.stem if options.name is None else options.name
+    name = options.map.stem
     if not NAME.fullmatch(name):
         raise MapError(
             f"name {name[:100]!r}: allowed are up to 100 letters, digits, '_', '-' and '.'; "
-            "choose one with --name"
+            "rename the file"
         )
     folder = options.out or Path(f"{name}_map")
     text, scenario_file, picture = (folder / f"{name}{end}" for end in (".txt", ".yaml", ".png"))
@@ -107,7 +106,6 @@ def execute(options: argparse.Namespace) -> int:
         remove=options.no_doorway,
         longest=options.doorway_length,
         speck=options.speck,
-        name=name,
     )
     grid, notes = imported.grid, list(imported.notes)
     written = {text: grid.to_text()}

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sparse_coord_ros.cli import options as shared
-from sparse_coord_ros.cli.computing import Bar, note_compiling, note_without_numba
+from sparse_coord_ros.cli.computing import Bar, note_without_numba
 from sparse_coord_ros.cli.evaluate import Evaluated, evaluation_of, result_table
 from sparse_coord_ros.cli.options import Option
 from sparse_coord_ros.compiling import has_numba
@@ -176,7 +176,7 @@ def _ready_engine(options: argparse.Namespace, run: RunConfig) -> str:
     if options.json:
         return engine
     if engine == "numba" and not is_prepared(learner=run.rule, history=True):
-        note_compiling()
+        shared.note("compiling the learning loop (some 10 s, once) ...")
         prepare(run.scenario, run.rule, engine=engine, history=True)
     missed = options.engine == "auto" and run.rule.compiled and not has_numba()
     if missed and worth_compiling(run.scenario, run.rule):

@@ -69,7 +69,6 @@ def import_map(
     remove: Sequence[Place] = (),
     longest: float | None = None,
     speck: float = SPECK,
-    name: str | None = None,
 ) -> Imported:
     """Make a map of a floor plan.
 
@@ -83,7 +82,6 @@ def import_map(
         longest: most metres through a doorway; what is longer is a corridor. Unless one says so:
             a wall of `WALL_THICKNESS`, the robot's radius on both sides, and a cell.
         speck: spots smaller than this, in metres, are noise.
-        name: the map's name; that of the floor plan where None.
 
     Raises:
         MapError: the cells are smaller than pixels, or so large that a wall lies between two
@@ -117,7 +115,7 @@ def import_map(
     left, right = max(0, columns[0] - 1), min(free.shape[1], columns[-1] + 2)
     symbols = np.where(doors > 0, DOORWAY, np.where(free, FREE, WALL))[top:bottom, left:right]
     grid = GridMap(
-        name=plan.name if name is None else name,
+        name=plan.name,
         rows=tuple("".join(row) for row in symbols),
         title=f"{plan.name}: a map of map_server in cells of {cell:g} m",
         source=f"{plan.name}.yaml, {plan.resolution:g} m a pixel",

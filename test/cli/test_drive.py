@@ -47,7 +47,7 @@ def test_on_the_building_s_own_map(tmp_path, capsys):
     out = str(tmp_path / "run")
     assert main(["train", str(tmp_path / "m" / "env1.yaml"), "--out", out]) == 0
     picture = tmp_path / "paths.svg"
-    arguments = ["--episodes", "2", "--plan", str(plan), "--out", str(picture), "--followed", "1"]
+    arguments = ["--episodes", "2", "--plan", str(plan), "--out", str(picture)]
     assert main(["drive", out, *arguments]) == 0
     assert picture.read_text().startswith("<?xml")
 

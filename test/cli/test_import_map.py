@@ -82,7 +82,6 @@ def test_nothing_is_overwritten_unasked(sparse_coord, folder, exported, refused)
         (("--cell", "-1", "--radius", "0.1"), "setting cell: value is '-1', allowed"),
         (("--cell", "1", "--radius", "-1"), "setting radius: value is '-1', allowed"),
         (("--cell", "1", "--radius", "9"), "finds no room"),
-        (("--cell", "1", "--radius", "0.1", "--name", "../up"), "name '../up': allowed are"),
         (("--cell", "1", "--radius", "0.1", "--set", "steps=9"), "--set needs a scenario"),
         ((*ENV1, *GOALS, "--set", "stepz=9"), "unknown field 'stepz' (did you mean 'steps'?)"),
         ((*ENV1, *GOALS, "--set", "map=cmu"), "--set map: is no setting"),
@@ -91,6 +90,11 @@ def test_nothing_is_overwritten_unasked(sparse_coord, folder, exported, refused)
 )
 def test_bad_input_is_one_line(exported, refused, arguments, words):
     assert words in refused("import-map", exported, *arguments, "--out", "i")
+
+
+def test_a_map_is_called_as_its_file(exported, refused):
+    other = exported.rename(exported.with_name("an office.yaml"))
+    assert "name 'an office': allowed are" in refused("import-map", other, *ENV1, *GOALS)
 
 
 def test_maps_of_map_server_point_to_import_map(exported, refused, folder):
