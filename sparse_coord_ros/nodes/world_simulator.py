@@ -87,9 +87,7 @@ class WorldSimulator(ParameterNode):
         game: Game = World(self.run.scenario, self.run.seed)
         if self.bodies is not None:
             game = self.bodies.game
-        self.topics = WorldTopics(
-            self, self.run, game, self._silence, self._save, frames=self.bodies is None
-        )
+        self.topics = WorldTopics(self, self.run, game, self._silence, self._save)
         self.topics.hear_actions(self._on_action)
         self._guard.watch(self.topics.own + ([] if self.bodies is None else self.bodies.own))
         self.lockstep = WorldSide(self.run, self.topics, game)

@@ -32,7 +32,6 @@ class WorldTopics:
         game: what is played.
         silence: is told when a time step begins.
         save: the port's `checkpoint`.
-        frames: whether to publish where the robots are as transforms, too.
 
     Attributes:
         convert: between time steps and cells and messages.
@@ -47,8 +46,6 @@ class WorldTopics:
         game: Game,
         silence: Silence,
         save: Callable[[int], None],
-        *,
-        frames: bool,
     ) -> None:
         self._node, self._run, self._game = node, run, game
         self._silence, self.checkpoint = silence, save
@@ -61,6 +58,7 @@ class WorldTopics:
         self._map_publisher = node.announce(interface.MAP)
         self._marker_publisher = node.announce(interface.MARKERS)
         scene = Scene(self.convert, self._names)
+        frames = not node.values["bodies"]  # bodies have transforms of their own
         self._scene = ScenePublisher(node, node.announce(interface.SCENE), scene, frames=frames)
         self._diagnostics_publisher = node.announce(interface.DIAGNOSTICS)
         self.states = [node.announce(interface.LOCAL_STATE, name) for name in self._names]
