@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A run without ROS, looked at: the same bits, held, slowed down, stepped through."""
 
-import signal
-
 import numpy as np
 import pytest
 
@@ -129,21 +127,3 @@ def test_the_last_step_is_made_though_it_cannot_be_shown_apart():
         view = TrainingView(make_run(problem, {}), Board(), title="", now=clock, sleep=clock.sleep)
         view.control(command)
         assert train(problem, "coop", 0, engine="python", watcher=view).transitions == 1
-
-
-def test_an_interrupt_in_the_last_moment_loses_nothing(tmp_path):
-    problem = scenario(steps=30)
-
-    class Impatient:
-        wants_glimpse = False
-
-        def look(self, learning, glimpse):
-            if learning.done == 0:
-                signal.raise_signal(signal.SIGINT)
-            return
-
-    checkpoint = tmp_path / "checkpoint.npz"
-    with pytest.raises(KeyboardInterrupt):
-        train(problem, "coop", 0, engine="python", watcher=Impatient(), checkpoint=checkpoint)
-    done = train(problem, "coop", 0, engine="python", checkpoint=checkpoint, resume=True)
-    assert tables_equal(done.tables, train(problem, "coop", 0, engine="python").tables)
