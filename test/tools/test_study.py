@@ -82,18 +82,6 @@ def test_what_is_missed_adds_up(name, penalty, changed, loss):
     assert judge(TEXTBOOK, compute, NO_LIMIT).loss == pytest.approx(loss, abs=1e-9)
 
 
-def test_a_hopeless_protocol_is_not_judged_to_the_end():
-    cells = []
-
-    def compute(cell):
-        cells.append(cell.id)
-        return result(50.0, failed=10)
-
-    outcome = judge(TEXTBOOK, compute, 20.0)
-    assert not outcome.whole
-    assert len(cells) == 2
-
-
 def test_every_choice_is_a_setting():
     for name, values in SPACE.items():
         for value in values:

@@ -10,6 +10,7 @@ import select
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 
 from nav_msgs.srv import GetPlan
 from rclpy.context import Context
@@ -30,6 +31,13 @@ ASK_EVERY = 10
 CONVERT = Converter(make_run(load_scenario("env1"), {}))
 
 
+def listen(
+    node: Node, topic: interface.RosTopic, robot: str, then: Callable[[bytes], None]
+) -> None:
+    """Subscribe to a robot's topic; messages are handed on as bytes."""
+    node.create_subscription(topic.type, topic.of(robot), then, topic.qos, raw=True)
+
+
 class BareWorld(Node):
     """Publishes clock, rewards and states as soon as every robot has acted, `steps` times."""
 
@@ -38,22 +46,12 @@ class BareWorld(Node):
         self._left, self._acted = steps, 0
         self.started = 0.0
         self.seconds = 0.0
+        reward, state = CONVERT.pack_reward(1, Reward(0, 0, 0, 0)), CONVERT.pack_state(1, 0)
         self._messages = [(self._publisher(interface.CLOCK), CLOCK_FORM.layout.pack(1, 0))]
         for robot in ROBOTS:
-            self._messages += [
-                (
-                    self._publisher(interface.REWARD, robot),
-                    CONVERT.pack_reward(1, Reward(0, 0, 0, 0)),
-                ),
-                (self._publisher(interface.LOCAL_STATE, robot), CONVERT.pack_state(1, 0)),
-            ]
-            self.create_subscription(
-                interface.ACTION.type,
-                interface.ACTION.of(robot),
-                self._on_action,
-                interface.ACTION.qos,
-                raw=True,
-            )
+            self._messages.append((self._publisher(interface.REWARD, robot), reward))
+            self._messages.append((self._publisher(interface.LOCAL_STATE, robot), state))
+            listen(self, interface.ACTION, robot, self._on_action)
         self.create_timer(0.02, self._start)
 
     @property
@@ -108,13 +106,8 @@ class BareRobot(Node):
     def _start(self) -> None:
         if self._client.service_is_ready() and self._publisher.get_subscription_count():
             self.destroy_timer(self._timer)
-            for topic, callback in (
-                (interface.REWARD, lambda data: None),
-                (interface.LOCAL_STATE, self._on_state),
-            ):
-                self.create_subscription(
-                    topic.type, topic.of(self.get_name()), callback, topic.qos, raw=True
-                )
+            listen(self, interface.REWARD, self.get_name(), lambda data: None)
+            listen(self, interface.LOCAL_STATE, self.get_name(), self._on_state)
 
     def _on_state(self, data: bytes) -> None:
         self._count += 1

@@ -218,68 +218,43 @@ def _table2(results: Results) -> Section:
     return Section(rows, claims)
 
 
-@dataclass(frozen=True)
-class Fall:
-    """What learners lose from the least penalty to the greatest, in one scenario and budget.
-
-    Attributes:
-        dear: Coop. at the greatest penalty.
-        free: Coop. at the least.
-        lost: the loss of each learner, by name, of each run: shape (runs,).
-        bound: by how much the class bound falls; NaN where it is unknown.
-    """
-
-    dear: ConditionResult
-    free: ConditionResult
-    lost: Mapping[str, np.ndarray]
-    bound: float
-
-    @property
-    def row(self) -> Row:
-        """Its row in the table."""
-        exact = fixed(max(0.0, self.free.optimum - self.dear.optimum))
-        return {
-            "scenario": self.free.scenario.name,
-            "steps": steps(self.free.scenario),
-            **{learner_of(name).title: with_error(paired(v)) for name, v in self.lost.items()},
-            CLASS: fixed(self.bound),
-            "joint optimum": exact if self.free.optimum_exact else None,
-        }
-
-    @property
-    def surely_less(self) -> bool:
-        """Whether Coop. surely loses less than both baselines."""
-        over = [paired(self.lost[name] - self.lost["coop"]) for name in ("indiv", "noncoop")]
-        return all(map(surely_positive, over))
-
-
-def _fall(results: Results) -> Fall:
-    """Return the fall from the conditions of one scenario and budget."""
-    lost = {}
-    for learner in LEARNERS:
-        if own := pick(results, learner=learner):
-            dear, free = _ends(own, lambda one: one.scenario.penalty)
-            lost[learner] = free.run_means("reward") - dear.run_means("reward")
-    dear, free = _ends(pick(results, learner="coop"), lambda one: one.scenario.penalty)
-    bound = (class_bound(free) or math.nan) - (class_bound(dear) or math.nan)
-    return Fall(dear, free, lost, bound)
-
-
 def _figure4(results: Results) -> Section:
-    falls = [
-        _fall(pick(own, steps=budget))
+    """Return what learners lose from the least penalty to the greatest, run by run."""
+    rows: list[Row] = []
+    ratios: dict[str, float] = {}
+    coop_falls, less = [], 0
+    budgets = [
+        pick(own, steps=budget)
         for own in by_scenario(results)
         for budget in dict.fromkeys(one.scenario.steps for one in own)
     ]
-    ratios = {
-        one.free.scenario.name: one.lost["factored"].mean() / one.bound
-        for one in falls
-        if one.bound > 0.0 and "factored" in one.lost
-        if one.free.scenario.steps == LONG["steps"]
-    }
-    rows = [one.row for one in falls]
-    coop_falls = [one.lost["coop"].mean() for one in falls]
-    less = sum(one.surely_less for one in falls)
+    for own in budgets:
+        ends = {
+            learner: _ends(found, lambda one: one.scenario.penalty)
+            for learner in LEARNERS
+            if (found := pick(own, learner=learner))
+        }
+        lost = {
+            learner: free.run_means("reward") - dear.run_means("reward")
+            for learner, (dear, free) in ends.items()
+        }
+        dear, free = ends["coop"]
+        bound = (class_bound(free) or math.nan) - (class_bound(dear) or math.nan)
+        if bound > 0.0 and "factored" in lost and free.scenario.steps == LONG["steps"]:
+            ratios[free.scenario.name] = lost["factored"].mean() / bound
+        exact = fixed(max(0.0, free.optimum - dear.optimum))
+        rows.append(
+            {
+                "scenario": free.scenario.name,
+                "steps": steps(free.scenario),
+                **{learner_of(name).title: with_error(paired(v)) for name, v in lost.items()},
+                CLASS: fixed(bound),
+                "joint optimum": exact if free.optimum_exact else None,
+            }
+        )
+        coop_falls.append(lost["coop"].mean())
+        over = [paired(lost[name] - lost["coop"]) for name in ("indiv", "noncoop")]
+        less += all(map(surely_positive, over))
     lowest = f"{min(one.scenario.penalty for one in results):g}"
     within = sum(ratio <= FALLS.get(name, math.inf) for name, ratio in ratios.items())
     limits = named({name: f"{limit:g}" for name, limit in FALLS.items()})
