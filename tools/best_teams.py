@@ -42,7 +42,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Compute, print, and write."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("coordination"))
-    parser.add_argument("--file", type=Path, default=FILE)
     options = parser.parse_args(arguments)
     [study] = [one for one in STUDIES if one.name == "many"]
     found = finder(study, options.out, Computing(jobs=1))
@@ -74,7 +73,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print(f"{name}: {best}", flush=True)
         teams[f"{name}, penalty {scenario.penalty:g}"] = best.to_dict()
     text = json.dumps({"format": 1, "about": ABOUT, "teams": teams}, indent=1) + "\n"
-    write_whole(options.file, text)
+    write_whole(FILE, text)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,8 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Headless Chromium over its DevTools protocol, for tests and the documentation's pictures."""
+"""Headless Chromium over its DevTools protocol, for tests."""
 
 import asyncio
-import base64
 import json
 import shutil
 import signal
@@ -151,11 +150,6 @@ class Browser:
         for kind in ("keyDown", "keyUp"):
             more = {"text": text} if text and kind == "keyDown" else {}
             self.ask("Input.dispatchKeyEvent", type=kind, key=key, code=code or key, **more)
-
-    def picture(self, path: Path) -> None:
-        """Write what the window shows as a PNG file."""
-        data = self.ask("Page.captureScreenshot", format="png")["data"]
-        path.write_bytes(base64.b64decode(data))
 
     def close(self) -> None:
         """End the browser and remove its profile."""

@@ -36,7 +36,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("scenarios", nargs="*", default=SCENARIOS, metavar="SCENARIO")
     parser.add_argument("--keep", type=Path, required=True, metavar="SEARCHES")
     parser.add_argument("--restarts", type=int, default=100)
-    parser.add_argument("--file", type=Path, default=FILE)
     options = parser.parse_args(arguments)
     options.keep.mkdir(parents=True, exist_ok=True)
     for name in options.scenarios:
@@ -51,21 +50,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 f"{gains}, {time.process_time() - began:.1f} s",
                 flush=True,
             )
-            _add(options.file, f"{name}, penalty {penalty}", found)
+            _add(f"{name}, penalty {penalty}", found)
 
 
-def _add(file: Path, title: str, found: ClassBound) -> None:
+def _add(title: str, found: ClassBound) -> None:
     """Write one bound into the file; one line each."""
-    bounds = {}
-    if file.exists():
-        bounds = json.loads(file.read_text(encoding="utf-8"))["bounds"]
+    bounds = json.loads(FILE.read_text(encoding="utf-8"))["bounds"]
     bounds[title] = found.to_dict()
     lines = ",\n".join(
         f"  {json.dumps(key)}: {json.dumps(bound)}" for key, bound in bounds.items()
     )
     text = f'{{"format": 1,\n "about": {json.dumps(ABOUT)},\n "bounds": {{\n{lines}\n }}}}\n'
-    json.loads(text)
-    write_whole(file, text)
+    write_whole(FILE, text)
 
 
 if __name__ == "__main__":
