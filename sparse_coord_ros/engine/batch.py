@@ -299,10 +299,6 @@ class CompiledTeam:
         minds: Minds = self.minds.initial(self.scenario, self.learner, BLOCK)
         return minds
 
-    def memories(self, minds: Minds) -> tuple[Memory, ...]:
-        """Return what each robot has learned, as an agent of `learn.agent` remembers it."""
-        return tuple(minds.memory(k, self.scenario) for k in range(len(self.scenario.robots)))
-
     def remembered(self, memories: Sequence[Memory]) -> Minds:
         """Return minds to go on learning with from what each robot remembers."""
         minds = self.initial().remember(memories, self.scenario)
@@ -477,7 +473,9 @@ class CompiledLearning:
     def state(self) -> LearningState:
         """Return where the run is."""
         positions = tuple(_position(state.game) for state in self._states)
-        return LearningState(positions, self._team.memories(self.minds), self._histories())
+        team = self._team.scenario
+        memories = tuple(self.minds.memory(k, team) for k in range(len(team.robots)))
+        return LearningState(positions, memories, self._histories())
 
     def _histories(self) -> tuple[History, ...]:
         pairs = zip(self._records, self._states, strict=True)

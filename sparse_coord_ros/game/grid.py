@@ -32,9 +32,6 @@ RESOLUTIONS = (1e-3, 1000.0)
 FURTHEST = 1e7
 """Most metres from the frame's origin to the grid's corner."""
 
-IMAGES = (".pgm", ".png", ".pbm", ".ppm", ".bmp", ".jpg", ".jpeg", ".tif", ".tiff")
-"""What the names of images end with, as map_server's maps are."""
-
 
 @dataclass(frozen=True)
 class GridMap:
@@ -141,11 +138,6 @@ def load_map(name: str, *, beside: Path | None = None) -> GridMap:
     folders = [beside, Path()] if beside else [Path()]
     for candidate in [folder / name for folder in folders] + [share_file("maps", f"{name}.txt")]:
         if candidate is not None and candidate.is_file():
-            if candidate.suffix.lower() in IMAGES:
-                raise MapError(
-                    f"map {candidate}: is an image; make a map of it with: sparse_coord "
-                    "import-map, and the YAML file that belongs to the image"
-                )
             try:
                 text = candidate.read_text(encoding="utf-8")
             except (OSError, UnicodeDecodeError) as error:

@@ -15,16 +15,12 @@ from PIL import Image
 
 from sparse_coord_ros.errors import MapError, ScenarioError, SettingError, in_short
 from sparse_coord_ros.files import write_whole
-from sparse_coord_ros.game.grid import (
-    FURTHEST,
-    IMAGES,
-    RESOLUTIONS,
-    WALL,
-    GridMap,
-    number_of,
-)
+from sparse_coord_ros.game.grid import FURTHEST, RESOLUTIONS, WALL, GridMap, number_of
 from sparse_coord_ros.game.scenario import parse_yaml
 from sparse_coord_ros.game.settings import Setting, SettingTable
+
+IMAGES = (".pgm", ".png", ".pbm", ".ppm", ".bmp", ".jpg", ".jpeg", ".tif", ".tiff")
+"""What the names of images end with, as map_server's maps are."""
 
 MOST_PIXELS = 100_000_000
 """Pixels of an image: 10,000 x 10,000."""

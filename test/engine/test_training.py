@@ -89,29 +89,6 @@ def test_a_run_in_parts_is_the_unbroken_run(monkeypatch, name, learner, settings
         assert_same(learning, expected)
 
 
-@pytest.mark.parametrize("engine", ["python", "numba"])
-def test_history_says_what_happened(engine):
-    settings = {"conflict": "any_doorway", "starts": "random", "q_star_init": 0, "steps": 2500}
-    scenario = problem("env2-4r", **settings)
-    learning = make(engine, scenario, "coop", 3)
-    learning.advance(scenario.steps)
-    history = learning.history
-    assert history.length.sum() == scenario.steps
-    assert (history.length[:-1] <= scenario.max_steps).all()
-    ended = history.length[:-1] < scenario.max_steps
-    assert history.arrived[:-1][ended].all()
-    assert history.present.all()
-    assert history.first_step[0] == 1
-    assert (np.diff(history.first_step) == history.length[:-1] + 2).all()
-    assert history.miscoordinations.sum() > 0
-    assert history.asks.sum() > 50
-    paid = 10.0 * history.arrived - history.asks
-    assert np.allclose((history.reward - paid) % 50, 0)
-    met = history.miscoordinations == 0
-    assert np.array_equal(history.reward[met], paid[met])
-    assert (history.reward[~met] < paid[~met]).any()
-
-
 @pytest.mark.parametrize(("engine", "learner"), [("python", "indiv"), ("numba", "coop")])
 def test_train(engine, learner):
     scenario = problem("env1")

@@ -79,15 +79,6 @@ def test_tables_of_no_numbers(value):
             check_tables(scenario, [good, bad, good], "coop")
 
 
-def test_tables_of_another_kind_of_perception_do_not_fit():
-    dense = load_scenario("crowd-3r")
-    sparse = dense.with_settings({"peers": "all"})
-    for scenario, other, shape in ((dense, sparse, "59, 59, 4"), (sparse, dense, "59, 59, 59, 4")):
-        check_tables(scenario, [initial_tables(scenario)] * 3, "coop")
-        with pytest.raises(TablesError, match=rf"q_coord_1 has .* needs \({shape}\).*peers"):
-            check_tables(scenario, [initial_tables(other)] * 3)
-
-
 def test_the_standard_error_is_that_of_independent_trials():
     """Trials whose means are 1, 2 and 6: the sample's deviation over the root of their number."""
     means = [1.0, 2.0, 6.0]
