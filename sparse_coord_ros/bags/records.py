@@ -180,9 +180,7 @@ def parse(kind: Any, body: bytes, offset: int) -> Any:
     stream = _Exact(body)
     try:
         record = kind.read(stream)
-    except UnicodeDecodeError as error:
-        raise Damage(offset, f"a {kind.__name__} record with a text that is not UTF-8") from error
-    except (EndOfFile, struct.error) as error:
+    except (EndOfFile, struct.error, UnicodeDecodeError) as error:
         raise Damage(
             offset, f"a {kind.__name__} record whose fields do not fit into it"
         ) from error

@@ -7,7 +7,6 @@ import math
 import sys
 import time
 from collections import Counter
-from pathlib import Path
 from typing import Any, Unpack
 
 import numpy as np
@@ -21,7 +20,6 @@ from std_msgs.msg import Header
 from sparse_coord_ros.driving.arena import ELSEWHERE, IN_DOORWAY, Arena, Noise
 from sparse_coord_ros.driving.ground import Ground, Pose
 from sparse_coord_ros.driving.steering import Command
-from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.lockstep.bodies import BEGIN, Goals, Reached
 from sparse_coord_ros.nodes import interface
@@ -64,12 +62,6 @@ class BodyNode(Follower):
         self._time_publisher: Publisher | None = None
         if self.values["clock"]:
             self._time_publisher = self.announce(interface.CLOCK)
-
-    def set_up(self) -> None:
-        """Check the file of paths."""
-        paths = self.values["paths"]
-        if paths and Path(paths).suffix != ".npz":
-            raise RunError(f"parameter paths: value is {paths!r}, allowed: a file .npz")
 
     def begin(self, run: RunConfig) -> None:
         """Put the bodies at the scenario's starts."""
