@@ -21,6 +21,7 @@ def node(own_domain):
     """Return a follower that has begun with a run."""
     with ros_context() as context:
         node = Follower("robot_1", ROBOT_PARAMETERS, context=context, values={})
+        node._tick()
         node._on_run(announced("first"))
         node._tick()
         yield node
@@ -39,6 +40,10 @@ def test_it_stays_with_its_run_when_another_one_is_announced(node):
     node._on_run(announced("second"))
     assert [other.id for other in others] == ["second"]
     assert node.run.id == "first"
+
+
+def test_what_it_waits_for_next_is_counted_anew(node):
+    assert node.reminder.due(1e12) == 0.0
 
 
 def test_at_a_signal_it_waits_for_the_world_s_last_word_but_not_for_ever(node, monkeypatch):
