@@ -68,14 +68,14 @@ def verb(place, python):
 
 
 @pytest.fixture
-def here(place, monkeypatch, capsys):
+def here(place, monkeypatch, capfd):
     """Return a function that does the same in this process."""
     monkeypatch.chdir(place)
 
     def run(*arguments, code=0):
-        capsys.readouterr()
+        capfd.readouterr()
         assert main([str(argument) for argument in arguments]) == code
-        said = capsys.readouterr()
+        said = capfd.readouterr()
         return said.out if code == 0 else said.err
 
     return run
