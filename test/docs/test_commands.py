@@ -233,7 +233,9 @@ def test_examples_of_help(verb, shell, request):
             continue
         if "--resume" in command:  # of a run that was stopped
             how = "--steps 10000" if verb == "run" else "--steps 4e5 --engine python"
-            begun = f"sparse_coord {verb} env1 {how} --out {command.split()[-1]}"
-            shell(f"{begun} & p=$!; sleep 3; kill -TERM $p; wait $p; test $? = 130")
+            out = command.split()[-1]
+            begun = f"sparse_coord {verb} env1 {how} --out {out} & p=$!"
+            waited = f"until [ -e {out}/run.yaml ]; do sleep 0.1; done; sleep 2"
+            shell(f"{begun}; {waited}; kill -TERM $p; wait $p; test $? = 130")
         for part in command.split(" && "):
             shell(part)
