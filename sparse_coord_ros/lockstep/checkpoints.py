@@ -117,8 +117,6 @@ class Checkpoints(Store):
 
     def save(self, state: WorldState | RobotState) -> None:
         """Save where the node is; an OSError leaves the earlier checkpoints as they are."""
-        if state.step == BEGINNING:
-            return
         arrays = pack(self._run.digest, self._arrays(state))
         write_whole(self._path(state.step), arrays, sync=True)
         self._readable.add(state.step)

@@ -270,9 +270,8 @@ class WorldSide:
             self._port.state(k, self.world.step, self.world.cells[k])
 
     def _save_where_due(self, *steps: int) -> None:
-        """Save at the first of the published steps at which the robots do too."""
+        """Save at the published steps at which the robots do too."""
         every = self._checkpoint
         for before, step in pairwise(steps):
             if every and before // every < step // every:
                 self._port.checkpoint(step)
-                return

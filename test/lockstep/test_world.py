@@ -276,3 +276,14 @@ def test_it_says_why_an_episode_began():
     together.world.cells = [19, 17]
     play(together, EAST)
     assert together.began == Began.ARRIVED
+
+
+def test_it_goes_on_where_another_one_was(world):
+    world.action(0, 1, DOWN)
+    world.expire()
+    other = make_world()
+    other.go_on_from(world.snapshot())
+    assert other.held and not other.action(0, 2, DOWN)
+    assert (other.absent, other.timeouts, other.left_out, other.world.step) == ({1}, 1, 1, 2)
+    other.go_on_from(None)
+    assert (other.absent, other.timeouts, other.left_out, other.world.step) == (set(), 0, 0, 1)

@@ -46,6 +46,16 @@ def test_what_it_waits_for_next_is_counted_anew(node):
     assert node.reminder.due(1e12) == 0.0
 
 
+def test_it_says_that_its_world_is_silent(node):
+    said = []
+    node.remind = lambda reminder, for_whom: said.append(for_whom)
+    now = module.time.monotonic()
+    node.look_for_the_world(now)
+    assert said == []
+    node.look_for_the_world(now + 4.0)
+    assert said == ["a word of the world"]
+
+
 def test_at_a_signal_it_waits_for_the_world_s_last_word_but_not_for_ever(node, monkeypatch):
     now = 1000.0
     monkeypatch.setattr(module.time, "monotonic", lambda: now)

@@ -7,6 +7,7 @@ import os
 import signal
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import yaml
@@ -15,10 +16,14 @@ from nav_msgs.msg import OccupancyGrid
 from visualization_msgs.msg import MarkerArray
 
 from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.run_config import make_run
+from sparse_coord_ros.lockstep.checkpoints import Store
+from sparse_coord_ros.nodes.returning import Returning
 from sparse_coord_ros.nodes.spin import ros_context
 from sparse_coord_ros.nodes.team import run_team
 from sparse_coord_ros.runlog import verify
-from sparse_coord_ros.wire.status import Order, Said
+from sparse_coord_ros.wire.status import Order, Progress, Said
 
 SEED = 7
 SETTINGS = {"steps": 600, "perception": "probability:0.7"}
@@ -117,6 +122,22 @@ def test_who_goes_back_listens_anew(bench, tmp_path):
     bench.spin_until(lambda: world.heard_by(world.topics.states[0], "robot_1"), "matched")
     world.topics.state(0, 1, 3)
     bench.spin_until(lambda: member.lockstep.newest == (1, 3), "it hears the world")
+
+
+def test_the_team_goes_on_when_all_listen_and_the_recorder_has_obeyed():
+    gone_on, logger = [], SimpleNamespace(warning=print)
+    intake = SimpleNamespace(listen=lambda *what, **how: None)
+    node = SimpleNamespace(intake=intake, get_logger=lambda: logger)
+    side = SimpleNamespace(held=True, start=lambda: None)
+    run = make_run(load_scenario("env1"), {"recorded": True})
+    team = Returning(node, run, side, Store(), lambda: gone_on.append(True))
+    team.order = Order("an order", 0, 1)
+    team.look(0.0, all_listen=lambda: True)
+    team._on_recorder(Progress("life", 0, 0, obeyed="an order"))
+    team.look(0.0, all_listen=lambda: False)
+    assert not gone_on
+    team.look(0.0, all_listen=lambda: True)
+    assert gone_on
 
 
 @pytest.mark.long
