@@ -12,9 +12,9 @@ from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.learn.simulation import Learning, learn, tables_equal
-from sparse_coord_ros.lockstep.checkpoints import Checkpoints, steps_of
-from sparse_coord_ros.lockstep.rollback import WorldRollback
-from sparse_coord_ros.wire.status import Progress
+from sparse_coord_ros.lockstep.checkpoints import Checkpoints, Store, steps_of
+from sparse_coord_ros.lockstep.rollback import RobotRollback, WorldRollback
+from sparse_coord_ros.wire.status import ROLL_CALL, Order, Progress
 
 from .team import WORLD, Team
 
@@ -118,6 +118,12 @@ def test_who_cannot_go_back_is_not_waited_for():
     assert back.waiting == {1}
     back.heard(1, Progress("another", 0, 0))
     assert not back.waiting
+
+
+def test_a_robot_without_the_checkpoint_does_not_obey():
+    back = RobotRollback(None, Store(), None, "life")
+    assert not back.obey(Order("an order", 40, 41))
+    assert back.obey(Order("a call", ROLL_CALL))
 
 
 def test_a_world_that_comes_back_finds_its_robots():

@@ -287,3 +287,12 @@ def test_it_goes_on_where_another_one_was(world):
     assert (other.absent, other.timeouts, other.left_out, other.world.step) == ({1}, 1, 1, 2)
     other.go_on_from(None)
     assert (other.absent, other.timeouts, other.left_out, other.world.step) == (set(), 0, 0, 1)
+
+
+def test_a_later_beginning_leaves_out_what_was_done_since(world):
+    """A world that came back alone: the robots are 30 steps and 28 transitions further."""
+    world.go_on_from(None)
+    assert world.begin_at(1, 28) == 0, "it is there already"
+    assert world.begin_at(31, 28) == 28
+    assert (world.world.step, world.world.transitions, world.world.episode) == (31, 28, 1)
+    assert world.began == Began.RESET

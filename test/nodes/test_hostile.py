@@ -4,6 +4,7 @@
 
 import os
 import signal
+from types import SimpleNamespace
 
 import pytest
 import yaml
@@ -14,7 +15,7 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import Header, String
 
 from sparse_coord_ros.bags import open_bag
-from sparse_coord_ros.errors import FaultError, RunError
+from sparse_coord_ros.errors import FaultError, NameTakenError, RunError
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.settings import SettingTable
 from sparse_coord_ros.learn.agent import Agent
@@ -25,7 +26,7 @@ from sparse_coord_ros.nodes.middleware import SECURITY_MARK, check_participants,
 from sparse_coord_ros.nodes.parameters import ROBOT_PARAMETERS, ParameterNode
 from sparse_coord_ros.nodes.recorder import Recorder
 from sparse_coord_ros.nodes.robot import RobotNode
-from sparse_coord_ros.nodes.spin import ros_context, run_node, signals
+from sparse_coord_ros.nodes.spin import ending, ros_context, run_node, signals
 from sparse_coord_ros.nodes.team import run_team
 from sparse_coord_ros.nodes.world_simulator import WorldSimulator
 from sparse_coord_ros.runlog.verify import verify
@@ -163,6 +164,15 @@ def test_any_exception_saves_and_is_told(benches, capfd, executor, error, code, 
     line = capfd.readouterr().err.splitlines()[-1]
     assert line.startswith(text)
     bench.spin_until(lambda: any(m.msg.startswith(told) for m in heard), "/rosout tells it")
+
+
+def test_who_gives_way_to_another_node_of_its_name_saves_nothing():
+    """What it has begun is the other one's."""
+    done = []
+    node = SimpleNamespace(failure=None, destroy_node=lambda: done.append("gone"))
+    with pytest.raises(NameTakenError), ending([node], lambda: done.append("saved")):
+        raise NameTakenError
+    assert done == ["gone"]
 
 
 def test_a_fault_of_one_robot_saves_the_tables_of_all(tmp_path, monkeypatch):
