@@ -159,11 +159,6 @@ class BagFile:
             self.whole |= self.damage is None and not self.finished
 
     @property
-    def message_count(self) -> int:
-        """Number of messages."""
-        return sum(self.counts.values())
-
-    @property
     def summary(self) -> FileSummary:
         """What `metadata.yaml` says about it."""
         start_ns = min((block.start_ns for block in self.blocks), default=0)

@@ -140,7 +140,7 @@ class Bag:
     @property
     def message_count(self) -> int:
         """Messages of all topics."""
-        return sum(file.message_count for file in self.files)
+        return self.counts.total()
 
     @property
     def start_ns(self) -> int:

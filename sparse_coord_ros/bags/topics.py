@@ -55,12 +55,9 @@ def topic_of(channel: Channel, schemas: dict[int, Schema], offset: int) -> BagTo
         raise Damage(offset, f"topic {channel.topic!r} has no type")
     try:
         qos = profiles_from_text(channel.metadata.get("offered_qos_profiles", ""))
-    except BagError as error:
+        text = schema.data.decode()
+    except (BagError, UnicodeDecodeError) as error:
         raise Damage(offset, f"topic {channel.topic!r}: {error}") from error
-    try:
-        text = schema.data.decode("utf-8")
-    except UnicodeDecodeError as error:
-        raise Damage(offset, f"the definition of {schema.name!r} is not UTF-8") from error
     type_hash = channel.metadata.get("topic_type_hash", "")
     return BagTopic(channel.topic, schema.name, text, qos, type_hash, schema.encoding)
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Unpack
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.qos import DurabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 
@@ -274,8 +274,11 @@ class Recorder(Follower):
             def attach(said: tuple[bytes, int, str], robot: str = robot.name) -> None:
                 recording.attach_tables(robot, *said)
 
-            name = interface.TABLES.of(robot.name)
-            self._subscribe(interface.TABLES, name, attach, read=read_tables_message)
+            self.intake.listen(
+                *(interface.TABLES, attach, robot.name),
+                read=read_tables_message,
+                qos=interface.RECORDER_LATCHED_QOS,
+            )
 
     def _channel(self, topic: interface.RosTopic, name: str) -> int:
         """Register a topic and return its channel in the bag."""
@@ -290,19 +293,7 @@ class Recorder(Follower):
         if self._tap is not None and topic.tapped:
             self._tap.line(self.resolve_topic_name(name)).write = self.guarded(write)
         else:
-            self._subscribe(topic, name, write, unpack=bytes)
-
-    def _subscribe(
-        self,
-        topic: interface.RosTopic,
-        name: str,
-        then: Callable[[Any], None],
-        **how: Any,
-    ) -> None:
-        """Listen to a topic with a queue that nothing is pushed out of; as `Intake.listen`."""
-        latched = topic.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
-        own = interface.RECORDER_LATCHED_QOS if latched else interface.RECORDER_QOS
-        self.intake.listen(topic, then, name=name, qos=own, **how)
+            self.intake.listen(topic, write, name=name, unpack=bytes, qos=_queue(topic))
 
     def world_said(self, said: Said) -> None:
         """Go back where the world says so, and tell it; take in its time."""
@@ -387,6 +378,12 @@ class Recorder(Follower):
             with contextlib.suppress(BagError):
                 self.recording.bag.close()
         super().destroy_node()
+
+
+def _queue(topic: interface.RosTopic) -> QoSProfile:
+    """Return a profile with which nothing is pushed out before it is written down."""
+    latched = topic.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    return interface.RECORDER_LATCHED_QOS if latched else interface.RECORDER_QOS
 
 
 def main(args: list[str] | None = None) -> int:

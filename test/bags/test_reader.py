@@ -416,7 +416,7 @@ def message(number):
         (schema() + schema(b"int9 x"), "a second, different schema 1"),
         (schema() + channel() + channel(topic=b"/b"), "a second, different channel 1"),
         (schema() + channel(of=9), "topic '/a' has no type"),
-        (schema(b"\xff") + channel(), "the definition of 'a/msg/A' is not UTF-8"),
+        (schema(b"\xff") + channel(), "topic '/a': 'utf-8' codec can't decode"),
         (record(7, bytes(6)), "a message index record within a chunk"),
     ],
 )
