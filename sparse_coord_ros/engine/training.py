@@ -100,8 +100,6 @@ class Training:
         Raises:
             RunError: it exists already, or cannot be written.
         """
-        if not isinstance(directory, str | Path):
-            raise RunError(f"output directory: value is {directory!r}, allowed: a text or a Path")
         run = make_run(self.scenario, {"seed": self.seed, "learner": self.learner})
         folder = create_output(Path(directory))
         try:

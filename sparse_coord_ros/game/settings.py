@@ -3,7 +3,7 @@
 """Typed settings with ranges: one table for YAML files, `--set key=value` and ROS parameters."""
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -58,7 +58,8 @@ class Setting:
             return "a text" if self.kind is str else "a list of texts"
         words = "a whole number" if self.kind is int else "a number"
         words = words if self.least is None else f"0, or {words}"
-        return in_range(words, self.low if self.least is None else self.least, self.high)
+        bounds = (self.low if self.least is None else self.least, self.high)
+        return in_range(words, *(None if one is None else self.kind(one) for one in bounds))
 
     def parse(self, value: object) -> Any:
         """Return the value in the setting's type; texts are read as on the command line.
@@ -123,23 +124,11 @@ CONVERTERS: Mapping[type, Callable[[Any], Any]] = {
 """What reads the values of each type; it raises where a value is none."""
 
 
-class SettingTable(Mapping[str, Setting]):
-    """Settings by name; parses whole sets of values."""
+class SettingTable(dict[str, Setting]):
+    """Settings by name, in their order; parses whole sets of values."""
 
     def __init__(self, settings: Iterable[Setting]) -> None:
-        self._settings = {setting.name: setting for setting in settings}
-
-    def __getitem__(self, name: str) -> Setting:
-        """Return the setting of that name."""
-        return self._settings[name]
-
-    def __iter__(self) -> Iterator[str]:
-        """Iterate over the names, in the table's order."""
-        return iter(self._settings)
-
-    def __len__(self) -> int:
-        """Return the number of settings."""
-        return len(self._settings)
+        super().__init__({setting.name: setting for setting in settings})
 
     def defaults(self) -> dict[str, Any]:
         """Return every setting's default, parsed."""

@@ -185,11 +185,8 @@ class World:
 
     def go_on_from(self, position: Position) -> None:
         """Go on where another world of the same run was; `episode` counts from 0 again."""
-        self.transitions, self.step, self._episode_start = (
-            position.transitions,
-            position.step,
-            position.episode_start,
-        )
+        self.transitions, self.step = position.transitions, position.step
+        self._episode_start = position.episode_start
         if position.under_way:
             self.cells, self.arrived = list(position.cells), list(position.arrived)
         else:

@@ -105,22 +105,17 @@ def position_arrays(positions: Sequence[Position]) -> dict[str, np.ndarray]:
     return {name: np.array([getattr(p, name) for p in positions]) for name in Position._fields}
 
 
-def positions_from(
-    arrays: Mapping[str, np.ndarray], games: int, robots: int
-) -> tuple[Position, ...]:
+def positions_from(arrays: Mapping[str, np.ndarray]) -> tuple[Position, ...]:
     """Return what `position_arrays` took apart.
 
     Raises:
-        KeyError, ValueError: it is not there, or is of other games or robots.
+        KeyError: it is not there.
     """
     columns = [arrays[name].tolist() for name in Position._fields]
-    positions = tuple(
+    return tuple(
         Position(done, step, under_way, start, tuple(cells), tuple(arrived))
         for done, step, under_way, start, cells, arrived in zip(*columns, strict=True)
     )
-    if len(positions) != games or any(len(p.cells) != robots for p in positions):
-        raise ValueError("has other robots")
-    return positions
 
 
 CHECKPOINT_FILE = "checkpoint.npz"
@@ -186,7 +181,7 @@ def load_checkpoint(path: Path, scenario: Scenario, learner: Learner, seed: int)
 def _from(file: Mapping[str, np.ndarray], scenario: Scenario, learner: Learner) -> Checkpoint:
     robots = len(scenario.robots)
     groups = len(groups_of(scenario, learner))
-    positions = positions_from(file, groups, robots)
+    positions = positions_from(file)
     memories = [memory_from(file, k) for k in range(1, robots + 1)]
     histories = [history_from(file, f"history_{g}_") for g in range(1, groups + 1)]
     every, trials, found = json.loads(str(file["evaluations"]))

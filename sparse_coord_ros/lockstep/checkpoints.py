@@ -153,7 +153,7 @@ class Checkpoints(Store):
         fields: dict[str, Any] = {"step": step}
         if self._node == WORLD:
             kind = WorldState
-            fields["position"] = positions_from(arrays, 1, len(self._names))[0]
+            fields["position"] = positions_from(arrays)[0]
             fields["history"] = history_from(arrays, "history_")
         else:
             fields["memory"] = memory_from(arrays, self._names.index(self._node) + 1)
