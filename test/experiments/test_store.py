@@ -18,6 +18,7 @@ from sparse_coord_ros.engine.batch import Run, run_batch
 from sparse_coord_ros.errors import ResultsError, SettingError
 from sparse_coord_ros.experiments import store as module
 from sparse_coord_ros.experiments.conditions import make_condition
+from sparse_coord_ros.experiments.runner import Computing, compute
 from sparse_coord_ros.experiments.store import Plan, collect, open_results, sample
 from sparse_coord_ros.game.scenario import scenario_from_dict
 from sparse_coord_ros.learn.agent import initial_tables
@@ -249,3 +250,20 @@ def test_one_process_at_a_time(tmp_path):
         open_results(tmp_path, PLAN),
     ):
         pass
+
+
+class Backwards:
+    """Stands in for a cluster: a task a run, the last one's results come first."""
+
+    def shares(self, seeds, steps, runs):
+        return [[seed] for seed in seeds]
+
+    def results(self, work, given):
+        for number in reversed(range(len(given))):
+            yield number, work(*given[number])
+
+
+def test_runs_that_come_in_any_order_are_kept_in_that_of_their_seeds():
+    one = make_condition("env1", "coop", {"steps": 300})
+    here, there = (compute([one], PLAN, Computing(cluster=c)) for c in (None, Backwards()))
+    assert here == there

@@ -15,7 +15,7 @@ from sparse_coord_ros.maps.image import FloorPlan, read_floor_plan
 from sparse_coord_ros.maps.plan import import_map, scenario_of
 from sparse_coord_ros.maps.preview import write_preview
 from sparse_coord_ros.wire.frame import Frame
-from tools.floor_plans import Drawing, matched, write
+from tools.floor_plans import FREE, PIXEL, Drawing, drawn, matched, write
 
 CORNERS = (-9.0, -6.0), (9.0, 6.0)
 
@@ -33,6 +33,13 @@ def rooms(thick=0.2, wide=0.9):
     drawing.wall(3.0, 0, 3.0, 4.0)
     drawing.door(3.0, 1.7, wide=wide, north=False)
     return drawing
+
+
+def test_the_clinic_s_corridors_cross():
+    plan = drawn("clinic")
+    for y in (8.4, 18.4):
+        row = round((plan.height - y) / PIXEL)
+        assert plan.pixels[row, round(19.0 / PIXEL)] == FREE
 
 
 @pytest.mark.parametrize(

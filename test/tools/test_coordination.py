@@ -40,6 +40,7 @@ def test_a_small_study_is_computed_kept_and_written(tmp_path, monkeypatch, capsy
     text = page.read_text()
     assert text.startswith("a\n<!-- table: small -->\n| ") and text.endswith("table -->\nb\n")
     assert "old" not in text
+    assert (tmp_path / "out/2-runs-2-trials/conditions").is_dir()  # two robots: exact, few trials
     monkeypatch.setattr(
         "sparse_coord_ros.experiments.runner.run_batch",
         lambda *_, **__: pytest.fail("computed again"),
