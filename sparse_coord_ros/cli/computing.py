@@ -39,21 +39,16 @@ class Bar(ExitStack):
     Args:
         unit: what is counted.
         quiet: whether to show nothing.
-
-    Attributes:
-        began: whether work has begun.
     """
 
     def __init__(self, unit: str, *, quiet: bool = False) -> None:
         super().__init__()
-        self.began = False
         self._unit, self._quiet = unit, quiet
         self._bar: tqdm | None = None
 
     def show(self, done: int, total: int, name: str = "") -> None:
         """Show what is done of all that there is."""
         if self._bar is None:
-            self.began = True
             bar = tqdm(
                 total=total,
                 initial=done,

@@ -77,13 +77,6 @@ def execute(options: argparse.Namespace) -> int:
         shared.print_json({"runs": facts} if several else facts[0])
         return 0
     print("\n\n".join(result_table(runs, several=several) for runs in by_game(found)))
-    for one in found:
-        if isinstance(one.result, Evaluation) and one.result.not_arrived:
-            missed = f"{one.result.not_arrived} of {trials} trials"
-            print(f"{one.directory}: in {missed} some robot did not arrive")
-    bag = options.directories[0] / "bag"
-    if bag.is_dir() and not several:
-        print(f"bag: {bag}")
     return 0
 
 

@@ -146,7 +146,7 @@ def _learn(
         _save(out, done)
     except BaseException as error:
         left = ""
-        if checkpoint.exists() and (bar.began or not resumed):
+        if checkpoint.exists():
             left = f"what was learned is saved; go on with: sparse_coord train --resume {out}"
         elif not resumed and not (out / TEAM_FILE).exists():
             _remove(out)  # leave no half of a run
