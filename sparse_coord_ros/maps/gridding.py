@@ -36,9 +36,6 @@ DOOR_CELLS = 10
 CRUMB = 4
 """Fewer connected cells are no part of a map, and nothing that a doorway leads to."""
 
-SMALLER = (0.8, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1)
-"""Sizes of cells that are tried for advice, as shares of the one that is too large."""
-
 
 class Gridding(NamedTuple):
     """Where a grid lies, and what its cells are.
@@ -284,14 +281,3 @@ def _leads_on(free: np.ndarray, row: int, column: int, run: tuple[int, int]) -> 
     labels, _ = ndimage.label(near)
     own = labels[row - top, column - left]
     return bool(own and (labels == own).sum() >= CRUMB)
-
-
-def smaller_cell(space: Space, pixels: float, resolution: float) -> float | None:
-    """Return a size of cells, in metres, that lets no wall slip between centres; None: none."""
-    for share in SMALLER:
-        side = pixels * share
-        if side < 1:
-            return None
-        if not best_layout(space, side).slips:
-            return float(f"{side * resolution:.2g}")
-    return None

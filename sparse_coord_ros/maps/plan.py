@@ -19,7 +19,6 @@ from sparse_coord_ros.maps.gridding import (
     Gridding,
     across,
     best_layout,
-    smaller_cell,
     space_of,
     two_wide,
 )
@@ -141,14 +140,11 @@ def _layout_of(plan: FloorPlan, cell: float, radius: float, speck: float) -> Gri
             f"map {plan.name}: a robot of radius {radius:g} m finds no room: {seen}; check negate "
             "and the thresholds in the YAML file, or choose a smaller --radius"
         )
-    pixels = cell / plan.resolution
-    layout = best_layout(space, pixels)
+    layout = best_layout(space, cell / plan.resolution)
     if layout.slips:
-        better = smaller_cell(space, pixels, plan.resolution)
-        remedy = "choose a smaller one" if better is None else f"--cell {better:g} would do"
         raise MapError(
             f"map {plan.name}: --cell {cell:g} is so large that a wall slips between two cells "
-            f"({layout.slips} times, wherever the grid lies); {remedy}"
+            f"({layout.slips} times, wherever the grid lies); choose a smaller one"
         )
     if not layout.free.any():
         raise MapError(
