@@ -58,8 +58,7 @@ class Setting:
             return "a text" if self.kind is str else "a list of texts"
         words = "a whole number" if self.kind is int else "a number"
         words = words if self.least is None else f"0, or {words}"
-        bounds = (self.low if self.least is None else self.least, self.high)
-        return in_range(words, *(None if one is None else self.kind(one) for one in bounds))
+        return in_range(words, self.low if self.least is None else self.least, self.high)
 
     def parse(self, value: object) -> Any:
         """Return the value in the setting's type; texts are read as on the command line.
