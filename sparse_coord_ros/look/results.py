@@ -20,8 +20,8 @@ def results_figure(directory: Path, what: str | None = None) -> tuple[str, Figur
 
     Args:
         directory: where it is.
-        what: `conditions`, every one; `asks`, a map a scenario in which somebody asks; the name of
-            an experiment that is complete, or of its figure; None: the first of these.
+        what: `conditions`, every one; `asks`, a map a scenario in which robots may ask; an
+            experiment that is complete, or one of its figures; None: the first of these.
 
     Returns:
         What is drawn, and the figure.
@@ -43,8 +43,7 @@ def results_figure(directory: Path, what: str | None = None) -> tuple[str, Figur
             drawn[name] = [by_id[one] for one in ids]
     if "figure4" in drawn:
         drawn[f"figure4{VARIANCE}"] = drawn["figure4"]
-    able = [one for one in results if one.learner.asks]
-    asking = {one.scenario.name: one for one in able if one.best("asks").mean > 0}
+    asking = {one.scenario.name: one for one in results if one.learner.asks}
     whats = [*drawn, "asks"] if asking else [*drawn]
     what = what or whats[0]
     if what not in whats:

@@ -7,6 +7,7 @@ import re
 import shlex
 import shutil
 from html import unescape
+from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import pytest
@@ -17,7 +18,7 @@ from sparse_coord_ros.engine.training import train
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.run_config import load_run
 from sparse_coord_ros.learn.simulation import tables_equal
-from sparse_coord_ros.look.report import run_report
+from sparse_coord_ros.look.report import _faults, run_report
 from sparse_coord_ros.look.sources import open_shown
 from sparse_coord_ros.runlog.explain import explain, in_words
 from sparse_coord_ros.runlog.log import read_run
@@ -66,6 +67,14 @@ def test_its_numbers_are_those_of_the_log(page, bag):
     told = "\n".join(in_words(log, explain(log, k, int(log.step[row]))))
     assert told in unescape(page)
     assert "refused" in page
+
+
+def test_warnings_are_counted(bag):
+    shown = open_shown(bag)
+    said = [SimpleNamespace(name="robot_1", msg="late", level=level) for level in (20, 30, 40)]
+    shown.log.tracks.rosout[:] = said
+    tables = [part["rows"] for part in _faults(shown) if part["kind"] == "table"]
+    assert tables[1] == [("robot_1: late", 2)]
 
 
 def test_a_baseline_is_not_compared_with_itself(tmp_path, quick):

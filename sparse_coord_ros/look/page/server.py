@@ -60,7 +60,7 @@ HEADERS = {
 
 
 class Page:
-    """The application: its routes, and who is connected.
+    """The application: its routes, and who may use them.
 
     Args:
         board: what there is to show.
@@ -104,11 +104,8 @@ class Page:
         if not self.allowed(host):
             raise web.HTTPForbidden(text="refused: the request names another host\n")
         own = (f"http://{host}", f"https://{host}")
-        site = request.headers.get("Sec-Fetch-Site", "none")
-        if request.headers.get("Origin", own[0]).lower() not in own or site not in (
-            "same-origin",
-            "none",
-        ):
+        same = request.headers.get("Sec-Fetch-Site", "none") in ("same-origin", "none")
+        if not same or request.headers.get("Origin", own[0]).lower() not in own:
             raise web.HTTPForbidden(text="refused: the request comes from another origin\n")
         return await handler(request)
 

@@ -118,6 +118,8 @@ async def test_other_hosts_and_origins_are_refused(client, page):
     async with client.ws_connect("/ws", headers=own, compress=15) as stream:
         assert (await next_of(stream, "run"))["scenario"] == "env1" and page.board.pages == 1
         assert not stream.compress  # a team in this process would pay for it
+        with pytest.raises(asyncio.TimeoutError):  # a message comes once
+            await stream.receive(timeout=0.2)
 
 
 def test_an_address_for_other_machines_is_called_by_addresses_not_by_foreign_names():
