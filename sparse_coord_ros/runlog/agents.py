@@ -197,7 +197,7 @@ class AgentCheck:
         # have missed those that came when it was stopped.
         acted = int(self.trajectory.step.max(initial=0))
         newest = max((step for step in steps if step <= self._end), default=0)
-        if self.state in (wire.RunState.FINISHED, wire.RunState.STOPPED) and newest < acted:
+        if self.state in wire.OVER and newest < acted:
             due.append(self._end)
         unreadable = {
             p.step for p in log.problems if p.robot == self.name and p.quantity == wire.TABLES.name

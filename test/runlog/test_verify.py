@@ -149,7 +149,13 @@ def test_of_an_unfinished_log_the_rest_is_checked(record):
 
 
 def test_a_rewritten_log_is_still_identical(alter):
-    assert alter().same
+    """Though DDS pads what it hands over as bytes, as the map."""
+
+    def change(messages):
+        padded = ("/map", "/markers", "/robot_1/reward")
+        return [m._replace(data=m.data + b"\0\0" * (m.topic in padded)) for m in messages]
+
+    assert alter(change).same
 
 
 @pytest.mark.parametrize(
