@@ -15,7 +15,7 @@ from sparse_coord_ros.learn.tables import pack_tables
 from sparse_coord_ros.nodes.messages import Converter
 from sparse_coord_ros.runlog import read_run, verify
 from sparse_coord_ros.wire import ACTION, PerceptEnd
-from sparse_coord_ros.wire.messages import ACTION_FORM, REWARD_FORM
+from sparse_coord_ros.wire.messages import ACTION_FORM, POSE_FORM, REWARD_FORM
 
 EVENT = "active_perception/_service_event"
 NAMES = (
@@ -190,6 +190,16 @@ def test_a_changed_state(alter, convert, log, moved):
     is_first(found, moved, "robot_2", "local_state")
     assert f"cell {other} " in found.first.logged
     assert f"cell {log.cells[row, 1]} " in found.first.computed
+
+
+def test_a_state_beside_the_middle_of_its_cell(alter, convert, moved):
+    def data(old):
+        sec, nanosec, x, y = POSE_FORM.layout.unpack(old)
+        return POSE_FORM.layout.pack(sec, nanosec, x + 0.01, y)
+
+    is_first(
+        alter(on("/robot_2/local_state", moved, convert, data)), moved, "robot_2", "local_state"
+    )
 
 
 def test_a_changed_move(alter, convert, log, moved):
