@@ -303,8 +303,9 @@ def test_swapped_service_events(alter):
     assert any("younger" in one.logged for one in found.differences)
 
 
-def test_what_a_person_asks_may_be_anything(alter):
-    """Of it and its answer the log keeps nothing, not even where it stands in another frame."""
+@pytest.mark.parametrize(("frame", "sec"), [("odom", 5), ("map", 0)])
+def test_what_a_person_asks_may_be_anything(alter, good, frame, sec):
+    """Of it and its answer the log keeps nothing, whatever its frame, and if it has no stamp."""
 
     def change(messages):
         _, received, answered, *_ = places(messages, EVENT)
@@ -313,7 +314,8 @@ def test_what_a_person_asks_may_be_anything(alter):
             for place in (received, answered)
         )
         asked.info.stamp = answer.info.stamp
-        asked.request[0].start.header.frame_id = "odom"
+        header = asked.request[0].start.header
+        header.frame_id, header.stamp.sec, header.stamp.nanosec = frame, sec, 0
         for event in (answer, asked):
             event.info.client_gid[0] = 77
             person = messages[answered]._replace(data=serialize_message(event))
@@ -322,6 +324,7 @@ def test_what_a_person_asks_may_be_anything(alter):
 
     found = alter(change)
     assert found.same, found.first
+    assert len(found.log.requests) == len(read_run(good.bag).requests)
 
 
 # Attachments.

@@ -314,6 +314,15 @@ def test_a_message_of_every_step(alter, convert, asked, moved, name, how):
     is_first(alter(change), step, owner or None, topic)
 
 
+def test_nothing_is_learned_without_a_reward(alter, convert, moved):
+    def change(messages):
+        del messages[place_of(messages, "/robot_2/reward", moved, convert)]
+        return messages
+
+    odd = [one for one in alter(change).differences if one.logged == "learned=1"]
+    assert [(one.step, one.robot) for one in odd] == [(moved + 1, "robot_2")]
+
+
 def test_a_message_that_says_something_twice_in_two_ways(alter, convert, moved):
     def change(messages):
         place = place_of(messages, "/robot_1/reward", moved, convert)
