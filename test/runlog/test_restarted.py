@@ -18,7 +18,7 @@ from sparse_coord_ros.runlog import verify
 from sparse_coord_ros.runlog.attached import read_tables
 from sparse_coord_ros.runlog.dialogue import Request, heard, times_asked_again
 from sparse_coord_ros.runlog.percepts import check_percepts
-from sparse_coord_ros.runlog.timeline import Rollback
+from sparse_coord_ros.runlog.timeline import Rollback, holds
 from sparse_coord_ros.runlog.tracks import _under_way
 from sparse_coord_ros.wire import RunState
 from sparse_coord_ros.wire.events import EventKind
@@ -113,6 +113,13 @@ def test_an_answer_to_a_question_of_before_a_roll_back():
         *range(75, 80),
     ]
     assert not _under_way(56, None)
+
+
+def test_what_goes_back_supersedes():
+    """What earlier files say from its first time step on, and its own file from before it."""
+    back = Rollback(1, step=50, first=52, until=76)
+    assert [step for step in range(48, 54) if holds(0, step, [back])] == [48, 49, 50, 51]
+    assert [step for step in range(48, 54) if holds(1, step, [back])] == [50, 51, 52, 53]
 
 
 def request(sent, returned, peer=1, step=9, answer=9):

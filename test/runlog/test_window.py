@@ -55,6 +55,7 @@ def test_of_several_files_what_was_superseded_is_left_out(record, tmp_path):
     due, log = read_run(run.bag), LongLog(directory)
     read = read_run(directory)
     assert len(log.bag.files) == 2 and read.tracks.rollbacks and not read.problems
+    assert read.tracks.statuses == due.tracks.statuses
     assert log.last_step == due.step[-1] and log.table_steps() == LongLog(run.bag).table_steps()
     for first, last in ((1, 30), (step - 30, step + 90), (560, 10_000)):
         part, same = log.read(first, last), due.between(first, last)
