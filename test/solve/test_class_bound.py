@@ -129,6 +129,22 @@ def test_no_other_moves_after_percepts_are_better():
         assert class_value(scenario, others) <= found.value + 1e-6
 
 
+@pytest.mark.parametrize("seed", (6, 9))
+def test_no_single_other_choice_is_better_where_climbing_ends(seed):
+    scenario = made("1.D.2\n..D..", ask_cost=0.1)
+    game, rng = class_search._game(scenario, (0.5, 0.5)), np.random.default_rng(seed)
+    team, both = class_search._random(scenario, rng), np.ones(2, dtype=bool)
+    space, options = class_search._space(scenario, game), class_loops.OPTIONS
+    cells = len(scenario.map.cells)
+    best = LOOPS.climb(game, team, both, space, rng.permutation(2 * cells * options))
+    for k, x, move, asks in itertools.product(range(2), range(cells), range(4), (False, True)):
+        other = class_loops.ClassTeam(*(array.copy() for array in team))
+        other.moves[k, x], other.asks[k, x] = move, asks
+        fresh = class_search._space(scenario, game)
+        value = LOOPS.solve(game, other, both, fresh, -np.inf)
+        assert value <= best + 2 * class_loops.BETTER
+
+
 @needs_numba
 def test_compiled_loops_find_the_same(monkeypatch):
     scenario = made(TINY, ask_cost=0.01)
