@@ -119,8 +119,7 @@ class Replay:
     Args:
         log: the log.
         trajectory: the robot's.
-        agent: the robot's, with all that it had learned before the trajectory's action `begin`.
-        begin: the action with which to begin.
+        agent: the robot's, as it began.
 
     Attributes:
         agent: it has learned from all actions before `reached`, as far as the robot has.
@@ -128,9 +127,9 @@ class Replay:
         other: None, or what the agent chooses at `reached` where the log says another action.
     """
 
-    def __init__(self, log: RunLog, trajectory: Trajectory, agent: Agent, begin: int = 0) -> None:
+    def __init__(self, log: RunLog, trajectory: Trajectory, agent: Agent) -> None:
         self.agent = agent
-        self.reached = begin
+        self.reached = 0
         self.other: Action | None = None
         self._log, self._trajectory = log, trajectory
         self._askers = heard_askers(log, agent.number)
