@@ -141,7 +141,10 @@ def load_map(name: str, *, beside: Path | None = None) -> GridMap:
             try:
                 text = candidate.read_text(encoding="utf-8")
             except (OSError, UnicodeDecodeError) as error:
-                raise MapError(f"map {candidate}: cannot be read as UTF-8 text: {error}") from None
+                raise MapError(
+                    f"map {candidate}: cannot be read as UTF-8 text: {error}; an image becomes a "
+                    "map by: sparse_coord import-map"
+                ) from None
             return parse_map(text, name=candidate.stem, where=str(candidate))
     raise MapError(
         f"map {name!r}: no such map{did_you_mean(name, map_names())}; give the path of a map file "
