@@ -215,7 +215,11 @@ def test_a_learner_whose_values_are_its_own_is_evaluated_by_them():
 @pytest.mark.parametrize(
     ("name", "learner", "settings"),
     [
-        ("env1", "factored", {"perception": "probability:0.6", "common_reward": "each:1:0.5"}),
+        (
+            "env1",
+            "factored",
+            {"perception": "probability:0.6", "common_reward": "each:1:0.5", "horizon": 20},
+        ),
         ("env2-2r", "coop", {"conflict": "any_doorway", "move_success": 0.7, "horizon": 15}),
     ],
 )
