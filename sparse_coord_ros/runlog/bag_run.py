@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which run a bag is of, and whether all places of the bag that say so agree."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -87,35 +87,45 @@ def check_bag_run(bag: Bag, source: BagRun) -> Iterator[Difference]:
         bag: the bag.
         source: its run.
     """
-    if bag.damage is not None:
-        yield _odd("file", bag.damage, "an undamaged file")
-    elif bag.recovered is not None or not bag.finished:
-        how = "unfinished" if bag.recovered is None else recovered_text(bag.recovered)
-        yield _odd("file", how, "a file that its recorder closed")
+    yield from _about_the_file(bag)
     run, said = source.run, source.said
     attached: dict[str, list[str]] = {name: [] for name in (RUN_FILE, SCENARIO_FILE, MAP_FILE)}
     for one in bag.attachments:
         if one.name in attached:
             attached[one.name].append(_text(one))
-    records = [texts for name, texts in bag.metadata_records if name == RUN_RECORD]
     announced = [count for name, count in bag.counts.items() if name.endswith(f"/{RUN.name}")]
-    places = [
-        (f"topic {RUN.name}", 0 if said is None else max(announced), "the run's settings"),
-        *((f"attachment {name}", len(texts), "of the run") for name, texts in attached.items()),
-        (f"metadata {RUN_RECORD}", len(records), "scenario, seed, learner"),
-    ]
-    for where, count, due in places:
-        if count != 1:
-            yield _odd(where, *(("twice", "once") if count else (MISSING, due)))
+    records = [texts for name, texts in bag.metadata_records if name == RUN_RECORD]
+    yield from _once(f"topic {RUN.name}", 0 if said is None else max(announced), "the settings")
     for name, text in bag_files(run, said or run.to_yaml()).items():
+        yield from _once(f"attachment {name}", len(attached[name]), "of the run")
         for found in attached[name][:1]:
             if found != text and (name != RUN_FILE or said is not None):
                 yield _odd(f"attachment {name}", *_first_line(found, text))
-    due_record = run.record()
+    yield from _once(f"metadata {RUN_RECORD}", len(records), "scenario, seed, learner")
+    yield from _other_records(records, run.record())
+
+
+def _about_the_file(bag: Bag) -> Iterator[Difference]:
+    if bag.damage is not None:
+        yield _odd("file", bag.damage, "an undamaged file")
+    elif bag.recovered is not None or not bag.finished:
+        how = "unfinished" if bag.recovered is None else recovered_text(bag.recovered)
+        yield _odd("file", how, "a file that its recorder closed")
+
+
+def _once(where: str, count: int, due: str) -> Iterator[Difference]:
+    if count != 1:
+        yield _odd(where, *(("twice", "once") if count else (MISSING, due)))
+
+
+def _other_records(
+    records: Sequence[Mapping[str, str]], due: Mapping[str, str]
+) -> Iterator[Difference]:
+    """Compare the metadata records with the run's; what a later version adds is not compared."""
     for record in records:
-        for key in sorted(set(due_record) & set(record)):
-            if record[key] != due_record[key]:
-                yield _odd(f"metadata {key}", repr(record[key]), repr(due_record[key]))
+        for key in sorted(set(due) & set(record)):
+            if record[key] != due[key]:
+                yield _odd(f"metadata {key}", repr(record[key]), repr(due[key]))
 
 
 def _odd(quantity: str, logged: str, computed: str) -> Difference:

@@ -11,7 +11,7 @@ import numpy as np
 
 from sparse_coord_ros.runlog.difference import DIALOGUE, Difference
 from sparse_coord_ros.runlog.timeline import steps_of
-from sparse_coord_ros.wire.events import EventKind
+from sparse_coord_ros.wire.events import QUESTIONS, EventKind
 from sparse_coord_ros.wire.frame import SECOND
 
 NO_REQUEST = "without its request"
@@ -45,6 +45,20 @@ class Request:
         if EventKind.SENT not in self.wall_ns or EventKind.RETURNED not in self.wall_ns:
             return None
         return (self.wall_ns[EventKind.RETURNED] - self.wall_ns[EventKind.SENT]) / SECOND
+
+    def take(
+        self, kind: EventKind, wall_ns: int, step: int, where: tuple[float, float] | None
+    ) -> list[tuple[str, str]]:
+        """Take in one of its events; return what is odd about it, as (logged, computed)."""
+        odd = [("twice", "once")] if kind in self.wall_ns else []
+        self.wall_ns.setdefault(kind, wall_ns)
+        if kind in QUESTIONS and where != self.position:
+            odd.append((f"from {where}", f"from {self.position}"))
+        if kind == EventKind.RETURNED:
+            self.answer = (step, where)
+        if kind == EventKind.ANSWERED:
+            self.said = (step, where)
+        return odd
 
 
 def sent_ns(request: Request) -> int:
@@ -131,15 +145,8 @@ def put_together(
             if key not in asked:
                 odd.append((NO_REQUEST, "with it"))
             if request is not None:
-                if kind in request.wall_ns:
-                    odd.append(("twice", "once"))
-                request.wall_ns.setdefault(kind, wall_ns)
-                if is_request and request.position != where:
-                    odd.append((f"from {where}", f"from {request.position}"))
-                if kind == EventKind.RETURNED:
-                    request.answer = (step, where if seen else None)
-                if kind == EventKind.ANSWERED:
-                    request.said = (step, where if seen else None)
+                place = where if is_request or seen else None
+                odd += request.take(EventKind(kind), wall_ns, step, place)
             words = EventKind(kind).words
             who, what = names[peer], f"{DIALOGUE} {words}"
             if request is not None:

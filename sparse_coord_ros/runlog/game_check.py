@@ -145,40 +145,51 @@ class WorldCheck:
     def _transition(self, step: int) -> Difference | None:
         """Let the world make a transition with the actions of whom the log rewards."""
         world, row = self.world, self.row[step]
-        actions: list[Action | None] = [None] * len(self.robots)
-        over = self.over or world.transitions == world.scenario.steps
-        for k in self.robots:
-            if step not in self.rewarded[k]:
-                continue
-            if over or world.arrived[k]:
-                logged = f"{tuple(self.reward[row, k].tolist())}"
-                computed = "none" if over else "none: it has arrived"
-                return self._differ(step, k, wire.REWARD.name, logged, computed)
-            move = self.move[row][k]
-            if step not in self.acted[k]:
-                return self._differ(step, k, wire.ACTION.name, MISSING, "one, for it is rewarded")
-            if move == NONE:
-                logged = f"(east, north) {tuple(self.log.numbers[row, k, :2].tolist())}"
-                return self._differ(step, k, wire.ACTION.name, logged, "an action")
-            actions[k] = Action(move, self.asked[row][k], NOBODY, False)
-        left = [k for k in self.robots if actions[k] is None and not world.arrived[k]]
-        if left and self.statuses and self.left_out + len(left) > self.statuses[0].left_out:
-            # A reward that is missing looks like a robot that was left out.
-            acted = [k for k in left if step in self.acted[k]]
-            quantity = wire.REWARD.name if acted else wire.ACTION.name
-            due = "one, for the world does not say that it left the robot out"
-            return self._differ(step, (acted or left)[0], quantity, MISSING, due)
+        rewarded = [k for k in self.robots if step in self.rewarded[k]]
+        left = [k for k in self.robots if k not in rewarded and not world.arrived[k]]
+        odd = (found for k in rewarded if (found := self._rewarded(step, k)) is not None)
+        found = next(odd, None) or (self._left_out(step, left) if left else None)
+        if found is not None:
+            return found
+        actions = [
+            Action(self.move[row][k], self.asked[row][k], NOBODY, False) if k in rewarded else None
+            for k in self.robots
+        ]
         outcome = world.advance(actions)
-        for k, reward in enumerate(outcome.rewards):
+        for k in rewarded:
             said = self.reward[row, k]
-            due_numbers = np.array(reward[: len(said)], dtype=np.float64)
-            if actions[k] is not None and said.tobytes() != due_numbers.tobytes():
-                logged, computed = _parts(said.tolist()), _parts(due_numbers.tolist())
-                return self._differ(step, k, wire.REWARD.name, logged, computed)
+            due = np.array(outcome.rewards[k][: len(said)], dtype=np.float64)
+            if said.tobytes() != due.tobytes():
+                parts = _parts(said.tolist()), _parts(due.tolist())
+                return self._differ(step, k, wire.REWARD.name, *parts)
         self.over = outcome.episode_over
         self.transitions += 1
         self.left_out += len(left)
         return None
+
+    def _rewarded(self, step: int, k: int) -> Difference | None:
+        """Return why a robot cannot have been rewarded in a time step."""
+        row, world = self.row[step], self.world
+        over = self.over or world.transitions == world.scenario.steps
+        if over or world.arrived[k]:
+            logged = f"{tuple(self.reward[row, k].tolist())}"
+            computed = "none" if over else "none: it has arrived"
+            return self._differ(step, k, wire.REWARD.name, logged, computed)
+        if step not in self.acted[k]:
+            return self._differ(step, k, wire.ACTION.name, MISSING, "one, for it is rewarded")
+        if self.move[row][k] == NONE:
+            logged = f"(east, north) {tuple(self.log.numbers[row, k, :2].tolist())}"
+            return self._differ(step, k, wire.ACTION.name, logged, "an action")
+        return None
+
+    def _left_out(self, step: int, left: Sequence[int]) -> Difference | None:
+        """Return whose reward or action is missing, as the world says that it left out fewer."""
+        if not self.statuses or self.left_out + len(left) <= self.statuses[0].left_out:
+            return None
+        acted = [k for k in left if step in self.acted[k]]
+        quantity = wire.REWARD.name if acted else wire.ACTION.name
+        due = "one, for the world does not say that it left the robot out"
+        return self._differ(step, (acted or left)[0], quantity, MISSING, due)
 
     def _end(self) -> Difference | None:
         """The log must say how the run ended, and end there."""

@@ -87,14 +87,16 @@ def verify(path: Path) -> Verification:
     """
     log = read_run(path)
     last = log.last_step
-    unchecked = 0 if last is None else int(np.count_nonzero(log.step > last))
     world = WorldCheck(log, last)
     starts = np.array(world.starts, dtype=np.int64)
     agents = [AgentCheck(log, k, starts, last) for k in range(len(log.names))]
     found = _differences(log, last, world, agents)
-    lost = [one for one in found if _lost(log, one)]
-    missed = set(lost)
-    ordered = [one for one in found if one not in missed]
+
+    def total(name: str) -> int:
+        return sum(getattr(agent, name) for agent in agents)
+
+    lost = dict.fromkeys(one for one in found if _lost(log, one))
+    ordered = [one for one in found if one not in lost]
     causes = (
         _killed_robots(log, agents, ordered),
         _killed_world(log, ordered),
@@ -108,14 +110,14 @@ def verify(path: Path) -> Verification:
         broke_off=tuple(sentence for _, said in causes for sentence in said),
         lost=Counter(_topic(log, one) for one in lost),
         steps=world.transitions,
-        choices=sum(agent.choices for agent in agents),
-        updates=sum(agent.updates for agent in agents),
-        tables=sum(agent.compared for agent in agents),
+        choices=total("choices"),
+        updates=total("updates"),
+        tables=total("compared"),
         left_out=world.left_out,
-        unlearned=sum(agent.unlearned for agent in agents),
+        unlearned=total("unlearned"),
         resets=world.resets,
         repeats=sum(len(t.repeats) for agent in agents for t in log.tracks.of(agent.k)),
-        unchecked=unchecked,
+        unchecked=0 if last is None else int(np.count_nonzero(log.step > last)),
     )
 
 
