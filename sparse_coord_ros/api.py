@@ -37,7 +37,7 @@ from sparse_coord_ros.game.perception import register_perception
 from sparse_coord_ros.game.scenario import Scenario, load_scenario, loaded, scenario_names
 from sparse_coord_ros.game.world import Reward, RewardWeights
 from sparse_coord_ros.learn import evaluation, run_config
-from sparse_coord_ros.learn.agent import Agent, Tables
+from sparse_coord_ros.learn.agent import Agent, Choice, Tables
 from sparse_coord_ros.learn.evaluation import Evaluation
 from sparse_coord_ros.learn.history import History, load_history, no_history
 from sparse_coord_ros.learn.learners import Learner, learner_of, register_learner
@@ -69,7 +69,7 @@ __all__ += ["load_run", "SavedRun", "read_log", "RunLog", "verify", "Verificatio
 # Experiments
 __all__ += ["experiment_names", "run_experiment", "ExperimentResults"]
 # Learners and perception models of one's own
-__all__ += ["Learner", "Agent", "Reward", "RewardWeights"]
+__all__ += ["Learner", "Agent", "Choice", "Reward", "RewardWeights"]
 __all__ += ["register_learner", "register_perception"]
 # Errors
 __all__ += ["SparseCoordError"]

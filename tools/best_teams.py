@@ -11,6 +11,7 @@ best few are learned again and judged by fresh trials.
 import argparse
 import json
 from collections.abc import Sequence
+from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -71,7 +72,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             date=f"{datetime.now(UTC):%Y-%m-%d}",
         )
         print(f"{name}: {best}", flush=True)
-        teams[f"{name}, penalty {scenario.penalty:g}"] = best.to_dict()
+        teams[f"{name}, penalty {scenario.penalty:g}"] = asdict(best)
     text = json.dumps({"format": 1, "about": ABOUT, "teams": teams}, indent=1) + "\n"
     write_whole(FILE, text)
 

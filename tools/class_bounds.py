@@ -12,6 +12,7 @@ import argparse
 import json
 import time
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 from sparse_coord_ros.files import write_whole
@@ -56,7 +57,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def _add(title: str, found: ClassBound) -> None:
     """Write one bound into the file; one line each."""
     bounds = json.loads(FILE.read_text(encoding="utf-8"))["bounds"]
-    bounds[title] = found.to_dict()
+    bounds[title] = asdict(found)
     lines = ",\n".join(
         f"  {json.dumps(key)}: {json.dumps(bound)}" for key, bound in bounds.items()
     )

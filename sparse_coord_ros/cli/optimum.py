@@ -106,7 +106,7 @@ def _class_bound(options: argparse.Namespace, scenario: Scenario) -> int:
     if picture is not None:
         _draw(picture, scenario, found)
     if options.json:
-        shared.print_json({"scenario": scenario.name, **found.to_dict()})
+        shared.print_json({"scenario": scenario.name, **asdict(found)})
         return 0
     print(f"{scenario.name}, penalty {scenario.penalty:g}, the best team of Algorithm 1's form")
     print(f"class bound  {found.value:.3f}, {WARNING}")

@@ -27,7 +27,7 @@ from sparse_coord_ros.game.links import UP, link_of
 from sparse_coord_ros.game.miscoordination import meeting_places, miscoordinated
 from sparse_coord_ros.game.perception import drawn_peer, percept_probabilities
 from sparse_coord_ros.game.scenario import Scenario
-from sparse_coord_ros.game.schedules import exploration, exploring_starts, step_sizes
+from sparse_coord_ros.game.schedules import probabilities, step_sizes
 from sparse_coord_ros.game.world import EPISODE_GAP, FIRST_STEP, Action, Position
 from sparse_coord_ros.learn import loops
 from sparse_coord_ros.learn.agent import NOBODY, Memory, Tables
@@ -564,8 +564,8 @@ def make_problem(
         penalties=np.array(scenario.penalties),
         start_cells=start_cells,
         start_counts=np.array([len(choices) for choices in free]),
-        exploring=exploring_starts(scenario.starts, scenario.steps),
-        epsilon=exploration(scenario.epsilon, scenario.steps),
+        exploring=probabilities(scenario.starts, scenario.steps),
+        epsilon=probabilities(scenario.epsilon, scenario.steps),
         alpha_by_count=alpha.by_count,
         alpha_by_step=alpha.by_step,
         discounts=np.array(discounts),

@@ -8,8 +8,8 @@ a robot's twelve draws of a time step makes three. Numba computes with 128 bits 
 does; plain Python has its own integers, and makes the same bits.
 """
 
-import importlib
 from collections.abc import Callable
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -79,11 +79,6 @@ def uniform(high: int, low: int) -> float:
     return (bits >> 11) * _UNIT
 
 
-def _untyped(module: str) -> Any:
-    """Return a module whose types are not ours to check."""
-    return importlib.import_module(module)
-
-
 @before_compiling
 def _let_call(options: dict[str, Any]) -> None:
     """Let numba's loops call `jumped` and `uniform`.
@@ -91,7 +86,8 @@ def _let_call(options: dict[str, Any]) -> None:
     Args:
         options: of numba's compiler.
     """
-    ir, types, extending = map(_untyped, ("llvmlite.ir", "numba.core.types", "numba.extending"))
+    names = ("llvmlite.ir", "numba.core.types", "numba.extending")
+    ir, types, extending = map(import_module, names)
     word, wide = ir.IntType(WORD), ir.IntType(2 * WORD)
 
     def words_of_sum(

@@ -80,38 +80,21 @@ def step_sizes(schedule: Spec, budget: int) -> StepSizes:
     return StepSizes(by_count, _linear((first, last, 1.0), budget))
 
 
-@functools.lru_cache(maxsize=8)
-def exploration(schedule: Spec, budget: int) -> np.ndarray:
-    """Return epsilon of the learning policy pi_epsilon (Algorithm 1, line 4) for each time step.
+@functools.lru_cache(maxsize=16)
+def probabilities(schedule: Spec, budget: int) -> np.ndarray:
+    """Return epsilon (Algorithm 1, line 4), or how likely an episode begins at an exploring start.
 
     Args:
-        schedule: one of the kinds of `EPSILON`.
+        schedule: one of the kinds of `EPSILON` or of `STARTS`.
         budget: the step budget of the run.
 
     Returns:
-        Shape (budget + 1,), float64: entry t is epsilon at time step t; after the end of the
-        table its last entry holds.
+        Shape (budget + 1,), float64: entry t for time step t, or an episode that begins then;
+        after the end of the table its last entry holds.
     """
-    if schedule.kind == "constant":
-        return np.full(budget + 1, schedule.numbers[0])
-    return _linear(schedule.numbers, budget)
-
-
-@functools.lru_cache(maxsize=8)
-def exploring_starts(schedule: Spec, budget: int) -> np.ndarray:
-    """Return the probability that a robot's learning episode begins at an exploring start.
-
-    Args:
-        schedule: one of the kinds of `STARTS`.
-        budget: the step budget of the run.
-
-    Returns:
-        Shape (budget + 1,), float64: entry t for an episode that begins at time step t; after
-        the end of the table its last entry holds.
-    """
-    if schedule.kind == "exploring":
+    if schedule.kind in ("linear", "exploring"):
         return _linear(schedule.numbers, budget)
-    share = {"fixed": 0.0, "random": 1.0, "mixed": sum(schedule.numbers)}[schedule.kind]
+    share = {"fixed": 0.0, "random": 1.0}.get(schedule.kind, sum(schedule.numbers))
     return np.full(budget + 1, share)
 
 

@@ -15,7 +15,7 @@ from sparse_coord_ros.game.miscoordination import (
     partners_of,
 )
 from sparse_coord_ros.game.scenario import Scenario
-from sparse_coord_ros.game.schedules import exploring_starts
+from sparse_coord_ros.game.schedules import probabilities
 from sparse_coord_ros.game.streams import LEARNING, MOTION, START, Stream
 
 FIRST_STEP = 1
@@ -158,7 +158,7 @@ class World:
         self._start = [Stream(seed, k, START, phase) for k in numbers]
         self._exploring = None
         if phase == LEARNING:
-            self._exploring = exploring_starts(scenario.starts, scenario.steps)
+            self._exploring = probabilities(scenario.starts, scenario.steps)
         self._random_cells: dict[int, list[int]] = {}
         self._penalties = scenario.penalties
         self._begin_here()

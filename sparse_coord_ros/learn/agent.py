@@ -19,7 +19,7 @@ from sparse_coord_ros.game import streams
 from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.perception import asked_peers, drawn_peer, succeeds
 from sparse_coord_ros.game.scenario import Scenario
-from sparse_coord_ros.game.schedules import exploration, step_sizes
+from sparse_coord_ros.game.schedules import probabilities, step_sizes
 from sparse_coord_ros.game.world import SUM_OF_PARTS, Action, Reward, RewardWeights
 from sparse_coord_ros.learn import loops
 from sparse_coord_ros.learn.algorithm import (
@@ -140,6 +140,23 @@ class Decision(NamedTuple):
     peers: tuple[int, ...] = ()
 
 
+class Choice(NamedTuple):
+    """What an agent did at a time step.
+
+    Attributes:
+        cell: X_k(t).
+        decision: A_k(t).
+        action: the primitive action that it became.
+        perceived: the perceived local states of the asked peers; None where nobody was asked, or
+            ActivePercept is FALSE.
+    """
+
+    cell: int
+    decision: Decision
+    action: Action
+    perceived: tuple[int, ...] | None
+
+
 class Agent:
     """Agent k: chooses by pi_epsilon and pi_g, learns by QLUpdate.
 
@@ -185,7 +202,7 @@ class Agent:
         self._asks_whom = scenario.peers
         self._draws = streams.Stream(seed, number, streams.POLICY, phase)
         budget = scenario.steps if learning else 0
-        self._epsilon = exploration(scenario.epsilon, budget)
+        self._epsilon = probabilities(scenario.epsilon, budget)
         self._step_sizes = step_sizes(scenario.step_size, budget)
         self.discount = scenario.discount
         self._goal_value = scenario.goal_value
@@ -278,31 +295,20 @@ class Agent:
         values: list[float] = self._tables.q_coord[cell, *perceived].tolist()
         return values
 
-    def learn(
-        self,
-        step: int,
-        cell: int,
-        decision: Decision,
-        action: Action,
-        perceived: tuple[int, ...] | None,
-        reward: Reward,
-        next_cell: int,
-    ) -> None:
+    def learn(self, step: int, choice: Choice, reward: Reward, next_cell: int) -> None:
         """Update Q^C, then Q* (Algorithm 1, lines 12 to 14 and 18).
 
         Both bootstrap on `bootstrap` of the next cell, or on the goal's value.
 
         Args:
             step: t.
-            cell: X_k(t).
-            decision: A_k(t).
-            action: the primitive action that it became.
-            perceived: the perceived local states of the asked peers, or None.
+            choice: what it did there.
             reward: R_k(t) in its parts.
             next_cell: X_k(t+1).
         """
         if not self.learning:
             return
+        cell, decision, action, perceived = choice
         q_star, q_coord = self._tables.q_star, self._coord
         total = weighed(reward, self.weights)
         at_goal = next_cell == self.goal

@@ -18,12 +18,11 @@ from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.world import (
     SUM_OF_PARTS,
     UNKNOWN_PARTNERS,
-    Action,
     Reward,
     RewardWeights,
 )
 from sparse_coord_ros.learn import factors, loops
-from sparse_coord_ros.learn.agent import Agent, Decision, Memory, Tables, with_memories
+from sparse_coord_ros.learn.agent import Agent, Choice, Memory, Tables, with_memories
 from sparse_coord_ros.learn.algorithm import Values
 from sparse_coord_ros.learn.rows import FREE_PLACE, Rows, find_row, make_rows, row_to_learn
 
@@ -215,19 +214,11 @@ class FactoredAgent(Agent):
         correction = self.correction(cell, perceived)
         return [u + c for u, c in zip(self._own.u[cell], correction, strict=True)]
 
-    def learn(
-        self,
-        step: int,
-        cell: int,
-        decision: Decision,
-        action: Action,
-        perceived: tuple[int, ...] | None,
-        reward: Reward,
-        next_cell: int,
-    ) -> None:
+    def learn(self, step: int, choice: Choice, reward: Reward, next_cell: int) -> None:
         """Learn U, r_bar or rho and W, then replay; arguments as of `Agent.learn`."""
         if not self.learning:
             return
+        cell, decision, action, perceived = choice
         own, rule, terms = self._own, self._rule, self._terms
         by_count, floor = self._by_count, self._floor[min(step, len(self._floor) - 1)]
         individual = self.weights.individual * reward.individual

@@ -11,12 +11,9 @@ from sparse_coord_ros.game.links import Percepts
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.streams import LEARNING
 from sparse_coord_ros.game.world import Action, Position, Reward, StepOutcome, World
-from sparse_coord_ros.learn.agent import Agent, Decision, Memory, Tables
+from sparse_coord_ros.learn.agent import Agent, Choice, Memory, Tables
 from sparse_coord_ros.learn.history import History, HistoryRecorder, concatenated
 from sparse_coord_ros.learn.learners import Learner, learner_of
-
-Choice = tuple[int, Decision, Action, tuple[int, ...] | None]
-"""What an agent decided: its cell, its decision, the action that it became, what it perceived."""
 
 
 class Team:
@@ -54,7 +51,7 @@ class Team:
             peers = decision.peers
             perceived = self._perceived(world, k, peers) if peers else None
             action = agent.act(world.step, cell, decision, perceived)
-            choices[k] = (cell, decision, action, perceived)
+            choices[k] = Choice(cell, decision, action, perceived)
             actions[k] = action
         return choices, actions
 
@@ -64,7 +61,7 @@ class Team:
             choice = choices[agent.number]
             if choice is not None:
                 reward = outcome.rewards[agent.number]
-                agent.learn(world.step - 1, *choice, reward, world.cells[agent.number])
+                agent.learn(world.step - 1, choice, reward, world.cells[agent.number])
 
     def _perceived(self, world: World, k: int, peers: tuple[int, ...]) -> tuple[int, ...] | None:
         """Ask peers, one after the other; return their cells, None where one is not perceived."""

@@ -28,9 +28,6 @@ class SparseTable:
         unseen: value of every entry that was never set.
         keys: joint states that have rows, integers, shape (rows, agents), each once.
         rows: their entries, shape (rows, 4), float64; the table keeps a copy.
-
-    Raises:
-        ValueError: `keys` and `rows` are no such arrays.
     """
 
     def __init__(
@@ -48,14 +45,8 @@ class SparseTable:
         self._nothing.flags.writeable = False
         if keys is None or rows is None:
             keys, rows = np.empty((0, agents), dtype=np.int32), np.empty((0, PRIMITIVES))
-        if keys.shape != (len(rows), agents) or rows.shape != (len(keys), PRIMITIVES):
-            raise ValueError(f"keys {keys.shape} and rows {rows.shape} do not fit {agents} agents")
-        if len(keys) and not 0 <= keys.min() <= keys.max() < cells:
-            raise ValueError(f"keys name cells from {keys.min()} to {keys.max()} of {cells}")
         self._rows = np.array(rows, dtype=np.float64)
         self._places = {tuple(key): place for place, key in enumerate(keys.tolist())}
-        if len(self._places) != len(keys):
-            raise ValueError("keys name a joint state twice")
 
     def __len__(self) -> int:
         """Return the number of joint states that have a row."""
@@ -86,7 +77,7 @@ class SparseTable:
         """The entries of `keys`, in the same order: shape (rows, 4), float64; a copy."""
         return self._rows[[place for _, place in sorted(self._places.items())]]
 
-    def dense(self) -> np.ndarray:
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
         """Return the table as an array of its shape; of few agents, or memory will not do."""
         array = np.full(self.shape, self.unseen)
         array[tuple(self.keys.T)] = self.rows
@@ -97,12 +88,3 @@ class SparseTable:
         """Bytes of `keys` and `rows`; what finds a row in memory comes on top."""
         key = self._agents * np.dtype(np.int32).itemsize
         return len(self) * (key + PRIMITIVES * self._rows.itemsize)
-
-    def same_bits(self, other: "SparseTable") -> bool:
-        """Whether two tables have the same rows and read the same, bit for bit."""
-        return (
-            self.shape == other.shape
-            and np.float64(self.unseen).tobytes() == np.float64(other.unseen).tobytes()
-            and np.array_equal(self.keys, other.keys)
-            and self.rows.tobytes() == other.rows.tobytes()
-        )

@@ -93,7 +93,14 @@ def unpack_saved(data: bytes, numbers: Sequence[int], *, where: str) -> list[Sav
         if name.startswith(prefix)
     }
     try:
-        return [SavedTables(_robot(arrays, k), counts, _memory(arrays, k)) for k in numbers]
+        return [
+            SavedTables(
+                _robot(arrays, k),
+                counts,
+                memory_from(arrays, k) if f"star_updates_{k}" in arrays else None,
+            )
+            for k in numbers
+        ]
     except KeyError as error:
         raise TablesError(f"{where}: has no {error.args[0]}; {REMEDY}") from None
 
@@ -173,8 +180,3 @@ def _robot(arrays: Mapping[str, np.ndarray], number: int) -> Tables:
     keys, rows = arrays[f"q_coord_keys_{number}"], arrays[f"q_coord_rows_{number}"]
     unseen = float(arrays[f"q_coord_unseen_{number}"])
     return Tables(q_star, SparseTable(len(q_star), keys.shape[1], unseen, keys, rows))
-
-
-def _memory(arrays: Mapping[str, np.ndarray], number: int) -> Memory | None:
-    there = f"star_updates_{number}" in arrays
-    return memory_from(arrays, number) if there else None

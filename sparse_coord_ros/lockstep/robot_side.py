@@ -13,7 +13,7 @@ from typing import NamedTuple, Protocol
 from sparse_coord_ros.game.actions import COORDINATE
 from sparse_coord_ros.game.links import Percepts
 from sparse_coord_ros.game.world import Action, Reward
-from sparse_coord_ros.learn.agent import Agent, Decision, Memory
+from sparse_coord_ros.learn.agent import Agent, Choice, Decision, Memory
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.wire import COUNTS, Account, PerceptEnd
 
@@ -61,15 +61,11 @@ class Pending(NamedTuple):
     """An action whose outcome is still to come.
 
     Attributes:
-        decision: what was decided before anybody was asked.
-        action: what was done.
-        perceived: the cells of the peers that were perceived; None: none.
+        choice: what was decided, done and perceived.
         account: what was said beside the action.
     """
 
-    decision: Decision
-    action: Action
-    perceived: tuple[int, ...] | None
+    choice: Choice
     account: Account
 
 
@@ -274,7 +270,7 @@ class RobotSide:
             if pending is not None and step == before + 1:
                 if self._reward is None:
                     return
-                self.agent.learn(before, self._cell, *pending[:-1], self._reward, cell)
+                self.agent.learn(before, pending.choice, self._reward, cell)
                 self._learned_last = self.agent.learning
                 self.learned += self.agent.learning
             self._pending = None
@@ -295,7 +291,7 @@ class RobotSide:
     def _repeat(self, step: int, cell: int) -> None:
         """The world says a state again because it misses the action: say it, or choose it now."""
         if self._pending is not None and self._handled == step:
-            self._port.act(step, self._pending.action, self._pending.account)
+            self._port.act(step, self._pending.choice.action, self._pending.account)
         elif self._asked is None and self._handled == step and cell != self.agent.goal:
             self._choose()
 
@@ -327,7 +323,7 @@ class RobotSide:
         action = self.agent.act(step, cell, decision, perceived)
         account = Account(ended, self._learned_last)
         self._learned_last = False
-        self._pending = Pending(decision, action, perceived, account)
+        self._pending = Pending(Choice(self._cell, decision, action, perceived), account)
         if action.asked:
             self._port.percept(step, cell, perceived)
         self._port.act(step, action, account)

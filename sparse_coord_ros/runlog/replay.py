@@ -11,7 +11,7 @@ import numpy as np
 from sparse_coord_ros.game.perception import asked_peers
 from sparse_coord_ros.game.streams import PEER, POLICY, Stream
 from sparse_coord_ros.game.world import UNKNOWN_PARTNERS, Action, Reward
-from sparse_coord_ros.learn.agent import Agent, Tables
+from sparse_coord_ros.learn.agent import Agent, Choice, Tables
 from sparse_coord_ros.runlog.log import NONE, RunLog
 from sparse_coord_ros.wire import ACTION_LABELS
 from sparse_coord_ros.wire.frame import Frame
@@ -154,7 +154,8 @@ class Replay:
                 return False
             if learned:
                 self.hear(step)
-                agent.learn(step, cell, decision, action, perceived, reward, next_cell)
+                choice = Choice(cell, decision, action, perceived)
+                agent.learn(step, choice, reward, next_cell)
             self.reached += 1
         return True
 

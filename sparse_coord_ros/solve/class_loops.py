@@ -6,8 +6,6 @@ Plain Python over NumPy arrays, compiled by numba where it is installed. A joint
 (first robot's cell, second robot's cell).
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable
 from typing import NamedTuple
@@ -329,11 +327,6 @@ def visit(game: WeightedGame, policy: ClassTeam, space: Workspace) -> None:
             space.visited[1, y] = True
 
 
-def fill(game: WeightedGame, policy: ClassTeam, free: np.ndarray, space: Workspace) -> None:
-    """Compute every joint state, also where the team never gets."""
-    sweep(game, policy, free, space.value, space.everything, -np.inf)
-
-
 @inner
 def surround(game: WeightedGame, policy: ClassTeam, free: np.ndarray, space: Workspace) -> None:
     """Write where the team gets, and what the joint states elsewhere are worth at most."""
@@ -430,10 +423,10 @@ class SearchLoops(NamedTuple):
     solve: Callable[..., float]
     visit: Callable[..., None]
     climb: Callable[..., float]
-    fill: Callable[..., None]
+    sweep: Callable[..., float]
 
 
-PLAIN = SearchLoops(solve, visit, climb, fill)
+PLAIN = SearchLoops(solve, visit, climb, sweep)
 """The loops as plain Python: slow, for tests and where numba is missing."""
 
 

@@ -10,8 +10,6 @@ has been in vain for a while. Restart i draws from (seed, i), so a search that w
 where it was.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
@@ -265,7 +263,8 @@ def _texts(
     loops.solve(game, new, both, space, -np.inf)
     loops.visit(game, new, space)
     new.asks[:] &= space.visited
-    loops.fill(game, new, both, space)
+    # Every joint state, also where the team never gets.
+    loops.sweep(game, new, both, space.value, space.everything, -np.inf)
 
     def robot(k: int) -> RobotPolicy:
         asked = {

@@ -9,8 +9,6 @@ float, and moments are sums of floats (a spread below about 1e-6 of the mean is 
 robot is a pair whose other robot has arrived before it begins.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
@@ -34,7 +32,6 @@ from sparse_coord_ros.learn.evaluation import (
     evaluate,
 )
 from sparse_coord_ros.learn.learners import Learner, learner_of
-from sparse_coord_ros.learn.sparse import SparseTable
 from sparse_coord_ros.solve.exact_loops import (
     ARRIVED,
     CONFLICTS,
@@ -271,7 +268,6 @@ def _policies(
                 f"exact evaluation: learner {rule.label} acts by a rule of its own, allowed: "
                 "learners whose agents act as Algorithm 1 does; leave out 'exact' for trials"
             )
-        q_coord = agent.tables.q_coord
         values = [agent.values(x)[: agent.actions] for x in range(cells)]
         chosen = _greedy(np.array(values))
         asks = chosen[:, COORDINATE] if agent.actions > COORDINATE else np.zeros(cells)
@@ -283,8 +279,8 @@ def _policies(
             blind = _greedy(np.array(unseen))[:, None, :]
             # One robot alone has nobody to ask: its percept fails.
             seen = percepts[where, :, None] if len(tables) > 1 else np.zeros((1, cells, 1))
-            coord = q_coord.dense() if isinstance(q_coord, SparseTable) else np.asarray(q_coord)
-            after_asking = seen * _greedy(coord[where]) + (1.0 - seen) * blind
+            coord = np.asarray(agent.tables.q_coord)[where]
+            after_asking = seen * _greedy(coord) + (1.0 - seen) * blind
             both[1, where] = asks[where, None, None] * after_asking
         asking.append(asks)
         moves.append(both)

@@ -6,8 +6,6 @@ One controller sees the joint state, chooses every robot's move and pays nothing
 problem whose value `optimum` computes.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import product
 from typing import Any

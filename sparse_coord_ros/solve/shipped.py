@@ -14,7 +14,7 @@ same learner, settings and seed. Both are shipped for the paper's scenarios.
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -78,10 +78,6 @@ class ClassBound:
     version: str
     date: str
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain data."""
-        return asdict(self)
-
 
 @dataclass(frozen=True)
 class BestTeam:
@@ -117,10 +113,6 @@ class BestTeam:
             f"{self.value:.2f} ({self.standard_error:.2f}), best of {self.teams} that learned: "
             f"{self.learner}, {self.steps} steps, seed {self.seed}"
         )
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain data."""
-        return asdict(self)
 
 
 def game_digest(scenario: Scenario) -> str:

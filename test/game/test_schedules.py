@@ -5,7 +5,7 @@
 import numpy as np
 import pytest
 
-from sparse_coord_ros.game.schedules import EPSILON, STEP_SIZE, exploration, step_sizes
+from sparse_coord_ros.game.schedules import EPSILON, STEP_SIZE, probabilities, step_sizes
 
 
 def test_constant_step_size():
@@ -37,11 +37,11 @@ def test_power_step_sizes_do_not_depend_on_numpy_s_vector_instructions(python):
 
 
 def test_constant_epsilon():
-    assert exploration(EPSILON.parse("constant:0.2"), 3).tolist() == [0.2] * 4
+    assert probabilities(EPSILON.parse("constant:0.2"), 3).tolist() == [0.2] * 4
 
 
 def test_linear_epsilon_falls_over_its_fraction_and_then_holds():
-    table = exploration(EPSILON.parse("linear:1:0.5:0.5"), 20)
+    table = probabilities(EPSILON.parse("linear:1:0.5:0.5"), 20)
     assert table.shape == (21,)
     assert table[0] == 1.0
     assert table[5] == pytest.approx(0.75)

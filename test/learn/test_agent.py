@@ -8,7 +8,7 @@ import pytest
 from sparse_coord_ros.game.actions import COORDINATE, EAST, NORTH, SOUTH, WEST
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.world import Action, Reward
-from sparse_coord_ros.learn.agent import NOBODY, Agent, Decision, Tables
+from sparse_coord_ros.learn.agent import NOBODY, Agent, Choice, Decision, Tables
 from sparse_coord_ros.learn.learners import learner_of
 
 HALF = {"step_size": "constant:0.5", "epsilon": "constant:0"}
@@ -70,9 +70,9 @@ def test_with_peers_all_q_coord_is_over_the_whole_joint_state(make):
     decision = Decision(COORDINATE, (0, 2))
     action = one.act(1, 2, decision, (5, 3))
     assert action == Action(EAST, True, NOBODY, True)
-    one.learn(1, 2, decision, action, (5, 3), paid(-60.0), 3)
+    one.learn(1, Choice(2, decision, action, (5, 3)), paid(-60.0), 3)
     assert one.tables.q_coord[2, 5, 3].tolist() == [100, 100, 0.5 * 130 - 0.5 * 60, 100]
-    one.learn(1, 2, decision, Action(NORTH, True, NOBODY, True), (4, 4), paid(-60.0), 3)
+    one.learn(1, Choice(2, decision, Action(NORTH, True, NOBODY, True), (4, 4)), paid(-60.0), 3)
     assert one.tables.q_coord[2, 4, 4].tolist() == [0.5 * 100 - 0.5 * 60, 100, 100, 100]
     assert len(one.tables.q_coord) == 4
     assert one.coord_visited == 2
@@ -83,8 +83,8 @@ def test_with_peers_all_q_coord_is_over_the_whole_joint_state(make):
 def test_joint_states_are_counted_once(agent):
     one = agent(tables=filled())
     for move, cell in ((EAST, 5), (WEST, 5), (EAST, 4), (EAST, 5)):
-        one.learn(1, 2, ASK, Action(move, True, 1, True), (cell,), paid(0.0), 3)
-    one.learn(1, 2, ASK, Action(EAST, True, 1, False), None, paid(0.0), 3)
+        one.learn(1, Choice(2, ASK, Action(move, True, 1, True), (cell,)), paid(0.0), 3)
+    one.learn(1, Choice(2, ASK, Action(EAST, True, 1, False), None), paid(0.0), 3)
     assert one.coord_visited == 2
 
 
@@ -103,7 +103,7 @@ def test_line_13_comes_before_line_18(agent):
     tables.q_star[2] = [1, 2, 3, 4, 10]
     tables.q_coord[2, 5, SOUTH] = 40
     one = agent(tables=tables)
-    one.learn(1, 2, ASK, Action(SOUTH, True, 1, True), (5,), paid(100.0), 2)
+    one.learn(1, Choice(2, ASK, Action(SOUTH, True, 1, True), (5,)), paid(100.0), 2)
     bootstrap_before = 0.95 * 10
     assert tables.q_coord[2, 5, SOUTH] == 0.5 * 40 + 0.5 * (100 + bootstrap_before)
     assert tables.q_star[2, COORDINATE] == 0.5 * 10 + 0.5 * (100 + bootstrap_before)
@@ -113,7 +113,7 @@ def test_failed_percept_updates_coordinate_of_q_star_only(agent):
     """Line 18 credits COORDINATE, not the primitive action that it became."""
     tables, before = filled(), filled()
     one = agent(tables=tables)
-    one.learn(1, 2, ASK, Action(WEST, True, 1, False), None, paid(-1.0), 1)
+    one.learn(1, Choice(2, ASK, Action(WEST, True, 1, False), None), paid(-1.0), 1)
     before.q_star[2, COORDINATE] = 0.5 * 15 + 0.5 * (-1 + 0.95 * 10)
     assert tables.q_star == pytest.approx(before.q_star, rel=1e-15)
     assert (tables.q_coord == before.q_coord).all()
@@ -124,6 +124,6 @@ def test_without_learning_nothing_changes_and_nothing_is_explored(make):
     one = Agent(make(epsilon="constant:1"), 0, 0, tables=tables, learning=False)
     assert one.epsilon(0) == 0.0
     assert {one.decide(t, 2) for t in range(30)} == {ASK}
-    one.learn(1, 2, ASK, Action(EAST, True, 1, True), (5,), paid(99.0), 3)
+    one.learn(1, Choice(2, ASK, Action(EAST, True, 1, True), (5,)), paid(99.0), 3)
     assert (tables.q_star == before.q_star).all()
     assert (tables.q_coord == before.q_coord).all()

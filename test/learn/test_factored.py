@@ -10,7 +10,7 @@ from sparse_coord_ros.game.actions import COORDINATE, EAST, NORTH, SOUTH
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.streams import PERCEPT, Stream
 from sparse_coord_ros.game.world import Action, Reward, RewardWeights, World
-from sparse_coord_ros.learn.agent import NOBODY, Decision
+from sparse_coord_ros.learn.agent import NOBODY, Choice, Decision
 from sparse_coord_ros.learn.evaluation import play
 from sparse_coord_ros.learn.factored import FactoredAgent
 from sparse_coord_ros.learn.factors import UNSEEN, FactorRule, keys_of, rows_at_most, states_of
@@ -40,12 +40,12 @@ def paid(common=0.0, individual=0.0, cost=0.0, **more):
 
 def moved(one, step, cell, move, to, reward):
     action = Action(move, False, NOBODY, False)
-    one.learn(step, cell, Decision(move), action, None, reward, to)
+    one.learn(step, Choice(cell, Decision(move), action, None), reward, to)
 
 
 def asked(one, step, cell, move, to, reward, perceived):
     action = Action(move, True, 1, perceived is not None)
-    one.learn(step, cell, ASK, action, perceived, reward, to)
+    one.learn(step, Choice(cell, ASK, action, perceived), reward, to)
 
 
 def test_initial_tables():
@@ -215,7 +215,7 @@ def test_a_robot_learns_only_from_its_own_miscoordination_by_the_peer_in_the_doo
     ask = Decision(COORDINATE, (1, 2, 3))
     seen = (5, 6, 7)
     action = Action(EAST, True, NOBODY, True)
-    one.learn(1, 2, ask, action, seen, paid(common=-20.0, partners=0b0100), 3)
+    one.learn(1, Choice(2, ask, action, seen), paid(common=-20.0, partners=0b0100), 3)
     factors = one.tables.factors
     assert factors.states.tolist() == [[2, 2, 6]]
     assert factors.corrections.tolist() == [[0, 0, -20 * ALPHA, 0]]

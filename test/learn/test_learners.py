@@ -35,9 +35,9 @@ class Plain(Learner):
 class Slow(Agent):
     """An agent that learns from nothing but penalties."""
 
-    def learn(self, step, cell, decision, action, perceived, reward, next_cell):
+    def learn(self, step, choice, reward, next_cell):
         if reward.common:
-            super().learn(step, cell, decision, action, perceived, reward, next_cell)
+            super().learn(step, choice, reward, next_cell)
 
 
 class Eager(Learner):

@@ -11,7 +11,7 @@ from teams import PROTOCOL
 
 from sparse_coord_ros.game.perception import MODELS, percept_probabilities
 from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.game.schedules import exploration, step_sizes
+from sparse_coord_ros.game.schedules import probabilities, step_sizes
 from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.simulation import Learning, learn, tables_equal
 from sparse_coord_ros.learn.sparse import SparseTable
@@ -32,7 +32,7 @@ class Reference:
     def __init__(self, scenario, learner, seed):
         self.scenario, self.learner, self.seed = scenario, learner, seed
         self.columns = 5 if learner == "coop" else 4
-        self.epsilons = exploration(scenario.epsilon, scenario.steps)
+        self.epsilons = probabilities(scenario.epsilon, scenario.steps)
         self.alphas, self.floor = step_sizes(scenario.step_size, scenario.steps)
         self.see = percept_probabilities(scenario.perception, scenario.map)
         self.doors = scenario.map.doorways

@@ -39,9 +39,10 @@ class KilledError(Exception):
 class SpyAgent(Agent):
     """Remembers what it learned from."""
 
-    def learn(self, step, cell, decision, action, perceived, reward, next_cell):
-        self.__dict__.setdefault("learned", []).append((step, cell, reward.total, next_cell))
-        super().learn(step, cell, decision, action, perceived, reward, next_cell)
+    def learn(self, step, choice, reward, next_cell):
+        done = (step, choice.cell, reward.total, next_cell)
+        self.__dict__.setdefault("learned", []).append(done)
+        super().learn(step, choice, reward, next_cell)
 
 
 class Store:

@@ -235,7 +235,7 @@ def simulate():
                     said.actions[k, step] = actions[k]
                     said.rewards[k, step] = outcome.rewards[k]
                     if actions[k].asked:
-                        said.percepts[k, step] = (choices[k][0], choices[k][3])
+                        said.percepts[k, step] = (choices[k].cell, choices[k].perceived)
             if outcome.episode_over and world.transitions < scenario.steps:
                 world.begin_episode()
         said.tables = [agent.tables for agent in team.agents]

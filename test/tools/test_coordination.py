@@ -8,7 +8,7 @@ from sparse_coord_ros.experiments.conditions import make_condition
 from sparse_coord_ros.game.actions import COORDINATE, EAST, NORTH
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.world import Action, Reward
-from sparse_coord_ros.learn.agent import Decision
+from sparse_coord_ros.learn.agent import Choice, Decision
 from sparse_coord_ros.learn.learners import learner_of
 from tools.coordination import __main__ as tool
 from tools.coordination import studies
@@ -66,14 +66,14 @@ def test_learners_of_the_joint_state_learn_when_they_see_the_next_one():
     assert one.decide(3, 2) == Decision(COORDINATE, (1,))
     row = one.tables.q_coord
     action = Action(EAST, True, 1, True)
-    one.learn(3, 2, one.decide(3, 2), action, (5,), Reward(0.0, -20.0, 0.0, -20.0), 3)
+    one.learn(3, Choice(2, one.decide(3, 2), action, (5,)), Reward(0.0, -20.0, 0.0, -20.0), 3)
     assert (row == 10).all()  # it does not know yet where the peer went
     row[3, 6, NORTH] = 100
     assert one.coordinate(4, 3, (6,)) == NORTH
     assert row[2, 5, EAST] == 5 + 0.5 * (-20 + 0.95 * 100)
-    one.learn(4, 3, one.decide(4, 3), action, (6,), Reward(10.0, 0.0, 0.0, 10.0), one.goal)
+    one.learn(4, Choice(3, one.decide(4, 3), action, (6,)), Reward(10.0, 0.0, 0.0, 10.0), one.goal)
     assert row[3, 6, EAST] == 5 + 0.5 * (10 + 0.95 * 200)
-    one.learn(7, 2, one.decide(7, 2), action, (5,), Reward(0.0, 0.0, 0.0, 0.0), 3)
+    one.learn(7, Choice(2, one.decide(7, 2), action, (5,)), Reward(0.0, 0.0, 0.0, 0.0), 3)
     before = row.copy()
     one.coordinate(10, 3, (6,))  # another episode: nothing to learn
     assert (row == before).all()

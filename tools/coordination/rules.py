@@ -6,8 +6,8 @@ from typing import Any
 
 from sparse_coord_ros.game.actions import COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.streams import PRIMITIVE_TIE
-from sparse_coord_ros.game.world import Action, Reward
-from sparse_coord_ros.learn.agent import Agent, Decision
+from sparse_coord_ros.game.world import Reward
+from sparse_coord_ros.learn.agent import Agent, Choice, Decision
 from sparse_coord_ros.learn.algorithm import greatest, updated
 from sparse_coord_ros.learn.factors import FactorRule
 from sparse_coord_ros.learn.learners import Factored, Learner
@@ -65,17 +65,9 @@ class JointAgent(Agent):
             self._update(greatest(row, PRIMITIVES))
         return self.explored(step, row, PRIMITIVES, PRIMITIVE_TIE)
 
-    def learn(
-        self,
-        step: int,
-        cell: int,
-        decision: Decision,
-        action: Action,
-        perceived: tuple[int, ...] | None,
-        reward: Reward,
-        next_cell: int,
-    ) -> None:
+    def learn(self, step: int, choice: Choice, reward: Reward, next_cell: int) -> None:
         """Keep what the step brought; arguments as of `Agent.learn`."""
+        cell, _, action, perceived = choice
         if not self.learning or perceived is None:
             return
         self._last = (step, (cell, *perceived, action.move), reward.total)
