@@ -23,13 +23,7 @@ from sparse_coord_ros.files import HeldError, hold
 from sparse_coord_ros.learn.run_config import create_output
 from sparse_coord_ros.nodes.middleware import check_participants, one_host
 from sparse_coord_ros.nodes.outputs import gather
-from sparse_coord_ros.nodes.parameters import (
-    RECORDER_PARAMETERS,
-    ROBOT_PARAMETERS,
-    TEAM_PARAMETERS,
-    WORLD_PARAMETERS,
-    of_table,
-)
+from sparse_coord_ros.nodes.parameters import TEAM_PARAMETERS, of_node
 from sparse_coord_ros.nodes.spin import STOPPING, Stop, ros_context, signals
 from sparse_coord_ros.nodes.team import run_team, team_run
 from sparse_coord_ros.wire import RECORDER, WORLD
@@ -105,12 +99,12 @@ def _run_processes(values: dict[str, Any], stop: Stop, quiet: bool) -> dict[str,
     if not values["resume"]:
         create_output(out)
     bag = out / BAG_DIRECTORY
-    world = of_table(WORLD_PARAMETERS, values)
-    robot = of_table(ROBOT_PARAMETERS, values)
+    world = of_node(WORLD, values)
+    robot = of_node("robot", values)
     nodes = [(WORLD, WORLD, world)]
     nodes += [("robot", one.name, robot) for one in run.scenario.robots]
     if values["record"]:
-        recording = of_table(RECORDER_PARAMETERS, values)
+        recording = of_node(RECORDER, values)
         nodes.append((RECORDER, RECORDER, recording | {"out": str(bag)}))
     with tempfile.TemporaryDirectory(prefix="sparse_coord_") as folder:
         processes: dict[str, Process] = {}

@@ -17,7 +17,7 @@ from sparse_coord_ros.game.scenario import Scenario, load_scenario, scenario_nam
 from sparse_coord_ros.game.settings import Setting, parse_assignments
 from sparse_coord_ros.learn.learners import LEARNERS
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS
-from sparse_coord_ros.look.page.controls import HOST, PORT_SETTING
+from sparse_coord_ros.look.page.controls import PAGE_SETTINGS
 
 FIXED = (
     *("scenario", "penalty", "assignments", "steps", "seed", "out", "learner"),
@@ -89,13 +89,7 @@ BAG = Option("bag BAG", _bag, "a bag's or a run's directory, or a file")
 JSON = Option("--json", bool, "print one JSON object for machines")
 SEED = RUN_SETTINGS["seed"]
 PAGE = (
-    Option("--port N", PORT_SETTING, PORT_SETTING.help),
-    Option(
-        "--host ADDRESS",
-        None,
-        "serve the page on this address, also for other machines: who reaches it can watch",
-        {"default": HOST},
-    ),
+    *PAGE_SETTINGS.values(),
     Option("--browser", bool, "open the page in the browser"),
 )
 """Where the page is served."""

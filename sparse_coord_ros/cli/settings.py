@@ -91,17 +91,9 @@ def groups() -> Iterator[tuple[str, str, dict[str, Entry]]]:
     yield "run", f"A run ({how})", _entries(RUN_SETTINGS.values())
     yield "drive", "Simulated bodies (drive --set NAME=VALUE)", _entries(DRIVE_SETTINGS.values())
     with suppress(ImportError):  # where there is no ROS 2, there are no nodes
-        from sparse_coord_ros.nodes import parameters
+        from sparse_coord_ros.nodes.parameters import PARAMETERS
 
-        for node, table in (
-            ("world_simulator", parameters.WORLD_PARAMETERS),
-            ("robot", parameters.ROBOT_PARAMETERS),
-            ("recorder", parameters.RECORDER_PARAMETERS),
-            ("driver", parameters.DRIVER_PARAMETERS),
-            ("body", parameters.BODY_PARAMETERS),
-            ("player", parameters.PLAYER_PARAMETERS),
-            ("watch", parameters.WATCH_PARAMETERS),
-        ):
+        for node, table in PARAMETERS.items():
             own = (one for name, one in table.items() if one is not RUN_SETTINGS.get(name))
             yield node, f"The node {node} (ROS parameters)", _entries(own)
     learners = {name: _learner(LEARNERS.find(name)) for name in LEARNERS.names}

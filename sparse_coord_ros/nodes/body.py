@@ -4,7 +4,6 @@
 
 import functools
 import math
-import sys
 import time
 from collections import Counter
 from typing import Any, Unpack
@@ -25,7 +24,7 @@ from sparse_coord_ros.lockstep.bodies import BEGIN, Goals, Reached
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.follower import Follower
 from sparse_coord_ros.nodes.messages import Converter, read_goals, read_reached, status
-from sparse_coord_ros.nodes.parameters import BODY_PARAMETERS, Place
+from sparse_coord_ros.nodes.parameters import PARAMETERS, Place
 from sparse_coord_ros.nodes.spin import run_node
 from sparse_coord_ros.wire import MAP_FRAME
 from sparse_coord_ros.wire.frame import SECOND
@@ -55,7 +54,7 @@ class BodyNode(Follower):
     """
 
     def __init__(self, **place: Unpack[Place]) -> None:
-        super().__init__("body", BODY_PARAMETERS, **place)
+        super().__init__("body", PARAMETERS["body"], **place)
         self.arena: Arena | None = None
         self._said = time.monotonic()
         self._paths: list[list[float]] = []
@@ -197,7 +196,3 @@ def _write(pose: Any, where: Pose) -> None:
 def main(args: list[str] | None = None) -> int:
     """Run the node `body`."""
     return run_node(lambda context: BodyNode(context=context), args)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -3,7 +3,6 @@
 """The driver node: takes a robot's moves to its body, and says which cell the body is in."""
 
 import functools
-import sys
 import time
 from dataclasses import replace
 from typing import Any, Unpack
@@ -28,7 +27,7 @@ from sparse_coord_ros.nodes.messages import (
     read_goals,
     robot_number,
 )
-from sparse_coord_ros.nodes.parameters import DRIVER_PARAMETERS, TF, Place
+from sparse_coord_ros.nodes.parameters import PARAMETERS, TF, Place
 from sparse_coord_ros.nodes.spin import run_node, wait_for_readers
 
 POSES_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -64,7 +63,7 @@ class DriverNode(Follower):
     """
 
     def __init__(self, *, name: str = "driver", **place: Unpack[Place]) -> None:
-        super().__init__(name, DRIVER_PARAMETERS, **place)
+        super().__init__(name, PARAMETERS["driver"], **place)
         self.driver: Driver | None = None
         self._step = 0
         self._seen = 0.0
@@ -214,7 +213,3 @@ def _seconds(header: Any) -> float:
 def main(args: list[str] | None = None) -> int:
     """Run the node `driver`."""
     return run_node(lambda context: DriverNode(context=context), args)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -32,7 +32,7 @@ from sparse_coord_ros.game.settings import (
 )
 from sparse_coord_ros.learn.run_config import RUN_SETTINGS, RunConfig, make_run
 from sparse_coord_ros.lockstep.waiting import Reminder
-from sparse_coord_ros.look.page.controls import HOST, PORT_SETTING
+from sparse_coord_ros.look.page.controls import PAGE_SETTINGS
 from sparse_coord_ros.nodes.intake import Intake
 from sparse_coord_ros.nodes.interface import RECORDING as RECORDING_TOPIC
 from sparse_coord_ros.nodes.interface import RUN, RosTopic
@@ -48,35 +48,26 @@ ROLL_BACK, CONTINUE = "rollback", "continue"
 TF = "tf"
 """The `pose_type` that is no message of its own."""
 
-_TABLES = tables_from_yaml(Path(__file__).with_name("parameters.yaml"))
+_OWN = tables_from_yaml(Path(__file__).with_name("parameters.yaml"))
+_MORE: Mapping[str, Mapping[str, Setting]] = {
+    WORLD: {"slips": SLIPS, **RUN_SETTINGS},
+    "driver": DRIVER_SETTINGS,
+    "body": BODY_SETTINGS,
+    "watch": PAGE_SETTINGS,
+}
+_OF_THE_TEAM = _OWN.pop("team")
 
+PARAMETERS = {
+    node: SettingTable({**own, **_MORE.get(node, {})}.values()) for node, own in _OWN.items()
+}
+"""Those of each node that runs alone, by the name of its executable."""
 
-def _table(node: str, *more: Mapping[str, Setting]) -> SettingTable:
-    """Return what `parameters.yaml` says of a node, and more settings."""
-    return SettingTable(one for table in (_TABLES[node], *more) for one in table.values())
-
-
-WORLD_PARAMETERS = _table("world_simulator", {"slips": SLIPS}, RUN_SETTINGS)
-ROBOT_PARAMETERS = _table("robot")
-RECORDER_PARAMETERS = _table("recorder")
 TEAM_PARAMETERS = SettingTable(
-    {**WORLD_PARAMETERS, **ROBOT_PARAMETERS, **_TABLES["team"]}.values()
-)
-DRIVER_PARAMETERS = _table("driver", DRIVER_SETTINGS)
-BODY_PARAMETERS = _table("body", BODY_SETTINGS)
-PLAYER_PARAMETERS = _table("player")
-WATCH_PARAMETERS = _table(
-    "watch",
-    {
-        "host": Setting(
-            "host", str, HOST, "address to serve; another one lets other machines watch"
-        ),
-        "port": PORT_SETTING,
-    },
+    {**PARAMETERS[WORLD], **PARAMETERS["robot"], **_OF_THE_TEAM}.values()
 )
 
 ALL_NAMES = (
-    *(*TEAM_PARAMETERS, *RECORDER_PARAMETERS, *DRIVER_PARAMETERS, *BODY_PARAMETERS),
+    *(*TEAM_PARAMETERS, *PARAMETERS[RECORDER], *PARAMETERS["driver"], *PARAMETERS["body"]),
     *SETTINGS,
 )
 """The parameters of all nodes of a team: one file, or a launch file's group, may give them all to
@@ -308,9 +299,9 @@ class ParameterNode(Node):
             )
 
 
-def of_table(table: SettingTable, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return those of some values that are a table's."""
-    return {name: values[name] for name in table}
+def of_node(node: str, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return those of some values that are parameters of a node."""
+    return {name: values[name] for name in PARAMETERS[node]}
 
 
 def _descriptor(setting: Setting, *, read_only: bool) -> ParameterDescriptor:

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The player node: a recorded run again on its topics, with its types, QoS and clock."""
 
-import sys
 import time
 from pathlib import Path
 from typing import Unpack
@@ -14,7 +13,7 @@ from std_srvs.srv import SetBool, Trigger
 from sparse_coord_ros.bags.playback import Playback
 from sparse_coord_ros.bags.playlist import Playlist
 from sparse_coord_ros.errors import RunError, SettingError
-from sparse_coord_ros.nodes.parameters import PLAYER_PARAMETERS, ParameterNode, Place
+from sparse_coord_ros.nodes.parameters import PARAMETERS, ParameterNode, Place
 from sparse_coord_ros.nodes.player_keys import Keyboard
 from sparse_coord_ros.nodes.player_topics import Stage
 from sparse_coord_ros.nodes.spin import run_node, wait_for_readers
@@ -56,7 +55,7 @@ class Player(ParameterNode):
     def __init__(self, *, keyboard: bool = False, **place: Unpack[Place]) -> None:
         self._keyboard = Keyboard() if keyboard else None
         self._begun = False
-        super().__init__("player", PLAYER_PARAMETERS, changeable=CHANGEABLE, **place)
+        super().__init__("player", PARAMETERS["player"], changeable=CHANGEABLE, **place)
         self.create_service(SetBool, services.PAUSE.of("~"), self._on_pause)
         self.create_service(Trigger, services.STEP.of("~"), self._on_step)
         self.add_post_set_parameters_callback(self.guarded(self._on_change))
@@ -192,7 +191,7 @@ class Player(ParameterNode):
             self._playback.pause(not self._playback.paused)
             self._wake()
             return self._state()
-        rate, at, limits = self.values["rate"], self._position, PLAYER_PARAMETERS["rate"]
+        rate, at, limits = self.values["rate"], self._position, PARAMETERS["player"]["rate"]
         name, value = {
             "start": ("position", 0.0),
             "back": ("position", max(0.0, at - SEEK_SECONDS)),
@@ -224,7 +223,3 @@ class Player(ParameterNode):
 def main(args: list[str] | None = None) -> int:
     """Run the node `player`."""
     return run_node(lambda context: Player(context=context, keyboard=True), args)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

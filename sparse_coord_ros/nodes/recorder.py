@@ -5,7 +5,6 @@
 import contextlib
 import shutil
 import struct
-import sys
 import time
 from collections.abc import Callable
 from datetime import datetime
@@ -32,7 +31,7 @@ from sparse_coord_ros.nodes.messages import (
     read_tables_message,
     status,
 )
-from sparse_coord_ros.nodes.parameters import RECORDER_PARAMETERS, Place
+from sparse_coord_ros.nodes.parameters import PARAMETERS, Place
 from sparse_coord_ros.nodes.spin import run_node
 from sparse_coord_ros.wire import NODE, RECORDER, ROBOT, TEAM, WORLD
 from sparse_coord_ros.wire.frame import SECOND
@@ -198,7 +197,7 @@ class Recorder(Follower):
     recording: Recording | None = None
 
     def __init__(self, **place: Unpack[Place]) -> None:
-        super().__init__(RECORDER, RECORDER_PARAMETERS, **place)
+        super().__init__(RECORDER, PARAMETERS[RECORDER], **place)
         out = self.values["out"] or datetime.now().strftime("bag_%Y%m%d_%H%M%S")
         self.directory = Path(out)
         if self.directory.exists() and not self.values["resume"]:
@@ -389,7 +388,3 @@ def _queue(topic: interface.RosTopic) -> QoSProfile:
 def main(args: list[str] | None = None) -> int:
     """Run the node `recorder`."""
     return run_node(lambda context: Recorder(context=context), args)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The robot node: one agent of Algorithm 1, which knows of its peers only what they answer."""
 
-import sys
 from typing import Unpack
 
 from rclpy.client import Client
@@ -11,7 +10,7 @@ from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.nodes.follower import Follower
 from sparse_coord_ros.nodes.guard import Guard
 from sparse_coord_ros.nodes.member import Member
-from sparse_coord_ros.nodes.parameters import ROBOT_PARAMETERS, Place
+from sparse_coord_ros.nodes.parameters import PARAMETERS, Place
 from sparse_coord_ros.nodes.spin import run_node
 
 
@@ -41,7 +40,7 @@ class RobotNode(Follower):
         clients: dict[str, Client] | None = None,
         **place: Unpack[Place],
     ) -> None:
-        super().__init__(name, ROBOT_PARAMETERS, **place)
+        super().__init__(name, PARAMETERS["robot"], **place)
         self._peer_clients = {} if clients is None else clients
         self.guard = Guard(self)
 
@@ -68,7 +67,3 @@ class RobotNode(Follower):
 def main(args: list[str] | None = None) -> int:
     """Run the node `robot`."""
     return run_node(lambda context: RobotNode(context=context), args)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

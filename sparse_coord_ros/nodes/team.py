@@ -16,12 +16,9 @@ from sparse_coord_ros.errors import BagError, NameTakenError
 from sparse_coord_ros.learn.run_config import RunConfig, create_output
 from sparse_coord_ros.nodes.outputs import begin_with, gather, resumed_run
 from sparse_coord_ros.nodes.parameters import (
-    RECORDER_PARAMETERS,
-    ROBOT_PARAMETERS,
     TEAM_PARAMETERS,
-    WORLD_PARAMETERS,
     ParameterNode,
-    of_table,
+    of_node,
     run_from_parameters,
 )
 from sparse_coord_ros.nodes.recorder import Recorder
@@ -36,6 +33,7 @@ from sparse_coord_ros.nodes.spin import (
 )
 from sparse_coord_ros.nodes.tap import Tap
 from sparse_coord_ros.nodes.world_simulator import WorldSimulator
+from sparse_coord_ros.wire import RECORDER, WORLD
 
 if TYPE_CHECKING:
     from sparse_coord_ros.look.page.server import Server
@@ -98,16 +96,16 @@ def run_team(
     recorder = None
     with ending(nodes, lambda: gather(out, run.scenario, interrupted=True)):
         if values["record"]:
-            own = of_table(RECORDER_PARAMETERS, values)
+            own = of_node(RECORDER, values)
             recorder = Recorder(values={**own, "out": str(out / BAG_DIRECTORY)}, **place)
             nodes.append(recorder)
         values["out"] = str(out)
-        world = WorldSimulator(values=of_table(WORLD_PARAMETERS, values), **place)
+        world = WorldSimulator(values=of_node(WORLD, values), **place)
         nodes.append(world)
         robots = []
         clients: dict[str, Client] = {}
         for robot in run.scenario.robots:
-            own = of_table(ROBOT_PARAMETERS, values)
+            own = of_node("robot", values)
             robots.append(RobotNode(name=robot.name, values=own, clients=clients, **place))
             nodes.append(robots[-1])
         if page is not None:
@@ -190,7 +188,3 @@ def _run(args: list[str], stop: Stop) -> None:
         summary = run_team(values, context=context, namespace=namespace, stop=lambda: bool(stop))
     if "recording_error" in summary:
         raise BagError(summary["recording_error"])
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -9,7 +9,6 @@ process it looks at world and robots themselves: taking every message would slow
 import contextlib
 import functools
 import queue
-import sys
 import time
 from collections import defaultdict
 from collections.abc import Sequence, Set
@@ -42,7 +41,7 @@ from sparse_coord_ros.look.page.live_source import LiveView
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.follower import Follower
 from sparse_coord_ros.nodes.messages import Converter, read_tables_message
-from sparse_coord_ros.nodes.parameters import WATCH_PARAMETERS, ParameterNode, Place
+from sparse_coord_ros.nodes.parameters import PARAMETERS, ParameterNode, Place
 from sparse_coord_ros.nodes.spin import run_node
 from sparse_coord_ros.wire import WORLD, Account, PerceptEnd, services
 from sparse_coord_ros.wire.status import Said
@@ -145,7 +144,7 @@ class InsideWatch(ParameterNode):
         robots: "Sequence[RobotNode]",
         **place: Unpack[Place],
     ) -> None:
-        super().__init__("watch", WATCH_PARAMETERS, **place)
+        super().__init__("watch", PARAMETERS["watch"], **place)
         self._server, self._world, self._robots = server, world, robots
         self._controls = Controls(self)
         self._controls.view = self._view = LiveView(
@@ -225,7 +224,7 @@ class WatchNode(Follower):
 
     def __init__(self, *, server: "Server | None" = None, **place: Unpack[Place]) -> None:
         self._shared = server
-        super().__init__("watch", WATCH_PARAMETERS, **place)
+        super().__init__("watch", PARAMETERS["watch"], **place)
         self.controls = Controls(self)
         self.team: HeardTeam | None = None
         self._heard: float | None = None
@@ -503,7 +502,3 @@ class HeardTeam:
 def main(args: list[str] | None = None) -> int:
     """Run the node `watch`."""
     return run_node(lambda context: WatchNode(context=context), args)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

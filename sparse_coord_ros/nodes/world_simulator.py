@@ -3,7 +3,6 @@
 """The world simulator node: local states, rewards and time for a team of robot nodes."""
 
 import functools
-import sys
 import time
 import uuid
 from dataclasses import replace
@@ -29,7 +28,7 @@ from sparse_coord_ros.nodes.outputs import SUMMARY_FILE, Output, resumed_run
 from sparse_coord_ros.nodes.parameters import (
     END,
     GO_ON,
-    WORLD_PARAMETERS,
+    PARAMETERS,
     ParameterNode,
     Place,
     run_from_parameters,
@@ -72,7 +71,7 @@ class WorldSimulator(ParameterNode):
     _paused = _single = _stopped = False
 
     def __init__(self, **place: Unpack[Place]) -> None:
-        super().__init__(WORLD, WORLD_PARAMETERS, **place)
+        super().__init__(WORLD, PARAMETERS[WORLD], **place)
         if self.values["resume"]:
             self.run = resumed_run(self.values)
         else:
@@ -379,7 +378,3 @@ class WorldSimulator(ParameterNode):
 def main(args: list[str] | None = None) -> int:
     """Run the node `world_simulator`."""
     return run_node(lambda context: WorldSimulator(context=context), args)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

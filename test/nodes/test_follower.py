@@ -10,7 +10,7 @@ from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.nodes import follower as module
 from sparse_coord_ros.nodes.follower import Follower
-from sparse_coord_ros.nodes.parameters import ROBOT_PARAMETERS
+from sparse_coord_ros.nodes.parameters import PARAMETERS
 from sparse_coord_ros.nodes.spin import ros_context
 from sparse_coord_ros.wire import RunState
 from sparse_coord_ros.wire.status import Said
@@ -20,7 +20,7 @@ from sparse_coord_ros.wire.status import Said
 def node(own_domain):
     """Return a follower that has begun with a run."""
     with ros_context() as context:
-        node = Follower("robot_1", ROBOT_PARAMETERS, context=context, values={})
+        node = Follower("robot_1", PARAMETERS["robot"], context=context, values={})
         node._tick()
         node._on_run(announced("first"))
         node._tick()

@@ -23,7 +23,7 @@ from sparse_coord_ros.learn.tables import load_team
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.messages import status
 from sparse_coord_ros.nodes.middleware import SECURITY_MARK, check_participants, check_security
-from sparse_coord_ros.nodes.parameters import ROBOT_PARAMETERS, ParameterNode
+from sparse_coord_ros.nodes.parameters import PARAMETERS, ParameterNode
 from sparse_coord_ros.nodes.recorder import Recorder
 from sparse_coord_ros.nodes.robot import RobotNode
 from sparse_coord_ros.nodes.spin import ending, ros_context, run_node, signals
@@ -116,7 +116,7 @@ class Faulty(ParameterNode):
     """A node whose timer does what nobody expected."""
 
     def __init__(self, context, error, executor):
-        table = SettingTable([ROBOT_PARAMETERS["executor"]])
+        table = SettingTable([PARAMETERS["robot"]["executor"]])
         super().__init__("faulty", table, context=context, values={"executor": executor})
         self.said = []
         self.create_timer(0.01, lambda: self._raise(error))

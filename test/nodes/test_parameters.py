@@ -13,30 +13,19 @@ from rclpy.parameter import parameter_value_to_python
 from sparse_coord_ros.game.scenario import SETTINGS
 from sparse_coord_ros.nodes import recorder, robot, team, world_simulator
 from sparse_coord_ros.nodes.parameters import (
-    BODY_PARAMETERS,
-    DRIVER_PARAMETERS,
-    RECORDER_PARAMETERS,
-    ROBOT_PARAMETERS,
+    PARAMETERS,
     TEAM_PARAMETERS,
-    WORLD_PARAMETERS,
     ParameterNode,
 )
-from sparse_coord_ros.nodes.player import PLAYER_PARAMETERS
 from sparse_coord_ros.nodes.spin import ros_context
-from sparse_coord_ros.nodes.watch import WATCH_PARAMETERS
 
-TABLES = {
-    "world_simulator": WORLD_PARAMETERS,
-    "robot": ROBOT_PARAMETERS,
-    "recorder": RECORDER_PARAMETERS,
-    "team": TEAM_PARAMETERS,
-}
 MAINS = {
     "world_simulator": world_simulator.main,
     "robot": robot.main,
     "recorder": recorder.main,
     "team": team.main,
 }
+TABLES = {name: {**PARAMETERS, "team": TEAM_PARAMETERS}[name] for name in MAINS}
 TYPES = {
     bool: ParameterType.PARAMETER_BOOL,
     int: ParameterType.PARAMETER_INTEGER,
@@ -75,7 +64,7 @@ def test_every_parameter_is_described(made, name):
 
 
 def test_ranges_are_in_the_descriptors(made):
-    node = made(WORLD_PARAMETERS)
+    node = made(PARAMETERS["world_simulator"])
     (span,) = node.describe_parameter("step_period").floating_point_range
     assert (span.from_value, span.to_value) == (0.001, 60.0)
     (span,) = node.describe_parameter("seed").integer_range
@@ -117,7 +106,7 @@ def test_scenario_settings_are_parameters_of_the_world(bench):
 
 def test_whole_numbers_do_for_numbers(made):
     """`-p rate:=5` is an integer to ROS, though the parameter is a double."""
-    node = made(WORLD_PARAMETERS, rate=5)
+    node = made(PARAMETERS["world_simulator"], rate=5)
     assert node.values["rate"] == 5.0
     assert node.get_parameter("rate").type_ == node.get_parameter("step_timeout").type_
 
@@ -191,19 +180,12 @@ def test_all_others_are_fixed(bench):
     assert world.get_parameter("seed").value == 0
     assert not set_one(observer, "sed", seed).successful
     response = observer.call(ListParameters, "world_simulator/list_parameters")
-    assert set(WORLD_PARAMETERS) <= set(response.result.names)
+    assert set(PARAMETERS["world_simulator"]) <= set(response.result.names)
 
 
 def test_the_documentation_lists_the_parameters():
-    tables = {
-        **{name: table for name, table in TABLES.items() if name != "team"},
-        "driver": DRIVER_PARAMETERS,
-        "body": BODY_PARAMETERS,
-        "player": PLAYER_PARAMETERS,
-        "watch": WATCH_PARAMETERS,
-    }
     nodes: dict[tuple[str, ...], list[str]] = {}
-    for node, table in tables.items():
+    for node, table in PARAMETERS.items():
         for one in table.values():
             default = "" if one.default in ("", [""]) else str(one.default)
             default = default.lower() if one.kind is bool else default

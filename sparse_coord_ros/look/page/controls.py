@@ -7,12 +7,17 @@ from typing import Any, NamedTuple, Protocol
 
 from sparse_coord_ros.errors import SettingError, SparseCoordError
 from sparse_coord_ros.game.scenario import load_scenario, scenario_names
-from sparse_coord_ros.game.settings import Setting
+from sparse_coord_ros.game.settings import Setting, SettingTable
 
 HOST, PORT = "127.0.0.1", 8765
 """Where the page is, unless it is wanted elsewhere."""
 
-PORT_SETTING = Setting("port", int, PORT, "of the page; 0: one that is free", low=0, high=65535)
+PAGE_SETTINGS = SettingTable(
+    [
+        Setting("host", str, HOST, "address to serve; another one lets other machines watch"),
+        Setting("port", int, PORT, "of the page; 0: one that is free", low=0, high=65535),
+    ]
+)
 
 PAUSE, STEP, RATE, SEEK, RESET, NEXT = "pause", "step", "rate", "seek", "reset", "next"
 """What a page may ask for: hold or go on; so many time steps on or back; time steps a second (0:
