@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from sparse_coord_ros.bags.qos import yaml_text
+from sparse_coord_ros.bags.records import LATEST_NS
 from sparse_coord_ros.bags.topics import BagTopic
 
 METADATA_FILE = "metadata.yaml"
@@ -24,11 +25,6 @@ CONTINUED_RECORD = "continued"
 SPLIT, RESTARTED, ROLLED_BACK = "split", "restarted", "rolled_back"
 """Why a file begins: the one before was big or long enough; its recorder had ended; the run went
 back to a checkpoint, and what the files before say from there on is superseded."""
-METADATA_VERSION = 9
-ROS_DISTRO = "jazzy"
-
-# rosbag2 leaves the largest time point as starting time of a bag without messages.
-_NO_START_NS = 2**63 - 1
 
 
 @dataclass(frozen=True)
@@ -64,7 +60,7 @@ def bag_information(files: Sequence[FileSummary], topics: Iterable[BagTopic]) ->
     """
     whole = _times(files)
     return {
-        "version": METADATA_VERSION,
+        "version": 9,
         "storage_identifier": "mcap",
         "duration": whole["duration"],
         "starting_time": whole["starting_time"],
@@ -90,14 +86,14 @@ def bag_information(files: Sequence[FileSummary], topics: Iterable[BagTopic]) ->
             for file in files
         ],
         "custom_data": None,
-        "ros_distro": ROS_DISTRO,
+        "ros_distro": "jazzy",
     }
 
 
 def _times(files: Sequence[FileSummary]) -> dict[str, dict[str, int]]:
     """Return when files begin and how long they last."""
     filled = [file for file in files if file.message_count]
-    start, length = _NO_START_NS, 0
+    start, length = LATEST_NS, 0  # what rosbag2 leaves as start of a bag without messages
     if filled:
         start = min(file.start_ns for file in filled)
         length = max(file.end_ns for file in filled) - start

@@ -22,7 +22,7 @@ class Playback:
         playlist: what to play.
         publish: called with each message.
         now_ns: a monotonic clock.
-        on_time: called with the log time reached, before the messages of that time.
+        on_time: called with the log time reached, before each message of that time.
         rate: seconds of the log a second.
         loop: begin again at the end.
         paused: begin paused.
@@ -106,7 +106,6 @@ class Playback:
         """
         if self.paused or self.done:
             return None
-        reached = None
         for _ in range(BURST):
             next_ns = self._playlist.next_ns
             if next_ns is None:
@@ -116,9 +115,7 @@ class Playback:
             if wait > 0:
                 self._playlist.prepare()
                 return max(0, due - self._now_ns())
-            if next_ns != reached:
-                reached = next_ns
-                self._on_time(next_ns)
+            self._on_time(next_ns)
             self._send(self._playlist.take())
             self.late_ns = max(self.late_ns or 0, self._now_ns() - due)
         return 0
@@ -147,9 +144,6 @@ class Playback:
         self.published += 1
 
     def _send_until(self, time_ns: int) -> None:
-        reached = None
         while (next_ns := self._playlist.next_ns) is not None and next_ns <= time_ns:
-            if next_ns != reached:
-                reached = next_ns
-                self._on_time(next_ns)
+            self._on_time(next_ns)
             self._send(self._playlist.take())

@@ -34,7 +34,8 @@ class Recovery:
 
     Attributes:
         path: the bag's directory.
-        bag: what was read of the original; all of it is in the whole bag.
+        bag: what was read of the original; all of it is in the whole bag. `bag.whole` says
+            whether everything that was in the original's data was restored.
         kept: the original file where it is now (of several the first); None if it is in use as
             it was.
         changed: whether anything was written or renamed.
@@ -44,11 +45,6 @@ class Recovery:
     bag: Bag
     kept: Path | None
     changed: bool
-
-    @property
-    def complete(self) -> bool:
-        """Whether everything that was in the original's data was restored."""
-        return self.bag.whole
 
 
 def recover(path: Path) -> Recovery:
@@ -110,7 +106,7 @@ def continued(directory: Path) -> Bag | None:
         directory.rename(_free(directory.with_name(f"{directory.name}.damaged")))
         return None
     recovery = recover(directory)
-    if recovery.complete and recovery.kept is not None:
+    if recovery.bag.whole and recovery.kept is not None:
         recovery.kept.unlink()  # all of it is in the file that was finished
     return open_bag(directory)
 
@@ -194,14 +190,8 @@ def _note(bag: Bag) -> dict[str, str] | None:
     """Return what is to be known of a bag's recoveries, this one and earlier; None: no fault."""
     notes = [texts for name, texts in bag.metadata_records if name == RECOVERED_RECORD]
     if not bag.finished or bag.damage is not None:
-        complete = "true" if bag.whole else "false"
-        notes.append(
-            {
-                "complete": complete,
-                "damage": bag.damage or "",
-                "lost_bytes": str(bag.lost_bytes),
-            }
-        )
+        whole, lost_bytes = "true" if bag.whole else "false", str(bag.lost_bytes)
+        notes.append({"complete": whole, "damage": bag.damage or "", "lost_bytes": lost_bytes})
     if not notes:
         return None
     lost = [note.get("lost_bytes", "") for note in notes]

@@ -49,7 +49,8 @@ def schema_text(type_name: str) -> str:
     def with_dependencies(name: str) -> str:
         text = _definition(name)
         sections = [text]
-        for dependency in _dependencies(text, name.partition("/")[0]):
+        package = name.partition("/")[0]
+        for dependency in sorted({_full(t, package) for t in _FIELD.findall(text)} - _PRIMITIVES):
             if dependency not in seen:
                 seen.add(dependency)
                 sections.append(f"\n{_SEPARATOR}\nMSG: {dependency}\n")
@@ -107,10 +108,6 @@ def _full(name: str, package: str) -> str:
     return name if name in _PRIMITIVES or "/" in name else f"{package}/{name}"
 
 
-def _dependencies(text: str, package: str) -> list[str]:
-    return sorted({_full(name, package) for name in _FIELD.findall(text)} - _PRIMITIVES)
-
-
 def _read(package: str, kind: str, stem: str) -> str:
     path = _interface_file(package, kind, f"{stem}.{kind}")
     if path is None:
@@ -124,11 +121,8 @@ def _read(package: str, kind: str, stem: str) -> str:
 
 
 def _interface_file(package: str, kind: str, file_name: str) -> Path | None:
-    for prefix in _prefixes(package):
-        path = prefix / "share" / package / kind / file_name
-        if path.is_file():
-            return path
-    return None
+    paths = (prefix / "share" / package / kind / file_name for prefix in _prefixes(package))
+    return next((path for path in paths if path.is_file()), None)
 
 
 def _prefixes(package: str) -> Iterator[Path]:

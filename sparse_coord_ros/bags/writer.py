@@ -26,12 +26,6 @@ from sparse_coord_ros.bags.topics import BagTopic
 from sparse_coord_ros.errors import BagError
 from sparse_coord_ros.version import __version__
 
-COMPRESSIONS = {
-    "zstd": CompressionType.ZSTD,
-    "lz4": CompressionType.LZ4,
-    "none": CompressionType.NONE,
-}
-
 DEFAULT_CHUNK_SIZE = 256 * 1024
 """Bytes of uncompressed messages in a chunk: what a killed process loses at most."""
 
@@ -79,7 +73,7 @@ class BagWriter:
         why: Mapping[str, str] | None = None,
     ) -> None:
         """Make the directory and start the file, as the class says."""
-        self._compression = COMPRESSIONS[compression]
+        self._compression = CompressionType[compression.upper()]
         self._chunk_size = chunk_size
         self._max_bytes, self._max_ns = max_bytes, max_ns
         self._directory = Path(directory)

@@ -14,7 +14,7 @@ from sparse_coord_ros.experiments.store import JOBS
 COMPUTING = (
     Option(
         "--engine",
-        ("auto", *(one for one in ENGINES if one != "auto")),
+        ENGINES,
         "numba, python, or auto: numba where it is installed; the results are the same",
     ),
     Option("--jobs", JOBS.parse, f"{JOBS.help} (default: all cores)"),

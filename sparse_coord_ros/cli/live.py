@@ -99,23 +99,19 @@ def _run_processes(values: dict[str, Any], stop: Stop, quiet: bool) -> dict[str,
     if not values["resume"]:
         create_output(out)
     bag = out / BAG_DIRECTORY
-    world = of_node(WORLD, values)
-    robot = of_node("robot", values)
-    nodes = [(WORLD, WORLD, world)]
-    nodes += [("robot", one.name, robot) for one in run.scenario.robots]
+    kinds = {WORLD: WORLD, **{robot.name: "robot" for robot in run.scenario.robots}}
     if values["record"]:
-        recording = of_node(RECORDER, values)
-        nodes.append((RECORDER, RECORDER, recording | {"out": str(bag)}))
+        kinds[RECORDER] = RECORDER
     with tempfile.TemporaryDirectory(prefix="sparse_coord_") as folder:
         processes: dict[str, Process] = {}
         try:
-            for module, name, parameters in nodes:
-                processes[name] = _start(Path(folder), module, name, parameters, quiet)
-            recorder = processes.get(RECORDER)
-            interrupted = _wait(processes, recorder, bag, stop)
+            for name, kind in kinds.items():
+                own = of_node(kind, values) | ({"out": str(bag)} if kind == RECORDER else {})
+                processes[name] = _start(Path(folder), kind, name, own, quiet)
+            interrupted = _wait(processes, bag, stop)
         finally:
             _end(processes.values())
-    error = None
+    error, recorder = None, processes.get(RECORDER)
     if recorder is not None and recorder.returncode:
         error = BagError(
             f"recorder ended with exit code {recorder.returncode}; the bag {bag} holds what was "
@@ -141,9 +137,7 @@ def _start(
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
-def _wait(
-    processes: Mapping[str, Process], recorder: Process | None, bag: Path, stop: Stop
-) -> bool:
+def _wait(processes: Mapping[str, Process], bag: Path, stop: Stop) -> bool:
     """Wait for all processes; return whether they were stopped early.
 
     The others go on without a recorder that has begun its bag; a world that all robots have left
@@ -157,9 +151,7 @@ def _wait(
     last_robot = time.monotonic()
     while True:
         running = any(one.poll() is None for one in processes.values())  # before what they say
-        _check(
-            {n: p for n, p in processes.items() if p is not recorder or not bag.exists()}, running
-        )
+        _check({n: p for n, p in processes.items() if n != RECORDER or not bag.exists()}, running)
         if not running:
             return False
         if world.poll() is not None or any(robot.poll() is None for robot in robots):

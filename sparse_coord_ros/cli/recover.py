@@ -31,7 +31,7 @@ def execute(options: argparse.Namespace) -> int:
     else:
         print("\n".join(_lines(recovery)))
     lost = (recovery.bag.recovered or {}).get("complete") == "false"
-    return 0 if recovery.complete and not lost else EXIT_LOST
+    return 0 if recovery.bag.whole and not lost else EXIT_LOST
 
 
 def _lines(recovery: Recovery) -> list[str]:
@@ -43,11 +43,11 @@ def _lines(recovery: Recovery) -> list[str]:
     if not recovery.changed:
         lines = [f"{recovery.path} is whole: {content}"]
         return lines if bag.recovered is None else [*lines, recovered_text(bag.recovered)]
-    now = "is whole again" if recovery.complete else "holds what could be read"
+    now = "is whole again" if bag.whole else "holds what could be read"
     lines = [f"{recovery.path} {now}: {content}"]
     if bag.damage is not None:
         lines.append(f"damage at {bag.damage}")
-    if not recovery.complete:
+    if not bag.whole:
         lines.append(
             f"lost: what was in the last {bag.lost_bytes} of {bag.file_bytes} bytes"
             if bag.lost_bytes
@@ -67,7 +67,7 @@ def _facts(recovery: Recovery) -> dict:
     return {
         "bag": recovery.path,
         "changed": recovery.changed,
-        "complete": recovery.complete,
+        "complete": bag.whole,
         "damage": bag.damage,
         "lost_bytes": bag.lost_bytes,
         "recovered": bag.recovered,

@@ -67,7 +67,7 @@ OPTIONS = (
     ),
     Option(
         "--engine",
-        ("auto", *(one for one in ENGINES if one != "auto")),
+        ENGINES,
         "what computes, with the same bits: auto is numba where it is installed and the run is "
         "long enough to be worth compiling",
     ),

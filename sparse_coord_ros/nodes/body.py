@@ -47,15 +47,16 @@ class BodyNode(Follower):
         place: where the node is made, and with what: see `Place`.
 
     Attributes:
-        arena: the bodies; None: no run has begun.
+        arena: the bodies, once a run has begun.
 
     Raises:
         SparseCoordError: a bad parameter, a body that does not fit its cells.
     """
 
+    arena: Arena
+
     def __init__(self, **place: Unpack[Place]) -> None:
         super().__init__("body", PARAMETERS["body"], **place)
-        self.arena: Arena | None = None
         self._said = time.monotonic()
         self._paths: list[list[float]] = []
         self._time_publisher: Publisher | None = None
@@ -68,52 +69,48 @@ class BodyNode(Follower):
         self._names = names
         ground = Ground(run, self.values["radius"])
         noise = Noise(self.values["wheel_noise"], self.values["pose_noise"])
-        arena = Arena(ground, len(names), run.seed, noise, self.values["period"])
-        arena.put({k: robot.start for k, robot in enumerate(run.scenario.robots)})
-        self.arena = arena
+        self.arena = Arena(ground, len(names), run.seed, noise, self.values["period"])
+        self.arena.put({k: robot.start for k, robot in enumerate(run.scenario.robots)})
         self._diagnostics = self.announce(interface.DIAGNOSTICS)
         self._pose_publishers = [self.announce(interface.POSE, name) for name in names]
         self._odometry_publishers = [self.announce(interface.ODOMETRY, name) for name in names]
         convert = Converter(run)
         read = functools.partial(read_goals, convert, names)
-        self.intake.listen(
-            interface.BODY_GOALS, functools.partial(self._on_goals, arena), read=read
-        )
+        self.intake.listen(interface.BODY_GOALS, self._on_goals, read=read)
         for k, name in enumerate(names):
-            take = functools.partial(self._on_command, arena, k)
+            take = functools.partial(self._on_command, k)
             self.intake.listen(interface.CMD_VEL, take, name, read=read_command)
             report = functools.partial(read_reached, convert, k)
-            reached = functools.partial(self._on_reached, arena)
-            self.intake.listen(interface.REACHED, reached, name, read=report)
+            self.intake.listen(interface.REACHED, self._on_reached, name, read=report)
         if self.values["body_rate"] > 0:
             seconds = self.values["period"] / self.values["body_rate"]
-            self.create_timer(seconds, functools.partial(self._on_time, arena))
-        self._say(arena, look=True)
+            self.create_timer(seconds, self._on_time)
+        self._say(look=True)
 
-    def _on_goals(self, arena: Arena, goals: Goals) -> None:
+    def _on_goals(self, goals: Goals) -> None:
         if self.values["body_rate"] == 0:
-            if arena.send(goals):
-                self._say(arena, look=True)
+            if self.arena.send(goals):
+                self._say(look=True)
         elif goals.place:
-            arena.put({goal.robot: goal.end for goal in goals.bodies})
+            self.arena.put({goal.robot: goal.end for goal in goals.bodies})
 
-    def _on_command(self, arena: Arena, robot: int, command: Command) -> None:
+    def _on_command(self, robot: int, command: Command) -> None:
         if self.values["body_rate"] > 0:
-            arena.bodies[robot].command = command
-        elif arena.told(robot, command):
-            self._say(arena, look=True)
+            self.arena.bodies[robot].command = command
+        elif self.arena.told(robot, command):
+            self._say(look=True)
 
-    def _on_reached(self, arena: Arena, reached: Reached) -> None:
-        if self.values["body_rate"] == 0 and arena.reached(reached.robot, reached.number):
-            self._say(arena, look=True)
+    def _on_reached(self, reached: Reached) -> None:
+        if self.values["body_rate"] == 0 and self.arena.reached(reached.robot, reached.number):
+            self._say(look=True)
 
-    def _on_time(self, arena: Arena) -> None:
-        arena.tick()
-        self._say(arena, look=True)
+    def _on_time(self) -> None:
+        self.arena.tick()
+        self._say(look=True)
 
-    def _say(self, arena: Arena, *, look: bool) -> None:
+    def _say(self, *, look: bool) -> None:
         """Publish where the bodies are; `look`: they are looked at anew, else as last time."""
-        self._said = time.monotonic()
+        arena, self._said = self.arena, time.monotonic()
         if look:
             self._looks = [body.seen() for body in arena.bodies]
             if self.values["paths"] and len(self._paths) < MOST_MOMENTS:
@@ -138,9 +135,8 @@ class BodyNode(Follower):
 
     def go_on(self, now: float) -> None:
         """Say again where the bodies are, where nobody drives."""
-        stands = now - self._said >= AGAIN_SECONDS
-        if self.arena is not None and stands and self.values["body_rate"] == 0:
-            self._say(self.arena, look=False)
+        if now - self._said >= AGAIN_SECONDS and self.values["body_rate"] == 0:
+            self._say(look=False)
 
     def report(self) -> None:
         """Publish how often bodies touched each other and the walls."""
@@ -150,10 +146,7 @@ class BodyNode(Follower):
 
     def summary(self) -> dict[str, Any]:
         """Return what happened, as plain data."""
-        arena = self.arena
-        if arena is None:
-            return {}
-        where = Counter(touch.where for touch in arena.touches)
+        arena, where = self.arena, Counter(touch.where for touch in self.arena.touches)
         return {
             "seconds": round(arena.seconds - BEGIN, 3),
             "touches_in_doorways": where[IN_DOORWAY],
@@ -163,7 +156,7 @@ class BodyNode(Follower):
 
     def finish(self, *, interrupted: bool) -> None:
         """Say what happened, and write the paths."""
-        if self.arena is None:
+        if self.run is None:
             return
         said = ", ".join(f"{name} {value}" for name, value in self.summary().items())
         self.get_logger().info(f"bodies: {said}")

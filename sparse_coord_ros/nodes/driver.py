@@ -55,16 +55,17 @@ class DriverNode(Follower):
         place: where the node is made, and with what: see `Place`.
 
     Attributes:
-        driver: what drives the body; None: no run has begun.
+        driver: what drives the body, once a run has begun.
 
     Raises:
         SparseCoordError: a bad parameter, a robot that the run does not have, a body that does
             not fit its cells, no tf2_msgs where tf is asked for.
     """
 
+    driver: Driver
+
     def __init__(self, *, name: str = "driver", **place: Unpack[Place]) -> None:
         super().__init__(name, PARAMETERS["driver"], **place)
-        self.driver: Driver | None = None
         self._step = 0
         self._seen = 0.0
         self._pose_time: float | None = None
@@ -141,24 +142,23 @@ class DriverNode(Follower):
         return _seconds(message.header), Pose(pose.position.x, pose.position.y, yaw)
 
     def _see(self, seen: tuple[float, Pose] | None) -> None:
-        if seen is None or self.driver is None:
+        if seen is None:
             return
         now, seconds = time.monotonic(), seen[0]
         if seconds == self._pose_time and now - self._seen < HEAP_SECONDS:
             return  # they came while this node slept: the body does not wait for an answer
         self._seen, self._stopped, self._pose_time = now, False, seconds
         self.driver.sees(*seen)
-        self._drive(self.driver)
+        self._drive()
 
     def _on_goals(self, goals: Goals) -> None:
-        if self.driver is not None:
-            self._step = goals.step
-            self.driver.take(goals)
-            self._drive(self.driver)
+        self._step = goals.step
+        self.driver.take(goals)
+        self._drive()
 
-    def _drive(self, driver: Driver) -> None:
+    def _drive(self) -> None:
         """Command what is to be done now, and report where the goal is over."""
-        command, reached = driver.next()
+        command, reached = self.driver.next()
         if command is not None:
             self._command(command)
         if reached is not None and self._reached_publisher is not None:
@@ -172,11 +172,8 @@ class DriverNode(Follower):
 
     def go_on(self, now: float) -> None:
         """Report for duty when body and poses are there; stop a body whose poses do not come."""
-        driver = self.driver
-        if driver is None:
-            return
         if self._reached_publisher is None:
-            if driver.pose is None:
+            if self.driver.pose is None:
                 self.remind(self.reminder, f"poses of {self._robot}")
             elif self._cmd_vel.get_subscription_count() == 0:
                 self.remind(self.reminder, f"a body that hears {self._cmd_vel.topic_name}")
@@ -184,7 +181,7 @@ class DriverNode(Follower):
                 self._reached_publisher = self.announce(interface.REACHED, self._robot)
             return
         limit = self.values["pose_timeout"]
-        if driver.busy and 0 < limit < now - self._seen and not self._stopped:
+        if self.driver.busy and 0 < limit < now - self._seen and not self._stopped:
             self._stopped = True
             self._command(STOP)
             self.get_logger().warning(

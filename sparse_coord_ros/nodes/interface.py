@@ -39,10 +39,6 @@ PROFILES = {
 recorder that lags."""
 STEP_QOS, LATCHED_QOS = PROFILES[Delivery.STEP], PROFILES[Delivery.LATCHED]
 
-RECORDER_QOS = _qos(RECORDER_DEPTH)
-RECORDER_LATCHED_QOS = _qos(RECORDER_DEPTH, DurabilityPolicy.TRANSIENT_LOCAL)
-"""What the recorder asks for: on its side nothing is overwritten before it is written down."""
-
 
 def message_class(type_name: str) -> Any:
     """Return the class of a type such as `std_msgs/msg/String`, or of a service or its events."""
@@ -83,6 +79,11 @@ def __getattr__(name: str) -> RosTopic:
 def recorded(owner: wire.Owner) -> tuple[RosTopic, ...]:
     """Return the topics of an owner that a recorder writes down."""
     return tuple(bind(one) for one in wire.TOPICS if one.recorded and one.owner == owner)
+
+
+def recorder_qos(topic: RosTopic) -> QoSProfile:
+    """Return what the recorder asks for: nothing is overwritten before it is written down."""
+    return _qos(RECORDER_DEPTH, topic.qos.durability)
 
 
 CLAIMS_QOS = _qos(100, DurabilityPolicy.TRANSIENT_LOCAL)

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any, Unpack
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 
@@ -273,11 +272,8 @@ class Recorder(Follower):
             def attach(said: tuple[bytes, int, str], robot: str = robot.name) -> None:
                 recording.attach_tables(robot, *said)
 
-            self.intake.listen(
-                *(interface.TABLES, attach, robot.name),
-                read=read_tables_message,
-                qos=interface.RECORDER_LATCHED_QOS,
-            )
+            tables, qos = interface.TABLES, interface.recorder_qos(interface.TABLES)
+            self.intake.listen(tables, attach, robot.name, read=read_tables_message, qos=qos)
 
     def _channel(self, topic: interface.RosTopic, name: str) -> int:
         """Register a topic and return its channel in the bag."""
@@ -292,7 +288,8 @@ class Recorder(Follower):
         if self._tap is not None and topic.tapped:
             self._tap.line(self.resolve_topic_name(name)).write = self.guarded(write)
         else:
-            self.intake.listen(topic, write, name=name, unpack=bytes, qos=_queue(topic))
+            qos = interface.recorder_qos(topic)
+            self.intake.listen(topic, write, name=name, unpack=bytes, qos=qos)
 
     def world_said(self, said: Said) -> None:
         """Go back where the world says so, and tell it; take in its time."""
@@ -377,12 +374,6 @@ class Recorder(Follower):
             with contextlib.suppress(BagError):
                 self.recording.bag.close()
         super().destroy_node()
-
-
-def _queue(topic: interface.RosTopic) -> QoSProfile:
-    """Return a profile with which nothing is pushed out before it is written down."""
-    latched = topic.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
-    return interface.RECORDER_LATCHED_QOS if latched else interface.RECORDER_QOS
 
 
 def main(args: list[str] | None = None) -> int:

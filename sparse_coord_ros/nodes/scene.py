@@ -24,9 +24,6 @@ from sparse_coord_ros.wire import OCCUPANCY, QUESTIONS, ROBOT_NAMES, WORDS, Perc
 MOST_OFTEN = 30.0
 """Scenes a second, by the wall clock."""
 
-BASE_FRAME = "base_link"
-TF_TOPIC, TF_DEPTH = "/tf", 100
-
 
 class Scene:
     """The scene as messages.
@@ -69,7 +66,7 @@ class Scene:
         found = []
         for name, cell in zip(self._names, cells, strict=True):
             one = TransformStamped(header=self._convert.header(step))
-            one.child_frame_id = f"{prefix}{name}/{BASE_FRAME}"
+            one.child_frame_id = f"{prefix}{name}/base_link"
             one.transform.translation.x, one.transform.translation.y = self._convert.centres[cell]
             found.append(one)
         return found
@@ -162,7 +159,7 @@ class ScenePublisher:
         except ImportError:
             return
         self._message = TFMessage
-        self._tf = node.create_publisher(TFMessage, TF_TOPIC, QoSProfile(depth=TF_DEPTH))
+        self._tf = node.create_publisher(TFMessage, "/tf", QoSProfile(depth=100))
 
     def publish(self, step: int, cells: Sequence[int], *, always: bool = False) -> None:
         """Publish the scene, unless the last one is too young; `always`: even then."""

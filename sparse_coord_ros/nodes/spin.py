@@ -182,7 +182,10 @@ def spin_nodes(
     try:
         for node in nodes:
             executor.add_node(node)
-        while not (_failed(nodes) or until()):
+        while not until():
+            for node in nodes:
+                if isinstance(node, ParameterNode) and node.failure is not None:
+                    raise node.failure
             turn = Future()
             executor.spin_until_future_complete(turn, timeout_sec=2 * LOOK_SECONDS)
     finally:
@@ -190,13 +193,6 @@ def spin_nodes(
         for node in nodes:
             executor.remove_node(node)
         executor.shutdown()
-
-
-def _failed(nodes: Sequence[Node]) -> bool:
-    for node in nodes:
-        if isinstance(node, ParameterNode) and node.failure is not None:
-            raise node.failure
-    return False
 
 
 def wait_for_readers(publishers: Iterable[Publisher]) -> None:

@@ -14,9 +14,6 @@ from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.messages import Converter, goals_message, read_reached
 from sparse_coord_ros.nodes.parameters import ParameterNode
 
-DRIVER = "driver"
-"""The executable that drives a body."""
-
 
 class WorldBodies:
     """Sends bodies and hears of them; the port of `BodiesSide`.
@@ -53,7 +50,7 @@ class WorldBodies:
     def missing(self) -> list[str]:
         """Return the commands that start the drivers that are not there yet."""
         return [
-            f"{DRIVER} --ros-args -p robot:={name}"
+            f"driver --ros-args -p robot:={name}"
             for name, heard in zip(self._names, self._subscriptions, strict=True)
             if heard.get_publisher_count() == 0
         ]

@@ -23,6 +23,7 @@ from sparse_coord_ros.learn.run_config import RUN_FILE
 from sparse_coord_ros.learn.tables import TEAM_FILE, robot_file
 from sparse_coord_ros.lockstep.waiting import REPEAT_SECONDS, Silence
 from sparse_coord_ros.lockstep.world_side import WorldSide
+from sparse_coord_ros.nodes.follower import REPORT_SECONDS, TICK_SECONDS
 from sparse_coord_ros.nodes.guard import Guard
 from sparse_coord_ros.nodes.outputs import SUMMARY_FILE, Output, resumed_run
 from sparse_coord_ros.nodes.parameters import (
@@ -39,9 +40,6 @@ from sparse_coord_ros.nodes.world_bodies import WorldBodies
 from sparse_coord_ros.nodes.world_speed import WorldSpeed
 from sparse_coord_ros.nodes.world_topics import WorldTopics
 from sparse_coord_ros.wire import WORLD, services
-
-TICK_SECONDS = 0.02
-REPORT_SECONDS = 1.0
 
 
 class WorldSimulator(ParameterNode):

@@ -234,7 +234,7 @@ def test_sequence_numbers_and_foreign_types_are_carried_over(tmp_path):
     for sequence in (5, 7, 6):
         writer.write(channel, b"\0\1\0\0x", 1, 2, sequence)
     writer.abandon()
-    assert recover(tmp_path / "run").complete
+    assert recover(tmp_path / "run").bag.whole
     bag = open_bag(tmp_path / "run")
     assert bag.topics == {"/a": topic}
     assert [message.sequence for message in bag.messages()] == [5, 7, 6]

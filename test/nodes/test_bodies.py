@@ -119,7 +119,7 @@ def test_poses_that_came_while_a_driver_slept_are_no_complaint(bench, tmp_path):
     bench.spin_until(lambda: world.lockstep.world.transitions > 1, "under way")
     taken = []
     drivers[0].driver = SimpleNamespace(sees=lambda *said: taken.append(said), next=lambda: (0, 0))
-    drivers[0]._drive = lambda driver: None
+    drivers[0]._drive = lambda: None
     for seconds in (7.0, *[7.1] * 9, 7.2):
         drivers[0]._see((seconds, Pose(0.0, 0.0, 0.0)))
     assert [seconds for seconds, _ in taken] == [7.0, 7.1, 7.2]
@@ -286,7 +286,7 @@ def test_poses_from_transforms(bench):
     """The classes of tf2_msgs are not in the wheels: what they hold is given as it is."""
     bench.world(bodies=True)
     driver = bench.add(DriverNode(context=bench.place()[0], values={"robot": "robot_1"}))
-    bench.spin_until(lambda: driver.driver is not None, "the run is known")
+    bench.spin_until(lambda: driver.presence is not None, "the run is known")
 
     def transform(parent, child, x, seconds):
         stamp = SimpleNamespace(sec=seconds, nanosec=0)
@@ -327,7 +327,7 @@ def test_a_body_whose_poses_stop_is_stopped(bench):
     observer = bench.observer()
     commands = observer.listen(Twist, "robot_1/cmd_vel")
     poses = observer.create_publisher(PoseStamped, "robot_1/pose", 10)
-    bench.spin_until(lambda: driver.driver is not None, "the run is known")
+    bench.spin_until(lambda: driver.presence is not None, "the run is known")
     bench.spin_until(lambda: poses.get_subscription_count() > 0, "poses are heard")
     pose = PoseStamped()
     pose.header.frame_id, pose.header.stamp.sec = "odom", 1
