@@ -21,7 +21,6 @@ FOLLOWED = 10
 """Episodes in the picture, the first ones."""
 
 DPI = 110
-KINDS = (".png", ".svg", ".pdf")
 
 EXAMPLE = (
     "sparse_coord train env1 --out runs/a && sparse_coord drive runs/a --episodes 20 --out a.png"
@@ -65,7 +64,7 @@ OPTIONS = (
 def execute(options: argparse.Namespace) -> int:
     """Run the verb."""
     episodes, seed = options.episodes, options.seed
-    kind = "" if options.out is None else pictures.check_out(options.out, KINDS)
+    kind = "" if options.out is None else pictures.check_out(options.out, pictures.KINDS)
     given = DRIVE_SETTINGS.parse(parse_assignments(options.assignments))
     values = {**DRIVE_SETTINGS.defaults(), **given}
     run = load_run(options.directory)

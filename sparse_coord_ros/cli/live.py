@@ -8,10 +8,10 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager, nullcontext
+from collections.abc import Collection, Mapping
+from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import IO, TYPE_CHECKING, Any, TypeAlias
 
 import yaml
 from rclpy.logging import LoggingSeverity, set_logger_level
@@ -70,11 +70,11 @@ def run(
             return run_team(values, context=context, stop=lambda: bool(stop), page=page)
 
 
-@contextmanager
-def sole_team() -> Iterator[None]:
-    """Hold this machine's ROS domain: of two teams started at once one is refused as a whole.
+def sole_team() -> IO[str]:
+    """Hold this machine's ROS domain, until the file that is returned is closed.
 
-    Node by node their claims would give each of them some of the names.
+    Of two teams started at once one is refused as a whole: node by node their claims would give
+    each of them some of the names.
 
     Raises:
         RunError: another `sparse_coord run` of this user has it.
@@ -82,14 +82,12 @@ def sole_team() -> Iterator[None]:
     domain = os.environ.get("ROS_DOMAIN_ID", "0")
     name = f"sparse_coord_{os.getuid()}_domain_{domain}"
     try:
-        holder = hold(Path(tempfile.gettempdir()) / name)
+        return hold(Path(tempfile.gettempdir()) / name)
     except HeldError as error:
         raise RunError(
             f"ROS domain {domain}: {error} runs a team in it; wait for its end, or choose another "
             "ROS_DOMAIN_ID"
         ) from None
-    with holder:
-        yield
 
 
 def _run_processes(values: dict[str, Any], stop: Stop, quiet: bool) -> dict[str, Any]:

@@ -24,7 +24,6 @@ from sparse_coord_ros.solve.reference import shortest_path_reference
 from sparse_coord_ros.solve.shipped import ClassBound, shipped_best_team, shipped_class_bound
 
 SEED = RUN_SETTINGS["seed"]
-PICTURES = (".png", ".pdf", ".svg")
 OF_THE_SEARCH = ("restarts", "seed", "out", "picture")
 
 EXAMPLE = "sparse_coord optimum env1 --penalty -100"
@@ -92,7 +91,7 @@ def _class_bound(options: argparse.Namespace, scenario: Scenario) -> int:
     if options.out is not None:
         pictures.check_out(options.out)
     if picture is not None:
-        pictures.check_out(picture, PICTURES, "--picture")
+        pictures.check_out(picture, pictures.KINDS, "--picture")
 
     bar = Bar("restarts", quiet=options.json)
     with bar:

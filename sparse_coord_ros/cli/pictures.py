@@ -12,6 +12,9 @@ from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.errors import RunError, SettingError
 from sparse_coord_ros.files import PARTIAL, write_whole
 
+KINDS = (".png", ".svg", ".pdf")
+"""How the names of pictures end."""
+
 LONGEST_NAME = 255
 """Bytes of a file's name, on common file systems."""
 

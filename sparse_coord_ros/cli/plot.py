@@ -10,7 +10,6 @@ from sparse_coord_ros.cli import pictures
 from sparse_coord_ros.cli.options import Option
 from sparse_coord_ros.game.settings import Setting
 
-KINDS = (".png", ".svg", ".pdf")
 DPI = Setting("dpi", int, 110, "dots an inch of a PNG", low=20, high=600)
 
 EXAMPLE = "sparse_coord plot runs/demo --what policy,length --out demo.png"
@@ -31,14 +30,14 @@ OPTIONS = (
         "asks, or an experiment's name; several with commas (default: all there is)",
     ),
     DPI,
-    pictures.out_option(KINDS),
+    pictures.out_option(pictures.KINDS),
     shared.JSON,
 )
 
 
 def execute(options: argparse.Namespace) -> int:
     """Run the verb."""
-    kind = pictures.check_out(options.out, KINDS)
+    kind = pictures.check_out(options.out, pictures.KINDS)
     with pictures.drawing():
         from sparse_coord_ros.experiments.report.charts import rendered
         from sparse_coord_ros.look import figures

@@ -11,6 +11,8 @@ from sparse_coord_ros.errors import SettingError
 
 NAMES = {"bag": "BAG", "rate": "--rate", "position": "--start", "topics": "--topics"}
 """What the player's parameters are called here."""
+PARAMETER = re.compile(r"^(?:node player: )?parameter (\w+)")
+"""What names one at the begin of an error."""
 
 EXAMPLE = "sparse_coord replay runs/demo/bag --rate 2 --start 12.5"
 
@@ -58,14 +60,7 @@ def execute(options: argparse.Namespace) -> int:
         try:
             return Player(context=context, values=values, keyboard=True)
         except SettingError as error:
-            raise SettingError(_as_typed(str(error))) from None
+            text = PARAMETER.sub(lambda found: NAMES.get(found[1], found[1]), str(error))
+            raise SettingError(text) from None
 
     return run_node(make, [])
-
-
-def _as_typed(text: str) -> str:
-    """Name the option instead of the node's parameter that has its value."""
-    found = re.match(r"(?:node player: )?parameter (\w+)", text)
-    if found is None:
-        return text
-    return NAMES.get(found[1], found[1]) + text[found.end() :]

@@ -89,7 +89,7 @@ def _run(
     if options.json:
         shared.print_json({"directory": str(out), **summary})
     else:
-        _print(out, summary)
+        _print(out, summary, resumed=options.resume is not None)
     if not summary["interrupted"] and not (out / TEAM_FILE).exists():
         sys.stdout.flush()
         raise RunError(
@@ -121,10 +121,13 @@ def _begin(options: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
     return out, {**values, "out": str(out)}
 
 
-def _print(out, summary) -> None:
+def _print(out, summary, *, resumed: bool) -> None:
+    pace = summary.get("steps_per_second", 0)
+    how = f"in {summary.get('seconds', 0)} s: {pace} steps/s"
+    if resumed and not pace and not summary["interrupted"]:
+        how = "made before: the run was finished already"
     print(
-        f"\n{summary.get('transitions', 0)} steps in {summary.get('seconds', 0)} s: "
-        f"{summary.get('steps_per_second', 0)} steps/s, {summary.get('episodes', 0)} episodes, "
+        f"\n{summary.get('transitions', 0)} steps {how}, {summary.get('episodes', 0)} episodes, "
         f"{summary.get('timeouts', 0)} timeouts"
     )
     if summary.get("transitions_dropped"):

@@ -186,13 +186,11 @@ class BodiesSide:
         self._go_on()
         return not self._under_way
 
-    def give_up(self) -> list[int]:
-        """Count the bodies that are waited for as not moved, and return whose they are."""
-        late = self.waiting
-        for k in late:
+    def give_up(self) -> None:
+        """Count the bodies that are waited for as not moved."""
+        for k in self.waiting:
             self._settle(self._under_way.pop(k), LOST)
         self._go_on()
-        return late
 
     def _settle(self, goal: BodyGoal, cell: int) -> None:
         self.failed += cell != goal.end

@@ -65,8 +65,7 @@ class BodyNode(Follower):
 
     def begin(self, run: RunConfig) -> None:
         """Put the bodies at the scenario's starts."""
-        names = [robot.name for robot in run.scenario.robots]
-        self._names = names
+        names = self._names = [robot.name for robot in run.scenario.robots]
         ground = Ground(run, self.values["radius"])
         noise = Noise(self.values["wheel_noise"], self.values["pose_noise"])
         self.arena = Arena(ground, len(names), run.seed, noise, self.values["period"])

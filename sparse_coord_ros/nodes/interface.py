@@ -17,7 +17,6 @@ from sparse_coord_ros import wire
 from sparse_coord_ros.wire import Delivery, services
 
 STEP_DEPTH = 10_000
-RECORDER_DEPTH = 10_000
 
 
 def _qos(depth: int, durability: DurabilityPolicy = DurabilityPolicy.VOLATILE) -> QoSProfile:
@@ -83,7 +82,7 @@ def recorded(owner: wire.Owner) -> tuple[RosTopic, ...]:
 
 def recorder_qos(topic: RosTopic) -> QoSProfile:
     """Return what the recorder asks for: nothing is overwritten before it is written down."""
-    return _qos(RECORDER_DEPTH, topic.qos.durability)
+    return _qos(STEP_DEPTH, topic.qos.durability)
 
 
 CLAIMS_QOS = _qos(100, DurabilityPolicy.TRANSIENT_LOCAL)

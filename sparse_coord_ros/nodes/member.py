@@ -24,7 +24,6 @@ from sparse_coord_ros.nodes.follower import Follower
 from sparse_coord_ros.nodes.guard import Guard
 from sparse_coord_ros.nodes.messages import (
     Converter,
-    progress_message,
     robot_number,
     status,
     tables_message,
@@ -111,7 +110,7 @@ class Member:
 
     def _say_progress(self) -> None:
         """Tell the world which checkpoints there are."""
-        self._progress.publish(progress_message(self._name, self._back.progress()))
+        self._progress.publish(status(self._name, "progress", self._back.progress().values()))
 
     def world_said(self, said: Said) -> None:
         """Take in what the world says: an order to go back, and how far it is."""

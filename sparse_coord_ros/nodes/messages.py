@@ -20,7 +20,6 @@ from sparse_coord_ros.lockstep.bodies import LOST, BodyGoal, Goals, Reached
 from sparse_coord_ros.nodes.interface import bind
 from sparse_coord_ros.wire import BODY_GOALS, GOAL_LABELS, MAP_FRAME, REACHED, RUN, ClaimRank
 from sparse_coord_ros.wire.messages import Messages, read_labelled
-from sparse_coord_ros.wire.status import Progress
 
 
 class Converter(Messages):
@@ -72,11 +71,6 @@ def robot_number(run: RunConfig, name: str, remedy: str) -> int:
             f"{did_you_mean(name, names)}; its robots are {', '.join(names)}; {remedy}"
         )
     return names.index(name)
-
-
-def progress_message(name: str, said: Progress) -> DiagnosticStatus:
-    """Return what a robot says of its checkpoints as a message."""
-    return status(name, "progress", said.values())
 
 
 def goals_message(convert: Converter, goals: Goals, names: Sequence[str]) -> JointState:

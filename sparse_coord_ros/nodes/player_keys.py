@@ -49,7 +49,9 @@ class Keyboard:
         if not (self.there and self._in_front()):
             return []
         try:
-            self._prepare()
+            # Keys without Enter or echo; again after the shell had the terminal.
+            if termios.tcgetattr(self._descriptor)[tty.LFLAG] & termios.ICANON:
+                tty.setcbreak(self._descriptor, termios.TCSADRAIN)
             waits = select.select([self._descriptor], [], [], 0)[0]
             typed = os.read(self._descriptor, 1024) if waits else b""
         except (OSError, termios.error):  # the terminal is gone
@@ -64,11 +66,6 @@ class Keyboard:
         if before is not None and self._in_front():
             with contextlib.suppress(termios.error):  # it is gone by now
                 termios.tcsetattr(self._descriptor, termios.TCSADRAIN, before)
-
-    def _prepare(self) -> None:
-        """Have keys without Enter or echo; again after the shell had the terminal."""
-        if termios.tcgetattr(self._descriptor)[tty.LFLAG] & termios.ICANON:
-            tty.setcbreak(self._descriptor, termios.TCSADRAIN)
 
     def _in_front(self) -> bool:
         try:

@@ -24,12 +24,7 @@ from sparse_coord_ros.errors import BagError, RunError, SparseCoordError
 from sparse_coord_ros.learn.run_config import MAP_FILE, RUN_RECORD, RunConfig, bag_files
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.follower import Follower
-from sparse_coord_ros.nodes.messages import (
-    Converter,
-    progress_message,
-    read_tables_message,
-    status,
-)
+from sparse_coord_ros.nodes.messages import Converter, read_tables_message, status
 from sparse_coord_ros.nodes.parameters import PARAMETERS, Place
 from sparse_coord_ros.nodes.spin import run_node
 from sparse_coord_ros.wire import NODE, RECORDER, ROBOT, TEAM, WORLD
@@ -298,8 +293,8 @@ class Recorder(Follower):
             return
         if said.order.name:
             recording.go_back(said.order)
-            progress = Progress("", 0, 0, (), recording.obeyed)
-            self._progress_publisher.publish(progress_message(RECORDER, progress))
+            progress = Progress("", 0, 0, (), recording.obeyed).values()
+            self._progress_publisher.publish(status(RECORDER, "progress", progress))
         sec, nanosec = recording.convert.stamp(said.step)
         recording.said_ns = max(recording.said_ns, sec * SECOND + nanosec)
 

@@ -71,7 +71,7 @@ def test_the_shipped_one_stands_beside_a_search(sparse_coord):
         (["env2-4r", "--class"], ["env2-4r has 4 robots, allowed: 2", "leave out --class"]),
         (["env1", "--restarts", "3"], ["--restarts", "add --class"]),
         (["env1", "--class", "--restarts", "0"], ["setting restarts: value is '0'", "from 1"]),
-        (["env1", "--class", "--picture", "a.bmp"], ["--picture a.bmp", ".png, .pdf, .svg"]),
+        (["env1", "--class", "--picture", "a.bmp"], ["--picture a.bmp", ".png, .svg, .pdf"]),
         (["missing.yaml"], ["scenario 'missing.yaml'", "give the path"]),
     ],
 )

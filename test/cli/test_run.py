@@ -56,6 +56,21 @@ def test_a_run_whose_tables_could_not_be_saved_is_not_said_to_be_unfinished(
     )
 
 
+def test_a_run_that_was_finished_already_is_said_to_be(sparse_coord, folder, monkeypatch):
+    """Of nodes that were started by hand the checkpoints stay, so that it can be resumed."""
+
+    def run(values, **more):
+        (folder / "out").mkdir()
+        (folder / "out" / "tables.npz").touch()
+        return {"interrupted": False, "transitions": 5, "seconds": 0.1, "steps_per_second": 0.0}
+
+    monkeypatch.setattr("sparse_coord_ros.cli.live.run", run)
+    code, printed, _ = sparse_coord("run", "--resume", "out")
+    assert code == 0
+    assert "5 steps made before: the run was finished already, " in printed
+    assert "steps/s" not in printed
+
+
 @pytest.mark.parametrize("number", [signal.SIGTERM])
 @pytest.mark.parametrize("moment", ["the run's last", "show_end", "next_wish"])
 def test_a_signal_ends_a_watched_run_in_whichever_moment(

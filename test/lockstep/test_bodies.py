@@ -98,7 +98,8 @@ def test_who_does_not_report_has_not_moved(placed):
     world, side, port = placed
     before = list(world.cells)
     side.reached(Reached(0, 2, LOST, False, 9.0, 0.0))
-    assert side.give_up() == [1]
+    assert side.waiting == [1]
+    side.give_up()
     assert side.made(SOUTHWARD)
     world.advance(SOUTHWARD)
     assert world.cells == before and side.lost == 2

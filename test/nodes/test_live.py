@@ -31,6 +31,6 @@ def test_a_world_that_all_robots_have_left_is_ended(tmp_path, monkeypatch, capsy
     monkeypatch.setattr(live, "_end", ended.extend)
     left, there = (SimpleNamespace(poll=lambda code=code: code) for code in (0, None))
     processes = {"world_simulator": there, "robot_1": left, "robot_2": left}
-    assert live._wait(processes, None, tmp_path / "bag", False)
+    assert live._wait(processes, tmp_path / "bag", False)
     assert ended == list(processes.values())
     assert "all robots have left" in capsys.readouterr().err

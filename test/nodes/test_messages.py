@@ -22,7 +22,6 @@ from sparse_coord_ros.learn.agent import initial_tables
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.nodes.messages import (
     Converter,
-    progress_message,
     read_claim,
     read_tables_message,
     status,
@@ -166,10 +165,10 @@ def test_status_comes_back():
 
 def test_progress_comes_back_and_none_is_beyond_any_run():
     said = Progress("life", 40, 39, (0, 20), "order", True)
-    assert read_progress(progress_message("robot_1", said)) == said
+    assert read_progress(status("robot_1", "progress", said.values())) == said
     for bad in ({"step": -1}, {"step": 10**12}, {"transitions": 10**30}, {"checkpoints": (0, -5)}):
         with pytest.raises(ValueError, match="no run comes there"):
-            read_progress(progress_message("robot_1", said._replace(**bad)))
+            read_progress(status("robot_1", "progress", said._replace(**bad).values()))
 
 
 def test_a_claim_says_who_and_how_far():

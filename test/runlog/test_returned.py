@@ -10,7 +10,7 @@ from sparse_coord_ros.bags import BagWriter, QoS
 from sparse_coord_ros.bags.reader import open_bag
 from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.learn.tables import pack_tables, unpack_robot
-from sparse_coord_ros.nodes.messages import progress_message
+from sparse_coord_ros.nodes.messages import status
 from sparse_coord_ros.runlog import verify
 from sparse_coord_ros.wire.status import Progress
 
@@ -44,7 +44,7 @@ def returned(good, tmp_path):
             for one in bag.messages():
                 while due and one.log_time_ns > due[0][0] * period:
                     step, progress = due.pop(0)
-                    data = serialize_message(progress_message("robot_2", progress))
+                    data = serialize_message(status("robot_2", "progress", progress.values()))
                     new.write(own, data, step * period, step * period)
                 new.write(places[one.topic], one.data, one.log_time_ns, one.publish_time_ns)
             last = [one.name for one in bag.attachments if one.name.startswith(f"tables/{other}")]
