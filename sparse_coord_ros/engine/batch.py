@@ -545,7 +545,7 @@ def make_problem(
         members: numbers of the robots that move.
     """
     grid, robots = scenario.map, scenario.robots
-    free = [np.flatnonzero(grid.distances_to(robot.goal) > 0) for robot in robots]
+    free = [grid.leading_to(robot.goal) for robot in robots]
     start_cells = np.zeros((len(robots), max(map(len, free))), dtype=np.int64)
     for k, choices in enumerate(free):
         start_cells[k, : len(choices)] = choices

@@ -24,3 +24,6 @@ ACTIONS = (*MOVES, "coordinate")
 
 STAY = PRIMITIVES
 """In place of a move: what a step comes to that leaves a robot where it is."""
+
+OUTCOMES = PRIMITIVES + 1
+"""What a step can come to: each move, and `STAY`: a move failed, or the robot has arrived."""

@@ -111,6 +111,10 @@ class GridMap:
                     queue.append(int(y))
         return distance
 
+    def leading_to(self, goal: int) -> np.ndarray:
+        """Return the cells with a way to `goal`, but the goal itself: shape (n,), ascending."""
+        return np.flatnonzero(self.distances_to(goal) > 0)
+
     def to_text(self) -> str:
         """Return the map as the text of a map file; `parse_map` reads it back."""
         said: dict[str, Any] = {name: getattr(self, name) for name in HEADER_TEXTS}

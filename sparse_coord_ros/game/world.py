@@ -5,6 +5,7 @@
 The world simulator node, the simulation without ROS and the evaluation all step this one object.
 """
 
+import functools
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -159,7 +160,7 @@ class World:
         self._exploring = None
         if phase == LEARNING:
             self._exploring = probabilities(scenario.starts, scenario.steps)
-        self._random_cells: dict[int, list[int]] = {}
+        self._start_cells = functools.cache(lambda k: scenario.map.leading_to(self._goals[k]))
         self._penalties = scenario.penalties
         self._begin_here()
 
@@ -251,12 +252,5 @@ class World:
         for k in self.agents:
             coin, place = self._start[k].at(self.step)
             if coin < share:
-                free = self._cells_with_a_way(k)
-                self.cells[k] = free[int(place * len(free))]
-
-    def _cells_with_a_way(self, k: int) -> list[int]:
-        """Return the cells from which agent k's goal can be reached, the goal itself left out."""
-        if k not in self._random_cells:
-            distances = self.scenario.map.distances_to(self._goals[k]).tolist()
-            self._random_cells[k] = [x for x, moves in enumerate(distances) if moves > 0]
-        return self._random_cells[k]
+                free = self._start_cells(k)
+                self.cells[k] = int(free[int(place * len(free))])

@@ -309,19 +309,14 @@ class Agent:
         if not self.learning:
             return
         cell, decision, action, perceived = choice
-        q_star, q_coord = self._tables.q_star, self._coord
         total = weighed(reward, self.weights)
         at_goal = next_cell == self.goal
         bootstrap = self._goal_value if at_goal else self.bootstrap(next_cell, step)
         if perceived is not None:
             entry = (cell, *perceived, action.move)
-            alpha = self.step_size_of(self.coord_updates, entry, step)
-            value = float(q_coord[entry])
-            q_coord[entry] = updated(value, alpha, total, self.discount, bootstrap)
+            self.update(self._coord, self.coord_updates, entry, step, total, bootstrap)
         entry = (cell, decision.action)
-        alpha = self.step_size_of(self.star_updates, entry, step)
-        value = float(q_star[entry])
-        q_star[entry] = updated(value, alpha, total, self.discount, bootstrap)
+        self.update(self._tables.q_star, self.star_updates, entry, step, total, bootstrap)
 
     def bootstrap(self, cell: int, step: int) -> float:
         """Return what it expects from a cell on, which is not its goal: max_b Q*(cell, b).
@@ -364,22 +359,31 @@ class Agent:
                     q_coord[*state, move] = values[move]
                     self.coord_updates[*state, move] = count
 
-    def step_size_of(
-        self, updates: np.ndarray | Counter[tuple[int, ...]], entry: tuple[int, ...], step: int
-    ) -> float:
-        """Count an update of a table entry and return its step size alpha.
+    def update(
+        self,
+        table: Any,
+        updates: np.ndarray | Counter[tuple[int, ...]],
+        entry: tuple[int, ...],
+        step: int,
+        reward: float,
+        bootstrap: float,
+    ) -> None:
+        """Update an entry of a table by QLUpdate, with the step size of its count.
 
         Args:
-            updates: the counts: `star_updates` or `coord_updates`.
+            table: Q* or Q^C.
+            updates: its counts: `star_updates` or `coord_updates`.
             entry: index of the entry.
             step: the time step t.
+            reward: R_k(t), weighed.
+            bootstrap: what the next cell is worth.
         """
         count = int(updates[entry]) + 1
         updates[entry] = count
         by_count, by_step = self._step_sizes
         last = len(by_count) - 1
-        floor = float(by_step[min(step, last)])
-        return step_size(float(by_count[min(count, last)]), floor)
+        alpha = step_size(float(by_count[min(count, last)]), float(by_step[min(step, last)]))
+        table[entry] = updated(float(table[entry]), alpha, reward, self.discount, bootstrap)
 
 
 class TableMinds(NamedTuple):

@@ -52,30 +52,40 @@ def pack(run: str, arrays: Mapping[str, np.ndarray]) -> bytes:
     return archive.pack({**arrays, "run": np.array(run)}, compressed=False)
 
 
-def unpack(data: bytes, run: str, *, where: str, said: str) -> dict[str, np.ndarray]:
+def broken(path: Path, problem: object) -> BrokenCheckpointError:
+    """Return the error for a checkpoint that cannot be read."""
+    return BrokenCheckpointError(
+        f"{path}: cannot be read as a checkpoint ({problem}); begin the run anew"
+    )
+
+
+def read(path: Path, run: str, *, said: str) -> dict[str, np.ndarray]:
     """Return the arrays of a checkpoint.
 
     Args:
-        data: its bytes.
+        path: its file.
         run: the digest of the run that is to go on.
-        where: its file.
         said: the run in words.
 
     Raises:
         BrokenCheckpointError: it cannot be read, or does not fit its digest.
         RunError: it is of another run or version.
     """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise broken(path, error.strerror) from None
     how = {"what": "a checkpoint", "remedy": "begin the run anew"}
-    arrays, version = archive.unpack(data, where=where, error=BrokenCheckpointError, **how)
+    arrays, version = archive.unpack(data, where=str(path), error=BrokenCheckpointError, **how)
     found = str(arrays.pop("run", ""))
     if version != __version__:
         raise RunError(
-            f"{where}: was written by version {version} of sparse_coord_ros, this is "
+            f"{path}: was written by version {version} of sparse_coord_ros, this is "
             f"{__version__}; go on with that version, or begin the run anew"
         )
     if found != run:
         raise RunError(
-            f"{where}: is the checkpoint of another run than this one ({said}); go on with the "
+            f"{path}: is the checkpoint of another run than this one ({said}); go on with the "
             "scenario, its settings, the learner and the seed that it began with"
         )
     return arrays
@@ -158,24 +168,16 @@ def load_checkpoint(path: Path, scenario: Scenario, learner: Learner, seed: int)
     Raises:
         RunError: there is none, it cannot be read, or it is that of another run.
     """
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError:
+    if not path.exists():
         raise RunError(
             f"{path}: there is no such file; only a run that was interrupted can be resumed"
-        ) from None
-    except OSError as error:
-        raise BrokenCheckpointError(
-            f"{path}: cannot be read as a checkpoint ({error.strerror}); begin the run anew"
-        ) from None
+        )
     said = f"learner {learner.label}, seed {seed}"
-    arrays = unpack(data, _digest(scenario, learner, seed), where=str(path), said=said)
+    arrays = read(path, _digest(scenario, learner, seed), said=said)
     try:
         return _from(arrays, scenario, learner)
     except (KeyError, ValueError, IndexError, TypeError) as error:
-        raise BrokenCheckpointError(
-            f"{path}: cannot be read as a checkpoint ({error}); begin the run anew"
-        ) from None
+        raise broken(path, error) from None
 
 
 def _from(file: Mapping[str, np.ndarray], scenario: Scenario, learner: Learner) -> Checkpoint:

@@ -16,7 +16,6 @@ from sparse_coord_ros.game.links import Percepts
 from sparse_coord_ros.game.perception import succeeds
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.world import (
-    SUM_OF_PARTS,
     UNKNOWN_PARTNERS,
     Reward,
     RewardWeights,
@@ -94,11 +93,8 @@ class FactoredAgent(Agent):
 
     Args:
         rule: the parts of the rule.
-        tables: tables to go on from, with their factors; initial ones where None.
+        tables: tables to begin with, with their factors.
         others: as of `Agent`.
-
-    Raises:
-        SettingError: COORDINATE does not perceive every peer.
     """
 
     def __init__(
@@ -108,28 +104,23 @@ class FactoredAgent(Agent):
         seed: int,
         *,
         rule: factors.FactorRule,
-        weights: RewardWeights = SUM_OF_PARTS,
-        tables: Tables | None = None,
+        tables: Tables,
         phase: int = streams.LEARNING,
-        **others: bool,
+        **others: Any,
     ) -> None:
-        begun = initial_factored(scenario, weights) if tables is None else tables
-        super().__init__(
-            scenario, number, seed, weights=weights, tables=begun, phase=phase, **others
-        )
-        if begun.factors is None:
-            raise ValueError("tables without factors")
+        super().__init__(scenario, number, seed, tables=tables, phase=phase, **others)
+        assert tables.factors is not None
         self._cells, self._robots = len(scenario.map.cells), len(scenario.robots)
-        self._rule, self._terms = rule, terms_of(scenario, self.goal, weights)
+        self._rule, self._terms = rule, terms_of(scenario, self.goal, self.weights)
         self._right_of_way = rule.right_of_way and self._robots > 2
-        known, nothing = begun.factors, np.zeros((self._cells, PRIMITIVES), dtype=np.int64)
+        known, nothing = tables.factors, np.zeros((self._cells, PRIMITIVES), dtype=np.int64)
         arrays = (*known[:3], nothing, nothing, nothing, np.empty(0, dtype=np.int64))
         more = dict(zip(REMEMBERED, arrays, strict=True))
-        updates = np.zeros(begun.q_star.shape, dtype=np.int64)
+        updates = np.zeros(tables.q_star.shape, dtype=np.int64)
         no_counts = np.zeros(known.corrections.shape, dtype=np.int64)
         self._rho: dict[int, list[float]] = {}
         self.go_on_from(
-            Memory(begun.q_star, updates, known.states, known.corrections, no_counts, more)
+            Memory(tables.q_star, updates, known.states, known.corrections, no_counts, more)
         )
         self._by_count = self._step_sizes.by_count.tolist()
         self._floor = self._step_sizes.by_step.tolist()

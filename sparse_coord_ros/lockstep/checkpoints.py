@@ -18,12 +18,13 @@ from sparse_coord_ros.errors import RunError, os_error_text
 from sparse_coord_ros.files import PARTIAL, HeldError, hold, write_whole
 from sparse_coord_ros.learn.checkpoint import (
     BrokenCheckpointError,
+    broken,
     memory_arrays,
     memory_from,
     pack,
     position_arrays,
     positions_from,
-    unpack,
+    read,
 )
 from sparse_coord_ros.learn.history import history_from
 from sparse_coord_ros.learn.run_config import RunConfig
@@ -133,7 +134,7 @@ class Checkpoints(Store):
         try:
             return self._state(step, self._read(step))
         except (KeyError, ValueError, IndexError, TypeError) as error:
-            raise _broken(self._path(step), str(error)) from None
+            raise broken(self._path(step), error) from None
 
     def _arrays(self, state: WorldState | RobotState) -> dict[str, np.ndarray]:
         """Return a state as named arrays; its step is in the file's name."""
@@ -177,17 +178,7 @@ class Checkpoints(Store):
     def _read(self, step: int) -> dict[str, np.ndarray]:
         path, run = self._path(step), self._run
         said = f"{run.scenario.name}, learner {run.learner}, seed {run.seed}"
-        try:
-            data = path.read_bytes()
-        except OSError as error:
-            raise _broken(path, error.strerror or str(error)) from None
-        return unpack(data, run.digest, where=str(path), said=said)
-
-
-def _broken(path: Path, problem: str) -> BrokenCheckpointError:
-    return BrokenCheckpointError(
-        f"{path}: cannot be read as a checkpoint ({problem}); begin the run anew"
-    )
+        return read(path, run.digest, said=said)
 
 
 def steps_of(folder: Path, node: str) -> list[int]:

@@ -13,10 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sparse_coord_ros.compiling import has_numba, inner, jit
-from sparse_coord_ros.game.actions import PRIMITIVES, STAY
-
-OUTCOMES = PRIMITIVES + 1
-"""What a step can come to: each move, and `STAY`: a move failed, or the robot has arrived."""
+from sparse_coord_ros.game.actions import OUTCOMES, PRIMITIVES, STAY
 
 ASK_AS_NOW = 2 * PRIMITIVES
 OPTIONS = ASK_AS_NOW + 1

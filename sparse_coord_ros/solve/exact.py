@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sparse_coord_ros.errors import SettingError
-from sparse_coord_ros.game.actions import COORDINATE, PRIMITIVES, STAY
+from sparse_coord_ros.game.actions import COORDINATE, OUTCOMES, PRIMITIVES, STAY
 from sparse_coord_ros.game.links import check_up
 from sparse_coord_ros.game.miscoordination import meeting_places, together
 from sparse_coord_ros.game.perception import percept_probabilities
@@ -48,9 +48,6 @@ MOST_ROBOTS = 2
 CHOOSING = ("decide", "act", "coordinate", "values_asking")
 """How an agent chooses, beside its `values`: an agent of the user's own that changes one of these
 acts by a rule that its tables do not say."""
-
-OUTCOMES = PRIMITIVES + 1
-"""What a step can come to: each move, and `STAY`."""
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sparse_coord_ros.compiling import has_numba, inner, jit
-from sparse_coord_ros.game.actions import PRIMITIVES, STAY
+from sparse_coord_ros.game.actions import OUTCOMES, STAY
 
 
 class Pair(NamedTuple):
@@ -119,11 +119,11 @@ def carry(
             x, z = state // cells, state % cells
             acts(pair, sums, 0, x, p, factor)
             acts(pair, sums, 1, z, p, factor)
-            for a in range(PRIMITIVES + 1):
+            for a in range(OUTCOMES):
                 first = p * outcome(pair, 0, x, z, a)
                 if first == 0.0:
                     continue
-                for b in range(PRIMITIVES + 1):
+                for b in range(OUTCOMES):
                     q = first * outcome(pair, 1, z, x, b)
                     if q == 0.0:
                         continue

@@ -17,8 +17,6 @@ from sparse_coord_ros.game.miscoordination import NOWHERE, meeting_places, misco
 from sparse_coord_ros.game.scenario import Robot, Scenario
 from sparse_coord_ros.solve.optimum import independent_bound
 
-TURNINGS = ("random", "same")
-
 NEGLIGIBLE = 1e-16
 """Probability (discounted, where the horizon is over) of what is left out at the end."""
 
@@ -40,22 +38,16 @@ class Reference:
     miscoordinations: float
 
 
-def shortest_path_reference(scenario: Scenario, *, turning: str = "random") -> Reference:
+def shortest_path_reference(scenario: Scenario, *, keep_right: bool = False) -> Reference:
     """Return what fixed shortest-path policies are worth, by dynamic programming.
 
     Args:
         scenario: the problem.
-        turning: how a robot chooses between equally short ways: "random" draws one of the moves
-            at every cell, each equally likely, as greedy agents do between equal values; "same"
-            makes all robots keep right: of the moves they take the one furthest to the right, as
-            seen by a robot that faces its goal.
-
-    Raises:
-        ValueError: an unknown `turning`.
+        keep_right: whether robots choose between equally short ways the one furthest to the
+            right, as seen by a robot that faces its goal; if not, each move is equally likely at
+            every cell, as greedy agents choose between equal values.
     """
-    if turning not in TURNINGS:
-        raise ValueError(f"turning is {turning!r}, allowed: {', '.join(TURNINGS)}")
-    conflict = _miscoordination_probability(scenario, turning)
+    conflict = _miscoordination_probability(scenario, keep_right)
     discounted = conflict @ scenario.discount ** np.arange(len(conflict))
     distances = [scenario.map.distances_to(robot.goal)[robot.start] for robot in scenario.robots]
     return Reference(
@@ -65,13 +57,13 @@ def shortest_path_reference(scenario: Scenario, *, turning: str = "random") -> R
     )
 
 
-def _miscoordination_probability(scenario: Scenario, turning: str) -> np.ndarray:
+def _miscoordination_probability(scenario: Scenario, keep_right: bool) -> np.ndarray:
     """Shape (steps,): that step 1, 2, ... is made and ends in a miscoordination."""
     robots, places = scenario.robots, meeting_places(scenario)
     meeting = [np.flatnonzero(places == one) for one in np.unique(places[places != NOWHERE])]
     goals = np.array([robot.goal for robot in robots])
     numbers = np.arange(len(robots))
-    transition = np.stack([_transition(scenario, robot, turning) for robot in robots])
+    transition = np.stack([_transition(scenario, robot, keep_right) for robot in robots])
     place = np.zeros(transition.shape[:2])  # [k, x]: probability of robot k in cell x
     place[numbers, [robot.start for robot in robots]] = 1.0
     in_doorway: list[list[np.ndarray]] = []
@@ -122,14 +114,14 @@ def _one_each(occupied: np.ndarray) -> np.ndarray:
     return total
 
 
-def _transition(scenario: Scenario, robot: Robot, turning: str) -> np.ndarray:
+def _transition(scenario: Scenario, robot: Robot, keep_right: bool) -> np.ndarray:
     """Shape (cells, cells): probability of a step from one cell to another; the goal absorbs."""
     grid = scenario.map
     distance = grid.distances_to(robot.goal)
     matrix = np.eye(len(distance))
     for x in np.flatnonzero(distance > 0):
         moves = [a for a, y in enumerate(grid.next_cell[x]) if distance[y] == distance[x] - 1]
-        if turning == "same":
+        if keep_right:
             moves = [_furthest_right(grid.cells[x], grid.cells[robot.goal], moves)]
         matrix[x, x] = 1.0 - scenario.move_success
         matrix[x, grid.next_cell[x, moves]] = scenario.move_success / len(moves)

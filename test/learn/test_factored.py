@@ -12,7 +12,7 @@ from sparse_coord_ros.game.streams import PERCEPT, Stream
 from sparse_coord_ros.game.world import Action, Reward, RewardWeights, World
 from sparse_coord_ros.learn.agent import NOBODY, Choice, Decision
 from sparse_coord_ros.learn.evaluation import play
-from sparse_coord_ros.learn.factored import FactoredAgent
+from sparse_coord_ros.learn.factored import FactoredAgent, initial_factored
 from sparse_coord_ros.learn.factors import UNSEEN, FactorRule, keys_of, rows_at_most, states_of
 from sparse_coord_ros.learn.learners import Factored, learner_of
 from sparse_coord_ros.learn.run_config import make_run
@@ -31,7 +31,9 @@ def scenario(name="env1", **settings):
 def agent(rule=None, weights=None, number=0, **settings):
     rule = rule or FactorRule(replays=0)
     weights = weights or RewardWeights(1.0, 1.0, 1.0)
-    return FactoredAgent(scenario(**settings), number, 3, rule=rule, weights=weights)
+    problem = scenario(**settings)
+    tables = initial_factored(problem, weights)
+    return FactoredAgent(problem, number, 3, rule=rule, weights=weights, tables=tables)
 
 
 def paid(common=0.0, individual=0.0, cost=0.0, **more):
@@ -126,12 +128,10 @@ def test_only_after_a_failed_percept_the_move_is_explored():
 
 
 def test_who_is_asked_learns_rho_if_its_own_percept_would_have_succeeded():
-    problem = scenario(perception="probability:0.5")
-    rule = FactorRule(replays=0)
     draws = Stream(3, 0, PERCEPT)
     learned = []
     for step in range(1, 40):
-        one = FactoredAgent(problem, 0, 3, rule=rule)
+        one = agent(perception="probability:0.5")
         one.asked(step, 1, 6)
         one.asked(step + 1, 1, 7)  # the next step's request may come before this one's reward
         moved(one, step, 2, EAST, 3, paid(common=-20.0))

@@ -8,7 +8,7 @@ import math
 import pytest
 
 from sparse_coord_ros.game.scenario import load_scenario
-from sparse_coord_ros.solve.reference import TURNINGS, shortest_path_reference
+from sparse_coord_ros.solve.reference import shortest_path_reference
 
 GAMMA = 0.95
 
@@ -39,16 +39,18 @@ MOVES |= {"cit": 10, "suny": 10, "cmu": 31}
 ROOMS = "1..#..3\n...D..2\n..#D..4"
 
 
-@pytest.mark.parametrize("turning", TURNINGS)
+@pytest.mark.parametrize("keep_right", [False, True])
 @pytest.mark.parametrize("name", RANDOM)
-def test_golden_values(name, turning):
-    at_20, at_100, steps = {**RANDOM, **SAME}[name] if turning == "same" else RANDOM[name]
+def test_golden_values(name, keep_right):
+    at_20, at_100, steps = {**RANDOM, **SAME}[name] if keep_right else RANDOM[name]
     scenario = load_scenario(name)
-    reference = shortest_path_reference(scenario, turning=turning)
+    reference = shortest_path_reference(scenario, keep_right=keep_right)
     assert reference.reward == pytest.approx(at_20, abs=2e-9)
     assert reference.miscoordinations == pytest.approx(steps, abs=2e-9)
     assert reference.time_to_goal == pytest.approx(MOVES[name] / 0.8, rel=1e-12)
-    dearer = shortest_path_reference(scenario.with_settings({"penalty": -100}), turning=turning)
+    dearer = shortest_path_reference(
+        scenario.with_settings({"penalty": -100}), keep_right=keep_right
+    )
     assert dearer.reward == pytest.approx(at_100, abs=2e-9)
     assert dearer.miscoordinations == reference.miscoordinations
 
@@ -69,7 +71,7 @@ def test_no_doorway_and_one_robot(make):
 def test_keeping_right_by_hand(make):
     """Two robots around a pillar: never on the same side, or in half of the trials."""
     scenario = make(".D.\n1#2\n.D.", move_success=1)
-    assert shortest_path_reference(scenario, turning="same").miscoordinations == 0
+    assert shortest_path_reference(scenario, keep_right=True).miscoordinations == 0
     assert shortest_path_reference(scenario).miscoordinations == pytest.approx(0.5, abs=1e-12)
 
 
@@ -78,11 +80,6 @@ def test_unequal_shares_of_the_penalty(make):
     scenario = make("1D2", move_success=1, common_reward="each:2:0")
     reference = shortest_path_reference(scenario)
     assert reference.reward == pytest.approx(200 * GAMMA - 20, abs=1e-9)
-
-
-def test_unknown_turning(make):
-    with pytest.raises(ValueError, match="turning is 'left', allowed: random, same"):
-        shortest_path_reference(make(), turning="left")
 
 
 @pytest.mark.parametrize("conflict", ["same_cell", "any_doorway"])

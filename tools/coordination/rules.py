@@ -8,7 +8,7 @@ from sparse_coord_ros.game.actions import COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.streams import PRIMITIVE_TIE
 from sparse_coord_ros.game.world import Reward
 from sparse_coord_ros.learn.agent import Agent, Choice, Decision
-from sparse_coord_ros.learn.algorithm import greatest, updated
+from sparse_coord_ros.learn.algorithm import greatest
 from sparse_coord_ros.learn.factors import FactorRule
 from sparse_coord_ros.learn.learners import Factored, Learner
 
@@ -77,9 +77,7 @@ class JointAgent(Agent):
     def _update(self, bootstrap: float) -> None:
         assert self._last is not None
         step, entry, reward = self._last
-        table: Any = self._tables.q_coord
-        alpha = self.step_size_of(self.coord_updates, entry, step)
-        table[entry] = updated(float(table[entry]), alpha, reward, self.discount, bootstrap)
+        self.update(self._coord, self.coord_updates, entry, step, reward, bootstrap)
         self._last = None
 
 

@@ -73,7 +73,7 @@ def _turning(result: ConditionResult) -> str:
     counted = paper(result, "miscoordinations")
     if counted is None:
         return ""
-    same = shortest_path_reference(result.scenario, turning="same")
+    same = shortest_path_reference(result.scenario, keep_right=True)
     alike = abs(errors_from(counted, same.miscoordinations)) <= AGREE
     if not alike or abs(errors_from(counted, result.reference["miscoordinations"])) <= AGREE:
         return ""
