@@ -240,8 +240,7 @@ class CompiledTeam:
         self.scenario = scenario
         self.learner = learner_of(learner)
         self.minds: Any = self.learner.minds
-        found = kernels.compiled(self.minds) if loops is None else loops  # type: ignore[arg-type]
-        self.loops = found
+        self.loops = loops or kernels.compiled(self.minds)  # type: ignore[arg-type]
         self._stop = np.zeros(1, dtype=np.bool_) if stop is None else stop
         whole = make_problem(scenario, self.learner, np.arange(len(scenario.robots)))
         groups = [np.array(members) for members in groups_of(scenario, self.learner)]

@@ -174,22 +174,16 @@ def load_checkpoint(path: Path, scenario: Scenario, learner: Learner, seed: int)
         )
     said = f"learner {learner.label}, seed {seed}"
     arrays = read(path, _digest(scenario, learner, seed), said=said)
+    robots, groups = len(scenario.robots), len(groups_of(scenario, learner))
     try:
-        return _from(arrays, scenario, learner)
+        memories = [memory_from(arrays, k) for k in range(1, robots + 1)]
+        histories = [history_from(arrays, f"history_{g}_") for g in range(1, groups + 1)]
+        state = LearningState(positions_from(arrays), tuple(memories), tuple(histories))
+        every, trials, found = json.loads(str(arrays["evaluations"]))
+        evaluations = tuple((step, _evaluation(**data)) for step, data in found)
     except (KeyError, ValueError, IndexError, TypeError) as error:
         raise broken(path, error) from None
-
-
-def _from(file: Mapping[str, np.ndarray], scenario: Scenario, learner: Learner) -> Checkpoint:
-    robots = len(scenario.robots)
-    groups = len(groups_of(scenario, learner))
-    positions = positions_from(file)
-    memories = [memory_from(file, k) for k in range(1, robots + 1)]
-    histories = [history_from(file, f"history_{g}_") for g in range(1, groups + 1)]
-    every, trials, found = json.loads(str(file["evaluations"]))
-    evaluations = [(step, _evaluation(**data)) for step, data in found]
-    state = LearningState(positions, tuple(memories), tuple(histories))
-    return Checkpoint(state, tuple(evaluations), every, trials)
+    return Checkpoint(state, evaluations, every, trials)
 
 
 def _evaluation(trials: int, not_arrived: int, **measures: dict[str, float]) -> Evaluation:

@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
 HISTORY_FILE = "history.npz"
+CURVES = ("length", "reward", "miscoordinations", "asks", "arrived")
+"""The measures of an episode that make a learning curve."""
+
 FIRST_EPISODES = 64
 """Rows of a recorder at first; they double when they are used up."""
 
@@ -81,11 +84,8 @@ class History(NamedTuple):
         Raises:
             RunError: no such measure, robot or window.
         """
-        if name not in ("length", "reward", "miscoordinations", "asks", "arrived"):
-            raise RunError(
-                f"history: there is no measure {name!r}; allowed: length, reward, "
-                "miscoordinations, asks, arrived"
-            )
+        if name not in CURVES:
+            raise RunError(f"history: there is no measure {name!r}; allowed: {', '.join(CURVES)}")
         if robot is not None and not 1 <= robot <= self.robots:
             raise RunError(f"history: there is no robot {robot}; allowed: 1 to {self.robots}")
         if window < 1:

@@ -152,16 +152,16 @@ class Learning:
         for number, members in enumerate(groups_of(scenario, rule)):
             agents = [rule.agent(scenario, k, seed) for k in members]
             world = World(scenario, seed, agents=members)
-            recorder = HistoryRecorder(robots, members=members)
+            history, under_way = None, False
             if state is not None:
                 position, history = state.positions[number], state.histories[number]
-                self.done = position.transitions
+                self.done, under_way = position.transitions, position.under_way
                 world.go_on_from(position)
                 for agent in agents:
                     agent.go_on_from(state.memories[agent.number])
-                recorder = HistoryRecorder(
-                    robots, members=members, history=history, under_way=position.under_way
-                )
+            recorder = HistoryRecorder(
+                robots, members=members, history=history, under_way=under_way
+            )
             self._groups.append((world, Team(scenario, seed, agents), recorder))
             self.agents += agents
 

@@ -9,7 +9,6 @@ import numpy as np
 from sparse_coord_ros.game.actions import COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.learn.agent import Tables
-from sparse_coord_ros.learn.factors import AdditiveTable
 from sparse_coord_ros.learn.sparse import SparseTable
 
 
@@ -66,6 +65,5 @@ def sparsity_of(tables: Tables, scenario: Scenario) -> Sparsity:
     if isinstance(table, SparseTable):
         learned = (table.rows != table.unseen).any(axis=1)
         return Sparsity(np.bincount(table.keys[learned, 0], minlength=cells), possible)
-    assert not isinstance(table, AdditiveTable)  # those have factors
-    learned = (table != scenario.q_coord_init).any(axis=-1)
+    learned = (np.asarray(table) != scenario.q_coord_init).any(axis=-1)
     return Sparsity(learned.reshape(cells, -1).sum(axis=1), possible)
