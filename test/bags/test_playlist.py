@@ -179,6 +179,7 @@ def test_deadlines_are_absolute(rate):
         late = at - begin - message.log_time_ns / rate
         assert 3 * MS <= late < 3 * MS + 5 * 10_000
     assert stage.playback.late_ns == 3 * MS + 40_000
+    assert set(stage.times) == {message.log_time_ns for _, message in stage.out}
 
 
 def test_a_late_player_catches_up_in_bursts():

@@ -49,7 +49,7 @@ def test_a_run_whose_tables_could_not_be_saved_is_not_said_to_be_unfinished(
     monkeypatch.setattr("sparse_coord_ros.cli.live.run", run)
     code, printed, error = sparse_coord("run", "env1", "--steps", 5, "--out", "out")
     assert code == 2
-    assert "not finished" not in printed and "tables.npz" not in printed
+    assert "finished" not in printed and "tables.npz" not in printed
     assert error == (
         "error: out: not all tables could be saved there (see above); make room, then: "
         "sparse_coord run --resume out\n"

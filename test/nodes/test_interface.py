@@ -20,6 +20,7 @@ from visualization_msgs.msg import MarkerArray
 
 from sparse_coord_ros.learn.run_config import run_from_yaml
 from sparse_coord_ros.learn.tables import load_tables, robot_file
+from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.messages import Converter
 from sparse_coord_ros.palette import robot_colour
 from sparse_coord_ros.share import share_file
@@ -343,3 +344,8 @@ def test_foxglove_finds_what_its_layout_names(team):
     assert plotted == set(wanted.items())
     for summary in shows["DiagnosticSummary"]:
         assert types[summary["topicToRender"]] == ["diagnostic_msgs/msg/DiagnosticArray"]
+
+
+def test_a_recorder_gets_what_is_kept_for_late_subscribers():
+    for topic in (interface.RUN, interface.TABLES, interface.ACTION):
+        assert interface.recorder_qos(topic).durability == topic.qos.durability
