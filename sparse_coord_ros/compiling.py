@@ -26,7 +26,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from sparse_coord_ros.errors import SparseCoordError
+from sparse_coord_ros.errors import EXIT_INTERRUPTED, SparseCoordError
 from sparse_coord_ros.files import take_lock
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -43,9 +43,6 @@ SOURCES = ("compiling.py", "game/*.py", "learn/*.py", "solve/*.py", "engine/*.py
 
 WAIT_SECONDS = 0.2
 """How long an interrupt may go unnoticed where the system does not wake up the waiting thread."""
-
-INTERRUPTED = 130
-"""Exit code of a process that was interrupted."""
 
 
 # Whether numba is there, and work in the background.
@@ -113,7 +110,7 @@ def _end_without(future: Future[Any]) -> None:
     if not future.done():
         sys.stdout.flush()
         sys.stderr.flush()
-        os._exit(INTERRUPTED)
+        os._exit(EXIT_INTERRUPTED)
 
 
 # What compiled loops may call.

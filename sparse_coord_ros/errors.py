@@ -18,6 +18,10 @@ EXIT_FAULT = 1
 """Exit code of every executable that stops because of a fault of its own."""
 
 
+EXIT_INTERRUPTED = 130
+"""Exit code of every executable that is interrupted."""
+
+
 class SparseCoordError(Exception):
     """Base of all errors that end a program in words; its text is one line.
 
@@ -112,15 +116,8 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
 def other_format(where: str, found: int, known: int) -> str:
     """Return what to say of a file in another format than the one that this version reads."""
-    if found > known:
-        return (
-            f"{where}: is in format {found}, this version reads format {known}; update "
-            "sparse_coord_ros"
-        )
-    return (
-        f"{where}: is in format {found} of an earlier version, this one reads format {known}; "
-        "make it anew"
-    )
+    remedy = "update sparse_coord_ros" if found > known else "make it anew"
+    return f"{where}: is in format {found}, this version reads format {known}; {remedy}"
 
 
 def os_error_text(error: OSError) -> str:

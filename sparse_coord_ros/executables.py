@@ -11,7 +11,7 @@ import os
 import signal
 import sys
 
-STOPPED, INTERRUPTED = 0, 130
+from sparse_coord_ros.errors import EXIT_INTERRUPTED
 
 COMMAND_LINE = "sparse_coord"
 NODES = ("world_simulator", "robot", "recorder", "team", "watch", "driver", "body", "player")
@@ -31,7 +31,7 @@ def main(name: str) -> int:
     """
     is_node = name != COMMAND_LINE
     module = f"sparse_coord_ros.nodes.{name}" if is_node else "sparse_coord_ros.cli.main"
-    code = STOPPED if is_node else INTERRUPTED
+    code = 0 if is_node else EXIT_INTERRUPTED
     before = {
         number: signal.signal(number, lambda *_: os._exit(code))
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)

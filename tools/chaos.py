@@ -12,10 +12,10 @@ to say "identical"; where a recorder was killed or stopped, that its recording l
 """
 
 import argparse
-import os
 import random
 import shutil
 import signal
+import subprocess
 import sys
 import tempfile
 import time
@@ -27,7 +27,7 @@ from sparse_coord_ros.bags.reader import BAG_DIRECTORY
 from sparse_coord_ros.errors import SparseCoordError
 from sparse_coord_ros.runlog import verify
 from sparse_coord_ros.wire import RECORDER, WORLD
-from tools.teams import node_words, same_tables
+from tools.teams import command, node_words, same_tables
 
 ROBOTS = ("robot_1", "robot_2")
 NODES = (WORLD, *ROBOTS, RECORDER)
@@ -87,7 +87,7 @@ def plan_of(seed: int) -> Plan:
 
 
 class Team:
-    """The processes of one run, forked: their modules are loaded but once.
+    """The processes of one run.
 
     Args:
         plan: the run.
@@ -99,7 +99,7 @@ class Team:
         self._plan, self._seed, self._folder = plan, seed, folder
         self.out = folder / "run"
         (folder / "log").touch()
-        self.running: dict[str, int] = {}
+        self.running: dict[str, subprocess.Popen[bytes]] = {}
         self.codes: list[tuple[str, int]] = []
         for name in NODES:
             self.start(name, resume=False)
@@ -124,25 +124,27 @@ class Team:
                 "percept_timeout": 20.0,
             }
         out = self.out / BAG_DIRECTORY if name == RECORDER else self.out
-        words = ["node", *node_words(name, out=out, **given)]
-        self.running[name] = forked(main_of(name), words, self._folder / "log")
+        words = command("robot" if name in ROBOTS else name, *node_words(name, out=out, **given))
+        with (self._folder / "log").open("ab") as log:
+            self.running[name] = subprocess.Popen(
+                words, stdout=log, stderr=log, start_new_session=True
+            )
 
     def kill(self, names: Sequence[str]) -> None:
         """Kill nodes."""
-        for name in names:
-            if name in self.running:
-                os.kill(self.running[name], signal.SIGKILL)
-        for name in names:
-            if name in self.running:
-                os.waitpid(self.running.pop(name), 0)
+        killed = [self.running.pop(name) for name in names if name in self.running]
+        for process in killed:
+            process.kill()
+        for process in killed:
+            process.wait()
 
     def reap(self) -> None:
         """Note who has ended."""
-        for name, pid in list(self.running.items()):
-            done, status = os.waitpid(pid, os.WNOHANG)
-            if done:
+        for name, process in list(self.running.items()):
+            code = process.poll()
+            if code is not None:
                 del self.running[name]
-                self.codes.append((name, os.waitstatus_to_exitcode(status)))
+                self.codes.append((name, code))
 
     @property
     def log(self) -> str:
@@ -174,7 +176,7 @@ class Team:
         if fault.stops:
             for number, pause in ((signal.SIGSTOP, fault.stops), (signal.SIGCONT, 0.0)):
                 for name in alive:
-                    os.kill(self.running[name], number)
+                    self.running[name].send_signal(number)
                 time.sleep(pause)
             return
         self.kill(alive)
@@ -185,32 +187,6 @@ class Team:
 
 BEGUN = " robots, "
 """In the world's line at a run's start."""
-
-
-def main_of(name: str) -> Callable[[list[str]], int]:
-    """Return the `main` of a node's module."""
-    from sparse_coord_ros.nodes import recorder, robot, world_simulator
-
-    return {WORLD: world_simulator.main, RECORDER: recorder.main}.get(name, robot.main)
-
-
-def forked(main: Callable[[list[str]], int], words: list[str], log: Path) -> int:
-    """Run a node's `main` in a child process and return its number."""
-    pid = os.fork()
-    if pid:
-        return pid
-    code = 1
-    try:
-        os.setsid()
-        file = os.open(log, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
-        os.dup2(file, 1)
-        os.dup2(file, 2)
-        sys.argv = words
-        code = main(words)
-    finally:
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(code)
 
 
 def one_run(seed: int, folder: Path) -> tuple[Plan, list[str]]:

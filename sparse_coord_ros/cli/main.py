@@ -10,10 +10,13 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 
 from sparse_coord_ros.cli.verbs import VERBS, Parser, add_verb
-from sparse_coord_ros.errors import EXIT_BAD_INPUT, SparseCoordError, os_error_text
+from sparse_coord_ros.errors import (
+    EXIT_BAD_INPUT,
+    EXIT_INTERRUPTED,
+    SparseCoordError,
+    os_error_text,
+)
 from sparse_coord_ros.version import __version__
-
-INTERRUPTED = 130
 
 WITH_NODES = ("run", "replay")
 """Verbs that run ROS nodes, which say good-bye at a signal by themselves."""
@@ -62,7 +65,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # impatience brings no traceback at the exit
         print("interrupted", file=sys.stderr, flush=True)
-        return INTERRUPTED
+        return EXIT_INTERRUPTED
 
 
 def _verb_of(words: Sequence[str]) -> str | None:

@@ -23,6 +23,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from sparse_coord_ros.errors import (
+    EXIT_INTERRUPTED,
     FaultError,
     NameTakenError,
     RunError,
@@ -260,7 +261,7 @@ def exit_code_of(run: Callable[[], None]) -> int:
         print(f"error: {failure}", file=sys.stderr, flush=True)
         return failure.exit_code
     except KeyboardInterrupt:
-        return 128 + signal.SIGINT
+        return EXIT_INTERRUPTED
     return 0
 
 

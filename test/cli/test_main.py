@@ -8,7 +8,7 @@ import signal
 import pytest
 
 import sparse_coord_ros
-from sparse_coord_ros.cli import main as module
+from sparse_coord_ros.errors import EXIT_INTERRUPTED
 
 VERBS = ("run", "train", "evaluate", "optimum", "maps", "reproduce")
 
@@ -47,7 +47,7 @@ def test_interrupted_or_terminated(sparse_coord, monkeypatch, number):
         "sparse_coord_ros.cli.maps.load_map", lambda *_, **__: signal.raise_signal(number)
     )
     before = signal.getsignal(number)
-    assert sparse_coord("maps", "env1") == (module.INTERRUPTED, "", "interrupted\n")
+    assert sparse_coord("maps", "env1") == (EXIT_INTERRUPTED, "", "interrupted\n")
     assert signal.getsignal(number) == before
 
 

@@ -69,7 +69,7 @@ def test_missing_and_unknown_fields(run):
 def test_formats_of_run_yaml(run):
     assert "format: 2" in run.to_yaml()
     for older in (None, 1):
-        assert "format 1 of an earlier version" in refusal(spoiled(run, format=older), RunError)
+        assert "format 1, this version" in refusal(spoiled(run, format=older), RunError)
     assert "format 3, this version reads" in refusal(spoiled(run, format=3), RunError)
     assert "'format' is 'two'" in refusal(spoiled(run, format="two"), RunError)
 
