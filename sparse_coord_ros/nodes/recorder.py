@@ -106,16 +106,9 @@ class Recording:
             except struct.error as error:
                 self._odd(name, error)
                 return
-            at, now = sec * SECOND + nanosec, self.now_ns
-            if at < 0 or at > max(now, self.said_ns) + self._near_ns:
-                why = f"stamp {sec} s {nanosec} ns is not of the run's time {now / SECOND:g} s"
-                self._odd(name, why, "message recorded at the run's time")
-                at = now
-            elif at > now:
-                self.now_ns = at
-                self._steps += 1
-                if self._steps >= self._flush_steps:
-                    self.flush()
+            at = sec * SECOND + nanosec
+            if not 0 <= at <= self.now_ns:
+                at = self._later(at, name)
             write(channel, data, at, at)
 
         def other_message(data: bytes) -> None:
@@ -123,6 +116,20 @@ class Recording:
             write(channel, data, self.now_ns, self.now_ns)
 
         return stamped_message if stamped else other_message
+
+    def _later(self, at: int, name: str) -> int:
+        """Go on to a message's time; one that is not of the run's time is logged now."""
+        now = self.now_ns
+        if at < 0 or at > max(now, self.said_ns) + self._near_ns:
+            said = f"stamp {at // SECOND} s {at % SECOND} ns"
+            why = f"{said} is not of the run's time {now / SECOND:g} s"
+            self._odd(name, why, "message recorded at the run's time")
+            return now
+        self.now_ns = at
+        self._steps += 1
+        if self._steps >= self._flush_steps:
+            self.flush()
+        return at
 
     def attach_tables(self, robot: str, packed: bytes, step: int, occasion: str) -> None:
         """Attach a robot's tables to the bag, each but once."""
