@@ -27,7 +27,7 @@ from sparse_coord_ros.errors import RunError, os_error_text
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.scenario import SETTINGS, Scenario
 from sparse_coord_ros.game.settings import Setting
-from sparse_coord_ros.learn.checkpoint import CHECKPOINT_FILE
+from sparse_coord_ros.learn.checkpoint import CHECKPOINT_FILE, BrokenCheckpointError
 from sparse_coord_ros.learn.evaluation import MEASURES
 from sparse_coord_ros.learn.history import HISTORY_FILE
 from sparse_coord_ros.learn.run_config import (
@@ -38,6 +38,7 @@ from sparse_coord_ros.learn.run_config import (
     make_run,
 )
 from sparse_coord_ros.learn.tables import TEAM_FILE, save_team
+from sparse_coord_ros.lockstep.checkpoints import CHECKPOINTS
 from sparse_coord_ros.solve.optimum import joint_optimum
 
 if TYPE_CHECKING:
@@ -106,6 +107,8 @@ def _begin(options: argparse.Namespace) -> tuple[Path, RunConfig]:
         return shared.output_directory(options, scenario.name), run
     shared.nothing_else_given(options)
     run = load_run(out)
+    if (out / CHECKPOINTS).is_dir():
+        raise RunError(f"{out}: holds a run of nodes; go on with: sparse_coord run --resume {out}")
     if not (out / CHECKPOINT_FILE).exists():
         what = "is finished" if (out / TEAM_FILE).exists() else "has no checkpoint"
         raise RunError(f"{out}: the run {what}, there is nothing to go on with; begin another one")
@@ -146,6 +149,8 @@ def _learn(
         _save(out, done)
     except BaseException as error:
         left = ""
+        if isinstance(error, BrokenCheckpointError):
+            raise
         if checkpoint.exists():
             left = f"what was learned is saved; go on with: sparse_coord train --resume {out}"
         elif not resumed and not (out / TEAM_FILE).exists():

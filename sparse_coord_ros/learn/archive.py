@@ -56,7 +56,7 @@ def unpack(
         if number == FORMAT and head[2] != _digest(arrays):
             raise ValueError("its contents do not fit its digest")
     except Exception as failure:  # zip, zlib and NumPy's parser raise what a file makes them
-        problem = " ".join(str(failure).split())
+        problem = " ".join(str(failure).split()).partition(". ")[0]  # no advice to trust it
         raise error(f"{where}: cannot be read as {what} ({problem}); {remedy}") from None
     if number != FORMAT:
         raise error(other_format(where, number, FORMAT))

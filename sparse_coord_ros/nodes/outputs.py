@@ -14,6 +14,7 @@ from sparse_coord_ros.errors import BagError, RunError, os_error_text
 from sparse_coord_ros.files import take_lock, write_whole
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.learn.agent import Tables
+from sparse_coord_ros.learn.checkpoint import CHECKPOINT_FILE
 from sparse_coord_ros.learn.evaluation import check_tables
 from sparse_coord_ros.learn.run_config import RUN_FILE, RunConfig, load_run
 from sparse_coord_ros.learn.tables import (
@@ -95,6 +96,10 @@ def resumed_run(values: Mapping[str, Any]) -> RunConfig:
         raise RunError(NO_OUTPUT)
     out = Path(values["out"])
     run = load_run(out)
+    if (out / CHECKPOINT_FILE).exists():
+        raise RunError(
+            f"{out}: holds a run of train; go on with: sparse_coord train --resume {out}"
+        )
     if (out / TEAM_FILE).exists() and not (out / CHECKPOINTS).is_dir():
         raise RunError(f"{out}: the run is finished, there is nothing to go on with")
     if values["scenario"]:

@@ -157,6 +157,13 @@ def test_interrupt_and_resume(sparse_coord, folder, monkeypatch):
     assert names(folder / "a") == ["checkpoint.npz", "run.yaml"]
     message = sparse_coord("train", "env2-2r", "--steps", 7, "--resume", "a")[2]
     assert "SCENARIO, --steps cannot change a run that is resumed" in message
+    message = sparse_coord("run", "--resume", "a")[2]
+    assert message == "error: a: holds a run of train; go on with: sparse_coord train --resume a\n"
+    whole = (folder / "a" / "checkpoint.npz").read_bytes()
+    (folder / "a" / "checkpoint.npz").write_bytes(whole[:-1])
+    [message] = sparse_coord("train", "--resume", "a")[2].splitlines()
+    assert message.endswith("begin the run anew")
+    (folder / "a" / "checkpoint.npz").write_bytes(whole)
     code, out, err = sparse_coord("train", "--resume", "a", "--engine", "numba", "--trials", 20)
     assert code == 0, err
     assert names(folder / "a") == ["evaluations.csv", "history.npz", "run.yaml", "tables.npz"]
@@ -164,6 +171,8 @@ def test_interrupt_and_resume(sparse_coord, folder, monkeypatch):
     assert tables_equal(load_team(folder / "a", load_scenario("env1")), expected.tables)
     assert load_history(folder / "a").same_bits(expected.history)
     assert "is finished, there is nothing" in sparse_coord("train", "--resume", "a")[2]
+    (folder / "a" / "checkpoint").mkdir()
+    assert "go on with: sparse_coord run --resume a\n" in sparse_coord("train", "--resume", "a")[2]
 
 
 def test_an_interrupt_removes_only_what_train_wrote(sparse_coord, folder, monkeypatch):
