@@ -3,8 +3,8 @@
 """A learner with an update rule of its own, compiled: python expected_sarsa.py [STEPS].
 
 Expected SARSA (Sutton & Barto, 2018, Section 6.6) expects of the next cell not the best action,
-but what the exploring policy does. The rule stands once, in `expected`; `Agent` is learned by in
-plain Python and over ROS 2, `Minds` by the compiled loops, with the same bits.
+but what the exploring policy does. The rule stands once, in `expected`; The `Agent` applies it
+in plain Python and over ROS 2, the `Minds` in the compiled loops, with the same bits.
 
 On the command line: sparse_coord train env1 --learner expected_sarsa:ExpectedSarsa
 """

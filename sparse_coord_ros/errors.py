@@ -19,7 +19,7 @@ EXIT_FAULT = 1
 
 
 EXIT_INTERRUPTED = 130
-"""Exit code of every executable that is interrupted."""
+"""Exit code of what is interrupted before it could end by itself."""
 
 
 class SparseCoordError(Exception):

@@ -57,7 +57,7 @@ class WorldState(NamedTuple):
 
 
 class WorldSide:
-    """Drives one `World` by messages.
+    """Drives one game by messages.
 
     Args:
         run: the run.

@@ -41,10 +41,10 @@ from sparse_coord_ros.wire import RECORDER, WORLD
 
 RCLError = rclpy_implementation.RCLError
 
-GO_ON, WAIT, END = "go_on", "wait", "end"
-"""What `lost_robot` says."""
-ROLL_BACK, CONTINUE = "rollback", "continue"
-"""What `returning` says."""
+GO_ON, END = "go_on", "end"
+"""What `lost_robot` says; else the world waits."""
+ROLL_BACK = "rollback"
+"""What `returning` says; else a robot goes on alone."""
 TF = "tf"
 """The `pose_type` that is no message of its own."""
 

@@ -249,7 +249,7 @@ def _shaken(
         k, x = places[rng.integers(len(places))]
         new.asks[k, x] = rng.random() < 0.5
         if game.fails[x] or not new.asks[k, x]:
-            new.moves[k, x] = rng.integers(4)
+            new.moves[k, x] = rng.integers(PRIMITIVES)
     return new
 
 
@@ -389,7 +389,7 @@ def in_words(scenario: Scenario, robots: Sequence[RobotPolicy]) -> list[str]:
         peer = scenario.robots[1 - k].name
         usual = policy.moves[k].copy()
         for x, others in seen[k].items():
-            usual[x] = np.bincount(policy.seen[k, x, others], minlength=4).argmax()
+            usual[x] = np.bincount(policy.seen[k, x, others], minlength=PRIMITIVES).argmax()
         way = _way(scenario, robot.start, robot.goal, usual)
         lines.append(f"{robot.name}: {_route(scenario, way, usual, robot.goal)}")
         aside = [x for x in np.flatnonzero(visited[k]).tolist() if x not in way]
