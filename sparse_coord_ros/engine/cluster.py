@@ -137,6 +137,7 @@ class Cluster(AbstractContextManager["Cluster"]):
 
     def _failure(self, error: Exception) -> Exception:
         """Return an error of the cluster in words; any other as it is."""
+        from distributed.comm import CommClosedError
         from distributed.scheduler import KilledWorker
 
         again = "what was finished is saved: call again"
@@ -146,7 +147,7 @@ class Cluster(AbstractContextManager["Cluster"]):
                 f"cluster {self.scheduler}: workers died one after the other of the same runs, "
                 f"the last one {last} (is its memory used up?); {again}"
             )
-        if isinstance(error, CancelledError):
+        if isinstance(error, CancelledError | CommClosedError):
             return RunError(f"cluster {self.scheduler}: the scheduler is gone; {again}")
         missing = _import_error(error)
         if missing is not None:
