@@ -2,8 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Starts the nodes of a live run: in this process, or each in its own."""
 
+import errno
 import os
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
@@ -11,7 +13,7 @@ import time
 from collections.abc import Collection, Mapping
 from contextlib import nullcontext
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import yaml
 from rclpy.logging import LoggingSeverity, set_logger_level
@@ -19,7 +21,6 @@ from rclpy.logging import LoggingSeverity, set_logger_level
 from sparse_coord_ros.bags.reader import BAG_DIRECTORY
 from sparse_coord_ros.cli.options import note
 from sparse_coord_ros.errors import EXIT_BAD_INPUT, BagError, RunError
-from sparse_coord_ros.files import HeldError, hold
 from sparse_coord_ros.learn.run_config import create_output
 from sparse_coord_ros.nodes.middleware import check_participants, one_host
 from sparse_coord_ros.nodes.outputs import gather
@@ -70,8 +71,8 @@ def run(
             return run_team(values, context=context, stop=lambda: bool(stop), page=page)
 
 
-def sole_team() -> IO[str]:
-    """Hold this machine's ROS domain, until the file that is returned is closed.
+def sole_team() -> socket.socket:
+    """Hold this machine's ROS domain, until the socket that is returned is closed.
 
     Of two teams started at once one is refused as a whole: node by node their claims would give
     each of them some of the names.
@@ -80,14 +81,17 @@ def sole_team() -> IO[str]:
         RunError: another `sparse_coord run` of this user has it.
     """
     domain = os.environ.get("ROS_DOMAIN_ID", "0")
-    name = f"sparse_coord_{os.getuid()}_domain_{domain}"
-    try:
-        return hold(Path(tempfile.gettempdir()) / name)
-    except HeldError as error:
-        raise RunError(
-            f"ROS domain {domain}: {error} runs a team in it; wait for its end, or choose another "
-            "ROS_DOMAIN_ID"
-        ) from None
+    holder = socket.socket(socket.AF_UNIX)
+    try:  # an abstract address: it leaves no file, and is gone with its process
+        holder.bind(f"\0sparse_coord_{os.getuid()}_domain_{domain}")
+    except OSError as error:
+        if error.errno == errno.EADDRINUSE:  # else there are no such addresses here
+            holder.close()
+            raise RunError(
+                f"ROS domain {domain}: another process runs a team in it; wait for its end, or "
+                "choose another ROS_DOMAIN_ID"
+            ) from None
+    return holder
 
 
 def _run_processes(values: dict[str, Any], stop: Stop, quiet: bool) -> dict[str, Any]:
