@@ -147,10 +147,10 @@ def _learn(
                 watcher=view,
             )
         _save(out, done)
+    except BrokenCheckpointError:  # it says itself what to do
+        raise
     except BaseException as error:
         left = ""
-        if isinstance(error, BrokenCheckpointError):
-            raise
         if checkpoint.exists():
             left = f"what was learned is saved; go on with: sparse_coord train --resume {out}"
         elif not resumed and not (out / TEAM_FILE).exists():

@@ -149,11 +149,10 @@ class History(NamedTuple):
         write_whole(directory / HISTORY_FILE, archive.pack(self._asdict()))
 
 
-def blank_history(episodes: int, robots: int, members: Sequence[int] = ()) -> History:
-    """Return a history of zeros, in which these robots (from 0) are present."""
+def blank_history(episodes: int, robots: int) -> History:
+    """Return a history of zeros, in which no robot is present."""
     whole = np.zeros((3, episodes), dtype=np.int64)
     flags = np.zeros((2, episodes, robots), dtype=np.bool_)
-    flags[1][:, list(members)] = True
     sums = np.zeros((episodes, robots))
     return History(whole[0], whole[1], sums, whole[2], np.zeros_like(sums, np.int64), *flags)
 

@@ -31,9 +31,9 @@ def to_markdown(rows: Sequence[Row]) -> str:
     return "".join("| " + " | ".join(line) + " |\n" for line in lines)
 
 
-def fixed(value: float, digits: int = 2, sign: str = "") -> str:
+def fixed(value: float, digits: int = 2) -> str:
     """Return a number; a dash where there is none, such as the standard error of a single run."""
-    return "-" if math.isnan(value) else f"{value:{sign}.{digits}f}"
+    return "-" if math.isnan(value) else f"{value:.{digits}f}"
 
 
 def with_error(measure: Measure, digits: int = 2, sign: str = "") -> str:
