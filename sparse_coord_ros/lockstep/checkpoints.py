@@ -5,6 +5,7 @@
 World and robots save under the same time steps, each its own file `<node>_<step>.npz` in the
 directory `checkpoint` of the output directory. A team goes on from the newest step of which
 everybody has a file: the last common checkpoint. Step 0 is the run's beginning, and needs none.
+A file says within its digest how it is called (`name`): under another name it is no checkpoint.
 """
 
 from collections.abc import Mapping
@@ -118,8 +119,9 @@ class Checkpoints(Store):
 
     def save(self, state: WorldState | RobotState) -> None:
         """Save where the node is; an OSError leaves the earlier checkpoints as they are."""
-        arrays = pack(self._run.digest, self._arrays(state))
-        write_whole(self._path(state.step), arrays, sync=True)
+        path = self._path(state.step)
+        arrays = {**self._arrays(state), "name": np.array(path.stem)}
+        write_whole(path, pack(self._run.digest, arrays), sync=True)
         self._readable.add(state.step)
         self._prune()
 
@@ -178,7 +180,11 @@ class Checkpoints(Store):
     def _read(self, step: int) -> dict[str, np.ndarray]:
         path, run = self._path(step), self._run
         said = f"{run.scenario.name}, learner {run.learner}, seed {run.seed}"
-        return read(path, run.digest, said=said)
+        arrays = read(path, run.digest, said=said)
+        name = str(arrays.pop("name", ""))
+        if name != path.stem:
+            raise broken(path, f"it is that of {name}")
+        return arrays
 
 
 def steps_of(folder: Path, node: str) -> list[int]:
