@@ -38,7 +38,7 @@ def bare(python):
 
 
 LEVELS = (
-    {"version", "errors", "files", "share", "palette", "dataframes", "compiling"},
+    {"version", "errors", "files", "limits", "share", "palette", "dataframes", "compiling"},
     {"game"},
     {"learn"},
     {"wire", "solve"},

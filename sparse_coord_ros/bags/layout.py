@@ -5,12 +5,12 @@
 import contextlib
 import errno
 import os
-import stat
 from pathlib import Path
 from typing import BinaryIO
 
 from sparse_coord_ros.errors import BagError
 from sparse_coord_ros.files import PARTIAL, sync_directory, take_lock, write_whole
+from sparse_coord_ros.limits import open_regular
 
 
 class OutputFile:
@@ -118,14 +118,9 @@ def create_bag_file(directory: Path, file_name: str, *, new: bool = True) -> Out
 def open_to_read(path: Path) -> BinaryIO:
     """Open a file; raises BagError if there is none, also at once of a pipe or a device."""
     try:
-        # A pipe would otherwise be waited for.
-        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-        if stat.S_ISREG(os.fstat(descriptor).st_mode):
-            return open(descriptor, "rb")
+        return open_regular(path)
     except OSError as error:
         raise BagError(f"cannot read {path}: {error.strerror}") from error
-    os.close(descriptor)
-    raise BagError(f"cannot read {path}: it is not a file")
 
 
 def being_recorded(path: Path) -> bool:

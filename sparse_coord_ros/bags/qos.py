@@ -14,6 +14,7 @@ from typing import Any
 import yaml
 
 from sparse_coord_ros.errors import BagError
+from sparse_coord_ros.limits import METADATA, yaml_value
 
 # rmw's RMW_DURATION_INFINITE, 2**63 - 1 ns: what rosbag2 records for a publisher without a
 # deadline, lifespan or lease.
@@ -78,9 +79,9 @@ def profiles_from_text(text: str) -> tuple[QoS, ...]:
         BagError: the text is not YAML, or not a list of profiles.
     """
     try:
-        entries = yaml.safe_load(text) or []
+        entries = yaml_value(text, where="QoS", limit=METADATA, error=BagError) or []
         return tuple(_profile(entry) for entry in entries)
-    except (yaml.YAMLError, RecursionError, ValueError, TypeError, AttributeError) as error:
+    except (BagError, ValueError, OverflowError, TypeError, AttributeError) as error:
         raise BagError("its QoS profiles cannot be read") from error
 
 

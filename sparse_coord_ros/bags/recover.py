@@ -10,8 +10,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import yaml
-
 from sparse_coord_ros.bags.layout import PARTIAL, open_to_read, sync_directory, write_text
 from sparse_coord_ros.bags.metadata import (
     METADATA_FILE,
@@ -22,8 +20,9 @@ from sparse_coord_ros.bags.metadata import (
 )
 from sparse_coord_ros.bags.reader import Bag, BagFile, bag_files, open_bag, stem_and_number
 from sparse_coord_ros.bags.writer import BagWriter
-from sparse_coord_ros.errors import BagError
+from sparse_coord_ros.errors import BagError, SparseCoordError
 from sparse_coord_ros.files import take_lock
+from sparse_coord_ros.limits import METADATA, parse_yaml, read_text
 
 _DRAFT = ".recovering"
 
@@ -226,12 +225,13 @@ def _describes(metadata: Path, bag: Bag) -> bool:
     """Whether a `metadata.yaml` is there and fits the bag."""
     names = [file.path.name for file in bag.files]
     try:
-        information = yaml.safe_load(metadata.read_bytes())["rosbag2_bagfile_information"]
+        text = read_text(metadata, METADATA)
+        information = parse_yaml(text, where="", limit=METADATA)["rosbag2_bagfile_information"]
         return (
             information["relative_file_paths"] == names
             and information["message_count"] == bag.message_count
         )
-    except (OSError, yaml.YAMLError, ValueError, TypeError, KeyError, RecursionError):
+    except (OSError, SparseCoordError, ValueError, TypeError, KeyError):
         return False
 
 

@@ -10,7 +10,8 @@ from sparse_coord_ros.cli.options import Option
 from sparse_coord_ros.errors import MapError
 from sparse_coord_ros.game.grid import RESOLUTIONS
 from sparse_coord_ros.game.settings import Setting
-from sparse_coord_ros.maps.image import MOST_PIXELS, write_floor_plan
+from sparse_coord_ros.limits import IMAGE
+from sparse_coord_ros.maps.image import write_floor_plan
 
 RESOLUTION = Setting("resolution", float, 1.0, "metres a cell", *RESOLUTIONS)
 PIXELS = Setting("pixels", int, 10, "pixels along the side of a cell", 1, 1000)
@@ -32,8 +33,10 @@ def execute(options: argparse.Namespace) -> int:
     grid = map_of(options.map)
     resolution = options.resolution or grid.resolution or 1.0
     pixels = options.pixels
-    if grid.shape[0] * grid.shape[1] * pixels**2 > MOST_PIXELS:
-        raise MapError(f"--pixels {pixels}: the image would have more than {MOST_PIXELS:,} pixels")
+    if grid.shape[0] * grid.shape[1] * pixels**2 > IMAGE.elements:
+        raise MapError(
+            f"--pixels {pixels}: the image would have more than {IMAGE.elements:,} pixels"
+        )
     folder = options.out or Path()
     for path in (folder / f"{grid.name}.yaml", folder / f"{grid.name}.{options.image}"):
         if path.exists():

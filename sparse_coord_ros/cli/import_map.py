@@ -9,14 +9,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.options import Option
 from sparse_coord_ros.errors import MapError, SettingError, in_short
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.scenario import Robot, Scenario
 from sparse_coord_ros.game.settings import Setting, parse_assignments
+from sparse_coord_ros.limits import to_yaml
 from sparse_coord_ros.maps.gridding import SPECK
 from sparse_coord_ros.maps.image import read_floor_plan
 from sparse_coord_ros.maps.plan import Place, import_map, scenario_of
@@ -172,4 +171,4 @@ def _scenario_text(scenario: Scenario, given: dict, suggested: dict) -> str:
     plain = {k: v if isinstance(v, bool | int | float | str) else str(v) for k, v in values}
     data = {"map": f"{scenario.map.name}.txt", "robots": robots, **plain, **suggested}
     head = "# Made by import-map; robots' places are [row, column] of the map beside this file.\n"
-    return head + yaml.safe_dump(data, sort_keys=False, default_flow_style=None)
+    return head + to_yaml(data, default_flow_style=None)

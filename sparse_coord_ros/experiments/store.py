@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sparse_coord_ros.engine.batch import Run
-from sparse_coord_ros.errors import ResultsError, SettingError, other_format
+from sparse_coord_ros.errors import ResultsError, SettingError, os_error_text, other_format
 from sparse_coord_ros.experiments.conditions import Condition, parse_id
 from sparse_coord_ros.files import PARTIAL, take_lock, write_whole
 from sparse_coord_ros.game.actions import PRIMITIVES
@@ -29,6 +29,7 @@ from sparse_coord_ros.learn.evaluation import Measure
 from sparse_coord_ros.learn.factors import rows_at_most
 from sparse_coord_ros.learn.learners import Learner, learner_of
 from sparse_coord_ros.learn.sparse import SparseTable
+from sparse_coord_ros.limits import RESULTS, read_text
 from sparse_coord_ros.solve.optimum import joint_optimum
 from sparse_coord_ros.solve.reference import shortest_path_reference
 from sparse_coord_ros.version import __version__
@@ -362,7 +363,7 @@ def _load(path: Path, condition: Condition, plan: Plan) -> ConditionResult:
         ResultsError: the result is of another scenario, protocol or plan.
         Exception: whatever a malformed file raises, see `_MALFORMED`.
     """
-    data = json.loads(path.read_text(encoding="utf-8"))
+    data = _json(path)
     _check_format(path, data.pop("format"))
     named, computed = data.pop("condition"), data.pop("digest")
     result = ConditionResult(condition=condition, **data)
@@ -373,6 +374,15 @@ def _load(path: Path, condition: Condition, plan: Plan) -> ConditionResult:
             f"{condition.id} has now; nothing is mixed: choose another --out, or remove this file"
         )
     return result
+
+
+def _json(path: Path) -> Any:
+    try:
+        return json.loads(read_text(path, RESULTS))
+    except FileNotFoundError:
+        raise
+    except OSError as error:
+        raise ResultsError(f"{os_error_text(error)}; give a directory of results") from None
 
 
 def _check_format(path: Path, found: int) -> None:
@@ -405,7 +415,7 @@ def read_results(directory: Path) -> tuple[Plan, list[ConditionResult]]:
 def _manifest(path: Path) -> dict[str, int]:
     """Return the plan that a results.json says, by the names of its fields."""
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        found = _json(path)
         _check_format(path, found["format"])
         return {field.name: int(found[field.name]) for field in fields(Plan)}
     except _MALFORMED:

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.grid import DOORWAY, FREE, WALL, parse_map
-from sparse_coord_ros.game.scenario import Scenario, parse_yaml, scenario_from_dict
+from sparse_coord_ros.game.scenario import Scenario, scenario_from_dict
 from sparse_coord_ros.game.settings import setting, settings_of
+from sparse_coord_ros.limits import parse_yaml
 
 CORRIDOR = 2
 """Rows of a corridor: wide enough to pass one another."""

@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from sparse_coord_ros.errors import MapError, did_you_mean, in_short
 from sparse_coord_ros.game.actions import DIRECTIONS
+from sparse_coord_ros.limits import MAP, MAP_HEADER, read_text, to_yaml, yaml_value
 from sparse_coord_ros.share import share_file, share_names
 
 WALL, FREE, DOORWAY = "#", ".", "D"
@@ -120,7 +120,7 @@ class GridMap:
         said: dict[str, Any] = {name: getattr(self, name) for name in HEADER_TEXTS}
         if self.resolution is not None:
             said |= {"resolution": self.resolution, "origin": list(self.origin)}
-        header = yaml.safe_dump(said, sort_keys=False, allow_unicode=True)
+        header = to_yaml(said)
         return header + "---\n" + "\n".join(self.rows) + "\n"
 
 
@@ -143,7 +143,7 @@ def load_map(name: str, *, beside: Path | None = None) -> GridMap:
     for candidate in [folder / name for folder in folders] + [share_file("maps", f"{name}.txt")]:
         if candidate is not None and candidate.is_file():
             try:
-                text = candidate.read_text(encoding="utf-8")
+                text = read_text(candidate, MAP)
             except (OSError, UnicodeDecodeError) as error:
                 raise MapError(
                     f"map {candidate}: cannot be read as UTF-8 text: {error}; an image becomes a "
@@ -178,17 +178,17 @@ def parse_map(text: str, *, name: str, where: str) -> GridMap:
     while rows and not rows[-1]:
         rows = rows[:-1]
     _check_rows(rows, first + 1, where)
+    if len(rows) * len(rows[0]) > MAP.elements:
+        raise MapError(
+            f"map {where}: has {len(rows) * len(rows[0]):,} cells and walls, allowed: "
+            f"{MAP.elements:,}; use larger cells, or a part of it"
+        )
     return GridMap(name=name, rows=rows, **_header("\n".join(lines[: first - 1]), where))
 
 
 def _header(text: str, where: str) -> dict[str, Any]:
     allowed = (*HEADER_TEXTS, "resolution", "origin")
-    try:
-        header = yaml.safe_load(text) or {}
-    except yaml.YAMLError as error:
-        raise MapError(
-            f"map {where}: header is not YAML: {' '.join(str(error).split())}"
-        ) from None
+    header = yaml_value(text, where=f"map {where}: header", limit=MAP_HEADER, error=MapError) or {}
     if not isinstance(header, dict):
         raise MapError(f"map {where}: the header must be 'key: value' lines of {allowed}")
     for key in header:

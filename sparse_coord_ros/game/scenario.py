@@ -3,15 +3,20 @@
 """Scenarios: map, robots, rewards, dynamics, perception and learning protocol as one object."""
 
 import re
-from collections.abc import Hashable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
-from sparse_coord_ros.errors import MapError, ScenarioError, SettingError, did_you_mean
+from sparse_coord_ros.errors import (
+    MapError,
+    ScenarioError,
+    SettingError,
+    did_you_mean,
+    os_error_text,
+)
 from sparse_coord_ros.game.actions import PRIMITIVES
 from sparse_coord_ros.game.grid import UNREACHABLE, GridMap, load_map, parse_map
 from sparse_coord_ros.game.links import LINKS
@@ -19,6 +24,7 @@ from sparse_coord_ros.game.perception import PERCEPTION
 from sparse_coord_ros.game.schedules import EPSILON, STARTS, STEP_SIZE
 from sparse_coord_ros.game.settings import setting, settings_of
 from sparse_coord_ros.game.specs import Form, Number, Spec, SpecFamily
+from sparse_coord_ros.limits import SCENARIO, parse_yaml, read_text
 from sparse_coord_ros.share import share_file, share_names
 
 COMMON_REWARD = SpecFamily(
@@ -296,24 +302,6 @@ def load_scenario(name: str | Path, **settings: object) -> Scenario:
     return scenario.with_settings(settings)
 
 
-class UniqueKeyLoader(yaml.SafeLoader):
-    """A safe loader that refuses a key given twice instead of dropping the first."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        """Build a mapping; raise `yaml.YAMLError` where a key repeats."""
-        keys = set()
-        for key_node, _ in node.value:
-            key = self.construct_object(key_node, deep=True)
-            if not isinstance(key, Hashable):
-                continue
-            if key in keys:
-                raise yaml.constructor.ConstructorError(
-                    None, None, f"key {key!r} is there twice", key_node.start_mark
-                )
-            keys.add(key)
-        return super().construct_mapping(node, deep)
-
-
 def read_yaml(path: Path) -> dict[str, Any]:
     """Read a YAML file whose top level is a mapping.
 
@@ -321,31 +309,13 @@ def read_yaml(path: Path) -> dict[str, Any]:
         ScenarioError: not readable, not YAML, or not a mapping.
     """
     try:
-        return parse_yaml(path.read_text(encoding="utf-8"), where=str(path))
-    except (OSError, UnicodeDecodeError) as error:
-        raise ScenarioError(f"{path}: cannot be read as UTF-8 text: {error}") from None
-
-
-def parse_yaml(text: str, *, where: str) -> dict[str, Any]:
-    """Read YAML text whose top level is a mapping.
-
-    Raises:
-        ScenarioError: not YAML, or not a mapping.
-    """
-    try:
-        data = yaml.load(text, Loader=UniqueKeyLoader)
-    except (yaml.YAMLError, ValueError) as error:  # ValueError: e.g. a date with month 13
-        mark = getattr(error, "problem_mark", None)
-        line = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
-        problem = getattr(error, "problem", None) or " ".join(str(error).split())
-        raise ScenarioError(f"{where}{line}: not YAML: {problem}; mend that line") from None
-    except RecursionError:
+        return parse_yaml(read_text(path, SCENARIO), where=str(path))
+    except OSError as error:
         raise ScenarioError(
-            f"{where}: not readable as YAML: it is nested too deeply; write 'key: value' lines"
+            f"scenario {os_error_text(error)}; give the path of a scenario file"
         ) from None
-    if not isinstance(data, dict):
-        raise ScenarioError(f"{where}: must be 'key: value' lines, is {type(data).__name__}")
-    return data
+    except UnicodeDecodeError as error:
+        raise ScenarioError(f"{path}: cannot be read as UTF-8 text: {error}") from None
 
 
 def scenario_from_dict(

@@ -35,6 +35,7 @@ from sparse_coord_ros.learn.evaluation import Evaluation, Measure
 from sparse_coord_ros.learn.history import history_from
 from sparse_coord_ros.learn.learners import Learner
 from sparse_coord_ros.learn.simulation import LearningState, groups_of
+from sparse_coord_ros.limits import ARRAYS, read_file
 from sparse_coord_ros.version import __version__
 
 
@@ -72,7 +73,7 @@ def read(path: Path, run: str, *, said: str) -> dict[str, np.ndarray]:
         RunError: it is of another run or version.
     """
     try:
-        data = path.read_bytes()
+        data = read_file(path, ARRAYS)
     except OSError as error:
         raise broken(path, error.strerror) from None
     how = {"what": "a checkpoint", "remedy": "begin the run anew"}

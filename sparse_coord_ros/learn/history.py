@@ -17,6 +17,7 @@ from sparse_coord_ros.errors import RunError, os_error_text
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.world import Action, StepOutcome
 from sparse_coord_ros.learn import archive
+from sparse_coord_ros.limits import ARRAYS, read_file
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -175,7 +176,7 @@ def load_history(directory: Path) -> History:
     """
     path = directory / HISTORY_FILE
     try:
-        data = path.read_bytes()
+        data = read_file(path, ARRAYS)
     except FileNotFoundError:
         raise RunError(f"{directory}: has no {HISTORY_FILE}; use a run that learned") from None
     except OSError as error:

@@ -16,15 +16,14 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from sparse_coord_ros.errors import RunError, SettingError, did_you_mean, other_format
 from sparse_coord_ros.game.grid import RESOLUTIONS
 from sparse_coord_ros.game.perception import check_percepts
-from sparse_coord_ros.game.scenario import Scenario, parse_yaml, scenario_from_dict
+from sparse_coord_ros.game.scenario import Scenario, scenario_from_dict
 from sparse_coord_ros.game.settings import setting, settings_of
 from sparse_coord_ros.game.specs import Form, SpecFamily
 from sparse_coord_ros.learn.learners import LEARNERS, Learner, learner_of
+from sparse_coord_ros.limits import SCENARIO, parse_yaml, read_text, to_yaml
 from sparse_coord_ros.version import __version__
 
 RUN_FILE, SCENARIO_FILE, MAP_FILE = "run.yaml", "scenario.yaml", "map.txt"
@@ -134,7 +133,7 @@ class RunConfig:
         data["versions"] = dict(self.versions)
         if not self.id:
             del data["id"]
-        return yaml.safe_dump(data, sort_keys=False, allow_unicode=True)
+        return to_yaml(data)
 
     def record(self) -> dict[str, str]:
         """Return the texts of the bag's metadata record."""
@@ -175,7 +174,7 @@ def versions() -> dict[str, str]:
 
 def bag_files(run: RunConfig, text: str) -> dict[str, str]:
     """Return the texts that a bag of a run attaches, by their names; `text`: of its `run.yaml`."""
-    scenario = yaml.safe_dump(run.scenario.to_dict(), sort_keys=False, allow_unicode=True)
+    scenario = to_yaml(run.scenario.to_dict())
     return {RUN_FILE: text, SCENARIO_FILE: scenario, MAP_FILE: run.scenario.map.to_text()}
 
 
@@ -218,7 +217,7 @@ def load_run(directory: Path) -> RunConfig:
     """
     path = directory / RUN_FILE
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_text(path, SCENARIO)
     except (OSError, UnicodeDecodeError):
         raise RunError(
             f"{directory}: no readable run.yaml there; give the output directory of "

@@ -31,6 +31,7 @@ from sparse_coord_ros.learn.agent import PEER_FROM_1, Memory, Tables
 from sparse_coord_ros.learn.checkpoint import memory_arrays, memory_from
 from sparse_coord_ros.learn.factors import Factors, coordination_table
 from sparse_coord_ros.learn.sparse import SparseTable
+from sparse_coord_ros.limits import ARRAYS, read_file
 
 TEAM_FILE = "tables.npz"
 
@@ -122,10 +123,11 @@ def load_saved(path: Path, numbers: Sequence[int]) -> list[SavedTables]:
         TablesError: no such file, not a tables file, or a robot is not in it.
     """
     try:
-        data = path.read_bytes()
+        data = read_file(path, ARRAYS)
     except OSError as error:
-        problem = " ".join(str(error).split())
-        raise TablesError(f"{path}: cannot be read as tables ({problem}); {REMEDY}") from None
+        raise TablesError(
+            f"{path}: cannot be read as tables ({error.strerror}); {REMEDY}"
+        ) from None
     return unpack_saved(data, numbers, where=str(path))
 
 

@@ -10,20 +10,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from PIL import Image
 
-from sparse_coord_ros.errors import MapError, ScenarioError, SettingError, in_short
+from sparse_coord_ros.errors import MapError, SettingError, in_short
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.grid import FURTHEST, RESOLUTIONS, WALL, GridMap, number_of
-from sparse_coord_ros.game.scenario import parse_yaml
 from sparse_coord_ros.game.settings import Setting, SettingTable
+from sparse_coord_ros.limits import IMAGE, MAP_HEADER, open_regular, parse_yaml, read_text, to_yaml
 
 IMAGES = (".pgm", ".png", ".pbm", ".ppm", ".bmp", ".jpg", ".jpeg", ".tif", ".tiff")
 """What the names of images end with, as map_server's maps are."""
-
-MOST_PIXELS = 100_000_000
-"""Pixels of an image: 10,000 x 10,000."""
 
 LONGEST_SIDE = 65_535
 """Pixels along a side: counts along a row are 16-bit numbers."""
@@ -106,13 +102,12 @@ def read_floor_plan(path: Path) -> FloorPlan:
 
 def _fields(path: Path) -> dict[str, Any]:
     try:
-        return parse_yaml(path.read_text(encoding="utf-8"), where=str(path))
+        text = read_text(path, MAP_HEADER)
     except OSError as error:
         raise MapError(f"{path}: cannot be read: {error.strerror or error}") from None
     except UnicodeDecodeError as error:
         raise MapError(f"{path}: is no UTF-8 text ({error.reason}); give the YAML file") from None
-    except ScenarioError as error:
-        raise MapError(str(error)) from None
+    return parse_yaml(text, where=str(path), limit=MAP_HEADER, error=MapError)
 
 
 def _origin(value: object, what: str) -> tuple[float, float]:
@@ -132,14 +127,14 @@ def _pixels(path: Path) -> tuple[np.ndarray, np.ndarray]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", Image.DecompressionBombWarning)
-            with Image.open(path) as image:
-                if image.width * image.height > MOST_PIXELS or max(image.size) > LONGEST_SIDE:
+            with open_regular(path, IMAGE) as file, Image.open(file) as image:
+                if image.width * image.height > IMAGE.elements or max(image.size) > LONGEST_SIDE:
                     raise Image.DecompressionBombError
                 image.load()
                 return _values(image)
     except (Image.DecompressionBombError, Image.DecompressionBombWarning):
         raise MapError(
-            f"{path}: has more than {MOST_PIXELS:,} pixels; scale it down, and multiply the "
+            f"{path}: has more than {IMAGE.elements:,} pixels; scale it down, and multiply the "
             "resolution by as much"
         ) from None
     except FileNotFoundError:
@@ -201,5 +196,5 @@ def write_floor_plan(
         "free_thresh": FIELDS["free_thresh"].default,
     }
     write_whole(picture, file.getvalue())
-    write_whole(said, yaml.safe_dump(fields, sort_keys=False))
+    write_whole(said, to_yaml(fields))
     return said, picture

@@ -8,8 +8,6 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from sparse_coord_ros.errors import BagError, RunError, os_error_text
 from sparse_coord_ros.files import take_lock, write_whole
 from sparse_coord_ros.game.scenario import Scenario
@@ -24,6 +22,7 @@ from sparse_coord_ros.learn.tables import (
     robot_file,
     save_team,
 )
+from sparse_coord_ros.limits import SCENARIO, read_text, to_yaml, yaml_value
 from sparse_coord_ros.lockstep.checkpoints import (
     CHECKPOINTS,
     Checkpoints,
@@ -53,13 +52,13 @@ def gather(
         The summary; `asks` says for each robot how its requests ended.
     """
     path = out / SUMMARY_FILE
-    text = path.read_text(encoding="utf-8") if path.exists() else ""
-    summary = yaml.safe_load(text) or {}  # empty after a full disk
+    text = read_text(path, SCENARIO) if path.exists() else ""
+    summary = yaml_value(text, where=str(path), error=RunError) or {}  # empty after a full disk
     summary["interrupted"] = interrupted
     if recording_error is not None:
         summary["recording_error"] = str(recording_error)
     summary |= _join_tables(out, scenario)
-    write_whole(path, yaml.safe_dump(summary, sort_keys=False))
+    write_whole(path, to_yaml(summary))
     finished = summary.get("transitions", 0) >= scenario.steps
     if finished and not interrupted and (out / TEAM_FILE).exists():
         remove_checkpoints(out)
@@ -153,7 +152,7 @@ class Output:
                 take_lock(folder, wait=True)  # of several nodes one after the other
                 if not held and not (out / RUN_FILE).exists():
                     write_whole(out / RUN_FILE, self._text)
-                elif not held and (out / RUN_FILE).read_text(encoding="utf-8") != self._text:
+                elif not held and read_text(out / RUN_FILE, SCENARIO) != self._text:
                     held = [f"another run's {RUN_FILE}"]
             finally:
                 os.close(folder)

@@ -9,7 +9,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Unpack
 
-import yaml
 from rclpy.timer import Timer
 from std_srvs.srv import SetBool, Trigger
 
@@ -21,6 +20,7 @@ from sparse_coord_ros.game.world import Action, World
 from sparse_coord_ros.learn.history import HISTORY_FILE
 from sparse_coord_ros.learn.run_config import RUN_FILE
 from sparse_coord_ros.learn.tables import TEAM_FILE, robot_file
+from sparse_coord_ros.limits import to_yaml
 from sparse_coord_ros.lockstep.waiting import REPEAT_SECONDS, Silence
 from sparse_coord_ros.lockstep.world_side import WorldSide
 from sparse_coord_ros.nodes.follower import REPORT_SECONDS, TICK_SECONDS
@@ -323,7 +323,7 @@ class WorldSimulator(ParameterNode):
         wait_for_readers(self.publishers)
 
     def _write_outcome(self, out: Path) -> None:
-        write_whole(out / SUMMARY_FILE, yaml.safe_dump(self.summary(), sort_keys=False))
+        write_whole(out / SUMMARY_FILE, to_yaml(self.summary()))
         self.lockstep.history.history().save(out)
 
     def _counts(self) -> dict[str, Any]:

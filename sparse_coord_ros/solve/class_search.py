@@ -26,6 +26,7 @@ from sparse_coord_ros.game.miscoordination import meeting_places, together
 from sparse_coord_ros.game.perception import percept_probabilities
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.settings import Setting
+from sparse_coord_ros.limits import RESULTS, read_text
 from sparse_coord_ros.solve import class_loops
 from sparse_coord_ros.solve.class_loops import (
     OPTIONS,
@@ -312,7 +313,7 @@ def _kept(
     if file is None or not file.exists():
         return [], None
     try:
-        data = json.loads(file.read_text(encoding="utf-8"))
+        data = json.loads(read_text(file, RESULTS))
         values = [float(value) for value in data["values"]]
         best = [RobotPolicy(str(r["moves"]), dict(r["asks"])) for r in data["robots"]]
         said = (data["format"], data["game"], data["seed"])

@@ -101,7 +101,10 @@ def test_header_is_optional_and_line_ends_do_not_matter():
         ("---\n.0\n", ["line 2, column 2", "unknown symbol '0'", "'1' to '9' start"]),
         ("---\n1.\n.1\n", ["line 3", "start 1 is there twice", "first in line 2", "by '.'"]),
         ("---\n##\n##\n", ["no free cell", "mark free cells with '.'"]),
-        ("title: [\n---\n..\n", ["m.txt", "header is not YAML", "line 1"]),
+        (
+            "title: [\n---\n..\n",
+            ["m.txt: header, line 2", "not readable as YAML", "mend"],
+        ),
         ("- 1\n---\n..\n", ["m.txt", "'key: value'", "title"]),
     ],
 )

@@ -258,13 +258,16 @@ def test_unknown_scenario_names_the_nearest(name, near):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("map: env1\nrobots: {r: {start: 1\nsteps: 3\n", ["f.yaml, line 3", "not YAML", "mend"]),
-        ("map: env1\n\tsteps: 3\n", ["f.yaml, line 2, column 1", "\\t", "not YAML"]),
-        ("map: !!python/object:os.system x\n", ["f.yaml, line 1", "not YAML"]),
-        ("name: 2020-13-45\n", ["f.yaml", "not YAML", "month"]),
+        (
+            "map: env1\nrobots: {r: {start: 1\nsteps: 3\n",
+            ["f.yaml, line 3", "not readable as YAML", "mend"],
+        ),
+        ("map: env1\n\tsteps: 3\n", ["f.yaml, line 2, column 1", "not readable as YAML"]),
+        ("map: !!python/object:os.system x\n", ["f.yaml, line 1", "not readable as YAML"]),
+        ("name: 2020-13-45\n", ["f.yaml: field 'map' is missing"]),
         ("- 1\n", ["f.yaml", "must be 'key: value' lines", "list"]),
         ("", ["f.yaml", "must be 'key: value' lines"]),
-        ("map: " + "[" * 600, ["f.yaml: not readable as YAML", "nested too deeply"]),
+        ("map: " + "[" * 600, ["f.yaml, line 1", "not readable as YAML", "nested too deeply"]),
         ("map: env1\nsteps: 5\nsteps: 6\n", ["f.yaml, line 3", "'steps' is there twice"]),
         (ROBOTS.format("r") + "  r: {start: 2, goal: 1}\n", ["'r' is there twice"]),
         (ROBOTS.format("recorder"), ["robot name 'recorder'", "not world_simulator, recorder"]),

@@ -121,9 +121,9 @@ def test_bad_fields_are_one_line(saved, fields, words):
     ("text", "words"),
     [
         ("image: [[[[[[[[[[[[[[1]]]]]]]]]]]]]]", "setting image: value is [[[[...]]]]"),
-        ("image: [", "not YAML"),
+        ("image: [", "not readable as YAML"),
         ("", "must be 'key: value' lines"),
-        ("image: !!python/object/apply:os.system [ls]\n", "not YAML"),
+        ("image: !!python/object/apply:os.system [ls]\n", "not readable as YAML"),
         (b"\x89PNG\xff", "is no UTF-8 text"),
     ],
 )

@@ -1,0 +1,127 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What comes from elsewhere is read within limits, or refused in one line."""
+
+import math
+import os
+import re
+import time
+
+import pytest
+
+from sparse_coord_ros.errors import MapError, ScenarioError
+from sparse_coord_ros.limits import DEEPEST, Limit, parse_yaml, read_file, read_text, to_yaml
+
+SMALL = Limit("a test", 1000, 40)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("010", 10),
+        ("0o17", 15),
+        ("0x1F", 31),
+        ("-7", -7),
+        ("1:1:1", "1:1:1"),
+        ("1_000", "1_000"),
+        ("1e3", 1000.0),
+        (".5", 0.5),
+        ("5.", 5.0),
+        ("-.inf", -math.inf),
+        ("7" * 500, math.inf),
+        ("yes", "yes"),
+        ("on", "on"),
+        ("Off", "Off"),
+        ("TRUE", True),
+        ("false", False),
+        ("~", None),
+        ("", None),
+        ("2020-13-45", "2020-13-45"),
+        ("'1'", "1"),
+        ('"true"', "true"),
+        ("|\n  x\n  y\n", "x\ny\n"),
+        ("[1, [2, {b: 3}]]", [1, [2, {"b": 3}]]),
+    ],
+)
+def test_yaml_is_that_of_version_1_2(text, value):
+    found = parse_yaml(f"a: {text}", where="")["a"]
+    assert (found, type(found)) == (value, type(value))
+
+
+NOT_READ = "anchors, aliases and tags are not read"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("a: &x 1\n", f"here, line 1, column 4: not readable as YAML: {NOT_READ}"),
+        ("a: *x\n", NOT_READ),
+        ("a: !!str 1\n", NOT_READ),
+        ("a: !!python/object/apply:os.system [ls]\n", NOT_READ),
+        ("a: 1\nb: 2\na: 3\n", "here, line 3, column 1: .*key 'a' is there twice"),
+        ("? [1]\n: 2\n", "a key must be a text or a number"),
+        ("a: 1\n---\nb: 2\n", "line 2, column 1: .*expected a single document"),
+        ("a: [1, 2\n", "line 2, column 1: .*mend that line"),
+        ("a: \x00\n", "control characters are not allowed"),
+        ("a: \ud800\n", "surrogates not allowed"),
+        ("- 1\n", "here: must be 'key: value' lines, is list"),
+        ("", "here: must be 'key: value' lines, is NoneType"),
+        ("a: " + "[" * DEEPEST + "]" * DEEPEST, f"nested too deeply, allowed: {DEEPEST} levels"),
+        ("a: [" + "1," * 40 + "]", "here are more than 40 values, allowed for a test"),
+        ("a: " + 1000 * "x", "has 1,003 letters, allowed for a test: 1,000; take out"),
+    ],
+)
+def test_what_is_not_read_is_told_in_one_line(text, words):
+    with pytest.raises(MapError, match=words) as error:
+        parse_yaml(text, where="here", limit=SMALL, error=MapError)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("bomb", ["[" * 4_000_000, "{a: " * 1_000_000, "\n- 1" * 2_000_000])
+def test_bombs_end_early(bomb):
+    before = time.monotonic()
+    with pytest.raises(ScenarioError, match="nested too deeply|more than 20,000 values"):
+        parse_yaml(f"x: {bomb}", where="bomb")
+    assert time.monotonic() - before < 1.0
+
+
+def test_shared_parts_are_written_out():
+    part = [1, 2]
+    assert parse_yaml(to_yaml({"a": part, "b": part}), where="") == {"a": part, "b": part}
+
+
+@pytest.mark.parametrize(
+    "value",
+    ["1e3", "12e45", "0o7", "0x1f", "1.5", "yes", "010", "2020-01-01", "1:1", ".5", "+1", "~"]
+    + ["", "true", ".inf", "a: b", "x\ny\n", "1_000", "<<", 1e16, 1e-7, 5, True, None, -math.inf],
+)
+def test_what_is_written_is_read_back(value):
+    found = parse_yaml(to_yaml({"k": value}), where="")["k"]
+    assert (found, type(found)) == (value, type(value))
+
+
+def test_regular_files_only(tmp_path):
+    file, pipe = tmp_path / "file", tmp_path / "pipe"
+    file.write_bytes(b"a\r\nb")
+    os.mkfifo(pipe)
+    (tmp_path / "link").symlink_to(file)
+    assert read_file(file, SMALL) == b"a\r\nb"
+    assert read_text(tmp_path / "link", SMALL) == "a\nb"
+    for path, words in (
+        (pipe, "it is not a file"),
+        (os.devnull, "it is not a file"),
+        (tmp_path, "Is a directory"),
+        (tmp_path / "none", "No such file"),
+    ):
+        with pytest.raises(OSError, match=words) as error:
+            read_file(path, SMALL)
+        assert error.value.filename == str(path)
+
+
+def test_large_files_are_not_read(tmp_path):
+    large = tmp_path / "large"
+    with large.open("wb") as file:
+        file.truncate(2**40)
+    words = "it has 1,099,511,627,776 bytes, allowed for a test: 1,000"
+    with pytest.raises(OSError, match=re.escape(words)):
+        read_file(large, SMALL)
