@@ -12,6 +12,7 @@ import numpy as np
 import sparse_coord_ros as sc
 
 
+@sc.perception_model
 def fog(grid, reach):
     """Return how likely one robot sees another: less the further apart they are, in cells."""
     here = np.array(grid.cells)  # row and column of each cell

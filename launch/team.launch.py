@@ -13,6 +13,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from launch import LaunchDescription
+from sparse_coord_ros.game.plugins import allow_modules, allow_named
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.share import share_file
 
@@ -31,6 +32,10 @@ ARGUMENTS = {
     "namespace": ("", "the team's namespace; its /clock is then NAMESPACE/clock"),
     "use_sim_time": ("false", "true: the nodes' ROS clocks follow the team's /clock"),
     "rviz": ("false", "true: open RViz, where it is installed, with rviz/team.rviz"),
+    "allow": (
+        "",
+        "modules that a scenario may name, with models of your own, separated by commas",
+    ),
     "params_file": ("", "a parameter file for all nodes, such as config/params.yaml"),
 }
 
@@ -47,6 +52,10 @@ def members(context, more=None, remappings=()):
     """
     given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
     record, simulated = is_true(given["record"]), is_true(given["use_sim_time"])
+    changes = [one.strip() for one in given["set"].split(",")]
+    allow_modules(given["allow"].replace(",", " "))  # the nodes inherit it
+    for named in (given["learner"], *(one.partition("=")[2].strip() for one in changes)):
+        allow_named(named)
     scenario = load_scenario(given["scenario"])
     out = given["out"] or f"{scenario.name}_{datetime.now():%Y%m%d_%H%M%S}"
     if Path(out).exists():
@@ -59,7 +68,7 @@ def members(context, more=None, remappings=()):
     common.append({"use_sim_time": simulated})
     world = {
         "scenario": given["scenario"],
-        "set": [one.strip() for one in given["set"].split(",")],
+        "set": changes,
         "seed": int(given["seed"]),
         "learner": given["learner"],
         "greedy": is_true(given["greedy"]),

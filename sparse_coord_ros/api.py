@@ -33,7 +33,8 @@ from sparse_coord_ros.experiments.runner import (
 )
 from sparse_coord_ros.experiments.store import JOBS, RUNS, SUMS, TRIALS, Plan
 from sparse_coord_ros.game.buildings import generated_building
-from sparse_coord_ros.game.perception import register_perception
+from sparse_coord_ros.game.perception import perception_model, register_perception
+from sparse_coord_ros.game.plugins import allow_modules, allow_named
 from sparse_coord_ros.game.scenario import Scenario, load_scenario, loaded, scenario_names
 from sparse_coord_ros.game.world import Reward, RewardWeights
 from sparse_coord_ros.learn import evaluation, run_config
@@ -70,7 +71,7 @@ __all__ += ["load_run", "SavedRun", "read_log", "RunLog", "verify", "Verificatio
 __all__ += ["experiment_names", "run_experiment", "ExperimentResults"]
 # Learners and perception models of one's own
 __all__ += ["Learner", "Agent", "Choice", "Reward", "RewardWeights"]
-__all__ += ["register_learner", "register_perception"]
+__all__ += ["register_learner", "register_perception", "perception_model"]
 # Errors
 __all__ += ["SparseCoordError"]
 
@@ -189,13 +190,18 @@ class SavedRun:
         return load_history(self.directory)
 
 
-def load_run(directory: str | Path) -> SavedRun:
+def load_run(directory: str | Path, *, allow: str | Iterable[str] = ()) -> SavedRun:
     """Open a run's directory; its tables and its history are read when they are first used.
+
+    Args:
+        directory: where it is.
+        allow: modules that it may name, with a learner or a perception model of one's own.
 
     Raises:
         RunError: there is no run, or it is in another format.
         SettingError: its learner or its perception model is missing here.
     """
+    allow_modules(allow)
     path = _path("run", directory)
     return SavedRun(path, run_config.load_run(path))
 
@@ -228,7 +234,7 @@ def train(
         ScenarioError, SettingError: no such scenario or learner, or a bad setting.
         PluginError: a learner or perception model of the user's own failed.
     """
-    rule = learner_of(learner)
+    rule = _chosen(learner)
     return training.train(
         rule.with_defaults(loaded(scenario)),
         rule,
@@ -274,7 +280,7 @@ def train_many(
         RunError: the cluster cannot be reached, or was lost.
         PluginError: a learner or perception model of the user's own failed.
     """
-    rule = learner_of(learner)
+    rule = _chosen(learner)
     problem = rule.with_defaults(loaded(scenario))
     plan = _plan(seed, runs, trials, no_trials=True)
     jobs = _jobs(jobs)
@@ -436,12 +442,13 @@ def __getattr__(name: str) -> object:
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
-def read_log(bag: str | Path) -> "RunLog":
+def read_log(bag: str | Path, *, allow: str | Iterable[str] = ()) -> "RunLog":
     """Read a run's log as arrays: who was where, chose what, asked whom, perceived and got what.
 
     Args:
         bag: a bag's directory or that of its run, an `.mcap` or an `.mcap.partial`. Of an
             unfinished or damaged file, what can be read before the damage.
+        allow: modules that it may name, with a learner or a perception model of one's own.
 
     Raises:
         BagError: nothing can be read, or the bag holds no run.
@@ -450,21 +457,26 @@ def read_log(bag: str | Path) -> "RunLog":
     """
     from sparse_coord_ros.runlog import read_run
 
+    allow_modules(allow)
+
     return read_run(_path("bag", bag))
 
 
-def verify(bag: str | Path) -> "Verification":
+def verify(bag: str | Path, *, allow: str | Iterable[str] = ()) -> "Verification":
     """Compute a recorded run again from its seed and its log alone, and compare.
 
     Its attribute `same` says whether nothing differs, `differences` says what does.
 
     Args:
         bag: as of `read_log`.
+        allow: as of `read_log`.
 
     Raises:
         BagError, RunError, SettingError: as `read_log`.
     """
     from sparse_coord_ros import runlog
+
+    allow_modules(allow)
 
     return runlog.verify(_path("bag", bag))
 
@@ -542,7 +554,7 @@ def _learned(
             "its directory, or a list of the robots' Tables (of many runs, one: runs[0])"
         )
     learner = getattr(run, "learner", None) if learner is None else learner
-    rule = None if learner is None else learner_of(learner)
+    rule = None if learner is None else _chosen(learner)
     if scenario is not None:
         problem = loaded(scenario)
         return problem if rule is None else rule.with_defaults(problem), tables, rule
@@ -550,6 +562,12 @@ def _learned(
     if own is None:
         raise TablesError("tables alone do not say their scenario; give evaluate(scenario=...)")
     return own, tables, rule
+
+
+def _chosen(learner: LearnerLike) -> Learner:
+    """Return the learner that the caller names, and so allows."""
+    allow_named(learner)
+    return learner_of(learner)
 
 
 def _plan(seed: int, runs: int, trials: int, *, no_trials: bool = False) -> Plan:

@@ -44,6 +44,10 @@ class SettingError(SparseCoordError):
     """A setting (scenario field, `--set`, ROS parameter) is unknown or out of range."""
 
 
+class NotAllowedError(SettingError):
+    """A learner or perception model lies in a module that nobody here allowed to be imported."""
+
+
 class PluginError(SparseCoordError):
     """A learner or perception model of the user's own failed; the cause has its traceback."""
 

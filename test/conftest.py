@@ -16,6 +16,7 @@ import pytest
 from teams import drawn
 
 from sparse_coord_ros.compiling import FOLDER_VARIABLE
+from sparse_coord_ros.game.plugins import ALLOW_VARIABLE
 
 DOMAINS = (*range(1, 101), *range(215, 232))
 """ROS domains whose ports are not those that Linux hands out by itself."""
@@ -46,6 +47,12 @@ def own_domain(monkeypatch):
     with ros_domain() as domain:
         monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
         yield domain
+
+
+@pytest.fixture(autouse=True)
+def nothing_allowed(monkeypatch):
+    """Let no test begin with modules that another one allowed to be imported."""
+    monkeypatch.setenv(ALLOW_VARIABLE, "")
 
 
 @pytest.fixture(autouse=True, scope="session")

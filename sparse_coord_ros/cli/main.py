@@ -54,6 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     verb = _verb_of(arguments)
     try:
         options = make_parser(verb).parse_args(arguments)
+        allow_given(options)
         with nullcontext() if verb in WITH_NODES else _terminated_like_interrupted():
             return options.execute(options)
     except BrokenPipeError:
@@ -82,6 +83,14 @@ def _in_words(error: Exception) -> str:
         return str(error)
     said = os_error_text(error)  # it names the file, however long its name is
     return said if len(said) <= LONGEST else f"{said[: LONGEST // 2]}...{said[-LONGEST // 2 :]}"
+
+
+def allow_given(options: argparse.Namespace) -> None:
+    """Allow the modules of the user's own that this very command names; --set does so itself."""
+    from sparse_coord_ros.game.plugins import allow_modules, allow_named
+
+    allow_modules(options.allow)
+    allow_named(getattr(options, "learner", None))
 
 
 @contextmanager

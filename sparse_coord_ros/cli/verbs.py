@@ -59,7 +59,7 @@ def add_verb(verbs: Any, name: str) -> None:
         verbs: the subparsers of `sparse_coord`.
         name: the verb.
     """
-    from sparse_coord_ros.cli.options import add_options
+    from sparse_coord_ros.cli.options import ALLOW, add_options
 
     module = importlib.import_module(f"sparse_coord_ros.cli.{name.replace('-', '_')}")
     help = VERBS[name]
@@ -70,5 +70,5 @@ def add_verb(verbs: Any, name: str) -> None:
         epilog=f"example:\n  {module.EXAMPLE}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    add_options(parser, module.OPTIONS)
+    add_options(parser, (*module.OPTIONS, ALLOW))
     parser.set_defaults(execute=module.execute, parser=parser)

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from sparse_coord_ros.compiling import digest_of_sources
 from sparse_coord_ros.errors import ResultsError, RunError, SettingError, SparseCoordError
+from sparse_coord_ros.game.plugins import allow_modules, allowed
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -104,9 +105,9 @@ class Cluster(AbstractContextManager["Cluster"]):
         """
         from distributed import as_completed
 
-        sources = own_sources()
+        sources, modules = own_sources(), allowed()
         numbers = {
-            self._client.submit(_call, sources, function, arguments, pure=False): number
+            self._client.submit(_call, sources, modules, function, arguments, pure=False): number
             for number, arguments in enumerate(work)
         }
         try:
@@ -171,8 +172,14 @@ def own_sources() -> str:
     return digest_of_sources(sources=["**/*.py"])
 
 
-def _call(sources: str, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
-    """Call a function on a worker, if it computes what the asker would."""
+def _call(
+    sources: str,
+    modules: Sequence[str],
+    function: Callable[..., Any],
+    arguments: tuple[Any, ...],
+) -> Any:
+    """Call a function on a worker, if it computes what the asker would; what the asker allows."""
+    allow_modules(modules)
     if own_sources() != sources:
         from distributed import get_worker
 

@@ -204,7 +204,7 @@ def parse_targets(targets: Iterable[str | Condition], plan: Plan) -> Targets:
                 f"{', '.join(NAMES)}, or an id such as env1/coop/penalty=-20"
             )
         else:
-            condition, number = parse_id(target)
+            condition, number = parse_id(target, own=True)
         if digests.setdefault(condition.id, digest(condition)) != digest(condition):
             raise SettingError(
                 f"id {condition.id!r}: another scenario file of the name "

@@ -33,10 +33,27 @@ PerceptionModel = Callable[..., np.ndarray]
 attribute `numbers`, a tuple of `Number`, says their names and ranges; without one, its parameters
 after the map are numbers without bounds."""
 
+MARK = "is_perception_model"
+"""Attribute of functions that may be called as a model by `module:function`: no other is."""
+
+
+def perception_model(function: PerceptionModel) -> PerceptionModel:
+    """Mark a function of one's own as a perception model: a decorator.
+
+    Its name in scenarios and for `--set perception=` is then `module:function`.
+    """
+    setattr(function, MARK, True)
+    return function
+
 
 def _model(name: str, thing: object) -> PerceptionModel:
     if not callable(thing):
         raise TypeError("is no function; it must take a map and return a matrix of probabilities")
+    if is_path(name) and getattr(thing, MARK, False) is not True:
+        raise TypeError(
+            "is not marked as a perception model and was not called; if it is one, write "
+            "@sc.perception_model above it"
+        )
     return thing
 
 
@@ -60,6 +77,8 @@ def register_perception(name: str, model: PerceptionModel) -> PerceptionModel:
     Raises:
         SettingError: it is no function, or the name is none or taken.
     """
+    with suppress(AttributeError, TypeError):  # of what is no function
+        perception_model(model)
     return MODELS.register(name, model)
 
 
@@ -77,14 +96,21 @@ class PerceptionFamily(SpecFamily):
         return f"{super().usage}, or one of your own as module:function"
 
     def parse(self, value: object) -> Any:
-        """Read a model with its numbers; errors as of `SpecFamily.parse`."""
+        """Read a model with its numbers; errors as of `SpecFamily.parse`.
+
+        A model whose code nobody allowed is only named: looking it up says so, where it is used.
+        """
         if isinstance(value, Spec):
             return value
         parts = str(value).split(":")
-        words = 2 if is_path(":".join(parts[:2])) else 1
+        known = parts[0] in MODELS.names
+        words = 1 if known or not is_path(":".join(parts[:2])) else 2
         kind = ":".join(parts[:words])
-        if kind not in MODELS.names and words == 1:
+        if not known and words == 1:
             raise self.unknown(str(value), MODELS.names)
+        if MODELS.barred(kind):
+            numbers = parts[words:]
+            return self.numbered(Form(kind, "", (Number("number"),) * len(numbers)), numbers)
         model = MODELS.find(kind)
         spec = self.numbered(_form(kind, model), parts[words:])
         return Spec(_portable(kind, model), spec.numbers)

@@ -5,6 +5,10 @@
 What a name stands for is looked up in this order: what was registered (the package's own
 included), entry points of installed packages, and `module:name`, a module that Python can import
 or that lies in the current directory.
+
+Files and messages come from anybody, and importing a module runs it. So a module is imported by
+`module:name` only where it is allowed: by the user, on the command line, as a node's parameter or
+in Python. What a file or a message says allows nothing.
 """
 
 import importlib
@@ -12,17 +16,71 @@ import os
 import re
 import sys
 import traceback
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, distributions
 from pathlib import Path
 from typing import Generic, TypeVar
 
-from sparse_coord_ros.errors import PluginError, SettingError, SparseCoordError, did_you_mean
+from sparse_coord_ros.errors import (
+    NotAllowedError,
+    PluginError,
+    SettingError,
+    SparseCoordError,
+    did_you_mean,
+)
 
 T = TypeVar("T")
 
 _PATH = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*", re.ASCII)
+
+ALLOW_VARIABLE = "SPARSE_COORD_ALLOW"
+"""Environment variable with the allowed modules, between blanks: child processes have it too."""
+
+
+def allowed() -> tuple[str, ...]:
+    """Return the modules and packages that may be imported by `module:name`."""
+    return tuple(os.environ.get(ALLOW_VARIABLE, "").split())
+
+
+def allow_modules(modules: str | Iterable[str]) -> None:
+    """Let modules, and packages with all that is in them, be imported by `module:name`.
+
+    It holds for this process and those that it starts.
+
+    Args:
+        modules: their names; in a text, between blanks.
+
+    Raises:
+        SettingError: that is no module's name.
+    """
+    for module in modules.split() if isinstance(modules, str) else filter(None, modules):
+        if not is_path(f"{module}:name"):
+            raise SettingError(
+                f"allow: value is {module!r}, allowed: the name of a module, such as my_team"
+            )
+        if not _may_import(module):
+            os.environ[ALLOW_VARIABLE] = " ".join([*allowed(), module])
+
+
+def allow_named(given: object) -> None:
+    """Allow the module that the user names: in a text `module:name`, numbers may follow."""
+    words = given.split(":") if isinstance(given, str) else []
+    if is_path(":".join(words[:2])):
+        allow_modules(words[0])
+
+
+def _may_import(module: str) -> bool:
+    return any(f"{module}.".startswith(f"{one}.") for one in allowed())
+
+
+@contextmanager
+def leaving_out(what: str, say: Callable[[str], object]) -> Iterator[None]:
+    """Go on without what needs code that nobody allowed, and say so in one line."""
+    try:
+        yield
+    except NotAllowedError as error:
+        say(f"left out {what}: {error}")
 
 
 class Registry(Generic[T]):
@@ -55,6 +113,8 @@ class Registry(Generic[T]):
                 f"{self.kind} name {name!r}: is taken by this package's own; choose another name"
             )
         self._known[name] = made
+        if is_path(name):
+            allow_named(name)  # other processes import it
         return made
 
     @property
@@ -65,7 +125,16 @@ class Registry(Generic[T]):
     @property
     def installed(self) -> tuple[str, ...]:
         """The names that are entry points of installed packages."""
-        return tuple(point.name for point in entry_points(group=self.group))
+        return tuple(point.name for point in self._points())
+
+    def _points(self) -> Iterator[EntryPoint]:
+        """Yield the entry points of installed packages; whoever lies beside us is not installed.
+
+        Where nothing but the current directory offers one, a foreign folder would.
+        """
+        places = [place for place in sys.path if place and not _is_here(place)]
+        for one in distributions(path=places):
+            yield from one.entry_points.select(group=self.group)
 
     @property
     def registered(self) -> Mapping[str, T]:
@@ -82,11 +151,12 @@ class Registry(Generic[T]):
 
         Raises:
             SettingError: nothing has this name, or it is nothing of this kind.
+            NotAllowedError: its module may not be imported.
             PluginError: its module is there, and fails.
         """
         if name in self._known:
             return self._known[name]
-        for point in entry_points(group=self.group):
+        for point in self._points():
             if point.name == name:
                 return self.register(name, self._imported(name, point.module, point.attr))
         if not is_path(name):
@@ -95,13 +165,25 @@ class Registry(Generic[T]):
                 f"{self.usage}"
             )
         module, _, attribute = name.partition(":")
-        return self.register(name, self._imported(name, module, attribute))
+        if self.barred(name):
+            raise NotAllowedError(
+                f"{self.kind} {name!r}: module {module} was not imported, for whoever wrote that "
+                f"name chose the code; if you trust it, allow it: --allow {module}, a node's "
+                f"parameter allow, or allow={module!r} in Python"
+            )
+        with _current_directory():
+            found = self._imported(name, module, attribute)
+        return self.register(name, found)
+
+    def barred(self, name: str) -> bool:
+        """Whether a name stands for code that nobody has allowed to be imported."""
+        module = name.partition(":")[0]
+        return is_path(name) and name not in self._known and not _may_import(module)
 
     def _imported(self, name: str, module: str, attribute: str) -> object:
         found: object
         try:
-            with _current_directory():
-                found = importlib.import_module(module)
+            found = importlib.import_module(module)
         except (Exception, SystemExit) as error:  # of other people's code, whatever it raises
             lost = error.name if isinstance(error, ModuleNotFoundError) else None
             if lost is not None and f"{module}.".startswith(f"{lost}."):
@@ -193,6 +275,10 @@ def _is_ours(name: str) -> bool:
     if name.startswith("<frozen ") or name == importlib.__file__:
         return True
     return Path(name).is_relative_to(Path(__file__).parents[1])
+
+
+def _is_here(place: str) -> bool:
+    return os.path.exists(place) and os.path.samefile(place, ".")
 
 
 @contextmanager

@@ -3,7 +3,7 @@
 """Scenarios: map, robots, rewards, dynamics, perception and learning protocol as one object."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from sparse_coord_ros.game.actions import PRIMITIVES
 from sparse_coord_ros.game.grid import UNREACHABLE, GridMap, load_map, parse_map
 from sparse_coord_ros.game.links import LINKS
 from sparse_coord_ros.game.perception import PERCEPTION
+from sparse_coord_ros.game.plugins import allow_modules, allow_named
 from sparse_coord_ros.game.schedules import EPSILON, STARTS, STEP_SIZE
 from sparse_coord_ros.game.settings import setting, settings_of
 from sparse_coord_ros.game.specs import Form, Number, Spec, SpecFamily
@@ -200,6 +201,8 @@ class Scenario:
     ) -> "Scenario":
         """Return a copy with some settings changed, e.g. `with_settings(penalty=-100)`.
 
+        Who names a perception model of their own here allows its module to be imported.
+
         Args:
             values: settings by name; values may be texts, as on the command line.
             **settings: more of them.
@@ -207,7 +210,13 @@ class Scenario:
         Raises:
             SettingError: an unknown name, a bad value, or one that does not fit the robots.
         """
-        parsed = SETTINGS.parse({**(values or {}), **settings})
+        given = {**(values or {}), **settings}
+        allow_named(given.get("perception"))
+        return self.changed(given)
+
+    def changed(self, values: Mapping[str, object]) -> "Scenario":
+        """As `with_settings`, of values from a file: they allow nothing."""
+        parsed = SETTINGS.parse(values)
         return replace(self, **parsed, given=self.given | set(parsed))
 
     def to_dict(self) -> dict[str, Any]:
@@ -274,11 +283,14 @@ def loaded(scenario: "str | Path | Scenario") -> "Scenario":
     return load_scenario(scenario)
 
 
-def load_scenario(name: str | Path, **settings: object) -> Scenario:
+def load_scenario(
+    name: str | Path, *, allow: str | Iterable[str] = (), **settings: object
+) -> Scenario:
     """Read a scenario, e.g. `load_scenario("env1", penalty=-100)`.
 
     Args:
         name: the name of a shipped scenario, or the path of a scenario file.
+        allow: modules that the file may name, with a perception model of one's own.
         **settings: settings to change, as of `Scenario.with_settings`.
 
     Raises:
@@ -288,6 +300,7 @@ def load_scenario(name: str | Path, **settings: object) -> Scenario:
     """
     if not isinstance(name, str | Path):
         raise ScenarioError(f"scenario: value is {name!r}, allowed: a Scenario, a name or a path")
+    allow_modules(allow)
     path, name = Path(name), str(name)
     if not path.is_file():
         shipped = share_file("config", f"{name}.yaml")

@@ -18,7 +18,7 @@ from typing import Any
 
 from sparse_coord_ros.errors import RunError, SettingError, did_you_mean, other_format
 from sparse_coord_ros.game.grid import RESOLUTIONS
-from sparse_coord_ros.game.perception import check_percepts
+from sparse_coord_ros.game.perception import MODELS, check_percepts
 from sparse_coord_ros.game.scenario import Scenario, scenario_from_dict
 from sparse_coord_ros.game.settings import setting, settings_of
 from sparse_coord_ros.game.specs import Form, SpecFamily
@@ -55,7 +55,10 @@ class LearnerName(SpecFamily):
         Raises:
             SettingError: there is no such learner.
         """
-        return learner_of(value if isinstance(value, Learner) else str(value)).label
+        named = value if isinstance(value, Learner) else str(value)
+        if isinstance(named, str) and LEARNERS.barred(named):
+            return named  # looking it up says so, where it is used
+        return learner_of(named).label
 
 
 LEARNER = LearnerName("learner")
@@ -116,8 +119,22 @@ class RunConfig:
 
     @property
     def rule(self) -> Learner:
-        """The learner that the run names."""
+        """The learner that the run names.
+
+        Raises:
+            NotAllowedError: its code may not be imported.
+        """
         return learner_of(self.learner)
+
+    @property
+    def title(self) -> str:
+        """What its learner is called in print, as far as that may be known."""
+        return self.learner if LEARNERS.barred(self.learner) else self.rule.title or self.learner
+
+    def check_code(self) -> None:
+        """Raise `NotAllowedError` where the code that it names may not be imported."""
+        learner_of(self.learner)
+        MODELS.find(self.scenario.perception.kind)
 
     @property
     def digest(self) -> str:
@@ -160,7 +177,9 @@ def make_run(scenario: Scenario, values: Mapping[str, object]) -> RunConfig:
     scenario = learner.with_defaults(scenario)
     learner.check(scenario)
     check_percepts(scenario.map)
-    return RunConfig(scenario=scenario, versions=versions(), **settings)
+    run = RunConfig(scenario=scenario, versions=versions(), **settings)
+    run.check_code()
+    return run
 
 
 def versions() -> dict[str, str]:

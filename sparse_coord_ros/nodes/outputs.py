@@ -101,6 +101,7 @@ def resumed_run(values: Mapping[str, Any]) -> RunConfig:
         )
     if (out / TEAM_FILE).exists() and not (out / CHECKPOINTS).is_dir():
         raise RunError(f"{out}: the run is finished, there is nothing to go on with")
+    run.check_code()
     if values["scenario"]:
         asked = run_from_parameters(values)
         if asked.digest != run.digest:

@@ -23,6 +23,7 @@ from rclpy.publisher import Publisher
 
 from sparse_coord_ros.driving.trials import BODY_SETTINGS, DRIVER_SETTINGS, SLIPS
 from sparse_coord_ros.errors import RunError, SettingError, SparseCoordError, failure_of
+from sparse_coord_ros.game.plugins import allow_modules, allow_named
 from sparse_coord_ros.game.scenario import SETTINGS, Scenario, load_scenario, scenario_names
 from sparse_coord_ros.game.settings import (
     Setting,
@@ -270,6 +271,7 @@ class ParameterNode(Node):
             text = str(error).replace("setting", "parameter", 1)
             raise SettingError(f"node {self.get_name()}: {text}") from None
         values = {**self._table.defaults(), **{n: parsed[n] for n in parsed if n in self._table}}
+        allow_modules(values.get("allow", ()))
         settings = [f"{name}={parsed[name]}" for name in parsed if name not in self._table]
         if settings:
             values["set"] = [*values["set"], *settings]
@@ -334,6 +336,7 @@ def run_from_parameters(values: Mapping[str, Any]) -> RunConfig:
         )
     assignments = parse_assignments(text for text in values["set"] if text)
     scenario = load_scenario(values["scenario"]).with_settings(assignments)
+    allow_named(values["learner"])
     run = make_run(scenario, {name: values[name] for name in RUN_SETTINGS})
     if run.rule.alone:
         raise SettingError(

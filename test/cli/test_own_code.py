@@ -39,6 +39,7 @@ class Broken(sc.Learner):
     def agent(self, scenario, number, seed, **more):
         return Failing(scenario, number, seed, **more)
 
+@sc.perception_model
 def fog(grid, p):
     return np.full((len(grid.cells),) * 2, p)
 """

@@ -11,6 +11,7 @@ import pytest
 from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.engine.batch import run_batch
 from sparse_coord_ros.game.perception import MODELS
+from sparse_coord_ros.game.plugins import allow_modules
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.learners import LEARNERS
 from sparse_coord_ros.learn.simulation import tables_equal
@@ -84,6 +85,7 @@ OWN = "expected_sarsa:ExpectedSarsa"
 def compared(monkeypatch):
     """Return a function that compares trials and tables of two pairs of learner and engine."""
     monkeypatch.syspath_prepend(EXAMPLES)
+    allow_modules(OWN.partition(":")[0])
 
     def compare(*pairs):
         scenario = load_scenario("env1", steps=3000, penalty=-20)

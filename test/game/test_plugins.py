@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Learners and perception models of the user's own: how they are found, named and blamed."""
 
-import importlib.metadata
 import sys
 
 import pytest
@@ -67,14 +66,18 @@ class Needy(sc.Learner):
         self.more = more
 
 class NoLearner:
-    pass
+    def __init__(self):
+        raise SystemExit("made although it is no learner")
 
+@sc.perception_model
 def fog(grid, p):
     return np.full((len(grid.cells),) * 2, p)
 
+@sc.perception_model
 def divide(grid):
     return fog(grid, 1 / 0)
 
+@sc.perception_model
 def flat(grid):
     return np.ones(len(grid.cells))
 
@@ -97,6 +100,7 @@ def module(tmp_path, monkeypatch):
     (tmp_path / "their_package").mkdir()
     (tmp_path / "their_package/within.py").write_text(MODULE.replace("_of_tests", "_within"))
     before = [(registry, dict(registry._known)) for registry in (LEARNERS, MODELS)]
+    plugins.allow_modules("their_code their_package their_fault nowhere")
     yield "their_code"
     for registry, known in before:
         registry._known = known
@@ -185,6 +189,80 @@ def test_a_module_that_fails_is_blamed(module, tmp_path, code, words):
     )
 
 
+SETTING = "perception: their_code:fog:0.5"
+
+
+def foreign_scenario(folder):
+    """Return the path of a scenario file that names a foreign perception model."""
+    text = "map: env1\nrobots:\n  robot_1: {start: [0, 0], goal: [0, 4]}\n"
+    (folder / "foreign.yaml").write_text(
+        f"{text}  robot_2: {{start: [0, 4], goal: [0, 0]}}\n{SETTING}\n"
+    )
+    return folder / "foreign.yaml"
+
+
+@pytest.mark.parametrize(
+    ("allowed", "name"),
+    [
+        ("", "their_code:Team"),
+        ("their_package their", "their_code:Team"),  # no package above it
+        ("their_package.other", "their_package.within:Team"),
+        ("", "sparse_coord_ros.learn.learners:Coop"),
+    ],
+)
+def test_what_nobody_allowed_is_not_imported(module, monkeypatch, tmp_path, allowed, name):
+    monkeypatch.setenv(plugins.ALLOW_VARIABLE, allowed)
+    message = refusal(learner_of, name)
+    named = name.partition(":")[0]
+    assert message.startswith(f"learner {name!r}: module {named} was not imported")
+    assert f"--allow {named}, a node's parameter allow, or allow={named!r} in Python" in message
+    scenario = sc.load_scenario(foreign_scenario(tmp_path), steps=60)
+    assert str(scenario.perception) == "their_code:fog:0.5"
+    assert "'their_code:fog': module their_code was not" in refusal(learn, scenario, "coop", 1)
+    assert "'their_code:fog': module" in refusal(make_run, scenario, {})
+    run = (
+        make_run(sc.load_scenario("env1"), {})
+        .to_yaml()
+        .replace("learner: coop", "learner: their_code:Team")
+    )
+    read = run_from_yaml(run, where="run.yaml")
+    assert (read.learner, read.title) == ("their_code:Team", "their_code:Team")
+    assert "'their_code:Team': module" in refusal(read.check_code)
+    assert "their_code" not in sys.modules
+
+
+@pytest.mark.parametrize(
+    "given", ["their_code", ["", "their_code"], ["their_package", "their_code"]]
+)
+def test_what_is_allowed_is_imported(module, monkeypatch, tmp_path, given):
+    monkeypatch.setenv(plugins.ALLOW_VARIABLE, "")
+    scenario = sc.load_scenario(foreign_scenario(tmp_path), steps=60, allow=given)
+    learn(scenario, "coop", 1)
+    assert type(learner_of("their_code:Team")).__name__ == "Team"
+
+
+def test_who_names_code_in_python_allows_it(module, small, monkeypatch):
+    monkeypatch.setenv(plugins.ALLOW_VARIABLE, "")
+    learned = sc.train(small.with_settings(perception="their_code:fog:0.5"), "their_code:Team")
+    assert plugins.allowed() == ("their_code",)
+    assert sc.evaluate(learned, trials=2).trials == 2
+    with pytest.raises(sc.SparseCoordError, match="allow: value is 'my team.py', allowed: the"):
+        plugins.allow_modules(["my team.py"])
+
+
+def test_what_is_no_model_is_never_called(module, small):
+    plugins.allow_modules("builtins os sparse_coord_ros")
+    for name in ("builtins:input", "os:system", "sparse_coord_ros.cli.main:main", "os:path.join"):
+        message = refusal(small.with_settings, perception=name)
+        assert f"{name!r}: is not marked as a perception model and was not called" in message
+
+
+def test_a_shipped_model_is_no_module(small):
+    assert "cells is 'x', allowed: a number of at least 0" in refusal(
+        small.with_settings, perception="range:x"
+    )
+
+
 def test_names_that_collide(module):
     class Mine(sc.Learner):
         name = "coop"
@@ -256,23 +334,28 @@ def test_a_model_that_fails_is_blamed(module, small, model, words):
     assert [word for word in words if word not in message] == []
 
 
-def test_entry_points_of_installed_packages(module, small, monkeypatch):
-    groups = {
-        "sparse_coord_ros.learners": ["alert", "their_code:Heir"],
-        "sparse_coord_ros.perception": ["mist", "their_code:fog"],
-    }
-
-    def installed(*, group):
-        return [importlib.metadata.EntryPoint(*groups[group], group)]
-
-    sys.path.append(".")
-    try:
-        monkeypatch.setattr(plugins, "entry_points", installed)
-        assert "alert" in LEARNERS.names
-        assert type(learner_of("alert")).__name__ == "Heir"
-        scenario = small.with_settings(perception="mist:0.25")
-        assert str(scenario.perception) == "mist:0.25"
-        groups["sparse_coord_ros.learners"] = ["lost", "nowhere:Team"]
-        assert "learner 'lost' is not there" in refusal(learner_of, "lost")
-    finally:
-        sys.path.remove(".")
+@pytest.mark.parametrize("here", [False, True])
+@pytest.mark.parametrize("kind", ["-1.0.dist-info", ".egg-info"])
+def test_entry_points_of_installed_packages(module, small, monkeypatch, tmp_path, kind, here):
+    monkeypatch.delenv(plugins.ALLOW_VARIABLE)
+    place = tmp_path / "site"
+    place.mkdir()
+    (tmp_path / "their_code.py").rename(place / "their_code.py")
+    offered = (
+        "[sparse_coord_ros.learners]\nalert = their_code:Heir\nlost = nowhere:Team\n"
+        "[sparse_coord_ros.perception]\nmist = their_code:fog\n"
+    )
+    (place / f"theirs{kind}").mkdir()
+    (place / f"theirs{kind}/entry_points.txt").write_text(offered)
+    if here:  # whoever sends the folder offers them: nothing is installed
+        monkeypatch.chdir(place)
+        monkeypatch.setattr(sys, "path", ["", str(place), *sys.path])
+        assert "alert" not in LEARNERS.names
+        assert "unknown learner 'alert'" in refusal(learner_of, "alert")
+        return
+    monkeypatch.setattr(sys, "path", [*sys.path, str(place)])
+    assert "alert" in LEARNERS.names
+    assert type(learner_of("alert")).__name__ == "Heir"
+    scenario = small.with_settings(perception="mist:0.25")
+    assert str(scenario.perception) == "mist:0.25"
+    assert "learner 'lost' is not there" in refusal(learner_of, "lost")
