@@ -197,6 +197,11 @@ class RobotSide:
             self._pending = None
             self._go_on()
 
+    def due(self, there: int) -> int | None:
+        """Return what a peer in a cell answers to the question under way: its cell, or nothing."""
+        sees = self._percepts.sees(self._handled, self.agent.number, self._cell, there)
+        return there if sees else None
+
     def asked(self, asker: int, step: int, asker_cell: int | None) -> Answer:
         """Answer a peer's request; the environment's perception model decides.
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What one node alone should have: its name, and the topics that only it publishes.
+"""What one node alone should have: its name, its services, and the topics that only it publishes.
 
 Of two nodes of one name one ends. Each says on its latched topic `~/claim` who it is and how far
 it has come: starting, holding the name, taking part in a run. Discovery may take seconds, so this
@@ -8,8 +8,9 @@ is never settled for good: whenever two learn of each other, the one behind ends
 equally far, the one with the higher identity. Nobody's clock matters, and a node that takes part
 in a run never leaves it for another.
 
-A topic may have a second publisher of another name, which claims nothing. rclpy does not tell who
-sent a message, but the graph tells that there is a second publisher: it is named in a warning.
+A topic or service may have a second owner of another name, which claims nothing. rclpy does not
+tell who sent a message, but the graph tells that there is a second publisher: it is named in a
+warning. The server of a service publishes its answers.
 
 That two whole teams start at once on one machine is refused earlier, by `cli.live.sole_team`:
 claims would give each of them some of the names.
@@ -29,6 +30,9 @@ from sparse_coord_ros.wire import ClaimRank
 AT_ONCE = 5
 """Topics that one look takes in; with each look the next ones."""
 
+ANSWERS = "rr{}Reply"
+"""What the DDS middlewares of ROS 2 call the topic of a service's answers."""
+
 UNKNOWN = "NODE_NAME_UNKNOWN"
 """Part of what rcl calls a node that it has only half discovered."""
 
@@ -46,15 +50,19 @@ class Claim(NamedTuple):
         return (other.rank, self.id) > (self.rank, other.id)
 
 
+def _is_service(topic: str) -> bool:
+    return not topic.startswith("/")
+
+
 class Guard:
-    """Guards a node's name, and topics.
+    """Guards a node's name, topics and services.
 
     Args:
         node: the node; its `fail` is called where another node keeps the name.
 
     Attributes:
         claim: what the node says of itself.
-        doubled: topics that a second node was seen to publish.
+        doubled: topics, and services of `ANSWERS`, of which a second owner was seen.
     """
 
     def __init__(self, node: ParameterNode) -> None:
@@ -79,21 +87,33 @@ class Guard:
         """Take part in a run."""
         self._rise(ClaimRank.JOINED)
 
-    def watch(self, topics: Iterable[str]) -> None:
-        """Guard topics, by their full names."""
-        self._topics = list(topics)
+    def watch(self, topics: Iterable[str], services: Iterable[str] = ()) -> None:
+        """Guard topics and services, by their full names."""
+        self._topics = [*topics, *(ANSWERS.format(service) for service in services)]
+
+    def counts(self) -> dict[str, int]:
+        """Return what the summary counts."""
+        services = sum(map(_is_service, self.doubled))
+        return {
+            "topics_of_two_publishers": len(self.doubled) - services,
+            "services_of_two_servers": services,
+        }
 
     def look(self) -> None:
-        """Look at some of the topics, and warn once of each that has a second publisher."""
+        """Look at some of the topics and services; warn once of each that has a second owner."""
         for topic in self._topics[:AT_ONCE]:
-            infos = self._node.get_publishers_info_by_topic(topic)
+            service = _is_service(topic)
+            infos = self._node.get_publishers_info_by_topic(topic, no_mangle=service)
             known = not any(UNKNOWN in info.node_name for info in infos)
             if len(infos) > 1 and known and topic not in self.doubled:
                 self.doubled.add(topic)
                 names = sorted(f"{i.node_namespace.rstrip('/')}/{i.node_name}" for i in infos)
+                name, who = topic, "publishers"
+                if service:
+                    name, who = topic.removeprefix("rr").removesuffix("Reply"), "servers"
                 self._node.get_logger().warning(
-                    f"{topic} has {len(infos)} publishers, {', '.join(names)}; one should publish "
-                    "it: stop the others (a node that was killed is forgotten after 20 s)"
+                    f"{name} has {len(infos)} {who}, {', '.join(names)}; it should have one: stop "
+                    "the others (a node that was killed is forgotten after 20 s)"
                 )
         self._topics = self._topics[AT_ONCE:] + self._topics[:AT_ONCE]
 

@@ -2,6 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The service `active_perception` from both sides: a robot asks its peers, and answers them.
 
+Anybody can offer a service a second time, and ROS 2 takes the first answer to a request, whoever
+gave it. Once the graph shows a second server of a peer's service, a robot also listens to the
+peer's local state, and drops the answers that do not fit it. The one that fits may come second.
+
 ROS 2 delivers the answer of a service to every client of it, each of which wakes up to see that it
 is not its own. With a client for each pair of robots the cost of a question would grow with the
 team, and that of starting and ending with its square. So the robots of one process share clients.
@@ -23,6 +27,7 @@ from rclpy.task import Future
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.lockstep.robot_side import Answer, RobotSide
 from sparse_coord_ros.lockstep.waiting import Deadline
+from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.interface import ACTIVE_PERCEPTION_TYPE, STEP_QOS
 from sparse_coord_ros.nodes.messages import Converter
 from sparse_coord_ros.nodes.parameters import ParameterNode
@@ -53,7 +58,11 @@ class Peer:
 
     Attributes:
         heard: when the peer answered last.
+        fits: whether an answer to the request of a step can be the peer's; None: nobody else
+            answers for it.
     """
+
+    fits: Callable[[int, Path], bool] | None = None
 
     def __init__(self, node: Node, client: Client, answered: Callable[[int, Path], None]) -> None:
         self._answered = answered
@@ -105,6 +114,22 @@ class Peer:
         self._forget()
         self._open = self._client.call_async(self._request)
         self._open.add_done_callback(lambda future: self._on_done(step, future))
+        if self.fits is not None:
+            self._choose(step, self._open, self.fits)
+
+    def _choose(self, step: int, future: Future, fits: Callable[[int, Path], bool]) -> None:
+        """Let a request stay open until an answer fits: rclpy hands over each that comes."""
+        accept = future.set_result
+
+        def take(answer: GetPlan.Response) -> None:
+            if fits(step, answer.plan):
+                accept(answer)
+
+        future.set_result = take  # type: ignore[method-assign]
+
+    def send_again(self) -> None:
+        """Let the request be sent again soon: the answer told nothing yet."""
+        self._sent = 0.0
 
     def start_anew(self) -> None:
         """Forget what was asked: the run goes back to an earlier time step, with every robot."""
@@ -153,12 +178,13 @@ class Peers:
         side: RobotSide,
         clients: dict[str, Client],
     ) -> None:
-        self._intake, self._convert, self._side = node.intake, convert, side
+        self._node, self._intake, self._convert, self._side = node, node.intake, convert, side
         self._names = [robot.name for robot in run.scenario.robots]
         self._service = ACTIVE_PERCEPTION.of(node.get_name())
         self._deadline = Deadline(run.percept_timeout, run.step_timeout)
         _introspect(node, node.create_service(ACTIVE_PERCEPTION_TYPE, self._service, self._answer))
         self._peers: dict[int, Peer] = {}
+        self._places: dict[int, tuple[int, int]] = {}  # of those whose answers are doubted
         for k, name in enumerate(self._names):
             if name == node.get_name():
                 continue
@@ -171,14 +197,48 @@ class Peers:
 
     def ready(self) -> bool:
         """Whether every peer's service has been there."""
+        for peer in self._peers:
+            self._look_for_another_server(peer)
         return all(peer.ready() for peer in self._peers.values())
 
     def ask(self, peer: int, step: int, cell: int) -> bool:
         """Ask a peer for its local state; return whether to wait, as `Peer.request`."""
+        self._look_for_another_server(peer)
         return self._peers[peer].request(self._convert.pose(step, cell), step)
+
+    def _look_for_another_server(self, peer: int) -> None:
+        """Doubt a peer's answers from now on where somebody else offers its service too."""
+        name, one = self._names[peer], self._peers[peer]
+        if one.fits is not None or self._node.count_services(ACTIVE_PERCEPTION.of(name)) < 2:
+            return
+        one.fits = self._node.guarded(partial(self._fits, peer))
+        then = partial(self._places.__setitem__, peer)
+        unpack = self._convert.unpack_state
+        self._intake.listen(interface.LOCAL_STATE, then, name, unpack=unpack)
+        self._node.get_logger().warning(
+            f"{ACTIVE_PERCEPTION.of(name)} has two servers: answers that do not fit where {name} "
+            "is are dropped from now on"
+        )
+
+    def _fits(self, peer: int, step: int, plan: Path) -> bool:
+        """Whether an answer is what a peer answers that is where the world says."""
+        there_step, there = self._places.get(peer, (step + 1, -1))
+        if there_step > step or self._side.waiting != ("percept", step):
+            return True  # it is not known where it was, or too late
+        due = self._convert.path(step, (self._side.due(there),))
+        if there_step == step and plan == due:
+            return True
+        said, now = plan.header.stamp, due.header.stamp
+        if there_step < step or (said.sec, said.nanosec) < (now.sec, now.nanosec):
+            self._peers[peer].send_again()  # the world, or the peer, is about to say more
+        else:
+            service = ACTIVE_PERCEPTION.of(self._names[peer])
+            self._intake.drop(service, "the answer does not fit where the peer is", "dropped")
+        return False
 
     def start_anew(self) -> None:
         """Forget what was asked: the run goes back to an earlier time step."""
+        self._places.clear()
         for peer in self._peers.values():
             peer.start_anew()
 

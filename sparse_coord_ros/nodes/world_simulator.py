@@ -86,7 +86,11 @@ class WorldSimulator(ParameterNode):
             game = self.bodies.game
         self.topics = WorldTopics(self, self.run, game, self._silence, self._save)
         self.topics.hear_actions(self._on_action)
-        self._guard.watch(self.topics.own + ([] if self.bodies is None else self.bodies.own))
+        asked = map(services.ACTIVE_PERCEPTION.of, self._names)
+        self._guard.watch(
+            self.topics.own + ([] if self.bodies is None else self.bodies.own),
+            map(self.resolve_service_name, asked),
+        )
         self.lockstep = WorldSide(self.run, self.topics, game)
         self.speed = WorldSpeed(game, time.monotonic())
         self.create_timer(TICK_SECONDS, self._tick)
@@ -334,6 +338,7 @@ class WorldSimulator(ParameterNode):
             "timeouts": self.lockstep.timeouts,
             "replaced_robots": self.returning.replaced,
             "messages_dropped": self.intake.total,
+            **self._guard.counts(),
         }
 
     def summary(self) -> dict[str, Any]:
@@ -360,7 +365,6 @@ class WorldSimulator(ParameterNode):
             "budget": run.scenario.steps,
             "steps_per_second": f"{rate:.0f}",
             "episode": world.episode,
-            "topics_of_two_publishers": len(self._guard.doubled),
         }
         self.topics.report(self.doing, values, warn=bool(self.lockstep.absent))
         self._say()

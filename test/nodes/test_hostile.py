@@ -24,6 +24,7 @@ from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.messages import status
 from sparse_coord_ros.nodes.middleware import SECURITY_MARK, check_participants, check_security
 from sparse_coord_ros.nodes.parameters import PARAMETERS, ParameterNode
+from sparse_coord_ros.nodes.peers import Peers
 from sparse_coord_ros.nodes.recorder import Recorder
 from sparse_coord_ros.nodes.robot import RobotNode
 from sparse_coord_ros.nodes.spin import ending, ros_context, run_node, signals
@@ -220,7 +221,55 @@ def test_a_second_publisher_of_a_topic_is_named(bench, capfd):
     guard.look()
     assert guard.doubled == {"/robot_2/reward"}
     (line,) = [line for line in capfd.readouterr().err.splitlines() if "publishers" in line]
-    assert "/robot_2/reward has 2 publishers, /observer, /world_simulator; one should" in line
+    assert "/robot_2/reward has 2 publishers, /observer, /world_simulator; it should" in line
+
+
+def test_a_second_server_of_a_robots_service_changes_nothing(
+    bench, tmp_path, simulate, assert_same_tables, capfd, monkeypatch
+):
+    """It answers with a wrong cell, an old step, a refusal, in turn, and before the robot does."""
+    settings = {"steps": 70, "epsilon": "constant:1"}
+    stranger, asked, answered = bench.observer(), [], []
+
+    def lie(request, response):
+        asked.append(request)
+        response.plan.header = request.start.header
+        response.plan.poses = [request.start] * (len(asked) % 3 == 1)
+        if len(asked) % 3 == 2:
+            response.plan.header.stamp = Time()
+        return response
+
+    def answer(peers, request, response, answer=Peers._answer):
+        if peers is robots[1].member._peers:
+            answered.append(request)
+            while len(asked) < len(answered):
+                bench.place("observer")[1].spin_once(timeout_sec=0.01)
+            for place in ("observer", *["team"] * 5):  # the lie is sent, and heard
+                bench.place(place)[1].spin_once(timeout_sec=0.01)
+        return answer(peers, request, response)
+
+    monkeypatch.setattr(Peers, "_answer", answer)
+    stranger.create_service(interface.ACTIVE_PERCEPTION_TYPE, "robot_2/active_perception", lie)
+    world = bench.world(out=str(tmp_path), set=[f"{k}={v}" for k, v in settings.items()])
+    out = {"out": str(tmp_path)}
+    robots = [bench.robot("robot_1", **out), bench.robot("robot_2", place="other", **out)]
+    percepts = stranger.listen(interface.PERCEPT.type, interface.PERCEPT.of("robot_1"))
+
+    def seen():
+        world._guard.look()
+        return world._guard.doubled
+
+    bench.spin_until(seen, "the stranger is seen")
+    bench.spin_until_done(world, *robots)
+    said = simulate("env1", settings)
+    assert_same_tables(tmp_path, said)
+    true = [(step, (c, *(p or ()))) for (k, step), (c, p) in said.percepts.items() if k == 0]
+    bench.spin_until(lambda: len(percepts) >= len(true), "all percepts are heard")
+    assert percepts == [world.topics.convert.path(*one) for one in true]
+    assert len(asked) > 6 and robots[0].intake.dropped["robot_2/active_perception"] > 0
+    assert world.summary()["services_of_two_servers"] == 1
+    [line] = [line for line in capfd.readouterr().err.splitlines() if "has 2 servers" in line]
+    assert "/robot_2/active_perception has 2 servers, /observer, /robot_2; it should" in line
 
 
 def test_security_is_refused_where_fast_dds_has_none(tmp_path, monkeypatch):
