@@ -1,11 +1,13 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What is in one MCAP file, finished or not, up to its first damage."""
+"""What is in one MCAP file, finished or not, and which parts of it cannot be read."""
 
 import struct
 import zlib
+from bisect import bisect_left
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -38,9 +40,43 @@ from sparse_coord_ros.errors import BagError
 OWN_LIBRARY = "sparse_coord_ros "
 """How the header of a file by `BagWriter` begins: in these every checksum is there."""
 
-_TIMES = struct.Struct("<QQ")
+CUT_OFF = "the file ends here, without an end: it was cut off"
+SEARCHED = 1 << 24
+"""Bytes of records that are tried, beside the file's size, in searching where it goes on."""
+
+_CHUNK_HEAD = struct.Struct("<QQQII")
+"""Earliest and latest time, size and checksum of the content, length of the compression's name."""
+_LENGTH = struct.Struct("<Q")
 _CRC_BYTES = 4
+_BARE = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
 _FOOTER = HEAD.pack(Opcode.FOOTER, 20)
+
+
+class Gap(NamedTuple):
+    """A part of a bag that cannot be read; all outside of the gaps is read.
+
+    What is lost was logged between the neighbours of the gap. A message may come a little late,
+    so what is lost may lie a few time steps outside of these times.
+
+    Attributes:
+        begin, end: its bytes in the file, without `end`; the same where nobody knows how many are
+            gone: a file is missing or was cut off.
+        why: what is wrong there, one sentence.
+        first_ns: the latest log time of what was read before it; None: nothing was.
+        last_ns: the earliest log time of what was read behind it; None: nothing was.
+        file: name of the file that it is in, or that is missing.
+        place: the number of that file in `Bag.files`; of a missing one, of the file behind it.
+        recovered: whether `recover` has left it out already: its bytes are those of the original.
+    """
+
+    begin: int
+    end: int
+    why: str
+    first_ns: int | None
+    last_ns: int | None
+    file: str
+    place: int = 0
+    recovered: bool = False
 
 
 class Part(NamedTuple):
@@ -105,6 +141,11 @@ class BagFile:
     a million steps. What its chunks hold is checked when it is read. It stays open, so that it may
     be renamed or removed meanwhile, and `extend` takes in what it has grown by.
 
+    Framing decides what is lost to damage. A bad record is stepped over by its length where
+    another one follows. Elsewhere the next record is searched that is whole and right: its kind,
+    length and checksum, and what follows it. The end of a file that is not checked may be a record
+    that is being written: that is no gap.
+
     Args:
         path: the file.
         checked: read every byte, compare every checksum, count the messages.
@@ -112,10 +153,8 @@ class BagFile:
     Attributes:
         path: the file.
         finished: whether its recorder closed it: its end is there.
-        damage: what is wrong where, or None. Nothing behind it is read.
         size: its bytes.
-        readable_bytes: where the readable part of the data ends.
-        whole: whether all that was recorded was read; what is wrong is only in the summary.
+        readable_bytes: how far it was looked through: where the data end.
         topics: by channel.
         counts, sizes: number of messages, and bytes of their data, by topic; if checked.
         metadata: name and texts of each metadata record, in the order of the file.
@@ -130,8 +169,9 @@ class BagFile:
 
     def __init__(self, path: Path, *, checked: bool) -> None:
         self.path, self._checked = path, checked
-        self.finished = self.whole = False
-        self.damage: str | None = None
+        self.finished = False
+        self._lost: list[tuple[int, int, str]] = []
+        self._flaw: str | None = None
         self.size, self.readable_bytes = 0, len(MAGIC)
         self.topics: dict[int, BagTopic] = {}
         self.counts: Counter[str] = Counter()
@@ -144,19 +184,16 @@ class BagFile:
         self._channels: dict[int, Channel] = {}
         self._known = np.zeros(1 << 16, dtype=bool)
         # Who writes one checksum writes all, so that a zeroed one does not pass for none.
-        self._own = self._crcs = self._ended = self._closed = False
+        self._own = self._crcs = self._ended = self._altered = False
+        self._tried = 0
         self._crc = zlib.crc32(MAGIC)
         self._source = Source(path)
         try:
             self.extend()
         except BagError as error:
             raise BagError(f"{path}: {error}") from error
-        if checked:
-            if self.damage is None and not self._closed and path.suffix != PARTIAL:
-                self.damage = (
-                    f"byte {self.size}: the file ends here, without an end: it was cut off"
-                )
-            self.whole |= self.damage is None and not self.finished
+        if checked and not self._ended and path.suffix != PARTIAL:
+            self._lose(self.size, self.size, CUT_OFF)
 
     @property
     def summary(self) -> FileSummary:
@@ -166,9 +203,35 @@ class BagFile:
         return FileSummary(self.path.name, dict(self.counts), start_ns, end_ns)
 
     @property
+    def gaps(self) -> list[Gap]:
+        """What of it cannot be read, as far as that is known, in the order of the file."""
+        offsets = [block.offset for block in self.blocks]
+        found = []
+        for begin, end, why in self._lost:
+            at = bisect_left(offsets, begin)
+            first_ns = self.blocks[at - 1].end_ns if at else None
+            last_ns = self.blocks[at].start_ns if at < len(offsets) else None
+            if first_ns is not None and last_ns is not None and first_ns > last_ns:
+                first_ns, last_ns = last_ns, first_ns  # what two chunks hold may overlap in time
+            found.append(Gap(begin, end, why, first_ns, last_ns, self.path.name))
+        return found
+
+    @property
+    def damage(self) -> str | None:
+        """The first gap, or what is wrong with its end: place and one sentence; None: nothing."""
+        for begin, _, why in self._lost:
+            return f"byte {begin}: {why}"
+        return self._flaw
+
+    @property
+    def whole(self) -> bool:
+        """Whether all that was recorded was read; what is wrong is only in the summary."""
+        return not self._lost and not self._altered
+
+    @property
     def lost_bytes(self) -> int:
-        """Bytes behind the first damage, of which nothing can be read."""
-        return 0 if self._ended else self.size - self.readable_bytes
+        """Bytes in gaps."""
+        return sum(end - begin for begin, end, _ in self._lost)
 
     @property
     def continued(self) -> Mapping[str, str] | None:
@@ -180,18 +243,22 @@ class BagFile:
         before = self.readable_bytes
         self.size = self._source.size
         self.finished = _has_end(self._source, self.size)
-        try:
-            while self.damage is None and not self._ended:
-                if len(MAGIC) < self.readable_bytes == self.size:
-                    break
-                record = self._source.record(self.readable_bytes, self.size)
+        while not self._ended and (begin := self.readable_bytes) < self.size:
+            try:
+                record = self._source.record(begin, self.size)
                 self._take(record)
-                if not self._ended:
-                    self.readable_bytes = record.end
-        except Damage as damage:
-            # The rest of a record that is being written comes later.
-            if self._checked or not isinstance(damage, Cut):
-                self.damage = str(damage)
+                stop, end = begin, record.end
+            except Damage as damage:
+                found = self._behind(begin)
+                if (
+                    found is None
+                    and isinstance(damage, Cut)
+                    and not (self._checked or self.finished)
+                ):
+                    break  # the rest of a record that is being written comes later
+                stop, end = found or (self.size, self.size)
+                self._lose(begin, stop, damage.problem)
+            self.readable_bytes = stop if self._ended else end
         return self.readable_bytes != before
 
     def close(self) -> None:
@@ -208,7 +275,7 @@ class BagFile:
     def parts(self, blocks: Sequence[Block], size: int = 0) -> Iterator[Part]:
         """Yield the messages of blocks in parts of more than `size` bytes of whole blocks.
 
-        Of a file that is not checked they end at the first damage, which is then noted.
+        Of a file that is not checked those that cannot be read are left out, and noted as gaps.
 
         Raises:
             BagError: the file was checked, and has changed since.
@@ -216,10 +283,12 @@ class BagFile:
         waiting: list[Part] = []
         for block in blocks:
             try:
-                waiting.append(self._understand(self._content(block), block.offset))
+                waiting.append(self._part(block))
             except Damage as damage:
-                self._lose(block, damage)
-                break
+                if self._checked:
+                    raise self._changed(damage) from damage
+                self._lose(block.offset, block.offset + block.length, damage.problem)
+                continue
             if sum(len(part.content) for part in waiting) > size:
                 yield _joined(waiting)
                 waiting = []
@@ -229,30 +298,93 @@ class BagFile:
     def _changed(self, damage: Damage) -> BagError:
         return BagError(f"{self.path} has changed while it was read: {damage}")
 
-    def _lose(self, block: Block, damage: Damage) -> None:
-        """Read nothing any more from a block on that cannot be read."""
-        if self._checked:
-            raise self._changed(damage) from damage
-        self.damage = str(damage)
-        self.blocks = [one for one in self.blocks if one.offset < block.offset]
+    def _lose(self, begin: int, end: int, why: str) -> None:
+        """Note that bytes cannot be read; what lies side by side is one gap."""
+        lost, blocks = self._lost, self.blocks
+        if not lost and self.finished:
+            with suppress(Damage):  # what a lost chunk defined is there again
+                footer = self.size - len(MAGIC) - len(_FOOTER) - 20
+                self._check_summary(
+                    int.from_bytes(self._source.read(footer + HEAD.size, 8), "little")
+                )
+        at = bisect_left(blocks, begin, key=lambda block: block.offset)
+        if blocks[at : at + 1] and blocks[at].offset < end:
+            del blocks[at]
+        at = bisect_left(lost, begin, key=lambda gap: gap[0])
+        if at and lost[at - 1][1] >= begin:
+            at -= 1
+            begin, before, why = lost.pop(at)
+            end = max(end, before)
+        if lost[at : at + 1] and lost[at][0] <= end:
+            end = max(end, lost.pop(at)[1])
+        lost.insert(at, (begin, end, why))
 
-    def _content(self, block: Block) -> bytes:
-        """Return a block's records."""
+    def _behind(self, begin: int) -> tuple[int, int] | None:
+        """Return where a damage ends, and where the walk goes on; None: there is no record."""
+        with suppress(Damage):
+            record = self._source.record(begin, self.size)
+            if self._framed(record):
+                return record.end, record.end
+        for place in self._source.places(begin + 1, self.size):
+            if self._tried > SEARCHED + self.size:
+                break  # somebody has made it so
+            with suppress(Damage):
+                record = self._source.record(place, self.size)
+                if self._framed(record):
+                    self._tried += record.length
+                    if record.opcode == Opcode.CHUNK:
+                        self._part(self._block(record))
+                    self._take(record)
+                    return place, record.end
+        return None
+
+    def _framed(self, record: RecordPlace) -> bool:
+        """Whether a record's length is right: its own fields say so, or another one follows."""
+        with suppress(Damage):
+            if record.opcode == Opcode.CHUNK:
+                return self._block(record) is not None
+        if record.end == self.size:
+            return True
+        try:
+            return self._belongs(self._source.head(record.end, self.size))
+        except Cut:
+            return True  # too little is there to tell
+        except Damage:
+            return False
+
+    def _part(self, block: Block) -> Part:
+        """Return the messages of a block; raises Damage."""
         data = self._source.read(block.offset, block.length)
         if data[0] != Opcode.CHUNK:
-            return data
-        chunk = parse(Chunk, data[HEAD.size :], block.offset)
-        return chunk_content(chunk, block.offset, crc_required=self._own)
+            return self._understand(data, block.offset)
+        return self._open(parse(Chunk, data[HEAD.size :], block.offset), block)
+
+    def _open(self, chunk: Chunk, block: Block) -> Part:
+        """Return the messages of a chunk; raises Damage."""
+        content = chunk_content(chunk, block.offset, crc_required=self._crcs)
+        part = self._understand(content, block.offset)
+        self.compressions.add(chunk.compression or "none")
+        times = part.heads["log_ns"]
+        if len(times) and (times.min(), times.max()) != block[2:]:
+            raise Damage(block.offset, "a chunk whose times are not those of its messages")
+        return part
+
+    def _belongs(self, record: RecordPlace) -> bool:
+        """Whether a record of this kind may be at its place."""
+        known = record.opcode in _TAKE or (record.opcode >= 0x80 and not self._own)
+        first = record.offset == len(MAGIC)
+        return (
+            known
+            and not (self._own and record.opcode in _BARE)
+            and ((record.opcode == Opcode.HEADER) == first)
+        )
 
     def _take(self, record: RecordPlace) -> None:
         """Take one record, whole or not at all; raises Damage."""
-        opcode = record.opcode
-        take = _TAKE.get(opcode, BagFile._skip if opcode >= 0x80 and not self._own else None)
-        bare = opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
-        first = record.offset == len(MAGIC)
-        if take is None or (bare and self._own) or (opcode == Opcode.HEADER) != first:
-            raise Damage(record.offset, f"{describe(opcode)}, which has no business there")
-        take(self, record)
+        if not self._belongs(record):
+            what = describe(record.opcode)
+            raise Damage(record.offset, f"{what}, which has no business there")
+        _TAKE.get(record.opcode, BagFile._skip)(self, record)
 
     def _body(self, record: RecordPlace) -> bytes:
         """Return a record's body, which goes into the checksum of the data."""
@@ -274,30 +406,31 @@ class BagFile:
 
     def _take_index(self, record: RecordPlace) -> None:
         """Pass a message index: nobody reads it, but its length tells it from a damaged chunk."""
-        if self._checked:
-            body = self._body(record)
-            if int.from_bytes(body[2:6], "little") != record.length - 6:
-                raise Damage(record.offset, "a message index whose fields do not fit into it")
+        body = self._body(record) if self._checked else self._source.read(record.body, 6)
+        if int.from_bytes(body[2:6], "little") != record.length - 6:
+            raise Damage(record.offset, "a message index whose fields do not fit into it")
+
+    def _block(self, record: RecordPlace) -> Block:
+        """Return where a chunk is; raises Damage where its lengths do not fit together."""
+        head = self._source.read(record.body, min(record.length, 64))
+        with suppress(struct.error):
+            start_ns, end_ns, _, _, name = _CHUNK_HEAD.unpack_from(head)
+            [size] = _LENGTH.unpack_from(head, _CHUNK_HEAD.size + name)
+            if _CHUNK_HEAD.size + name + _LENGTH.size + size == record.length:
+                return Block(record.offset, record.end - record.offset, start_ns, end_ns)
+        raise Damage(record.offset, "a chunk record whose fields do not fit into it")
 
     def _take_chunk(self, record: RecordPlace) -> None:
-        if record.length < _TIMES.size:
-            raise Damage(record.offset, "a chunk record whose fields do not fit into it")
-        times = _TIMES.unpack(self._source.read(record.body, _TIMES.size))
-        block = Block(record.offset, record.end - record.offset, *times)
+        block = self._block(record)
         # A recorder tells of its topics before the first message, and of the run at time 0.
-        if not self._checked and self.topics and block.end_ns:
-            self.blocks.append(block)
-            return
-        chunk = parse(Chunk, self._body(record), record.offset)
-        content = chunk_content(chunk, record.offset, crc_required=self._crcs)
-        self._crcs |= chunk.uncompressed_crc != 0
-        self.compressions.add(chunk.compression or "none")
-        heads = self._understand(content, record.offset).heads
-        if len(heads):
-            if (heads["log_ns"].min(), heads["log_ns"].max()) != times:
-                raise Damage(record.offset, "a chunk whose times are not those of its messages")
+        if self._checked or not self.topics or not block.end_ns:
+            chunk = parse(Chunk, self._body(record), record.offset)
+            heads = self._open(chunk, block).heads
+            self._crcs |= chunk.uncompressed_crc != 0
             self._count(heads)
-            self.blocks.append(block)
+            if not len(heads):
+                return
+        self.blocks.append(block)
 
     def _take_bare(self, record: RecordPlace) -> None:
         """Take a message outside of chunks, or what defines a channel."""
@@ -328,27 +461,34 @@ class BagFile:
         self._ended = True
         if not self._checked:
             return
-        what = "the data before"
-        check_crc(end.data_section_crc, self._crc, record.offset, what, required=self._own)
-        self.whole = True
-        if record.end < self.size:
-            self._check_summary(record.end)
+        try:
+            what, self._altered = "the data before", True
+            if not self._lost:
+                check_crc(end.data_section_crc, self._crc, record.offset, what, required=self._own)
+            self._altered = False
+            if record.end < self.size:
+                self._check_summary(record.end)
+            elif self.path.suffix != PARTIAL:
+                raise Damage(self.size, CUT_OFF)
+        except Damage as damage:
+            self._flaw = str(damage)
 
     def _check_summary(self, offset: int) -> None:
         """Check the end of a file; only the channels in it are of interest, as nobody seeks."""
-        crc, read = 0, self._source.read
+        crc, read, definitions = 0, self._source.read, []
         while (record := self._source.record(offset, self.size)).opcode != Opcode.FOOTER:
             data = read(offset, record.end - offset)
             if record.opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                self._define(record.opcode, data[HEAD.size :], offset)
+                definitions.append((record.opcode, data[HEAD.size :], offset))
             crc, offset = zlib.crc32(data, crc), record.end
         data = read(offset, record.end - offset)
         footer = parse(Footer, data[HEAD.size :], offset)
         crc = zlib.crc32(data[:-4], crc)
         check_crc(footer.summary_crc, crc, offset, "the summary", required=self._own)
+        for definition in definitions:
+            self._define(*definition)
         if self.size - record.end != len(MAGIC) or read(record.end, len(MAGIC)) != MAGIC:
             raise Damage(self.size, "the file does not end with MCAP's magic bytes")
-        self._closed = True
 
     def _define(self, opcode: int, body: bytes, offset: int) -> None:
         """Take in a schema or a channel; raises Damage where it contradicts an earlier one."""

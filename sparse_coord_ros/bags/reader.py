@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.bags.contents import Attachment, BagFile, Block, Part
+from sparse_coord_ros.bags.contents import Attachment, BagFile, Block, Gap, Part
 from sparse_coord_ros.bags.layout import PARTIAL
 from sparse_coord_ros.bags.metadata import RECOVERED_RECORD
 from sparse_coord_ros.bags.records import MESSAGE
@@ -85,6 +85,22 @@ class Bag:
     def finished(self) -> bool:
         """Whether its recorder closed it."""
         return all(file.finished for file in self.files)
+
+    @property
+    def gaps(self) -> tuple[Gap, ...]:
+        """What of it cannot be read, as far as that is known, file by file.
+
+        Of a bag that is not checked more may be found when messages are read.
+        """
+        found: list[Gap] = []
+        for place, file in enumerate(self.files):
+            before = [one.end_ns for some in self.files[:place] for one in some.blocks[-1:]]
+            behind = [one.start_ns for some in self.files[place + 1 :] for one in some.blocks[:1]]
+            for gap in file.gaps:
+                first_ns = next(iter(before[-1:]), None) if gap.first_ns is None else gap.first_ns
+                last_ns = next(iter(behind), None) if gap.last_ns is None else gap.last_ns
+                found.append(gap._replace(first_ns=first_ns, last_ns=last_ns, place=place))
+        return tuple(found)
 
     @property
     def damage(self) -> str | None:

@@ -6,6 +6,8 @@ import os
 import struct
 import weakref
 import zlib
+from collections.abc import Iterator
+from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -47,12 +49,16 @@ LATEST_NS = 2**63 - 1
 _NAMES = {int(opcode): opcode.name.lower().replace("_", " ") for opcode in Opcode}
 
 
+_KNOWN = np.isin(np.arange(256), [int(opcode) for opcode in Opcode])
+
+
 class Damage(Exception):  # noqa: N818
     """The bytes at an offset are not what they should be; its text is one sentence."""
 
     def __init__(self, offset: int, problem: str) -> None:
         """Take the offset in the file and what is wrong there."""
         super().__init__(f"byte {offset}: {problem}")
+        self.problem = problem
 
 
 class Cut(Damage):
@@ -119,21 +125,44 @@ class Source:
             raise Damage(offset + len(data), "the file has become shorter")
         return data
 
-    def record(self, offset: int, size: int) -> RecordPlace:
-        """Return the record at an offset; raises Damage unless `size` bytes hold all of it."""
+    def head(self, offset: int, size: int) -> RecordPlace:
+        """Return the record at an offset, of which a file of `size` bytes may hold a part only.
+
+        Raises:
+            Damage: its length is implausible, or its head cannot be read.
+        """
         if size - offset < HEAD.size:
             left = size - offset
             raise Cut(offset, f"the file ends within a record, of which {left} bytes are left")
         opcode, length = HEAD.unpack(self.read(offset, HEAD.size))
-        record = RecordPlace(opcode, offset, length)
-        if record.length > LARGEST_RECORD and record.opcode != Opcode.ATTACHMENT:
+        if length > LARGEST_RECORD and opcode != Opcode.ATTACHMENT:
             raise Damage(offset, f"{describe(opcode)} of {length} bytes, which is implausible")
+        return RecordPlace(opcode, offset, length)
+
+    def record(self, offset: int, size: int) -> RecordPlace:
+        """Return the record at an offset; raises Damage unless `size` bytes hold all of it."""
+        record = self.head(offset, size)
         if record.end > size:
-            left = size - record.body
-            raise Cut(
-                offset, f"{describe(opcode)} of {length} bytes, of which {left} are in the file"
-            )
+            said, left = f"{describe(record.opcode)} of {record.length} bytes", size - record.body
+            raise Cut(offset, f"{said}, of which {left} are in the file")
         return record
+
+    def places(self, begin: int, end: int) -> Iterator[int]:
+        """Yield where from `begin` on records may begin: known opcodes, plausible lengths."""
+        window = 1 << 12
+        while begin < end:
+            data = b""
+            with suppress(Damage):  # what cannot be read is passed over
+                data = self.read(begin, min(window + HEAD.size - 1, end - begin))
+            known = np.frombuffer(data, dtype=np.uint8)
+            count = max(0, len(known) - HEAD.size + 1)
+            high = np.zeros(count, dtype=np.uint8)  # of its length: it is below 2**32
+            for byte in range(5, HEAD.size):
+                high |= known[byte : byte + count]
+            for place in np.flatnonzero(_KNOWN[known[:count]] & (high == 0)).tolist():
+                yield begin + place
+            begin += window
+            window = min(2 * window, 1 << 20)
 
 
 def describe(opcode: int) -> str:

@@ -133,7 +133,7 @@ class LongLog:
             if not whole:
                 end = int(history.first_step[-1])
                 history = history.first(-1)
-            elif not self.bag.finished and self.bag.damage is None and history.episodes:
+            elif not self.bag.finished and history.episodes:
                 end = open_step = int(history.first_step[-1])
             yield Episodes(history, self._asked_in(log, end), end - 1, open_step)
             if whole:
@@ -154,7 +154,7 @@ class LongLog:
             last = max(place.end_ns for place in places[:taken]) // self.period
             bag = self.bag.between(begin * self.period, last * self.period)
             log = log_of(tracks_of(bag, self._source, MOVES)).between(begin, last)
-            whole = taken == len(places) or self.bag.damage is not None
+            whole = taken == len(places)
             if whole or log.history().episodes > 1:
                 return log, last, whole
             size = STRETCH_BYTES * 4

@@ -212,17 +212,18 @@ def hostile_file(path, metadata=None, encoding="cdr", data=b"\0" * 4, time=1):
         ({"time": 2**64 - 1}, "a message with an impossible time"),
     ],
 )
-def test_what_cannot_be_understood_ends_the_readable_part(tmp_path, options, message):
-    """Its checksum is right, and what was before it is read."""
+def test_what_cannot_be_understood_is_a_gap(tmp_path, options, message):
+    """Its checksum is right, and what is around it is read."""
     bag = open_bag(hostile_file(tmp_path / "a.mcap", **options))
-    assert message in bag.damage
-    assert bag.damage.startswith(f"byte {bag.files[0].readable_bytes}: ")
+    [gap] = bag.gaps
+    assert message in gap.why and bag.damage == f"byte {gap.begin}: {gap.why}"
+    assert (gap.begin, gap.end) == places_of(bag.path.read_bytes(), 0x06)[1]
+    assert (gap.file, gap.place, gap.first_ns, gap.last_ns) == ("a.mcap", 0, 1, None)
     assert [m.topic for m in bag.messages()] == ["/good"]
-    assert (bag.finished, bag.whole) == (True, False)
-    assert bag.lost_bytes == bag.file_bytes - bag.files[0].readable_bytes
+    assert (bag.finished, bag.whole, bag.lost_bytes) == (True, False, gap.end - gap.begin)
     unchecked = open_bag(bag.path, checked=False)
     assert [m.topic for m in unchecked.messages()] == ["/good"]
-    assert message in unchecked.damage
+    assert unchecked.gaps == bag.gaps
     unchecked.close()
 
 
@@ -286,7 +287,8 @@ def test_huge_lengths_take_no_memory(tmp_path, length):
         path.write_bytes(start + record)
         bag = open_bag(path)
         assert bag.damage.startswith(f"byte {len(start)}: a")
-        assert (bag.message_count, bag.files[0].readable_bytes) == (0, len(start))
+        [gap] = bag.gaps
+        assert (bag.message_count, gap.begin, gap.end) == (0, len(start), path.stat().st_size)
 
 
 def places_of(data, wanted):
