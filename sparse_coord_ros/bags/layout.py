@@ -4,7 +4,10 @@
 
 import contextlib
 import errno
+import itertools
 import os
+import shutil
+import tempfile
 from pathlib import Path
 from typing import BinaryIO
 
@@ -21,7 +24,8 @@ class OutputFile:
     is locked, so that nobody recovers what is still being recorded.
 
     Attributes:
-        path: the file; its name ends with `.partial` until `finish`.
+        path: the file; its name ends with `.partial` until `finish`, which puts it elsewhere where
+            its directory was deleted.
         refusal: why the file takes nothing more, or None while it does.
     """
 
@@ -30,7 +34,7 @@ class OutputFile:
         self.path = path.with_name(path.name + PARTIAL)
         self.refusal: str | None = None
         self._position = 0
-        self._file = open(self.path, "xb", buffering=0)
+        self._file = open(self.path, "x+b", buffering=0)
         take_lock(self._file, exclusive=True)
 
     @property
@@ -71,9 +75,16 @@ class OutputFile:
         """Do nothing: there is no buffer."""
 
     def finish(self) -> None:
-        """Let the disk have everything, then drop `.partial` from the name; raises BagError."""
+        """Let the disk have everything, then drop `.partial` from the name; raises BagError.
+
+        A file that was deleted is still open: it is copied to `<directory>_rescued`, or into the
+        folder for temporary files.
+        """
         whole = self.path.with_name(self.path.name.removesuffix(PARTIAL))
         try:
+            if not os.fstat(self._file.fileno()).st_nlink:
+                self.path = self._copied_out(whole.absolute())
+                return
             if whole.exists():
                 raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST))
             os.fsync(self._file.fileno())
@@ -83,6 +94,23 @@ class OutputFile:
             raise BagError(
                 f"cannot finish {self.path} as {whole.name}: {error.strerror}; all is in it"
             ) from error
+
+    def _copied_out(self, whole: Path) -> Path:
+        """Return the copy of a file that was deleted; the last OSError passes."""
+        refusals: list[OSError] = []
+        for folder in (whole.parents[1], Path(tempfile.gettempdir())):
+            place = free_name(folder / f"{whole.parent.name}_rescued")
+            try:
+                place.mkdir(parents=True)
+                with open(place / whole.name, "xb") as copy:
+                    self._file.seek(0)
+                    shutil.copyfileobj(self._file, copy, 1 << 20)
+                    os.fsync(copy.fileno())
+                return place / whole.name
+            except OSError as error:
+                refusals.append(error)
+                shutil.rmtree(place, ignore_errors=True)
+        raise refusals[-1]
 
     def close(self) -> None:
         """Close the file; raises BagError if the system reports a late failure."""
@@ -121,6 +149,12 @@ def open_to_read(path: Path) -> BinaryIO:
         return open_regular(path)
     except OSError as error:
         raise BagError(f"cannot read {path}: {error.strerror}") from error
+
+
+def free_name(path: Path) -> Path:
+    """Return a name that nothing has, with a number at its end where it must have one."""
+    names = (path.with_name(f"{path.name}{number}") for number in itertools.count(2))
+    return next(free for free in itertools.chain([path], names) if not free.exists())
 
 
 def being_recorded(path: Path) -> bool:

@@ -3,14 +3,19 @@
 """A finished bag from an unfinished or damaged one; the original is kept."""
 
 import contextlib
-import itertools
 import os
 import shutil
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from sparse_coord_ros.bags.layout import PARTIAL, open_to_read, sync_directory, write_text
+from sparse_coord_ros.bags.layout import (
+    PARTIAL,
+    free_name,
+    open_to_read,
+    sync_directory,
+    write_text,
+)
 from sparse_coord_ros.bags.metadata import (
     METADATA_FILE,
     METADATA_RECORD,
@@ -102,7 +107,7 @@ def continued(directory: Path) -> Bag | None:
             _keep(files[-1])
             files.pop().unlink(missing_ok=True)
     if not files:
-        directory.rename(_free(directory.with_name(f"{directory.name}.damaged")))
+        directory.rename(free_name(directory.with_name(f"{directory.name}.damaged")))
         return None
     recovery = recover(directory)
     if recovery.bag.whole and recovery.kept is not None:
@@ -116,12 +121,6 @@ def _holds_anything(file: Path) -> bool:
     except BagError:
         return False
     return bool(bag.message_count or bag.attachments or bag.metadata)
-
-
-def _free(path: Path) -> Path:
-    """Return a name that nothing has, with a number at its end where it must have one."""
-    names = (path.with_name(f"{path.name}{number}") for number in itertools.count(2))
-    return next(free for free in itertools.chain([path], names) if not free.exists())
 
 
 def _mended(bag: Bag, directory: Path) -> Recovery:
@@ -213,7 +212,7 @@ def recovered_text(note: Mapping[str, str]) -> str:
 
 def _keep(file: Path) -> Path:
     """Give a file a second name that ends with `.damaged`, or `.damaged2` and so on."""
-    kept = _free(file.with_name(f"{file.name}.damaged"))
+    kept = free_name(file.with_name(f"{file.name}.damaged"))
     try:
         os.link(file, kept)
     except OSError:  # no second names in this file system

@@ -86,6 +86,7 @@ class BagWriter:
             self._files += [file.summary for file in earlier.files]
             self._topics_before = earlier.topics
         self._stem, self._number = stem, number
+        self._gone: Path | None = None
         self._bytes_before = 0
         self._channels: dict[str, int] = {}
         self._topics: dict[str, BagTopic] = {}
@@ -256,8 +257,14 @@ class BagWriter:
             return
         self._finish_file()
         topics = {**self._topics_before, **self._topics}
-        information = bag_information(self._files, topics.values())
+        files = [file for file in self._files if (self._directory / file.name).exists()]
+        information = bag_information(files, topics.values())
         write_text(self._directory / METADATA_FILE, metadata_yaml(information))
+        if self._gone is not None:
+            raise BagError(
+                f"the bag {self._gone} was deleted while it was recorded; what was still open, "
+                f"{files[0].name} and what came after it, is in {self._directory}"
+            )
 
     def _in_files(self, topic: str) -> int:
         """Return how many messages of a topic are in the files that are finished."""
@@ -283,6 +290,9 @@ class BagWriter:
         finally:
             self._file.close()
         self._files.append(file)
+        if self._file.path.parent != self._directory:  # that was deleted
+            self._gone = self._gone or self._directory
+            self._directory = self._file.path.parent
 
     def abandon(self) -> None:
         """Write the current chunk and close the file without finishing it.

@@ -362,9 +362,11 @@ class Recorder(Follower):
         try:
             bag.close()
         except BagError as error:
-            self.fail(error)
-            if self.failure is not None:
+            if self._tap is None:
+                self.fail(error)
                 raise
+            self.error = error
+            self.get_logger().error(str(error))
             return
         self.get_logger().info(
             f"closed {self.directory}: {bag.message_count} messages, {bag.bytes_written} bytes"

@@ -3,6 +3,7 @@
 """Bags of several files: by size and time, continued after a crash; every reader reads them."""
 
 import json
+import shutil
 
 import pytest
 import yaml
@@ -11,8 +12,10 @@ from rosbags.highlevel import AnyReader
 from sparse_coord_ros.bags import BagWriter, QoS, open_bag
 from sparse_coord_ros.bags.metadata import ROLLED_BACK
 from sparse_coord_ros.bags.playlist import Playlist
+from sparse_coord_ros.bags.process import BagProcess
 from sparse_coord_ros.bags.recover import continued, recover
 from sparse_coord_ros.cli.main import main
+from sparse_coord_ros.errors import BagError
 
 STRING = "std_msgs/msg/String"
 
@@ -185,3 +188,39 @@ def test_a_bag_that_never_began_is_moved_aside(tmp_path):
     assert not directory.exists()
     assert (tmp_path / "bag.damaged").exists()
     assert continued(tmp_path / "none") is None
+
+
+@pytest.mark.parametrize("writer_of", [BagWriter, BagProcess])
+@pytest.mark.parametrize("split", [False, True])
+@pytest.mark.parametrize("taken", [False, True])
+def test_a_directory_that_was_deleted_loses_only_what_was_closed(
+    tmp_path, samples, writer_of, split, taken
+):
+    """The open file is copied out whole, and one line says where; a name that is taken is not."""
+    directory, rescued = tmp_path / "out" / "bag", tmp_path / "out" / "bag_rescued"
+    writer = writer_of(directory, chunk_size=200)
+    channel = writer.add_topic("/a", STRING, QoS())
+    for time in range(30):
+        if time == 20 and split:
+            writer.begin_file({"why": "split"})
+        if time == 25:
+            writer.flush()
+            writer.add_metadata("all of it", {})  # a process has written by then
+            shutil.rmtree(tmp_path / "out")
+            if taken:
+                rescued.mkdir(parents=True)
+                rescued = rescued.with_name("bag_rescued2")
+        writer.write(channel, samples.cdr(STRING, time), time, time)
+    if split:
+        writer.begin_file({"why": "split"})
+        writer.write(channel, samples.cdr(STRING, 30), 30, 30)
+    with pytest.raises(BagError) as caught:
+        writer.close()
+    first = "bag_1.mcap" if split else "bag_0.mcap"
+    assert str(caught.value) == (
+        f"the bag {directory} was deleted while it was recorded; what was still open, {first} and "
+        f"what came after it, is in {rescued}"
+    )
+    bag = open_bag(rescued)
+    assert bag.finished and [time for _, time in said(bag)] == list(range(20 * split, 30 + split))
+    assert by_rosbags(rescued) == said(bag)

@@ -24,6 +24,7 @@ from sparse_coord_ros.lockstep.world_side import WorldSide
 from sparse_coord_ros.nodes.recorder import BagProcess
 from sparse_coord_ros.nodes.spin import ros_context
 from sparse_coord_ros.nodes.team import run_team
+from sparse_coord_ros.runlog import verify
 from sparse_coord_ros.wire import BAG_FORMAT, FORMAT_KEY
 
 FULL = 350_000
@@ -204,7 +205,7 @@ def test_a_recording_leaves_room_for_the_tables(bench, tmp_path, monkeypatch):
 
 
 def test_an_output_directory_that_is_deleted_is_made_again(tmp_path, capfd, monkeypatch):
-    """Tables, history and summary are all there, and one line a node says so."""
+    """Tables, history and summary are all there, the bag is beside; one line a node says so."""
     out = tmp_path / "out"
 
     deleted = []
@@ -215,11 +216,13 @@ def test_an_output_directory_that_is_deleted_is_made_again(tmp_path, capfd, monk
             if self.world.transitions == 20:
                 deleted.append(shutil.rmtree(out))
 
-    values = {"scenario": "env1", "out": str(out), "record": False, "claim_window": 0.0}
+    values = {"scenario": "env1", "out": str(out), "record": True, "claim_window": 0.0}
     monkeypatch.setattr("sparse_coord_ros.nodes.world_simulator.WorldSide", Deleting)
     with ros_context() as context:
-        run_team({**values, "set": ["steps=40"]}, context=context)
+        summary = run_team({**values, "set": ["steps=40"]}, context=context)
     assert deleted
+    assert summary["recording_error"].endswith(f"is in {out}/bag_rescued")
+    assert verify(out / "bag_rescued").same
     assert load_run(out).scenario.name == "env1"
     assert len(load_team(out, load_scenario("env1"))) == 2
     assert load_history(out).length.sum() == 40
