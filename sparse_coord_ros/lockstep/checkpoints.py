@@ -6,6 +6,7 @@ World and robots save under the same time steps, each its own file `<node>_<step
 directory `checkpoint` of the output directory. A team goes on from the newest step of which
 everybody has a file: the last common checkpoint. Step 0 is the run's beginning, and needs none.
 A file says within its digest how it is called (`name`): under another name it is no checkpoint.
+What a node counts of the run's faults is never taken back: `<node>_events.npz` has it.
 """
 
 from collections.abc import Mapping
@@ -39,6 +40,9 @@ CHECKPOINTS = "checkpoint"
 BEGINNING = 0
 """The step under which everybody always has a checkpoint: that of a run that is yet to begin."""
 
+EVENTS = "events"
+"""In place of a step in a file's name: what was counted."""
+
 KEPT_OWN, KEPT_COMMON = 3, 2
 """How many of its newest files a node keeps, and how many of those that all nodes here have."""
 
@@ -56,6 +60,13 @@ class Store:
 
     def save(self, state: WorldState | RobotState) -> None:
         """Save where the node is."""
+
+    def counted(self) -> dict[str, int]:
+        """Return what `count` saved last."""
+        return {}
+
+    def count(self, events: Mapping[str, int]) -> None:
+        """Save what was counted so far."""
 
     def close(self) -> None:
         """Let others have the checkpoints; the end of the process does so too."""
@@ -119,11 +130,26 @@ class Checkpoints(Store):
 
     def save(self, state: WorldState | RobotState) -> None:
         """Save where the node is; an OSError leaves the earlier checkpoints as they are."""
-        path = self._path(state.step)
-        arrays = {**self._arrays(state), "name": np.array(path.stem)}
-        write_whole(path, pack(self._run.digest, arrays), sync=True)
+        self._write(state.step, self._arrays(state))
         self._readable.add(state.step)
         self._prune()
+
+    def counted(self) -> dict[str, int]:
+        """Return what `count` saved last.
+
+        Raises:
+            RunError: it is of another run or version.
+        """
+        try:
+            counts = self._read(EVENTS) if self._path(EVENTS).exists() else {}
+            return {name: int(array) for name, array in counts.items()}
+        except (BrokenCheckpointError, TypeError, ValueError) as error:
+            self.broken.append(f"{self._path(EVENTS)}: what was counted is lost ({error})")
+            return {}
+
+    def count(self, events: Mapping[str, int]) -> None:
+        """Save what was counted so far."""
+        self._write(EVENTS, {name: np.array(number) for name, number in events.items()})
 
     def load(self, step: int) -> Any:
         """Return where the node was: a `WorldState` or a `RobotState`; None: at the beginning.
@@ -174,11 +200,16 @@ class Checkpoints(Store):
             with suppress(OSError):
                 self._path(step).unlink()
 
-    def _path(self, step: int) -> Path:
-        return self._folder / f"{self._node}_{step}.npz"
+    def _path(self, what: int | str) -> Path:
+        return self._folder / f"{self._node}_{what}.npz"
 
-    def _read(self, step: int) -> dict[str, np.ndarray]:
-        path, run = self._path(step), self._run
+    def _write(self, what: int | str, arrays: Mapping[str, np.ndarray]) -> None:
+        path = self._path(what)
+        named = {**arrays, "name": np.array(path.stem)}
+        write_whole(path, pack(self._run.digest, named), sync=what != EVENTS)
+
+    def _read(self, what: int | str) -> dict[str, np.ndarray]:
+        path, run = self._path(what), self._run
         said = f"{run.scenario.name}, learner {run.learner}, seed {run.seed}"
         arrays = read(path, run.digest, said=said)
         name = str(arrays.pop("name", ""))

@@ -9,6 +9,7 @@ hears again, and joins the team where it then is.
 """
 
 import uuid
+from collections import Counter
 from collections.abc import Callable
 
 from sparse_coord_ros.game.world import EPISODE_GAP
@@ -29,16 +30,16 @@ class WorldRollback:
 
     Attributes:
         order: the order that stands.
-        replaced: how often a robot came back as another process.
-        taken_back: how often the team went back.
-        lost: transitions that a world which came back knows nothing of.
+        events: what happened to the run and is never taken back: `replaced_robots`, which began
+            anew, `returned_robots`, which came back with what they had learned, and how often all
+            were `taken_back`.
         said: what each robot said last; None: nothing yet.
         waiting: the robots that have yet to obey.
     """
 
     def __init__(self, side: WorldSide, store: Store, robots: int) -> None:
         self.order = Order()
-        self.replaced = self.taken_back = self.lost = 0
+        self.events = Counter(store.counted())
         self._side, self._store = side, store
         self.said: list[Progress | None] = [None] * robots
         self.waiting: set[int] = set()
@@ -47,7 +48,8 @@ class WorldRollback:
         """Take in what a robot says; return whether it is a new process in an old one's place."""
         before, self.said[robot] = self.said[robot], said
         new = before is not None and before.life != said.life
-        self.replaced += new
+        if new and self._side.world.transitions:
+            self.events["returned_robots" if said.resumed else "replaced_robots"] += 1
         able = self.order.step in (ROLL_CALL, *said.checkpoints)
         if said.obeyed == self.order.name or not able:
             self.waiting.discard(robot)
@@ -63,8 +65,7 @@ class WorldRollback:
         Args:
             together: everybody to the newest one that all have. Else the world alone to its own
                 newest: the robots stay as they are and say where that is, and a new episode begins
-                after all that any of them has seen. What was done since the checkpoint counts as
-                done, but is no part of the world's history: `lost` then says how much that is.
+                after all that any of them has seen: `WorldSide.begin_at`.
 
         Returns:
             Whether there is such a checkpoint.
@@ -81,7 +82,7 @@ class WorldRollback:
         self.waiting = set(range(len(self.said)))
         step = max(steps) if together else ROLL_CALL
         self.order = Order(uuid.uuid4().hex, step, self._side.world.step)
-        self.taken_back += together
+        self.events["taken_back"] += together
         return True
 
     def go_on(self, *, anyway: bool = False) -> bool:
@@ -95,7 +96,7 @@ class WorldRollback:
         if self.order.step == ROLL_CALL:
             said = [one for one in self.said if one is not None]
             step = max(one.step for one in said) + 1 + EPISODE_GAP
-            self.lost += self._side.begin_at(step, max(one.transitions for one in said))
+            self._side.begin_at(step, max(one.transitions for one in said))
         if not self.waiting or self.order.step == ROLL_CALL:
             self.order = Order()
         self._side.start()

@@ -42,7 +42,8 @@ class WorldState(NamedTuple):
     Attributes:
         step: the time step under which the robots save theirs.
         position: where the game is; where an episode ended at `step`, at the next one's begin.
-        counts: `episode` and `miscoordinations` of the game, `timeouts`, `left_out`, `stale`.
+        counts: `episode` and `miscoordinations` of the game, `timeouts`, `left_out`, `stale`,
+            `lost`.
         began: why the episode began.
         absent: robots that nobody waits for.
         history: the episodes.
@@ -50,7 +51,7 @@ class WorldState(NamedTuple):
 
     step: int
     position: Position
-    counts: tuple[int, int, int, int, int]
+    counts: tuple[int, int, int, int, int, int]
     began: str
     absent: tuple[int, ...]
     history: History
@@ -71,6 +72,7 @@ class WorldSide:
             it had not arrived.
         began: why the episode began: one of the reasons of `wire`.
         stale: actions that came too late, or twice.
+        lost: transitions that count as made and are no part of the history.
         absent: robots that missed a deadline and have not acted since; nobody waits for them.
         history: gathers the episodes.
         watcher: None, or called after each transition with its time step, the cells before it,
@@ -80,7 +82,7 @@ class WorldSide:
 
     def __init__(self, run: RunConfig, port: WorldPort, game: Game | None = None) -> None:
         self.world: Game = World(run.scenario, run.seed) if game is None else game
-        self.timeouts = self.left_out = self.stale = 0
+        self.timeouts = self.left_out = self.stale = self.lost = 0
         self.began: str = Began.START
         self.absent: set[int] = set()
         self.history = HistoryRecorder(len(run.scenario.robots))
@@ -94,26 +96,24 @@ class WorldSide:
         self._begin_step()
         self._beginning = self.snapshot()
 
-    def begin_at(self, step: int, transitions: int) -> int:
+    def begin_at(self, step: int, transitions: int) -> None:
         """After `go_on_from`, leave out what was done since; then call `start`.
 
         Args:
-            step: the time step at which a new episode is to begin.
+            step: the time step at which a new episode is to begin; nothing is left out where that
+                is not after the present one.
             transitions: made until then.
-
-        Returns:
-            How many of them are left out; none where the step is not after the present one.
         """
         world = self.world
         assert isinstance(world, ResumableGame)
         if step <= world.step:
-            return 0
+            return
         lost = max(0, transitions - world.transitions)
         episode, done = world.episode, world.transitions + lost
         anew = world.position()._replace(step=step, under_way=False, episode_start=step)
         world.go_on_from(anew._replace(transitions=done))
         world.episode, self.began, self._begins = episode + 1, Began.RESET, True
-        return lost
+        self.lost += lost
 
     @property
     def finished(self) -> bool:
@@ -154,11 +154,11 @@ class WorldSide:
         world = self.world
         if not isinstance(world, ResumableGame):
             return None
-        counts = (world.episode, world.miscoordinations, self.timeouts, self.left_out, self.stale)
+        own = (self.timeouts, self.left_out, self.stale, self.lost)
         return WorldState(
             world.step if step is None else step,
             world.position(),
-            counts,
+            (world.episode, world.miscoordinations, *own),
             self.began,
             tuple(sorted(self.absent)),
             self.history.history(),
@@ -171,7 +171,7 @@ class WorldSide:
         world.go_on_from(state.position)
         self.began, self.absent = state.began, set(state.absent)
         world.episode, world.miscoordinations, *own = state.counts
-        self.timeouts, self.left_out, self.stale = own
+        self.timeouts, self.left_out, self.stale, self.lost = own
         under_way = state.position.under_way
         self.history = HistoryRecorder(
             len(self._robots), history=state.history, under_way=under_way

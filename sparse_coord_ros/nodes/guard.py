@@ -18,6 +18,7 @@ claims would give each of them some of the names.
 
 import time
 import uuid
+from collections import Counter
 from collections.abc import Iterable
 from typing import NamedTuple
 
@@ -91,13 +92,11 @@ class Guard:
         """Guard topics and services, by their full names."""
         self._topics = [*topics, *(ANSWERS.format(service) for service in services)]
 
-    def counts(self) -> dict[str, int]:
-        """Return what the summary counts."""
+    def counts(self) -> Counter[str]:
+        """Return how many topics and services had a second owner."""
         services = sum(map(_is_service, self.doubled))
-        return {
-            "topics_of_two_publishers": len(self.doubled) - services,
-            "services_of_two_servers": services,
-        }
+        topics = len(self.doubled) - services
+        return Counter(topics_of_two_publishers=topics, services_of_two_servers=services)
 
     def look(self) -> None:
         """Look at some of the topics and services; warn once of each that has a second owner."""

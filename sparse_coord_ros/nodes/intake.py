@@ -25,10 +25,12 @@ class Intake:
 
     Attributes:
         dropped: how many messages were dropped, by topic or service.
+        earlier: how many the node's earlier processes dropped in this run.
     """
 
     def __init__(self, node: Node) -> None:
         self._node = node
+        self.earlier = 0
         self.dropped: Counter[str] = Counter()
 
     def listen(
@@ -85,4 +87,4 @@ class Intake:
     @property
     def total(self) -> int:
         """How many messages were dropped."""
-        return self.dropped.total()
+        return self.dropped.total() + self.earlier

@@ -284,6 +284,7 @@ class Member:
         step = self.lockstep.newest[0]
         if self.joined and step == NO_STEP:
             self._node.remind(self._node.reminder, "the world to begin")
+        self.output.count({})
         values = {
             **{f"asks_{how}": count for how, count in self.lockstep.asks.items()},
             "epsilon": f"{self.lockstep.agent.epsilon(step):.4f}",

@@ -4,7 +4,9 @@
 
 import os
 import tempfile
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +36,7 @@ from sparse_coord_ros.lockstep.world_side import WorldState
 from sparse_coord_ros.nodes.parameters import ParameterNode, run_from_parameters
 
 SUMMARY_FILE = "summary.yaml"
+DROPPED = "messages_dropped"
 NO_OUTPUT = "parameter resume: needs parameter 'out', the output directory of the run"
 
 
@@ -133,11 +136,14 @@ class Output:
     def __init__(self, node: ParameterNode, name: str, run: RunConfig, own: Sequence[str]) -> None:
         self._node, self._text = node, run.to_yaml()
         self._out = Path(node.values["out"]) if node.values["out"] else None
+        self._counted: Counter[str] = Counter()
         self.store = Store()
         if self._out is not None:
             self._open(self._out, () if node.values["resume"] else own)
             self.store = checkpoints = Checkpoints(self._out, name, run)
             checkpoints.steps()
+            if node.values["resume"]:
+                node.intake.earlier = self.store.counted().get(DROPPED, 0)
             for line in checkpoints.broken:
                 node.get_logger().warning(line)
         elif node.values["resume"]:
@@ -176,6 +182,14 @@ class Output:
                 f"checkpoint not saved: {os_error_text(error)}; the run goes on, the earlier "
                 "checkpoints are kept: make room"
             )
+
+    def count(self, events: Mapping[str, int]) -> None:
+        """Save what was counted of the run's faults and of messages dropped, where that is new."""
+        now = +Counter({**events, DROPPED: self._node.intake.total})
+        if now != self._counted:
+            self._counted = now
+            with suppress(OSError):  # the next checkpoint says so
+                self.store.count(now)
 
     def save(self, write: Callable[[Path], None]) -> Path | None:
         """Write files into the directory, or beside it where that cannot be.

@@ -8,10 +8,10 @@ from collections.abc import Callable
 
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.learn.run_config import RunConfig
-from sparse_coord_ros.lockstep.checkpoints import Store
 from sparse_coord_ros.lockstep.rollback import WorldRollback
 from sparse_coord_ros.lockstep.world_side import WorldSide
 from sparse_coord_ros.nodes import interface
+from sparse_coord_ros.nodes.outputs import Output
 from sparse_coord_ros.nodes.parameters import ROLL_BACK, ParameterNode
 from sparse_coord_ros.wire import RECORDER
 from sparse_coord_ros.wire.status import NO_ORDER, ROLL_CALL, Progress, read_progress
@@ -24,7 +24,7 @@ class Returning(WorldRollback):
         node: the world's node; its parameters `resume` and `returning` say what is due.
         run: the run.
         side: the world's side of the lock step.
-        store: the world's checkpoints.
+        output: where the world saves.
         changed: called when an order was given, and when the team goes on.
     """
 
@@ -33,11 +33,12 @@ class Returning(WorldRollback):
         node: ParameterNode,
         run: RunConfig,
         side: WorldSide,
-        store: Store,
+        output: Output,
         changed: Callable[[], None],
     ) -> None:
         self._names = [robot.name for robot in run.scenario.robots]
-        super().__init__(side, store, len(self._names))
+        super().__init__(side, output.store, len(self._names))
+        self._output = output
         self._node, self._run, self._changed = node, run, changed
         self._warn = node.get_logger().warning
         self._under_way = False
@@ -82,13 +83,13 @@ class Returning(WorldRollback):
         recorded = not self._run.recorded or self._recorder_obeyed == self.order.name
         if not late and not (recorded and all_listen()):
             return
-        waiting = [self._names[k] for k in sorted(self.waiting)]
+        waiting, lost = [self._names[k] for k in sorted(self.waiting)], self._side.lost
         if not self.go_on(anyway=late):
             return
         if waiting:
             self._warn(f"{', '.join(waiting)} did not obey; going on without")
-        if self.lost:
-            self._warn(f"{self.lost} transitions are lost in the history")
+        if self._side.lost > lost:
+            self._warn(f"{self._side.lost} transitions are lost in the history")
         self._changed()
 
     def begin(self, now: float) -> None:
@@ -97,9 +98,12 @@ class Returning(WorldRollback):
 
     def _on_progress(self, robot: int, said: Progress) -> None:
         """Take in what a robot says of its checkpoints; one that comes back may take us along."""
-        new, name, step = self.heard(robot, said), self._names[robot], self._side.world.step
-        if not (new and self._under_way) or self._side.finished:
-            return
+        if self.heard(robot, said) and self._under_way and not self._side.finished:
+            self._came_back(robot, said)
+        self._output.count(self.events)
+
+    def _came_back(self, robot: int, said: Progress) -> None:
+        name, step = self._names[robot], self._side.world.step
         if not said.resumed:
             self._warn(
                 f"{name} was replaced at step {step}: a new node has its name, with tables of its "
@@ -112,7 +116,7 @@ class Returning(WorldRollback):
             )
         else:
             lost = max(0, step - said.step)
-            self.lost += lost
+            self.events["robot_steps_lost"] += lost
             self._warn(
                 f"{name} came back at step {step} with what it had learned until step "
                 f"{said.step}: the team goes on, {lost} time steps of {name} are lost"

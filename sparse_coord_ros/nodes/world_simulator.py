@@ -41,6 +41,16 @@ from sparse_coord_ros.nodes.world_speed import WorldSpeed
 from sparse_coord_ros.nodes.world_topics import WorldTopics
 from sparse_coord_ros.wire import WORLD, services
 
+EVENTS = (
+    "replaced_robots",
+    "returned_robots",
+    "robot_steps_lost",
+    "taken_back",
+    "topics_of_two_publishers",
+    "services_of_two_servers",
+)
+"""What a world counts of its run's faults, its earlier processes included."""
+
 
 class WorldSimulator(ParameterNode):
     """Publishes X_k(t) and R_k(t), waits for the team's actions, owns /clock.
@@ -117,6 +127,7 @@ class WorldSimulator(ParameterNode):
     def _say(self) -> None:
         if self._output is not None:
             self.topics.say(self.doing, self.lockstep, self.returning.order)
+            self._output.count(self.returning.events)
 
     def _show(self) -> None:
         """Show where the robots are; a resumed team that is yet to go back is elsewhere."""
@@ -183,9 +194,7 @@ class WorldSimulator(ParameterNode):
         robots = [robot_file(Path(), name).name for name in self._names]
         own = [RUN_FILE, SUMMARY_FILE, TEAM_FILE, HISTORY_FILE, *robots]
         self._output = Output(self, WORLD, self.run, own)
-        self.returning = Returning(
-            self, self.run, self.lockstep, self._output.store, self._on_return
-        )
+        self.returning = Returning(self, self.run, self.lockstep, self._output, self._on_return)
         self.create_service(SetBool, services.PAUSE.of("~"), self._on_pause)
         self.create_service(Trigger, services.RESET.of("~"), self._on_reset)
         self.create_service(Trigger, services.STEP.of("~"), self._on_step)
@@ -332,13 +341,15 @@ class WorldSimulator(ParameterNode):
 
     def _counts(self) -> dict[str, Any]:
         """Return what summary and diagnostics count."""
+        events = self.returning.events
+        events |= self._guard.counts()
         return {
             "transitions": self.lockstep.world.transitions,
+            "transitions_lost": self.lockstep.lost,
             "miscoordinations": self.lockstep.world.miscoordinations,
             "timeouts": self.lockstep.timeouts,
-            "replaced_robots": self.returning.replaced,
+            **{name: events[name] for name in EVENTS},
             "messages_dropped": self.intake.total,
-            **self._guard.counts(),
         }
 
     def summary(self) -> dict[str, Any]:
@@ -348,8 +359,6 @@ class WorldSimulator(ParameterNode):
             "episodes": self.lockstep.world.episode + 1,
             "last_step": self.lockstep.world.step,
             "stale_actions": self.lockstep.stale,
-            "taken_back": self.returning.taken_back,
-            "transitions_lost": self.returning.lost,
             "executor": self.values["executor"],
             "rate": self.values["rate"],
             **({} if self.bodies is None else self.bodies.summary()),

@@ -12,7 +12,12 @@ from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.learn.simulation import Learning, learn, tables_equal
-from sparse_coord_ros.lockstep.checkpoints import Checkpoints, Store, steps_of
+from sparse_coord_ros.lockstep.checkpoints import (
+    Checkpoints,
+    Store,
+    remove_checkpoints,
+    steps_of,
+)
 from sparse_coord_ros.lockstep.rollback import RobotRollback, WorldRollback
 from sparse_coord_ros.wire.status import ROLL_CALL, Order, Progress
 
@@ -72,7 +77,7 @@ def test_a_robot_comes_back_at_any_step(every):
     scenario = problem("env1", perception="probability:0.7", epsilon="constant:1")
     team = Team(scenario, 4, checkpoint=every)
     team.play([(600, lambda t: t.kill(1)), (620, lambda t: t.start(1, resume=True))])
-    assert (team.world.back.taken_back, team.disturbed) == (1, False)
+    assert (team.world.back.events["taken_back"], team.disturbed) == (1, False)
     assert tables_equal(team.tables, learn(scenario, "coop", 5))
 
 
@@ -86,30 +91,30 @@ def test_who_sleeps_while_the_team_goes_back_twice_learns_nothing_of_the_time_be
     faults += [(320, lambda t: t.start(1, **robot)), (back + 1800, lambda t: t.kill(1))]
     faults += [(back + 1830, lambda t: t.start(1, **robot)), (4000, lambda t: t.asleep.clear())]
     team.play(faults)
-    assert team.world.back.taken_back == 2
+    assert team.world.back.events["taken_back"] == 2
     team.check_updates()
 
 
 def test_a_robot_that_begins_anew_is_counted():
     team = Team(problem("env1"), 4)
     team.play([(600, lambda t: t.kill(1)), (620, lambda t: t.start(1, resume=False))])
-    assert (team.world.back.replaced, team.world.back.taken_back) == (1, 0)
+    assert team.world.back.events == {"replaced_robots": 1}
     assert not tables_equal(team.tables, learn(team.scenario, "coop", 5))
 
 
 def test_a_robot_may_go_on_alone_from_its_own_checkpoint():
     team = Team(problem("env1"), 4, rolls_back=False)
     team.play([(600, lambda t: t.kill(1)), (620, lambda t: t.start(1, resume=True))])
-    assert (team.world.back.replaced, team.world.back.taken_back) == (1, 0)
+    assert team.world.back.events == {"returned_robots": 1}
     team.check_updates()
 
 
 def test_who_cannot_go_back_is_not_waited_for():
     """A robot comes back without checkpoints while an order stands."""
     side = SimpleNamespace(
-        held=True, go_on_from=lambda state: None, world=SimpleNamespace(step=40)
+        held=True, go_on_from=lambda state: None, world=SimpleNamespace(step=40, transitions=30)
     )
-    store = SimpleNamespace(steps=lambda: [40, 0], load=lambda step: None)
+    store = SimpleNamespace(steps=lambda: [40, 0], load=lambda step: None, counted=dict)
     back = WorldRollback(side, store, 2)
     for k in range(2):
         back.heard(k, Progress(f"{k}", 50, 50, (40, 0)))
@@ -184,6 +189,24 @@ def test_a_file_gives_back_what_was_saved(tmp_path, run, played):
     for mine, theirs in zip(robot.memory[:-1], state.memory[:-1], strict=True):
         assert (mine.dtype, mine.tobytes()) == (theirs.dtype, theirs.tobytes())
     assert stores["robot_1"].load(0) is None
+
+
+def test_what_was_counted_outlives_its_process_and_is_never_taken_back(tmp_path, run, played):
+    stores = saved(tmp_path, run, played)
+    assert stores["robot_1"].counted() == {}
+    stores["world_simulator"].count({"taken_back": 2, "messages_dropped": 7})
+    for store in stores.values():
+        store.close()
+    again = Checkpoints(tmp_path, "world_simulator", run)
+    assert again.counted() == {"taken_back": 2, "messages_dropped": 7}
+    assert (again.steps(), again.broken) == ([80, 40, 0], [])
+    assert WorldRollback(played.world.side, again, 2).events["taken_back"] == 2
+    path = tmp_path / "checkpoint" / "world_simulator_events.npz"
+    path.write_bytes(path.read_bytes()[:-20])
+    assert again.counted() == {}
+    assert "world_simulator_events.npz: what was counted is lost" in again.broken[0]
+    remove_checkpoints(tmp_path)
+    assert not path.exists()
 
 
 def test_old_files_go_but_never_a_common_one(tmp_path, run, played):

@@ -292,7 +292,13 @@ def test_it_goes_on_where_another_one_was(world):
 def test_a_later_beginning_leaves_out_what_was_done_since(world):
     """A world that came back alone: the robots are 30 steps and 28 transitions further."""
     world.go_on_from(None)
-    assert world.begin_at(1, 28) == 0, "it is there already"
-    assert world.begin_at(31, 28) == 28
+    world.begin_at(1, 28)
+    assert world.lost == 0, "it is there already"
+    world.begin_at(31, 28)
     assert (world.world.step, world.world.transitions, world.world.episode) == (31, 28, 1)
-    assert world.began == Began.RESET
+    assert (world.began, world.lost) == (Began.RESET, 28)
+    world.go_on_from(world.snapshot())
+    world.begin_at(41, 36)
+    assert world.lost == 36, "those of both restarts"
+    world.go_on_from(None)
+    assert world.lost == 0, "all of them are made again"

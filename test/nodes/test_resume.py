@@ -17,6 +17,7 @@ from visualization_msgs.msg import MarkerArray
 
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.history import load_history
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.lockstep.checkpoints import Store
 from sparse_coord_ros.nodes.returning import Returning
@@ -44,7 +45,7 @@ def values(out, **more):
 
 def saved(out):
     folder = Path(out) / "checkpoint"
-    return {path.name for path in folder.glob("*.npz")} if folder.exists() else set()
+    return {path.name for path in folder.glob("*_[0-9]*.npz")} if folder.exists() else set()
 
 
 def test_a_team_that_was_stopped_goes_on_from_its_last_step(tmp_path, said, assert_same_tables):
@@ -128,9 +129,9 @@ def test_the_team_goes_on_when_all_listen_and_the_recorder_has_obeyed():
     gone_on, logger = [], SimpleNamespace(warning=print)
     intake = SimpleNamespace(listen=lambda *what, **how: None)
     node = SimpleNamespace(intake=intake, get_logger=lambda: logger)
-    side = SimpleNamespace(held=True, start=lambda: None)
+    side = SimpleNamespace(held=True, lost=0, start=lambda: None)
     run = make_run(load_scenario("env1"), {"recorded": True})
-    team = Returning(node, run, side, Store(), lambda: gone_on.append(True))
+    team = Returning(node, run, side, SimpleNamespace(store=Store()), lambda: gone_on.append(True))
     team.order = Order("an order", 0, 1)
     team.look(0.0, all_listen=lambda: True)
     team._on_recorder(Progress("life", 0, 0, obeyed="an order"))
@@ -163,7 +164,11 @@ def test_who_goes_on_shows_nothing_of_the_time_before(bench, tmp_path, who):
     assert found.broke_off[0].startswith(("robot_2", "the world"))
     summary = yaml.safe_load((out / "summary.yaml").read_text())
     assert summary["transitions"] == 90
-    assert (summary["taken_back"], summary["transitions_lost"] > 0) == (0, True)
+    missing = 90 - int(load_history(out).length.sum())
+    assert (summary["taken_back"], summary["transitions_lost"]) == (0, missing)
+    robot = who == "robot_2"
+    assert (summary["robot_steps_lost"] > 0, missing > 0) == (robot, not robot)
+    assert (summary["returned_robots"], summary["replaced_robots"]) == (robot, 0)
 
 
 @pytest.mark.long
