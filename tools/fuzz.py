@@ -30,8 +30,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from sparse_coord_ros.engine.training import train
 from sparse_coord_ros.errors import FaultError, SparseCoordError
-from sparse_coord_ros.learn.run_config import RUN_FILE
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.checkpoint import CHECKPOINT_FILE
 from tools.fuzz_targets import TARGETS
 from tools.teams import command
 
@@ -61,7 +63,7 @@ class TooLong(BaseException):
 
 
 def held(which: str) -> int:
-    """Return bytes of memory that this process has (`VmRSS`, `VmSize`), or had at most (`VmHWM`)."""
+    """Return bytes that this process has (`VmRSS`, `VmSize`), or had at most (`VmHWM`)."""
     text = Path("/proc/self/status").read_text()
     return int(text.split(f"{which}:")[1].split()[0]) * 1024
 
@@ -162,8 +164,8 @@ def fuzz(
                 os.setpgid(0, 0)
                 compute(name, seed, case, sample, theirs)
             except BaseException:
-                said = [-1, f"before a case: {traceback.format_exc()[-900:]}", "-"]
-                os.write(theirs, json.dumps(said).encode() + b"\n")
+                told = [-1, f"before a case: {traceback.format_exc()[-900:]}", "-"]
+                os.write(theirs, json.dumps(told).encode() + b"\n")
             finally:
                 os._exit(1)
         os.close(theirs)
@@ -194,7 +196,7 @@ def make_sample(folder: Path) -> Path:
     """Make what the samples are taken from: a recorded run, one that broke off, and results.
 
     Returns:
-        The folder with `run` (over ROS 2, with its bag), `train` and `reproduce`.
+        The folder with `run` (over ROS 2, with its bag), `reproduce`, and a checkpoint.
     """
     sample = folder / "sample"
     sample.mkdir()
@@ -202,21 +204,12 @@ def make_sample(folder: Path) -> Path:
     env1 = ["env1", "--set", "q_star_init=100"]
     for words in (
         ["run", *env1, "--steps", "400", "--seed", "1"],
-        ["train", *env1, "--steps", "10000000", "--engine", "python"],
         ["reproduce", "env1/coop/penalty=-20", "--runs", "2", "--trials", "5"],
     ):
-        out = sample / words[0]
-        process = subprocess.Popen(
-            command("sparse_coord", *words, "--out", str(out)),
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
-        if words[0] == "train":
-            while not (out / RUN_FILE).exists() and process.poll() is None:
-                time.sleep(0.05)
-            time.sleep(1.0)
-            process.send_signal(signal.SIGINT)
-        process.wait(120)
+        words = command("sparse_coord", *words, "--out", str(sample / words[0]))
+        subprocess.run(words, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    broken_off = sample / CHECKPOINT_FILE
+    train(load_scenario("env1"), "coop", 1, until=2_000, checkpoint=broken_off, engine="python")
     return sample
 
 

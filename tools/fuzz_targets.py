@@ -25,6 +25,7 @@ import numpy as np
 from sparse_coord_ros.bags import BagWriter, open_bag
 from sparse_coord_ros.bags.recover import recover
 from sparse_coord_ros.cli import main as cli
+from sparse_coord_ros.engine.training import train
 from sparse_coord_ros.errors import SparseCoordError, TablesError
 from sparse_coord_ros.experiments.store import read_results
 from sparse_coord_ros.game.grid import load_map
@@ -98,7 +99,7 @@ ODD_VALUES = (
     ),
     *("&a [x,x]\nb: &b [*a,*a]\nc: &c [*b,*b]", "linear:1:nan:0.5", "constant:2", "env1", "cmu"),
 )
-HUGE = 1_000_000
+COOP = learner_of("coop")
 
 
 def changed_text(chance: random.Random, text: str) -> bytes:
@@ -234,15 +235,19 @@ def _lying(chance: random.Random, content: bytes) -> bytes:
     return b"\x93NUMPY\x01\x00" + len(head).to_bytes(2, "little") + head + rest
 
 
-def of_arrays(source: str, name: str, read: Callable[[Path], object]) -> Callable[..., Cases]:
+def of_arrays(name: str, read: Callable[[Path], object]) -> Callable[..., Cases]:
     """Return a target of .npz files: a run's directory whose one file is a case."""
 
     def target(sample: Path, folder: Path) -> Cases:
         run = folder / "run"
         run.mkdir()
-        shutil.copy(sample / source / RUN_FILE, run)
-        data = (sample / source / name).read_bytes()
+        shutil.copy(sample / "run" / RUN_FILE, run)
+        found = sample / name
+        data = (found if found.exists() else sample / "run" / name).read_bytes()
         arrays, _ = archive.unpack(data, where="", what="", remedy="", error=TablesError)
+        for compressed in (True, False):  # what is compiled, and loaded, takes its time once
+            write(run / name, archive.pack(arrays, compressed=compressed))
+            read(run)
 
         def cases(chance: random.Random) -> Read:
             write(run / name, packed(chance, arrays))
@@ -268,9 +273,11 @@ def read_history(run: Path) -> None:
 
 
 def read_checkpoint(run: Path) -> None:
-    """Read the checkpoint of a learning run."""
-    config = load_run(run)
-    load_checkpoint(run / CHECKPOINT_FILE, config.scenario, learner_of("coop"), config.seed)
+    """Read the checkpoint of a learning run, and go on from it with either engine."""
+    scenario, path = load_scenario("env1"), run / CHECKPOINT_FILE
+    done = sum(p.transitions for p in load_checkpoint(path, scenario, COOP, 1).state.positions)
+    how: Any = {"until": done + 20, "checkpoint": path, "resume": True}
+    train(scenario, COOP, 1, engine=("numba", "python")[path.stat().st_size % 2], **how)
 
 
 # Images.
@@ -459,13 +466,13 @@ class Nodes:
         free = {"claim_window": 0.0, "startup_timeout": 0.0}
         values = {"scenario": "env1", "rate": 0.001, "recorded": True, "seed": 1, **free}
         self.world = WorldSimulator(context=context, values=values)
-        team = [
+        team: list[Any] = [
             RobotNode(context=context, name=f"robot_{k}", values=free | {"world_timeout": 0.0})
             for k in (1, 2)
         ]
         team.append(Recorder(context=context, values={"out": str(out), "startup_timeout": 0.0}))
         self.under_way = [self.world, *team]
-        there = {"context": context, "namespace": "/waiting"}
+        there: Any = {"context": context, "namespace": "/waiting"}
         self.waiting = [
             RobotNode(name="robot_1", values=free, **there),
             Recorder(values={"out": f"{out}_", "startup_timeout": 0.0}, **there),
@@ -575,7 +582,7 @@ def of_nodes(*, services: bool) -> Callable[[Path, Path], Cases]:
             nodes = alive[0]
             node = chance.choice((*nodes.under_way, *nodes.waiting))
             if services:
-                service = chance.choice(list(node.services))
+                service: Any = chance.choice(list(node.services))
                 kind = service.srv_type
                 request = message_with(chance, kind.Request, _near(nodes, chance))
                 return lambda: nodes.hear(node, lambda: service.callback(request, kind.Response()))
@@ -596,9 +603,9 @@ TARGETS: dict[str, Callable[[Path, Path], Cases]] = {
     ),
     "run": of_text(RUN_FILE, [f"*/{RUN_FILE}"], lambda path: load_run(path.parent)),
     "image": image,
-    "tables": of_arrays("run", TEAM_FILE, read_tables),
-    "history": of_arrays("run", HISTORY_FILE, read_history),
-    "checkpoint": of_arrays("train", CHECKPOINT_FILE, read_checkpoint),
+    "tables": of_arrays(TEAM_FILE, read_tables),
+    "history": of_arrays(HISTORY_FILE, read_history),
+    "checkpoint": of_arrays(CHECKPOINT_FILE, read_checkpoint),
     "bag": bag,
     "results": results,
     "topics": of_nodes(services=False),
