@@ -24,12 +24,14 @@ from sparse_coord_ros.game.world import SUM_OF_PARTS, Action, Reward, RewardWeig
 from sparse_coord_ros.learn import loops
 from sparse_coord_ros.learn.algorithm import (
     Values,
+    entry_of,
     greatest,
     greedy,
     step_size,
     updated,
     weighed,
 )
+from sparse_coord_ros.learn.archive import check_range
 from sparse_coord_ros.learn.factors import AdditiveTable, Factors
 from sparse_coord_ros.learn.rows import MOST_ROWS, Rows, make_rows, row_to_learn
 from sparse_coord_ros.learn.sparse import SparseTable
@@ -348,8 +350,15 @@ class Agent:
         )
 
     def go_on_from(self, memory: Memory) -> None:
-        """Go on with what another agent of the same run has learned."""
+        """Go on with what another agent of the same run has learned.
+
+        Raises:
+            ValueError: it is of another run.
+        """
         q_star, q_coord = self._tables.q_star, self._coord
+        if memory.states.shape[1] != len(q_coord.shape) - 1:
+            raise ValueError(f"states are of {memory.states.shape[1]} robots")
+        check_range(memory.states, 0, len(q_star), "states")
         q_star[:] = memory.q_star
         self.star_updates[:] = memory.star_updates
         rows = zip(memory.states.tolist(), memory.values, memory.updates.tolist(), strict=True)
@@ -512,7 +521,7 @@ def learn_entry(
     """Update one entry of a row by QLUpdate, with the step size of its count."""
     count = updates[action] + 1
     updates[action] = count
-    alpha = step_size(problem.alpha_by_count[count], floor)
+    alpha = step_size(entry_of(problem.alpha_by_count, count), floor)
     values[action] = updated(values[action], alpha, reward, problem.discount, bootstrap)
 
 

@@ -10,16 +10,33 @@ in the order of the names. So whoever has read a file can trust what is in it.
 import hashlib
 import io
 import json
+import math
+import zipfile
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from sparse_coord_ros.errors import SparseCoordError, other_format
+from sparse_coord_ros.errors import SparseCoordError, in_short, other_format
+from sparse_coord_ros.limits import ARRAYS, Limit
 from sparse_coord_ros.version import __version__
 
 FORMAT = 3
 """Number of the format. It changes where the arrays of any of these files change."""
+
+ENTRY, MOST_ARRAYS = b"PK\x01\x02", 2**16
+"""What an entry of a zip file's directory begins with; how many there may be."""
+
+DENSEST = 1032
+"""A byte of deflate's stands for so many at most."""
+
+MOST_UPDATES = 2**31
+"""The compiled loops count in 32 bits."""
+
+HEADERS: Mapping[tuple[int, int], Any] = {
+    (1, 0): np.lib.format.read_array_header_1_0,
+    (2, 0): np.lib.format.read_array_header_2_0,
+}
 
 
 def pack(arrays: Mapping[str, Any], *, compressed: bool = True) -> bytes:
@@ -32,7 +49,13 @@ def pack(arrays: Mapping[str, Any], *, compressed: bool = True) -> bytes:
 
 
 def unpack(
-    data: bytes, *, where: str, what: str, remedy: str, error: type[SparseCoordError]
+    data: bytes,
+    *,
+    where: str,
+    what: str,
+    remedy: str,
+    error: type[SparseCoordError],
+    limit: Limit = ARRAYS,
 ) -> tuple[dict[str, np.ndarray], str]:
     """Return the arrays of a file, and the version that wrote it.
 
@@ -42,12 +65,14 @@ def unpack(
         what: what it should be, such as "tables".
         remedy: what to do where it is something else.
         error: what to raise.
+        limit: how many bytes its arrays may have.
 
     Raises:
-        SparseCoordError: an `error`: it cannot be read, does not fit its digest, or is in another
-            format.
+        SparseCoordError: an `error`: it is larger, cannot be read, does not fit its digest, or is
+            in another format.
     """
     try:
+        _check_headers(data, limit)
         with np.load(io.BytesIO(data), allow_pickle=False) as file:
             head = file["format"].ravel().tolist() if "format" in file.files else [1]
             number = int(head[0])
@@ -61,6 +86,63 @@ def unpack(
     if number != FORMAT:
         raise error(other_format(where, number, FORMAT))
     return arrays, str(head[1])
+
+
+def _check_headers(data: bytes, limit: Limit) -> None:
+    """Raise an exception unless the arrays are within the limit, and of numbers or texts.
+
+    Nothing is unpacked but their headers. Every size that is said is held against what is there.
+    """
+    if data.count(ENTRY) > MOST_ARRAYS:
+        raise ValueError(f"it has more than {MOST_ARRAYS:,} arrays")
+    with zipfile.ZipFile(io.BytesIO(data)) as file:
+        entries = file.infolist()
+        size = sum(entry.file_size for entry in entries)
+        if size > limit.elements:
+            raise ValueError(
+                f"its arrays have {size:,} bytes, allowed for {limit.what}: {limit.elements:,}"
+            )
+        for entry in entries:
+            if entry.file_size > DENSEST * (entry.compress_size + 1):
+                raise ValueError(f"{entry.filename} says to be larger than it can be")
+            with file.open(entry) as array:
+                shape, dtype = HEADERS[np.lib.format.read_magic(array)](array)[::2]
+                size = array.tell() + math.prod(shape) * dtype.itemsize
+            if dtype.kind not in "biufU" or not dtype.itemsize or size != entry.file_size:
+                raise ValueError(
+                    f"{entry.filename} has type {dtype.str} and shape {in_short(shape)} in "
+                    f"{entry.file_size:,} bytes"
+                )
+
+
+def member(arrays: Mapping[str, Any], name: str, kind: Any, *shape: int | None) -> np.ndarray:
+    """Return an array that has the type and shape that it must have.
+
+    Args:
+        arrays: those of a file.
+        name: which one.
+        kind: its type.
+        shape: its shape; None: any size.
+
+    Raises:
+        KeyError: it is not there.
+        ValueError: it has another type or shape.
+    """
+    array: np.ndarray = arrays[name]
+    sizes = [due if due is None else size for size, due in zip(array.shape, shape, strict=False)]
+    if array.dtype != kind or array.ndim != len(shape) or sizes != list(shape):
+        due = ", ".join("any" if size is None else str(size) for size in shape)
+        raise ValueError(
+            f"{name} is {array.dtype} of shape {in_short(array.shape)}, not {np.dtype(kind)} of "
+            f"({due})"
+        )
+    return array
+
+
+def check_range(array: np.ndarray, low: int, high: int, name: str) -> None:
+    """Raise `ValueError` unless all numbers are from `low` to below `high`."""
+    if array.size and not (low <= array.min() and array.max() < high):
+        raise ValueError(f"{name} has numbers out of range, allowed: {low} to {high - 1}")
 
 
 def _digest(arrays: Mapping[str, Any]) -> str:

@@ -22,12 +22,15 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.files import write_whole
+from sparse_coord_ros.game.actions import ACTIONS, PRIMITIVES
 from sparse_coord_ros.game.scenario import Scenario
+from sparse_coord_ros.game.settings import LARGEST_WHOLE
 from sparse_coord_ros.game.world import Position
 from sparse_coord_ros.learn import archive
 from sparse_coord_ros.learn.agent import Memory
@@ -76,7 +79,7 @@ def read(path: Path, run: str, *, said: str) -> dict[str, np.ndarray]:
         data = read_file(path, ARRAYS)
     except OSError as error:
         raise broken(path, error.strerror) from None
-    how = {"what": "a checkpoint", "remedy": "begin the run anew"}
+    how: Any = {"what": "a checkpoint", "remedy": "begin the run anew"}
     arrays, version = archive.unpack(data, where=str(path), error=BrokenCheckpointError, **how)
     found = str(arrays.pop("run", ""))
     if version != __version__:
@@ -100,15 +103,32 @@ def memory_arrays(memory: Memory, k: int) -> dict[str, np.ndarray]:
     return arrays | {f"more_{k}_{name}": array for name, array in more.items()}
 
 
-def memory_from(arrays: Mapping[str, np.ndarray], k: int) -> Memory:
+def memory_from(arrays: Mapping[str, np.ndarray], k: int, cells: int | None = None) -> Memory:
     """Return what `memory_arrays` took apart.
+
+    Args:
+        arrays: those of a file.
+        k: the robot, from 1.
+        cells: of the map; None: as many as the tables have.
 
     Raises:
         KeyError: it is not there.
+        ValueError: something has another type or shape than it must have, or is out of range.
     """
+
+    def take(name: str, kind: Any, *shape: int | None) -> np.ndarray:
+        return archive.member(arrays, f"{name}_{k}", kind, *shape)
+
+    q_star = take("q_star", np.float64, cells, len(ACTIONS))
+    counts = take("star_updates", np.int64, *q_star.shape)
+    states = take("states", np.int32, None, None)
+    values = take("values", np.float64, len(states), PRIMITIVES)
+    updates = take("updates", np.int64, len(states), PRIMITIVES)
+    for one in (counts, updates):
+        archive.check_range(one, 0, archive.MOST_UPDATES, "updates")
     prefix = f"more_{k}_"
     more = {name.removeprefix(prefix): a for name, a in arrays.items() if name.startswith(prefix)}
-    return Memory._make([*(arrays[f"{name}_{k}"] for name in Memory._fields[:-1]), more])
+    return Memory(q_star, counts, states, values, updates, more)
 
 
 def position_arrays(positions: Sequence[Position]) -> dict[str, np.ndarray]:
@@ -116,13 +136,28 @@ def position_arrays(positions: Sequence[Position]) -> dict[str, np.ndarray]:
     return {name: np.array([getattr(p, name) for p in positions]) for name in Position._fields}
 
 
-def positions_from(arrays: Mapping[str, np.ndarray]) -> tuple[Position, ...]:
-    """Return what `position_arrays` took apart.
+def positions_from(
+    arrays: Mapping[str, np.ndarray], scenario: Scenario, games: int = 1
+) -> tuple[Position, ...]:
+    """Return what `position_arrays` took apart: the positions of so many games.
 
     Raises:
         KeyError: it is not there.
+        ValueError: something has another type or shape than it must have, or is out of range.
     """
-    columns = [arrays[name].tolist() for name in Position._fields]
+    robots, cells = len(scenario.robots), len(scenario.map.cells)
+    columns = []
+    for name, kind, high, *shape in (
+        ("transitions", np.int64, LARGEST_WHOLE),
+        ("step", np.int64, LARGEST_WHOLE),
+        ("under_way", np.bool_, 2),
+        ("episode_start", np.int64, LARGEST_WHOLE),
+        ("cells", np.int64, cells, robots),
+        ("arrived", np.bool_, 2, robots),
+    ):
+        column = archive.member(arrays, name, kind, games, *shape)
+        archive.check_range(column, 0, high, name)
+        columns.append(column.tolist())
     return tuple(
         Position(done, step, under_way, start, tuple(cells), tuple(arrived))
         for done, step, under_way, start, cells, arrived in zip(*columns, strict=True)
@@ -177,9 +212,13 @@ def load_checkpoint(path: Path, scenario: Scenario, learner: Learner, seed: int)
     arrays = read(path, _digest(scenario, learner, seed), said=said)
     robots, groups = len(scenario.robots), len(groups_of(scenario, learner))
     try:
-        memories = [memory_from(arrays, k) for k in range(1, robots + 1)]
+        cells = len(scenario.map.cells)
+        memories = [memory_from(arrays, k, cells) for k in range(1, robots + 1)]
+        for k, memory in enumerate(memories):
+            learner.agent(scenario, k, seed).go_on_from(memory)  # raises where it does not fit
         histories = [history_from(arrays, f"history_{g}_") for g in range(1, groups + 1)]
-        state = LearningState(positions_from(arrays), tuple(memories), tuple(histories))
+        positions = positions_from(arrays, scenario, groups)
+        state = LearningState(positions, tuple(memories), tuple(histories))
         every, trials, found = json.loads(str(arrays["evaluations"]))
         evaluations = tuple((step, _evaluation(**data)) for step, data in found)
     except (KeyError, ValueError, IndexError, TypeError) as error:

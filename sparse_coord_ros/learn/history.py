@@ -8,7 +8,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -181,8 +181,15 @@ def load_history(directory: Path) -> History:
         raise RunError(f"{directory}: has no {HISTORY_FILE}; use a run that learned") from None
     except OSError as error:
         raise RunError(f"{os_error_text(error)}; use a file that run or train wrote") from None
-    how = {"what": "a learning history", "remedy": "use a file that run or train wrote"}
-    return history_from(archive.unpack(data, where=str(path), error=RunError, **how)[0])
+    how: Any = {"what": "a learning history", "remedy": "use a file that run or train wrote"}
+    arrays, _ = archive.unpack(data, where=str(path), error=RunError, **how)
+    try:
+        return history_from(arrays)
+    except KeyError as error:
+        problem = f"has no {error.args[0]}"
+    except ValueError as error:
+        problem = str(error)
+    raise RunError(f"{path}: {problem}; {how['remedy']}")
 
 
 def history_from(arrays: Mapping[str, np.ndarray], prefix: str = "") -> History:
@@ -190,8 +197,16 @@ def history_from(arrays: Mapping[str, np.ndarray], prefix: str = "") -> History:
 
     Raises:
         KeyError: one is missing.
+        ValueError: one has another type or shape than it must have.
     """
-    return History(*(np.ascontiguousarray(arrays[prefix + name]) for name in History._fields))
+    episodes, robots = (None, *arrays[f"{prefix}present"].shape)[-2:]
+    kinds = blank_history(0, 0)._asdict().items()
+    return History(
+        *(
+            archive.member(arrays, prefix + name, one.dtype, *(episodes, robots)[: one.ndim])
+            for name, one in kinds
+        )
+    )
 
 
 @dataclass

@@ -25,15 +25,20 @@ import numpy as np
 
 from sparse_coord_ros.errors import TablesError
 from sparse_coord_ros.files import write_whole
+from sparse_coord_ros.game.actions import ACTIONS, PRIMITIVES
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.learn import archive
 from sparse_coord_ros.learn.agent import PEER_FROM_1, Memory, Tables
+from sparse_coord_ros.learn.archive import check_range
 from sparse_coord_ros.learn.checkpoint import memory_arrays, memory_from
 from sparse_coord_ros.learn.factors import Factors, coordination_table
 from sparse_coord_ros.learn.sparse import SparseTable
 from sparse_coord_ros.limits import ARRAYS, read_file
 
 TEAM_FILE = "tables.npz"
+
+MOST_ROBOTS = 10_000
+"""More than a scenario can have."""
 
 REMEDY = "use a file that run or train wrote"
 
@@ -88,12 +93,12 @@ def unpack_saved(data: bytes, numbers: Sequence[int], *, where: str) -> list[Sav
     """
     arrays, _ = archive.unpack(data, where=where, what="tables", remedy=REMEDY, error=TablesError)
     prefix = "count_"
-    counts = {
-        name.removeprefix(prefix): int(array)
-        for name, array in arrays.items()
-        if name.startswith(prefix)
-    }
     try:
+        counts = {
+            name.removeprefix(prefix): int(archive.member(arrays, name, np.int64))
+            for name in arrays
+            if name.startswith(prefix)
+        }
         return [
             SavedTables(
                 _robot(arrays, k),
@@ -104,6 +109,8 @@ def unpack_saved(data: bytes, numbers: Sequence[int], *, where: str) -> list[Sav
         ]
     except KeyError as error:
         raise TablesError(f"{where}: has no {error.args[0]}; {REMEDY}") from None
+    except ValueError as error:
+        raise TablesError(f"{where}: {error}; {REMEDY}") from None
 
 
 def unpack_robot(data: bytes, number: int, *, where: str) -> tuple[Tables, dict[str, int]]:
@@ -167,18 +174,38 @@ def load_team(directory: Path, scenario: Scenario) -> list[Tables]:
 
 
 def _robot(arrays: Mapping[str, np.ndarray], number: int) -> Tables:
-    """Return one robot's tables; raise `KeyError` where they are not there."""
-    q_star = arrays[f"q_star_{number}"]
-    factors = None
+    """Return one robot's tables.
+
+    Raises:
+        KeyError: they are not there.
+        ValueError: they are malformed.
+    """
+
+    def take(name: str, kind: Any, *shape: int | None) -> np.ndarray:
+        return archive.member(arrays, f"{name}_{number}", kind, *shape)
+
+    q_star = take("q_star", np.float64, None, len(ACTIONS))
+    cells, factors = len(q_star), None
     if f"u_{number}" in arrays:
-        names = ("u", "r_bar", "w", "rho_states", "rho")
-        u, r_bar, w, states, rho = (arrays[f"{name}_{number}"] for name in names)
-        factors = Factors(u, r_bar, w, states - PEER_FROM_1, rho)
+        u, r_bar = (take(name, np.float64, cells, PRIMITIVES) for name in ("u", "r_bar"))
+        states = take("rho_states", np.int32, None, 3)
+        rho = take("rho", np.float64, len(states), PRIMITIVES)
+        robots = 2
         if f"robots_{number}" in arrays:
-            robots = int(arrays[f"robots_{number}"])
+            robots = int(take("robots", np.int64))
+            check_range(np.array(robots), max(number, 3), MOST_ROBOTS, "robots")
+        for column, (low, high) in enumerate(((0, cells), (0, robots + 1), (-1, cells))):
+            check_range(states[:, column], low, high, "rho_states")
+        factors = Factors(u, r_bar, take("w", np.float64, cells), states - PEER_FROM_1, rho)
+        if robots > 2:
             return Tables(q_star, coordination_table(factors, number - 1, robots), factors)
     if f"q_coord_keys_{number}" not in arrays:
-        return Tables(q_star, arrays[f"q_coord_{number}"], factors)
-    keys, rows = arrays[f"q_coord_keys_{number}"], arrays[f"q_coord_rows_{number}"]
-    unseen = float(arrays[f"q_coord_unseen_{number}"])
-    return Tables(q_star, SparseTable(len(q_star), keys.shape[1], unseen, keys, rows))
+        agents = arrays[f"q_coord_{number}"].ndim - 1
+        shape = (cells,) * agents + (PRIMITIVES,)
+        return Tables(q_star, take("q_coord", np.float64, *shape), factors)
+    keys = take("q_coord_keys", np.int32, None, None)
+    check_range(keys, 0, cells, "q_coord_keys")
+    check_range(np.array(keys.shape[1]), 1, MOST_ROBOTS, "q_coord_keys")
+    rows = take("q_coord_rows", np.float64, len(keys), PRIMITIVES)
+    unseen = float(take("q_coord_unseen", np.float64))
+    return Tables(q_star, SparseTable(cells, keys.shape[1], unseen, keys, rows))

@@ -182,10 +182,11 @@ class Checkpoints(Store):
         fields: dict[str, Any] = {"step": step}
         if self._node == WORLD:
             kind = WorldState
-            fields["position"] = positions_from(arrays)[0]
+            fields["position"] = positions_from(arrays, self._run.scenario)[0]
             fields["history"] = history_from(arrays, "history_")
         else:
-            fields["memory"] = memory_from(arrays, self._names.index(self._node) + 1)
+            cells = len(self._run.scenario.map.cells)
+            fields["memory"] = memory_from(arrays, self._names.index(self._node) + 1, cells)
         for name in set(kind._fields) - set(fields):
             value = arrays[name].tolist()
             fields[name] = tuple(value) if isinstance(value, list) else value
