@@ -17,8 +17,9 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment as AttachmentRecord
 from mcap.records import Channel, Chunk, DataEnd, Footer, Header, Metadata, Schema
 
+from sparse_coord_ros.bags.gaps import Gap, from_note
 from sparse_coord_ros.bags.layout import PARTIAL
-from sparse_coord_ros.bags.metadata import CONTINUED_RECORD, FileSummary
+from sparse_coord_ros.bags.metadata import CONTINUED_RECORD, RECOVERED_RECORD, FileSummary
 from sparse_coord_ros.bags.records import (
     HEAD,
     LATEST_NS,
@@ -50,33 +51,6 @@ _LENGTH = struct.Struct("<Q")
 _CRC_BYTES = 4
 _BARE = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
 _FOOTER = HEAD.pack(Opcode.FOOTER, 20)
-
-
-class Gap(NamedTuple):
-    """A part of a bag that cannot be read; all outside of the gaps is read.
-
-    What is lost was logged between the neighbours of the gap. A message may come a little late,
-    so what is lost may lie a few time steps outside of these times.
-
-    Attributes:
-        begin, end: its bytes in the file, without `end`; the same where nobody knows how many are
-            gone: a file is missing or was cut off.
-        why: what is wrong there, one sentence.
-        first_ns: the latest log time of what was read before it; None: nothing was.
-        last_ns: the earliest log time of what was read behind it; None: nothing was.
-        file: name of the file that it is in, or that is missing.
-        place: the number of that file in `Bag.files`; of a missing one, of the file behind it.
-        recovered: whether `recover` has left it out already: its bytes are those of the original.
-    """
-
-    begin: int
-    end: int
-    why: str
-    first_ns: int | None
-    last_ns: int | None
-    file: str
-    place: int = 0
-    recovered: bool = False
 
 
 class Part(NamedTuple):
@@ -204,9 +178,9 @@ class BagFile:
 
     @property
     def gaps(self) -> list[Gap]:
-        """What of it cannot be read, as far as that is known, in the order of the file."""
+        """What cannot be read, as far as that is known; first what `recover` has left out."""
         offsets = [block.offset for block in self.blocks]
-        found = []
+        found = [] if self.recovered is None else from_note(self.recovered.get("gaps", ""))
         for begin, end, why in self._lost:
             at = bisect_left(offsets, begin)
             first_ns = self.blocks[at - 1].end_ns if at else None
@@ -232,6 +206,15 @@ class BagFile:
     def lost_bytes(self) -> int:
         """Bytes in gaps."""
         return sum(end - begin for begin, end, _ in self._lost)
+
+    @property
+    def recovered(self) -> Mapping[str, str] | None:
+        """What `recover` noted when it made this file of a broken one; None if it did not.
+
+        Keys: `complete` (`true`, or `false` where something was lost), `damage` (what was wrong
+        where in the original, or empty) and `gaps` (see `gaps.from_note`).
+        """
+        return next((texts for name, texts in self.metadata if name == RECOVERED_RECORD), None)
 
     @property
     def continued(self) -> Mapping[str, str] | None:

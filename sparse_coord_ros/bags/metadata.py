@@ -8,13 +8,18 @@ bag file without its directory is still understood.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from sparse_coord_ros.bags.qos import yaml_text
 from sparse_coord_ros.bags.records import LATEST_NS
 from sparse_coord_ros.bags.topics import BagTopic
+from sparse_coord_ros.errors import SparseCoordError
+from sparse_coord_ros.limits import METADATA, parse_yaml, read_text
 
 METADATA_FILE = "metadata.yaml"
+MISSING = "missing"
+"""Where in rosbag2's `custom_data` it says which files are not there."""
 METADATA_RECORD = "rosbag2"
 RECOVERED_RECORD = "recovered"
 """Name of the metadata record that `recover` leaves in what it made of a broken bag."""
@@ -48,7 +53,9 @@ class FileSummary:
         return sum(self.counts.values())
 
 
-def bag_information(files: Sequence[FileSummary], topics: Iterable[BagTopic]) -> dict[str, Any]:
+def bag_information(
+    files: Sequence[FileSummary], topics: Iterable[BagTopic], missing: Sequence[str] = ()
+) -> dict[str, Any]:
     """Return what rosbag2 stores about a bag, keys in rosbag2's order.
 
     Chunks are compressed inside the MCAP file, of which rosbag2 knows nothing: its compression
@@ -57,6 +64,7 @@ def bag_information(files: Sequence[FileSummary], topics: Iterable[BagTopic]) ->
     Args:
         files: its files, one after the other.
         topics: its topics, in the order they are to be listed.
+        missing: names of files of it that are not there.
     """
     whole = _times(files)
     return {
@@ -85,7 +93,7 @@ def bag_information(files: Sequence[FileSummary], topics: Iterable[BagTopic]) ->
             {"path": file.name} | _times([file]) | {"message_count": file.message_count}
             for file in files
         ],
-        "custom_data": None,
+        "custom_data": {MISSING: " ".join(missing)} if missing else None,
         "ros_distro": "jazzy",
     }
 
@@ -106,3 +114,25 @@ def _times(files: Sequence[FileSummary]) -> dict[str, dict[str, int]]:
 def metadata_yaml(information: Mapping[str, Any]) -> str:
     """Return the text of `metadata.yaml` for a bag's information, without a final newline."""
     return yaml_text({"rosbag2_bagfile_information": dict(information)})
+
+
+def told_files(directory: Path) -> list[str]:
+    """Return which files `metadata.yaml` says the bag in a directory has, or had.
+
+    Nothing where there is none, or it cannot be read.
+    """
+    information = read_information(directory / METADATA_FILE)
+    names, custom = information.get("relative_file_paths"), information.get("custom_data")
+    gone = custom.get(MISSING) if isinstance(custom, dict) else None
+    found = [*(names if isinstance(names, list) else []), *str(gone or "").split()]
+    return [name for name in found if isinstance(name, str)]
+
+
+def read_information(path: Path) -> Mapping[str, Any]:
+    """Return what a `metadata.yaml` says; nothing where it is missing or cannot be read."""
+    try:
+        text = read_text(path, METADATA)
+        found = parse_yaml(text, where="", limit=METADATA).get("rosbag2_bagfile_information")
+    except (OSError, SparseCoordError, UnicodeDecodeError):
+        return {}
+    return found if isinstance(found, dict) else {}

@@ -5,14 +5,16 @@
 import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.bags.contents import Attachment, BagFile, Block, Gap, Part
+from sparse_coord_ros.bags.contents import Attachment, BagFile, Block, Part
+from sparse_coord_ros.bags.gaps import Gap
 from sparse_coord_ros.bags.layout import PARTIAL
-from sparse_coord_ros.bags.metadata import RECOVERED_RECORD
+from sparse_coord_ros.bags.metadata import told_files
 from sparse_coord_ros.bags.records import MESSAGE
 from sparse_coord_ros.bags.topics import BagTopic
 from sparse_coord_ros.errors import BagError
@@ -47,18 +49,23 @@ class Bag:
     Args:
         files: its files in their order.
         blocks: those of each file whose messages are read; None: all.
+        missing: files that should be there.
 
     Attributes:
         files: its files.
+        missing: as given.
 
     Raises:
         BagError: files do not belong together, or hold a run in another format.
     """
 
     def __init__(
-        self, files: Sequence[BagFile], blocks: Sequence[Sequence[Block]] | None = None
+        self,
+        files: Sequence[BagFile],
+        blocks: Sequence[Sequence[Block]] | None = None,
+        missing: Sequence[Gap] = (),
     ) -> None:
-        self.files, self._blocks = tuple(files), blocks
+        self.files, self._blocks, self.missing = tuple(files), blocks, tuple(missing)
         topics: dict[str, BagTopic] = {}
         for file in self.files:
             for topic in file.topics.values():
@@ -92,22 +99,28 @@ class Bag:
 
         Of a bag that is not checked more may be found when messages are read.
         """
-        found: list[Gap] = []
-        for place, file in enumerate(self.files):
-            before = [one.end_ns for some in self.files[:place] for one in some.blocks[-1:]]
-            behind = [one.start_ns for some in self.files[place + 1 :] for one in some.blocks[:1]]
-            for gap in file.gaps:
-                first_ns = next(iter(before[-1:]), None) if gap.first_ns is None else gap.first_ns
-                last_ns = next(iter(behind), None) if gap.last_ns is None else gap.last_ns
-                found.append(gap._replace(first_ns=first_ns, last_ns=last_ns, place=place))
+        found = []
+        for place in range(len(self.files) + 1):
+            gaps = [gap for gap in self.missing if gap.place == place]
+            for file in self.files[place : place + 1]:
+                gaps += [gap._replace(place=place) for gap in file.gaps]
+            before = [one.blocks[-1].end_ns for one in self.files[:place] if one.blocks]
+            for gap in gaps:
+                files = self.files[place + bool(gap.end) :]
+                behind = [one.blocks[0].start_ns for one in files if one.blocks]
+                first_ns = before[-1] if gap.first_ns is None and before else gap.first_ns
+                last_ns = behind[0] if gap.last_ns is None and behind else gap.last_ns
+                found.append(gap._replace(first_ns=first_ns, last_ns=last_ns))
         return tuple(found)
 
     @property
     def damage(self) -> str | None:
-        """The offset of the first damage and what is wrong there, one sentence; None: nothing is.
+        """What is missing, or where the first damage is and what is wrong there; None: nothing is.
 
         A bag that is unfinished is not damaged by that alone.
         """
+        for gap in self.missing:
+            return f"{gap.file} {gap.why}"
         for file in self.files:
             if file.damage is not None:
                 several = len(self.files) > 1
@@ -117,11 +130,11 @@ class Bag:
     @property
     def whole(self) -> bool:
         """Whether all that was recorded was read, though the end of a file be damaged."""
-        return all(file.whole for file in self.files)
+        return not self.missing and all(file.whole for file in self.files)
 
     @property
     def lost_bytes(self) -> int:
-        """Bytes behind the first damage of each file, of which nothing can be read."""
+        """Bytes in gaps of its files."""
         return sum(file.lost_bytes for file in self.files)
 
     @property
@@ -195,13 +208,8 @@ class Bag:
 
     @property
     def recovered(self) -> Mapping[str, str] | None:
-        """What `recover` noted when it made the last file of a broken one; None if it did not.
-
-        What an earlier file lost is a gap between files. Keys: `complete` (`true`, or `false`
-        where something was lost), `damage` (what was wrong where in the original, or empty) and
-        `lost_bytes`.
-        """
-        return dict(reversed(self.files[-1].metadata)).get(RECOVERED_RECORD)
+        """What `recover` noted when it made the last file of a broken one; None if it did not."""
+        return self.files[-1].recovered
 
     def between(self, first_ns: int, last_ns: int) -> "Bag":
         """Return the blocks that have messages of some log times, as a bag of their own."""
@@ -209,7 +217,7 @@ class Bag:
             [one for one in blocks if one.end_ns >= first_ns and one.start_ns <= last_ns]
             for blocks in self.blocks
         ]
-        return Bag(self.files, chosen)
+        return Bag(self.files, chosen, self.missing)
 
     def extend(self) -> bool:
         """Take in what the last file has grown by; return whether there was anything."""
@@ -221,7 +229,7 @@ class Bag:
             file.close()
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[Message]:
-        """Yield the messages up to the first damage, in the order of the file.
+        """Yield the messages outside of gaps, in the order of the file.
 
         Args:
             topics: names of the topics to yield; None: all.
@@ -248,7 +256,7 @@ class Bag:
                     yield Message(name, data, log_ns, publish_ns, sequence)
 
     def parts(self, size: int = 0) -> Iterator[Part]:
-        """Yield the messages up to the first damage in parts of whole chunks.
+        """Yield the messages outside of gaps in parts of whole chunks.
 
         Args:
             size: put chunks together until their content has more bytes.
@@ -288,7 +296,21 @@ def open_bag(path: Path, *, checked: bool = True) -> Bag:
             one bag, or a file does not begin as MCAP, holds other messages than those of ROS 2, or
             is a run's in another format than this version's.
     """
-    return Bag([BagFile(file, checked=checked) for file in bag_files(Path(path))])
+    files = bag_files(Path(path))
+    missing = list(_missing(files)) if Path(path).is_dir() else []
+    return Bag([BagFile(file, checked=checked) for file in files], missing=missing)
+
+
+def _missing(files: Sequence[Path]) -> Iterator[Gap]:
+    """Yield the files of a bag that its names or `metadata.yaml` tell of, but are not there."""
+    stem, last = stem_and_number(files[-1])
+    told = [stem_and_number(Path(name))[1] for name in told_files(files[0].parent)]
+    numbers = [-1, *(stem_and_number(file)[1] for file in files), max([last, *told]) + 1]
+    for place, (before, behind) in enumerate(pairwise(numbers)):
+        names = [f"{stem}_{number}.mcap" for number in sorted({before + 1, behind - 1})]
+        if behind - before > 1:
+            why = "is missing" if len(names) == 1 else "are missing"
+            yield Gap(0, 0, why, None, None, " to ".join(names), place)
 
 
 def _added(counts: Iterable[Counter[str]]) -> Counter[str]:

@@ -5,10 +5,11 @@
 import contextlib
 import os
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from sparse_coord_ros.bags.gaps import Gap, from_note, to_note
 from sparse_coord_ros.bags.layout import (
     PARTIAL,
     free_name,
@@ -22,12 +23,12 @@ from sparse_coord_ros.bags.metadata import (
     RECOVERED_RECORD,
     bag_information,
     metadata_yaml,
+    read_information,
 )
 from sparse_coord_ros.bags.reader import Bag, BagFile, bag_files, open_bag, stem_and_number
 from sparse_coord_ros.bags.writer import BagWriter
-from sparse_coord_ros.errors import BagError, SparseCoordError
+from sparse_coord_ros.errors import BagError
 from sparse_coord_ros.files import take_lock
-from sparse_coord_ros.limits import METADATA, parse_yaml, read_text
 
 _DRAFT = ".recovering"
 
@@ -52,7 +53,7 @@ class Recovery:
 
 
 def recover(path: Path) -> Recovery:
-    """Make a bag whole: everything up to the first damage, indexed, with `metadata.yaml`.
+    """Make a bag whole: everything outside of its gaps, indexed, with `metadata.yaml`.
 
     A bag is mended in place, file by file: the finished one is `<name>_0.mcap`, the original is
     kept as `<file>.damaged`. A whole bag is left as it is; a missing `metadata.yaml` is written.
@@ -127,11 +128,12 @@ def _mended(bag: Bag, directory: Path) -> Recovery:
     metadata = directory / METADATA_FILE
     kept: list[Path] = []
     renamed = False
-    for one in bag.files:
+    for place, one in enumerate(bag.files):
         stem, number = stem_and_number(one.path)
         file, finished = one.path, directory / f"{stem}_{number}.mcap"
         if not one.finished or one.damage is not None:
-            with _draft(Bag([one]), directory / _DRAFT) as draft:
+            gaps = [gap for gap in bag.gaps if gap.place == place and gap.end]
+            with _draft(Bag([one]), gaps, directory / _DRAFT) as draft:
                 kept.append(_keep(file))
                 os.replace(draft / finished.name, finished)
                 if file != finished:
@@ -145,18 +147,21 @@ def _mended(bag: Bag, directory: Path) -> Recovery:
         if metadata.exists():
             _keep(metadata)
         summaries = [file.summary for file in mended.files]
-        write_text(metadata, metadata_yaml(bag_information(summaries, mended.topics.values())))
+        missing = [gap.file for gap in mended.missing]
+        information = bag_information(summaries, mended.topics.values(), missing)
+        write_text(metadata, metadata_yaml(information))
     sync_directory(directory)
     changed = bool(kept) or renamed or not described
     return Recovery(directory, bag, kept[0] if kept else None, changed)
 
 
 @contextlib.contextmanager
-def _draft(bag: Bag, directory: Path) -> Iterator[Path]:
+def _draft(bag: Bag, gaps: Sequence[Gap], directory: Path) -> Iterator[Path]:
     """Write all that can be read of a bag's file into a directory, checked, removed at the end.
 
     Args:
         bag: one file.
+        gaps: what cannot be read of it.
         directory: a new one.
     """
     shutil.rmtree(directory, ignore_errors=True)
@@ -164,7 +169,7 @@ def _draft(bag: Bag, directory: Path) -> Iterator[Path]:
     try:
         name, number = stem_and_number(bag.path)
         with BagWriter(directory, compression=compression, name=name, number=number) as writer:
-            if (note := _note(bag)) is not None:
+            if (note := _note(bag, gaps)) is not None:
                 writer.add_metadata(RECOVERED_RECORD, note)
             for record, texts in bag.metadata_records:
                 if record not in (METADATA_RECORD, RECOVERED_RECORD):
@@ -176,7 +181,7 @@ def _draft(bag: Bag, directory: Path) -> Iterator[Path]:
             channels = {t.name: writer.add_known_topic(t) for t in bag.topics.values()}
             for topic, data, log_ns, publish_ns, sequence in bag.messages():
                 writer.write(channels[topic], data, log_ns, publish_ns, sequence)
-        copy = open_bag(directory)
+        copy = open_bag(directory / f"{name}_{number}.mcap")
         if copy.damage or copy.counts != bag.counts:
             raise BagError(f"what was recovered of {bag.path} does not read back: {copy.damage}")
         yield directory
@@ -184,19 +189,17 @@ def _draft(bag: Bag, directory: Path) -> Iterator[Path]:
         shutil.rmtree(directory, ignore_errors=True)
 
 
-def _note(bag: Bag) -> dict[str, str] | None:
+def _note(bag: Bag, gaps: Sequence[Gap]) -> dict[str, str] | None:
     """Return what is to be known of a bag's recoveries, this one and earlier; None: no fault."""
     notes = [texts for name, texts in bag.metadata_records if name == RECOVERED_RECORD]
     if not bag.finished or bag.damage is not None:
-        whole, lost_bytes = "true" if bag.whole else "false", str(bag.lost_bytes)
-        notes.append({"complete": whole, "damage": bag.damage or "", "lost_bytes": lost_bytes})
+        notes.append({"complete": "true" if bag.whole else "false", "damage": bag.damage or ""})
     if not notes:
         return None
-    lost = [note.get("lost_bytes", "") for note in notes]
     return {
         "complete": "true" if all(n.get("complete") == "true" for n in notes) else "false",
         "damage": "; ".join(filter(None, (note.get("damage") for note in notes))),
-        "lost_bytes": str(sum(int(text) for text in lost if text.isdecimal())),
+        "gaps": to_note(gaps),
     }
 
 
@@ -205,8 +208,8 @@ def recovered_text(note: Mapping[str, str]) -> str:
     text = "recovered from a broken bag, " + (
         "complete" if note.get("complete") == "true" else "a part of it is lost"
     )
-    if note.get("lost_bytes", "0") != "0":
-        text += f" ({note['lost_bytes']} bytes)"
+    if lost := sum(gap.end - gap.begin for gap in from_note(note.get("gaps", ""))):
+        text += f" ({lost} bytes)"
     return f"{text}; damage at {note['damage']}" if note.get("damage") else text
 
 
@@ -223,15 +226,9 @@ def _keep(file: Path) -> Path:
 def _describes(metadata: Path, bag: Bag) -> bool:
     """Whether a `metadata.yaml` is there and fits the bag."""
     names = [file.path.name for file in bag.files]
-    try:
-        text = read_text(metadata, METADATA)
-        information = parse_yaml(text, where="", limit=METADATA)["rosbag2_bagfile_information"]
-        return (
-            information["relative_file_paths"] == names
-            and information["message_count"] == bag.message_count
-        )
-    except (OSError, SparseCoordError, ValueError, TypeError, KeyError):
-        return False
+    said = read_information(metadata)
+    told = said.get("relative_file_paths"), said.get("message_count")
+    return told == (names, bag.message_count)
 
 
 @contextlib.contextmanager

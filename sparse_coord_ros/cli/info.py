@@ -42,6 +42,7 @@ def _information(bag, *, recording: bool) -> dict[str, Any]:
         "finished": bag.finished,
         "recording": recording,
         "damage": bag.damage,
+        "gaps": [gap._asdict() for gap in bag.gaps],
         "recovered": bag.recovered,
         "compression": bag.compressions,
         "run": record,
@@ -68,6 +69,7 @@ def _information(bag, *, recording: bool) -> dict[str, Any]:
 
 
 def _print(found: dict[str, Any]) -> None:
+    from sparse_coord_ros.bags.gaps import Gap, gap_lines
     from sparse_coord_ros.bags.recover import recovered_text
 
     print(f"{found['file']}: {found['bytes']} bytes, {_state(found)}")
@@ -75,6 +77,8 @@ def _print(found: dict[str, Any]) -> None:
         print(f"files: {', '.join(found['files'])}")
     if found["recovered"] is not None:
         print(recovered_text(found["recovered"]))
+    for line in gap_lines([Gap(**gap) for gap in found["gaps"]]):
+        print(line)
     for what in ("run", "versions"):
         if found[what]:
             print(f"{what}: " + ", ".join(f"{name} {said}" for name, said in found[what].items()))

@@ -4,6 +4,7 @@
 
 import argparse
 
+from sparse_coord_ros.bags.gaps import gap_lines
 from sparse_coord_ros.bags.recover import Recovery, recover, recovered_text
 from sparse_coord_ros.cli import options as shared
 
@@ -30,8 +31,9 @@ def execute(options: argparse.Namespace) -> int:
         shared.print_json(_facts(recovery))
     else:
         print("\n".join(_lines(recovery)))
-    lost = (recovery.bag.recovered or {}).get("complete") == "false"
-    return 0 if recovery.bag.whole and not lost else EXIT_LOST
+    bag = recovery.bag
+    lost = bag.gaps or (bag.recovered or {}).get("complete") == "false"
+    return 0 if bag.whole and not lost else EXIT_LOST
 
 
 def _lines(recovery: Recovery) -> list[str]:
@@ -40,23 +42,17 @@ def _lines(recovery: Recovery) -> list[str]:
         f"{bag.message_count} messages of {len(bag.topics)} topics, "
         f"{len(bag.attachments)} attachments, {(bag.end_ns - bag.start_ns) / 1e9:.1f} s"
     )
-    if not recovery.changed:
-        lines = [f"{recovery.path} is whole: {content}"]
-        return lines if bag.recovered is None else [*lines, recovered_text(bag.recovered)]
-    now = "is whole again" if bag.whole else "holds what could be read"
+    again = " again" if recovery.changed else ""
+    now = f"is whole{again}" if bag.whole else "holds what could be read"
     lines = [f"{recovery.path} {now}: {content}"]
-    if bag.damage is not None:
-        lines.append(f"damage at {bag.damage}")
-    if not bag.whole:
-        lines.append(
-            f"lost: what was in the last {bag.lost_bytes} of {bag.file_bytes} bytes"
-            if bag.lost_bytes
-            else "lost: what was cut off"
-            if not bag.finished
-            else "every message is there, but metadata may be wrong"
-        )
     if bag.recovered is not None:
-        lines.append(f"before, it was {recovered_text(bag.recovered)}")
+        before = "before, it was " if recovery.changed else ""
+        lines.append(before + recovered_text(bag.recovered))
+    lines += gap_lines(bag.gaps)
+    if bag.damage is not None and (bag.whole or not bag.lost_bytes):
+        lines.append(f"damage at {bag.damage}")
+    if not bag.whole and not bag.gaps:
+        lines.append("every message is there, but metadata may be wrong")
     if recovery.kept is not None:
         lines.append(f"the original is {recovery.kept}")
     return lines
@@ -70,6 +66,7 @@ def _facts(recovery: Recovery) -> dict:
         "complete": bag.whole,
         "damage": bag.damage,
         "lost_bytes": bag.lost_bytes,
+        "gaps": [gap._asdict() for gap in bag.gaps],
         "recovered": bag.recovered,
         "messages": bag.message_count,
         "topics": len(bag.topics),

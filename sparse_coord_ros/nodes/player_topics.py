@@ -49,7 +49,7 @@ class Stage:
         names = chosen_topics(bag, patterns)
         warn = node.get_logger().warning
         if bag.damage is not None:
-            played = "every message" if bag.whole else "what lies before that"
+            played = "every message" if bag.whole else "what could be read"
             warn(f"{bag.path}: {bag.damage}; {played} is played")
         elif not bag.finished:
             warn(f"{bag.path} was never closed by its recorder: what there is of it is played")

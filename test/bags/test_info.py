@@ -51,7 +51,7 @@ def test_a_recovered_bag_is_told_in_one_line(tmp_path, recording, info):
     recover(tmp_path / "out")
     assert info().splitlines()[1] == "recovered from a broken bag, complete"
     told = json.loads(info("--json"))
-    assert told["recovered"] == {"complete": "true", "damage": "", "lost_bytes": "0"}
+    assert told["recovered"] == {"complete": "true", "damage": "", "gaps": "[]"}
 
 
 def test_attachments_are_measured_without_being_read(recording, info, monkeypatch):

@@ -13,6 +13,7 @@ from mcap_ros2.reader import read_ros2_messages
 from rosbags.highlevel import AnyReader
 
 from sparse_coord_ros.bags import BagTopic, BagWriter, QoS, open_bag
+from sparse_coord_ros.bags.gaps import to_note
 from sparse_coord_ros.bags.recover import recover
 from sparse_coord_ros.cli.main import main
 from sparse_coord_ros.errors import BagError
@@ -85,6 +86,7 @@ def test_unfinished_bag_is_finished(tmp_path, samples, capsys):
         "complete": True,
         "damage": None,
         "lost_bytes": 0,
+        "gaps": [],
         "recovered": None,
         "messages": 20,
         "topics": 1,
@@ -108,7 +110,7 @@ def test_what_was_recovered_says_so_for_good(tmp_path, samples, capsys):
     assert open_bag(write_bag(tmp_path / "good", samples, finish=True)).recovered is None
     bag = write_bag(tmp_path / "run", samples, finish=False)
     recover(bag)
-    complete = {"complete": "true", "damage": "", "lost_bytes": "0"}
+    complete = {"complete": "true", "damage": "", "gaps": "[]"}
     assert open_bag(bag).recovered == complete
     assert open_bag(bag).metadata_records[0] == ("recovered", complete)
     file = bag / "run_0.mcap"
@@ -116,12 +118,15 @@ def test_what_was_recovered_says_so_for_good(tmp_path, samples, capsys):
     cut = open_bag(bag)
     assert cut.recovered == complete and not cut.whole
     recover(bag)
-    lost = {"complete": "false", "damage": cut.damage, "lost_bytes": str(cut.lost_bytes)}
+    lost = {"complete": "false", "damage": cut.damage, "gaps": to_note(cut.gaps)}
     assert open_bag(bag).recovered == lost
+    gaps = tuple(gap._replace(recovered=True) for gap in cut.gaps)
+    assert gaps and open_bag(bag).gaps == gaps and open_bag(bag).whole
     before = file.read_bytes()
     code, printed = run(capsys, bag)
     assert (code, file.read_bytes()) == (1, before)
-    whole, told = printed.splitlines()
+    whole, told, named = printed.splitlines()
+    assert named == f"lost: {gaps[0].text}" and " of the original" in named
     assert whole.startswith(f"{bag} is whole: ")
     assert told == (
         f"recovered from a broken bag, a part of it is lost ({cut.lost_bytes} bytes); damage at "
@@ -140,9 +145,9 @@ def test_what_was_recovered_says_so_for_good(tmp_path, samples, capsys):
     assert twice.recovered == {**lost, "damage": damage}
     assert [name for name, _ in twice.metadata_records] == ["recovered", "run", "rosbag2"]
     os.truncate(file, open_bag(bag).files[0].readable_bytes - 100)
-    more = open_bag(bag).lost_bytes
+    more = open_bag(bag).gaps
     recover(bag)
-    assert more and open_bag(bag).recovered["lost_bytes"] == str(cut.lost_bytes + more)
+    assert len(more) == 2 and open_bag(bag).recovered["gaps"] == to_note(more)
 
 
 def test_cut_bag_loses_its_tail(tmp_path, samples, capsys):
@@ -160,9 +165,10 @@ def test_cut_bag_loses_its_tail(tmp_path, samples, capsys):
         assert lines[0].startswith(
             f"{bag} holds what could be read: {read.message_count} messages of 1 to"
         )
-        assert lines[1] == f"damage at {read.damage}"
-        assert lines[2] == (f"lost: what was in the last {read.lost_bytes} of {len(cut)} bytes")
-        assert [line[:24] for line in lines[3:-1]] == ["before, it was recovered"] * number
+        before = ["before, it was recovered", "lost: run_0.mcap, bytes "] * number
+        assert [line[:24] for line in lines[1:-2]] == before
+        assert lines[-2] == f"lost: {read.gaps[-1].text}"
+        assert read.gaps[-1].end == len(cut) and read.lost_bytes
         assert lines[-1] == f"the original is {file}{ending}"
         assert (bag / f"run_0.mcap{ending}").read_bytes() == cut
         assert (bag / "metadata.yaml.damaged").exists()

@@ -10,6 +10,7 @@ import yaml
 from rosbags.highlevel import AnyReader
 
 from sparse_coord_ros.bags import BagWriter, QoS, open_bag
+from sparse_coord_ros.bags.gaps import Gap
 from sparse_coord_ros.bags.metadata import ROLLED_BACK
 from sparse_coord_ros.bags.playlist import Playlist
 from sparse_coord_ros.bags.process import BagProcess
@@ -224,3 +225,53 @@ def test_a_directory_that_was_deleted_loses_only_what_was_closed(
     bag = open_bag(rescued)
     assert bag.finished and [time for _, time in said(bag)] == list(range(20 * split, 30 + split))
     assert by_rosbags(rescued) == said(bag)
+
+
+@pytest.mark.parametrize(
+    ("removed", "named", "first", "last"),
+    [
+        ([0], "bag_0.mcap", None, 10),
+        ([1, 2], "bag_1.mcap to bag_2.mcap", 9, 30),
+        ([4], "bag_4.mcap", 39, None),
+    ],
+)
+def test_a_missing_file_is_a_gap(tmp_path, samples, capsys, removed, named, first, last):
+    """Known by the others' numbers and `metadata.yaml`, also after a recovery; nobody mends it."""
+    directory = tmp_path / "bag"
+    begin(directory, samples, range(50), max_ns=10)[0].close()
+    assert len(open_bag(directory).files) == 5 and not open_bag(directory).gaps
+    for number in removed:
+        (directory / f"bag_{number}.mcap").unlink()
+    why = "is missing" if len(removed) == 1 else "are missing"
+    for _ in range(2):
+        bag = open_bag(directory)
+        gap = Gap(0, 0, why, first, last, named, removed[0])
+        assert (bag.gaps, bag.damage, bag.whole) == ((gap,), f"{named} {why}", False)
+        assert main(["info", str(directory)]) == 0
+        assert f"lost: {gap.text}\n" in capsys.readouterr().out
+        assert main(["recover", str(directory)]) == 1
+        assert f"lost: {gap.text}\n" in capsys.readouterr().out
+        assert [time for _, time in by_rosbags(directory)] == [time for _, time in said(bag)]
+    assert open_bag(directory / "bag_3.mcap").gaps == ()
+
+
+@pytest.mark.parametrize("hit", [0, 1, 2])
+def test_a_gap_lies_between_its_neighbours_in_other_files(tmp_path, samples, hit):
+    """Where the only chunk of a file is lost; what `recover` makes of it says the same."""
+    writer = BagWriter(tmp_path / "bag", max_ns=10)
+    write(
+        writer, [writer.add_topic(f"/{name}", STRING, QoS()) for name in "ab"], samples, range(30)
+    )
+    writer.close()
+    path = tmp_path / "bag" / f"bag_{hit}.mcap"
+    [block] = open_bag(path).files[0].blocks
+    data = bytearray(path.read_bytes())
+    data[block.offset + block.length - 5] ^= 1
+    path.write_bytes(data)
+    due = [(None, 10), (9, 20), (19, None)][hit]
+    [gap] = open_bag(tmp_path / "bag").gaps
+    assert (gap.begin, gap.end) == (block.offset, block.offset + block.length)
+    assert (gap.file, gap.place, gap.first_ns, gap.last_ns) == (path.name, hit, *due)
+    recover(tmp_path / "bag")
+    bag = open_bag(tmp_path / "bag")
+    assert bag.gaps == (gap._replace(recovered=True),) and bag.message_count == 20
