@@ -1,11 +1,16 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Scenarios on small maps that a test draws, and teams that walk straight to their goals."""
+"""Scenarios on small maps that a test draws, teams that walk to their goals, a stranger."""
+
+import sys
+from contextlib import contextmanager
 
 import numpy as np
 
+from sparse_coord_ros.game.perception import MODELS
 from sparse_coord_ros.game.scenario import scenario_from_dict
 from sparse_coord_ros.learn.agent import Tables
+from sparse_coord_ros.learn.learners import LEARNERS
 
 PROTOCOL = {
     "starts": "random",
@@ -41,3 +46,32 @@ def walking(scenario, coordinate=np.nan):
         q_star = np.column_stack([value, np.full(len(value), coordinate)])
         tables.append(Tables(q_star, np.repeat(value[:, None, :], len(value), axis=1)))
     return tables
+
+
+THEIRS = """
+import pathlib
+import numpy as np
+import sparse_coord_ros as sc
+
+pathlib.Path(__file__).with_name("imported").touch()
+
+class Team(sc.Learner):
+    pass
+
+@sc.perception_model
+def fog(grid, p):
+    return np.full((len(grid.cells),) * 2, p)
+"""
+"""A module `theirs` that somebody sent; the file `imported` beside it tells of its import."""
+
+
+@contextmanager
+def forgotten():
+    """Forget afterwards the module `theirs`, and what is registered in between."""
+    known = [(registry, registry.registered) for registry in (LEARNERS, MODELS)]
+    try:
+        yield
+    finally:
+        for registry, registered in known:
+            registry._known = dict(registered)
+        sys.modules.pop("theirs", None)

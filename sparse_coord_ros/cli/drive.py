@@ -68,6 +68,7 @@ def execute(options: argparse.Namespace) -> int:
     given = DRIVE_SETTINGS.parse(parse_assignments(options.assignments))
     values = {**DRIVE_SETTINGS.defaults(), **given}
     run = load_run(options.directory)
+    run.check_code()
     tables = load_team(options.directory, run.scenario)
     with Bar("episodes") as bar:
         driven = drive(

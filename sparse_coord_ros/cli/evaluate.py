@@ -158,7 +158,7 @@ def result_table(found: Sequence[Evaluated], *, several: bool = False) -> str:
     scenario, rows = found[0].run.scenario, []
     papers: dict[str, dict] = {}
     for directory, run, result in found:
-        title = run.rule.title or run.learner
+        title = run.title
         papers[title] = paper_row(run)
         arrived = f"{100 * result.all_arrived:.2f} %"
         if isinstance(result, Evaluation):

@@ -7,6 +7,7 @@ import argparse
 from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.options import Option
 from sparse_coord_ros.errors import RunError, did_you_mean
+from sparse_coord_ros.game.plugins import leaving_out
 from sparse_coord_ros.game.settings import Setting
 
 STEP = Setting(
@@ -31,6 +32,8 @@ def execute(options: argparse.Namespace) -> int:
 
     wanted = options.step
     log = read_run(options.bag)
+    with leaving_out("what robots chose by and what they learned", shared.note):
+        _ = log.run.rule
     asked = _robots(log, options.robot)
     steps = sorted({t for k in asked for t in coordinations(log, k)})
     step = next((t for t in steps if t >= wanted), None)

@@ -46,7 +46,7 @@ def execute(options: argparse.Namespace) -> int:
 
         say = shared.note
         if len(options.sources) == 1 and is_results(options.sources[0]):
-            what, figure = results_figure(options.sources[0], options.what)
+            what, figure = results_figure(options.sources[0], options.what, say)
         else:
             runs = [open_shown(path, say) for path in options.sources]
             whats = figures.parse_whats(options.what, runs)

@@ -107,6 +107,7 @@ def _begin(options: argparse.Namespace) -> tuple[Path, RunConfig]:
         return shared.output_directory(options, scenario.name), run
     shared.nothing_else_given(options)
     run = load_run(out)
+    run.check_code()
     if (out / CHECKPOINTS).is_dir():
         raise RunError(f"{out}: holds a run of nodes; go on with: sparse_coord run --resume {out}")
     if not (out / CHECKPOINT_FILE).exists():

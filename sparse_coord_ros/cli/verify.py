@@ -86,7 +86,11 @@ def _print(found, shown: int | None) -> None:
         print(f"broke off: {sentence}")
     if found.cannot_tell:
         print("cannot tell all of the run; what the log does say of the rest is as it has to be")
-        print(f"open: {found.first}")
+    for sentence in found.not_computed:
+        print(sentence)
+    if found.cannot_tell:
+        if found.first is not None:
+            print(f"open: {found.first}")
         return
     for difference in found.differences[:shown]:
         print(f"differs: {difference}")

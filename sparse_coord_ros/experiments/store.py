@@ -10,7 +10,7 @@ import hashlib
 import json
 import math
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -23,6 +23,7 @@ from sparse_coord_ros.errors import ResultsError, SettingError, os_error_text, o
 from sparse_coord_ros.experiments.conditions import Condition, parse_id
 from sparse_coord_ros.files import PARTIAL, take_lock, write_whole
 from sparse_coord_ros.game.actions import PRIMITIVES
+from sparse_coord_ros.game.plugins import leaving_out
 from sparse_coord_ros.game.scenario import Scenario, dense_nbytes
 from sparse_coord_ros.game.settings import Setting
 from sparse_coord_ros.learn.evaluation import Measure
@@ -391,8 +392,14 @@ def _check_format(path: Path, found: int) -> None:
         raise ResultsError(other_format(str(path), found, FORMAT))
 
 
-def read_results(directory: Path) -> tuple[Plan, list[ConditionResult]]:
+def read_results(
+    directory: Path, say: Callable[[str], None] = lambda _: None
+) -> tuple[Plan, list[ConditionResult]]:
     """Read all that a results directory holds, without writing there.
+
+    Args:
+        directory: where it is.
+        say: hears which result is left out, as its learner's code may not be imported.
 
     Raises:
         ResultsError: it is no results directory, or a file cannot be read as one of its own.
@@ -402,8 +409,9 @@ def read_results(directory: Path) -> tuple[Plan, list[ConditionResult]]:
     folder = directory / CONDITIONS
     for file in sorted(folder.rglob("*.json")):
         try:
-            condition, _ = parse_id(str(file.relative_to(folder).with_suffix("")))
-            results.append(_load(file, condition, plan))
+            with leaving_out(f"results of {file.parent.name}", say):
+                condition, _ = parse_id(str(file.relative_to(folder).with_suffix("")))
+                results.append(_load(file, condition, plan))
         except _MALFORMED:
             raise ResultsError(
                 f"{file}: cannot be read as a result; remove it, and 'sparse_coord reproduce' "

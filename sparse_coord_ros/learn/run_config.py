@@ -127,9 +127,15 @@ class RunConfig:
         return learner_of(self.learner)
 
     @property
+    def known_rule(self) -> Learner | None:
+        """The learner that the run names; None where its code may not be imported."""
+        return None if LEARNERS.barred(self.learner) else self.rule
+
+    @property
     def title(self) -> str:
         """What its learner is called in print, as far as that may be known."""
-        return self.learner if LEARNERS.barred(self.learner) else self.rule.title or self.learner
+        rule = self.known_rule
+        return self.learner if rule is None else rule.title or self.learner
 
     def check_code(self) -> None:
         """Raise `NotAllowedError` where the code that it names may not be imported."""

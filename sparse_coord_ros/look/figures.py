@@ -104,7 +104,9 @@ def available(shown: Shown) -> list[str]:
     """Return what can be drawn of a run: of `WHATS`."""
     found = []
     if shown.has("tables"):
-        found += ["policy", "asks", "sparsity"] if shown.config.rule.asks else ["policy"]
+        found.append("policy")
+        if shown.asks:
+            found += ["sparsity"] if shown.played is None else ["asks", "sparsity"]
     if shown.has("history"):
         found.append("curves")
     if shown.bag is not None and shown.log.asked.any():
@@ -128,7 +130,8 @@ def parse_whats(text: str | None, runs: Sequence[Shown]) -> list[str]:
         SparseCoordError: the first run has nothing that can be drawn.
     """
     if text is None:
-        found = [what for what in WHATS if all(what in available(run) for run in runs)]
+        there = [available(run) for run in runs]
+        found = [what for what in WHATS if all(what in whats for whats in there)]
         if not found:
             _ = [run.tables for run in runs]  # says what is missing
             raise SettingError("these runs have nothing in common that could be drawn; plot one")
@@ -210,7 +213,9 @@ def _draw_policy(
         policy = policy_of(shown.tables[k], scenario.robots[k].goal)
         side = place - (len(robots) - 1) / 2
         x, y = columns + 0.5 + 0.4 * side, rows + 0.6 + 0.2 * side
-        colour, alpha = robot_colour(k), np.where(shown.trials.stays[k] > 0, 1.0, 0.3)
+        colour, alpha = robot_colour(k), np.ones(len(scenario.map.cells))
+        if shown.played is not None:
+            alpha[shown.played.stays[k] == 0] = 0.3
         cells, moves = np.nonzero(policy.moves)
         if len(cells):
             axes.quiver(
@@ -243,10 +248,12 @@ def _policy_key(shown: Shown, robots: Sequence[int], axes: Axes) -> None:
     for place, k in enumerate(robots):
         face = "white" if place % 2 else robot_colour(k)
         handles.append(Patch(facecolor=face, edgecolor=robot_colour(k), label=_names(shown)[k]))
-    if shown.config.rule.asks:
+    if shown.asks:
         ring: dict[str, Any] = {"marker": "o", "markersize": 9, "markerfacecolor": "none"}
         handles.append(Line2D([], [], color="0.3", ls="none", label="asks here first", **ring))
-    handles.append(Line2D([], [], color="0.3", alpha=0.3, linewidth=2.2, label="never gets here"))
+    if shown.played is not None:
+        pale = Line2D([], [], color="0.3", alpha=0.3, linewidth=2.2, label="never gets here")
+        handles.append(pale)
     axes.legend(handles=handles, ncols=2, loc="upper center", bbox_to_anchor=(0.5, 0))
 
 

@@ -21,6 +21,7 @@ from matplotlib.figure import Figure
 from sparse_coord_ros.engine.training import train
 from sparse_coord_ros.errors import SparseCoordError
 from sparse_coord_ros.experiments.report.charts import rendered
+from sparse_coord_ros.game.plugins import leaving_out
 from sparse_coord_ros.game.scenario import SETTINGS, Scenario, load_scenario
 from sparse_coord_ros.learn.agent import Tables
 from sparse_coord_ros.learn.learners import Learner, learner_of
@@ -68,7 +69,6 @@ def run_report(shown: Shown, *, baselines: bool = True) -> str:
         SparseCoordError: it is no run.
     """
     config, scenario = shown.config, shown.config.scenario
-    rule = config.rule
     begin = text(
         f"{len(scenario.robots)} robots, {scenario.steps} steps of learning, penalty "
         f"{scenario.penalty:g} for a miscoordination, {scenario.ask_cost:g} for asking. "
@@ -88,22 +88,28 @@ def run_report(shown: Shown, *, baselines: bool = True) -> str:
         sections.append(("Faults and diagnostics", _faults(shown)))
     sections.append(("Scenario", _scenario(scenario)))
     sections.append(("How to reproduce it", _again(shown)))
-    return page(f"{scenario.name}: {rule.title or rule.label}, seed {config.seed}", sections)
+    return page(f"{scenario.name}: {config.title}, seed {config.seed}", sections)
 
 
 def _value(shown: Shown, baselines: bool) -> Iterator[Part]:
     config, scenario = shown.config, shown.config.scenario
     rows: list[list[str]] = []
+    missing: list[str] = []
     if shown.has("tables"):
         shown.say("evaluating")
-        rows.append(_measures("this team", scenario, shown.tables, config.rule))
+        with leaving_out("the value of this team", missing.append):
+            rows.append(_measures("this team", scenario, shown.tables, config.rule))
     else:
         yield text("There are no learned tables to evaluate.", warn=True)
     others = [learner_of(name) for name in BASELINES if name != config.learner]
     for rule in others if baselines else []:
         shown.say(f"learning {rule.title}, to compare")
-        learned = train(scenario, rule, config.seed)
-        rows.append(_measures(f"{rule.title}, same seed", scenario, learned.tables, rule))
+        with leaving_out(f"{rule.title} to compare", missing.append):
+            learned = train(scenario, rule, config.seed)
+            rows.append(_measures(f"{rule.title}, same seed", scenario, learned.tables, rule))
+    for words in missing:
+        shown.say(words)
+        yield text(words, warn=True)
     paths = shortest_path_reference(scenario)
     measures = f"{paths.reward:.2f}", f"{paths.time_to_goal:.2f}", f"{paths.miscoordinations:.3f}"
     rows.append(["fixed shortest paths", *measures, "0", "-"])
@@ -142,6 +148,8 @@ def _dialogue(shown: Shown) -> Iterator[Part]:
     shown.say("following the dialogue")
     samples = sorted(set(_samples(shown.log)))
     log = shown.with_requests({step for _, step in samples})
+    if shown.config.known_rule is None:
+        yield text("Without its learner's code: what was asked and answered, not why.", warn=True)
     told = [
         one
         for k in range(len(log.names))

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pictures of results: those of the report, and one of whatever conditions there are."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 from matplotlib.figure import Figure
@@ -15,13 +16,16 @@ from sparse_coord_ros.experiments.store import ConditionResult, read_results
 VARIANCE = "_variance"
 
 
-def results_figure(directory: Path, what: str | None = None) -> tuple[str, Figure]:
+def results_figure(
+    directory: Path, what: str | None = None, say: Callable[[str], None] = lambda _: None
+) -> tuple[str, Figure]:
     """Draw something of a results directory.
 
     Args:
         directory: where it is.
         what: `conditions`, every one; `asks`, a map a scenario in which robots may ask; an
             experiment that is complete, or one of its figures; None: the first of these.
+        say: hears what is left out.
 
     Returns:
         What is drawn, and the figure.
@@ -30,7 +34,7 @@ def results_figure(directory: Path, what: str | None = None) -> tuple[str, Figur
         ResultsError: it is no results directory, or holds no result yet, or a broken one.
         SettingError: there is no such thing to draw.
     """
-    _, results = read_results(directory)
+    _, results = read_results(directory, say)
     if not results:
         raise ResultsError(
             f"{directory}: holds no result yet; 'sparse_coord reproduce' puts some there"

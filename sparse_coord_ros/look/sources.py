@@ -10,8 +10,9 @@ from pathlib import Path
 from sparse_coord_ros.bags.reader import BAG_DIRECTORY
 from sparse_coord_ros.errors import RunError, SettingError, SparseCoordError, TablesError
 from sparse_coord_ros.experiments.store import MANIFEST
+from sparse_coord_ros.game.plugins import leaving_out
 from sparse_coord_ros.learn.agent import Tables
-from sparse_coord_ros.learn.evaluation import Trials, check_tables, play
+from sparse_coord_ros.learn.evaluation import Trials, acting_on, check_tables, play
 from sparse_coord_ros.learn.history import HISTORY_FILE, History, load_history
 from sparse_coord_ros.learn.run_config import RUN_FILE, RunConfig, load_run
 from sparse_coord_ros.learn.tables import load_team
@@ -76,7 +77,8 @@ class Shown:
         recording = self.recording
         self.say(f"reading {self.bag}")
         topics = [*MOVES, PERCEPT, STATUS, ROSOUT]
-        if recording.run.rule.factors is not None:
+        rule = recording.run.known_rule
+        if rule is not None and rule.factors is not None:
             topics.append(SERVICE_EVENTS)
         log = recording.whole(topics)
         if log.damage is not None:
@@ -110,7 +112,7 @@ class Shown:
                         f"{self.path}: holds no tables of {robot.name}; see 'sparse_coord info'"
                     )
                 tables.append(entry.tables)
-        check_tables(scenario, tables, self.config.learner)
+        check_tables(scenario, tables, self.config.known_rule)
         return tables
 
     @cached_property
@@ -131,6 +133,18 @@ class Shown:
         scenario, tables = self.config.scenario, self.tables
         self.say(f"playing {TRIALS} greedy episodes")
         return play(scenario, tables, trials=TRIALS, seed=0, learner=self.config.rule)
+
+    @cached_property
+    def played(self) -> Trials | None:
+        """The same; None, and said, where code that it needs may not be imported."""
+        with leaving_out("greedy episodes", self.say):
+            return self.trials
+        return None
+
+    @property
+    def asks(self) -> bool:
+        """Whether its robots can ask; errors as of `tables`."""
+        return acting_on(self.tables[0]) != "noncoop"
 
     def has(self, what: str) -> bool:
         """Return whether `log`, `tables` or `history` can be read, and say why where not."""

@@ -5,6 +5,8 @@
 import time
 from typing import Any, Unpack
 
+from std_msgs.msg import String
+
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.game.settings import SettingTable
 from sparse_coord_ros.learn.run_config import RunConfig
@@ -55,7 +57,7 @@ class Follower(ParameterNode):
         self._missing = Reminder()
         self._reported = time.monotonic()
         self._stopping: float | None = None
-        self.intake.listen(interface.RUN, self._on_run, read=read_run)
+        self.intake.listen(interface.RUN, self._on_run, read=self._read_run)
         self.intake.listen(interface.STATUS, self._on_status, read=read_status)
         self.create_timer(self.tick_seconds, self._tick)
 
@@ -77,6 +79,9 @@ class Follower(ParameterNode):
                 f"within {limit:g} s; start one: "
                 "ros2 run sparse_coord_ros world_simulator --ros-args -p scenario:=env1"
             )
+
+    def check(self, run: RunConfig) -> None:
+        """Raise `SparseCoordError` where the node cannot follow a run; it waits for another."""
 
     def begin(self, run: RunConfig) -> None:
         """Begin with a run."""
@@ -117,6 +122,12 @@ class Follower(ParameterNode):
         if self.presence.end is not None:
             return self.part.all_done(now)
         return now - self._stopping > STOP_SECONDS
+
+    def _read_run(self, message: String) -> RunConfig:
+        run = read_run(message)
+        if self.presence is None or self.run is None:
+            self.check(run)
+        return run
 
     def _on_run(self, run: RunConfig) -> None:
         if self.presence is None or self.run is None:

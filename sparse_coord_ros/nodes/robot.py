@@ -48,6 +48,10 @@ class RobotNode(Follower):
         """Whether nobody who had the name before has been heard in time."""
         return self.guard.holds(now)
 
+    def check(self, run: RunConfig) -> None:
+        """Raise `NotAllowedError` where the run names code that may not be imported here."""
+        run.check_code()
+
     def begin(self, run: RunConfig) -> None:
         """Become a member of the team."""
         self.part = self.member = Member(self, self.guard, run, self._peer_clients)

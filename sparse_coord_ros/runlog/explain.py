@@ -52,7 +52,8 @@ class Coordination(NamedTuple):
         perceived: the cells that it perceived, or None.
         action: the primitive action that COORDINATE became.
         q_values: the four values that the action was chosen by, before learning: of Q^C at the
-            joint state where it perceived, else of Q* at its cell.
+            joint state where it perceived, else of Q* at its cell; empty, and nothing computed,
+            where the learner's code may not be imported.
         update: what it learned from it; None where it did not (left out, or the log ends).
         agrees: whether computing it again gives the logged action.
         doubt: why the numbers may be others than the robot had; None where they are not.
@@ -89,12 +90,14 @@ def explain(log: RunLog, robot: int, step: int) -> Coordination | None:
 def explained(log: RunLog, robot: int, steps: Sequence[int]) -> Iterator[Coordination | None]:
     """Yield the same of several time steps, ascending; the log is followed once for all."""
     trajectory = trajectory_of(log, robot)
-    begun, odd = first_tables(log, robot)
-    doubt = None if odd is None else f"{odd}"
-    if begun is None:
-        doubt = f"the log does not hold the tables that {log.names[robot]} began with"
-        begun = log.run.rule.tables(log.run.scenario)
-    replay = Replay(log, trajectory, fresh_agent(log, robot, begun))
+    replay, doubt = None, None
+    if log.run.known_rule is not None:
+        begun, odd = first_tables(log, robot)
+        doubt = None if odd is None else f"{odd}"
+        if begun is None:
+            doubt = f"the log does not hold the tables that {log.names[robot]} began with"
+            begun = log.run.rule.tables(log.run.scenario)
+        replay = Replay(log, trajectory, fresh_agent(log, robot, begun))
     for step in steps:
         place = int(np.searchsorted(trajectory.step, step))
         here = trajectory.step[place : place + 1] == step
@@ -105,13 +108,36 @@ def explained(log: RunLog, robot: int, steps: Sequence[int]) -> Iterator[Coordin
 
 
 def _coordination(
-    log: RunLog, robot: int, trajectory: Trajectory, replay: Replay, place: int, doubt: str | None
+    log: RunLog,
+    robot: int,
+    trajectory: Trajectory,
+    replay: Replay | None,
+    place: int,
+    doubt: str | None,
 ) -> Coordination:
-    """Replay a robot up to an action that is COORDINATE, and over it."""
+    """Replay a robot up to an action that is COORDINATE, and over it; None: say what is logged."""
     step, cell = int(trajectory.step[place]), int(trajectory.cell[place])
     row = trajectory.row[place]
     move = int(log.move[row, robot])
     perceived = trajectory.perceived_at(place)
+    peers = tuple(trajectory.peers[place].tolist())
+    asked = peers[0] if len(peers) == 1 else NOBODY
+    logged = Coordination(
+        step=step,
+        robot=robot,
+        cell=cell,
+        peers=peers,
+        requests=tuple(r for r in log.requests if (r.asker, r.step) == (robot, step)),
+        outcome=percept_end(log.ended[row, robot]),
+        perceived=perceived,
+        action=Action(move, True, asked, perceived is not None),
+        q_values=(),
+        update=None,
+        agrees=True,
+        doubt=doubt,
+    )
+    if replay is None:
+        return logged
     agrees = replay.advance(place)
     agent = replay.agent
     values = agent.values_asking(cell, perceived)[:PRIMITIVES]
@@ -140,23 +166,9 @@ def _coordination(
             coord[0] if coord else None,
             tuple((*who, rho[who], value) for who, value in rho_after.items()),
         )
-    peers = tuple(trajectory.peers[place].tolist())
     computed = move if replay.other is None else replay.other.move
-    asked = peers[0] if len(peers) == 1 else NOBODY
-    return Coordination(
-        step=step,
-        robot=robot,
-        cell=cell,
-        peers=peers,
-        requests=tuple(r for r in log.requests if (r.asker, r.step) == (robot, step)),
-        outcome=percept_end(log.ended[row, robot]),
-        perceived=perceived,
-        action=Action(computed, True, asked, perceived is not None),
-        q_values=tuple(values),
-        update=update,
-        agrees=agrees,
-        doubt=doubt,
-    )
+    action = logged.action._replace(move=computed)
+    return logged._replace(action=action, q_values=tuple(values), update=update, agrees=agrees)
 
 
 def cell_in_words(run: RunConfig, cell: int | None) -> str:
@@ -189,7 +201,7 @@ def move_in_words(
     row = f"Q*[{cell}]"
     if perceived is not None:
         row = f"Q^C[{', '.join(map(str, (cell, *perceived)))}]"
-    elif run.rule.factors is not None:
+    elif run.known_rule is not None and run.known_rule.factors is not None:
         row = f"U + rho[{cell}; failed percept]"
     return f"goes {ACTIONS[move]} by {row}"
 
@@ -214,8 +226,12 @@ def in_words(log: RunLog, one: Coordination) -> Iterator[str]:
         yield f"  perceives {', '.join(cell_in_words(run, cell) for cell in one.perceived)}"
     else:
         yield f"  perceives nothing ({one.outcome})"
+    moves = move_in_words(run, one.cell, one.perceived, one.action.move)
+    if not one.q_values:
+        yield f"  {moves}"
+        return
     values = ", ".join(f"{a} {v:.6g}" for a, v in zip(ACTIONS, one.q_values, strict=False))
-    yield f"  {move_in_words(run, one.cell, one.perceived, one.action.move)}: {values}"
+    yield f"  {moves}: {values}"
     if not one.agrees:
         yield "  (the log says another action; see 'sparse_coord verify')"
     yield from _learned(log, one)

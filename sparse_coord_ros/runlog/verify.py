@@ -3,13 +3,14 @@
 """Computes a recorded run again and compares; the engine behind `sparse_coord verify`."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from sparse_coord_ros import wire
+from sparse_coord_ros.game.plugins import leaving_out
 from sparse_coord_ros.runlog.agents import AgentCheck
 from sparse_coord_ros.runlog.difference import MISSING, Difference
 from sparse_coord_ros.runlog.game_check import WorldCheck
@@ -31,6 +32,7 @@ class Verification:
             came back and went on alone.
         broke_off: who was killed, or came back and went on alone, as sentences; the same
             differences are in `open`.
+        not_computed: what was left out, as its code may not be imported, as sentences.
         lost: how many messages are not in the log, by topic: of map, markers and coordination
             maps a busy middleware keeps only the last, of tables the last `TABLES_DEPTH`.
         steps: transitions of the world that were computed again and agree.
@@ -47,6 +49,7 @@ class Verification:
     differences: tuple[Difference, ...]
     open: tuple[Difference, ...]
     broke_off: tuple[str, ...]
+    not_computed: tuple[str, ...]
     lost: Mapping[str, int]
     steps: int
     choices: int
@@ -61,12 +64,12 @@ class Verification:
     @property
     def same(self) -> bool:
         """Whether nothing differs or is open; copies that are lost are only counted."""
-        return not self.differences and not self.open
+        return not (self.differences or self.open or self.not_computed)
 
     @property
     def cannot_tell(self) -> bool:
         """Whether nothing differs but what the log leaves open."""
-        return bool(self.open) and not self.differences
+        return not self.same and not self.differences
 
     @property
     def first(self) -> Difference | None:
@@ -90,7 +93,8 @@ def verify(path: Path) -> Verification:
     world = WorldCheck(log, last)
     starts = np.array(world.starts, dtype=np.int64)
     agents = [AgentCheck(log, k, starts, last) for k in range(len(log.names))]
-    found = _differences(log, last, world, agents)
+    not_computed: list[str] = []
+    found = _differences(log, last, world, agents, not_computed.append)
 
     def total(name: str) -> int:
         return sum(getattr(agent, name) for agent in agents)
@@ -108,6 +112,7 @@ def verify(path: Path) -> Verification:
         differences=tuple(one for one in ordered if one not in open_),
         open=tuple(one for one in ordered if one in open_),
         broke_off=tuple(sentence for _, said in causes for sentence in said),
+        not_computed=tuple(not_computed),
         lost=Counter(_topic(log, one) for one in lost),
         steps=world.transitions,
         choices=total("choices"),
@@ -122,14 +127,21 @@ def verify(path: Path) -> Verification:
 
 
 def _differences(
-    log: RunLog, last: int | None, world: WorldCheck, agents: Sequence[AgentCheck]
+    log: RunLog,
+    last: int | None,
+    world: WorldCheck,
+    agents: Sequence[AgentCheck],
+    say: Callable[[str], None],
 ) -> list[Difference]:
-    """Return all that differs up to a time step, in the order of time."""
-    found = check_percepts(log, last)
+    """Return all that differs up to a time step, in the order of time; say what is left out."""
+    found: list[Difference] = []
+    with leaving_out("percepts and answers", say):
+        found += check_percepts(log, last)
     found += [p for p in log.problems if last is None or p.step is None or p.step <= last]
     found += world.differences()
-    for agent in agents:
-        found += agent.differences()
+    with leaving_out("actions and tables", say):
+        for agent in agents:
+            found += agent.differences()
     return sorted(dict.fromkeys(found), key=lambda one: one.rank)
 
 

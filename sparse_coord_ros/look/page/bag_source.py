@@ -13,6 +13,7 @@ import numpy as np
 
 from sparse_coord_ros.bags.layout import being_recorded
 from sparse_coord_ros.errors import BagError, SparseCoordError
+from sparse_coord_ros.game.plugins import leaving_out
 from sparse_coord_ros.learn.history import concatenated, no_history
 from sparse_coord_ros.look.page import messages
 from sparse_coord_ros.look.page.board import Board
@@ -298,4 +299,5 @@ class BagSource:
         if len(entries) == len(found) and any(entry.step for entry in entries):
             step = min(entry.step for entry in entries)
             tables = [entry.tables for entry in entries]
-            self.board.put("evaluation", **messages.evaluation_fields(self.run, tables, step))
+            with leaving_out("their value", lambda said: self.board.put("notice", text=said)):
+                self.board.put("evaluation", **messages.evaluation_fields(self.run, tables, step))

@@ -58,7 +58,7 @@ def run_fields(run: RunConfig) -> Message:
     return {
         "version": __version__,
         "scenario": scenario.name,
-        "learner": run.rule.title or run.learner,
+        "learner": run.title,
         "greedy": run.greedy,
         "seed": run.seed,
         "budget": scenario.steps,
@@ -170,7 +170,7 @@ def evaluation_fields(run: RunConfig, tables: Sequence[Tables], step: int | None
     return {
         "how": result.how,
         "step": step,
-        "learner": run.rule.title or run.learner,
+        "learner": run.title,
         **{name: {"mean": one.mean, "spread": one.spread} for name, one in measures.items()},
         "all_arrived": result.all_arrived,
         "yardsticks": yardsticks(run.scenario),

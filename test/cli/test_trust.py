@@ -1,0 +1,189 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What somebody sent is opened where it lies, with a module beside it: no verb imports that."""
+
+import sys
+from contextlib import chdir
+from pathlib import Path
+
+import pytest
+from teams import THEIRS, forgotten
+
+import sparse_coord_ros as sc
+from sparse_coord_ros.cli.main import main
+from sparse_coord_ros.game import plugins
+from sparse_coord_ros.look.page.bag_source import BagSource
+from sparse_coord_ros.look.page.board import Board
+
+NAMED = ("coop", "theirs:Team")
+REFUSED, NOTHING = "refused", "nothing is missing"
+PERCEPTS = "percepts and answers"
+ACTIONS = "actions and tables"
+EPISODES = "greedy episodes"
+VALUE = "the value of this team"
+THEIR_RESULT = "results of theirs:Team"
+WHY = "what robots chose by and what they learned"
+
+VERBS = {
+    "evaluate RUN": (REFUSED, REFUSED),
+    "evaluate RUN --exact": (REFUSED, REFUSED),
+    "drive RUN": (REFUSED, REFUSED),
+    "run --resume UNFINISHED": (REFUSED, REFUSED),
+    "train --resume UNFINISHED": (REFUSED, REFUSED),
+    "train SCENARIO": (None, REFUSED),
+    "run SCENARIO": (None, REFUSED),
+    "optimum SCENARIO": (None, NOTHING),
+    "optimum SCENARIO --class": (None, REFUSED),
+    "maps SCENARIO": (None, NOTHING),
+    "report RUN --no-baselines --out OUT.html": (VALUE, VALUE),
+    "report BAG --no-baselines --out OUT.html": (VALUE, VALUE),
+    "plot RUN --out OUT.png": (EPISODES, EPISODES),
+    "plot BAG --out OUT.png": (EPISODES, EPISODES),
+    "plot RUN --what asks --out OUT.png": (REFUSED, REFUSED),
+    "plot RESULTS --out OUT.png": (THEIR_RESULT, None),
+    "animate RUN --out OUT.gif": (NOTHING, NOTHING),
+    "animate RUN --greedy --out OUT.gif": (REFUSED, REFUSED),
+    "verify BAG": (ACTIONS, PERCEPTS),
+    "explain BAG": (WHY, NOTHING),
+    "info BAG": (NOTHING, NOTHING),
+    "recover BAG": (NOTHING, NOTHING),
+    "tables BAG": (NOTHING, NOTHING),
+    "tables BAG --step 0 --out OUT": (NOTHING, NOTHING),
+}
+"""What each verb leaves out of a foreign run with a foreign learner, with a foreign model."""
+
+
+@pytest.fixture(scope="module")
+def sent(tmp_path_factory):
+    """Return a folder that somebody sent: runs, bags, results, a scenario; and their module."""
+    from recordings import recorded
+
+    folder = tmp_path_factory.mktemp("sent")
+    (folder / "theirs.py").write_text(THEIRS)
+    steps = {"steps": 200, "perception": "theirs:fog:0.5"}
+    with chdir(folder), forgotten(), pytest.MonkeyPatch.context() as patch:
+        patch.setenv(plugins.ALLOW_VARIABLE, "theirs")
+        scenario = sc.load_scenario("env1", steps=200)
+        for name, learner, settings in (
+            ("learner", "theirs:Team", {"steps": 200}),
+            ("model", "coop", steps),
+        ):
+            learned = sc.train(scenario.with_settings(settings), learner, engine="python")
+            for out in (name, f"{name}_unfinished"):
+                learned.save(out)
+            Path(f"{name}_unfinished/tables.npz").rename(f"{name}_unfinished/checkpoint.npz")
+            recorded(folder / name, settings=settings, values={"learner": learner})
+        few = ["--runs", "1", "--trials", "2", "--jobs", "1", "--engine", "python"]
+        one = "env1/{}/penalty=-20,steps=200"
+        assert main(["reproduce", one.format("coop"), *few, "--out", "results"]) == 0
+        ours, other = (Path(f"results/conditions/{one.format(n)}.json") for n in NAMED)
+        other.parent.mkdir()
+        other.write_text(ours.read_text().replace(*NAMED))
+    robots = "robot_1: {start: [0, 0], goal: [0, 4]}, robot_2: {start: [0, 4], goal: [0, 0]}"
+    text = f"map: env1\nrobots: {{{robots}}}\nperception: theirs:fog:0.5\n"
+    (folder / "scenario.yaml").write_text(text)
+    (folder / "imported").unlink()
+    return folder
+
+
+@pytest.fixture
+def here(sent, monkeypatch):
+    """Be in that folder; forget afterwards what was imported there."""
+    monkeypatch.chdir(sent)
+    with forgotten():
+        yield sent
+    (sent / "imported").unlink(missing_ok=True)
+
+
+def words_of(command, name, out):
+    """Return a command of `VERBS` for the run with the foreign learner, or model."""
+    resumed = f"{name}_unfinished"
+    if command.startswith("run --resume"):  # of a team of nodes
+        resumed = str(out / "unfinished")
+        (out / "unfinished/checkpoint").mkdir(parents=True)
+        (out / "unfinished/run.yaml").write_text(Path(name, "run.yaml").read_text())
+    places = {"RUN": name, "BAG": f"{name}/bag", "SCENARIO": "scenario.yaml", "RESULTS": "results"}
+    places |= {"UNFINISHED": resumed, "OUT": str(out / "out")}
+    words = [word.partition(".") for word in command.split()]
+    return ["".join((places.get(word, word), *more)) for word, *more in words]
+
+
+SLOW = ("report BAG", "plot BAG", "animate RUN --out")
+"""Pictures like those of the other verbs."""
+
+
+def cases():
+    """Return command, whose run it reads, and what it leaves out of it."""
+    found = []
+    for command, outcomes in VERBS.items():
+        for name, left_out in zip(("learner", "model"), outcomes, strict=True):
+            marks = [pytest.mark.long] * command.startswith(SLOW)
+            if left_out is not None:
+                case = pytest.param(command, name, left_out, id=f"{command}, {name}", marks=marks)
+                found.append(case)
+    return found
+
+
+@pytest.mark.parametrize(("command", "name", "left_out"), cases())
+def test_no_verb_imports_what_lies_beside(here, tmp_path, capfd, command, name, left_out):
+    code = main(words_of(command, name, tmp_path))
+    out, err = capfd.readouterr()
+    said = [line for line in (out + err).splitlines() if "was not imported" in line]
+    assert not (here / "imported").exists() and "theirs" not in sys.modules
+    assert "Traceback" not in err
+    if left_out == NOTHING:
+        assert (code, said) == (0, [])
+        return
+    assert all("--allow theirs" in line for line in said) and len(said) == len(set(said))
+    if left_out == REFUSED:
+        assert code == 2 and [line.partition(" ")[0] for line in said] == ["error:"]
+        assert not (tmp_path / "out").exists()
+    else:
+        assert code == (3 if command == "verify BAG" else 0)
+        assert any(line.startswith(f"left out {left_out}: ") for line in said), said
+
+
+@pytest.mark.parametrize("name", ["learner", "model"])
+def test_the_page_shows_what_it_can(here, name):
+    source = BagSource(Path(name, "bag"), Board())
+    source._read_through()
+    assert source.board.get("curves")["read"] == 1.0
+    assert source.board.get("evaluation") is None
+    notice = source.board.get("notice")["text"]
+    assert notice.startswith("left out their value: ") and "--allow theirs" in notice
+    assert not (here / "imported").exists()
+    source.log.bag.close()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["verify", "learner/bag"], "identical: every"),
+        (["verify", "model/bag"], "identical: every"),
+        (["explain", "learner/bag"], "Q^C["),
+        (["evaluate", "model", "--trials", "2"], "2 trials"),
+        pytest.param(["plot", "results", "--out", "OUT"], "kB", marks=pytest.mark.long),
+    ],
+)
+def test_what_is_allowed_is_used(here, tmp_path, capfd, words, said):
+    words = [str(tmp_path / "out.png") if word == "OUT" else word for word in words]
+    assert main([*words, "--allow", "theirs"]) == 0
+    out, err = capfd.readouterr()
+    assert said in out and "left out" not in out + err
+    assert (here / "imported").exists()
+
+
+def table():
+    """Return what docs/reliability.md says of the verbs, those alike in one row."""
+    words = {None: "-", REFUSED: "refused", NOTHING: "all"}
+    rows: dict[str, list[str]] = {}
+    for command, outcomes in VERBS.items():
+        said = " | ".join(words.get(one, f"without {one}") for one in outcomes)
+        rows.setdefault(said, []).append(f"`{command.partition(' --out')[0]}`")
+    head = ["| verb | foreign learner | foreign perception model |", "|---|---|---|"]
+    return "\n".join([*head, *(f"| {', '.join(rows[said])} | {said} |" for said in rows)])
+
+
+def test_the_documentation_has_the_table():
+    text = (Path(__file__).parents[2] / "docs" / "reliability.md").read_text()
+    assert table() in text, f"\n{table()}"

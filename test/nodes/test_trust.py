@@ -1,0 +1,151 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A stranger announces a run with code of their own: no node imports what lies beside it."""
+
+import re
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from recordings import recorded
+from std_msgs.msg import String
+from teams import THEIRS, forgotten
+
+from sparse_coord_ros import wire
+from sparse_coord_ros.game.plugins import ALLOW_VARIABLE
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.run_config import make_run
+from sparse_coord_ros.nodes import interface
+from sparse_coord_ros.nodes.body import BodyNode
+from sparse_coord_ros.nodes.driver import DriverNode
+from sparse_coord_ros.nodes.follower import Follower
+from sparse_coord_ros.nodes.player import Player
+from sparse_coord_ros.nodes.recorder import Recorder
+from sparse_coord_ros.nodes.robot import RobotNode
+from sparse_coord_ros.nodes.watch import WatchNode
+from sparse_coord_ros.wire import services
+
+FOREIGN = {"learner": "theirs:Team", "model": "coop"}
+
+NODES = {
+    "robot": (lambda place, out: RobotNode(name="robot_1", values={"claim_window": 0.0}, **place)),
+    "recorder": (lambda place, out: Recorder(values={"out": str(out / "bag")}, **place)),
+    "watch": (lambda place, out: WatchNode(values={"port": 0}, **place)),
+    "driver": (lambda place, out: DriverNode(values={"robot": "robot_1"}, **place)),
+    "body": (lambda place, out: BodyNode(values={}, **place)),
+}
+"""Every node that hears `run`."""
+
+WAITING = {name: "follows the run" for name in NODES} | {"robot": "refuses it, waits on"}
+"""What a node does that waits for a run."""
+
+UNDER_WAY = {name: "warns, goes on" for name in NODES} | {"watch": "shows it instead"}
+"""What one does that is in a run."""
+
+
+@pytest.fixture
+def beside(tmp_path, monkeypatch):
+    """Be in a folder with a stranger's module; return where the module tells of its import."""
+    (tmp_path / "theirs.py").write_text(THEIRS)
+    monkeypatch.chdir(tmp_path)
+    with forgotten():
+        yield tmp_path / "imported"
+
+
+def announced(kind):
+    """Return what a stranger announces."""
+    run = replace(make_run(load_scenario("env1"), {}), id="theirs")
+    if kind == "learner":
+        run = replace(run, learner=FOREIGN[kind])
+    text = run.to_yaml()
+    if kind == "model":
+        text = text.replace("perception: always", "perception: theirs:fog:0.5")
+    assert "theirs:" in text
+    return String(data=text)
+
+
+def say(bench, message):
+    """Publish on `run`, latched, to whoever comes; return the node that does."""
+    node = bench.observer()
+    node.create_publisher(String, "run", interface.RUN.qos).publish(message)
+    return node
+
+
+@pytest.mark.parametrize("kind", FOREIGN)
+@pytest.mark.parametrize("name", NODES)
+def test_no_waiting_node_imports_what_a_run_names(bench, beside, tmp_path, capfd, name, kind):
+    node = bench.add(NODES[name]({"context": bench.place()[0]}, tmp_path))
+    say(bench, announced(kind))
+    bench.spin_until(lambda: node.intake.dropped["run"] or node.presence, "the run is heard")
+    refused = WAITING[name].startswith("refuses")
+    assert refused == (node.run is None) == (node.presence is None)
+    said = [line for line in capfd.readouterr().err.splitlines() if "was not imported" in line]
+    assert len(said) == refused and all("allow it: --allow theirs, a" in line for line in said)
+    assert not beside.exists() and "theirs" not in sys.modules
+    bench.destroy(node)
+
+
+@pytest.mark.parametrize("kind", FOREIGN)
+def test_no_node_of_a_run_under_way_does(bench, beside, tmp_path, monkeypatch, kind):
+    """And a robot that refused a stranger's run is there for its own team's."""
+    heard = []
+    for follower in (Follower, WatchNode):
+        note = lambda node, *run: heard.append(node.get_name())  # noqa: E731
+        monkeypatch.setattr(follower, "another_run", note)
+    early = bench.robot("robot_2")
+    stranger = say(bench, announced(kind))
+    bench.spin_until(lambda: early.intake.dropped["run"], "the run is refused")
+    bench.destroy(stranger)
+    bench.spin_until(lambda: not early.get_publishers_info_by_topic("/run"), "it is gone")
+    world = bench.world(rate=0.001, set=["steps=60"], recorded=True)
+    place = {"context": bench.place()[0]}
+    nodes = [early, *(bench.add(start(place, tmp_path)) for start in NODES.values())]
+    bench.spin_until(lambda: world.lockstep.complete, "the first barrier")
+    say(bench, announced(kind))
+    bench.spin_until(lambda: {node.get_name() for node in nodes} <= {*heard}, "all have heard it")
+    assert [node.run.learner for node in nodes] == ["coop"] * len(nodes)
+    assert not beside.exists() and "theirs" not in sys.modules
+
+
+@pytest.mark.parametrize("kind", FOREIGN)
+def test_a_robot_that_is_told_to_follows_it(bench, beside, monkeypatch, kind):
+    robot = bench.robot("robot_1", allow=["theirs"])
+    say(bench, announced(kind))
+    bench.spin_until(lambda: robot.member is not None, "the robot joins")
+    assert beside.exists()
+
+
+def test_a_world_is_told_by_its_own_parameters(bench, beside):
+    world = bench.world(learner="theirs:Team", set=["perception=theirs:fog:0.5"])
+    assert world.run.rule.label == "theirs:Team" and beside.exists()
+
+
+def test_the_player_plays_it_unread(bench, beside, tmp_path, monkeypatch):
+    monkeypatch.setenv(ALLOW_VARIABLE, "theirs")
+    with forgotten():
+        recorded(tmp_path / "sent", settings={"steps": 60}, values={"learner": "theirs:Team"})
+    monkeypatch.setenv(ALLOW_VARIABLE, "")
+    beside.unlink()
+    values = {"bag": str(tmp_path / "sent/bag"), "delay": 0.0, "rate": 100.0}
+    player = bench.add(Player(context=bench.place()[0], values=values))
+    bench.spin_until(lambda: player.done, "the bag is played")
+    assert not beside.exists()
+
+
+def table():
+    """Return what docs/reliability.md says of each node."""
+    rows = ["| node | waiting | in a run |", "|---|---|---|"]
+    rows += [f"| {name} | {what} | {UNDER_WAY[name]} |" for name, what in WAITING.items()]
+    return "\n".join([*rows, "| player | does not hear it | does not hear it |"])
+
+
+def test_the_documentation_has_the_table_and_every_topic():
+    root = Path(__file__).parents[2]
+    text = (root / "docs" / "reliability.md").read_text()
+    assert table() in text, f"\n{table()}"
+    section = text.partition("**Topics and services.**")[2].partition("## ")[0]
+    named = set(re.findall(r"`([^`]+)`", section))
+    known = [*wire.TOPICS, *vars(services).values()]
+    assert {one.name for one in known if isinstance(one, wire.Topic | services.Service)} <= named
+    assert [one for one in named if one.startswith("test/") and not (root / one).is_file()] == []
