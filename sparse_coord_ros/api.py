@@ -31,7 +31,7 @@ from sparse_coord_ros.experiments.runner import (
     parse_targets,
     run_targets,
 )
-from sparse_coord_ros.experiments.store import JOBS, RUNS, SUMS, TRIALS, Plan
+from sparse_coord_ros.experiments.store import JOBS, RUNS, SUMS, TRIALS, TRIALS_OR_NONE, Plan
 from sparse_coord_ros.game.buildings import generated_building
 from sparse_coord_ros.game.perception import perception_model, register_perception
 from sparse_coord_ros.game.plugins import allow_modules, allow_named
@@ -571,7 +571,7 @@ def _chosen(learner: LearnerLike) -> Learner:
 
 
 def _plan(seed: int, runs: int, trials: int, *, no_trials: bool = False) -> Plan:
-    played = 0 if no_trials and trials == 0 else TRIALS.parse(trials)
+    played = (TRIALS_OR_NONE if no_trials else TRIALS).parse(trials)
     return Plan(RUN_SETTINGS["seed"].parse(seed), RUNS.parse(runs), played)
 
 

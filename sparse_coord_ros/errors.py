@@ -7,6 +7,7 @@ command line and the nodes print it and exit with `EXIT_BAD_INPUT`.
 """
 
 import difflib
+import errno
 import reprlib
 import traceback
 from collections.abc import Iterable
@@ -30,6 +31,10 @@ class SparseCoordError(Exception):
     """
 
     exit_code = EXIT_BAD_INPUT
+
+    def __str__(self) -> str:
+        """Return the line, also where it quotes what a stranger wrote."""
+        return in_line(super().__str__())
 
 
 class MapError(SparseCoordError):
@@ -87,9 +92,9 @@ def failure_of(error: Exception) -> SparseCoordError:
     if isinstance(error, SparseCoordError):
         return error
     if isinstance(error, OSError):
-        failure: SparseCoordError = RunError(
-            f"{os_error_text(error)}; choose another place, or make room"
-        )
+        full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+        remedy = "make room" if full else "give another path, or one that you may use"
+        failure: SparseCoordError = RunError(f"{os_error_text(error)}; {remedy}")
     else:
         said = " ".join(str(error).split())
         frames = traceback.extract_tb(error.__traceback__)
@@ -100,6 +105,17 @@ def failure_of(error: Exception) -> SparseCoordError:
         )
     failure.__cause__ = error
     return failure
+
+
+LONGEST_LINE = 2000
+"""Characters of a line that a person is to read."""
+
+
+def in_line(text: str) -> str:
+    """Return a text as one printable line; of a long one the middle is left out."""
+    line = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+    half = LONGEST_LINE // 2
+    return line if len(line) <= LONGEST_LINE else f"{line[:half]} ... {line[-half:]}"
 
 
 _short = reprlib.Repr()

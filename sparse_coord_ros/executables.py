@@ -10,17 +10,34 @@ import importlib
 import os
 import signal
 import sys
+from pathlib import Path
 
-from sparse_coord_ros.errors import EXIT_INTERRUPTED
+from sparse_coord_ros.errors import EXIT_BAD_INPUT, EXIT_INTERRUPTED, RunError, SparseCoordError
 
 COMMAND_LINE = "sparse_coord"
 NODES = ("world_simulator", "robot", "recorder", "team", "watch", "driver", "body", "player")
 """Executables; each is the module of its name in `sparse_coord_ros.nodes`."""
 
 
+LIVE = (["run"], ["replay"])
+"""Verbs that start nodes."""
+
+
 def sparse_coord() -> int:
     """Run the command line."""
     return main(COMMAND_LINE)
+
+
+def check_middleware() -> None:
+    """Refuse a middleware that is not installed: importing rclpy with it ends the process.
+
+    Raises:
+        RunError: RMW_IMPLEMENTATION names none.
+    """
+    name, folders = os.environ.get("RMW_IMPLEMENTATION", ""), [Path(sys.prefix) / "lib"]
+    folders += map(Path, os.environ.get("LD_LIBRARY_PATH", "").split(":"))
+    if name and not any((folder / f"lib{name}.so").exists() for folder in folders):
+        raise RunError(f"RMW_IMPLEMENTATION is {name!r}, which is not installed; unset it")
 
 
 def main(name: str) -> int:
@@ -38,7 +55,13 @@ def main(name: str) -> int:
         if signal.getsignal(number) != signal.SIG_IGN  # nohup: a closed terminal is no matter
     }
     signal.pthread_sigmask(signal.SIG_UNBLOCK, before)  # whoever started this may hold them back
-    run = importlib.import_module(module).main
+    try:
+        if is_node or sys.argv[1:2] in LIVE:
+            check_middleware()
+        run = importlib.import_module(module).main
+    except SparseCoordError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return error.exit_code
     if not is_node:  # its verbs that run no nodes are interrupted as Python does
         for number, handler in before.items():
             signal.signal(number, handler)
@@ -48,5 +71,6 @@ def main(name: str) -> int:
 if __name__ == "__main__":
     known = (COMMAND_LINE, *NODES)
     if len(sys.argv) < 2 or sys.argv[1] not in known:
-        sys.exit(f"error: give the name of an executable: {', '.join(known)}")
+        print(f"error: give the name of an executable: {', '.join(known)}", file=sys.stderr)
+        sys.exit(EXIT_BAD_INPUT)
     sys.exit(main(sys.argv.pop(1)))

@@ -18,7 +18,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sparse_coord_ros.errors import RunError, SettingError
+from sparse_coord_ros.errors import RunError, SettingError, in_short
 from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
 from sparse_coord_ros.game.grid import WALL
 from sparse_coord_ros.game.links import Percepts
@@ -26,6 +26,7 @@ from sparse_coord_ros.game.perception import asked_peers
 from sparse_coord_ros.game.scenario import Scenario, loaded
 from sparse_coord_ros.game.streams import EVALUATION, LEARNING, PEER, POLICY, Stream
 from sparse_coord_ros.game.world import Action, Reward, World
+from sparse_coord_ros.learn.run_config import RUN_SETTINGS
 from sparse_coord_ros.palette import DOORWAY_COLOUR, WALL_COLOUR, rgb, robot_colour
 
 try:
@@ -130,7 +131,8 @@ class SparseCoordEnv(ParallelEnv):
             options: none are known.
         """
         if seed is not None or self._world is None:
-            chosen = int(np.random.SeedSequence().generate_state(1)[0] if seed is None else seed)
+            drawn = np.random.SeedSequence().generate_state(1)[0] if seed is None else seed
+            chosen = RUN_SETTINGS["seed"].parse(drawn)
             horizon = self.scenario.horizon if self._phase == EVALUATION else None
             self._world = World(self.scenario, chosen, phase=self._phase, max_steps=horizon)
             numbers = range(len(self.possible_agents))
@@ -161,6 +163,10 @@ class SparseCoordEnv(ParallelEnv):
             SettingError: an action is none, or not allowed by its mask.
         """
         world = self._running()
+        if not isinstance(actions, Mapping):
+            raise SettingError(
+                f"actions: value is {in_short(actions)}, allowed: a mapping of agents to actions"
+            )
         chosen = dict(self._checked(name, action) for name, action in actions.items())
         rewards: Sequence[Reward] = [NO_REWARD] * len(self.possible_agents)
         miscoordination = False

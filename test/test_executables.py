@@ -40,4 +40,4 @@ def test_a_script_runs_the_node_of_its_name(command):
 def test_an_unknown_executable_is_one_line():
     command = [sys.executable, "-m", "sparse_coord_ros.executables", "wheel"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
-    assert done.returncode == 1 and done.stderr.startswith("error: give the name of an exec")
+    assert done.returncode == 2 and done.stderr.startswith("error: give the name of an exec")

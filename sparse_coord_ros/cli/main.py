@@ -14,15 +14,12 @@ from sparse_coord_ros.errors import (
     EXIT_BAD_INPUT,
     EXIT_INTERRUPTED,
     SparseCoordError,
-    os_error_text,
+    failure_of,
 )
 from sparse_coord_ros.version import __version__
 
 WITH_NODES = ("run", "replay")
 """Verbs that run ROS nodes, which say good-bye at a signal by themselves."""
-
-LONGEST = 300
-"""Characters of what the system refuses."""
 
 
 def make_parser(chosen: str | None = None) -> argparse.ArgumentParser:
@@ -79,10 +76,7 @@ def _in_words(error: Exception) -> str:
             f"not enough memory{f' ({error})' if str(error) else ''}; choose a smaller scenario, "
             "fewer steps or trials, or fewer --jobs"
         )
-    if not isinstance(error, OSError):
-        return str(error)
-    said = os_error_text(error)  # it names the file, however long its name is
-    return said if len(said) <= LONGEST else f"{said[: LONGEST // 2]}...{said[-LONGEST // 2 :]}"
+    return str(failure_of(error))
 
 
 def allow_given(options: argparse.Namespace) -> None:

@@ -74,10 +74,7 @@ def _generate(path: Path, building: Building, *, as_json: bool) -> int:
     """Write a building's scenario file, and show its map."""
     if path.exists():
         raise ScenarioError(f"{path}: exists already; choose another file, or remove it")
-    try:
-        write_whole(path, building_text(building))
-    except OSError as error:
-        raise ScenarioError(f"{path}: cannot be written ({error.strerror})") from None
+    write_whole(path, building_text(building))
     grid = load_scenario(str(path)).map
     if as_json:
         shared.print_json({"file": str(path), **_facts(grid)})

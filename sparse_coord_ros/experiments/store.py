@@ -12,7 +12,7 @@ import math
 import os
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -44,6 +44,7 @@ CONDITIONS = "conditions"
 
 RUNS = Setting("runs", int, 100, "learning runs of a condition", low=1, high=1_000_000)
 TRIALS = Setting("trials", int, 1000, "Monte-Carlo trials of a run", low=1, high=1_000_000)
+TRIALS_OR_NONE = replace(TRIALS, low=0, least=1)
 JOBS = Setting("jobs", int, 1, "threads (or processes) at once", low=1, high=4096)
 
 SUMS = ("reward", "time_to_goal", "asks", "miscoordinations")
@@ -353,7 +354,7 @@ class Results:
         write_result(self.path(condition), json.dumps({**said, **data, "condition": result.id}))
 
 
-_MALFORMED = (AttributeError, KeyError, ValueError, TypeError, RecursionError)
+_MALFORMED = (AttributeError, KeyError, ValueError, TypeError, OverflowError, RecursionError)
 """What a file raises that is none of ours."""
 
 

@@ -15,6 +15,7 @@ from sparse_coord_ros.errors import (
     ScenarioError,
     SettingError,
     did_you_mean,
+    in_short,
     os_error_text,
 )
 from sparse_coord_ros.game.actions import PRIMITIVES
@@ -449,8 +450,9 @@ def _paper(value: Any, where: str) -> dict[str, dict[str, Any]]:
             numbers = isinstance(pair, list) and all(isinstance(v, int | float) for v in pair)
             known = learner in PAPER_LEARNERS and measure in PAPER_MEASURES
             if not known or not numbers or len(pair) != 2:
+                field = ": ".join(str(name) for name in ("paper", learner, measure) if name != "")
                 raise ScenarioError(
-                    f"{where}: paper: {learner}: {measure} is {pair!r}; allowed: for each of "
+                    f"{where}: {field} is {in_short(pair)}; allowed: for each of "
                     f"{', '.join(PAPER_LEARNERS)}: {', '.join(PAPER_MEASURES)}, each [mean, "
                     "spread]"
                 )

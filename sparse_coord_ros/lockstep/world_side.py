@@ -200,7 +200,7 @@ class WorldSide:
         step = self.world.step
         acted = [k for k in self._robots if self._actions[k] is not None]
         self.left_out += self.world.arrived.count(False) - len(acted)
-        before = tuple(self.world.cells)
+        before = tuple(self.world.cells) if self.watcher is not None else ()
         outcome = self.world.advance(self._actions)
         self.history.add(self.world.episode, step, self._actions, outcome)
         if self.watcher is not None:

@@ -13,6 +13,7 @@ from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.lockstep.waiting import SILENT_SECONDS, Reminder, WorldPresence
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.messages import read_run
+from sparse_coord_ros.nodes.outputs import check_place
 from sparse_coord_ros.nodes.parameters import ParameterNode, Place
 from sparse_coord_ros.wire.status import Said, read_status
 
@@ -60,6 +61,10 @@ class Follower(ParameterNode):
         self.intake.listen(interface.RUN, self._on_run, read=self._read_run)
         self.intake.listen(interface.STATUS, self._on_status, read=read_status)
         self.create_timer(self.tick_seconds, self._tick)
+
+    def set_up(self) -> None:
+        """Refuse an output directory that cannot be, before there is a run."""
+        check_place(self.values.get("out", ""))
 
     def may_begin(self, now: float) -> bool:
         """Whether the node is ready for a run; asked with every tick until it begins."""

@@ -31,6 +31,23 @@ def check_participants(count: int) -> None:
         )
 
 
+LAST_DOMAIN = 232
+"""The ports of DDS end there."""
+
+
+def check_domain() -> None:
+    """Refuse a ROS domain that DDS does not have.
+
+    Raises:
+        RunError: ROS_DOMAIN_ID is none.
+    """
+    domain = os.environ.get("ROS_DOMAIN_ID", "").strip() or "0"
+    if not domain.isdecimal() or int(domain) > LAST_DOMAIN:
+        raise RunError(
+            f"ROS_DOMAIN_ID is {domain!r}, allowed: a whole number from 0 to {LAST_DOMAIN}"
+        )
+
+
 SECURITY = "ROS_SECURITY_ENABLE"
 SECURITY_MARK = b"dds.sec.auth.plugin"
 """What a Fast DDS with DDS-Security knows by name."""

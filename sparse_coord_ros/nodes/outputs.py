@@ -116,6 +116,22 @@ def resumed_run(values: Mapping[str, Any]) -> RunConfig:
     return run
 
 
+def check_place(out: str) -> None:
+    """Refuse an output directory that cannot be made.
+
+    Raises:
+        RunError: something else is in its place, or in its way, or nothing can be written there.
+    """
+    place = Path(out).absolute()
+    while not os.path.lexists(place):
+        place = place.parent
+    if out and not (place.is_dir() and os.access(place, os.W_OK)):
+        raise RunError(
+            f"output directory {out}: cannot be written, as {place} is "
+            f"{'read-only' if place.is_dir() else 'no directory'}; choose another one"
+        )
+
+
 class Output:
     """Where a node of a run saves: in the directory of its parameter `out`; nowhere without one.
 

@@ -189,8 +189,18 @@ class ParameterNode(Node):
         return super().create_subscription(msg_type, topic, self.guarded(callback), *args, **more)
 
     def create_service(self, srv_type, srv_name, callback, **more):
-        """As `Node`'s; the callback is guarded."""
-        return super().create_service(srv_type, srv_name, self.guarded(callback), **more)
+        """As `Node`'s; the callback is guarded, and rclpy's own refuse what they cannot read."""
+
+        def careful(request: Any, response: Any) -> Any:
+            try:
+                return callback(request, response)
+            except Exception as error:
+                self.intake.drop(srv_name, error, "request refused")
+                return srv_type.Response()
+
+        own = srv_type.__module__.startswith("rcl_interfaces.")
+        guarded = careful if own else self.guarded(callback)
+        return super().create_service(srv_type, srv_name, guarded, **more)
 
     def create_timer(self, timer_period_sec, callback, *args, **more):
         """As `Node`'s, guarded, and on a steady clock: others follow a /clock that may stand."""

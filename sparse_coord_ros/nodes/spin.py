@@ -31,7 +31,7 @@ from sparse_coord_ros.errors import (
     failure_of,
 )
 from sparse_coord_ros.nodes import interface
-from sparse_coord_ros.nodes.middleware import check_security, repair_promptly
+from sparse_coord_ros.nodes.middleware import check_domain, check_security, repair_promptly
 from sparse_coord_ros.nodes.parameters import ParameterNode
 from sparse_coord_ros.nodes.shared_memory import leftovers
 
@@ -113,6 +113,7 @@ def ros_context(args: Sequence[str] | None = None) -> Iterator[Context]:
     """
     repair_promptly()
     check_security()
+    check_domain()
     leftovers(remove=True)  # of killed processes
     context = Context()
     try:

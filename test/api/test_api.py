@@ -109,6 +109,7 @@ def test_scenarios(tmp_path):
         (lambda: sc.train("env1", seed=-1), "setting seed"),
         (lambda: sc.train("env1", 7), "is no learner"),
         (lambda: sc.train_many("env1", runs=0), "setting runs: value is 0"),
+        (lambda: sc.train_many("env1", trials=-1), "value is -1, allowed: 0, or a whole number"),
         (lambda: sc.train("env1", engine="fast"), "'fast', allowed: auto, numba, python"),
         (lambda: sc.train("env1", evaluate_every=-1), "setting evaluate-every: value is -1"),
         (lambda: sc.train("env1", trials="many"), "setting trials: value is 'many'"),

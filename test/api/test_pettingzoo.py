@@ -110,7 +110,13 @@ def test_masks_worth_and_bad_input():
     env = parallel_env("env1", goal_value=True, render_mode="rgb_array")
     with pytest.raises(RunError, match="call reset first"):
         env.state()
-    env.reset(seed=1)
+    for seed in ("x", -1, 1.5, [1]):
+        with pytest.raises(SettingError, match="setting seed: value is .*, allowed: a whole"):
+            env.reset(seed=seed)
+    env.reset(seed=np.int64(1))
+    for actions in (None, [0, 1]):
+        with pytest.raises(SettingError, match="actions: value is .*, allowed: a mapping of ag"):
+            env.step(actions)
     seen, rewards, *_ = env.step({"robot_1": 4, "robot_2": 2})
     assert rewards == {"robot_1": 0.0, "robot_2": 0.0}
     assert seen["robot_1"]["action_mask"].tolist() == [1, 1, 1, 1, 0]

@@ -8,7 +8,7 @@ import signal
 import pytest
 
 import sparse_coord_ros
-from sparse_coord_ros.errors import EXIT_INTERRUPTED
+from sparse_coord_ros.errors import EXIT_INTERRUPTED, LONGEST_LINE, MapError
 
 VERBS = ("run", "train", "evaluate", "optimum", "maps", "reproduce")
 
@@ -56,8 +56,10 @@ def test_interrupted_or_terminated(sparse_coord, monkeypatch, number):
     [
         (MemoryError("Unable to allocate 9 TiB"), "not enough memory (Unable to allocate 9 TiB);"),
         (MemoryError(), "not enough memory; choose a smaller scenario"),
-        (OSError(errno.ENOSPC, "No space left on device"), "No space left on device\n"),
+        (OSError(errno.ENOSPC, "No space left on device"), "No space left on device; make room\n"),
         (OSError(errno.ENAMETOOLONG, "File name too long", "x" * 9000), "xxx"),
+        (NotADirectoryError(20, "Not a directory", "a/b"), "a/b: Not a directory; give another"),
+        (MapError("a\x1b[2J\nb" + "y" * 9000), "a\\x1b[2J\\nbyyy"),
     ],
 )
 def test_what_the_system_refuses_is_one_short_line(sparse_coord, monkeypatch, error, line):
@@ -68,7 +70,7 @@ def test_what_the_system_refuses_is_one_short_line(sparse_coord, monkeypatch, er
     code, out, err = sparse_coord("maps", "env1")
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert err.startswith(f"error: {line}")
-    assert len(err) < 400
+    assert len(err) < LONGEST_LINE + 50
 
 
 def test_as_a_process_bad_input_is_one_line(python, tmp_path):

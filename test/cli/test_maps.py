@@ -62,7 +62,7 @@ def test_a_generated_building(sparse_coord, folder):
     [
         (("--rooms", "2"), "option --rooms: only with --generate FILE"),
         (("env1", "--generate", "x.yaml"), "map 'env1': is not needed with --generate"),
-        (("--generate", "no/x.yaml"), "no/x.yaml: cannot be written"),
+        (("--generate", "no/x.yaml"), "no/x.yaml: No such file or directory; give another path"),
         (("--generate", "x.yaml", "--rooms", "21"), "rooms: value is '21', allowed: .* 1 to 20"),
         (("--generate", "x.yaml", "--rooms", "1", "--rows", "1"), "building: has 1 room"),
         (("--generate", "x.yaml", "--robots", "49"), "49 robots need as many starts"),

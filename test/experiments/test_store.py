@@ -197,7 +197,7 @@ def test_a_damaged_result_is_put_aside_and_open_again(tmp_path, result, damage):
         assert results.load(CONDITION) == result
 
 
-@pytest.mark.parametrize("damage", ["", "[1]", "{", "[" * 100_000])
+@pytest.mark.parametrize("damage", ["", "[1]", "{", "[" * 100_000, '{"format": 3, "seed": 1e999}'])
 def test_a_damaged_manifest_is_an_error(tmp_path, damage):
     (tmp_path / "results.json").write_text(damage)
     with pytest.raises(ResultsError, match="is no results.json"), open_results(tmp_path, PLAN):

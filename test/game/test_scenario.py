@@ -224,6 +224,7 @@ def test_bad_settings(values, words):
         ({"robots": {"r" * 101: {"start": 1, "goal": 2}}}, ["up to 100 letters"]),
         ({"paper": {"best": {"reward": [1, 2]}}}, ["paper: best", "indiv, noncoop, coop"]),
         ({"paper": {"coop": {"speed": [1, 2]}}}, ["paper: coop: speed", "time_to_goal"]),
+        ({"paper": 3}, ["f.yaml: paper is 3; allowed: for each of indiv"]),
         ({"paper": {"coop": {"reward": 3}}}, ["reward is 3", "[mean, spread]"]),
     ],
 )

@@ -125,6 +125,8 @@ def test_whole_numbers_do_for_numbers(made):
         ("robot", ["claim_window:=61"], "allowed: a number from 0 to 60"),
         ("recorder", ["executor:=fast"], "parameter executor: value is 'fast'"),
         ("team", ["record:=2"], "parameter record: value is 2, allowed: true or false"),
+        ("robot", [f"out:={__file__}"], f"{__file__}: cannot be written, as {__file__} is no dir"),
+        ("recorder", [f"out:={__file__}/a/b"], f"as {__file__} is no directory; choose another"),
     ],
 )
 def test_executables_end_with_one_line(capfd, name, arguments, text):
@@ -167,6 +169,33 @@ def test_the_rate_can_be_set_while_the_node_runs(bench):
     assert [value.type for value in values] == [], "robots have neither"
     values = observer.call(GetParameters, "world_simulator/get_parameters", request).values
     assert [parameter_value_to_python(value) for value in values] == [0.0, 0]
+
+
+def test_a_request_that_rclpy_cannot_read_ends_no_node(bench, capfd):
+    """A type of a parameter that there is none of: rclpy raises in its own service."""
+    world, observer = bench.world(), bench.observer()
+    odd = Parameter(name="rate", value=ParameterValue(type=255))
+    request = SetParameters.Request(parameters=[odd])
+    assert observer.call(SetParameters, "world_simulator/set_parameters", request).results == []
+    assert world.failure is None
+    assert world.intake.dropped == {"world_simulator/set_parameters": 1}
+    assert "255 is not a valid" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "line"),
+    [
+        ("ROS_DOMAIN_ID", "233", "ROS_DOMAIN_ID is '233', allowed: a whole number from 0 to 232"),
+        ("ROS_DOMAIN_ID", "x", "ROS_DOMAIN_ID is 'x', allowed"),
+        ("RMW_IMPLEMENTATION", "rmw_x", "RMW_IMPLEMENTATION is 'rmw_x', which is not installed"),
+    ],
+)
+@pytest.mark.parametrize("words", [("robot",), ("sparse_coord", "run", "env1", "--out", "out")])
+def test_a_ros_that_cannot_start_is_one_line(python, tmp_path, words, name, value, line):
+    """The middleware would end the process by itself, with a code of its own."""
+    command = ("-m", "sparse_coord_ros.executables", *words)
+    done = python(*command, cwd=tmp_path, env={name: value}, code=2)
+    assert done.stderr.startswith(f"error: {line}") and done.stderr.count("\n") == 1
 
 
 def test_all_others_are_fixed(bench):
