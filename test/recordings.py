@@ -62,6 +62,7 @@ class Recording:
         resets: transitions after which someone resets the world.
         stop: transitions after which someone stops the run; None: nobody.
         finish: whether the recorder closes the bag.
+        chunk: bytes of a chunk; None: the writer's.
         patient: whether robots that wait for an answer as the run is stopped do not act.
     """
 
@@ -78,8 +79,9 @@ class Recording:
         stop=None,
         finish=True,
         patient=False,
+        chunk=None,
     ):
-        self.bag = BagWriter(directory)
+        self.bag = BagWriter(directory, **({} if chunk is None else {"chunk_size": chunk}))
         self.run, self.convert = run, Converter(run)
         self.names = [robot.name for robot in run.scenario.robots]
         self.lost, self.deaf, self.resets = set(lost), set(deaf), set(resets)
@@ -195,7 +197,8 @@ class Recording:
     def attach(self, k, step):
         """Attach a robot's tables."""
         robot = self.robots[k]
-        data = pack_tables({k + 1: robot.agent.tables}, counts=robot.counts)
+        memories = {k + 1: robot.agent.memory()}
+        data = pack_tables({k + 1: robot.agent.tables}, counts=robot.counts, memories=memories)
         if self.tables.get(k) == (step, data):  # the recorder attaches them but once
             return
         self.tables[k] = (step, data)
@@ -318,11 +321,12 @@ def rewritten(
     *,
     record=None,
     gap=(None, 0),
+    **writer,
 ):
     """Write a bag anew, changed, with all checksums right."""
     shutil.rmtree(directory, ignore_errors=True)
     source = open_bag(bag)
-    with BagWriter(directory) as new:
+    with BagWriter(directory, **writer) as new:
         for name, texts in source.metadata.items():
             if name != "rosbag2":
                 new.add_metadata(name, {**texts, **(record or {})})

@@ -89,6 +89,11 @@ class Bag:
         return first if len(self.files) == 1 else first.parent
 
     @property
+    def part(self) -> bool:
+        """Whether only some blocks of its files are read."""
+        return self._blocks is not None
+
+    @property
     def finished(self) -> bool:
         """Whether its recorder closed it."""
         return all(file.finished for file in self.files)

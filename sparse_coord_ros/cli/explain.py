@@ -43,8 +43,8 @@ def execute(options: argparse.Namespace) -> int:
         facts = [{**one._asdict(), "robot": log.names[one.robot]} for one in found]
         shared.print_json({"wanted": wanted, "step": step, "coordinations": facts})
         return 0
-    if log.damage is not None:
-        print(f"damaged: {log.damage}; what is before it:")
+    for loss in log.losses:
+        print(f"lost: {loss}")
     who = options.robot or "nobody"
     if step is None:
         print(

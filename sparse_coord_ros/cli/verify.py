@@ -10,7 +10,6 @@ from sparse_coord_ros.cli.options import Option
 SHOWN = 10
 CANNOT_TELL = 3
 """Exit code."""
-BROKEN_OFF = ": the recording broke off, its end is missing"
 NOT_COMPARED = (
     "diagnostics, /rosout, /parameter_events, claims, what else the bag holds; wall-clock stamps; "
     "the order of messages of different writers; how often status, markers and coordination maps "
@@ -40,7 +39,8 @@ def execute(options: argparse.Namespace) -> int:
                 "cannot_tell": found.cannot_tell,
                 **{name: value for name, value in vars(found).items() if name != "log"},
                 "rollbacks": found.log.tracks.rollbacks,
-                "gaps": found.log.tracks.gaps,
+                "gaps": found.log.gaps,
+                "losses": found.log.losses,
             }
         )
     else:
@@ -52,7 +52,11 @@ def execute(options: argparse.Namespace) -> int:
 
 def _print(found, shown: int | None) -> None:
     run = found.log.run
-    print(f"{found.log.bag.path}{BROKEN_OFF * found.log.broken_off}")
+    print(found.log.bag.path)
+    if found.log.bag.damage is not None and not found.log.bag.gaps:
+        print(f"damaged, but all is read: {found.log.bag.damage}")
+    for loss in found.log.losses:
+        print(f"lost: {loss}")
     print(
         f"{run.scenario.name}, {run.learner}{', greedy' * run.greedy}, "
         f"seed {run.seed}, {len(found.log.names)} robots"
@@ -66,7 +70,6 @@ def _print(found, shown: int | None) -> None:
         (found.unlearned, "transitions that robots say they have not learned from"),
         (found.resets, "episodes begun early (reset, or nobody left to wait for)"),
         (found.repeats, "messages said again after a silence"),
-        (found.unchecked, "time steps at the end not checked: messages may be missing there"),
     ):
         if count:
             print(f"{count} {what}")
@@ -85,15 +88,33 @@ def _print(found, shown: int | None) -> None:
     for sentence in found.broke_off:
         print(f"broke off: {sentence}")
     if found.cannot_tell:
-        print("cannot tell all of the run; what the log does say of the rest is as it has to be")
+        print(_verdict(found))
     for sentence in found.not_computed:
         print(sentence)
     if found.cannot_tell:
-        if found.first is not None:
-            print(f"open: {found.first}")
+        for difference in found.open[:shown]:
+            print(f"open: {difference}")
         return
     for difference in found.differences[:shown]:
         print(f"differs: {difference}")
     more = len(found.differences[shown:]) if shown else 0
     if more:
         print(f"and {more} more (--all)")
+
+
+def _verdict(found) -> str:
+    """Return what is said of a log that leaves a part open."""
+    holes = [(first, last) for first, last in found.not_compared if last is not None]
+    ends = [first for first, last in found.not_compared if last is None]
+    if found.not_computed or not found.not_compared:
+        text = "cannot tell all of the run; what the log does say of the rest is as it has to be"
+    elif holes:
+        text = "identical"
+    else:
+        text = f"identical up to step {ends[0] - 1}"
+    if holes:
+        steps = ", ".join(f"{first} to {last}" for first, last in holes)
+        checkpoints = ", ".join(str(last + 1) for _, last in holes)
+        text += f" but for steps {steps}, which are lost; it goes on from the recorded tables of "
+        text += f"step {checkpoints}"
+    return text + "".join(f"; cannot tell from step {end}" for end in ends)

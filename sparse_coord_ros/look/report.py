@@ -75,8 +75,8 @@ def run_report(shown: Shown, *, baselines: bool = True) -> str:
         f"From {shown.path}; report of sparse_coord_ros {__version__}."
     )
     begins = [begin]
-    if shown.bag is not None and shown.log.damage is not None:
-        words = f"The bag is damaged: {shown.log.damage}. What is before it:"
+    if shown.bag is not None and shown.log.losses:
+        words = f"The bag is damaged. Lost: {'; '.join(shown.log.losses)}."
         begins.append(text(words, warn=True))
     sections: list[Section] = [
         ("", begins),

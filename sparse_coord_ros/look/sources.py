@@ -81,8 +81,8 @@ class Shown:
         if rule is not None and rule.factors is not None:
             topics.append(SERVICE_EVENTS)
         log = recording.whole(topics)
-        if log.damage is not None:
-            self.say(f"the bag is damaged ({log.damage}): going on with what is before that")
+        for loss in log.losses:
+            self.say(f"lost in the bag: {loss}")
         return log
 
     def with_requests(self, steps: Collection[int]) -> RunLog:

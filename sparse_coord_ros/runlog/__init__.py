@@ -5,8 +5,8 @@
 - As arrays: `log` (all of it) and `window` (any stretch of a long one), from the messages topic by
   topic (`tracks`, by `columns` and `decode`), the service events (`dialogue`), the attached tables
   (`attached`), over all files of a bag (`timeline`), of one run (`bag_run`).
-- Verified: `verify`, of the world (`game_check`), each robot (`agents`), `percepts`; who came back
-  alone (`returned`). What differs is a `difference`.
+- Verified: `verify`, of the world (`game_check`), each robot (`agents`), `percepts`, in the
+  `stretches` between gaps; who came back alone (`returned`). What differs is a `difference`.
 - Explained: `explain`, each COORDINATE.
 
 `replay` is what one robot did, and lets its agent do it again.

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether a robot's actions, tables and coordination maps are those of an agent."""
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -13,7 +14,8 @@ from sparse_coord_ros.runlog.attached import RecordedTables
 from sparse_coord_ros.runlog.dialogue import heard, times_asked_again
 from sparse_coord_ros.runlog.difference import MISSING, Difference, first_entry
 from sparse_coord_ros.runlog.log import RunLog
-from sparse_coord_ros.runlog.replay import Replay, fresh_agent, trajectory_of
+from sparse_coord_ros.runlog.replay import Replay, trajectory_of
+from sparse_coord_ros.runlog.stretches import Stretch, fresh_agent
 from sparse_coord_ros.wire.frame import Frame
 from sparse_coord_ros.wire.messages import action_numbers
 from sparse_coord_ros.wire.occupancy import OCCUPIED, OccupancyData
@@ -41,7 +43,7 @@ class AgentCheck:
         log: the log.
         k: the robot's number.
         starts: the first time steps of the episodes.
-        last: the last time step to check; None: all.
+        stretch: the time steps to check.
 
     Attributes:
         name: the robot's.
@@ -51,14 +53,14 @@ class AgentCheck:
         choices, updates, compared: actions, updates and tables that agree, after `differences`.
     """
 
-    def __init__(self, log: RunLog, k: int, starts: np.ndarray, last: int | None) -> None:
-        self.log, self.k, self.last = log, k, last
+    def __init__(self, log: RunLog, k: int, starts: np.ndarray, stretch: Stretch) -> None:
+        self.log, self.k, self.stretch = log, k, stretch
         self.name = log.names[k]
-        self.trajectory = trajectory_of(log, k)
+        self.trajectory = trajectory_of(log, k, stretch)
         self.choices = self.updates = self.compared = 0
         self.recorded = [entry for entry in log.all_tables if entry.robot == k]
         statuses = log.tracks.statuses
-        self.state = statuses[-1].state if last is None and statuses else None
+        self.state = statuses[-1].state if stretch.last is None and statuses else None
         self._grids = OccupancyData(Frame(log.run))
         self._starts = starts
         self._goal = log.run.scenario.robots[k].goal
@@ -84,7 +86,7 @@ class AgentCheck:
         found = [*self._missing_tables(), *self._missing_maps()]
         begun, first = first_tables(self.log, self.k)
         if begun is not None and first is None:  # that there are none is said elsewhere
-            agent = fresh_agent(self.log, self.k, begun)
+            agent = fresh_agent(self.log, self.k, begun, self.stretch)
             first = self._first(Replay(self.log, self.trajectory, agent))
         return found if first is None else [*found, first]
 
@@ -92,10 +94,11 @@ class AgentCheck:
         """Return the first action, table or map that the agent has not."""
         log, steps, rows = self.log, self.trajectory.step, self.trajectory.row
         limit = len(steps)
-        if self.last is not None:
-            limit = int(np.searchsorted(steps, self.last, side="right"))
+        if self.stretch.last is not None:
+            limit = int(np.searchsorted(steps, self.stretch.last, side="right"))
         said = log.has_learned[rows, self.k]
-        able = np.concatenate([[False], self.trajectory.told])[:-1] & (not log.run.greedy)
+        told_before = self.stretch.start is not None
+        able = np.concatenate([[told_before], self.trajectory.told])[:-1] & (not log.run.greedy)
         lies = np.flatnonzero((said != 0.0) & ((said != 1.0) | ~able))[:1].tolist()
         limit = min(limit, *lies, len(steps))
         difference = None
@@ -131,8 +134,7 @@ class AgentCheck:
             *((entry.step, entry) for entry in self.recorded),
             *((step, data.tobytes() if there else None) for step, data, there in maps),
         ]
-        stops = [stop for stop in stops if self.last is None or stop[0] <= self.last]
-        return sorted(stops, key=lambda stop: stop[0])
+        return sorted((s for s in stops if self.stretch.holds(s[0])), key=lambda stop: stop[0])
 
     def _compare(
         self, step: int, what: RecordedTables | bytes | None, replay: Replay, to: int
@@ -161,18 +163,22 @@ class AgentCheck:
         """Return (quantity, logged, computed) of the first number that cannot be."""
         log, trajectory = self.log, self.trajectory
         ended = log.ended[trajectory.row[:end], self.k]
-        due = {end.words: int((ended == end).sum()) for end in wire.PerceptEnd}
+        base = Counter(self.stretch.counts(self.k))
+        due = {end.words: base[end.words] + int((ended == end).sum()) for end in wire.PerceptEnd}
         learned = int(trajectory.learned[:to].sum())
-        mine = [r for r in log.requests if r.asker == self.k and r.step < entry.step + end - to]
+        all_mine = [r for r in log.requests if r.asker == self.k and r.step >= self.stretch.first]
+        mine = [r for r in all_mine if r.step < entry.step + end - to]
         # What was sent again as no answer came is the same request.
         mine = [r for r in heard(mine) if r.answer is not None]
-        again = times_asked_again(mine)
+        again = base["repeated"] + times_asked_again(mine)
         # A robot that stops while it asks has repeated without an action that follows.
         until = entry.step + (entry is self.recorded[-1])
-        asked = [r for r in log.requests if r.asker == self.k and r.step < until]
-        behind = sum(r.answer is not None and r.answer[0] < r.step for r in asked)
+        asked = [r for r in all_mine if r.step < until]
+        later = sum(r.answer is not None and r.answer[0] < r.step for r in asked)
+        behind = base["repeated"] + later
         bounds = {name: (due[name], due[name]) for name in ("answered", "refused", "late")}
-        bounds |= {"learned": (learned, learned), "dropped": (0, to - learned)}
+        bounds["learned"] = (base["learned"] + learned,) * 2
+        bounds["dropped"] = (base["dropped"], base["dropped"] + to - learned)
         bounds["repeated"] = (again, behind)
         for name, (low, high) in bounds.items():
             logged = entry.counts.get(name)
@@ -203,7 +209,8 @@ class AgentCheck:
             p.step for p in log.problems if p.robot == self.name and p.quantity == wire.TABLES.name
         }
         for step in due:
-            beyond = self.last is not None and step > min(self.last, max(steps, default=0))
+            last = self.stretch.last
+            beyond = last is not None and step > min(last, max(steps, default=0))
             if step not in steps and step not in unreadable and not beyond:
                 yield self._differ(
                     step, wire.TABLES.name, MISSING, wire.tables_attachment(self.name, step)
@@ -216,12 +223,12 @@ class AgentCheck:
     def _missing_maps(self) -> Iterator[Difference]:
         """Yield the coordination maps that ought to be in the log and are not.
 
-        Where it breaks off, only those before the last one that was shown.
+        Where a gap follows, only those before the last one that was shown.
         """
         steps = self.log.tracks.coordination_maps[self.k][0]
         due = self._starts[np.isin(self._starts, self.trajectory.step)]  # where the robot acted
-        if self.last is not None:
-            due = due[due <= min(self.last, steps.max(initial=0))]
+        if self.stretch.last is not None:
+            due = due[due <= min(self.stretch.last, steps.max(initial=0))]
         for step in due[~np.isin(due, steps)].tolist():
             yield self._differ(
                 step, wire.COORDINATION_MAP.name, MISSING, "one as the episode begins"

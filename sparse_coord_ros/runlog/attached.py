@@ -13,9 +13,9 @@ from sparse_coord_ros.bags.metadata import RESTARTED
 from sparse_coord_ros.bags.reader import Bag
 from sparse_coord_ros.errors import TablesError
 from sparse_coord_ros.game.actions import ACTIONS, PRIMITIVES
-from sparse_coord_ros.learn.agent import Tables
+from sparse_coord_ros.learn.agent import Memory, Tables
 from sparse_coord_ros.learn.run_config import RunConfig
-from sparse_coord_ros.learn.tables import unpack_robot
+from sparse_coord_ros.learn.tables import unpack_saved
 from sparse_coord_ros.runlog.difference import Difference
 from sparse_coord_ros.runlog.timeline import Rollback, holds
 
@@ -33,12 +33,14 @@ class RecordedTables(NamedTuple):
         step: everything is learned that happened before this time step.
         tables: what it had learned.
         counts: the numbers stored beside them.
+        memory: what its agent remembers, to go on from there; None where that was not saved.
     """
 
     robot: int
     step: int
     tables: Tables
     counts: Mapping[str, int]
+    memory: Memory | None = None
 
 
 def attached_tables(
@@ -91,7 +93,7 @@ def read_tables(
             continue
         first_file[key] = in_file
         try:
-            tables, counts = unpack_robot(data, k + 1, where=name)
+            [(tables, counts, memory)] = unpack_saved(data, [k + 1], where=name)
         except TablesError as error:
             problems.append(Difference(step, robot, TABLES, str(error), "readable tables"))
             continue
@@ -103,5 +105,5 @@ def read_tables(
         if counts.get("step") != step:
             said_step = f"of step {counts.get('step')}"
             problems.append(Difference(step, robot, TABLES, said_step, f"of {step}"))
-        found.append(RecordedTables(k, step, tables, counts))
+        found.append(RecordedTables(k, step, tables, counts, memory))
     return found, problems

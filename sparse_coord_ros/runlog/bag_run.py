@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 from sparse_coord_ros.bags.contents import Attachment
 from sparse_coord_ros.bags.reader import Bag
-from sparse_coord_ros.bags.recover import recovered_text
 from sparse_coord_ros.errors import BagError, SparseCoordError
 from sparse_coord_ros.learn.run_config import (
     MAP_FILE,
@@ -81,13 +80,12 @@ def find_run(bag: Bag, decode: Decoder) -> BagRun:
 
 
 def check_bag_run(bag: Bag, source: BagRun) -> Iterator[Difference]:
-    """Yield what is wrong with the file, and in what its places say another run.
+    """Yield in what the bag's places say another run.
 
     Args:
         bag: the bag.
         source: its run.
     """
-    yield from _about_the_file(bag)
     run, said = source.run, source.said
     attached: dict[str, list[str]] = {name: [] for name in (RUN_FILE, SCENARIO_FILE, MAP_FILE)}
     for one in bag.attachments:
@@ -103,14 +101,6 @@ def check_bag_run(bag: Bag, source: BagRun) -> Iterator[Difference]:
                 yield _odd(f"attachment {name}", *_first_line(found, text))
     yield from _once(f"metadata {RUN_RECORD}", len(records), "scenario, seed, learner")
     yield from _other_records(records, run.record())
-
-
-def _about_the_file(bag: Bag) -> Iterator[Difference]:
-    if bag.damage is not None:
-        yield _odd("file", bag.damage, "an undamaged file")
-    elif bag.recovered is not None or not bag.finished:
-        how = "unfinished" if bag.recovered is None else recovered_text(bag.recovered)
-        yield _odd("file", how, "a file that its recorder closed")
 
 
 def _once(where: str, count: int, due: str) -> Iterator[Difference]:

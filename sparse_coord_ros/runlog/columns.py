@@ -11,12 +11,16 @@ from sparse_coord_ros.bags.reader import Bag, Part
 from sparse_coord_ros.bags.records import MESSAGE
 from sparse_coord_ros.runlog.decode import Decoder
 from sparse_coord_ros.runlog.difference import LOG_TIME, Difference
+from sparse_coord_ros.runlog.timeline import Jump
 from sparse_coord_ros.wire.cdr import rows_at
 from sparse_coord_ros.wire.frame import SECOND
 from sparse_coord_ros.wire.messages import Form
 
 PART_BYTES = 4 * 1024 * 1024
 """Bytes of messages that are decoded at once: more take no less time."""
+
+ANY = -1
+"""In place of the number that is due first: only a part of the bag is read."""
 
 Reading = Form | Callable[[Any], Any]
 """How a topic's messages become rows, or what object is made of a decoded one."""
@@ -38,6 +42,7 @@ class Columns:
     Attributes:
         rows: by topic, in the order of the file, of each file of the bag; shape (messages,).
         problems: messages out of number or time, or unreadable.
+        jumps: where numbers are missing.
     """
 
     def __init__(
@@ -49,6 +54,7 @@ class Columns:
         begins: Sequence[int | None],
     ) -> None:
         self.problems: list[Difference] = []
+        self.jumps: list[Jump] = []
         self._decode = Decoder(bag.topics)
         self._period = period
         self._forms = forms
@@ -58,7 +64,7 @@ class Columns:
         for channel, name in bag.channels.items():
             self._number[channel] = number[name]
         self._stamped = np.array([name in stamped for name in self._topics], dtype=bool)
-        self._due = dict.fromkeys(self._topics, 0)
+        self._due = dict.fromkeys(self._topics, (ANY if bag.part else 0, 0))
         self._now = 0
         self.rows: list[dict[str, np.ndarray]] = []
         for begins_at in begins:
@@ -107,13 +113,18 @@ class Columns:
 
     def _check_numbers(self, name: str, heads: np.ndarray) -> None:
         """Every message has the next number of its topic."""
-        said = heads["sequence"].astype(np.int64)
-        due = np.concatenate([[self._due[name]], said[:-1] + 1])
+        said, times = heads["sequence"].astype(np.int64), heads["log_ns"].astype(np.int64)
+        due_first, newest = self._due[name]
+        due = np.concatenate([[due_first], said[:-1] + 1])
         for place in np.flatnonzero(said != due).tolist():
-            step = int(heads["log_ns"][place]) // self._period
+            at, before = int(times[place]), int(times[place - 1]) if place else newest
             logged = f"number {said[place]} after {due[place] - 1}"
-            self._problem(step, f"topic {name}", logged, "the next one")
-        self._due[name] = int(said[-1]) + 1
+            odd = Difference(at // self._period, None, f"topic {name}", logged, "the next one")
+            if said[place] < due[place]:
+                self.problems.append(odd)
+            elif due[place] != ANY:
+                self.jumps.append(Jump(name, before, at, odd))
+        self._due[name] = int(said[-1]) + 1, int(times[-1])
 
     def _check_times(self, part: Part, numbers: np.ndarray) -> None:
         """A message that begins with a stamp is logged then, any other at the newest before."""

@@ -17,7 +17,8 @@ from sparse_coord_ros.runlog.agents import first_tables
 from sparse_coord_ros.runlog.dialogue import Request
 from sparse_coord_ros.runlog.log import RunLog
 from sparse_coord_ros.runlog.percepts import percept_end
-from sparse_coord_ros.runlog.replay import Replay, Trajectory, fresh_agent, trajectory_of
+from sparse_coord_ros.runlog.replay import Replay, Trajectory, trajectory_of
+from sparse_coord_ros.runlog.stretches import Stretch, between, fresh_agent, stretches
 from sparse_coord_ros.wire.frame import Frame
 
 
@@ -53,7 +54,7 @@ class Coordination(NamedTuple):
         action: the primitive action that COORDINATE became.
         q_values: the four values that the action was chosen by, before learning: of Q^C at the
             joint state where it perceived, else of Q* at its cell; empty, and nothing computed,
-            where the learner's code may not be imported.
+            where the learner's code may not be imported, or what it had learned is lost.
         update: what it learned from it; None where it did not (left out, or the log ends).
         agrees: whether computing it again gives the logged action.
         doubt: why the numbers may be others than the robot had; None where they are not.
@@ -67,7 +68,7 @@ class Coordination(NamedTuple):
     outcome: str
     perceived: tuple[int, ...] | None
     action: Action
-    q_values: tuple[float, ...]
+    q_values: tuple[float, ...] | None
     update: Update | None
     agrees: bool
     doubt: str | None
@@ -82,29 +83,40 @@ def coordinations(log: RunLog, robot: int) -> list[int]:
 def explain(log: RunLog, robot: int, step: int) -> Coordination | None:
     """Return what came of a robot's COORDINATE at a time step; None where it chose none.
 
-    The tables before and after are computed again from the start of the log, as `verify` does.
+    The tables before and after are computed again as `verify` does: from the start of the log, or
+    from the checkpoint after a gap.
     """
     return next(explained(log, robot, [step]))
 
 
 def explained(log: RunLog, robot: int, steps: Sequence[int]) -> Iterator[Coordination | None]:
     """Yield the same of several time steps, ascending; the log is followed once for all."""
-    trajectory = trajectory_of(log, robot)
-    replay, doubt = None, None
+    begun, doubt = None, None
     if log.run.known_rule is not None:
         begun, odd = first_tables(log, robot)
         doubt = None if odd is None else f"{odd}"
         if begun is None:
             doubt = f"the log does not hold the tables that {log.names[robot]} began with"
             begun = log.run.rule.tables(log.run.scenario)
-        replay = Replay(log, trajectory, fresh_agent(log, robot, begun))
-    for step in steps:
-        place = int(np.searchsorted(trajectory.step, step))
-        here = trajectory.step[place : place + 1] == step
-        if not here.any() or not log.asked[trajectory.row[place], robot]:
-            yield None
+    known = stretches(log)
+    lost = [Stretch(first, last) for first, last in between(known)]
+    for part in sorted([*known, *lost], key=lambda one: one.first):
+        mine = [step for step in steps if part.holds(step)]
+        if not mine:
             continue
-        yield _coordination(log, robot, trajectory, replay, place, doubt)
+        trajectory = trajectory_of(log, robot, part, gaps=part in lost)
+        replay, why = None, doubt
+        if part in lost:
+            why = "by which values, and what it learned, is lost as a part of the log is"
+        elif begun is not None:
+            replay = Replay(log, trajectory, fresh_agent(log, robot, begun, part))
+        for step in mine:
+            place = int(np.searchsorted(trajectory.step, step))
+            here = trajectory.step[place : place + 1] == step
+            if not here.any() or not log.asked[trajectory.row[place], robot]:
+                yield None
+            else:
+                yield _coordination(log, robot, trajectory, replay, place, why)
 
 
 def _coordination(
@@ -215,7 +227,7 @@ def in_words(log: RunLog, one: Coordination) -> Iterator[str]:
     """Yield the lines that tell of a COORDINATE: question, answer, move, what was learned."""
     run = log.run
     yield f"step {one.step}: {choice_in_words(run, one.robot, one.cell)}"
-    if one.doubt is not None:
+    if one.doubt is not None and one.q_values:
         yield f"  (the numbers may be wrong: {one.doubt}; see 'sparse_coord verify')"
     if not one.requests:
         peers = ", ".join(log.names[peer] for peer in one.peers) or "nobody"
@@ -228,7 +240,7 @@ def in_words(log: RunLog, one: Coordination) -> Iterator[str]:
         yield f"  perceives nothing ({one.outcome})"
     moves = move_in_words(run, one.cell, one.perceived, one.action.move)
     if not one.q_values:
-        yield f"  {moves}"
+        yield f"  {moves}" + ("" if one.doubt is None else f"; {one.doubt}")
         return
     values = ", ".join(f"{a} {v:.6g}" for a, v in zip(ACTIONS, one.q_values, strict=False))
     yield f"  {moves}: {values}"

@@ -12,10 +12,11 @@ import numpy as np
 
 from sparse_coord_ros import wire
 from sparse_coord_ros.bags.metadata import SPLIT
-from sparse_coord_ros.game.world import EPISODE_GAP, Action, World
+from sparse_coord_ros.game.world import EPISODE_GAP, Action, Position, World
 from sparse_coord_ros.learn.agent import NOBODY
 from sparse_coord_ros.runlog.difference import MISSING, Difference
 from sparse_coord_ros.runlog.log import NONE, RunLog, cell_numbers, merged
+from sparse_coord_ros.runlog.stretches import Stretch
 from sparse_coord_ros.runlog.tracks import THE_CLOCK
 from sparse_coord_ros.wire.frame import Frame
 
@@ -28,12 +29,13 @@ class WorldCheck:
 
     Args:
         log: the log.
-        last: the last time step to check; None: all, and the run's end.
+        stretch: the time steps to check; with the last one also the run's end.
 
     Attributes:
         world: the world, in the last time step that was computed.
         transitions: steps of the world that agree.
-        left_out: number of (robot, step) that the world made without the robot's action.
+        left_out: number of (robot, step) that the world made without the robot's action; also
+            those before the stretch.
         resets: episodes that began early: by a reset, or as no robot was left to wait for.
         starts: the first time steps of the episodes.
         went_on: whether the time step before was a transition.
@@ -42,14 +44,14 @@ class WorldCheck:
         first: the first difference in states, rewards, clock or status; None: there is none.
     """
 
-    def __init__(self, log: RunLog, last: int | None) -> None:
-        self.log, self.last, self.frame = log, last, Frame(log.run)
+    def __init__(self, log: RunLog, stretch: Stretch) -> None:
+        self.log, self.stretch, self.frame = log, stretch, Frame(log.run)
         self.world = World(log.run.scenario, log.run.seed)
         self.robots = range(len(log.names))
         tracks = log.tracks
         # Steps that only actions or percepts speak of are not the world's.
         steps = merged([track.step for track in (*tracks.states, *tracks.rewards, tracks.clock)])
-        self.steps = (steps if last is None else steps[steps <= last]).tolist()
+        self.steps = [step for step in steps.tolist() if stretch.holds(step)]
         self.clock = set(tracks.clock.step.tolist())
         self.rewarded = [set(track.step.tolist()) for track in tracks.rewards]
         self.acted = [set(track.step.tolist()) for track in tracks.actions]
@@ -65,11 +67,22 @@ class WorldCheck:
         self.starts: list[int] = []
         self.went_on = self.over = False
         self.reasons: tuple[str, ...] = (wire.Began.START,)
-
+        if stretch.start is not None:
+            self._go_on_from(*stretch.start[:2])
         odd = (found for step in self.steps if (found := self._step(step)) is not None)
         self.first = next(odd, None)
-        if self.first is None and last is None:
+        if self.first is None and stretch.last is None:
             self.first = self._end()
+
+    def _go_on_from(self, position: Position, left_out: int) -> None:
+        """Begin in mid-run."""
+        world = self.world
+        world.go_on_from(position)
+        self.left_out, self.reasons = left_out, tuple(wire.Began)
+        if position.under_way:
+            self.starts, self.went_on = [position.episode_start], True
+            length = world.step - position.episode_start
+            self.over = all(world.arrived) or length >= world.max_steps
 
     def differences(self) -> list[Difference]:
         """Return in what states, rewards, clock, status, map, markers and repeats differ."""
@@ -131,8 +144,8 @@ class WorldCheck:
         """Compare what the world says of itself with what was counted."""
         while self.statuses and self.statuses[0].step <= step:
             status = self.statuses.pop(0)
-            if status.transitions != self.transitions:
-                odd = f"{status.transitions} transitions", f"{self.transitions}"
+            if status.transitions != self.world.transitions:
+                odd = f"{status.transitions} transitions", f"{self.world.transitions}"
             elif status.left_out != self.left_out:
                 odd = f"{status.left_out} robots' steps left out", f"{self.left_out}"
             elif status.began not in self.reasons:
@@ -214,7 +227,7 @@ class WorldCheck:
 
     def _maps(self) -> Iterator[Difference]:
         """Yield what is missing of map and markers as an episode begins, and maps too many."""
-        log, last, starts = self.log, self.last, np.array(self.starts, dtype=np.int64)
+        log, last, starts = self.log, self.stretch.last, np.array(self.starts, dtype=np.int64)
         maps = log.tracks.maps
         for kind, steps in ((wire.MAP.name, maps), (wire.MARKERS.name, log.tracks.markers[0])):
             # Where the log breaks off, only those before the last one that was shown.
@@ -234,7 +247,7 @@ class WorldCheck:
         log = self.log
         for step, (_, places) in zip(*map(np.ndarray.tolist, log.tracks.markers), strict=True):
             row = self.row.get(step)
-            if row is None or (self.last is not None and step > self.last):
+            if row is None:
                 continue
             stated = log.position[row]
             if not np.isnan(stated).any() and (stated != places).any():
@@ -252,8 +265,6 @@ class WorldCheck:
             again = [Counter(track.repeats.tolist()) for track in self.log.tracks.of(k)]
             states, rewards, actions, percepts = again
             for step in sorted({*states, *actions, *percepts, *(step + 1 for step in rewards)}):
-                if self.last is not None and step > self.last:
-                    break
                 due = states[step] if step - 1 in self.rewarded[k] else 0
                 if step in percepts:
                     yield self._differ(step, k, wire.PERCEPT.name, "twice", "once")

@@ -20,6 +20,7 @@ from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.runlog.attached import RecordedTables
 from sparse_coord_ros.runlog.dialogue import Request
 from sparse_coord_ros.runlog.difference import Difference
+from sparse_coord_ros.runlog.timeline import Gap, gap_in_words
 from sparse_coord_ros.runlog.tracks import Tracks, read_tracks
 from sparse_coord_ros.wire import ACTION, PERCEPT, REWARD
 from sparse_coord_ros.wire.frame import MOVE_OF, Frame
@@ -29,8 +30,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 NONE = -1
-MARGIN = 5
-"""Time steps at the end of an unfinished log in which single messages may be missing."""
 
 
 @dataclass(frozen=True)
@@ -84,24 +83,33 @@ class RunLog:
     tracks: Tracks
 
     @property
-    def damage(self) -> str | None:
-        """What is wrong with the file, or None; the log is what could be read before it."""
-        return self.bag.damage
-
-    @property
     def broken_off(self) -> bool:
-        """Whether the recording ended before the run, or a part of it is lost."""
+        """Whether the end of the run is not in the log."""
         return self.tracks.broken_off
 
     @property
-    def last_step(self) -> int | None:
-        """Up to which time step nothing is missing; None: to its end."""
+    def gaps(self) -> list[Gap]:
+        """What is not in the log, in order; the last one without an end where it broke off."""
+        found = sorted(self.tracks.gaps)
         if not self.broken_off:
-            return None
+            return found
         tracks = self.tracks
-        ends = [track.step.max(initial=0) for track in (*tracks.states, tracks.clock)]
-        ends += [gap.first - 1 for gap in tracks.gaps]
-        return int(min(ends)) - MARGIN
+        ends = [t.step.max() for t in (*tracks.states, tracks.clock) if len(t.step)]
+        end = int(min(ends, default=0)) + 1
+        return [*(gap for gap in found if gap.first < end), Gap(end, None)]
+
+    @property
+    def losses(self) -> list[str]:
+        """What of the bag cannot be read, and which time steps are not in the log, one line each.
+
+        What cannot be read may hold no message of any time step.
+        """
+        period = Frame(self.run).period
+        found = [gap_in_words(gap, period) for gap in self.bag.gaps]
+        for first, last in self.gaps:
+            end = "on: the log breaks off" if last is None else f"to {last}"
+            found.append(f"time steps {first} {end}")
+        return found
 
     @property
     def problems(self) -> tuple[Difference, ...]:
@@ -169,13 +177,20 @@ class RunLog:
         return data_frame({name: values.ravel() for name, values in columns.items()})
 
     def history(self) -> History:
-        """Return what happened in each learning episode, as far as the log goes."""
+        """Return what happened in each learning episode, as far as the log goes.
+
+        Of an episode that a gap cuts nobody knows how long it was: it is left out.
+        """
         scenario = self.run.scenario
         goals = np.array([robot.goal for robot in scenario.robots])
         rewarded = ~np.isnan(self.reward[..., -1])
         made = rewarded.any(axis=1)
         made[:-1] &= np.diff(self.step) == 1  # else the state after it is not in the log
         made[-1:] = False
+        for gap in self.tracks.gaps:
+            end = gap.first if gap.last is None else gap.last
+            cut = self.episode[(self.step >= gap.first - 1) & (self.step <= end + 1)]
+            made &= ~np.isin(self.episode, cut)
         after = np.roll(self.cells, -1, axis=0)
         found, episode = np.unique(self.episode[made], return_inverse=True)
         first = np.searchsorted(self.episode, found)

@@ -12,6 +12,7 @@ from sparse_coord_ros.runlog.dialogue import Request, heard
 from sparse_coord_ros.runlog.difference import DIALOGUE, MISSING, Difference
 from sparse_coord_ros.runlog.log import NONE, RunLog
 from sparse_coord_ros.runlog.replay import trajectory_of
+from sparse_coord_ros.runlog.stretches import Stretch
 from sparse_coord_ros.wire import ACTION, PERCEPT, PerceptEnd
 from sparse_coord_ros.wire.events import EventKind
 from sparse_coord_ros.wire.frame import Frame
@@ -25,14 +26,9 @@ def percept_end(code: float) -> str:
     return f"percept={code:g}" if end is None else end.words
 
 
-def check_percepts(log: RunLog, last: int | None) -> list[Difference]:
-    """Return in what percepts and dialogue differ from what they must be.
-
-    Args:
-        log: the log.
-        last: the last time step to check; None: all.
-    """
-    return list(_Judge(log, log.step[-1] if last is None and len(log.step) else last or 0).all())
+def check_percepts(log: RunLog, stretch: Stretch) -> list[Difference]:
+    """Return in what percepts and dialogue of a stretch differ from what they must be."""
+    return list(_Judge(log, stretch).all())
 
 
 class _Due(NamedTuple):
@@ -49,8 +45,8 @@ class _Due(NamedTuple):
 
 
 class _Judge:
-    def __init__(self, log: RunLog, last: int) -> None:
-        self.log, self.last, self.frame = log, last, Frame(log.run)
+    def __init__(self, log: RunLog, stretch: Stretch) -> None:
+        self.log, self.stretch, self.frame = log, stretch, Frame(log.run)
         self.percepts = Percepts(log.run.scenario, log.run.seed)
         self.heard: dict[tuple[int, int, int], list[Request]] = {}
         for k in range(len(log.names)):
@@ -63,11 +59,11 @@ class _Judge:
         for k in range(len(self.log.names)):
             yield from self._robot(k)
         for request in self.log.requests:
-            if request.step <= self.last:
+            if self.stretch.holds(request.step):
                 yield from self._request(request)
 
     def _robot(self, k: int) -> Iterator[Difference]:
-        log, trajectory = self.log, trajectory_of(self.log, k)
+        log, trajectory = self.log, trajectory_of(self.log, k, self.stretch)
         acted, percepts = set(log.tracks.actions[k].step.tolist()), log.tracks.percepts[k]
         rows = dict(zip(percepts.step.tolist(), percepts.rows, strict=True))
         asked = set(log.step[log.asked[:, k]].tolist())
@@ -80,7 +76,7 @@ class _Judge:
                 yield from self._odd(k, step, ACTION.name, MISSING, "COORDINATE")
         ends = zip(trajectory.step.tolist(), log.ended[trajectory.row, k].tolist(), strict=True)
         for i, (step, code) in enumerate(ends):
-            if step in asked and step in rows and step <= self.last:
+            if step in asked and step in rows and self.stretch.holds(step):
                 yield from self._percept(k, step, rows[step], trajectory.peers[i].tolist(), code)
             elif step not in asked:
                 yield from self._ended(k, step, code, PerceptEnd.DID_NOT_ASK)
@@ -189,7 +185,7 @@ class _Judge:
     def _odd(
         self, k: int, step: int, quantity: str, logged: str, computed: str
     ) -> Iterator[Difference]:
-        if step <= self.last:
+        if self.stretch.holds(step):
             yield Difference(step, self.log.names[k], quantity, logged, computed)
 
     def _cell(self, k: int, step: int) -> int | None:

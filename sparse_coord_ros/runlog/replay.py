@@ -3,7 +3,6 @@
 """One robot's trajectory, as the log tells it, and its agent, which does the same once more."""
 
 import struct
-from copy import deepcopy
 from typing import NamedTuple
 
 import numpy as np
@@ -11,8 +10,9 @@ import numpy as np
 from sparse_coord_ros.game.perception import asked_peers
 from sparse_coord_ros.game.streams import PEER, POLICY, Stream
 from sparse_coord_ros.game.world import UNKNOWN_PARTNERS, Action, Reward
-from sparse_coord_ros.learn.agent import Agent, Choice, Tables
+from sparse_coord_ros.learn.agent import Agent, Choice
 from sparse_coord_ros.runlog.log import NONE, RunLog
+from sparse_coord_ros.runlog.stretches import Stretch
 from sparse_coord_ros.wire import ACTION_LABELS
 from sparse_coord_ros.wire.frame import Frame
 from sparse_coord_ros.wire.messages import action_numbers
@@ -50,16 +50,18 @@ class Trajectory(NamedTuple):
         return seen if seen and NONE not in seen else None
 
 
-def trajectory_of(log: RunLog, k: int) -> Trajectory:
-    """Return robot k's trajectory, up to an action or a state that makes no sense.
+def trajectory_of(log: RunLog, k: int, stretch: Stretch, *, gaps: bool = False) -> Trajectory:
+    """Return robot k's trajectory from a time step on, up to what makes no sense.
+
+    Where there may be gaps, as in no stretch, what makes no sense is left out.
 
     Whether it has learned from an action its next one says; from the last one the numbers beside
     the tables.
     """
-    rows = np.searchsorted(log.step, log.tracks.actions[k].step)
+    acted = log.tracks.actions[k].step
+    rows = np.searchsorted(log.step, acted[acted >= stretch.first])
     odd = (log.cells[rows, k] == NONE) | (log.move[rows, k] == NONE)
-    if odd.any():
-        rows = rows[: int(np.argmax(odd))]
+    rows = rows[~odd] if gaps else rows[: int(np.argmax(odd))] if odd.any() else rows
     step = log.step[rows]
     after = np.minimum(rows + 1, len(log.step) - 1)
     followed = (rows + 1 < len(log.step)) & (log.step[after] == step + 1)
@@ -68,7 +70,8 @@ def trajectory_of(log: RunLog, k: int) -> Trajectory:
     learned[:-1] = log.has_learned[rows, k][1:] == 1.0
     for entry in log.all_tables:
         if entry.robot == k and len(step) and entry.step > step[-1]:
-            learned[-1] = entry.counts.get("learned", 0) > int(learned[:-1].sum())
+            before = stretch.counts(k).get("learned", 0) + int(learned[:-1].sum())
+            learned[-1] = entry.counts.get("learned", 0) > before
     setting, robots, draws = (
         log.run.scenario.peers,
         len(log.names),
@@ -103,14 +106,6 @@ def heard_askers(log: RunLog, k: int) -> dict[int, list[tuple[int, int]]]:
         if request.peer == k and cell is not None and answer and answer[0] == request.step:
             heard.setdefault(request.step, []).append((request.asker, cell))
     return heard
-
-
-def fresh_agent(log: RunLog, k: int, tables: Tables) -> Agent:
-    """Return robot k's agent as it began, with these tables; it gets a copy of them."""
-    run = log.run
-    return run.rule.agent(
-        run.scenario, k, run.seed, tables=deepcopy(tables), learning=not run.greedy
-    )
 
 
 class Replay:

@@ -11,9 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sparse_coord_ros.bags.contents import Gap as BagGap
 from sparse_coord_ros.bags.metadata import RESTARTED, ROLLED_BACK, SPLIT
 from sparse_coord_ros.bags.reader import Bag
 from sparse_coord_ros.game.world import EPISODE_GAP
+from sparse_coord_ros.runlog.difference import Difference
 
 
 class Rollback(NamedTuple):
@@ -32,11 +34,30 @@ class Rollback(NamedTuple):
     until: int
 
 
+MARGIN = 5
+"""Time steps before and after a gap in which single messages may be missing."""
+
+
 class Gap(NamedTuple):
-    """Time steps that nobody recorded, between two files: from `first` to `last`."""
+    """Time steps that are not in the log: from `first` to `last`; None: to the run's end."""
 
     first: int
-    last: int
+    last: int | None
+
+
+class Jump(NamedTuple):
+    """Messages of a topic that are not in the file, by their numbers.
+
+    Attributes:
+        topic: its name.
+        before, after: log times of its messages before and after them.
+        odd: what that is in a bag of which nothing is lost.
+    """
+
+    topic: str
+    before: int
+    after: int
+    odd: Difference
 
 
 def rollbacks(bag: Bag) -> list[Rollback]:
@@ -97,6 +118,8 @@ def gaps(
 ) -> tuple[list[Gap], list[Rollback]]:
     """Return what was not recorded between files, and the roll-backs with their `until`.
 
+    What a recorder missed that came back is told by the clock, as it numbers messages on.
+
     Args:
         bag: the bag.
         clocks: time steps of the clock, of each file.
@@ -123,6 +146,37 @@ def gaps(
             found.append(Gap(end + 1, said))
         end = max(end, int(steps.max(initial=0)))
     return found, known
+
+
+def lost(jumps: Sequence[Jump], period: int, known: Sequence[Gap]) -> list[Gap]:
+    """Return gaps, those that are known and those of which missing numbers tell.
+
+    The topics of every step say where a gap lies; that one which says something seldom misses
+    messages, too, somewhere around it, tells nothing new.
+
+    Args:
+        jumps: those of the topics of every step.
+        period: nanoseconds of a time step.
+        known: gaps.
+    """
+    found = list(known)
+    for jump in sorted(jumps, key=lambda one: abs(one.after - one.before)):
+        ends = sorted((jump.before // period, jump.after // period))
+        first, last = ends[0] + 1, max(ends[0] + 1, ends[1] - 1)
+        if not any(
+            first - MARGIN <= gap.first and (gap.last or gap.first) <= last + MARGIN
+            for gap in found
+        ):
+            found.append(Gap(first, last))
+    return found
+
+
+def gap_in_words(gap: BagGap, period: int) -> str:
+    """Return which part of a bag cannot be read, about which time steps that are, and why."""
+    place = f", bytes {gap.begin} to {gap.end}" if gap.end > gap.begin else ""
+    first = "the beginning" if gap.first_ns is None else gap.first_ns // period
+    last = "the end" if gap.last_ns is None else gap.last_ns // period
+    return f"{gap.file}{place}, about time steps {first} to {last}: {gap.why}"
 
 
 def steps_of(rows: np.ndarray, period: int) -> np.ndarray:

@@ -26,6 +26,7 @@ from sparse_coord_ros.runlog.timeline import (
     gaps,
     holds,
     kept,
+    lost,
     rollbacks,
     steps_of,
 )
@@ -37,6 +38,8 @@ from sparse_coord_ros.wire.status import Said, read_status
 
 THE_CLOCK = wire.CLOCK.name.lstrip("/")
 NOTHING = np.empty(0, dtype=np.int64)
+OF_STEPS = (wire.LOCAL_STATE, wire.REWARD, wire.ACTION, wire.PERCEPT, wire.SERVICE_EVENTS)
+"""Topics of each robot that may say something at every time step."""
 
 
 class Track(NamedTuple):
@@ -74,7 +77,7 @@ class Tracks:
         rosout: what nodes logged, decoded, where it was asked for.
         tables: of each attachment.
         rollbacks: where the run went back to a checkpoint; what they superseded is left out.
-        gaps: what was not recorded between two files.
+        gaps: what is not in the log, but for its end; in no order.
         problems: what is odd.
     """
 
@@ -104,10 +107,17 @@ class Tracks:
         return tuple(robot.name for robot in self.run.scenario.robots)
 
     @property
+    def lossy(self) -> bool:
+        """Whether a part of the bag may be lost."""
+        return self.broken_off or bool(self.bag.gaps or self.gaps)
+
+    @property
     def broken_off(self) -> bool:
-        """Whether the recording ended before the run, or a part of it is lost."""
-        bag = self.bag
-        return not (bag.finished and bag.whole) or bag.recovered is not None or bool(self.gaps)
+        """Whether the end of the run is not in the bag."""
+        bag, steps = self.bag, [track.step[-1] for track in self.states if len(track.step)]
+        newest = int(max(steps, default=0)) * Frame(self.run).period
+        cut = any(gap.last_ns is None or gap.last_ns > newest for gap in bag.gaps)
+        return cut or not bag.finished or bag.recovered is not None
 
     def of(self, k: int) -> tuple[Track, Track, Track, Track]:
         """Return one robot's tracks: states, rewards, actions, percepts."""
@@ -138,8 +148,6 @@ def read_tracks(path: Path) -> Tracks:
     due = [tracks.topic(*of) for of in _forms(tracks)]
     missing = [f"topic {name}" for name in due if name not in bag.topics]
     odd += [Difference(None, None, name, MISSING, "a topic of this run") for name in missing]
-    if tracks.broken_off and not all(len(track.step) for track in tracks.states):
-        odd = [one for one in odd if one.logged != MISSING]  # it broke off before the run began
     tracks.problems += odd
     add_tables(tracks)
     return tracks
@@ -212,6 +220,7 @@ class _Sorter:
         stamped = [tracks.topic(*of) for of in forms if of[0].stamped]
         columns = Columns(bag, read, stamped, self._period, begins)
         tracks.problems += columns.problems
+        self._jumps = columns.jumps
         nothing = {tracks.topic(*of): no_rows(form) for of, form in forms.items()}
         self._files = [nothing | rows for rows in columns.rows]
 
@@ -244,10 +253,15 @@ class _Sorter:
         tracks = self._tracks
         clocks = [steps_of(rows, self._period) for rows in self._of(wire.CLOCK)]
         said = [status.step for rows in self._of(wire.STATUS) for status in rows.tolist()]
-        tracks.gaps, tracks.rollbacks = gaps(tracks.bag, clocks, self._backs, (said or [0])[-1])
-        for gap in tracks.gaps:
-            logged = f"nothing of the time steps {gap.first} to {gap.last}: no recorder was there"
-            tracks.problem(None, None, "recording", logged, "every time step")
+        found, tracks.rollbacks = gaps(tracks.bag, clocks, self._backs, (said or [0])[-1])
+        often = {tracks.topic(one) for one in (wire.CLOCK,)}
+        often |= {tracks.topic(one, k) for one in OF_STEPS for k in range(len(tracks.names))}
+        jumps = [jump for jump in self._jumps if jump.topic in often]
+        if tracks.lossy:
+            found = lost(jumps, self._period, found)
+        else:
+            tracks.problems += [jump.odd for jump in self._jumps]
+        tracks.gaps = found
 
     def _dialogue(self) -> None:
         """Put the dialogue together, of each time line by itself: who comes back counts anew."""

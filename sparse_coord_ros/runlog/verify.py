@@ -17,6 +17,7 @@ from sparse_coord_ros.runlog.game_check import WorldCheck
 from sparse_coord_ros.runlog.log import RunLog, read_run
 from sparse_coord_ros.runlog.percepts import check_percepts
 from sparse_coord_ros.runlog.returned import left_open
+from sparse_coord_ros.runlog.stretches import Stretch, between, stretches
 from sparse_coord_ros.runlog.tracks import THE_CLOCK
 
 
@@ -29,7 +30,7 @@ class Verification:
         differences: in the order of time; of what each robot's agent and the world compute only
             the first, as all that follows from it differs too.
         open: what differs where the log does not say enough: a robot or the world was killed, or
-            came back and went on alone.
+            came back and went on alone, or a part of the bag is lost.
         broke_off: who was killed, or came back and went on alone, as sentences; the same
             differences are in `open`.
         not_computed: what was left out, as its code may not be imported, as sentences.
@@ -42,7 +43,8 @@ class Verification:
         unlearned: transitions that robots under way have not learned from.
         resets: episodes that began early.
         repeats: messages that came again after a silence.
-        unchecked: time steps at the end of an unfinished log that are not checked.
+        not_compared: time steps that are lost, or lie between a loss and the next checkpoint, as
+            (first, last); None: to the run's end.
     """
 
     log: RunLog
@@ -59,16 +61,16 @@ class Verification:
     unlearned: int
     resets: int
     repeats: int
-    unchecked: int
+    not_compared: tuple[tuple[int, int | None], ...]
 
     @property
     def same(self) -> bool:
         """Whether nothing differs or is open; copies that are lost are only counted."""
-        return not (self.differences or self.open or self.not_computed)
+        return not (self.differences or self.open or self.not_computed or self.not_compared)
 
     @property
     def cannot_tell(self) -> bool:
-        """Whether nothing differs but what the log leaves open."""
+        """Whether nothing differs, but a part is left open, lost or not computed."""
         return not self.same and not self.differences
 
     @property
@@ -89,19 +91,25 @@ def verify(path: Path) -> Verification:
         RunError, ScenarioError, SettingError: the run in the bag is not one of this version.
     """
     log = read_run(path)
-    last = log.last_step
-    world = WorldCheck(log, last)
-    starts = np.array(world.starts, dtype=np.int64)
-    agents = [AgentCheck(log, k, starts, last) for k in range(len(log.names))]
-    not_computed: list[str] = []
-    found = _differences(log, last, world, agents, not_computed.append)
+    parts = stretches(log)
+    worlds = [WorldCheck(log, part) for part in parts]
+    agents: list[AgentCheck] = []
+    not_computed: dict[str, None] = {}
+    found = [one for one in log.problems if one.step is None]
+    for part, world in zip(parts, worlds, strict=True):
+        starts = np.array(world.starts, dtype=np.int64)
+        team = [AgentCheck(log, k, starts, part) for k in range(len(log.names))]
+        found += _differences(log, part, world, team, not_computed.setdefault)
+        agents += team
+    found = sorted(dict.fromkeys(found), key=lambda one: one.rank)
 
-    def total(name: str) -> int:
-        return sum(getattr(agent, name) for agent in agents)
+    def total(name: str, checks: Sequence[AgentCheck | WorldCheck] = agents) -> int:
+        return sum(getattr(check, name) for check in checks)
 
     lost = dict.fromkeys(one for one in found if _lost(log, one))
     ordered = [one for one in found if one not in lost]
     causes = (
+        _gone(log, ordered),
         _killed_robots(log, agents, ordered),
         _killed_world(log, ordered),
         left_open(log, ordered),
@@ -114,35 +122,33 @@ def verify(path: Path) -> Verification:
         broke_off=tuple(sentence for _, said in causes for sentence in said),
         not_computed=tuple(not_computed),
         lost=Counter(_topic(log, one) for one in lost),
-        steps=world.transitions,
+        steps=total("transitions", worlds),
         choices=total("choices"),
         updates=total("updates"),
         tables=total("compared"),
-        left_out=world.left_out,
+        left_out=worlds[-1].left_out if worlds else 0,
         unlearned=total("unlearned"),
-        resets=world.resets,
-        repeats=sum(len(t.repeats) for agent in agents for t in log.tracks.of(agent.k)),
-        unchecked=0 if last is None else int(np.count_nonzero(log.step > last)),
+        resets=total("resets", worlds),
+        repeats=sum(len(t.repeats) for k in range(len(log.names)) for t in log.tracks.of(k)),
+        not_compared=tuple(between(parts)),
     )
 
 
 def _differences(
     log: RunLog,
-    last: int | None,
+    stretch: Stretch,
     world: WorldCheck,
     agents: Sequence[AgentCheck],
     say: Callable[[str], None],
 ) -> list[Difference]:
-    """Return all that differs up to a time step, in the order of time; say what is left out."""
-    found: list[Difference] = []
+    """Return all that differs in a stretch; say what is left out."""
+    found = [*log.problems, *world.differences()]
     with leaving_out("percepts and answers", say):
-        found += check_percepts(log, last)
-    found += [p for p in log.problems if last is None or p.step is None or p.step <= last]
-    found += world.differences()
+        found += check_percepts(log, stretch)
     with leaving_out("actions and tables", say):
         for agent in agents:
             found += agent.differences()
-    return sorted(dict.fromkeys(found), key=lambda one: one.rank)
+    return [one for one in found if one.step is not None and stretch.holds(one.step)]
 
 
 KEPT = {one.name: one for one in (wire.MAP, wire.MARKERS, wire.COORDINATION_MAP, wire.TABLES)}
@@ -166,6 +172,15 @@ def _lost(log: RunLog, difference: Difference) -> bool:
         return log.bag.counts.get(_topic(log, difference), 0) > 0
     later = [one for one in log.all_tables if log.names[one.robot] == robot and one.step > step]
     return len(later) >= wire.TABLES_DEPTH
+
+
+def _gone(log: RunLog, found: Sequence[Difference]) -> tuple[list[Difference], list[str]]:
+    """Return what is missing that may have been in a part of the bag that is lost; no sentence.
+
+    Messages of every step have numbers, so it is known of which time steps they are lost.
+    """
+    missing = [one for one in found if one.logged == MISSING] if log.tracks.lossy else []
+    return [one for one in missing if one.step is None or one.quantity in KEPT], []
 
 
 def _killed_robots(

@@ -18,7 +18,7 @@ from sparse_coord_ros.runlog.attached import RecordedTables, attached_tables
 from sparse_coord_ros.runlog.bag_run import find_run
 from sparse_coord_ros.runlog.decode import Decoder
 from sparse_coord_ros.runlog.log import RunLog, log_of
-from sparse_coord_ros.runlog.timeline import rollbacks
+from sparse_coord_ros.runlog.timeline import gap_in_words, rollbacks
 from sparse_coord_ros.runlog.tracks import add_tables, tracks_of
 from sparse_coord_ros.wire.frame import Frame
 
@@ -54,7 +54,7 @@ class LongLog:
     """A bag of any length, of which only what is asked for is read.
 
     What a roll-back has superseded is left out.
-    At the first damage the log ends: `damage` says where, once reading has come there.
+    What cannot be read is left out: `losses` names it, once reading has come there.
 
     Args:
         path: as of `read_run`.
@@ -95,6 +95,11 @@ class LongLog:
     def last_step(self) -> int:
         """The newest time step that the file's blocks name."""
         return max((place.end_ns for place in self.blocks), default=0) // self.period
+
+    @property
+    def losses(self) -> list[str]:
+        """What cannot be read, as far as reading has come there, one line each."""
+        return [gap_in_words(gap, self.period) for gap in self.bag.gaps]
 
     def read(self, first: int, last: int) -> RunLog:
         """Return the time steps from `first` to `last`, whole, with the dialogue."""

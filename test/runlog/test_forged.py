@@ -349,8 +349,8 @@ def test_what_was_recovered_is_judged_up_to_where_it_broke_off(good, tmp_path):
         cut.parent.mkdir()
         cut.write_bytes(data[: draw.randrange(len(data) // 20, len(data))])
         found = verify(recover(cut).path)
-        assert [one.quantity for one in found.differences] == ["file"], found.differences
-        assert "recovered" in found.first.logged
+        assert found.cannot_tell, found.differences
+        assert found.not_compared[-1][1] is None
         parts.add(found.steps)
     assert len(parts) > 1
 

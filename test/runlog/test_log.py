@@ -76,7 +76,7 @@ def test_arrays_are_what_the_simulation_says(run):
     assert len(outcomes) == 3 and min(outcomes.values()) > 5
     final = [log.tables[k, world.step] for k in robots]
     assert tables_equal(final, [agent.tables for agent in team.agents])
-    assert log.damage is None and log.problems == ()
+    assert log.losses == [] and log.problems == ()
 
 
 def test_every_request_is_there_with_its_times(run):

@@ -18,6 +18,7 @@ from sparse_coord_ros.runlog import verify
 from sparse_coord_ros.runlog.attached import read_tables
 from sparse_coord_ros.runlog.dialogue import Request, heard, times_asked_again
 from sparse_coord_ros.runlog.percepts import check_percepts
+from sparse_coord_ros.runlog.stretches import Stretch
 from sparse_coord_ros.runlog.timeline import Rollback, holds
 from sparse_coord_ros.runlog.tracks import _under_way
 from sparse_coord_ros.wire import RunState
@@ -65,10 +66,11 @@ def test_a_recorder_that_comes_back_after_the_run_names_the_gap(restarted, at):
         return [one for one in messages if one.topic == "/status"][-1:]
 
     found = restarted(end, at)
-    assert [one.quantity for one in found.differences] == ["recording"]
-    (gap,) = found.log.tracks.gaps
+    assert found.cannot_tell
+    (gap,) = found.log.gaps
     assert at - 5 <= gap.first <= at + 1
     assert gap.last == found.log.tracks.statuses[-1].step
+    assert found.not_compared == ((max(0, gap.first - 5), None),)
 
 
 @pytest.mark.parametrize("missed", [0, 3])
@@ -81,7 +83,10 @@ def test_a_recorder_that_comes_back_as_the_team_goes_back(record, tmp_path, miss
     found = verify(rolled_back(run, tmp_path / "bag", step, after=25, missed=missed))
     gaps = [(step, step + missed - 1)] if missed else []
     assert found.log.tracks.gaps == gaps
-    assert [one.quantity for one in found.differences] == ["recording"] * len(gaps)
+    assert found.differences == ()
+    assert [first < gap[0] for (first, _), gap in zip(found.not_compared, gaps, strict=True)] == (
+        [True] * len(gaps)
+    )
 
 
 def test_a_map_that_comes_again_is_known(restarted, good):
@@ -174,7 +179,7 @@ def test_a_busy_robot_acts_on_the_answer_that_had_come(good):
 
     def odd(answer):
         again = replace(one, wall_ns=wall, answer=answer, said=answer)
-        return check_percepts(replace(log, requests=(*log.requests, again)), None)
+        return check_percepts(replace(log, requests=(*log.requests, again)), Stretch())
 
     assert odd((one.step + 1, None)) == []
     assert odd(one.answer) == []

@@ -82,8 +82,8 @@ def test_damage_is_said(sparse_coord, good, tmp_path):
     data[len(data) // 2] ^= 1
     (tmp_path / "bad_0.mcap").write_bytes(data)
     code, out, _ = sparse_coord("verify", tmp_path / "bad_0.mcap")
-    assert code == 1
-    assert "differs: file: logged byte " in out
+    assert code == 3
+    assert "lost: bad_0.mcap, bytes " in out and "differs" not in out
     code, out, _ = sparse_coord("info", tmp_path / "bad_0.mcap")
     assert code == 0
     assert "damaged: byte " in out

@@ -126,7 +126,7 @@ class BagSource:
             self._window = None
         if following:
             self.position = float(self.log.last_step)
-        if self.log.bag.finished or self.log.bag.damage is not None or not growing:
+        if self.log.bag.finished or not growing:
             self.growing = False
             self._notice()
 
@@ -247,8 +247,8 @@ class BagSource:
     def _notice(self) -> None:
         """Say what state the file is in."""
         log = self.log
-        if log.bag.damage is not None:
-            text = f"damaged: {log.bag.damage}; what is before it is shown"
+        if log.losses:
+            text = f"damaged: {'; '.join(log.losses)}"
         elif self.growing:
             text = "still being recorded: the page follows it"
         elif not log.bag.finished:

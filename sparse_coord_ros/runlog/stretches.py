@@ -1,0 +1,167 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Stretches of a log that can be computed again: from its beginning, and from checkpoints on.
+
+A gap takes away what the robots learned in it. Where the log holds all robots' tables of a later
+time step with their counts of updates, it goes on from these as they are recorded. Where the world
+is then follows from its states and status; random draws belong to time steps.
+"""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from copy import deepcopy
+from typing import NamedTuple
+
+import numpy as np
+
+from sparse_coord_ros.game.world import EPISODE_GAP, Position
+from sparse_coord_ros.learn.agent import Agent, Tables
+from sparse_coord_ros.learn.simulation import tables_equal
+from sparse_coord_ros.runlog.attached import RecordedTables
+from sparse_coord_ros.runlog.log import NONE, RunLog
+from sparse_coord_ros.runlog.timeline import MARGIN
+
+
+class Start(NamedTuple):
+    """Where a stretch begins that is not the first.
+
+    Attributes:
+        position: where the world is.
+        left_out: how many robots' steps it had made without them.
+        recorded: each robot's tables.
+    """
+
+    position: Position
+    left_out: int
+    recorded: tuple[RecordedTables, ...]
+
+
+class Stretch(NamedTuple):
+    """Time steps of which nothing is missing.
+
+    Attributes:
+        first, last: its time steps; 0: from the run's beginning, None: to the run's end.
+        start: None at the run's beginning.
+    """
+
+    first: int = 0
+    last: int | None = None
+    start: Start | None = None
+
+    def holds(self, step: int) -> bool:
+        """Whether a time step is one of it."""
+        return self.first <= step and (self.last is None or step <= self.last)
+
+    def counts(self, k: int) -> Mapping[str, int]:
+        """Return what stood beside a robot's tables where the stretch begins."""
+        return Counter() if self.start is None else self.start.recorded[k].counts
+
+
+def fresh_agent(log: RunLog, k: int, tables: Tables, stretch: Stretch) -> Agent:
+    """Return robot k's agent as it began a stretch.
+
+    Args:
+        log: the log.
+        k: its number.
+        tables: what it began the run with; it gets a copy of them.
+        stretch: the stretch.
+    """
+    run = log.run
+    if stretch.start is not None:
+        return _restored(log, stretch.start.recorded[k])
+    return run.rule.agent(
+        run.scenario, k, run.seed, tables=deepcopy(tables), learning=not run.greedy
+    )
+
+
+def _restored(log: RunLog, recorded: RecordedTables) -> Agent:
+    """Return an agent that goes on with recorded tables; any exception where they do not fit."""
+    agent = fresh_agent(log, recorded.robot, recorded.tables, Stretch())
+    assert recorded.memory is not None
+    agent.go_on_from(recorded.memory)
+    return agent
+
+
+def stretches(log: RunLog) -> list[Stretch]:
+    """Return the stretches of a log in order; of a log without gaps it is one."""
+    found, stretch = [], Stretch()
+    for gap in log.gaps:
+        last = gap.first - 1 - MARGIN
+        if stretch.first <= last:
+            found.append(stretch._replace(last=last))
+        after = _after(log, gap.last + MARGIN) if gap.last is not None else None
+        if after is None:
+            return found
+        stretch = after
+    return [*found, stretch]
+
+
+def between(found: Sequence[Stretch]) -> list[tuple[int, int | None]]:
+    """Return the time steps that lie in no stretch, as (first, last); None: to the run's end."""
+    ends = [0, *(one.last + 1 for one in found if one.last is not None)]
+    begins = [one.first - 1 for one in found]
+    lasts: list[int | None] = [*begins, *[None] * (len(ends) - len(begins))]
+    return [
+        (first, last)
+        for first, last in zip(ends, lasts, strict=True)
+        if last is None or first <= last
+    ]
+
+
+def _after(log: RunLog, step: int) -> Stretch | None:
+    """Return the stretch from the next checkpoint after a time step on; None: there is none."""
+    robots = range(len(log.names))
+    tables = {(one.robot, one.step): one for one in log.all_tables if one.memory is not None}
+    for at in sorted({at for _, at in tables if at > step}):
+        recorded = [tables[k, at] for k in robots if (k, at) in tables]
+        if len(recorded) == len(robots) and all(_fits(log, one) for one in recorded):
+            start = _start(log, at, step, tuple(recorded))
+            if start is not None:
+                return Stretch(at, None, start)
+    return None
+
+
+def _fits(log: RunLog, recorded: RecordedTables) -> bool:
+    """Whether what an agent remembers beside its tables is that of these tables."""
+    if log.run.known_rule is None:  # nobody goes on with it
+        return True
+    try:
+        return tables_equal([_restored(log, recorded).tables], [recorded.tables])
+    except (KeyError, ValueError, IndexError, TypeError):  # of a forged log
+        return False
+
+
+def _start(log: RunLog, at: int, after: int, recorded: tuple[RecordedTables, ...]) -> Start | None:
+    """Return where the world is at a checkpoint; None where the log does not say it.
+
+    Its states say where the robots are and when the episode began, and the next status how many
+    transitions there have been.
+    """
+    row = int(np.searchsorted(log.step, at))
+    if log.step[row : row + 1] != at or (log.cells[row] == NONE).any():
+        return None
+    breaks = np.flatnonzero(np.diff(log.step[: row + 1]) != 1)
+    before = int(breaks[-1]) if len(breaks) else 0
+    episode_start = int(log.step[before + 1])
+    if log.step[before] <= after or episode_start - log.step[before] != EPISODE_GAP:
+        return None
+    end = min((gap.first for gap in log.gaps if gap.first > at), default=None)
+    statuses = [one for one in log.tracks.statuses if one.step >= at]
+    if not statuses or (end is not None and statuses[0].step >= end):
+        return None
+    said = statuses[0]
+    rows = slice(row, int(np.searchsorted(log.step, said.step)))
+    rewarded = ~np.isnan(log.reward[rows, :, 0])
+    made = rewarded.any(axis=1)
+    goals = np.array([robot.goal for robot in log.run.scenario.robots])
+    left = (~rewarded & (log.cells[rows] != goals))[made]
+    cells = log.cells[row]
+    position = Position(
+        said.transitions - int(made.sum()),
+        at,
+        at != episode_start,
+        episode_start,
+        tuple(cells.tolist()),
+        tuple((cells == goals).tolist()),
+    )
+    return Start(position, said.left_out - int(left.sum()), recorded)

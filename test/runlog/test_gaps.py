@@ -1,0 +1,265 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A part of a bag is lost: what is before it and from the next checkpoint on is verified."""
+
+import re
+
+import numpy as np
+import pytest
+from recordings import Attached, each
+from sensor_msgs.msg import JointState
+
+from sparse_coord_ros.bags.reader import open_bag
+from sparse_coord_ros.bags.recover import recover
+from sparse_coord_ros.cli.main import main
+from sparse_coord_ros.learn.tables import pack_tables, unpack_saved
+from sparse_coord_ros.runlog import read_run, verify
+from sparse_coord_ros.runlog.explain import coordinations, explain
+from sparse_coord_ros.runlog.timeline import Gap, Jump, lost
+from sparse_coord_ros.runlog.window import LongLog
+
+CHUNK = 20_000
+EVERY = 40
+"""Time steps between checkpoints."""
+SOME = (1, 2, 5, 11, 17, -2)
+
+
+@pytest.fixture(scope="module")
+def chunked(record):
+    """A run whose bag has 20 chunks or more."""
+    settings = {"perception": "probability:0.5", "steps": 400, "max_steps": 20}
+    return record(settings=settings, values={"checkpoint": EVERY}, chunk=CHUNK)
+
+
+@pytest.fixture(scope="module")
+def factored(record):
+    """A run of robots that remember more than tables."""
+    values = {"checkpoint": EVERY, "learner": "factored"}
+    return record(settings={"perception": "probability:0.5"}, values=values, chunk=CHUNK)
+
+
+@pytest.fixture
+def flipped(tmp_path):
+    """Return a function that changes a byte of a chunk; it returns the file and the block."""
+
+    def flip(bag, place):
+        bag = open_bag(bag)
+        block = bag.blocks[0][place]
+        data = bytearray(bag.path.read_bytes())
+        data[block.offset + block.length // 2] ^= 0xFF
+        (tmp_path / "flipped_0.mcap").write_bytes(data)
+        return tmp_path / "flipped_0.mcap", block
+
+    return flip
+
+
+def chunk_at(bag, step, period):
+    """Return the place of the chunk in which a time step is."""
+    blocks = open_bag(bag).blocks[0]
+    return next(p for p, one in enumerate(blocks) if one.end_ns >= step * period)
+
+
+def check(run, path, block):
+    """Check what is said of a bag in which one chunk is lost."""
+    whole, found = verify(run.bag), verify(path)
+    period = run.run.step_period * 1e9
+    assert found.differences == (), found.first
+    assert found.cannot_tell and (found.not_compared or found.open)
+    inside = [m for m in open_bag(run.bag).messages() if block.start_ns < m.log_time_ns]
+    inside = [m for m in inside if m.log_time_ns < block.end_ns]
+    kept = whole.log.bag.message_count - found.log.bag.message_count
+    assert kept >= len(inside) * 0.9
+    for gap in found.log.gaps:
+        assert gap.first >= block.start_ns / period - 2
+        assert gap.last is None or gap.last <= block.end_ns / period + 2
+    open_steps = sum(
+        np.count_nonzero((whole.log.step >= first) & (whole.log.step <= (last or 10**9)))
+        for first, last in found.not_compared
+    )
+    assert found.steps >= whole.steps - open_steps - 1
+    return found
+
+
+@pytest.mark.parametrize("place", SOME)
+def test_one_bad_chunk_costs_what_follows_up_to_the_next_checkpoint(chunked, flipped, place):
+    found = check(chunked, *flipped(chunked.bag, place))
+    [(first, last)] = found.not_compared
+    assert (last is None) == (place == -2) or place == -2
+    if last is not None:
+        tables = {one.step for one in found.log.all_tables}
+        assert last + 1 in tables and first < found.log.gaps[0].first
+        assert found.tables > 2 * sum(step < first for step in tables)
+
+
+@pytest.mark.long
+def test_every_chunk(chunked, factored, flipped):
+    for run in (chunked, factored):
+        for place in range(1, len(open_bag(run.bag).blocks[0])):
+            check(run, *flipped(run.bag, place))
+
+
+@pytest.mark.parametrize("place", (5, 12))
+def test_what_else_an_agent_remembers_goes_on_too(factored, flipped, place):
+    found = check(factored, *flipped(factored.bag, place))
+    assert found.not_compared[0][1] is not None and found.updates > 200
+
+
+def test_what_is_said(chunked, flipped, capsys):
+    path, block = flipped(chunked.bag, 5)
+    assert main(["verify", str(path)]) == 3
+    out = capsys.readouterr().out
+    assert f"lost: flipped_0.mcap, bytes {block.offset} to {block.offset + block.length}, " in out
+    [(first, last)] = verify(path).not_compared
+    assert f"identical but for steps {first} to {last}, which are lost; it goes on from" in out
+    assert f"tables of step {last + 1}\n" in out and "differs" not in out
+    path, block = flipped(chunked.bag, -1)
+    assert main(["verify", str(path)]) == 3
+    out = capsys.readouterr().out
+    assert re.search(r"identical up to step \d+; cannot tell from step \d+\n", out)
+
+
+def test_a_recovered_bag_has_the_same_gap(chunked, flipped):
+    path, _ = flipped(chunked.bag, 5)
+    before = verify(path)
+    found = verify(recover(path).path)
+    assert found.differences == () and found.cannot_tell
+    assert found.log.gaps[0] == before.log.gaps[0]
+    assert found.not_compared[0] == before.not_compared[0]
+
+
+def test_a_difference_elsewhere_still_differs(chunked, rewritten, flipped, tmp_path):
+    """Also one behind the gap, in what is computed from the next checkpoint on."""
+    log, period = verify(chunked.bag).log, chunked.run.step_period * 1e9
+    rewarded = log.tracks.rewards[0].step
+
+    def lower(message):
+        message.position[1] -= 1.0
+        message.position[3] -= 1.0
+
+    for place in (len(rewarded) // 4, -20):
+        step = int(rewarded[place])
+        change = each("/robot_1/reward", JointState, lower, slice(place, place + 1 or None))
+        bag = rewritten(chunked.bag, tmp_path / "bag", change, chunk_size=CHUNK)
+        assert [one.step for one in verify(bag).differences[:1]] == [step]
+        path, _ = flipped(bag, chunk_at(bag, 150, period))
+        found = verify(path)
+        assert [one.step for one in found.differences[:1]] == [step], found.not_compared
+
+
+def changed_tables(step, how):
+    """Return a change of robot_1's tables of a checkpoint."""
+
+    def attach(found):
+        place = next(p for p, one in enumerate(found) if one.name == f"tables/robot_1_{step}.npz")
+        [(tables, counts, memory)] = unpack_saved(found[place].data, [1], where="")
+        memories = how(tables, counts, memory)
+        data = pack_tables({1: tables}, counts=counts, memories=memories)
+        found[place] = Attached(*found[place])._replace(data=data)
+        return found
+
+    return attach
+
+
+def without_memory(tables, counts, memory):
+    return None
+
+
+def of_other_tables(tables, counts, memory):
+    tables.q_coord[tuple(memory.states[0])] += 1.0
+    return {1: memory}
+
+
+def that_breaks(tables, counts, memory):
+    return {1: memory._replace(states=memory.states + 10_000)}
+
+
+@pytest.mark.parametrize("how", [without_memory, of_other_tables, that_breaks])
+def test_tables_that_nobody_can_go_on_from_are_no_checkpoint(
+    chunked, rewritten, flipped, tmp_path, how
+):
+    path, _ = flipped(chunked.bag, 5)
+    step = verify(path).not_compared[0][1] + 1
+    change = changed_tables(step, how)
+    bag = rewritten(chunked.bag, tmp_path / "bag", attach=change, chunk_size=CHUNK)
+    place = chunk_at(bag, verify(path).log.gaps[0].first, chunked.run.step_period * 1e9)
+    found = verify(flipped(bag, place)[0])
+    assert found.not_compared[0][1] > step
+    assert found.differences == ()
+
+
+def test_a_lost_attachment_costs_no_time_step(chunked, tmp_path):
+    bag = open_bag(chunked.bag)
+    data = bytearray(bag.path.read_bytes())
+    one = [one for one in bag.attachments if "robot_1" in one.name][5]
+    data[one.offset + one.size // 2] ^= 1
+    path = tmp_path / "bad_0.mcap"
+    path.write_bytes(data)
+    found, whole = verify(path), verify(chunked.bag)
+    assert found.differences == () and found.cannot_tell
+    assert not found.not_compared and found.log.gaps == []
+    assert [one.quantity for one in found.open] == ["tables"]
+    assert (found.steps, found.updates) == (whole.steps, whole.updates)
+    assert found.tables == whole.tables - 1
+
+
+def test_an_undamaged_log_whose_numbers_jump_differs(chunked, rewritten, tmp_path):
+    number = len(verify(chunked.bag).log.tracks.rewards[0].step) // 2
+    bag = rewritten(chunked.bag, tmp_path / "bag", gap=("/robot_1/reward", number))
+    assert any("number" in one.logged for one in verify(bag).differences)
+
+
+def test_each_coordinate_is_explained_as_far_as_it_is_known(chunked, flipped, capsys):
+    path, _ = flipped(chunked.bag, 5)
+    log, whole = read_run(path), read_run(chunked.bag)
+    present = [step for step in coordinations(log, 1) if explain(log, 1, step) is not None]
+    [(first, last), *_] = verify(path).not_compared
+    seen = set()
+    for step in present:
+        told, due = explain(log, 1, step), explain(whole, 1, step)
+        lost_then = first <= step <= last
+        seen.add(lost_then)
+        assert (told.q_values == ()) == lost_then and told.agrees
+        if lost_then:
+            assert told.update is None and told.perceived == due.perceived
+        else:
+            assert (told.q_values, told.update) == (due.q_values, due.update)
+    assert seen == {False, True}
+    step = next(step for step in present if first <= step <= last)
+    assert main(["explain", str(path), "--step", str(step), "--robot", "robot_2"]) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("lost: flipped_0.mcap, bytes ") and "what it learned, is lost as" in out
+
+
+def test_the_history_leaves_out_what_is_cut(chunked, flipped):
+    path, _ = flipped(chunked.bag, 5)
+    log, whole = read_run(path), read_run(chunked.bag).history()
+    cut, [gap] = log.history(), log.gaps
+    rows = np.isin(whole.first_step, cut.first_step)
+    assert np.array_equal(whole.length[rows], cut.length)
+    assert np.array_equal(whole.reward[rows], cut.reward)
+    assert 0 < rows.sum() < len(rows)
+    lengths = whole.first_step + whole.length
+    assert rows[lengths < gap.first].all() and rows[whole.first_step > gap.last].all()
+    long = LongLog(path)
+    parts = list(long.episodes())
+    assert sum(part.history.episodes for part in parts) == cut.episodes
+    assert long.losses and log.losses[0] == long.losses[0]
+    long.bag.close()
+
+
+def test_a_part_of_a_bag_has_no_gap_before_it(chunked, flipped):
+    path, _ = flipped(chunked.bag, 5)
+    long = LongLog(path)
+    assert long.read(200, 300).gaps == [] and len(long.read(200, 300).step) > 80
+    long.bag.close()
+
+
+def test_where_numbers_say_that_a_gap_is():
+    """The topic that speaks most often knows it best."""
+    clock, rare = Jump("/clock", 100, 200, None), Jump("/robot_1/percept", 20, 700, None)
+    assert lost([rare, clock], 10, []) == [Gap(11, 19)]
+    late = Jump("/robot_1/reward", 90, 210, None)
+    assert lost([rare, late, clock], 10, []) == [Gap(11, 19)]
+    two = [clock, Jump("/clock", 500, 560, None)]
+    assert lost(two, 10, [Gap(12, 18)]) == [Gap(12, 18), Gap(51, 55)]
+    assert lost([Jump("/clock", 50, 60, None)], 10, []) == [Gap(6, 6)]
