@@ -59,8 +59,8 @@ class BagProcess:
         self._connection = Connection(ours.detach())
         try:
             with theirs:
-                self._process = subprocess.Popen(
-                    [sys.executable, "-m", __name__, str(theirs.fileno())],
+                self._process = subprocess.Popen(  # -P: with no module of the current directory
+                    [sys.executable, "-P", "-m", __name__, str(theirs.fileno())],
                     pass_fds=[theirs.fileno()],
                     stdin=subprocess.DEVNULL,
                     start_new_session=True,

@@ -128,7 +128,7 @@ def _start(
     """Start a node in a session of its own: a Ctrl-C reaches it once, through this process."""
     file = folder / f"{name}.yaml"
     file.write_text(yaml.safe_dump({"/**": {"ros__parameters": dict(parameters)}}))
-    command = [sys.executable, "-m", "sparse_coord_ros.executables", module, "--ros-args"]
+    command = [sys.executable, "-P", "-m", "sparse_coord_ros.executables", module, "--ros-args"]
     command += ["-r", f"__node:={name}", "--params-file", str(file)]
     command += ["--log-level", "warn"] if quiet else []
     # A signal that comes before the child can hear it waits until it does.

@@ -86,7 +86,7 @@ def round_trip(changes: Mapping[str, str] | None = None) -> dict[str, Any]:
     name = f"sparse_coord_doctor_{os.getpid()}"
     echo, asker = (
         subprocess.Popen(
-            [sys.executable, "-m", __name__, role, name],
+            [sys.executable, "-P", "-m", __name__, role, name],
             env={**os.environ, **(changes or {})},
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,

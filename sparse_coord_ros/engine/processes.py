@@ -13,11 +13,16 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from multiprocessing import get_context, resource_tracker
 from multiprocessing.connection import Connection
 from typing import Any
 
 from sparse_coord_ros.errors import RunError
+
+SAFE_PATH = "PYTHONSAFEPATH"
+"""With this, as with its option -P, Python begins with no module of the current directory, which
+may be called as one of its own."""
 
 
 def in_processes(
@@ -38,11 +43,13 @@ def in_processes(
         return
     context = get_context("spawn")  # started afresh, they inherit no lock of this process
     lifeline, mine = context.Pipe(duplex=False)
-    pool = ProcessPoolExecutor(
-        min(jobs, len(work)), context, initializer=_begin, initargs=(lifeline, os.getcwd())
-    )
+    with _safe_path():
+        pool = ProcessPoolExecutor(
+            min(jobs, len(work)), context, initializer=_begin, initargs=(lifeline, os.getcwd())
+        )
     try:
-        futures = _submitted(pool, function, work)
+        with _safe_path():
+            futures = _submitted(pool, function, work)
         futures.reverse()
         while futures:  # a result can be large: keep none that was handed out
             yield futures.pop().result()
@@ -55,6 +62,17 @@ def in_processes(
         mine.close()
         pool.shutdown(cancel_futures=True)
         lifeline.close()
+
+
+@contextmanager
+def _safe_path() -> Iterator[None]:
+    before = os.environ.get(SAFE_PATH)
+    os.environ[SAFE_PATH] = "1"
+    try:
+        yield
+    finally:
+        if not before:
+            del os.environ[SAFE_PATH]
 
 
 def _submitted(

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What somebody sent is opened where it lies, with a module beside it: no verb imports that."""
 
+import os
 import sys
 from contextlib import chdir
 from pathlib import Path
@@ -11,6 +12,8 @@ from teams import THEIRS, forgotten
 
 import sparse_coord_ros as sc
 from sparse_coord_ros.cli.main import main
+from sparse_coord_ros.doctor.round_trip import round_trip
+from sparse_coord_ros.engine.processes import SAFE_PATH, in_processes
 from sparse_coord_ros.game import plugins
 from sparse_coord_ros.look.page.bag_source import BagSource
 from sparse_coord_ros.look.page.board import Board
@@ -171,6 +174,33 @@ def test_what_is_allowed_is_used(here, tmp_path, capfd, words, said):
     out, err = capfd.readouterr()
     assert said in out and "left out" not in out + err
     assert (here / "imported").exists()
+
+
+SHADOWS = ("json", "multiprocessing", "numpy", "rclpy", "socket", "yaml", "zstandard")
+
+
+@pytest.mark.parametrize(
+    "start",
+    [
+        lambda: main(["run", "env1", "--steps", "20", "--out", "run"]),
+        lambda: list(in_processes(max, [(1, 2)], 1)),
+        pytest.param(
+            lambda: main(["run", "env1", "--steps", "20", "--out", "run", "--processes"]),
+            marks=pytest.mark.long,
+        ),
+        pytest.param(lambda: int("round_trip" not in round_trip()), marks=pytest.mark.long),
+    ],
+    ids=["run", "jobs", "processes", "doctor"],
+)
+def test_no_child_begins_with_what_lies_there(own_domain, tmp_path, monkeypatch, capfd, start):
+    """A child process would find a module of the name of one that it needs."""
+    for name in SHADOWS:
+        text = "import pathlib\npathlib.Path(__file__).with_suffix('.imported').touch()\n"
+        (tmp_path / f"{name}.py").write_text(text)
+    monkeypatch.chdir(tmp_path)
+    assert start() in (0, [2])
+    assert list(tmp_path.glob("*.imported")) == []
+    assert SAFE_PATH not in os.environ
 
 
 def table():

@@ -18,6 +18,7 @@ import sparse_coord_ros as sc
 from sparse_coord_ros.engine import cluster as module
 from sparse_coord_ros.engine.cluster import Cluster
 from sparse_coord_ros.errors import ResultsError, RunError, SettingError
+from sparse_coord_ros.game.plugins import allowed
 from sparse_coord_ros.learn.simulation import tables_equal
 
 CONDITIONS = ("env1/coop/penalty=-20,steps=300", "crowd-3r/factored/penalty=-100,steps=200")
@@ -120,6 +121,13 @@ def test_other_sources_are_not_mixed(scheduler, monkeypatch):
     monkeypatch.setattr(module, "own_sources", lambda: str(next(numbers)))
     with pytest.raises(ResultsError, match="worker .* has another version of sparse_coord_ros"):
         sc.run_experiment(CONDITIONS[0], scheduler=scheduler, **PLAN)
+
+
+def test_a_task_brings_what_its_asker_allows(scheduler, monkeypatch):
+    """Workers that were started elsewhere do not share the asker's environment."""
+    monkeypatch.setattr(module, "allowed", lambda: ("my_team",))  # the workers are threads here
+    with Cluster(scheduler) as cluster:
+        assert list(cluster.in_order(allowed, [()])) == [("my_team",)]
 
 
 def test_workers_that_die_of_a_task_are_named():

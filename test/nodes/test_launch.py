@@ -10,6 +10,8 @@ from types import ModuleType, SimpleNamespace
 import pytest
 from ament_index_python.packages import PackageNotFoundError
 
+from sparse_coord_ros.game.plugins import allowed
+
 FILE = Path(__file__).parents[2] / "launch" / "team.launch.py"
 
 
@@ -109,6 +111,15 @@ def executables(nodes):
 def test_a_world_robots_and_a_recorder(launched, tmp_path):
     nodes = launched.nodes(scenario="env1", out=str(tmp_path / "run"))
     assert executables(nodes) == ["world_simulator", "robot", "robot", "recorder"]
+
+
+def test_it_allows_what_its_arguments_name(launched, tmp_path):
+    """The nodes inherit it: the environment of the launch is theirs."""
+    changes = "penalty=-5,perception=my_models:fog:0.5"
+    launched.nodes(
+        out=str(tmp_path / "out"), learner="my_team:Team", set=changes, allow="others, more.own"
+    )
+    assert allowed() == ("others", "more.own", "my_team", "my_models")
 
 
 def test_rviz_is_opened_with_the_file_by_the_run_s_clock(launched, tmp_path):

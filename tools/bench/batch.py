@@ -15,6 +15,7 @@ from typing import NamedTuple
 from sparse_coord_ros.cli.options import format_table
 from sparse_coord_ros.engine.batch import run_batch
 from sparse_coord_ros.engine.processes import in_processes
+from sparse_coord_ros.game.plugins import allow_named
 from sparse_coord_ros.game.scenario import Scenario, load_scenario
 from sparse_coord_ros.learn.learners import learner_of
 from sparse_coord_ros.learn.simulation import learn
@@ -66,6 +67,7 @@ def measure(scenario: str, learner: str, steps: int, runs: int, repeats: int) ->
 
 
 def _measure_here(name: str, learner: str, steps: int, runs: int, repeats: int) -> Measured:
+    allow_named(learner)
     rule = learner_of(learner)
     scenario = rule.with_defaults(load_scenario(name).with_settings({"steps": steps}))
     ready = _seconds(partial(_batch, scenario.with_settings({"steps": 1}), learner, 1))

@@ -21,6 +21,7 @@ from sparse_coord_ros.experiments.conditions import Condition
 from sparse_coord_ros.experiments.runner import Computing, compute
 from sparse_coord_ros.experiments.store import ConditionResult, Plan, open_results
 from sparse_coord_ros.files import write_whole
+from sparse_coord_ros.game.plugins import allow_modules
 from sparse_coord_ros.learn.learners import learner_of
 from tools.coordination.studies import SEED, STUDIES, Found, Study, scale
 
@@ -36,6 +37,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--page", type=Path, default=PAGE, help="the document with the tables")
     add_options(parser, COMPUTING)
     options = parser.parse_args(arguments)
+    allow_modules("tools.coordination.rules")
     try:
         chosen = _chosen(options.studies, options.out)
         with cluster_at(options.scheduler) as cluster:
