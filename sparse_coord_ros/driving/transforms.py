@@ -25,9 +25,14 @@ def yaw_of(x: float, y: float, z: float, w: float) -> float:
 
 
 class Tree:
-    """The newest transforms."""
+    """The newest transforms.
+
+    Attributes:
+        way: the frames on the way that was last asked for.
+    """
 
     def __init__(self) -> None:
+        self.way: list[str] = []
         self._frames: dict[str, Seen] = {}
 
     def hear(self, parent: str, child: str, pose: Pose, seconds: float | None) -> None:
@@ -41,10 +46,12 @@ class Tree:
         localisation corrects it. None: there is no way, or only a static one.
         """
         parent, frame = parent.lstrip("/"), child.lstrip("/")
+        self.way = []
         here, newest = Pose(0.0, 0.0, 0.0), None
         for _ in range(DEEPEST):
             if frame == parent:
                 return None if newest is None else (newest, here)
+            self.way.append(frame)
             seen = self._frames.get(frame)
             if seen is None:
                 return None
@@ -53,6 +60,13 @@ class Tree:
                 newest = seen.seconds if newest is None else max(newest, seen.seconds)
             frame = seen.parent
         return None
+
+
+def parent_of(pose: Pose, here: Pose) -> Pose:
+    """Return where a frame is in which a body is at `here`, if it is at `pose` itself."""
+    turn = math.remainder(pose.yaw - here.yaw, math.tau)
+    x, y, _ = _within(Pose(0.0, 0.0, turn), here)
+    return Pose(pose.x - x, pose.y - y, turn)
 
 
 def _within(frame: Pose, pose: Pose) -> Pose:

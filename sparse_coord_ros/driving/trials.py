@@ -28,6 +28,9 @@ _TABLES = tables_from_yaml(Path(__file__).with_name("settings.yaml"))
 DRIVER_SETTINGS, BODY_SETTINGS = _TABLES["driver"], _TABLES["body"]
 """What a driver is told of its robot's body, and what the simulator of bodies is told."""
 
+NAV2_SETTINGS = _TABLES["nav2_driver"]
+"""What a driver is told that leaves the steering to Nav2."""
+
 SLIPS = _TABLES["world"]["slips"]
 DRIVE_SETTINGS = SettingTable([*({**DRIVER_SETTINGS, **BODY_SETTINGS}).values(), SLIPS])
 """All that `drive` is told of bodies."""

@@ -19,6 +19,7 @@ from std_msgs.msg import Header
 from sparse_coord_ros.driving.arena import ELSEWHERE, IN_DOORWAY, Arena, Noise
 from sparse_coord_ros.driving.ground import Ground, Pose
 from sparse_coord_ros.driving.steering import Command
+from sparse_coord_ros.driving.transforms import parent_of
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.lockstep.bodies import BEGIN, Goals, Reached
 from sparse_coord_ros.nodes import interface
@@ -26,6 +27,13 @@ from sparse_coord_ros.nodes.follower import Follower
 from sparse_coord_ros.nodes.messages import Converter, read_goals, read_reached, status
 from sparse_coord_ros.nodes.parameters import PARAMETERS, Place
 from sparse_coord_ros.nodes.spin import run_node
+from sparse_coord_ros.nodes.transforms import (
+    BASE,
+    ODOM,
+    TransformPublisher,
+    robot_frame,
+    transform,
+)
 from sparse_coord_ros.wire import MAP_FRAME
 from sparse_coord_ros.wire.frame import SECOND
 from sparse_coord_ros.wire.messages import CLOCK_FORM
@@ -41,7 +49,7 @@ MOST_MOMENTS = 1_000_000
 
 
 class BodyNode(Follower):
-    """Hears what bodies are to do (Twist), and says where they are (PoseStamped, Odometry).
+    """Hears what bodies are to do (Twist), and says where they are: PoseStamped, Odometry, /tf.
 
     Args:
         place: where the node is made, and with what: see `Place`.
@@ -73,6 +81,10 @@ class BodyNode(Follower):
         self._diagnostics = self.announce(interface.DIAGNOSTICS)
         self._pose_publishers = [self.announce(interface.POSE, name) for name in names]
         self._odometry_publishers = [self.announce(interface.ODOMETRY, name) for name in names]
+        self._frames = [
+            [robot_frame(self, name, frame) for frame in (ODOM, BASE)] for name in names
+        ]
+        self._transforms = TransformPublisher(self)
         convert = Converter(run)
         read = functools.partial(read_goals, convert, names)
         self.intake.listen(interface.BODY_GOALS, self._on_goals, read=read)
@@ -122,12 +134,16 @@ class BodyNode(Follower):
         for k, body in enumerate(arena.bodies):
             if not look and k not in arena.waits_for:
                 continue  # its driver would take it for unheard, and say too much
-            name = self._names[k]
-            seen = PoseStamped(header=Header(stamp=stamp, frame_id=MAP_FRAME))
+            odom, base = self._frames[k]
+            header, within = (Header(stamp=stamp, frame_id=one) for one in (MAP_FRAME, odom))
+            seen = PoseStamped(header=header)
             _write(seen.pose, self._looks[k])
-            header = Header(stamp=stamp, frame_id=f"{name}/odom")
-            odometry = Odometry(header=header, child_frame_id=f"{name}/base_link")
+            odometry = Odometry(header=within, child_frame_id=base)
             _write(odometry.pose.pose, body.odometry)
+            localised = parent_of(self._looks[k], body.odometry)
+            self._transforms.publish(
+                [transform(header, odom, localised), transform(within, base, body.odometry)]
+            )
             odometry.twist.twist.linear.x, odometry.twist.twist.angular.z = body.command
             self._odometry_publishers[k].publish(odometry)
             self._pose_publishers[k].publish(seen)

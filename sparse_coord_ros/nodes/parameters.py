@@ -21,7 +21,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 
-from sparse_coord_ros.driving.trials import BODY_SETTINGS, DRIVER_SETTINGS, SLIPS
+from sparse_coord_ros.driving.trials import BODY_SETTINGS, DRIVER_SETTINGS, NAV2_SETTINGS, SLIPS
 from sparse_coord_ros.errors import RunError, SettingError, SparseCoordError, failure_of
 from sparse_coord_ros.game.plugins import allow_modules, allow_named
 from sparse_coord_ros.game.scenario import SETTINGS, Scenario, load_scenario, scenario_names
@@ -53,6 +53,7 @@ _OWN = tables_from_yaml(Path(__file__).with_name("parameters.yaml"))
 _MORE: Mapping[str, Mapping[str, Setting]] = {
     WORLD: {"slips": SLIPS, **RUN_SETTINGS},
     "driver": DRIVER_SETTINGS,
+    "nav2_driver": NAV2_SETTINGS,
     "body": BODY_SETTINGS,
     "watch": PAGE_SETTINGS,
 }
@@ -68,7 +69,8 @@ TEAM_PARAMETERS = SettingTable(
 )
 
 ALL_NAMES = (
-    *(*TEAM_PARAMETERS, *PARAMETERS[RECORDER], *PARAMETERS["driver"], *PARAMETERS["body"]),
+    *TEAM_PARAMETERS,
+    *(name for node in (RECORDER, "driver", "nav2_driver", "body") for name in PARAMETERS[node]),
     *SETTINGS,
 )
 """The parameters of all nodes of a team: one file, or a launch file's group, may give them all to

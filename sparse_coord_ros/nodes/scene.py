@@ -11,13 +11,14 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from geometry_msgs.msg import Point, TransformStamped
-from rclpy.node import Node
-from rclpy.qos import QoSProfile
+from geometry_msgs.msg import Point
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
+from sparse_coord_ros.driving.ground import Pose
 from sparse_coord_ros.nodes.messages import Converter
+from sparse_coord_ros.nodes.parameters import ParameterNode
+from sparse_coord_ros.nodes.transforms import BASE, TransformPublisher, robot_frame, transform
 from sparse_coord_ros.palette import DOORWAY_COLOUR, FAILED, OUTCOME_COLOURS, rgb
 from sparse_coord_ros.wire import OCCUPANCY, QUESTIONS, ROBOT_NAMES, WORDS, PerceptEnd
 
@@ -31,10 +32,13 @@ class Scene:
     Args:
         convert: conversions of the run.
         names: the robots.
+
+    Attributes:
+        convert, names: those.
     """
 
     def __init__(self, convert: Converter, names: Sequence[str]) -> None:
-        self._convert, self._names = convert, names
+        self.convert, self.names = convert, names
         self._doorways = sorted(convert.grid.doorways)
 
     def markers(
@@ -50,9 +54,9 @@ class Scene:
         """
         found = [
             self._text(step, ROBOT_NAMES, k, name, cells[k], 0.38)
-            for k, name in enumerate(self._names)
+            for k, name in enumerate(self.names)
         ]
-        for k in range(len(self._names)):
+        for k in range(len(self.names)):
             found += self._question(step, k, cells, actions.get(k))
         inside = Counter(cells)
         found += [
@@ -61,20 +65,10 @@ class Scene:
         ]
         return MarkerArray(markers=found)
 
-    def transforms(self, step: int, cells: Sequence[int], prefix: str) -> list[TransformStamped]:
-        """Return where each robot's base is in the frame `map`; `prefix` begins their names."""
-        found = []
-        for name, cell in zip(self._names, cells, strict=True):
-            one = TransformStamped(header=self._convert.header(step))
-            one.child_frame_id = f"{prefix}{name}/base_link"
-            one.transform.translation.x, one.transform.translation.y = self._convert.centres[cell]
-            found.append(one)
-        return found
-
     def _marker(
         self, step: int, space: str, number: int, kind: int, colour: str, alpha: float = 1.0
     ) -> Marker:
-        marker = Marker(header=self._convert.header(step), ns=space, id=number, type=kind)
+        marker = Marker(header=self.convert.header(step), ns=space, id=number, type=kind)
         marker.pose.orientation.w = 1.0
         red, green, blue = rgb(colour)
         marker.color = ColorRGBA(r=red, g=green, b=blue, a=alpha)
@@ -83,7 +77,7 @@ class Scene:
     def _text(self, step: int, space: str, k: int, text: str, cell: int, north: float) -> Marker:
         """Return a text `north` of a cell's centre, in cells."""
         marker = self._marker(step, space, k, Marker.TEXT_VIEW_FACING, "#000000")
-        metres, (x, y) = self._convert.resolution, self._convert.centres[cell]
+        metres, (x, y) = self.convert.resolution, self.convert.centres[cell]
         marker.text, marker.scale.z = text, 0.22 * metres
         place = marker.pose.position
         place.x, place.y, place.z = x, y + north * metres, 0.7 * metres
@@ -100,20 +94,20 @@ class Scene:
             return gone
         peer, outcome = asked
         peers = [peer] if peer >= 0 else [j for j in range(len(cells)) if j != k]
-        metres = self._convert.resolution
+        metres = self.convert.resolution
         line = self._marker(step, QUESTIONS, k, Marker.LINE_LIST, OUTCOME_COLOURS[outcome])
         line.scale.x = 0.1 * metres
         for other in peers:
             for cell in (cells[k], cells[other]):
-                x, y = self._convert.centres[cell]
+                x, y = self.convert.centres[cell]
                 line.points.append(Point(x=x, y=y, z=0.6 * metres))
-        whom = self._names[peer] if peer >= 0 else "all"
+        whom = self.names[peer] if peer >= 0 else "all"
         return [line, self._text(step, WORDS, k, f"asks {whom}: {outcome}", cells[k], -0.4)]
 
     def _read(self, step: int, action: bytes) -> tuple[int, str] | None:
         """Return whom an action asked (from 0, -1: all) and how it ended; None: it did not ask."""
         try:
-            acted, said, account = self._convert.unpack_account(action)
+            acted, said, account = self.convert.unpack_account(action)
         except ValueError:  # the world takes an action, whatever else a robot says
             return None
         if not said.asked or acted < step - 1:
@@ -125,8 +119,8 @@ class Scene:
         """Return a box that grows with the robots in a doorway, flat and pale where none is."""
         alpha = (0.15, 0.45, 0.8)[min(robots, 2)]
         box = self._marker(step, OCCUPANCY, number, Marker.CUBE, DOORWAY_COLOUR, alpha)
-        metres = self._convert.resolution
-        box.pose.position.x, box.pose.position.y = self._convert.centres[cell]
+        metres = self.convert.resolution
+        box.pose.position.x, box.pose.position.y = self.convert.centres[cell]
         box.scale.x = box.scale.y = 0.96 * metres
         box.scale.z = (0.02 + 0.15 * robots) * metres
         return box
@@ -145,21 +139,14 @@ class ScenePublisher:
         actions: the newest action of each robot, as bytes.
     """
 
-    def __init__(self, node: Node, publisher: Any, scene: Scene, *, frames: bool = True) -> None:
+    def __init__(
+        self, node: ParameterNode, publisher: Any, scene: Scene, *, frames: bool = True
+    ) -> None:
         self._publisher, self._scene = publisher, scene
         self._last = float("-inf")
         self.actions: dict[int, bytes] = {}
-        namespace = node.get_namespace().strip("/")
-        self._prefix = f"{namespace}/" if namespace else ""
-        self._tf: Any = None
-        if not frames:
-            return
-        try:
-            from tf2_msgs.msg import TFMessage
-        except ImportError:
-            return
-        self._message = TFMessage
-        self._tf = node.create_publisher(TFMessage, "/tf", QoSProfile(depth=100))
+        self._bases = [robot_frame(node, name, BASE) for name in scene.names]
+        self._transforms = TransformPublisher(node) if frames else None
 
     def publish(self, step: int, cells: Sequence[int], *, always: bool = False) -> None:
         """Publish the scene, unless the last one is too young; `always`: even then."""
@@ -168,6 +155,12 @@ class ScenePublisher:
             return
         self._last = now
         self._publisher.publish(self._scene.markers(step, cells, self.actions))
-        if self._tf is not None:
-            frames = self._scene.transforms(step, cells, self._prefix)
-            self._tf.publish(self._message(transforms=frames))
+        if self._transforms is not None:
+            convert = self._scene.convert
+            header, centres = convert.header(step), convert.centres
+            self._transforms.publish(
+                [
+                    transform(header, base, Pose(*centres[cell], 0.0))
+                    for base, cell in zip(self._bases, cells, strict=True)
+                ]
+            )

@@ -11,7 +11,7 @@ from sparse_coord_ros.driving.arena import BIAS, ELSEWHERE, IN_DOORWAY, TRACK, A
 from sparse_coord_ros.driving.driver import Driver
 from sparse_coord_ros.driving.ground import Ground, Pose
 from sparse_coord_ros.driving.steering import Command, Limits, move_seconds, steer
-from sparse_coord_ros.driving.transforms import Tree, yaw_of
+from sparse_coord_ros.driving.transforms import Tree, parent_of, yaw_of
 from sparse_coord_ros.driving.trials import DRIVE_SETTINGS, drive, limits_of
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.scenario import load_scenario
@@ -301,6 +301,14 @@ def test_transforms_make_a_pose():
     tree.hear("base_link", "map", Pose(0.0, 0.0, 0.0), 1.0)
     assert tree.find("nowhere", "base_link") is None  # round in a circle
     assert yaw_of(0.0, 0.0, math.sin(0.4), math.cos(0.4)) == pytest.approx(0.8)
+
+
+def test_a_localisation_is_where_the_odometry_s_frame_is():
+    tree, odometry, seen = Tree(), Pose(1.0, 2.0, 0.3), Pose(-4.0, 7.0, 2.9)
+    tree.hear("map", "odom", parent_of(seen, odometry), 5.0)
+    tree.hear("odom", "base_link", odometry, 5.0)
+    assert tree.find("map", "base_link")[1] == pytest.approx(seen)
+    assert tree.way == ["base_link", "odom"]
 
 
 @pytest.fixture(scope="module")

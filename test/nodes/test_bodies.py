@@ -7,7 +7,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist, TwistStamped
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
@@ -118,8 +120,8 @@ def test_poses_that_came_while_a_driver_slept_are_no_complaint(bench, tmp_path):
     world, _, drivers, _ = with_bodies(bench, tmp_path / "out", steps=400)
     bench.spin_until(lambda: world.lockstep.world.transitions > 1, "under way")
     taken = []
-    drivers[0].driver = SimpleNamespace(sees=lambda *said: taken.append(said), next=lambda: (0, 0))
-    drivers[0]._drive = lambda: None
+    drivers[0]._mover = SimpleNamespace(sees=lambda *said: taken.append(said), busy=False)
+    drivers[0].drive = lambda: None
     for seconds in (7.0, *[7.1] * 9, 7.2):
         drivers[0]._see((seconds, Pose(0.0, 0.0, 0.0)))
     assert [seconds for seconds, _ in taken] == [7.0, 7.1, 7.2]
@@ -344,3 +346,43 @@ def test_a_body_whose_poses_stop_is_stopped(bench):
     bench.spin_until(lambda: len(commands) >= 2, "it drives and is stopped")
     assert commands[0].angular.z or commands[0].linear.x
     assert (commands[-1].linear.x, commands[-1].angular.z) == (0.0, 0.0)
+
+
+def test_deactivated_a_body_stands_and_activated_it_goes_on(bench, tmp_path):
+    world, *_ = with_bodies(bench, tmp_path / "out", steps=400)
+    bench.spin_until(lambda: world.lockstep.world.transitions > 1, "under way")
+    observer = bench.observer()
+
+    def change(transition):
+        request = ChangeState.Request(transition=Transition(id=transition))
+        return observer.call(ChangeState, "robot_1_driver/change_state", request).success
+
+    commands = observer.listen(Twist, "robot_1/cmd_vel")
+    assert change(Transition.TRANSITION_DEACTIVATE)
+    bench.spin_until(lambda: commands and commands[-1] == Twist(), "zero velocity")
+    assert not change(Transition.TRANSITION_DEACTIVATE), "it is inactive; and the node lives"
+    before = world.lockstep.world.transitions
+    assert change(Transition.TRANSITION_ACTIVATE)
+    bench.spin_until(lambda: world.lockstep.world.transitions > before + 2, "it goes on")
+
+
+def test_a_driver_that_somebody_manages_waits_for_its_activation(bench):
+    bench.world(bodies=True, set=["steps=5"])
+    values = {"robot": "robot_1", "autostart": False, "stamped": True, "frame_prefix": "a_"}
+    driver = bench.add(DriverNode(context=bench.place()[0], values=values))
+    observer = bench.observer()
+    poses = observer.create_publisher(PoseStamped, "robot_1/pose", 10)
+    commands = observer.listen(TwistStamped, "robot_1/cmd_vel")
+    bench.spin_until(lambda: poses.get_subscription_count() > 0, "poses are heard")
+    pose = PoseStamped()
+    pose.header.frame_id, pose.header.stamp.sec, pose.pose.orientation.w = "map", 1, 1.0
+    poses.publish(pose)
+    bench.spin_until(lambda: driver.driver.pose is not None, "the pose is there")
+    assert driver._reached_publisher is None and not driver.active
+    driver.trigger_configure()
+    driver.trigger_activate()
+    bench.spin_until(lambda: driver._reached_publisher is not None, "it reports for duty")
+    driver.halt()
+    bench.spin_until(lambda: commands, "a stamped command")
+    assert commands[0].header.frame_id == "a_robot_1/base_link"
+    assert commands[0].header.stamp.sec > 0 and commands[0].twist == Twist()

@@ -8,7 +8,6 @@ from types import ModuleType
 from types import SimpleNamespace as Anything
 
 import pytest
-from geometry_msgs.msg import TransformStamped
 from visualization_msgs.msg import Marker
 
 from sparse_coord_ros import wire
@@ -17,6 +16,7 @@ from sparse_coord_ros.game.world import Action
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.nodes.messages import Converter
 from sparse_coord_ros.nodes.scene import Scene, ScenePublisher
+from sparse_coord_ros.nodes.transforms import robot_frame
 from sparse_coord_ros.palette import OUTCOME_COLOURS, rgb
 from sparse_coord_ros.wire import Account
 
@@ -106,15 +106,11 @@ def test_doorways_rise_with_the_robots_in_them(scene):
 
 
 def test_transforms_are_stamped_by_the_run_and_published_where_tf2_is(scene, monkeypatch):
-    [one, other] = scene.made.transforms(5, [0, 11], "team_a/")
-    assert isinstance(one, TransformStamped)
-    assert (one.header.frame_id, one.child_frame_id) == ("map", "team_a/robot_1/base_link")
-    assert (one.header.stamp.sec, one.header.stamp.nanosec) == (1, 0)
-    where = other.transform.translation
-    assert (where.x, where.y) == scene.convert.centres[11] and other.transform.rotation.w == 1
     published = []
 
     class Node:
+        values = {"frame_prefix": ""}
+
         def get_namespace(self):
             return "/team_a"
 
@@ -130,8 +126,28 @@ def test_transforms_are_stamped_by_the_run_and_published_where_tf2_is(scene, mon
     for _ in range(50):
         made.publish(5, [0, 11])
     assert len(seen) < 5, "at most 30 a second"
-    made.publish(6, [0, 11], always=True)
-    assert published[-1][0] == "/tf"
-    assert published[-1][1][1].child_frame_id == "team_a/robot_2/base_link"
+    made.publish(5, [0, 11], always=True)
+    topic, [one, other] = published[-1]
+    assert topic == "/tf"
+    assert (one.header.frame_id, one.child_frame_id) == ("map", "team_a/robot_1/base_link")
+    assert (one.header.stamp.sec, one.header.stamp.nanosec) == (1, 0)
+    where = other.transform.translation
+    assert (where.x, where.y) == scene.convert.centres[11] and other.transform.rotation.w == 1
     monkeypatch.setitem(sys.modules, "tf2_msgs.msg", None)
-    assert ScenePublisher(Node(), Anything(publish=seen.append), scene.made)._tf is None
+    published.clear()
+    ScenePublisher(Node(), Anything(publish=seen.append), scene.made).publish(5, [0, 11])
+    assert not published
+
+
+@pytest.mark.parametrize(
+    ("namespace", "given", "frame"),
+    [
+        ("/", "", "robot_1/odom"),
+        ("/team_a", "", "team_a/robot_1/odom"),
+        ("/team_a", "/", "robot_1/odom"),
+        ("/team_a", "b_", "b_robot_1/odom"),
+    ],
+)
+def test_one_rule_says_how_frames_are_called(namespace, given, frame):
+    node = Anything(values={"frame_prefix": given}, get_namespace=lambda: namespace)
+    assert robot_frame(node, "robot_1", "odom") == frame

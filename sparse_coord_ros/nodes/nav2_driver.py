@@ -1,0 +1,193 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The nav2_driver node: a robot's moves as goals of Nav2's action NavigateToPose."""
+
+import functools
+import math
+import time
+from typing import Any, Unpack
+
+from action_msgs.msg import GoalStatus
+from action_msgs.srv import CancelGoal
+from rclpy.action import ActionClient
+from rclpy.action.client import ClientGoalHandle
+from rclpy.task import Future
+
+from sparse_coord_ros.driving.ground import Ground, Pose
+from sparse_coord_ros.driving.navigator import ANSWER_SECONDS, Navigator, NavLimits
+from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.nodes.mover import MoverNode
+from sparse_coord_ros.nodes.parameters import Place
+from sparse_coord_ros.nodes.spin import run_node
+
+ENDINGS = {GoalStatus.STATUS_ABORTED: "aborted", GoalStatus.STATUS_CANCELED: "cancelled by others"}
+"""What goals that did not go well count as; any other status is of a server that came back."""
+
+
+class Nav2DriverNode(MoverNode):
+    """Sends the body of one robot from cell to cell by Nav2; the port of `Navigator`.
+
+    Args:
+        name: the node's name unless the command line remaps it.
+        place: where the node is made, and with what: see `Place`.
+
+    Attributes:
+        navigator: what decides on goals, once a run has begun.
+
+    Raises:
+        SparseCoordError: as of `MoverNode`; nav2_msgs is not installed.
+    """
+
+    navigator: Navigator
+
+    def __init__(self, *, name: str = "nav2_driver", **place: Unpack[Place]) -> None:
+        super().__init__(name, "nav2_driver", **place)
+        action = self.values["action"] or f"{self.robot}/navigate_to_pose"
+        self._client = ActionClient(self, self._type, action)
+        self._cancelling = self.create_client(CancelGoal, f"{action}/_action/cancel_goal")
+        self._name = self.resolve_service_name(action)
+        self._handles: dict[int, ClientGoalHandle] = {}
+        self._cleared: tuple[float, Future] | None = None
+        self._ending: tuple[float, Future] | None = None
+
+    def set_up(self) -> None:
+        """Look for Nav2's messages too."""
+        super().set_up()
+        try:
+            from nav2_msgs.action import NavigateToPose
+        except ImportError as error:
+            raise RunError(
+                f"node {self.get_name()} needs the package nav2_msgs ({error}); install it: "
+                "sudo apt install ros-jazzy-nav2-msgs, or start the node driver instead"
+            ) from None
+        self._type: Any = NavigateToPose
+
+    def make(self, ground: Ground, number: int) -> Navigator:
+        """Return what decides on goals."""
+        values, side = self.values, ground.side
+        limits = NavLimits(
+            values["near"] * side,
+            values["step_seconds"],
+            values["feedback_timeout"],
+            values["detour"] * side,
+            values["bring"],
+        )
+        self.navigator = Navigator(ground, limits, number, self)
+        return self.navigator
+
+    def drive(self) -> None:
+        """Let the navigator do what is due, and report where the goal is over."""
+        self.navigator.held = not self.active or self._reached_publisher is None
+        reached = self.navigator.next(self._now())
+        if reached is not None:
+            self.report_reached(reached)
+
+    def go_on(self, now: float) -> None:
+        """Look also whether Nav2 still answers."""
+        super().go_on(now)
+        self.drive()
+
+    def missing(self) -> str:
+        """Return that Nav2 is not there, or may still drive for a client before this one."""
+        if not self._client.server_is_ready():
+            self._cleared = None
+            return f"Nav2's action {self._name}"
+        if self._cleared is None:
+            self._cleared = time.monotonic(), self.cancel_all()
+        since, answer = self._cleared
+        waits = not answer.done() and time.monotonic() - since < ANSWER_SECONDS
+        return "Nav2 to end earlier goals" if waits else ""
+
+    def halt(self, why: str = "") -> None:
+        """Cancel the goal that is under way."""
+        if self._mover is not None:
+            if why:
+                self.navigator.give_up(self._now(), "poses lost", why, blind=True)
+            self.drive()
+
+    def settled(self) -> bool:
+        """Cancel what Nav2 drives; return whether it has said that this is over; not for long."""
+        super().settled()
+        if self._mover is None:
+            return True
+        if self._ending is None:
+            self._ending = time.monotonic(), self.cancel_all()
+        since, answer = self._ending
+        answered = self.navigator.clear and answer.done()
+        return answered or time.monotonic() - since >= ANSWER_SECONDS
+
+    def finish(self, *, interrupted: bool) -> None:
+        """Say how the moves went, and whether the body may still drive."""
+        self.settled()
+        if self._mover is not None:
+            if not self.navigator.clear:
+                self.say("Nav2 did not say that its last goal is over: the body may still drive")
+            counts = sorted(self.navigator.counts.items())
+            said = ", ".join(f"{kind} {number}" for kind, number in counts)
+            self.get_logger().info(f"moves: {said or 'none'}")
+
+    def _now(self) -> float:
+        """Return the time: simulated where the node follows /clock, else steady."""
+        if self.get_parameter("use_sim_time").value:
+            return self.get_clock().now().nanoseconds * 1e-9
+        return time.monotonic()
+
+    # The port.
+
+    def send(self, ticket: int, target: Pose) -> bool:
+        """Send a goal."""
+        if not self._client.server_is_ready():
+            self.get_logger().warning(f"no server of {self._name}", throttle_duration_sec=5.0)
+            return False
+        goal = self._type.Goal(behavior_tree=self.values["behavior_tree"])
+        goal.pose.header.frame_id = self.values["map_frame"]
+        goal.pose.pose.position.x, goal.pose.pose.position.y = target.x, target.y
+        goal.pose.pose.orientation.z = math.sin(target.yaw / 2)
+        goal.pose.pose.orientation.w = math.cos(target.yaw / 2)
+        heard = self.guarded(functools.partial(self._on_feedback, ticket))
+        answer = self._client.send_goal_async(goal, feedback_callback=heard)
+        answer.add_done_callback(self.guarded(functools.partial(self._on_answer, ticket)))
+        return True
+
+    def cancel(self, ticket: int) -> None:
+        """Ask for the end of one goal."""
+        if ticket in self._handles:
+            self._handles[ticket].cancel_goal_async()
+
+    def cancel_all(self) -> Future:
+        """Ask for the end of all goals, also of those of others; return the answer."""
+        return self._cancelling.call_async(CancelGoal.Request())
+
+    def say(self, text: str) -> None:
+        """Tell people."""
+        self.get_logger().warning(f"{self.robot}: {text}")
+
+    def _on_answer(self, ticket: int, answer: Future) -> None:
+        handle = answer.result()
+        if handle.accepted:
+            self._handles[ticket] = handle
+            ended = self.guarded(functools.partial(self._on_result, ticket))
+            handle.get_result_async().add_done_callback(ended)
+            self.navigator.accepted(ticket, self._now())
+        else:
+            self.navigator.rejected(ticket, self._now())
+        self.drive()
+
+    def _on_feedback(self, ticket: int, message: Any) -> None:
+        self.navigator.feedback(ticket, message.feedback.distance_remaining, self._now())
+
+    def _on_result(self, ticket: int, answer: Future) -> None:
+        said = answer.result()
+        self._handles.pop(ticket, None)
+        kind, why = "", ""
+        if said.status != GoalStatus.STATUS_SUCCEEDED:
+            kind = ENDINGS.get(said.status, "forgotten")
+            text = f" {said.result.error_msg}" if said.result.error_msg else ""
+            why = f"Nav2's goal: {kind}, error code {said.result.error_code}{text}"
+        self.navigator.ended(ticket, self._now(), kind, why)
+        self.drive()
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node `nav2_driver`."""
+    return run_node(lambda context: Nav2DriverNode(context=context), args)
