@@ -3,6 +3,7 @@
 """Where the package's data files (`config/`, `maps/`) lie, installed or in a checkout."""
 
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ def share_file(folder: str, name: str) -> Path | None:
     if Path(name).name != name:
         return None
     path = share_folder(folder) / name
-    return path if path.is_file() else None
+    return path if os.path.isfile(path) else None
 
 
 def shipped_json(name: str) -> dict[str, Any]:

@@ -39,28 +39,23 @@ FAR = (-(2**31), -1, 10**5, 2**31 - 1)
 
 
 def damaged(chance: random.Random, data: bytes) -> bytes:
-    """Return data with some bytes, bits, or numbers changed, or a part cut, doubled or moved."""
+    """Return data with some bytes, bits, or numbers changed, or a part cut, doubled or zeroed."""
     changed = bytearray(data)
     for _ in range(chance.choice((0, 1, 1, 1, 2, 3, 8))):
-        at, kind = chance.randrange(len(changed) + 1), chance.randrange(8)
-        if kind < 2 and at < len(changed):
-            changed[at] ^= 1 << chance.randrange(8)
-        elif kind == 2 and at < len(changed):
-            changed[at] = chance.randrange(256)
-        elif kind == 3:  # a size or a count
-            size = chance.choice((1, 2, 4, 8))
-            number = chance.choice((*ODD_NUMBERS, chance.randrange(1000))) % 256**size
-            changed[at : at + size] = number.to_bytes(size, "little")
-        elif kind == 4:
-            del changed[at : at + chance.choice((1, 4, 50, len(changed)))]
-        elif kind == 5:
-            end = min(len(changed), at + chance.choice((1, 4, 50, 5000)))
-            changed[at:at] = changed[at:end]
-        elif kind == 6:
-            changed[at:at] = chance.randbytes(chance.choice((1, 4, 50)))
-        elif kind == 7:
-            end = min(len(changed), at + chance.choice((4, 50, 500)))
-            changed[at:end] = bytes(end - at)
+        at, size = chance.randrange(len(changed) + 1), chance.choice((1, 2, 4, 8))
+        long = chance.choice((1, 4, 50, 500, 5000))
+        part = changed[at : at + long]
+        number = chance.choice((*ODD_NUMBERS, chance.randrange(1000))) % 256**size
+        put = (
+            bytes(byte ^ 1 << chance.randrange(8) for byte in part[:1]),
+            number.to_bytes(size, "little"),  # a size or a count
+            b"",
+            bytes(part + part),
+            chance.randbytes(min(long, 50)),
+            bytes(len(part)),
+        )
+        kind = chance.randrange(len(put))
+        changed[at : at + (len(put[kind]) if kind < 2 else len(part))] = put[kind]
     return bytes(changed)
 
 
@@ -125,7 +120,7 @@ class Visitor:
     def __init__(
         self, node: Node, robots: Sequence[str], seed: int, *, hostile: bool = False
     ) -> None:
-        self._chance, self._node, self.said = random.Random(seed), node, 0
+        self._chance, self.node, self.said = random.Random(seed), node, 0
         owners = {ROBOT: tuple(robots), NODE: (*robots, wire.WORLD, wire.RECORDER)}
         self._publishers = []
         for topic in wire.TOPICS:

@@ -8,6 +8,7 @@ doorway (free), a digit 1 to 9 a start (free).
 Free cells are numbered row by row from the top left; that number is a robot's local state.
 """
 
+import os
 from collections import deque
 from dataclasses import dataclass
 from functools import cached_property
@@ -141,7 +142,7 @@ def load_map(name: str, *, beside: Path | None = None) -> GridMap:
     """
     folders = [beside, Path()] if beside else [Path()]
     for candidate in [folder / name for folder in folders] + [share_file("maps", f"{name}.txt")]:
-        if candidate is not None and candidate.is_file():
+        if candidate is not None and os.path.isfile(candidate):
             try:
                 text = read_text(candidate, MAP)
             except (OSError, UnicodeDecodeError) as error:
