@@ -22,6 +22,8 @@ from sparse_coord_ros.engine.batch import run_batch, uses_numba
 from sparse_coord_ros.engine.cluster import check_place, cluster_at
 from sparse_coord_ros.engine.training import EVERY, Training
 from sparse_coord_ros.errors import RunError, SettingError, SparseCoordError, TablesError, in_short
+from sparse_coord_ros.experiments import benchmark as benchmark_module
+from sparse_coord_ros.experiments.benchmark import TEAM_RUNS, TEAM_TRIALS, Benchmark, Standing
 from sparse_coord_ros.experiments.catalogue import experiment_names
 from sparse_coord_ros.experiments.conditions import Condition
 from sparse_coord_ros.experiments.runner import (
@@ -36,6 +38,7 @@ from sparse_coord_ros.game.buildings import generated_building
 from sparse_coord_ros.game.perception import perception_model, register_perception
 from sparse_coord_ros.game.plugins import allow_modules, allow_named
 from sparse_coord_ros.game.scenario import Scenario, load_scenario, loaded, scenario_names
+from sparse_coord_ros.game.unseen import TEAMS
 from sparse_coord_ros.game.world import Reward, RewardWeights
 from sparse_coord_ros.learn import evaluation, run_config
 from sparse_coord_ros.learn.agent import Agent, Choice, Tables
@@ -69,6 +72,7 @@ __all__ += ["class_bound", "shipped_class_bound", "ClassBound", "RobotPolicy"]
 __all__ += ["load_run", "SavedRun", "read_log", "RunLog", "verify", "Verification"]
 # Experiments
 __all__ += ["experiment_names", "run_experiment", "ExperimentResults"]
+__all__ += ["benchmark", "Benchmark", "Standing"]
 # Learners and perception models of one's own
 __all__ += ["Learner", "Agent", "Choice", "Reward", "RewardWeights"]
 __all__ += ["register_learner", "register_perception", "perception_model"]
@@ -533,6 +537,63 @@ def run_experiment(
         plan,
         out=None if out is None else Path(out),
         report=report,
+        engine=engine,
+        jobs=_jobs(jobs),
+        scheduler=scheduler,
+        progress=progress,
+    )
+
+
+def benchmark(
+    learner: LearnerLike = "factored",
+    *,
+    split: str = "tuning",
+    robots: Sequence[int] = TEAMS,
+    steps: int = 100_000,
+    out: str | Path | None = None,
+    runs: int = TEAM_RUNS.default,
+    trials: int = TEAM_TRIALS.default,
+    seed: int = 0,
+    engine: str = "auto",
+    jobs: int | None = None,
+    scheduler: str | None = None,
+    progress: Progress = no_progress,
+    **settings: object,
+) -> Benchmark:
+    """Judge a learner on generated buildings that no search has seen, at a penalty of -100.
+
+    `Benchmark.standings()` says what share of the gap its teams close: between fixed shortest
+    paths and, with two robots, the class bound, with more what a planner with full sight reaches.
+
+    Args:
+        learner: who learns.
+        split: "tuning": the buildings by which rules and numbers are chosen; "test": the others,
+            to be opened once, for closing figures.
+        robots: sizes of teams, of 2, 4 and 8.
+        steps: step budget of learning, in transitions.
+        out: results directory, as of `run_experiment`; None: nothing is saved.
+        runs: teams that learn in each building.
+        trials: greedy trials of a team; those of two robots are evaluated exactly.
+        seed: seed of team 0; team i has seed + i.
+        engine: "numba", "python", or "auto": numba where it is installed. The bits are the same.
+        jobs: threads (or processes) at once; all cores that this process may use where None.
+        scheduler: address of the scheduler of a Dask cluster that computes; None: this machine.
+        progress: called with a condition's id, the agent-steps done and those of the whole call.
+        **settings: settings of learning to change, as of `load_scenario`.
+
+    Raises:
+        SettingError: no such learner, split or size of team; a setting that changes the game.
+        ResultsError, OSError, RunError, PluginError: as `run_experiment`.
+    """
+    return benchmark_module.benchmark(
+        learner,
+        split=split,
+        robots=tuple(robots),
+        settings={"steps": steps, **settings},
+        out=None if out is None else Path(out),
+        runs=runs,
+        trials=trials,
+        seed=RUN_SETTINGS["seed"].parse(seed),
         engine=engine,
         jobs=_jobs(jobs),
         scheduler=scheduler,

@@ -51,10 +51,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 f"{gains}, {time.process_time() - began:.1f} s",
                 flush=True,
             )
-            _add(f"{name}, penalty {penalty}", found)
+            add_bound(f"{name}, penalty {penalty}", found)
 
 
-def _add(title: str, found: ClassBound) -> None:
+def add_bound(title: str, found: ClassBound) -> None:
     """Write one bound into the file; one line each."""
     bounds = json.loads(FILE.read_text(encoding="utf-8"))["bounds"]
     bounds[title] = asdict(found)

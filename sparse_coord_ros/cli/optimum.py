@@ -21,7 +21,12 @@ from sparse_coord_ros.solve.class_search import (
 )
 from sparse_coord_ros.solve.optimum import LARGEST, independent_bound, joint_optimum
 from sparse_coord_ros.solve.reference import shortest_path_reference
-from sparse_coord_ros.solve.shipped import ClassBound, shipped_best_team, shipped_class_bound
+from sparse_coord_ros.solve.shipped import (
+    ClassBound,
+    shipped_best_team,
+    shipped_class_bound,
+    shipped_routes,
+)
 
 SEED = RUN_SETTINGS["seed"]
 OF_THE_SEARCH = ("restarts", "seed", "out", "picture")
@@ -61,9 +66,11 @@ def execute(options: argparse.Namespace) -> int:
     bound = independent_bound(scenario)
     paths = shortest_path_reference(scenario)
     shipped, team = shipped_class_bound(scenario), shipped_best_team(scenario)
+    routes = shipped_routes(scenario)
     if options.json:
-        known = {"class_bound": shipped, "best_team": team, "shortest_paths": paths}
+        known = {"class_bound": shipped, "best_team": team, "route_planner": routes}
         facts = {"scenario": scenario.name, **asdict(optimum), "robots_alone": bound}
+        facts["shortest_paths"] = paths
         shared.print_json({**facts, **known})
         return 0
     print(f"{scenario.name}, penalty {scenario.penalty:g}, {optimum.joint_states} joint states")
@@ -75,6 +82,9 @@ def execute(options: argparse.Namespace) -> int:
         print(f"class bound          {shipped.value:.2f}, {WARNING}")
     if team is not None:
         print(f"best known team      {team}")
+    if routes is not None:
+        told = f"{routes.value:.2f} ({routes.standard_error:.2f})"
+        print(f"route planner        {told}, sees everything for nothing")
     print(f"bound (robots alone) {bound:.2f}")
     print(
         f"fixed shortest paths {paths.reward:.2f}, {paths.miscoordinations:.2f} miscoordinations"

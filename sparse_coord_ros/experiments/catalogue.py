@@ -2,10 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The experiments as data: the paper's Section 4, and the questions of its Section 5."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.experiments.conditions import Condition, make_condition
+from sparse_coord_ros.game.unseen import TEAMS, is_tuning, team_of
+from sparse_coord_ros.solve.shipped import known_best, unseen_buildings
 
 SMALL = ("env1", "env2-2r", "env2-4r")
 """Scenarios of the paper's Tables 1 and 2."""
@@ -42,6 +45,11 @@ PROBABILITIES = (0, 0.25, 0.5, 0.75, 0.9, 1)
 RANGES = (1, 2, 3, 4, 6)
 SHARES = ("same", "each:1:0.5", "each:1:0", "each:2:0")
 CROWDS = (2, 3, 4, 6, 8)
+
+
+SPLITS = ("tuning", "test")
+"""Of the unseen buildings: rules and numbers are chosen on the first. The second is opened once,
+for the closing figures: whoever tunes by it has seen it."""
 
 
 @dataclass(frozen=True)
@@ -109,6 +117,48 @@ def _crowd() -> list[Condition]:
     return found
 
 
+def unseen_conditions(
+    learner: str,
+    split: str,
+    settings: Mapping[str, object],
+    robots: Sequence[int] = TEAMS,
+) -> tuple[Condition, ...]:
+    """Return a condition for each building of a split.
+
+    Args:
+        learner: name of the learner.
+        split: "tuning" or "test".
+        settings: changed settings; the penalty stays, the bounds are those of this game.
+        robots: which sizes of teams.
+
+    Raises:
+        SettingError: an unknown learner, split, size or setting, or one that changes the game.
+    """
+    if split not in SPLITS:
+        raise SettingError(f"split: value is {split!r}, allowed: {', '.join(SPLITS)}")
+    unknown = [team for team in robots if team not in TEAMS]
+    if unknown or not robots:
+        raise SettingError(
+            f"robots: value is {', '.join(map(str, unknown)) or 'none'}, allowed: "
+            f"{', '.join(map(str, TEAMS))}"
+        )
+    made = tuple(
+        make_condition(name, learner, settings)
+        for name in unseen_buildings()
+        if is_tuning(name) == (split == "tuning") and team_of(name) in robots
+    )
+    if known_best(made[0].scenario) is None:
+        raise SettingError(
+            f"benchmark: with {', '.join(settings)} another game would be played, whose bounds "
+            "nobody knows; change settings of learning only"
+        )
+    return made
+
+
+def _unseen() -> list[Condition]:
+    return [one for learner in LEARNERS for one in unseen_conditions(learner, "test", {})]
+
+
 _EXPERIMENTS: Mapping[str, tuple[str, Callable[[], list[Condition]]]] = {
     "table1": ("Table 1: total discounted reward", lambda: _tables(SMALL)),
     "table2": ("Table 2: time to goal and miscoordinations", lambda: _tables(SMALL)),
@@ -126,6 +176,7 @@ _EXPERIMENTS: Mapping[str, tuple[str, Callable[[], list[Condition]]]] = {
         "Where in the map COORDINATE is chosen",
         lambda: [make_condition(name, "coop", LONG) for name in SMALL + LARGE],
     ),
+    "unseen": ("Buildings that no search has seen", _unseen),
 }
 
 NAMES = tuple(_EXPERIMENTS)

@@ -28,7 +28,7 @@ class Condition:
     """One condition of an experiment.
 
     Attributes:
-        name: name of a shipped scenario, or path of a scenario file.
+        name: name of a shipped scenario or unseen building, or path of a scenario file.
         learner: name of a learner.
         settings: the penalty, and what else differs from the scenario, as texts.
     """
@@ -55,7 +55,7 @@ def _load(name: str) -> Scenario:
         return _read(str(share_file("config", f"{name}.yaml")), shipped=True)
     if os.path.isfile(name):
         return _read(os.path.abspath(name), shipped=False)
-    return load_scenario(name)  # says that there is none
+    return _read(name, shipped=True)  # an unseen building; else it says that there is none
 
 
 @cache
@@ -63,7 +63,7 @@ def _shipped_names() -> frozenset[str]:
     return frozenset(scenario_names())
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=256)
 def _read(path: str, *, shipped: bool) -> Scenario:
     scenario = load_scenario(path)
     if not shipped and scenario.name in _shipped_names():
@@ -78,7 +78,7 @@ def make_condition(name: str, learner: str, settings: Mapping[str, object]) -> C
     """Return a condition in its one canonical form.
 
     Args:
-        name: name of a shipped scenario, or path of a scenario file.
+        name: name of a shipped scenario or unseen building, or path of a scenario file.
         learner: name of a learner.
         settings: changed settings of the scenario.
 

@@ -31,8 +31,8 @@ from sparse_coord_ros.learn.factors import rows_at_most
 from sparse_coord_ros.learn.learners import Learner, learner_of
 from sparse_coord_ros.learn.sparse import SparseTable
 from sparse_coord_ros.limits import RESULTS, read_text
-from sparse_coord_ros.solve.optimum import joint_optimum
 from sparse_coord_ros.solve.reference import shortest_path_reference
+from sparse_coord_ros.solve.shipped import known_optimum
 from sparse_coord_ros.version import __version__
 
 FORMAT = 3
@@ -277,7 +277,7 @@ def sample(run: Run) -> Sample:
 def collect(condition: Condition, trials: int, samples: Iterable[Sample]) -> ConditionResult:
     """Sum up what is kept of a condition's runs (>= 1), in the order of their seeds."""
     found = list(samples)
-    optimum = joint_optimum(condition.scenario)
+    optimum = known_optimum(condition.scenario)
     episodes = len(found) * trials
 
     def of_runs(field: str) -> dict[str, list[float]]:

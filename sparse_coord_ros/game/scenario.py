@@ -26,6 +26,7 @@ from sparse_coord_ros.game.plugins import allow_modules, allow_named
 from sparse_coord_ros.game.schedules import EPSILON, STARTS, STEP_SIZE
 from sparse_coord_ros.game.settings import setting, settings_of
 from sparse_coord_ros.game.specs import Form, Number, Spec, SpecFamily
+from sparse_coord_ros.game.unseen import unseen_text
 from sparse_coord_ros.limits import SCENARIO, parse_yaml, read_text
 from sparse_coord_ros.share import share_file, share_names
 
@@ -290,7 +291,8 @@ def load_scenario(
     """Read a scenario, e.g. `load_scenario("env1", penalty=-100)`.
 
     Args:
-        name: the name of a shipped scenario, or the path of a scenario file.
+        name: the name of a shipped scenario or of an unseen building (`game.unseen`), or the path
+            of a scenario file.
         allow: modules that the file may name, with a perception model of one's own.
         **settings: settings to change, as of `Scenario.with_settings`.
 
@@ -303,6 +305,10 @@ def load_scenario(
         raise ScenarioError(f"scenario: value is {name!r}, allowed: a Scenario, a name or a path")
     allow_modules(allow)
     path, name = Path(name), str(name)
+    generated = None if path.is_file() else unseen_text(name)
+    if generated is not None:
+        data = parse_yaml(generated, where=name)
+        return scenario_from_dict(data, where=name, name=name).with_settings(settings)
     if not path.is_file():
         shipped = share_file("config", f"{name}.yaml")
         if shipped is None:

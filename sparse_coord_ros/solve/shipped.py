@@ -9,6 +9,10 @@ percept fails, from its own cell alone); it pays for every ask. The class bound 
 team of two robots that a search found (`solve.class_search`). Larger teams are too large for the
 search: what is known of them is the best of many learned teams, found again by `train` with the
 same learner, settings and seed. Both are shipped for the paper's scenarios.
+
+The unseen buildings (`game.unseen`) with a real conflict are shipped too: with two robots their
+joint optimum and class bound, with more what a planner reaches that sees everything for nothing
+(`solve.routes`).
 """
 
 import hashlib
@@ -21,7 +25,10 @@ from typing import Any
 
 from sparse_coord_ros.game.scenario import Scenario, loaded
 from sparse_coord_ros.share import shipped_json
-from sparse_coord_ros.solve.optimum import joint_optimum
+from sparse_coord_ros.solve.optimum import Optimum, joint_optimum
+from sparse_coord_ros.solve.routes import RoutePlan
+
+UNSEEN = "unseen.json"
 
 GAME_SETTINGS = (
     "goal_reward",
@@ -141,6 +148,34 @@ def shipped_best_team(scenario: Scenario) -> BestTeam | None:
     return None if data is None else BestTeam(**data)
 
 
+def unseen_buildings() -> tuple[str, ...]:
+    """Return the names of the unseen buildings that the benchmark has."""
+    return tuple(shipped_json(UNSEEN)["buildings"])
+
+
+def shipped_routes(scenario: Scenario) -> RoutePlan | None:
+    """Return what the route planner found for the very same game, or None."""
+    routes = _shipped(UNSEEN, "buildings").get(game_digest(scenario), {}).get("routes")
+    if routes is None:
+        return None
+    order, avoided = tuple(routes["order"]), tuple(map(tuple, routes["avoided"]))
+    return RoutePlan(**{**routes, "order": order, "avoided": avoided})
+
+
+def known_optimum(scenario: Scenario) -> Optimum:
+    """Return the joint optimum, or its bound; shipped where it takes long to compute."""
+    value = _shipped(UNSEEN, "buildings").get(game_digest(scenario), {}).get("optimum")
+    if value is None:
+        return joint_optimum(scenario)
+    return Optimum(value, True, len(scenario.map.cells) ** len(scenario.robots))
+
+
+def known_best(scenario: Scenario) -> float | None:
+    """Return the best known worth of a team: class bound or route planner; None: unknown."""
+    best = shipped_class_bound(scenario) or shipped_routes(scenario)
+    return None if best is None else best.value
+
+
 @cache
 def _shipped(file: str, key: str) -> dict[str, dict[str, Any]]:
     """Return what a shipped file lists, by the digest of the game."""
@@ -150,7 +185,15 @@ def _shipped(file: str, key: str) -> dict[str, dict[str, Any]]:
 def yardsticks(scenario: Scenario) -> list[tuple[str, float]]:
     """Return name and total discounted reward of each team or bound that is known, best last."""
     bound, team = shipped_class_bound(scenario), shipped_best_team(scenario)
-    optimum = joint_optimum(scenario)
+    routes, optimum = shipped_routes(scenario), known_optimum(scenario)
     name = "exact joint optimum" if optimum.exact else "bound (robots alone)"
-    found = [("class bound", bound), ("best known team", team), (name, optimum)]
-    return [(name, one.value) for name, one in found if one is not None]
+    return [
+        (name, one.value)
+        for name, one in (
+            ("class bound", bound),
+            ("best known team", team),
+            ("route planner", routes),
+            (name, optimum),
+        )
+        if one is not None
+    ]

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from sparse_coord_ros.engine.batch import prepare, run_batch
-from sparse_coord_ros.experiments.catalogue import CLOSE, LARGE, LONG, SMALL
+from sparse_coord_ros.experiments.benchmark import Standing, failed_teams, standings
+from sparse_coord_ros.experiments.catalogue import CLOSE, LARGE, LONG, SMALL, unseen_conditions
 from sparse_coord_ros.experiments.conditions import Condition, make_condition
 from sparse_coord_ros.experiments.report.analysis import difference, gap_closed
 from sparse_coord_ros.experiments.report.rows import class_bound
@@ -89,9 +90,7 @@ def never_asks(result: ConditionResult) -> float:
 
 def failed_share(result: ConditionResult) -> float:
     """Return the share of the teams that miss in more than one trial of a thousand."""
-    if result.exact is not None:
-        return float(np.mean(np.array(result.exact["arrived"]) < 0.999))
-    return result.failed_teams / result.runs
+    return failed_teams(result) / result.runs
 
 
 def _reward(result: ConditionResult) -> str:
@@ -394,6 +393,40 @@ def learning_seconds(scenario: Scenario) -> float:
     return time.process_time() - began
 
 
+UNSEEN: Mapping[str, tuple[str, Mapping[str, object]]] = {
+    "Non-coop.": ("noncoop", {}),
+    "coop": ("coop", {}),
+    "factored": ("factored", {}),
+    "factored, 10^4 steps": ("factored", {"steps": 10_000}),
+}
+
+
+def _unseen(found: Found) -> str:
+    """Return how teams stand in the buildings for tuning; those for the test stay closed."""
+    judged: dict[str, dict[str, Standing]] = {}
+    for what, (learner, settings) in UNSEEN.items():
+        own = [found(one) for one in unseen_conditions(learner, "tuning", settings)]
+        judged[what] = standings(own) | standings(own, by_kind=True)
+    factored = judged["factored"]
+    rows: list[Row] = [
+        {
+            "teams": f"**{where}**" if where in ("2r", "4r", "8r") else where,
+            "shortest paths": f"{own.paths:.2f}",
+            "bound": f"{own.bound:.2f}",
+            "factored": with_error(own.reward),
+            **{f"share, {what}": _share(stood[where]) for what, stood in judged.items()},
+            "below shortest paths": own.of_teams(own.below),
+            "failed teams": own.of_teams(own.failed),
+        }
+        for where, own in sorted(factored.items())
+    ]
+    return to_markdown(rows)
+
+
+def _share(one: Standing) -> str:
+    return f"{percent(one.share.mean)} ({100 * one.share.standard_error:.1f})"
+
+
 STUDIES: tuple[Study, ...] = (
     Study("pairs", (200, 100), 2, _pairs),
     Study("fall", (200, 100), 2, _fall),
@@ -404,4 +437,5 @@ STUDIES: tuple[Study, ...] = (
     Study("fewer", (10, 10), 300, _fewer),
     Study("credit", (40, 16), 200, _credit),
     Study("percepts", (40, 16), 200, _percepts),
+    Study("unseen", (20, 10), 500, _unseen),
 )

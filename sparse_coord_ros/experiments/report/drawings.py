@@ -8,6 +8,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
+from sparse_coord_ros.experiments.benchmark import standings
 from sparse_coord_ros.experiments.catalogue import LEARNERS
 from sparse_coord_ros.experiments.report.analysis import difference
 from sparse_coord_ros.experiments.report.charts import (
@@ -203,6 +204,26 @@ def _penalty100(name: str, results: Results) -> dict[str, Figure]:
     return {name: plot(points(results, "reward", where, span=0.3), len(names(results)))}
 
 
+def _unseen(name: str, results: Results) -> dict[str, Figure]:
+    shown = []
+    kinds = list(dict.fromkeys(one.scenario.name.split("-")[1] for one in results))
+    for own in (pick(results, learner=learner) for learner in LEARNERS):
+        for where, one in standings(own, by_kind=True).items():
+            team, kind = where.split()
+            shown.append(
+                point(
+                    one.share,
+                    "share of the gap",
+                    panel=f"{team.removesuffix('r')} robots",
+                    line=own[0].learner.title,
+                    x=kinds.index(kind),
+                    tick=kind,
+                    shift=shift_of(own[0]),
+                )
+            )
+    return {name: plot(shown, 3, 4.2)}
+
+
 DRAWN: Mapping[str, Callable[[str, Results], dict[str, Figure]]] = {
     "table1": _comparison("reward"),
     "table2": _comparison("time_to_goal", "miscoordinations"),
@@ -216,5 +237,6 @@ DRAWN: Mapping[str, Callable[[str, Results], dict[str, Figure]]] = {
     "uneven": _swept(factors, "factors of $r^C$, robot by robot", MEASURES),
     "crowd": _crowd,
     "where": lambda name, results: {name: asked_maps(results)},
+    "unseen": _unseen,
 }
 """What draws each experiment; others are drawn against the settings in which they differ."""

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from sparse_coord_ros.experiments.benchmark import ARRIVE, SURE, standings
 from sparse_coord_ros.experiments.catalogue import CLOSED, FALLS, LEARNERS, LONG, REACHED
 from sparse_coord_ros.experiments.report import analysis
 from sparse_coord_ros.experiments.report.analysis import difference, paired, surely_positive
@@ -51,9 +52,6 @@ Results = Sequence[ConditionResult]
 
 MARGIN = 0.5
 """By how much Coop. may stay below the better baseline and still count as at least as good."""
-
-ARRIVE = 0.999
-"""Share of trials in which every robot is to arrive."""
 
 
 @dataclass(frozen=True)
@@ -439,6 +437,29 @@ def _where(results: Results) -> Section:
     return Section(rows, [claim])
 
 
+def _unseen(results: Results) -> Section:
+    rows = []
+    by_learner = {one.condition.learner: one.learner.title for one in results}
+    found = {
+        name: standings(own) | standings(own, by_kind=True)
+        for name in by_learner
+        if (own := pick(results, learner=name))
+    }
+    for where, factored in found["factored"].items():
+        rows.append(
+            {
+                "teams": where,
+                "buildings": str(factored.buildings),
+                "shortest paths": f"{factored.paths:.2f}",
+                "bound": f"{factored.bound:.2f}",
+                **{by_learner[name]: share(own[where].share) for name, own in found.items()},
+                "Factored below shortest paths": factored.of_teams(factored.below),
+                "failed teams": factored.of_teams(factored.failed),
+            }
+        )
+    return Section(rows, values={"sure": percent(SURE, 0)})
+
+
 def _default(results: Results) -> Section:
     settings = varied(results)
     setting = ", ".join(settings) or "setting"
@@ -466,5 +487,6 @@ SECTIONS: Mapping[str, Callable[[Results], Section]] = {
     "uneven": _uneven,
     "crowd": _crowd,
     "where": _where,
+    "unseen": _unseen,
 }
 """What shows each experiment; others have a row a condition."""

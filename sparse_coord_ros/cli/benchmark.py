@@ -1,0 +1,111 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`sparse_coord benchmark`: judge learners on buildings that no search has seen."""
+
+import argparse
+from pathlib import Path
+
+from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.cli.computing import COMPUTING, Bar, note_without_numba
+from sparse_coord_ros.cli.options import Option
+from sparse_coord_ros.engine.batch import uses_numba
+from sparse_coord_ros.experiments.benchmark import (
+    TEAM_RUNS,
+    TEAM_TRIALS,
+    Benchmark,
+    Standing,
+    benchmark,
+)
+from sparse_coord_ros.experiments.catalogue import SPLITS
+from sparse_coord_ros.game.unseen import TEAMS
+from sparse_coord_ros.learn.learners import LEARNERS
+
+EXAMPLE = "sparse_coord benchmark coop factored --robots 2 --runs 2 --steps 2000"
+
+
+OPTIONS = (
+    Option(
+        "learners LEARNER",
+        None,
+        f"{', '.join(LEARNERS.registered)}; or one of your own as module:Class",
+        {"nargs": "+", "names": lambda: LEARNERS.names},
+    ),
+    Option(
+        "--split",
+        SPLITS,
+        "tuning: the buildings by which rules and numbers are chosen; test: the others, to be "
+        "opened once, for closing figures",
+    ),
+    Option(
+        "--robots",
+        int,
+        "sizes of teams",
+        {"nargs": "+", "choices": TEAMS, "default": TEAMS},
+    ),
+    Option("--kinds", bool, "a row for each kind of building too"),
+    Option("--steps", None, "step budget in transitions (default: 1e5)"),
+    shared.changes("change a setting of learning, e.g. epsilon=linear:0.2:0.02:0.8"),
+    TEAM_RUNS,
+    TEAM_TRIALS,
+    Option("--seed", shared.SEED, "seed of run 0; run i has seed + i"),
+    Option("--out", Path, "results directory; what it holds already is not computed again"),
+    *COMPUTING,
+    shared.JSON,
+)
+
+
+def execute(options: argparse.Namespace) -> int:
+    """Run the verb."""
+    if options.engine == "auto" and options.scheduler is None and not uses_numba("auto"):
+        note_without_numba()
+    found = [_judge(options, learner) for learner in options.learners]
+    if options.json:
+        shared.print_json({"benchmarks": [one.to_dict() for one in found]})
+        return 0
+    rows = [
+        [one.learner, *_row(where, standing)]
+        for one in found
+        for where, standing in (
+            one.standings() | (one.standings(by_kind=True) if options.kinds else {})
+        ).items()
+    ]
+    head = ["learner", "teams of", "buildings", "reward (s.e.)", "shortest paths", "bound"]
+    head += ["share of the gap", "below the paths", "failed teams", "asks", "miscoord."]
+    print(shared.format_table(head, rows))
+    print("bound: the class bound of two robots; with more, a planner that sees all for nothing")
+    print("0 of n (< p): the share of such teams is below p, as sure as 95 %")
+    return 0
+
+
+def _judge(options: argparse.Namespace, learner: str) -> Benchmark:
+    with Bar("agent-steps", quiet=options.json) as bar:
+        return benchmark(
+            learner,
+            split=options.split,
+            robots=options.robots,
+            settings=shared.settings_of(options),
+            out=options.out,
+            runs=options.runs,
+            trials=options.trials,
+            seed=options.seed,
+            engine=options.engine,
+            jobs=options.jobs,
+            scheduler=options.scheduler,
+            progress=lambda name, done, total: bar.show(done, total, name),
+        )
+
+
+def _row(where: str, one: Standing) -> list[str]:
+    share = one.share
+    return [
+        where,
+        f"{one.buildings}",
+        f"{one.reward.mean:.2f} ({one.reward.standard_error:.2f})",
+        f"{one.paths:.2f}",
+        f"{one.bound:.2f}",
+        f"{share.mean:.1%} ({share.standard_error:.1%})",
+        one.of_teams(one.below),
+        one.of_teams(one.failed),
+        f"{one.asks:.2f}",
+        f"{one.miscoordinations:.3f}",
+    ]

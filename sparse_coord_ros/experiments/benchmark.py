@@ -1,0 +1,211 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The benchmark of unseen buildings: how near a learner's teams come to the best known.
+
+A building's gap lies between fixed shortest paths that mind nobody and, with two robots, the class
+bound, with more what a planner reaches that sees everything for nothing. Rules and numbers are
+chosen on the buildings for tuning. Those for the test are opened once, for the closing figures:
+whoever tunes by them has seen them.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sparse_coord_ros.dataframes import data_frame
+from sparse_coord_ros.experiments.catalogue import unseen_conditions
+from sparse_coord_ros.experiments.runner import (
+    ExperimentResults,
+    Progress,
+    no_progress,
+    parse_targets,
+    run_targets,
+)
+from sparse_coord_ros.experiments.store import ConditionResult, Plan
+from sparse_coord_ros.game.plugins import allow_named
+from sparse_coord_ros.game.settings import Setting
+from sparse_coord_ros.game.unseen import TEAMS
+from sparse_coord_ros.learn.evaluation import Measure
+from sparse_coord_ros.learn.learners import Learner, learner_of
+from sparse_coord_ros.solve.shipped import known_best
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+TEAM_RUNS = Setting("runs", int, 10, "teams that learn in each building", low=2, high=1_000_000)
+TEAM_TRIALS = Setting(
+    "trials", int, 500, "trials of a team of more than two robots", low=2, high=1_000_000
+)
+
+ARRIVE = 0.999
+"""Share of trials in which every robot is to arrive."""
+
+SURE = 0.95
+"""How sure an upper bound of a share is of which no case was seen."""
+
+
+@dataclass(frozen=True)
+class Standing:
+    """How teams stand in some buildings, each of which counts as much as another.
+
+    Attributes:
+        buildings: how many there are.
+        teams: teams that learned there.
+        paths: worth of fixed shortest paths.
+        bound: what the teams are measured against: class bound, or route planner.
+        reward: total discounted reward; its standard error is that of the teams.
+        asks, miscoordinations: of a robot, and of a team, in a trial.
+        below: teams that are worth less than shortest paths.
+        failed: teams in which some robot fails to arrive in more than one trial of a thousand.
+    """
+
+    buildings: int
+    teams: int
+    paths: float
+    bound: float
+    reward: Measure
+    asks: float
+    miscoordinations: float
+    below: int
+    failed: int
+
+    @property
+    def share(self) -> Measure:
+        """Share of the gap that is closed; nothing is known of its spread."""
+        gap = self.bound - self.paths
+        error = self.reward.standard_error / gap
+        return Measure((self.reward.mean - self.paths) / gap, float("nan"), error)
+
+    def of_teams(self, count: int) -> str:
+        """Return a number of teams; where it is none, what their share is surely below."""
+        most = 1.0 - (1.0 - SURE) ** (1.0 / self.teams)
+        surely = f" (< {100 * most:.1f} %)" if count == 0 else ""
+        return f"{count} of {self.teams}{surely}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data."""
+        said = {k: v for k, v in vars(self).items() if k != "reward"}
+        said |= {"reward": self.reward.mean, "reward_standard_error": self.reward.standard_error}
+        share = self.share
+        return {**said, "share": share.mean, "share_standard_error": share.standard_error}
+
+
+@dataclass(frozen=True)
+class Benchmark:
+    """How a learner's teams stand in the unseen buildings.
+
+    Attributes:
+        learner: the learner, as it is called in files.
+        split: "tuning" or "test".
+        results: what the conditions brought, one a building.
+    """
+
+    learner: str
+    split: str
+    results: ExperimentResults
+
+    def standings(self, *, by_kind: bool = False) -> dict[str, Standing]:
+        """Return how the teams stand, by their robots, such as `2r`.
+
+        Args:
+            by_kind: by the kind of their building too, such as `2r door`.
+        """
+        return standings(self.results.values(), by_kind=by_kind)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data: what `benchmark --json` prints."""
+        found = self.standings() | self.standings(by_kind=True)
+        return {
+            "learner": self.learner,
+            "split": self.split,
+            "standings": {name: one.to_dict() for name, one in found.items()},
+            "buildings": {
+                one.scenario.name: standing([one]).to_dict() for one in self.results.values()
+            },
+        }
+
+    def to_pandas(self) -> "pd.DataFrame":
+        """Return a data frame: one row a building, its columns as of `Standing` and `building`.
+
+        Raises:
+            RunError: pandas is not installed.
+        """
+        rows = [{"building": name, **row} for name, row in self.to_dict()["buildings"].items()]
+        return data_frame({name: [row[name] for row in rows] for name in rows[0]})
+
+
+def benchmark(
+    learner: str | Learner | type[Learner],
+    *,
+    split: str = "tuning",
+    robots: Sequence[int] = TEAMS,
+    settings: Mapping[str, object] | None = None,
+    out: Path | None = None,
+    runs: int = TEAM_RUNS.default,
+    trials: int = TEAM_TRIALS.default,
+    seed: int = 0,
+    engine: str = "auto",
+    jobs: int | None = None,
+    scheduler: str | None = None,
+    progress: Progress = no_progress,
+) -> Benchmark:
+    """Let teams of a learner learn in the unseen buildings; as of `sparse_coord_ros.benchmark`."""
+    allow_named(learner)  # the caller's own word
+    plan = Plan(seed, TEAM_RUNS.parse(runs), TEAM_TRIALS.parse(trials))
+    name = learner_of(learner).label
+    targets = parse_targets(unseen_conditions(name, split, settings or {}, robots), plan)
+    results = run_targets(
+        targets,
+        plan,
+        out=out,
+        engine=engine,
+        jobs=jobs,
+        scheduler=scheduler,
+        progress=progress,
+    )
+    return Benchmark(name, split, results)
+
+
+def standings(results: Iterable[ConditionResult], *, by_kind: bool = False) -> dict[str, Standing]:
+    """Return how teams stand; arguments as of `Benchmark.standings`."""
+    groups: dict[str, list[ConditionResult]] = {}
+    for one in results:
+        _, kind, team, _ = one.scenario.name.split("-")
+        groups.setdefault(f"{team} {kind}" if by_kind else team, []).append(one)
+    return {name: standing(own) for name, own in groups.items()}
+
+
+def standing(results: Sequence[ConditionResult]) -> Standing:
+    """Return how teams of one learner stand in these buildings."""
+    rewards = [one.best("reward") for one in results]
+    error = float(np.sqrt(sum(one.standard_error**2 for one in rewards))) / len(rewards)
+    bounds = [known_best(one.scenario) or np.nan for one in results]
+    paths = [one.reference["reward"] for one in results]
+
+    def mean(values: Iterable[float]) -> float:
+        return float(np.mean(list(values)))
+
+    return Standing(
+        buildings=len(results),
+        teams=sum(one.runs for one in results),
+        paths=mean(paths),
+        bound=mean(bounds),
+        reward=Measure(mean(one.mean for one in rewards), float("nan"), error),
+        asks=mean(one.best("asks").mean for one in results),
+        miscoordinations=mean(one.best("miscoordinations").mean for one in results),
+        below=sum(
+            int((one.run_means("reward") < low - 1e-9).sum())
+            for one, low in zip(results, paths, strict=True)
+        ),
+        failed=sum(map(failed_teams, results)),
+    )
+
+
+def failed_teams(result: ConditionResult) -> int:
+    """Return how many teams miss in more than one trial of a thousand; exact where it is known."""
+    if result.exact is None:
+        return result.failed_teams
+    return int((np.array(result.exact["arrived"]) < ARRIVE).sum())

@@ -1,0 +1,290 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A planner for teams too large for exact planning: routes, an order, and one step looked ahead.
+
+It sees everybody always and pays nothing for it. In each step robots choose one after the other:
+those in a doorway first, then by their order. Each takes the move that is best for what it would
+be worth alone on its route, less what the team loses by the miscoordinations to be expected with
+the others. A route is a set of doorways that the robot keeps out of. A local search finds order
+and routes, by trials with the same draws, and whether doorways side by side are for one robot at a
+time. What comes out can be reached with full sight; it is no bound.
+"""
+
+import functools
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from sparse_coord_ros.compiling import has_numba, inner, jit
+from sparse_coord_ros.game.actions import PRIMITIVES
+from sparse_coord_ros.game.miscoordination import NOWHERE, meeting_places
+from sparse_coord_ros.game.scenario import Scenario
+
+SEARCHED = 400
+"""Trials by which the search judges a plan, all with the same draws."""
+
+JUDGED = 10_000
+"""Other trials, by which the best plan is judged."""
+
+AT_ONCE = 1000
+"""Trials played at once: their draws are held in memory."""
+
+BETTER = 0.01
+"""A change is kept that is better by more."""
+
+
+@dataclass(frozen=True)
+class RoutePlan:
+    """What the planner found for a team.
+
+    Attributes:
+        value: total discounted reward from the scenario's starts, averaged over the robots.
+        standard_error: of the trials.
+        order: numbers of the robots (from 0), first the one that chooses first.
+        avoided: of each robot, the doorways that it keeps out of: cell numbers, ascending.
+        one_at_a_time: whether doorways side by side are taken for one.
+    """
+
+    value: float
+    standard_error: float
+    order: tuple[int, ...]
+    avoided: tuple[tuple[int, ...], ...]
+    one_at_a_time: bool
+
+
+class Ways(NamedTuple):
+    """What the search changes; attributes as of `RoutePlan`."""
+
+    order: tuple[int, ...]
+    avoided: tuple[frozenset[int], ...]
+    one_at_a_time: bool = False
+
+    def changes(self, doorways: Sequence[int]) -> Iterator["Ways"]:
+        """Yield what differs in one thing: two places in the order, one doorway of one robot."""
+        yield self._replace(one_at_a_time=not self.one_at_a_time)
+        for j, own in enumerate(self.order):
+            for i, other in enumerate(self.order[:j]):
+                order = list(self.order)
+                order[i], order[j] = own, other
+                yield self._replace(order=tuple(order))
+        for k, kept in enumerate(self.avoided):
+            for doorway in doorways:
+                avoided = list(self.avoided)
+                avoided[k] = kept ^ {doorway}
+                yield self._replace(avoided=tuple(avoided))
+
+
+class Routed(NamedTuple):
+    """A scenario and a plan as arrays.
+
+    Attributes:
+        lead: where a successful move leads; (cells, moves).
+        places: the meeting place of each cell, or `NOWHERE`; (cells,).
+        claims: what robots keep apart in, as `places`.
+        starts, goals: of each robot; (robots,).
+        after: what a robot alone on its route is worth at the end of a step; (robots, cells).
+        order: as of `RoutePlan`; (robots,).
+        toll: sum of r^C over the robots.
+        prize: worth of an arrival, carried to infinity.
+        discount: gamma.
+        success: probability that a move succeeds.
+    """
+
+    lead: np.ndarray
+    places: np.ndarray
+    claims: np.ndarray
+    starts: np.ndarray
+    goals: np.ndarray
+    after: np.ndarray
+    order: np.ndarray
+    toll: float
+    prize: float
+    discount: float
+    success: float
+
+
+def route_plan(scenario: Scenario, *, restarts: int = 4, seed: int = 0) -> RoutePlan:
+    """Search for order and routes; the first restart begins with shortest ways for all.
+
+    Args:
+        scenario: the problem.
+        restarts: how often to begin anew, in a random order.
+        seed: of every random draw.
+    """
+    team, doorways = len(scenario.robots), sorted(scenario.map.doorways)
+    found: list[tuple[float, Ways]] = []
+    for restart in range(restarts):
+        rng = np.random.default_rng([seed, restart])
+        draws = rng.random((SEARCHED, scenario.horizon, team))
+        order = rng.permutation(team).tolist() if restart else range(team)
+        ways = Ways(tuple(order), (frozenset(),) * team)
+        best, better = float(_play(scenario, ways, draws).mean()), True
+        while better:
+            better = False
+            changed = list(ways.changes(doorways))
+            for number in rng.permutation(len(changed)).tolist():
+                worth = float(_play(scenario, changed[number], draws).mean())
+                if worth > best + BETTER:
+                    best, ways, better = worth, changed[number], True
+                    break
+        found.append((best, ways))
+    _, ways = max(found, key=lambda one: one[0])
+    rng = np.random.default_rng([seed, restarts])
+    fresh = (rng.random((AT_ONCE, scenario.horizon, team)) for _ in range(JUDGED // AT_ONCE))
+    means = np.concatenate([_play(scenario, ways, draws) for draws in fresh])
+    return RoutePlan(
+        value=float(means.mean()),
+        standard_error=float(means.std(ddof=1) / len(means) ** 0.5),
+        order=ways.order,
+        avoided=tuple(tuple(sorted(one)) for one in ways.avoided),
+        one_at_a_time=ways.one_at_a_time,
+    )
+
+
+def _play(scenario: Scenario, ways: Ways, draws: np.ndarray) -> np.ndarray:
+    """Play trials; return the team's mean reward in each."""
+    grid, gamma, p = scenario.map, scenario.discount, scenario.move_success
+    prize = scenario.goal_reward / (1.0 - gamma)
+    after = np.zeros((len(ways.order), len(grid.cells)))
+    for k, robot in enumerate(scenario.robots):
+        far = _distances(grid.next_cell, robot.goal, ways.avoided[k])
+        worth = prize * gamma ** np.maximum(far, 0) * (p / (1.0 - gamma * (1.0 - p))) ** far
+        after[k] = np.where(far < 0, 0.0, worth)
+    places = meeting_places(scenario)
+    routed = Routed(
+        lead=np.ascontiguousarray(grid.next_cell, dtype=np.int64),
+        places=places,
+        claims=_passages(scenario) if ways.one_at_a_time else places,
+        starts=np.array([robot.start for robot in scenario.robots]),
+        goals=np.array([robot.goal for robot in scenario.robots]),
+        after=after,
+        order=np.array(ways.order),
+        toll=float(sum(scenario.penalties)),
+        prize=prize,
+        discount=float(gamma),
+        success=float(p),
+    )
+    rewards = np.zeros(len(draws))
+    compiled()(routed, draws, np.zeros((3, len(ways.order)), dtype=np.int64), rewards)
+    return rewards
+
+
+def _passages(scenario: Scenario) -> np.ndarray:
+    """Return the passage of each cell, its least doorway, or `NOWHERE`; shape (cells,), int64."""
+    found, lead = meeting_places(scenario), scenario.map.next_cell
+    doorways = sorted(scenario.map.doorways)
+    for _ in doorways:  # no passage is longer
+        for x in doorways:
+            beside = [int(y) for y in lead[x] if y in scenario.map.doorways]
+            found[x] = min(int(found[y]) for y in [x, *beside])
+    return found
+
+
+def _distances(lead: np.ndarray, goal: int, avoided: frozenset[int]) -> np.ndarray:
+    """Return the moves from each cell to the goal through no avoided cell; -1: there is no way."""
+    far = np.full(len(lead), -1)
+    far[goal], front = 0, [goal]
+    while front:
+        there = set(front) - avoided
+        front = [x for x in np.flatnonzero(far < 0).tolist() if there & set(lead[x].tolist())]
+        far[front] = far.max() + 1
+    return far
+
+
+# The loop, compiled where numba is installed.
+
+
+@inner
+def meeting(x: int, y: int, p: float, here: int, there: int, q: float) -> float:
+    """Return how likely two robots end a step at one place.
+
+    Args:
+        x: the place of the one.
+        y: the place that it goes to; each may be `NOWHERE`.
+        p: probability that it gets there.
+        here: as `x`, of the other.
+        there: as `y`.
+        q: as `p`.
+    """
+    found = 0.0
+    if x != NOWHERE:
+        found += (1.0 - p) * ((1.0 - q) * (x == here) + q * (x == there))
+    if y != NOWHERE:
+        found += p * ((1.0 - q) * (y == here) + q * (y == there))
+    return found
+
+
+def play(routed: Routed, draws: np.ndarray, space: np.ndarray, rewards: np.ndarray) -> None:
+    """Play trials.
+
+    Args:
+        routed: the scenario and the plan.
+        draws: in [0, 1), one for each trial, step and robot.
+        space: room for cells, chosen cells and the step's sequence; (3, robots), int64.
+        rewards: what each trial brings, averaged over the robots; set.
+    """
+    cells, chosen, sequence = space
+    claims = routed.claims
+    team = len(cells)
+    for trial in range(len(draws)):
+        total, factor = 0.0, 1.0
+        for k in range(team):
+            cells[k] = routed.starts[k]
+        for step in range(draws.shape[1]):
+            # Those in a doorway choose first.
+            count = 0
+            for inside in (True, False):
+                for k in routed.order:
+                    if (routed.places[cells[k]] != NOWHERE) == inside:
+                        sequence[count] = k
+                        count += 1
+            for place in range(team):
+                k = sequence[place]
+                x = cells[k]
+                chosen[k] = x
+                if x == routed.goals[k]:
+                    continue
+                best = -np.inf
+                for b in range(PRIMITIVES):
+                    y = routed.lead[x, b]
+                    p = routed.success if y != x else 1.0
+                    worth = p * routed.after[k, y] + (1.0 - p) * routed.after[k, x]
+                    for other in range(team):
+                        # Who has not chosen yet is taken to leave, which fails at times.
+                        j = sequence[other]
+                        if j != k:
+                            here = claims[cells[j]]
+                            there = claims[chosen[j]] if other < place else NOWHERE
+                            meet = meeting(claims[x], claims[y], p, here, there, routed.success)
+                            worth += meet * routed.toll
+                    if worth > best:
+                        best = worth
+                        chosen[k] = y
+            under_way = False
+            for k in range(team):
+                if cells[k] == routed.goals[k]:
+                    continue
+                under_way = True
+                if draws[trial, step, k] < routed.success:
+                    cells[k] = chosen[k]
+                    if cells[k] == routed.goals[k]:
+                        total += factor * routed.prize
+            if not under_way:
+                break
+            met = False
+            for k in range(team):
+                for j in range(k):
+                    mine = routed.places[cells[k]]
+                    met = met or (mine != NOWHERE and mine == routed.places[cells[j]])
+            if met:
+                total += factor * routed.toll
+            factor *= routed.discount
+        rewards[trial] = total / team
+
+
+@functools.cache
+def compiled() -> Callable[..., None]:
+    """Return the loop compiled by numba, or as plain Python where it is not installed."""
+    return jit([play])[0] if has_numba() else play

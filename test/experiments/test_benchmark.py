@@ -1,0 +1,169 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The benchmark of unseen buildings: its buildings, its bounds, and what it says of a learner."""
+
+import json
+
+import pytest
+
+import sparse_coord_ros as sc
+from sparse_coord_ros.compiling import has_numba
+from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.experiments import benchmark as module
+from sparse_coord_ros.experiments.benchmark import Standing, standing
+from sparse_coord_ros.experiments.catalogue import experiment, unseen_conditions
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.game.unseen import KINDS, TEAMS, is_tuning, team_of
+from sparse_coord_ros.learn.evaluation import Measure
+from sparse_coord_ros.share import shipped_json
+from sparse_coord_ros.solve.optimum import independent_bound, joint_optimum
+from sparse_coord_ros.solve.reference import shortest_path_reference
+from sparse_coord_ros.solve.shipped import (
+    game_digest,
+    known_best,
+    shipped_class_bound,
+    shipped_routes,
+    unseen_buildings,
+    yardsticks,
+)
+
+SHIPPED = shipped_json("unseen.json")["buildings"]
+FEW = {"runs": 2, "trials": 2, "steps": 50, "robots": [2], "jobs": 1, "engine": "python"}
+
+
+def test_both_splits_have_as_many_of_each_kind_and_team():
+    names = unseen_buildings()
+    counts = {}
+    for name in names:
+        place = name.split("-")[1], team_of(name), is_tuning(name)
+        counts[place] = counts.get(place, 0) + 1
+    wanted = {2: 4, 4: 2, 8: 1}
+    assert counts == {
+        (kind, t, s): wanted[t] for kind in KINDS for t in TEAMS for s in (True, False)
+    }
+
+
+@pytest.mark.parametrize("name", [name for name in SHIPPED if team_of(name) == 2])
+def test_two_robots_are_in_one_anothers_way(name):
+    scenario, said = load_scenario(name), SHIPPED[name]
+    assert said["game"] == game_digest(scenario)
+    paths, optimum = shortest_path_reference(scenario).reward, joint_optimum(scenario).value
+    assert said["shortest_paths"] == pytest.approx(paths, abs=1e-9)
+    assert said["optimum"] == pytest.approx(optimum, abs=1e-7)
+    assert optimum > paths + 1
+    assert paths + 0.9 < known_best(scenario) == shipped_class_bound(scenario).value
+    assert known_best(scenario) <= optimum + 1e-6
+
+
+@pytest.mark.parametrize("name", [name for name in SHIPPED if team_of(name) > 2])
+def test_more_are_too(name):
+    scenario, said = load_scenario(name), SHIPPED[name]
+    assert said["game"] == game_digest(scenario)
+    plan = shipped_routes(scenario)
+    assert shortest_path_reference(scenario).reward == pytest.approx(said["shortest_paths"])
+    assert said["shortest_paths"] + 1 < plan.value < independent_bound(scenario)
+
+
+def test_the_planner_is_a_yardstick():
+    scenario = load_scenario("unseen1-door-4r-0")
+    names, values = zip(*yardsticks(scenario), strict=True)
+    assert names == ("route planner", "bound (robots alone)")
+    assert values[0] == shipped_routes(scenario).value
+    assert shipped_routes(scenario.with_settings({"penalty": -20})) is None
+
+
+def test_the_test_is_opened_by_the_closing_experiment_alone():
+    opened = {one.name for one in experiment("unseen").conditions}
+    assert opened == {name for name in SHIPPED if not is_tuning(name)}
+    chosen = {one.name for one in unseen_conditions("coop", "tuning", {"steps": 10})}
+    assert chosen == set(SHIPPED) - opened
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"split": "both"}, "split: value is 'both'"),
+        ({"robots": [3]}, "robots: value is 3"),
+        ({"robots": []}, "robots: value is none"),
+        ({"penalty": -20}, "penalty"),
+        ({"runs": 1}, "runs"),
+        ({"epsilonn": 1}, "epsilonn"),
+    ],
+)
+def test_what_it_refuses(given, words):
+    with pytest.raises(SettingError, match=words):
+        sc.benchmark("coop", **{**FEW, **given})
+
+
+def test_a_learner_is_judged(monkeypatch):
+    names = unseen_buildings()[:3]
+    monkeypatch.setattr("sparse_coord_ros.experiments.catalogue.unseen_buildings", lambda: names)
+    found = sc.benchmark("noncoop", **FEW)
+    assert (found.learner, found.split) == ("noncoop", "tuning")
+    assert {one.condition.name for one in found.results.values()} == set(filter(is_tuning, names))
+    [(where, one)] = found.standings().items()
+    assert (where, one.buildings, one.teams) == ("2r", 2, 4)
+    assert list(found.standings(by_kind=True)) == ["2r door"]
+    said = found.to_dict()["standings"]["2r"]
+    gap = said["bound"] - said["paths"]
+    assert said["share"] == pytest.approx((said["reward"] - said["paths"]) / gap)
+    assert len(found.to_pandas()) == 2
+    json.dumps(found.to_dict())
+
+
+def test_how_teams_stand():
+    one = Standing(2, 60, 100.0, 120.0, Measure(115.0, 1.0, 0.5), 1.0, 0.0, 0, 3)
+    assert (one.share.mean, one.share.standard_error) == (0.75, 0.025)
+    assert one.of_teams(one.failed) == "3 of 60"
+    assert one.of_teams(one.below) == "0 of 60 (< 4.9 %)"
+
+
+def test_teams_below_shortest_paths_and_failed_ones_are_counted(result_in):
+    low = shortest_path_reference(load_scenario("unseen1-door-2r-0")).reward
+    result = result_in("unseen1-door-2r-0", rewards=[low - 1.0, low, low + 8.0], failing=[0, 5, 0])
+    one = standing([result, result])
+    assert (one.buildings, one.teams, one.below, one.failed) == (2, 6, 2, 2)
+    assert one.reward.mean == pytest.approx(low + 7.0 / 3.0)
+    assert one.reward.standard_error == pytest.approx(
+        result.best("reward").standard_error / 2**0.5
+    )
+
+
+@pytest.fixture
+def result_in():
+    """Return a function that makes up a result in a building, with the rewards of its runs."""
+
+    def made(name, rewards, failing):
+        [condition] = [c for c in unseen_conditions("coop", "tuning", {}) if c.name == name]
+        return module.ConditionResult(
+            condition=condition,
+            trials=1000,
+            optimum=200.0,
+            optimum_exact=True,
+            reference={"reward": shortest_path_reference(condition.scenario).reward},
+            means={name: list(rewards) for name in ("reward", "asks", "miscoordinations")},
+            variances={
+                name: [1.0] * len(rewards) for name in ("reward", "asks", "miscoordinations")
+            },
+            robot_means={},
+            not_arrived=failing,
+            visited=[],
+            asked=[],
+            stays=[],
+        )
+
+    return made
+
+
+@pytest.mark.skipif(not has_numba(), reason="minutes in plain Python")
+def test_the_verb(monkeypatch, capsys):
+    from sparse_coord_ros.cli.main import main
+
+    names = unseen_buildings()[:2]
+    monkeypatch.setattr("sparse_coord_ros.experiments.catalogue.unseen_buildings", lambda: names)
+    words = ["benchmark", "noncoop", "--robots", "2", "--runs", "2", "--steps", "200", "--kinds"]
+    assert main(words) == 0
+    out = capsys.readouterr().out
+    assert [line.split()[:2] for line in out.splitlines()[2:4]] == [["noncoop", "2r"]] * 2
+    assert main([*words, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["benchmarks"][0]["split"] == "tuning"

@@ -1,0 +1,57 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The unseen buildings: the same for ever, sound, and named so that nobody mistakes them."""
+
+import hashlib
+
+import pytest
+
+from sparse_coord_ros.errors import ScenarioError
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.game.unseen import KINDS, TEAMS, VERSION, is_tuning, team_of, unseen_text
+
+
+def test_version_1_is_what_it_was():
+    names = [
+        f"{VERSION}-{kind}-{team}r-{seed}" for kind in KINDS for team in TEAMS for seed in (0, 9)
+    ]
+    texts = "".join(map(unseen_text, names))
+    assert hashlib.sha256(texts.encode()).hexdigest()[:16] == "c727be31d791fae3"
+
+
+@pytest.mark.parametrize("team", TEAMS)
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_robot_gets_to_its_goal_through_a_doorway(kind, team):
+    for seed in range(12):
+        scenario = load_scenario(f"{VERSION}-{kind}-{team}r-{seed}", ask_cost=2)
+        grid, robots = scenario.map, scenario.robots
+        assert (scenario.penalty, scenario.steps, scenario.ask_cost) == (-100, 100_000, 2)
+        assert len(robots) == team_of(scenario.name) == team
+        for places in ([r.start for r in robots], [r.goal for r in robots]):
+            assert len(set(places)) == team
+            assert not grid.doorways & set(places)
+        for robot in robots:
+            assert 1 <= grid.distances_to(robot.goal)[robot.start] < 40
+            assert _needs_a_doorway(grid, robot.start, robot.goal)
+
+
+def _needs_a_doorway(grid, start, goal):
+    seen, front = {start}, [start]
+    while front:
+        front = [int(y) for x in front for y in grid.next_cell[x] if y not in grid.doorways]
+        front = list(set(front) - seen)
+        seen |= set(front)
+    return goal not in seen
+
+
+def test_even_seeds_are_for_tuning():
+    assert [is_tuning(f"{VERSION}-loop-2r-{seed}") for seed in (0, 1, 10)] == [True, False, True]
+
+
+@pytest.mark.parametrize(
+    "name", ["unseen1-door-2r", "unseen1-door-3r-1", "unseen1-hall-2r-1", "unseen2-door-2r-1"]
+)
+def test_there_is_no_such_building(name):
+    with pytest.raises(ScenarioError, match="no such scenario"):
+        load_scenario(name)
+    assert unseen_text(f"{VERSION}-door-2r-01") is None
