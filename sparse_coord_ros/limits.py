@@ -40,6 +40,9 @@ MAP_HEADER = Limit("the description of a map", 2**16, 1_000)
 IMAGE = Limit("an image", 512 * MB, 100_000_000)
 ARRAYS = Limit("tables, histories and checkpoints", 1024 * MB, 1024 * MB)
 RESULTS = Limit("results", 64 * MB)
+RECORD = Limit("a record of a bag", 256 * MB)
+CHUNK = Limit("the content of a chunk", 64 * MB)
+CHUNKS = Limit("the content of all chunks, and of each byte of the file", 256 * MB, 100)
 METADATA = Limit("a bag's metadata", 4 * MB, 100_000)
 
 DEEPEST = 30

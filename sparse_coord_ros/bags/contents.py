@@ -37,6 +37,7 @@ from sparse_coord_ros.bags.records import (
 )
 from sparse_coord_ros.bags.topics import BagTopic, topic_of
 from sparse_coord_ros.errors import BagError
+from sparse_coord_ros.limits import CHUNK, CHUNKS
 
 OWN_LIBRARY = "sparse_coord_ros "
 """How the header of a file by `BagWriter` begins: in these every checksum is there."""
@@ -44,6 +45,8 @@ OWN_LIBRARY = "sparse_coord_ros "
 CUT_OFF = "the file ends here, without an end: it was cut off"
 SEARCHED = 1 << 24
 """Bytes of records that are tried, beside the file's size, in searching where it goes on."""
+SEARCH = 1 << 12
+"""What a search costs beside."""
 
 _CHUNK_HEAD = struct.Struct("<QQQII")
 """Earliest and latest time, size and checksum of the content, length of the compression's name."""
@@ -159,7 +162,7 @@ class BagFile:
         self._known = np.zeros(1 << 16, dtype=bool)
         # Who writes one checksum writes all, so that a zeroed one does not pass for none.
         self._own = self._crcs = self._ended = self._altered = False
-        self._tried = 0
+        self._tried = self._contents = 0
         self._crc = zlib.crc32(MAGIC)
         self._source = Source(path)
         try:
@@ -308,6 +311,7 @@ class BagFile:
             record = self._source.record(begin, self.size)
             if self._framed(record):
                 return record.end, record.end
+        self._tried += SEARCH
         for place in self._source.places(begin + 1, self.size):
             if self._tried > SEARCHED + self.size:
                 break  # somebody has made it so
@@ -316,7 +320,7 @@ class BagFile:
                 if self._framed(record):
                     self._tried += record.length
                     if record.opcode == Opcode.CHUNK:
-                        self._part(self._block(record))
+                        self._part(self._block(record)[0])
                     self._take(record)
                     return place, record.end
         return None
@@ -393,21 +397,28 @@ class BagFile:
         if int.from_bytes(body[2:6], "little") != record.length - 6:
             raise Damage(record.offset, "a message index whose fields do not fit into it")
 
-    def _block(self, record: RecordPlace) -> Block:
-        """Return where a chunk is; raises Damage where its lengths do not fit together."""
+    def _block(self, record: RecordPlace) -> tuple[Block, int, int]:
+        """Return where a chunk is, size and checksum of its content; raises Damage."""
         head = self._source.read(record.body, min(record.length, 64))
         with suppress(struct.error):
-            start_ns, end_ns, _, _, name = _CHUNK_HEAD.unpack_from(head)
+            start_ns, end_ns, content, crc, name = _CHUNK_HEAD.unpack_from(head)
             [size] = _LENGTH.unpack_from(head, _CHUNK_HEAD.size + name)
             if _CHUNK_HEAD.size + name + _LENGTH.size + size == record.length:
-                return Block(record.offset, record.end - record.offset, start_ns, end_ns)
+                block = Block(record.offset, record.end - record.offset, start_ns, end_ns)
+                return block, content, crc
         raise Damage(record.offset, "a chunk record whose fields do not fit into it")
 
     def _take_chunk(self, record: RecordPlace) -> None:
-        block = self._block(record)
+        block, content, crc = self._block(record)
+        self._contents += min(content, CHUNK.bytes)  # more is damage, or refused
+        if self._contents > CHUNKS.bytes + CHUNKS.elements * self.size:
+            raise Damage(record.offset, f"a chunk of {content} bytes after too many for this file")
         # A recorder tells of its topics before the first message, and of the run at time 0.
         if self._checked or not self.topics or not block.end_ns:
-            chunk = parse(Chunk, self._body(record), record.offset)
+            body = self._body(record)
+            if not (content or crc):
+                return
+            chunk = parse(Chunk, body, record.offset)
             heads = self._open(chunk, block).heads
             self._crcs |= chunk.uncompressed_crc != 0
             self._count(heads)

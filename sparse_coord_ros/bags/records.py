@@ -22,12 +22,10 @@ from mcap.records import Chunk
 
 from sparse_coord_ros.bags.layout import open_to_read
 from sparse_coord_ros.errors import BagError
+from sparse_coord_ros.limits import CHUNK, RECORD
 from sparse_coord_ros.wire.cdr import rows_at
 
 MAGIC = b"\x89MCAP0\r\n"
-LARGEST_RECORD = 256 * 1024 * 1024
-"""Bytes of a record, or of a chunk's content; more is taken for damage. (Attachments: any.)"""
-
 HEAD = struct.Struct("<BQ")
 """What every record begins with: opcode and length of the body."""
 MESSAGE = struct.Struct("<HIQQ")
@@ -135,7 +133,7 @@ class Source:
             left = size - offset
             raise Cut(offset, f"the file ends within a record, of which {left} bytes are left")
         opcode, length = HEAD.unpack(self.read(offset, HEAD.size))
-        if length > LARGEST_RECORD and opcode != Opcode.ATTACHMENT:
+        if length > RECORD.bytes and opcode != Opcode.ATTACHMENT:
             raise Damage(offset, f"{describe(opcode)} of {length} bytes, which is implausible")
         return RecordPlace(opcode, offset, length)
 
@@ -229,8 +227,8 @@ def check_crc(expected: int, found: int, offset: int, what: str, *, required: bo
 def chunk_content(chunk: Chunk, offset: int, *, crc_required: bool) -> bytes:
     """Return a chunk's records, decompressed; raises Damage, never takes more than it says."""
     size = chunk.uncompressed_size
-    if size > LARGEST_RECORD:
-        raise Damage(offset, f"a chunk of {size} bytes, which is implausible")
+    if size > CHUNK.bytes:
+        raise Damage(offset, f"a chunk of {size} bytes, allowed: {CHUNK.bytes}")
     try:
         if chunk.compression == "":
             content = chunk.data
@@ -279,7 +277,10 @@ def message_heads(
     last = size - HEAD.size
     while place <= last:
         append(place)
-        place += HEAD.size + length_at(content, place + 1)[0]
+        length = length_at(content, place + 1)[0]
+        if not length:
+            raise Damage(offset, "an empty record in a chunk")
+        place += HEAD.size + length
     if place != size:
         raise Damage(offset, "records of which the last does not fit into their chunk")
     begins = np.array(places, dtype=np.int64)

@@ -18,9 +18,10 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 
 from sparse_coord_ros.bags import BagTopic, BagWriter, Message, QoS, open_bag, type_hash
-from sparse_coord_ros.bags.records import LARGEST_RECORD, Damage, chunk_content
+from sparse_coord_ros.bags.records import Damage, chunk_content
 from sparse_coord_ros.bags.schemas import schema_text
 from sparse_coord_ros.errors import BagError
+from sparse_coord_ros.limits import CHUNK, Limit
 
 STRING = "std_msgs/msg/String"
 LATCHED = QoS(durability="transient_local", depth=1)
@@ -252,7 +253,7 @@ def test_the_directory_of_a_run_stands_for_its_bag(tmp_path, bag):
 
 
 @pytest.mark.parametrize("compression", ["zstd", "lz4", ""])
-@pytest.mark.parametrize("stated", [0, 10, LARGEST_RECORD, LARGEST_RECORD + 1, 2**63])
+@pytest.mark.parametrize("stated", [0, 10, CHUNK.bytes, CHUNK.bytes + 1, 2**63])
 def test_chunk_that_does_not_hold_what_it_says(compression, stated):
     """A bomb is not unpacked: no more than stated, nothing implausible."""
     data = {
@@ -431,3 +432,59 @@ def test_a_chunk_that_makes_no_sense(tmp_path, content, problem):
     path.write_bytes(start + record(6, chunk))
     bag = open_bag(path)
     assert problem in bag.damage and (bag.message_count, list(bag.messages())) == (0, [])
+
+
+def chunk(content, times=(1, 1), crc=0):
+    fields = struct.pack("<QQQI", *times, len(content), crc) + text(b"")
+    return record(6, fields + struct.pack("<Q", len(content)) + content)
+
+
+START = b"\x89MCAP0\r\n" + record(1, text(b"") + text(b""))
+FIRST = chunk(schema() + channel() + message(1))
+
+
+def both_ways(path, data):
+    """Return a bag that is read checked, and by looking through it; they agree."""
+    path.write_bytes(data)
+    bag, lazy = open_bag(path), open_bag(path, checked=False)
+    assert list(lazy.messages()) == list(bag.messages())
+    assert lazy.gaps == bag.gaps
+    return bag
+
+
+def test_empty_chunks_are_not_unpacked(tmp_path, monkeypatch):
+    """200,000 of them once took 25 s. One that has a checksum is not empty."""
+    both_ways(tmp_path / "a.mcap.partial", START + FIRST)
+    monkeypatch.setattr("sparse_coord_ros.bags.contents.chunk_content", None)
+    (tmp_path / "b.mcap.partial").write_bytes(START + chunk(b"", (0, 0)) * 50)
+    assert open_bag(tmp_path / "b.mcap.partial").gaps == ()
+    monkeypatch.undo()
+    bag = both_ways(tmp_path / "c.mcap.partial", START + FIRST + chunk(b"", (0, 0), 7) + FIRST)
+    assert len(bag.gaps) == 1 and bag.message_count == 2
+
+
+@pytest.mark.parametrize("limit", [0, 1, 2])
+def test_chunks_hold_no_more_than_a_limit(tmp_path, monkeypatch, limit):
+    """Of each byte of the file, too: a small file is not unpacked to gigabytes."""
+    data = START + FIRST * 3
+    size = len(schema() + channel() + message(1))
+    most = Limit("", limit * size, 0) if limit != 1 else Limit("", size - len(data), 1)
+    monkeypatch.setattr("sparse_coord_ros.bags.contents.CHUNKS", most)
+    bag = both_ways(tmp_path / "a.mcap.partial", data)
+    assert bag.message_count == limit and bag.lost_bytes == (3 - limit) * len(FIRST)
+    assert "after too many for this file" in bag.damage
+
+
+def test_a_chunk_of_nothing_but_zeros_is_no_list_of_records(tmp_path):
+    bag = both_ways(tmp_path / "a.mcap.partial", START + FIRST + chunk(bytes(1_000)))
+    assert bag.damage.endswith("an empty record in a chunk")
+
+
+def test_searching_ends(tmp_path, monkeypatch):
+    """Somebody may make a file of which every byte begins a record."""
+    monkeypatch.setattr("sparse_coord_ros.bags.contents.SEARCHED", 0)
+    monkeypatch.setattr("sparse_coord_ros.bags.contents.SEARCH", 300)
+    data = START + FIRST + (b"junk!" + FIRST) * 50
+    bag = both_ways(tmp_path / "a.mcap.partial", data)
+    [*_, last] = bag.gaps
+    assert 10 < bag.message_count == len(bag.gaps) < 40 and last.end == len(data)
