@@ -105,6 +105,7 @@ class BagWriter:
         )
         self._add_message = self._writer.add_message
         self._schema_ids: dict[tuple[str, str, bytes], int] = {}
+        self._defined_twice = False
         self._start_ns = LATEST_NS
         self._end_ns = 0
         self._writer.start(profile="ros2", library=f"sparse_coord_ros {__version__}")
@@ -240,11 +241,21 @@ class BagWriter:
     def flush(self) -> None:
         """End the current chunk and hand it to the operating system, without fsync.
 
+        The chunk after a file's first flush defines the channels again: should the first chunk be
+        lost, that of an unfinished file, the others are read.
+
         Raises:
             BagError: writing failed, or the bag is closed.
         """
         self._file.check_usable()
         self._writer.flush()
+        inside = vars(self._writer)  # Writer defines a channel in one chunk only
+        if not self._defined_twice and inside["_Writer__chunk_indices"]:
+            self._defined_twice = True
+            for schema in inside["_Writer__schemas"].values():
+                inside["_Writer__chunk_builder"].add_schema(schema)
+            for channel in inside["_Writer__channels"].values():
+                inside["_Writer__chunk_builder"].add_channel(channel)
 
     def close(self) -> None:
         """Finish and rename the MCAP file, write `metadata.yaml`; a second call does nothing.

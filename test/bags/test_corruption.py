@@ -179,6 +179,29 @@ def test_a_thousand_damaged_bags(tmp_path, originals):
     assert len(reads) > 4
 
 
+@pytest.mark.parametrize("hit", range(5))
+@pytest.mark.parametrize("finish", [False, True])
+def test_no_chunk_depends_on_another(tmp_path, samples, hit, finish):
+    """What the topics are is in the first two, and at the end of a finished file."""
+    writer = BagWriter(tmp_path / "bag")
+    channel = writer.add_topic("/a", STRING, QoS())
+    for i in range(5):
+        writer.write(channel, samples.cdr(STRING), i, i)
+        writer.flush()
+    writer.close() if finish else writer.abandon()
+    [file] = (tmp_path / "bag").glob("*.mcap*")
+    block = open_bag(file).files[0].blocks[hit]
+    data = bytearray(file.read_bytes())
+    data[block.offset + block.length - 3] ^= 1
+    file.write_bytes(data)
+    for checked in (True, False):
+        bag = open_bag(file, checked=checked)
+        assert [m.log_time_ns for m in bag.messages()] == [i for i in range(5) if i != hit]
+        assert [(gap.begin, gap.end) for gap in bag.gaps] == [
+            (block.offset, block.offset + block.length)
+        ]
+
+
 @pytest.fixture(scope="module")
 def tiny(tmp_path_factory, samples):
     """Return a tiny bag of three chunks."""
