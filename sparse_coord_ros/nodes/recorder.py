@@ -36,6 +36,8 @@ QUIET_SECONDS = 0.3
 """After the run's end, the bag is closed when nothing has come for so long."""
 LAST_WORDS_SECONDS = 6.0
 """After the run's end, how long the bag is kept open for last words that may be to come."""
+TALK_SECONDS = 20.0
+"""After the run's end, how long somebody who goes on talking keeps the bag open."""
 KEPT_FREE = 32 << 20
 """Bytes of the disk that a recording leaves free, so that tables can still be saved."""
 LAG_STEPS = 1000
@@ -314,9 +316,9 @@ class Recorder(Follower):
         """Whether nothing comes any more, and nobody is left whose last words are to come."""
         if self.recording is None or self.presence is None:
             return True
-        waited = now - self.presence.ended > LAST_WORDS_SECONDS
-        quiet = now - self.recording.heard >= QUIET_SECONDS
-        return quiet and (waited or self._heard_all(self.recording))
+        waited = now - self.presence.ended
+        quiet = now - self.recording.heard >= QUIET_SECONDS or waited > TALK_SECONDS
+        return quiet and (waited > LAST_WORDS_SECONDS or self._heard_all(self.recording))
 
     def _heard_all(self, recording: Recording) -> bool:
         """Whether nobody is left whose last words are still to come.
