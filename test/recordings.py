@@ -162,7 +162,8 @@ class Recording:
                 self.world.repeat()
             else:
                 step = self.world.world.step
-                assert self.world.expire(), "nobody is missing and nothing moves"
+                assert self.world.missing(), "nobody is missing and nothing moves"
+                self.world.expire()
                 if self.world.world.step == step:  # nobody is left: it goes on saying so
                     self.deaf.clear()
                     self.late.clear()

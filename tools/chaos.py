@@ -9,6 +9,12 @@ happens to them at which time steps: SIGKILL and a start with `resume:=true`, to
 all, or SIGSTOP for a while. Deadlines are long, so nobody is left out: the tables are to be those
 of a run without ROS, bit for bit. No process may wait for ever or print a traceback. `verify` is
 to say "identical"; where a recorder was killed or stopped, that its recording lacks something.
+Summary, history, diagnostics and log are to count alike (`teams.odd_counts`).
+
+In some runs other things happen: the output directory is deleted; a stranger speaks on every topic
+(`tools.strangers`), or serves a robot's `active_perception` too, with lies (`--lie ROBOT` is that
+stranger); or the world goes on where it is (`returning:=continue`) while two are killed in a row:
+the tables are then those of no run, and `verify` may find that it cannot tell.
 """
 
 import argparse
@@ -21,13 +27,18 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import rclpy
 
 from sparse_coord_ros.bags.reader import BAG_DIRECTORY
 from sparse_coord_ros.errors import SparseCoordError
+from sparse_coord_ros.nodes.interface import ACTIVE_PERCEPTION_TYPE
+from sparse_coord_ros.nodes.spin import ros_context, signals, spin_nodes
 from sparse_coord_ros.runlog import verify
 from sparse_coord_ros.wire import RECORDER, WORLD
-from tools.teams import command, node_words, same_tables
+from sparse_coord_ros.wire.services import ACTIVE_PERCEPTION
+from tools.teams import command, node_words, odd_counts, same_tables
 
 ROBOTS = ("robot_1", "robot_2")
 NODES = (WORLD, *ROBOTS, RECORDER)
@@ -37,6 +48,14 @@ START_SECONDS = 60.0
 LIMIT_SECONDS = 90.0
 """A team that has not ended so long after its last fault never will."""
 
+KILL, STOP, DELETE = "killed", "stopped", "its directory deleted"
+VISIT, LIE = "visited by a stranger", "has a second server"
+STRANGERS = {
+    VISIT: ("tools.strangers", "--seconds", "60", "--seed"),
+    LIE: ("tools.chaos", "--lie", ROBOTS[1], "--seed"),
+}
+"""The modules that they are, and what these are given before a number."""
+
 
 class Fault(NamedTuple):
     """What happens.
@@ -44,20 +63,19 @@ class Fault(NamedTuple):
     Attributes:
         step: about when, in time steps after the start or the fault before.
         who: to whom; all of `NODES`: to everybody at once.
-        stops: seconds of SIGSTOP; 0: SIGKILL.
-        pause: seconds until a killed one is started again.
+        what: `KILL` and what follows it here.
+        seconds: how long it lasts; until a killed one is started again.
     """
 
     step: int
     who: tuple[str, ...]
-    stops: float
-    pause: float
+    what: str
+    seconds: float
 
     def __str__(self) -> str:
         """In words."""
         names = "everybody" if len(self.who) == len(NODES) else self.who[0]
-        what = f"stopped for {self.stops:.1f} s" if self.stops else "killed"
-        return f"{self.step} steps on, {names} {what}"
+        return f"{self.step} steps on, {names} {self.what}, {self.seconds:.1f} s"
 
 
 class Plan(NamedTuple):
@@ -67,23 +85,32 @@ class Plan(NamedTuple):
         steps: its budget.
         checkpoint: time steps between two checkpoints.
         faults: what happens, in order.
+        returning: the world's parameter.
     """
 
     steps: int
     checkpoint: int
     faults: tuple[Fault, ...]
+    returning: str = "rollback"
 
 
 def plan_of(seed: int) -> Plan:
     """Draw a run."""
     chance = random.Random(seed)
     steps, faults = chance.randrange(300, 601), []
-    for _ in range(chance.choice((1, 1, 2, 3))):
+    kind = chance.choice((KILL, KILL, KILL, "continue", "continue", DELETE, VISIT, LIE))
+    for _ in range(2 if kind == "continue" else chance.choice((1, 1, 2, 3))):
         who = chance.choice((*((node,) for node in NODES), *((node,) for node in NODES), NODES))
-        stops = chance.uniform(0.1, 3.0) if len(who) == 1 and chance.random() < 0.3 else 0.0
-        pause = chance.choice((0.0, chance.uniform(0.0, 2.0)))
-        faults.append(Fault(chance.randrange(1, steps // 4), who, stops, pause))
-    return Plan(steps, chance.choice((0, 7, 25, 40, 100)), tuple(faults))
+        what, seconds = KILL, chance.choice((0.0, chance.uniform(0.0, 2.0)))
+        if len(who) == 1 and kind != "continue" and chance.random() < 0.3:
+            what, seconds = STOP, chance.uniform(0.1, 3.0)
+        faults.append(Fault(chance.randrange(1, steps // 4), who, what, seconds))
+    if kind in STRANGERS or kind == DELETE:
+        seconds = 0.0 if kind == DELETE else chance.uniform(2.0, 4.0)
+        who = (ROBOTS[1],) if kind == LIE else NODES
+        faults = [Fault(chance.randrange(1, steps // 4), who, kind, seconds)]
+    returning = "continue" if kind == "continue" else "rollback"
+    return Plan(steps, chance.choice((0, 7, 25, 40, 100)), tuple(faults), returning)
 
 
 class Team:
@@ -110,7 +137,7 @@ class Team:
         if name != RECORDER:
             given["claim_window"] = 0.2
         if name == WORLD:
-            given["rate"] = RATE
+            given |= {"rate": RATE, "returning": self._plan.returning}
         if resume:
             given["resume"] = "true"
         elif name == WORLD:
@@ -173,16 +200,26 @@ class Team:
         alive = [name for name in fault.who if name in self.running]
         if WORLD not in self.running:  # the run is over
             return
-        if fault.stops:
-            for number, pause in ((signal.SIGSTOP, fault.stops), (signal.SIGCONT, 0.0)):
+        if fault.what in STRANGERS:
+            with (self._folder / "stranger").open("ab") as log:
+                words = [sys.executable, "-m", *STRANGERS[fault.what], str(self._seed)]
+                stranger = subprocess.Popen(words, stdout=log, stderr=log)
+            time.sleep(fault.seconds)
+            stranger.terminate()
+            stranger.wait()
+        elif fault.what == DELETE:
+            gone = self.out.rename(self._folder / "deleted")  # at once, whoever writes into it
+            shutil.rmtree(gone)
+        elif fault.what == STOP:
+            for number, pause in ((signal.SIGSTOP, fault.seconds), (signal.SIGCONT, 0.0)):
                 for name in alive:
                     self.running[name].send_signal(number)
                 time.sleep(pause)
-            return
-        self.kill(alive)
-        time.sleep(fault.pause)
-        for name in alive:
-            self.start(name, resume=True)
+        else:
+            self.kill(alive)
+            time.sleep(fault.seconds)
+            for name in alive:
+                self.start(name, resume=True)
 
 
 BEGUN = " robots, "
@@ -203,7 +240,8 @@ def one_run(seed: int, folder: Path) -> tuple[Plan, list[str]]:
     finally:
         team.kill(list(team.running))
     late = "node recorder heard of no world simulator" in team.log  # it came after the run's end
-    codes = [(name, code) for name, code in team.codes if code and not (late and name == RECORDER)]
+    rescued = (team.out / f"{BAG_DIRECTORY}_rescued").exists()  # it says so, and ends with 2
+    codes = [(n, c) for n, c in team.codes if c and not ((late or rescued) and n == RECORDER)]
     wrong += [f"{name} ended with exit code {code}" for name, code in codes]
     if "Traceback" in team.log:
         wrong.append("a traceback")
@@ -212,18 +250,38 @@ def one_run(seed: int, folder: Path) -> tuple[Plan, list[str]]:
 
 def judge(plan: Plan, out: Path) -> list[str]:
     """Return what is wrong with the outcome."""
+    alone = plan.returning == "continue"
     try:
-        wrong = [] if same_tables(out) else ["tables"]
+        wrong = [] if alone or same_tables(out) else ["tables"]
+        bags = (out / BAG_DIRECTORY, out / f"{BAG_DIRECTORY}_rescued")
+        found = verify(next(bag for bag in bags if bag.exists()))
     except SparseCoordError as error:
         return [str(error)]
-    found = verify(out)
-    wrong += [f"verify: {one}" for one in found.differences[:2]]
-    if not any(RECORDER in fault.who for fault in plan.faults):
-        wrong += [f"verify does not compare steps {one}" for one in found.not_compared]
+    struck = {fault.what for fault in plan.faults if RECORDER in fault.who}
+    if VISIT not in struck and not alone:  # a stranger's words, and runs that nobody can compute
+        wrong += [f"verify: {one}" for one in found.differences[:2]]
+        if not struck & {KILL, STOP}:
+            wrong += [f"verify does not compare steps {one}" for one in found.not_compared]
     # Fast DDS may leave a process deaf that stood still for more than a second.
-    if not any(fault.stops and RECORDER in fault.who for fault in plan.faults):
+    if STOP not in struck and not alone:
         wrong += [f"verify is open about {one}" for one in found.open[:1]]
-    return wrong
+    whole = not struck & {KILL, STOP, VISIT} and not found.differences
+    return wrong + odd_counts(out, found if whole else None)
+
+
+def lie(robot: str) -> None:
+    """Serve a robot's `active_perception` too, until a signal comes: it is where the asker is."""
+    with ros_context() as context:
+        node = rclpy.create_node("liar", context=context)
+
+        def answer(request: Any, response: Any) -> Any:
+            response.plan.header, response.plan.poses = request.start.header, [request.start]
+            return response
+
+        node.create_service(ACTIVE_PERCEPTION_TYPE, ACTIVE_PERCEPTION.of(robot), answer)
+        with signals() as stop:
+            spin_nodes([node], "events", context, lambda: bool(stop))
+        node.destroy_node()
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -232,7 +290,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--runs", type=int, default=50)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--keep", type=Path, help="where to leave what went wrong")
+    parser.add_argument("--lie", choices=ROBOTS, help="only lie, as this robot")
     options = parser.parse_args(arguments)
+    if options.lie:
+        lie(options.lie)
+        return 0
     failed = 0
     for seed in range(options.seed, options.seed + options.runs):
         began = time.monotonic()

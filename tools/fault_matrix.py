@@ -29,7 +29,7 @@ from sparse_coord_ros.learn.tables import TEAM_FILE
 from sparse_coord_ros.lockstep.checkpoints import CHECKPOINTS, steps_of
 from sparse_coord_ros.runlog import verify
 from sparse_coord_ros.wire import RECORDER, WORLD
-from tools.teams import children, command, same_tables
+from tools.teams import children, command, odd_counts, same_tables
 
 WHO = {"robot": "robot_2", "world": WORLD, "recorder": RECORDER}
 SIGNALS = ("KILL", "INT", "STOP", "TERM", "HUP")
@@ -115,13 +115,16 @@ def resumed(out: Path) -> tuple[str, str]:
 
 
 def verdict(out: Path) -> str:
-    """Return what `verify` says of the bag."""
+    """Return what `verify` says of the bag, and where the run's counts contradict one another."""
     if not (out / "bag").is_dir():
         return "-"
     try:
         found = verify(out)
+        odd = odd_counts(out, found if found.same else None) if (out / TEAM_FILE).exists() else []
     except SparseCoordError:
         return "unreadable"
+    if odd:
+        return f"counts differ ({odd[0]})"
     if found.same or found.cannot_tell:
         return "identical" if found.same else "cannot tell"
     return f"differs ({found.differences[0]})".replace("|", "/")

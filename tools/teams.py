@@ -5,9 +5,17 @@
 import sys
 from pathlib import Path
 
+import yaml
+from rclpy.serialization import deserialize_message
+
+from sparse_coord_ros.learn.history import load_history
 from sparse_coord_ros.learn.run_config import load_run
 from sparse_coord_ros.learn.simulation import learn, tables_equal
 from sparse_coord_ros.learn.tables import load_team
+from sparse_coord_ros.nodes import interface
+from sparse_coord_ros.nodes.outputs import SUMMARY_FILE
+from sparse_coord_ros.runlog import Verification
+from sparse_coord_ros.wire.status import ROLL_CALL, read_status, values_of
 
 
 def command(executable: str, *words: str) -> list[str]:
@@ -40,3 +48,71 @@ def same_tables(out: Path) -> bool:
     """
     run = load_run(out)
     return tables_equal(load_team(out, run.scenario), learn(run.scenario, run.learner, run.seed))
+
+
+DISTURBED = (
+    *("timeouts", "transitions_lost", "robot_steps_lost"),
+    *("replaced_robots", "services_of_two_servers"),
+)
+"""Counts of a summary with which a robot may have asked more or less often than the world saw."""
+
+
+def odd_counts(out: Path, found: Verification | None = None) -> list[str]:
+    """Return in what summary, history and log of a run contradict one another.
+
+    Args:
+        out: the output directory of a run that has ended.
+        found: what `verify` says of its bag; None: it has none, or not the end of the run.
+    """
+    summary = yaml.safe_load((out / SUMMARY_FILE).read_text())
+    history, names = load_history(out), [r.name for r in load_run(out).scenario.robots]
+    asks = dict(zip(names, history.asks.sum(axis=0).tolist(), strict=True))
+    due = {
+        "transitions, and those of history.npz and lost": (
+            summary["transitions"],
+            int(history.length.sum()) + summary["transitions_lost"],
+        ),
+        "miscoordinations, and those of history.npz": (
+            summary["miscoordinations"],
+            int(history.miscoordinations.sum()),
+        ),
+    }
+    quiet = not any(summary[name] for name in DISTURBED)
+    if quiet and "asks" in summary:
+        for name, said in summary["asks"].items():
+            own = said["answered"] + said["refused"] + said["late"]
+            due[f"how often {name} asked, and history.npz"] = (own, asks[name])
+    if found is not None:
+        due |= _of_the_log(summary, found)
+        if quiet:
+            for name, times in zip(names, found.log.asked.sum(axis=0).tolist(), strict=True):
+                due[f"how often {name} asked, in history.npz and the bag"] = (asks[name], times)
+    return [f"{what}: {one} and {other}" for what, (one, other) in due.items() if one != other]
+
+
+def _of_the_log(summary: dict, found: Verification) -> dict[str, tuple[object, object]]:
+    """Return pairs that are to be equal: what the summary counts, and what the bag says last."""
+    last: dict[str, str] = {}
+    orders, bag = set(), found.log.bag
+    for message in bag.messages([interface.DIAGNOSTICS.name]):
+        for said in deserialize_message(message.data, interface.DIAGNOSTICS.type).status:
+            last = values_of(said) if said.name.endswith(": run") else last
+    status = None
+    for message in bag.messages([f"/{interface.STATUS.name}"]):
+        status = read_status(deserialize_message(message.data, interface.STATUS.type))
+        if status.order.step != ROLL_CALL:
+            orders.add(status.order.name)
+    assert status is not None
+    due: dict[str, tuple[object, object]] = {
+        f"{name}, in summary and diagnostics": (str(value), last[name])
+        for name, value in summary.items()
+        if name in last and name not in ("messages_dropped", "steps_per_second")
+    }
+    at = (summary["transitions"], summary["last_step"])
+    due["transitions and step, in summary and status"] = (at, (status.transitions, status.step))
+    orders.discard("")
+    taken = summary["taken_back"]
+    due["orders to go back, in summary and bag"] = (taken, max(taken, len(orders)))
+    if found.same:
+        due["transitions, in summary and bag"] = (summary["transitions"], found.steps)
+    return due

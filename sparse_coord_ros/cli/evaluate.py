@@ -13,9 +13,11 @@ from sparse_coord_ros.cli import options as shared
 from sparse_coord_ros.cli.options import Option
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.learn.agent import Tables
+from sparse_coord_ros.learn.checkpoint import CHECKPOINT_FILE
 from sparse_coord_ros.learn.evaluation import TRIALS, Evaluation, check_tables, evaluate
 from sparse_coord_ros.learn.run_config import RunConfig, load_run
 from sparse_coord_ros.learn.tables import load_team
+from sparse_coord_ros.lockstep.checkpoints import CHECKPOINTS
 from sparse_coord_ros.solve.optimum import joint_optimum
 from sparse_coord_ros.solve.shipped import (
     game_digest,
@@ -93,6 +95,12 @@ def evaluated(directory: Path, trials: int, seed: int, *, exact: bool | None) ->
         SparseCoordError: there is no such run, or it cannot be evaluated so.
     """
     run = load_run(directory)
+    for kept, verb in ((CHECKPOINTS, "run"), (CHECKPOINT_FILE, "train")):
+        if (directory / kept).exists():
+            shared.note(
+                f"{directory}: the run is not finished, its tables are those of the way there; go "
+                f"on with: sparse_coord {verb} --resume {directory}"
+            )
     tables = load_team(directory, run.scenario)
     check_tables(run.scenario, tables, run.learner)
     return Evaluated(directory, run, evaluation_of(run, tables, trials, seed, exact=exact))

@@ -5,7 +5,8 @@
 import argparse
 import csv
 import io
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,7 +25,7 @@ from sparse_coord_ros.engine.training import (
     worth_compiling,
 )
 from sparse_coord_ros.errors import RunError, os_error_text
-from sparse_coord_ros.files import write_whole
+from sparse_coord_ros.files import HeldError, hold, write_whole
 from sparse_coord_ros.game.scenario import SETTINGS, Scenario
 from sparse_coord_ros.game.settings import Setting
 from sparse_coord_ros.learn.checkpoint import CHECKPOINT_FILE, BrokenCheckpointError
@@ -45,7 +46,8 @@ if TYPE_CHECKING:
     from sparse_coord_ros.look.page.server import Server
 
 EVALUATIONS_FILE = "evaluations.csv"
-FILES = (RUN_FILE, CHECKPOINT_FILE, HISTORY_FILE, EVALUATIONS_FILE, TEAM_FILE)
+LOCK_FILE = "train.lock"
+FILES = (RUN_FILE, CHECKPOINT_FILE, HISTORY_FILE, EVALUATIONS_FILE, TEAM_FILE, LOCK_FILE)
 """What this verb writes."""
 
 HARDLY_EVER = 1e-3
@@ -120,10 +122,37 @@ def _learn(
     options: argparse.Namespace, out: Path, run: RunConfig, server: "Server | None" = None
 ) -> int:
     """Let one team learn, save what it learned, and say so."""
-    checkpoint, resumed = out / CHECKPOINT_FILE, options.resume is not None
     engine_for(run.scenario, run.rule, options.engine)  # refused before a directory is made
-    if not resumed:
+    if options.resume is None:
         create_output(out)
+    with _alone(out):
+        return _learn_there(options, out, run, server)
+
+
+@contextmanager
+def _alone(out: Path) -> Iterator[None]:
+    """Let no other process go on with a run meanwhile.
+
+    Raises:
+        RunError: one does so already.
+    """
+    try:
+        lock = hold(out / LOCK_FILE)
+    except HeldError as error:
+        raise RunError(
+            f"{out}: another process learns there ({error}); wait for its end, or stop it"
+        ) from None
+    with lock:
+        try:
+            yield
+        finally:
+            (out / LOCK_FILE).unlink(missing_ok=True)
+
+
+def _learn_there(
+    options: argparse.Namespace, out: Path, run: RunConfig, server: "Server | None"
+) -> int:
+    checkpoint, resumed = out / CHECKPOINT_FILE, options.resume is not None
     view = None
     bar = Bar("steps", quiet=options.json)
     try:

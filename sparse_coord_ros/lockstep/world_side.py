@@ -237,29 +237,29 @@ class WorldSide:
         self._publish_states()
 
     def expire(self) -> list[int]:
-        """The deadline has passed: leave the missing robots out and return them.
+        """The deadline has passed: leave the missing robots out; return whom.
 
         The others go on: with the next step, or with a new episode where all of them have
         arrived. Without any other, the world goes on waiting.
         """
         missing = self.missing()
-        if missing and len(self.absent.union(missing)) < len(self._robots):
-            self.timeouts += len(missing)
-            self.absent.update(missing)
-            if self.complete:
-                self.advance()
-            else:
-                self.new_episode(Began.NOBODY_LEFT)
+        if not missing or len(self.absent.union(missing)) == len(self._robots):
+            return []
+        self.timeouts += len(missing)
+        self.absent.update(missing)
+        if self.complete:
+            self.advance()
+        else:
+            self.new_episode(Began.NOBODY_LEFT)
         return missing
 
     def repeat(self) -> None:
-        """Publish again what robots may have lost; one that has it ignores it.
+        """Publish again what robots may have lost; one that has it says its action again.
 
-        Also to those that have arrived: they answer, and a missing robot may be waiting for that.
+        To all: a missing robot may be waiting for what an arrived one answers, or for where one
+        is whose answers it doubts.
         """
         for k in self._robots:
-            if self._actions[k] is not None:
-                continue
             reward = self._rewards[k]
             if reward is not None:
                 self._port.reward(k, *reward)

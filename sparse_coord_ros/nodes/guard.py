@@ -28,9 +28,6 @@ from sparse_coord_ros.nodes.messages import read_claim
 from sparse_coord_ros.nodes.parameters import ParameterNode
 from sparse_coord_ros.wire import ClaimRank
 
-AT_ONCE = 5
-"""Topics that one look takes in; with each look the next ones."""
-
 ANSWERS = "rr{}Reply"
 """What the DDS middlewares of ROS 2 call the topic of a service's answers."""
 
@@ -51,10 +48,6 @@ class Claim(NamedTuple):
         return (other.rank, self.id) > (self.rank, other.id)
 
 
-def _is_service(topic: str) -> bool:
-    return not topic.startswith("/")
-
-
 class Guard:
     """Guards a node's name, topics and services.
 
@@ -63,7 +56,7 @@ class Guard:
 
     Attributes:
         claim: what the node says of itself.
-        doubled: topics, and services of `ANSWERS`, of which a second owner was seen.
+        doubled: topics and services of which a second owner was seen.
     """
 
     def __init__(self, node: ParameterNode) -> None:
@@ -73,6 +66,7 @@ class Guard:
         self._since = divmod(time.time_ns(), 1_000_000_000)
         self._warned = False
         self._topics: list[str] = []
+        self._services: list[str] = []
         node.intake.listen(CLAIM, self._on_claim, "~", read=read_claim, qos=CLAIMS_QOS)
         self._publisher = node.create_publisher(CLAIM.type, CLAIM.of("~"), CLAIM.qos)
         self._say()
@@ -90,31 +84,31 @@ class Guard:
 
     def watch(self, topics: Iterable[str], services: Iterable[str] = ()) -> None:
         """Guard topics and services, by their full names."""
-        self._topics = [*topics, *(ANSWERS.format(service) for service in services)]
+        self._topics, self._services = list(topics), list(services)
 
     def counts(self) -> Counter[str]:
         """Return how many topics and services had a second owner."""
-        services = sum(map(_is_service, self.doubled))
+        services = len(self.doubled.intersection(self._services))
         topics = len(self.doubled) - services
         return Counter(topics_of_two_publishers=topics, services_of_two_servers=services)
 
     def look(self) -> None:
-        """Look at some of the topics and services; warn once of each that has a second owner."""
-        for topic in self._topics[:AT_ONCE]:
-            service = _is_service(topic)
-            infos = self._node.get_publishers_info_by_topic(topic, no_mangle=service)
-            known = not any(UNKNOWN in info.node_name for info in infos)
-            if len(infos) > 1 and known and topic not in self.doubled:
-                self.doubled.add(topic)
+        """Look at topics and services, and warn once of each that has a second owner."""
+        node = self._node
+        more = [name for name in self._topics if node.count_publishers(name) > 1]
+        more += [name for name in self._services if node.count_services(name) > 1]
+        for name in (name for name in more if name not in self.doubled):
+            service, topic, who = name in self._services, name, "publishers"
+            if service:
+                topic, who = ANSWERS.format(name), "servers"
+            infos = node.get_publishers_info_by_topic(topic, no_mangle=service)
+            if not any(UNKNOWN in info.node_name for info in infos):
+                self.doubled.add(name)
                 names = sorted(f"{i.node_namespace.rstrip('/')}/{i.node_name}" for i in infos)
-                name, who = topic, "publishers"
-                if service:
-                    name, who = topic.removeprefix("rr").removesuffix("Reply"), "servers"
-                self._node.get_logger().warning(
+                node.get_logger().warning(
                     f"{name} has {len(infos)} {who}, {', '.join(names)}; it should have one: stop "
                     "the others (a node that was killed is forgotten after 20 s)"
                 )
-        self._topics = self._topics[AT_ONCE:] + self._topics[:AT_ONCE]
 
     def _rise(self, rank: ClaimRank) -> None:
         if rank > self.claim.rank:

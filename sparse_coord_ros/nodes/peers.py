@@ -222,9 +222,13 @@ class Peers:
 
     def _fits(self, peer: int, step: int, plan: Path) -> bool:
         """Whether an answer is what a peer answers that is where the world says."""
-        there_step, there = self._places.get(peer, (step + 1, -1))
-        if there_step > step or self._side.waiting != ("percept", step):
-            return True  # it is not known where it was, or too late
+        if self._side.waiting != ("percept", step):
+            return True  # it is too late
+        if peer not in self._places:
+            return False  # the world will say all states again
+        there_step, there = self._places[peer]
+        if there_step > step:  # the run has gone on without this robot
+            return True
         due = self._convert.path(step, (self._side.due(there),))
         if there_step == step and plan == due:
             return True

@@ -269,8 +269,7 @@ class WorldSimulator(ParameterNode):
         what = f"step {side.world.step}: {names} gone or silent for {silent:.1f} s"
         if self.values["lost_robot"] == END:
             raise RunError(f"lost_robot: {what}; this world ends the run, as it is told to")
-        if self.values["lost_robot"] == GO_ON:
-            side.expire()
+        if self.values["lost_robot"] == GO_ON and side.expire():
             self._silence.since = now
             self.get_logger().warning(f"{what}; going on without", throttle_duration_sec=5.0)
             self._end_when_finished()

@@ -60,6 +60,15 @@ def test_another_penalty_is_not_compared_with_the_paper(sparse_coord, trained):
     assert "paper" not in out
 
 
+@pytest.mark.parametrize(("left", "verb"), [("checkpoint", "run"), ("checkpoint.npz", "train")])
+def test_a_run_that_is_not_finished(sparse_coord, trained, folder, left, verb):
+    trained("env1")
+    (folder / "a" / left).touch()
+    code, _, err = sparse_coord("evaluate", "a", "--trials", 10)
+    assert code == 0 and "a: the run is not finished, its tables are those of the way" in err
+    assert err.endswith(f"go on with: sparse_coord {verb} --resume a\n")
+
+
 def test_exact(sparse_coord, trained, folder):
     trained("env1", "--penalty", "-100")
     code, out, err = sparse_coord("evaluate", "a", "--exact")

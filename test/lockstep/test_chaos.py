@@ -120,7 +120,7 @@ COMMON = {
 
 def test_an_episodes_last_state_that_is_lost_is_never_said_again():
     """So the transition that led there is not learned from, and the tables are others."""
-    team = Team(problem(0), 126, learner="noncoop", checkpoint=1, lost=0.02).play()
+    team = Team(problem(0), 103, learner="noncoop", checkpoint=1, lost=0.02).play()
     assert team.disturbed and not tables_equal(team.tables, unbroken(0, "noncoop"))
     assert team.world.side.left_out == 0
 

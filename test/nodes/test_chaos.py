@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tools.chaos import NODES, plan_of
+from tools.chaos import DELETE, KILL, LIE, NODES, STOP, VISIT, plan_of
 
 
 def test_a_seed_draws_a_run():
@@ -16,7 +16,8 @@ def test_a_seed_draws_a_run():
     assert plans == [plan_of(seed) for seed in range(200)]
     faults = [fault for plan in plans for fault in plan.faults]
     assert {fault.who for fault in faults} == {NODES, *((name,) for name in NODES)}
-    assert {fault.stops > 0 for fault in faults} == {True, False}
+    assert {fault.what for fault in faults} == {KILL, STOP, DELETE, VISIT, LIE}
+    assert {plan.returning for plan in plans} == {"rollback", "continue"}
     for plan in plans:  # the last fault comes before the run's end
         assert sum(fault.step for fault in plan.faults) < plan.steps
 

@@ -15,6 +15,7 @@ from rosbags.highlevel import AnyReader
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.history import load_history
 from sparse_coord_ros.learn.tables import load_tables, load_team, robot_file
+from sparse_coord_ros.lockstep import waiting
 
 FAST = {"claim_window": 0.2}
 
@@ -70,6 +71,22 @@ def test_nodes_end_well_on_a_signal(bench, start_node, tmp_path):
     assert_tables(robot_file(tmp_path, "robot_1"), 1)
     scenario = SimpleNamespace(robots=load_scenario("env1").robots)
     assert len(load_team(tmp_path, scenario)) == 2
+
+
+def test_a_world_that_lost_all_robots_says_that_it_waits_and_for_whom(bench, capfd, monkeypatch):
+    monkeypatch.setattr(waiting, "REMIND_SECONDS", 0.3)
+    world = bench.world(step_timeout=0.2)
+    robots = bench.robots()
+    bench.spin_until(lambda: world.lockstep.world.step > 9, "the run is under way")
+    for robot in robots:
+        bench.destroy(robot)
+    said = []
+    bench.spin_until(
+        lambda: said.append(capfd.readouterr().err) or "(1 s)" in said[-1], "it waits"
+    )
+    text = "".join(said)
+    assert f"waiting for robot_1, robot_2 at step {world.lockstep.world.step} (1 s)" in text
+    assert "going on without" not in text
 
 
 def test_the_team_ends_when_the_world_fails(start_node, tmp_path):

@@ -224,8 +224,9 @@ def test_a_second_publisher_of_a_topic_is_named(bench, capfd):
     assert "/robot_2/reward has 2 publishers, /observer, /world_simulator; it should" in line
 
 
+@pytest.mark.parametrize("begins", ["before the run", "in the run"])
 def test_a_second_server_of_a_robots_service_changes_nothing(
-    bench, tmp_path, simulate, assert_same_tables, capfd, monkeypatch
+    begins, bench, tmp_path, simulate, assert_same_tables, capfd, monkeypatch
 ):
     """It answers with a wrong cell, an old step, a refusal, in turn, and before the robot does."""
     settings = {"steps": 70, "epsilon": "constant:1"}
@@ -242,18 +243,21 @@ def test_a_second_server_of_a_robots_service_changes_nothing(
     def answer(peers, request, response, answer=Peers._answer):
         if peers is robots[1].member._peers:
             answered.append(request)
-            while len(asked) < len(answered):
+            while asked and len(asked) < len(answered):
                 bench.place("observer")[1].spin_once(timeout_sec=0.01)
             for place in ("observer", *["team"] * 5):  # the lie is sent, and heard
                 bench.place(place)[1].spin_once(timeout_sec=0.01)
         return answer(peers, request, response)
 
     monkeypatch.setattr(Peers, "_answer", answer)
-    stranger.create_service(interface.ACTIVE_PERCEPTION_TYPE, "robot_2/active_perception", lie)
     world = bench.world(out=str(tmp_path), set=[f"{k}={v}" for k, v in settings.items()])
     out = {"out": str(tmp_path)}
     robots = [bench.robot("robot_1", **out), bench.robot("robot_2", place="other", **out)]
     percepts = stranger.listen(interface.PERCEPT.type, interface.PERCEPT.of("robot_1"))
+    if begins == "in the run":
+        bench.spin_until(lambda: world.lockstep.world.step > 9, "the run is under way")
+    answered.clear()
+    stranger.create_service(interface.ACTIVE_PERCEPTION_TYPE, "robot_2/active_perception", lie)
 
     def seen():
         world._guard.look()

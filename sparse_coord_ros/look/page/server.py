@@ -12,6 +12,7 @@ import errno
 import hmac
 import ipaddress
 import json
+import logging
 import os
 import secrets
 import socket
@@ -28,12 +29,15 @@ from sparse_coord_ros.look.page.board import Board
 from sparse_coord_ros.look.page.controls import HOST, PORT, Controlled, parse_control
 
 try:
-    from aiohttp import WSMsgType, web
+    from aiohttp import WSMsgType, http_exceptions, web
 except ImportError as error:
     raise RunError(
         f"the page needs the Python package aiohttp ({error}); install it: pip install aiohttp, "
         "or sudo apt install python3-aiohttp"
     ) from None
+
+MOST_PAGES = 32
+"""Of more pages those give way that have not shown the token, the oldest first."""
 
 LARGEST_MESSAGE = 4096
 """Bytes of a page's message."""
@@ -59,6 +63,16 @@ HEADERS = {
 }
 
 
+def _is_fault(record: logging.LogRecord) -> bool:
+    """Whether a line of the server's log is about this program, not about what somebody sent."""
+    error = record.exc_info[1] if record.exc_info else None
+    return not isinstance(error, http_exceptions.HttpProcessingError)
+
+
+LOGGER = logging.getLogger(__name__)
+LOGGER.addFilter(_is_fault)
+
+
 class Page:
     """The application: its routes, and who may use them.
 
@@ -72,6 +86,7 @@ class Page:
         self.board = board
         self.token = secrets.token_urlsafe(18) if token is None else token
         self.source: Controlled | None = None
+        self._guests: dict[web.WebSocketResponse, asyncio.Transport] = {}
         self._local = is_loopback(host)
         self._names = {"localhost", host.lower()}
         if not self._local:
@@ -114,22 +129,32 @@ class Page:
         return web.Response(body=self._files[name], content_type=FILES[name], charset="utf-8")
 
     async def _stream(self, request: web.Request) -> web.StreamResponse:
+        if self.board.pages >= MOST_PAGES and not self._guests:
+            raise web.HTTPServiceUnavailable(text=f"refused: {MOST_PAGES} pages are open\n")
         # Not compressed: the page is near, and a team in this process would pay for it.
         stream = web.WebSocketResponse(
             max_msg_size=LARGEST_MESSAGE, heartbeat=HEARTBEAT_SECONDS, compress=False
         )
         await stream.prepare(request)
+        if self.board.pages >= MOST_PAGES:
+            self._guests.pop(next(iter(self._guests))).abort()
+        assert request.transport is not None
+        self._guests[stream] = request.transport
         self.board.pages += 1
         sender = asyncio.create_task(self._send(stream))
         try:
             async for message in stream:
                 if message.type is not WSMsgType.ERROR:
-                    await stream.send_json(self._answer(message.data))
+                    answer = self._answer(message.data)
+                    if answer.get("control"):
+                        self._guests.pop(stream, None)
+                    await stream.send_json(answer)
         finally:
             sender.cancel()
             with suppress(asyncio.CancelledError, ConnectionError, RuntimeError):
                 await sender
             self.board.pages -= 1
+            self._guests.pop(stream, None)
         return stream
 
     async def _send(self, stream: web.WebSocketResponse) -> None:
@@ -242,7 +267,7 @@ class Server:
             runner.run(self._run())
 
     async def _run(self) -> None:
-        runner = web.AppRunner(self.page.app, access_log=None, shutdown_timeout=0.1)
+        runner = web.AppRunner(self.page.app, access_log=None, logger=LOGGER, shutdown_timeout=0.1)
         await runner.setup()
         await web.SockSite(runner, self._listening).start()
         await self._stop.wait()

@@ -4,6 +4,7 @@
 
 import asyncio
 import json
+import re
 import socket
 import sys
 import time
@@ -28,7 +29,13 @@ from sparse_coord_ros.look.page.controls import (
     Control,
     parse_control,
 )
-from sparse_coord_ros.look.page.server import FILES, LARGEST_MESSAGE, Page, Server
+from sparse_coord_ros.look.page.server import (
+    FILES,
+    LARGEST_MESSAGE,
+    MOST_PAGES,
+    Page,
+    Server,
+)
 
 ALL = (PAUSE, STEP, RATE, SEEK, NEXT)
 
@@ -185,6 +192,55 @@ async def test_a_slow_page_gets_the_newest_and_nobody_waits_for_it(client, page)
         steps.append((await next_of(slow, "frame"))["step"])
     assert len(steps) < 45  # it missed some
     await slow.close()
+
+
+@served
+async def test_of_too_many_pages_those_without_the_token_give_way(client, page):
+    """The oldest first; where all have shown it, a new one is refused."""
+    streams = [await client.ws_connect("/ws") for _ in range(MOST_PAGES)]
+    known, hello = streams[:2], {"token": "secret", "do": "hello"}
+    for stream in known:
+        await stream.send_json(hello)
+        while not (await next_of(stream, "hello"))["control"]:
+            pass
+    streams.append(await client.ws_connect("/ws"))
+    await next_of(streams[-1], "run")
+    while (await streams[2].receive(timeout=5)).type is aiohttp.WSMsgType.TEXT:
+        pass
+    assert streams[2].closed and page.board.pages == MOST_PAGES
+    assert not any(stream.closed for stream in (*known, streams[3], streams[-1]))
+    for stream in streams[3:]:
+        await stream.send_json(hello)
+        while not (await next_of(stream, "hello"))["control"]:
+            pass
+    with pytest.raises(aiohttp.WSServerHandshakeError, match="503"):
+        await client.ws_connect("/ws")
+    for stream in streams:
+        await stream.close()
+
+
+@pytest.mark.parametrize(
+    "request_",
+    [
+        b"nonsense\r\n\r\n",
+        b"GET / HTTP/9.9\r\n\r\n",
+        b"GET / HTTP/1.1\r\nHost: a\r\nHost: b\r\n\r\n",
+        b"GET / HTTP/1.1\r\nA b\x00: c\r\n\r\n",
+        b"GET /" + b"x" * 9000 + b" HTTP/1.1\r\n\r\n",
+        b"POST / HTTP/1.1\r\nContent-Length: -1\r\n\r\n",
+        b"GET / HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\nzz\r\n",
+        b"GET /\xff\xfe HTTP/1.1\r\nHost: localhost\r\n\r\n",
+    ],
+)
+def test_a_malformed_request_is_refused_and_prints_nothing(request_, caplog):
+    server = Server(board(), port=0)
+    try:
+        with socket.create_connection(("127.0.0.1", server.port), timeout=5) as one:
+            one.sendall(request_)
+            assert re.match(rb"HTTP/1.. (400|403|404)|$", one.recv(100))
+    finally:
+        server.close()
+    assert caplog.records == []
 
 
 def test_the_server_has_a_thread_and_a_port_of_its_own():
