@@ -75,7 +75,7 @@ def test_nodes_end_well_on_a_signal(bench, start_node, tmp_path):
 
 def test_a_world_that_lost_all_robots_says_that_it_waits_and_for_whom(bench, capfd, monkeypatch):
     monkeypatch.setattr(waiting, "REMIND_SECONDS", 0.3)
-    world = bench.world(step_timeout=0.2)
+    world = bench.world(step_timeout=0.2, percept_timeout=0.1)
     robots = bench.robots()
     bench.spin_until(lambda: world.lockstep.world.step > 9, "the run is under way")
     for robot in robots:
