@@ -28,7 +28,6 @@ from sparse_coord_ros.nodes.interface import STEP_QOS
 from sparse_coord_ros.nodes.spin import ros_context
 from sparse_coord_ros.runlog import verify
 from tools.soak import MEGABYTE, resident
-from tools.strangers import FAR
 from tools.teams import children, command, same_tables
 
 RATE = 100
@@ -37,10 +36,11 @@ SETTLED = 10.0
 """Seconds until memory is compared with the end's."""
 
 
-def hear(times: list[float], said: Any) -> None:
-    """Note when a time step began; a stranger's times are none of the run's."""
-    if 0 <= said.clock.sec < FAR[2]:
-        times.append(time.monotonic())
+def hear(times: list[tuple[float, float]], said: Any) -> None:
+    """Note when a time step began, and the run's time; a stranger's does not follow the last."""
+    at = said.clock.sec + said.clock.nanosec / 1e9
+    if 0 < at - times[-1][1] < 1.0:
+        times.append((time.monotonic(), at))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -60,7 +60,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             run = subprocess.Popen(
                 command("sparse_coord", *words, "--out", str(out)), stdout=file, stderr=file
             )
-            node, times = rclpy.create_node("onlooker", context=context), [0.0]
+            node, times = rclpy.create_node("onlooker", context=context), [(0.0, 0.0)]
             node.create_subscription(Clock, "/clock", partial(hear, times), STEP_QOS)
             stranger = None
             begun, first, most = 0.0, dict[str, float](), dict[str, float]()
@@ -82,7 +82,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if stranger is not None:
                 stranger.kill()
                 stranger.wait()
-        gaps = sorted(b - a for a, b in itertools.pairwise(times[1:]))
+        gaps = sorted(b[0] - a[0] for a, b in itertools.pairwise(times[1:]))
         late = gaps[-max(1, len(gaps) // 1000)]
         print(f"between two steps: {gaps[-1]:.3f} s at most, {late:.3f} s for 999 of 1,000")
         for who, held in most.items():

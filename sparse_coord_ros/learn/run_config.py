@@ -255,7 +255,8 @@ def create_output(directory: Path) -> Path:
     """Create a run's output directory and return it.
 
     Raises:
-        RunError: it exists already (nothing is overwritten) or cannot be created.
+        RunError: it exists already; nothing is overwritten.
+        OSError: it cannot be created.
     """
     try:
         directory.mkdir(parents=True)
@@ -263,9 +264,5 @@ def create_output(directory: Path) -> Path:
         raise RunError(
             f"output directory {directory}: exists already, nothing is overwritten; choose "
             "another one or remove it"
-        ) from None
-    except OSError as error:
-        raise RunError(
-            f"output directory {directory}: cannot be created ({error.strerror}); choose another"
         ) from None
     return directory

@@ -38,7 +38,7 @@ from tools.teams import command
 
 SECONDS = 5.0
 """Of one case, of the processor's time."""
-HANG_SECONDS = 60.0
+HANG_SECONDS = 120.0
 """Of one case, by the clock: after so long it waits for something."""
 MEGABYTES = 500
 """That a case may take on top of what the process has."""

@@ -386,6 +386,7 @@ def of_nodes(*, services: bool) -> Target:
     """Return the target of all topics, or all services, of the nodes of a team."""
 
     def target(sample: Path, folder: Path) -> Cases:
+        from nav_msgs.msg import Path as NavPath
         from rclpy.serialization import serialize_message
         from std_msgs.msg import String
 
@@ -419,6 +420,12 @@ def of_nodes(*, services: bool) -> Target:
                 now[0] = Nodes(scratch)
             nodes = now[0]
             node = chance.choice(nodes.all)
+            robots = nodes.lock_step[1:]
+            if services and node in robots and chance.random() < 0.3:  # an answer, of anybody
+                plan = message_with(chance, NavPath, stamp(chance))
+                peers = node.member._peers._peers
+                peer, step = peers[len(robots) - 1 - robots.index(node)], chance.randrange(3)
+                return lambda: nodes.hear(node, lambda: peer._answered(step, plan))
             if services:
                 service: Any = chance.choice(list(node.services))
                 asked = message_with(chance, service.srv_type.Request, stamp(chance))
