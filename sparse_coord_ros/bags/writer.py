@@ -105,7 +105,7 @@ class BagWriter:
         )
         self._add_message = self._writer.add_message
         self._schema_ids: dict[tuple[str, str, bytes], int] = {}
-        self._defined_twice = False
+        self._defined_twice = 0
         self._start_ns = LATEST_NS
         self._end_ns = 0
         self._writer.start(profile="ros2", library=f"sparse_coord_ros {__version__}")
@@ -241,8 +241,8 @@ class BagWriter:
     def flush(self) -> None:
         """End the current chunk and hand it to the operating system, without fsync.
 
-        The chunk after a file's first flush defines the channels again: should the first chunk be
-        lost, that of an unfinished file, the others are read.
+        The next chunk defines channels again that are new: should a chunk of an unfinished file be
+        lost, the others can be read.
 
         Raises:
             BagError: writing failed, or the bag is closed.
@@ -250,8 +250,8 @@ class BagWriter:
         self._file.check_usable()
         self._writer.flush()
         inside = vars(self._writer)  # Writer defines a channel in one chunk only
-        if not self._defined_twice and inside["_Writer__chunk_indices"]:
-            self._defined_twice = True
+        if self._defined_twice < len(self._topics) and inside["_Writer__chunk_indices"]:
+            self._defined_twice = len(self._topics)
             for schema in inside["_Writer__schemas"].values():
                 inside["_Writer__chunk_builder"].add_schema(schema)
             for channel in inside["_Writer__channels"].values():

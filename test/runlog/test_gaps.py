@@ -2,16 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """A part of a bag is lost: what is before it and from the next checkpoint on is verified."""
 
+import random
 import re
+from collections import Counter
 
 import numpy as np
 import pytest
 from recordings import Attached, each
 from sensor_msgs.msg import JointState
 
-from sparse_coord_ros.bags.reader import open_bag
+from sparse_coord_ros.bags import BagWriter, open_bag
 from sparse_coord_ros.bags.recover import recover
 from sparse_coord_ros.cli.main import main
+from sparse_coord_ros.learn.run_config import RUN_RECORD
 from sparse_coord_ros.learn.tables import pack_tables, unpack_saved
 from sparse_coord_ros.runlog import read_run, verify
 from sparse_coord_ros.runlog.explain import coordinations, explain
@@ -96,6 +99,81 @@ def test_every_chunk(chunked, factored, flipped):
     for run in (chunked, factored):
         for place in range(1, len(open_bag(run.bag).blocks[0])):
             check(run, *flipped(run.bag, place))
+
+
+def outcome(path):
+    """Return messages kept, bytes of each gap, attachments, and `verify`'s verdict in a word."""
+    found = verify(path)
+    bag = found.log.bag
+    holes = [last is not None for _, last in found.not_compared]
+    verdict = "identical but for steps" if any(holes) else "identical up to a step"
+    if not holes:
+        verdict = "identical" if found.same else "cannot tell all"
+    assert not found.differences, found.first
+    gaps = [(gap.begin, gap.end) for gap in bag.gaps]
+    return bag.message_count, gaps, len(bag.attachments), verdict
+
+
+def as_recorded(bag, directory):
+    """Return a copy of a bag that registers its topics and flushes at once, as a recorder does."""
+    bag = open_bag(bag)
+    attachments = list(bag.attachments)
+    with BagWriter(directory, chunk_size=CHUNK) as writer:
+        writer.add_metadata(RUN_RECORD, bag.metadata[RUN_RECORD])
+        channels = {topic.name: writer.add_known_topic(topic) for topic in bag.topics.values()}
+        for place, (topic, *message) in enumerate(bag.messages()):
+            while attachments and attachments[0].log_time_ns <= message[1]:
+                one = attachments.pop(0)
+                writer.attach(one.name, one.data, one.media_type, one.log_time_ns)
+            writer.write(channels[topic], *message)
+            if not place:
+                writer.flush()
+        for one in attachments:
+            writer.attach(one.name, one.data, one.media_type, one.log_time_ns)
+    return open_bag(directory)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("finished", [True, False])
+def test_the_table_of_damages(chunked, tmp_path, finished):
+    """All but what was hit is kept, named and verified; `-m long -s -k table_of` prints it."""
+    draw, bag = random.Random(7), as_recorded(chunked.bag, tmp_path / "copy")
+    data = bag.path.read_bytes()
+    if not finished:
+        data = data[: bag.files[0].readable_bytes]
+    path = tmp_path / ("bag_0.mcap" if finished else "bag_0.mcap.partial")
+    blocks = [(one.offset, one.offset + one.length) for one in bag.blocks[0]]
+    counts = [len(part.begins) for part in bag.parts()]
+    every, total = len(bag.attachments), sum(counts)
+    cases = {"one bit of a chunk": [], "junk between two chunks": [], "cut": []}
+
+    def note(case, changed, kept, gaps, attached):
+        path.write_bytes(changed)
+        found = outcome(path)
+        assert found[:3] == (kept, gaps, attached), (case, found)
+        cases[case].append((kept, found[3]))
+
+    for (begin, end), count in zip(blocks, counts, strict=True):
+        changed = bytearray(data)
+        changed[draw.randrange(begin + 60, end)] ^= 1 << draw.randrange(8)
+        note("one bit of a chunk", changed, total - count, [(begin, end)], every)
+    for begin, _ in blocks[1:]:
+        changed = data[:begin] + draw.randbytes(100) + data[begin:]
+        note("junk between two chunks", changed, total, [(begin, begin + 100)], every)
+    data_end = bag.files[0].readable_bytes
+    for place in sorted(draw.sample(range(blocks[0][1], data_end), 50 if finished else 10)):
+        path.write_bytes(data[:place])
+        kept = sum(n for (_, end), n in zip(blocks, counts, strict=True) if end <= place)
+        attached = sum(one.offset + one.size + 4 <= place for one in bag.attachments)
+        [*before, gap] = open_bag(path).gaps or [None]
+        assert not before and (gap is None or gap.end == place)
+        note("cut", data[:place], kept, [gap[:2]] if gap else [], attached)
+    print(f"\n{len(blocks)} chunks, {total} messages, {'finished' if finished else 'unfinished'}")
+    for case, found in cases.items():
+        kept = [one for one, _ in found]
+        verdicts = Counter(verdict for _, verdict in found)
+        told = ", ".join(f"{n} {verdict}" for verdict, n in verdicts.most_common())
+        print(f"| {case} | {len(found)} | {min(kept)} to {max(kept)} | {told} |")
 
 
 @pytest.mark.parametrize("place", (5, 12))
