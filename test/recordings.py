@@ -4,6 +4,7 @@
 
 import shutil
 from collections import deque
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import NamedTuple
 
@@ -403,10 +404,11 @@ def with_tables(attached, number, change):
     return attached._replace(data=pack_tables({number: tables}, counts=counts))
 
 
-def recorded(directory, name="env1", settings=None, *, values=None, **options):
+def recorded(directory, name="env1", settings=None, *, values=None, identity="", **options):
     """Record a run in which robots often ask; return its bag, run, protocols and robots' names."""
     scenario = load_scenario(name).with_settings({"steps": 400, **OFTEN, **(settings or {})})
     run = make_run(scenario, {"seed": 7, "checkpoint": 150, **(values or {})})
+    run = replace(run, id=identity)
     recording = Recording(directory / "bag", run, **options)
     return SimpleNamespace(
         bag=directory / "bag", run=run, recording=recording, names=recording.names

@@ -81,6 +81,8 @@ def _print(found, shown: int | None) -> None:
     if found.lost:
         copies = ", ".join(f"{count} of {topic}" for topic, count in found.lost.items())
         print(f"lost copies (of these topics only the last messages are kept): {copies}")
+    if found.foreign:
+        print(f"foreign messages: {found.foreign}, computation identical")
     if found.same:
         print("identical: every state, reward, percept, action and table is what it has to be")
         print(f"not compared: {NOT_COMPARED}")

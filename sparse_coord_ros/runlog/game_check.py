@@ -128,6 +128,10 @@ class WorldCheck:
     def _states(self, step: int) -> Difference | None:
         row = self.row.get(step)
         for k, cell in enumerate(self.world.cells):
+            for other in self.log.tracks.states[k].others.get(step, ()):
+                if row is not None and tuple(other["xy"].tolist()) == self.frame.centres[cell]:
+                    self.cells[row][k], self.centred[row][k] = cell, True
+                    self.log.cells[row, k], self.log.position[row, k] = cell, other["xy"]
             if row is None or not self.centred[row][k] or self.cells[row][k] != cell:
                 logged = MISSING
                 if step in self.log.tracks.states[k].step:
@@ -142,6 +146,8 @@ class WorldCheck:
 
     def _statuses(self, step: int) -> Difference | None:
         """Compare what the world says of itself with what was counted."""
+        found: list[tuple[str, Difference]] = []
+        right: set[str] = set()
         while self.statuses and self.statuses[0].step <= step:
             status = self.statuses.pop(0)
             if status.transitions != self.world.transitions:
@@ -151,9 +157,13 @@ class WorldCheck:
             elif status.began not in self.reasons:
                 odd = f"episode began: {status.began}", " or ".join(self.reasons)
             else:
+                right.add(status.state)
                 continue
-            return Difference(status.step, None, wire.STATUS.name, *odd)
-        return None
+            one = Difference(status.step, None, wire.STATUS.name, *odd)
+            found.append((status.state, one))
+        # Where the world was right about this step in the same state, a stranger may have spoken.
+        self.log.tracks.suspects += [one for state, one in found if state in right]
+        return next((one for state, one in found if state not in right), None)
 
     def _transition(self, step: int) -> Difference | None:
         """Let the world make a transition with the actions of whom the log rewards."""
@@ -172,6 +182,12 @@ class WorldCheck:
         for k in rewarded:
             said = self.reward[row, k]
             due = np.array(outcome.rewards[k][: len(said)], dtype=np.float64)
+            others = self.log.tracks.rewards[k].others.get(step, ())
+            if any(one["numbers"][: len(due)].tobytes() == due.tobytes() for one in others):
+                self.reward[row, k] = said = due
+                self.log.reward[row, k] = due[: len(wire.REWARD.labels)]
+                if self.log.run.scenario.referee:
+                    self.log.partners[row, k] = due[-1]
             if said.tobytes() != due.tobytes():
                 parts = _parts(said.tolist()), _parts(due.tolist())
                 return self._differ(step, k, wire.REWARD.name, *parts)

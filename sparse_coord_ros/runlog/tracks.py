@@ -2,10 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """A bag's messages sorted by topic and time step, with whatever is odd about them."""
 
-from collections.abc import Collection
+from bisect import bisect_left, bisect_right
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,6 +15,7 @@ import numpy as np
 from sparse_coord_ros import wire
 from sparse_coord_ros.bags.reader import Bag, open_bag
 from sparse_coord_ros.bags.topics import find_clock
+from sparse_coord_ros.game.world import EPISODE_GAP
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.runlog.attached import RecordedTables, read_tables
 from sparse_coord_ros.runlog.bag_run import BagRun, check_bag_run, find_run
@@ -49,11 +52,18 @@ class Track(NamedTuple):
         step: their time steps, ascending, shape (n,).
         rows: what they say, shape (n,).
         repeats: time steps of those that said the same once more, one entry each.
+        others: rows of those that said something else, by time step.
     """
 
     step: np.ndarray
     rows: np.ndarray
     repeats: np.ndarray
+    others: Mapping[int, list[Any]] = MappingProxyType({})
+
+    def without(self, steps: np.ndarray) -> "Track":
+        """Return it without the messages of some time steps."""
+        rest = ~np.isin(self.step, steps)
+        return self._replace(step=self.step[rest], rows=self.rows[rest])
 
 
 @dataclass
@@ -79,6 +89,7 @@ class Tracks:
         rollbacks: where the run went back to a checkpoint; what they superseded is left out.
         gaps: what is not in the log, but for its end; in no order.
         problems: what is odd.
+        suspects: messages beside those of the run, each of which may be a stranger's.
     """
 
     bag: Bag
@@ -100,6 +111,7 @@ class Tracks:
     rollbacks: list[Rollback] = field(default_factory=list)
     gaps: list[Gap] = field(default_factory=list)
     problems: list[Difference] = field(default_factory=list)
+    suspects: list[Difference] = field(default_factory=list)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -127,8 +139,14 @@ class Tracks:
         self, step: int | None, robot: int | None, quantity: str, logged: str, computed: str
     ) -> None:
         """Note something odd."""
-        name = None if robot is None else self.names[robot]
-        self.problems.append(Difference(step, name, quantity, logged, computed))
+        self.problems.append(self._odd(step, robot, quantity, logged, computed))
+
+    def suspect(self, step: int, robot: int | None, quantity: str, logged: str, due: str) -> None:
+        """Note a message that may be a stranger's."""
+        self.suspects.append(self._odd(step, robot, quantity, logged, due))
+
+    def _odd(self, step: int | None, robot: int | None, *words: str) -> Difference:
+        return Difference(step, None if robot is None else self.names[robot], *words)
 
     def topic(self, topic: wire.Topic, robot: int | None = None) -> str:
         """Return a topic's full name."""
@@ -237,6 +255,7 @@ class _Sorter:
         tracks.rewards = [self._track(wire.REWARD, k) for k in robots]
         tracks.actions = [self._track(wire.ACTION, k) for k in robots]
         tracks.percepts = [self._track(wire.PERCEPT, k) for k in robots]
+        self._strays()
         tracks.coordination_maps = [
             self._several(wire.COORDINATION_MAP, k, checkpoints=True) for k in robots
         ]
@@ -304,24 +323,53 @@ class _Sorter:
     def _track(self, topic: wire.Topic, k: int | None = None) -> Track:
         """Return rows of which there should be one a time step."""
         rows, steps = self._rows(topic, k, checkpoints=False)
-        newest = np.maximum.accumulate(np.concatenate([[-1], steps]))[:-1]
+        ordered = in_order(steps, each_once=True)
+        newest = np.maximum.accumulate(np.concatenate([[-1], np.where(ordered, steps, -1)]))[:-1]
         found, first = np.unique(steps, return_index=True)
-        repeats = []
-        for place in np.flatnonzero(steps <= newest).tolist():
+        known, places = np.unique(steps[ordered], return_index=True)
+        first[np.searchsorted(found, known)] = np.flatnonzero(ordered)[places]
+        due = np.zeros(len(steps), dtype=bool)
+        due[first] = True
+        repeats: list[int] = []
+        others: dict[int, list[Any]] = {}
+        for place in np.flatnonzero(~(ordered & due)).tolist():
             step, last = int(steps[place]), int(newest[place])
-            known = int(first[np.searchsorted(found, step)])
-            if known == place:
+            known_at = int(first[np.searchsorted(found, step)])
+            if known_at == place:
                 odd = f"after that of step {last}", "before it"
-            elif rows[place].tobytes() != rows[known].tobytes():
-                two = (rows[known].tolist()[1:], rows[place].tolist()[1:])
+            elif rows[place].tobytes() != rows[known_at].tobytes():
+                two = (rows[known_at].tolist()[1:], rows[place].tolist()[1:])
                 odd = f"twice, with {two[0]} and {two[1]}", "once"
+                others.setdefault(step, []).append(rows[place])
+                self._tracks.suspect(step, k, topic.name.lstrip("/"), *odd)
+                continue
             elif step < last:
                 odd = f"again after that of step {last}", "once"
             else:
                 repeats.append(step)
                 continue
             self._tracks.problem(step, k, topic.name.lstrip("/"), *odd)
-        return Track(found, rows[first], np.array(repeats, dtype=np.int64))
+        return Track(found, rows[first], np.array(repeats, dtype=np.int64), others)
+
+    def _strays(self) -> None:
+        """Leave out messages of a time step of which nobody else says anything.
+
+        In the last steps of a log, and where a part is lost, that is no wonder.
+        """
+        tracks = self._tracks
+        heard = [tracks.clock, *tracks.states]
+        steps, votes = np.unique(np.concatenate([t.step for t in heard]), return_counts=True)
+        newest = steps[votes > 1].max(initial=0)
+        lone = steps[(votes == 1) & ((steps < newest) | (steps > newest + EPISODE_GAP))]
+        if tracks.lossy or not all(len(track.step) for track in heard) or not len(lone):
+            return
+        tracks.problems = [one for one in tracks.problems if one.step not in lone]
+        for k, track in enumerate(heard, start=-1):
+            for step in track.step[np.isin(track.step, lone)].tolist():
+                topic = wire.CLOCK if k < 0 else wire.LOCAL_STATE
+                name, none = topic.name.lstrip("/"), "none: no time step of the run"
+                tracks.suspect(step, None if k < 0 else k, name, "there", none)
+        tracks.clock, *tracks.states = [track.without(lone) for track in heard]
 
     def _several(
         self, topic: wire.Topic, k: int | None = None, *, checkpoints: bool = False
@@ -342,14 +390,49 @@ class _Sorter:
             for one in rows.tolist()
             if holds(place, one.step, self._backs) and one.state != wire.RunState.RESUMING
         ]
-        for before, status in zip([None, *found], found, strict=False):
+        tracks, run = self._tracks, self._tracks.run
+        ordered = in_order(np.array([one.step for one in found], dtype=np.int64)).tolist()
+        tracks.statuses = []
+        for one, right in zip(found, ordered, strict=True):
+            early = one.state == wire.RunState.FINISHED and one.transitions < run.scenario.steps
+            if one.run and run.id and one.run != run.id:
+                tracks.suspect(one.step, None, wire.STATUS.name, f"of run {one.run!r}", run.id)
+            elif not right or early:
+                said = f"{one.state!r} after {one.transitions} transitions"
+                tracks.suspect(one.step, None, wire.STATUS.name, said, "another step or state")
+            else:
+                tracks.statuses.append(one)
+        for before, status in zip([None, *tracks.statuses], tracks.statuses, strict=False):
             odd: list[tuple[str, str]] = []
-            if before is not None and status.step < before.step:
-                odd.append((f"after that of step {before.step}", "before it"))
             if status.state not in list(wire.RunState):
                 odd.append((repr(status.state[:40]), " or ".join(wire.RunState)))
             if before is not None and before.state == wire.RunState.FINISHED != status.state:
                 odd.append((f"{status.state!r} after {before.state!r}", "nothing after it"))
             for logged, due in odd:
-                self._tracks.problem(status.step, None, wire.STATUS.name, logged, due)
-        self._tracks.statuses = found
+                tracks.problem(status.step, None, wire.STATUS.name, logged, due)
+
+
+def in_order(steps: np.ndarray, *, each_once: bool = False) -> np.ndarray:
+    """Return which of some time steps make up a longest sequence that never falls, bool.
+
+    Args:
+        steps: in the order of the log, shape (n,).
+        each_once: where any falls, a step that comes again does not make the sequence longer.
+    """
+    if (np.diff(steps) >= 0).all():
+        return np.ones(len(steps), dtype=bool)
+    before = np.full(len(steps), -1, dtype=np.int64)
+    ends: list[int] = []
+    places: list[int] = []
+    bisect = bisect_left if each_once else bisect_right
+    for place in range(len(steps) - 1, -1, -1):
+        at = bisect(ends, -int(steps[place]))
+        before[place] = places[at - 1] if at else -1
+        ends[at : at + 1] = [-int(steps[place])]
+        places[at : at + 1] = [place]
+    right = np.zeros(len(steps), dtype=bool)
+    place = places[-1]
+    while place >= 0:
+        right[place] = True
+        place = int(before[place])
+    return right

@@ -34,6 +34,7 @@ class Verification:
         broke_off: who was killed, or came back and went on alone, as sentences; the same
             differences are in `open`.
         not_computed: what was left out, as its code may not be imported, as sentences.
+        foreign: messages beside those of the run, where all else is as it is computed.
         lost: how many messages are not in the log, by topic: of map, markers and coordination
             maps a busy middleware keeps only the last, of tables the last `TABLES_DEPTH`.
         steps: transitions of the world that were computed again and agree.
@@ -52,6 +53,7 @@ class Verification:
     open: tuple[Difference, ...]
     broke_off: tuple[str, ...]
     not_computed: tuple[str, ...]
+    foreign: int
     lost: Mapping[str, int]
     steps: int
     choices: int
@@ -115,12 +117,17 @@ def verify(path: Path) -> Verification:
         left_open(log, ordered),
     )
     open_ = {one for left, _ in causes for one in left}
+    differences = [one for one in ordered if one not in open_]
+    foreign = log.tracks.suspects
+    if ordered:  # somebody may have gone by them, or they replace what is missing
+        differences = sorted([*foreign, *differences], key=lambda one: one.rank)
     return Verification(
         log=log,
-        differences=tuple(one for one in ordered if one not in open_),
+        differences=tuple(differences),
         open=tuple(one for one in ordered if one in open_),
         broke_off=tuple(sentence for _, said in causes for sentence in said),
         not_computed=tuple(not_computed),
+        foreign=0 if ordered else len(foreign),
         lost=Counter(_topic(log, one) for one in lost),
         steps=total("transitions", worlds),
         choices=total("choices"),
@@ -142,9 +149,10 @@ def _differences(
     say: Callable[[str], None],
 ) -> list[Difference]:
     """Return all that differs in a stretch; say what is left out."""
-    found = [*log.problems, *world.differences()]
+    found: list[Difference] = []
     with leaving_out("percepts and answers", say):
         found += check_percepts(log, stretch)
+    found += [*log.problems, *world.differences()]
     with leaving_out("actions and tables", say):
         for agent in agents:
             found += agent.differences()

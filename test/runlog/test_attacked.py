@@ -212,7 +212,6 @@ def test_a_dialogue_of_other_places(alter, how, words):
 @pytest.mark.parametrize(
     ("message", "without", "words"),
     [
-        ("finished", {}, "after 'finished'"),
         ("strange", {}, "'strange'"),
         ("learning", {"began"}, "no value 'began'"),
     ],

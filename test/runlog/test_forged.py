@@ -177,7 +177,7 @@ def test_each_count_beside_the_tables(alter, name, change):
     ("key", "value", "said"),
     [
         ("left_out", "3", "3 robots' steps left out"),
-        ("transitions", "7", "7 transitions"),
+        ("transitions", "7", "'finished' after 7 transitions"),
         ("began", "reset", "episode began: reset"),
     ],
 )

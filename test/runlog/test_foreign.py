@@ -1,0 +1,213 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A stranger's messages among those of a run: told; no difference where nobody went by them."""
+
+import numpy as np
+import pytest
+from rclpy.serialization import serialize_message
+
+from sparse_coord_ros import wire
+from sparse_coord_ros.cli.main import main
+from sparse_coord_ros.game.world import Action, Reward
+from sparse_coord_ros.nodes.messages import Converter, status
+from sparse_coord_ros.runlog import verify
+from sparse_coord_ros.runlog.tracks import in_order
+from sparse_coord_ros.wire import Account, PerceptEnd
+from sparse_coord_ros.wire.status import Said
+
+STAMPED = [topic.name.lstrip("/") for topic in vars(wire).values() if getattr(topic, "stamped", 0)]
+AT = 121
+FAR = 1_000_000
+
+
+@pytest.fixture(scope="module")
+def convert(good):
+    return Converter(good.run)
+
+
+def relogged(messages):
+    """Return messages that have no stamp logged at the newest stamp before, as recorders do."""
+    newest, found = 0, []
+    for one in messages:
+        if one.topic.endswith(tuple(STAMPED)):
+            newest = max(newest, one.log_time_ns)
+        else:
+            one = one._replace(log_time_ns=newest, publish_time_ns=newest)
+        found.append(one)
+    return found
+
+
+def beside(topic, step, convert, data, *, said=None, before=False):
+    """Return a change that puts a message beside that of a topic and time step.
+
+    It is logged at the stamp of the time step `said`, or with that message.
+    """
+
+    def change(messages):
+        [place] = [
+            place
+            for place, one in enumerate(messages)
+            if (one.topic, one.log_time_ns) == (topic, step * convert.period)
+        ]
+        one = messages[place]
+        at = one.log_time_ns if said is None else said * convert.period
+        new = one._replace(data=data, log_time_ns=at, publish_time_ns=at)
+        return relogged([*messages[: place + 1 - before], new, *messages[place + 1 - before :]])
+
+    return change
+
+
+def status_of(step, transitions, state="learning", began="start", run=""):
+    said = Said(run, state, step, transitions, 0, began)
+    return serialize_message(status("env1", state, said.values()))
+
+
+def is_foreign(found, count=1):
+    assert found.differences == () and found.same, found.first
+    assert found.foreign == count
+
+
+STATE, REWARD, ACTION = "/robot_1/local_state", "/robot_1/reward", "/robot_1/action"
+
+
+@pytest.mark.parametrize("before", [False, True])
+@pytest.mark.parametrize("ahead", [0, 1, 3])
+def test_a_forged_state(alter, good, convert, ahead, before):
+    """Of this step, or early: then all that comes up to that step seems to be late."""
+    cell = 7 if verify(good.bag).log.cells[AT - 1, 0] != 7 else 8
+    data = convert.pack_state(AT + ahead, cell)
+    said = None if ahead == 0 else AT + ahead
+    is_foreign(alter(beside(STATE, AT, convert, data, said=said, before=before)))
+
+
+@pytest.mark.parametrize("topic", [STATE, "/clock"])
+def test_a_state_of_a_step_that_never_comes(alter, convert, topic, capsys, tmp_path):
+    """A recorder logs it at the run's time."""
+    pack = convert.pack_clock if topic == "/clock" else lambda step: convert.pack_state(step, 3)
+    found = alter(beside(topic, AT, convert, pack(FAR)))
+    is_foreign(found)
+    assert found.log.step[-1] < FAR
+    assert main(["verify", str(tmp_path / "bag")]) == 0
+    out = capsys.readouterr().out
+    assert "foreign messages: 1, computation identical\nidentical: every state" in out
+
+
+@pytest.mark.parametrize("before", [False, True])
+def test_a_forged_reward(alter, convert, before):
+    data = convert.pack_reward(AT, Reward(1.0, 0.0, 0.0, 1.0))
+    is_foreign(alter(beside(REWARD, AT, convert, data, before=before)))
+
+
+@pytest.mark.parametrize(
+    "data",
+    [status_of(3, 2), status_of(AT, 7, state="finished"), status_of(FAR, 7)],
+    ids=["of an earlier step", "an early end", "of no step"],
+)
+def test_a_forged_status(alter, convert, data):
+    is_foreign(alter(said_at_once(convert, data)))
+
+
+def said_at_once(convert, data):
+    """Return a change that puts a status beside a state."""
+
+    def change(messages):
+        found = beside(STATE, AT, convert, b"")(messages)
+        return [one._replace(topic="/status", data=data) if not one.data else one for one in found]
+
+    return change
+
+
+def test_a_status_of_another_run(record, rewritten, tmp_path, convert):
+    run = record(settings={"perception": "probability:0.5", "steps": 250}, identity="this run")
+    for said in ("another", "this run"):
+        change = said_at_once(convert, status_of(AT, 7, run=said))
+        found = verify(rewritten(run.bag, tmp_path / "bag", change))
+        assert (found.same, found.foreign) == (said == "another", said == "another")
+
+
+def test_a_status_beside_a_true_one_of_its_step(alter, convert):
+    """That the world took none back tells the other one."""
+
+    def change(messages):
+        places = [place for place, one in enumerate(messages) if one.topic == "/status"]
+        one = messages[places[2]]
+        new = one._replace(data=status_of(round(one.log_time_ns / convert.period), 7))
+        return [*messages[: places[2]], new, *messages[places[2] :]]
+
+    is_foreign(alter(change))
+
+
+@pytest.mark.parametrize("topic", [STATE, REWARD])
+def test_what_replaces_the_true_one_differs(alter, convert, topic):
+    data = convert.pack_state(AT, 7)
+    if topic == REWARD:
+        data = convert.pack_reward(AT, Reward(1.0, 0.0, 0.0, 1.0))
+
+    def change(messages):
+        [place] = [
+            place
+            for place, one in enumerate(messages)
+            if (one.topic, one.log_time_ns) == (topic, AT * convert.period)
+        ]
+        messages[place] = messages[place]._replace(data=data)
+        return messages
+
+    found = alter(change)
+    assert found.differences and not found.foreign
+
+
+def test_what_the_world_went_by_differs(alter, good, convert):
+    """An action that came first, and is none of the agent's; the true one is told, too."""
+    log = verify(good.bag).log
+    row = int(np.searchsorted(log.step, AT))
+    assert log.step[row] == AT and log.move[row, 0] >= 0
+    action = Action((int(log.move[row, 0]) + 1) % 4, False, -1, False)
+    data = convert.pack_action(AT, action, Account(PerceptEnd.DID_NOT_ASK, True))
+    found = alter(beside(ACTION, AT, convert, data, before=True))
+    assert found.differences and found.foreign == 0
+    assert any(one.logged.startswith("twice, with") for one in found.differences)
+
+
+def test_an_action_that_came_too_late(alter, good, convert):
+    data = convert.pack_action(
+        AT, Action(0, True, 1, False), Account(PerceptEnd.DID_NOT_ASK, True)
+    )
+    is_foreign(alter(beside(ACTION, AT, convert, data)))
+
+
+def test_with_a_difference_each_message_too_many_is_told(alter, convert):
+    late = beside(REWARD, AT, convert, convert.pack_reward(AT, Reward(1.0, 0.0, 0.0, 1.0)))
+    lost = convert.pack_reward(AT + 3, Reward(1.0, 0.0, 0.0, 1.0))
+
+    def change(messages):
+        found = late(messages)
+        place = next(
+            place
+            for place, one in enumerate(found)
+            if (one.topic, one.log_time_ns) == (REWARD, (AT + 3) * convert.period)
+        )
+        found[place] = found[place]._replace(data=lost)
+        return found
+
+    steps = [one.step for one in alter(change).differences]
+    assert steps[:2] == [AT, AT + 3]
+
+
+@pytest.mark.parametrize(
+    ("steps", "right"),
+    [
+        ([], []),
+        ([1, 2, 2, 3], [1, 1, 1, 1]),
+        ([1, 9, 2, 3], [1, 0, 1, 1]),
+        ([1, 2, 5, 3, 4, 5, 6], [1, 1, 0, 1, 1, 1, 1]),
+        ([2, 1], [1, 0]),
+        ([5, 1, 2, 0], [0, 1, 1, 0]),
+    ],
+)
+def test_a_longest_sequence_that_never_falls(steps, right):
+    assert in_order(np.array(steps, dtype=np.int64)).tolist() == [bool(one) for one in right]
+
+
+def test_a_step_that_comes_again_makes_no_sequence_longer():
+    steps = np.array([120, 122, 121, 122, 123])
+    assert in_order(steps, each_once=True).tolist() == [True, False, True, True, True]
