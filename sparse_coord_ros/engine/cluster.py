@@ -105,9 +105,9 @@ class Cluster(AbstractContextManager["Cluster"]):
         """
         from distributed import as_completed
 
-        sources, modules = own_sources(), allowed()
+        asker = own_sources(), allowed()
         numbers = {
-            self._client.submit(_call, sources, modules, function, arguments, pure=False): number
+            self._client.submit(_call, asker, function, arguments, pure=False): number
             for number, arguments in enumerate(work)
         }
         try:
@@ -172,13 +172,9 @@ def own_sources() -> str:
     return digest_of_sources(sources=["**/*.py"])
 
 
-def _call(
-    sources: str,
-    modules: Sequence[str],
-    function: Callable[..., Any],
-    arguments: tuple[Any, ...],
-) -> Any:
+def _call(asker: tuple[str, Sequence[str]], function: Callable[..., Any], arguments: Any) -> Any:
     """Call a function on a worker, if it computes what the asker would; what the asker allows."""
+    sources, modules = asker
     allow_modules(modules)
     if own_sources() != sources:
         from distributed import get_worker

@@ -13,7 +13,6 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from multiprocessing import get_context, resource_tracker
 from multiprocessing.connection import Connection
 from typing import Any
@@ -43,13 +42,14 @@ def in_processes(
         return
     context = get_context("spawn")  # started afresh, they inherit no lock of this process
     lifeline, mine = context.Pipe(duplex=False)
-    with _safe_path():
-        pool = ProcessPoolExecutor(
-            min(jobs, len(work)), context, initializer=_begin, initargs=(lifeline, os.getcwd())
-        )
+    before = os.environ.get(SAFE_PATH, "")
+    os.environ[SAFE_PATH] = "1"
+    pool = ProcessPoolExecutor(
+        min(jobs, len(work)), context, initializer=_begin, initargs=(lifeline, os.getcwd())
+    )
     try:
-        with _safe_path():
-            futures = _submitted(pool, function, work)
+        futures = _submitted(pool, function, work)
+        os.environ[SAFE_PATH] = before
         futures.reverse()
         while futures:  # a result can be large: keep none that was handed out
             yield futures.pop().result()
@@ -62,17 +62,6 @@ def in_processes(
         mine.close()
         pool.shutdown(cancel_futures=True)
         lifeline.close()
-
-
-@contextmanager
-def _safe_path() -> Iterator[None]:
-    before = os.environ.get(SAFE_PATH)
-    os.environ[SAFE_PATH] = "1"
-    try:
-        yield
-    finally:
-        if not before:
-            del os.environ[SAFE_PATH]
 
 
 def _submitted(

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
 
 from sparse_coord_ros.errors import ScenarioError, SettingError
-from sparse_coord_ros.game.plugins import allow_named
 from sparse_coord_ros.game.scenario import Scenario, load_scenario, scenario_names
 from sparse_coord_ros.game.settings import parse_assignments
 from sparse_coord_ros.learn.learners import learner_of
@@ -98,12 +97,8 @@ def make_condition(name: str, learner: str, settings: Mapping[str, object]) -> C
     return Condition(name, rule.label, (("penalty", _text(changed.penalty)), *kept))
 
 
-def parse_id(text: str, *, own: bool = False) -> tuple[Condition, int | None]:
+def parse_id(text: str) -> tuple[Condition, int | None]:
     """Read an id; the number is that of a run, None for the whole condition.
-
-    Args:
-        text: the id.
-        own: whether the user gave it, and so allows the modules that it names.
 
     Raises:
         ScenarioError: no such scenario.
@@ -130,8 +125,6 @@ def parse_id(text: str, *, own: bool = False) -> tuple[Condition, int | None]:
         settings = parse_assignments(assignments)
         if len(settings) < len(assignments):
             raise SettingError("a setting is there twice; give each once")
-        for named in (learner, settings.get("perception")) if own else ():
-            allow_named(named)
         condition = make_condition("/".join(name), learner, settings)
     except SettingError as error:
         raise type(error)(f"id {_short(text)!r}: {error}") from None

@@ -8,6 +8,7 @@ missing is computed and saved, and nothing of another plan, scenario or protocol
 
 import importlib
 import os
+import re
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
@@ -42,6 +43,7 @@ from sparse_coord_ros.experiments.store import (
     open_results,
     sample,
 )
+from sparse_coord_ros.game.plugins import allow_named
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.specs import Spec
 from sparse_coord_ros.learn.evaluation import Trials, play, summary
@@ -204,7 +206,9 @@ def parse_targets(targets: Iterable[str | Condition], plan: Plan) -> Targets:
                 f"{', '.join(NAMES)}, or an id such as env1/coop/penalty=-20"
             )
         else:
-            condition, number = parse_id(target, own=True)
+            for word in re.split("[/,=]", target):  # the user names them, and so allows them
+                allow_named(word)
+            condition, number = parse_id(target)
         if digests.setdefault(condition.id, digest(condition)) != digest(condition):
             raise SettingError(
                 f"id {condition.id!r}: another scenario file of the name "

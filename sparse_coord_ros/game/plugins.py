@@ -59,8 +59,7 @@ def allow_modules(modules: str | Iterable[str]) -> None:
             raise SettingError(
                 f"allow: value is {module!r}, allowed: the name of a module, such as my_team"
             )
-        if not _may_import(module):
-            os.environ[ALLOW_VARIABLE] = " ".join([*allowed(), module])
+        os.environ[ALLOW_VARIABLE] = " ".join(dict.fromkeys([*allowed(), module]))
 
 
 def allow_named(given: object) -> None:
@@ -68,10 +67,6 @@ def allow_named(given: object) -> None:
     words = given.split(":") if isinstance(given, str) else []
     if is_path(":".join(words[:2])):
         allow_modules(words[0])
-
-
-def _may_import(module: str) -> bool:
-    return any(f"{module}.".startswith(f"{one}.") for one in allowed())
 
 
 @contextmanager
@@ -177,8 +172,9 @@ class Registry(Generic[T]):
 
     def barred(self, name: str) -> bool:
         """Whether a name stands for code that nobody has allowed to be imported."""
-        module = name.partition(":")[0]
-        return is_path(name) and name not in self._known and not _may_import(module)
+        module = name.partition(":")[0] + "."
+        known = name in self._known or any(module.startswith(f"{one}.") for one in allowed())
+        return is_path(name) and not known
 
     def _imported(self, name: str, module: str, attribute: str) -> object:
         found: object
