@@ -30,7 +30,7 @@ from sparse_coord_ros.runlog import verify
 from tools.soak import MEGABYTE, resident
 from tools.teams import children, command, same_tables
 
-RATE = 100
+RATE = 50
 """Time steps a second."""
 SETTLED = 10.0
 """Seconds until memory is compared with the end's."""

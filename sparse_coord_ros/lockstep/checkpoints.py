@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from sparse_coord_ros.errors import RunError, os_error_text
+from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.files import PARTIAL, HeldError, hold, write_whole
 from sparse_coord_ros.learn.checkpoint import (
     BrokenCheckpointError,
@@ -84,7 +84,8 @@ class Checkpoints(Store):
         broken: why files could not be read, one line each.
 
     Raises:
-        RunError: another process has this node's checkpoints there, or nothing can be written.
+        RunError: another process has this node's checkpoints there.
+        OSError: nothing can be written there.
     """
 
     def __init__(self, out: Path, node: str, run: RunConfig) -> None:
@@ -100,11 +101,6 @@ class Checkpoints(Store):
             raise RunError(
                 f"output directory {out}: another process runs {node} there ({error}); stop that "
                 "one, or choose another directory"
-            ) from None
-        except OSError as error:
-            raise RunError(
-                f"checkpoints of {node}: cannot be written ({os_error_text(error)}); choose "
-                "another output directory, or one that you may write to"
             ) from None
 
     def close(self) -> None:

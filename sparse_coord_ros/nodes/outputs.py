@@ -145,8 +145,8 @@ class Output:
         store: its checkpoints.
 
     Raises:
-        RunError: the directory cannot be made, holds another run or, where none is to go on, one
-            of the files.
+        RunError: the directory holds another run or, where none is to go on, one of the files.
+        OSError: it cannot be made or written.
     """
 
     def __init__(self, node: ParameterNode, name: str, run: RunConfig, own: Sequence[str]) -> None:
@@ -167,22 +167,17 @@ class Output:
 
     def _open(self, out: Path, own: Sequence[str]) -> None:
         """Make or join the directory: `run.yaml` is written by whoever comes first."""
+        out.mkdir(parents=True, exist_ok=True)
+        held = [name for name in own if (out / name).exists()]
+        folder = os.open(out, os.O_RDONLY | os.O_DIRECTORY)
         try:
-            out.mkdir(parents=True, exist_ok=True)
-            held = [name for name in own if (out / name).exists()]
-            folder = os.open(out, os.O_RDONLY | os.O_DIRECTORY)
-            try:
-                take_lock(folder, wait=True)  # of several nodes one after the other
-                if not held and not (out / RUN_FILE).exists():
-                    write_whole(out / RUN_FILE, self._text)
-                elif not held and read_text(out / RUN_FILE, SCENARIO) != self._text:
-                    held = [f"another run's {RUN_FILE}"]
-            finally:
-                os.close(folder)
-        except OSError as error:
-            raise RunError(
-                f"output directory {out}: cannot be written ({error.strerror}); choose another one"
-            ) from None
+            take_lock(folder, wait=True)  # of several nodes one after the other
+            if not held and not (out / RUN_FILE).exists():
+                write_whole(out / RUN_FILE, self._text)
+            elif not held and read_text(out / RUN_FILE, SCENARIO) != self._text:
+                held = [f"another run's {RUN_FILE}"]
+        finally:
+            os.close(folder)
         if held:
             raise RunError(
                 f"output directory {out}: exists already and holds {held[0]}, nothing is "

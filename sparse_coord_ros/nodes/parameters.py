@@ -170,10 +170,11 @@ class ParameterNode(Node):
         """Stop the node because of bad input: whoever spins it raises the error."""
         self.failure = self.failure or error
 
-    def guarded(self, callback: Callable[..., Any]) -> Callable[..., Any]:
+    def guarded(self, callback: Callable[..., Any], drops: str = "") -> Callable[..., Any]:
         """Return a callback whose exceptions stop this node, which then saves what it has.
 
-        Its last argument is returned then: the answer, where it is the callback of a service.
+        Its last argument is returned then: the answer, where it is the callback of a service. With
+        a name to count them under, exceptions are no fault of the node: it refuses the request.
         """
 
         @functools.wraps(callback)
@@ -181,7 +182,10 @@ class ParameterNode(Node):
             try:
                 return callback(*args)
             except Exception as error:
-                self.fail(failure_of(error))
+                if drops:
+                    self.intake.drop(drops, error, "request refused")
+                else:
+                    self.fail(failure_of(error))
                 return args[-1] if args else None
 
         return wrapped
@@ -192,17 +196,8 @@ class ParameterNode(Node):
 
     def create_service(self, srv_type, srv_name, callback, **more):
         """As `Node`'s; the callback is guarded, and rclpy's own refuse what they cannot read."""
-
-        def careful(request: Any, response: Any) -> Any:
-            try:
-                return callback(request, response)
-            except Exception as error:
-                self.intake.drop(srv_name, error, "request refused")
-                return srv_type.Response()
-
-        own = srv_type.__module__.startswith("rcl_interfaces.")
-        guarded = careful if own else self.guarded(callback)
-        return super().create_service(srv_type, srv_name, guarded, **more)
+        rclpys = srv_name if srv_type.__module__.startswith("rcl_interfaces.") else ""
+        return super().create_service(srv_type, srv_name, self.guarded(callback, rclpys), **more)
 
     def create_timer(self, timer_period_sec, callback, *args, **more):
         """As `Node`'s, guarded, and on a steady clock: others follow a /clock that may stand."""

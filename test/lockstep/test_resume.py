@@ -273,7 +273,7 @@ def test_one_process_a_node(tmp_path, run):
 
 def test_a_directory_that_cannot_be_written(tmp_path, run):
     (tmp_path / "checkpoint").write_text("a file")
-    with pytest.raises(RunError, match="checkpoints of robot_1: cannot be written"):
+    with pytest.raises(FileExistsError, match=str(tmp_path / "checkpoint")):
         Checkpoints(tmp_path, "robot_1", run)
 
 
