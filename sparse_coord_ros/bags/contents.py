@@ -226,9 +226,11 @@ class BagFile:
 
     def extend(self) -> bool:
         """Go on to where the file ends now; return whether there was anything new."""
-        before = self.readable_bytes
-        self.size = self._source.size
-        self.finished = _has_end(self._source, self.size)
+        before, size = self.readable_bytes, self._source.size
+        if size == self.size:
+            return False
+        self.size, self.finished = size, _has_end(self._source, size)
+        grows = not (self._checked or self.finished)
         while not self._ended and (begin := self.readable_bytes) < self.size:
             try:
                 record = self._source.record(begin, self.size)
@@ -236,11 +238,7 @@ class BagFile:
                 stop, end = begin, record.end
             except Damage as damage:
                 found = self._behind(begin)
-                if (
-                    found is None
-                    and isinstance(damage, Cut)
-                    and not (self._checked or self.finished)
-                ):
+                if found is None and isinstance(damage, Cut) and grows:
                     break  # the rest of a record that is being written comes later
                 stop, end = found or (self.size, self.size)
                 self._lose(begin, stop, damage.problem)
@@ -289,10 +287,8 @@ class BagFile:
         lost, blocks = self._lost, self.blocks
         if not lost and self.finished:
             with suppress(Damage):  # what a lost chunk defined is there again
-                footer = self.size - len(MAGIC) - len(_FOOTER) - 20
-                self._check_summary(
-                    int.from_bytes(self._source.read(footer + HEAD.size, 8), "little")
-                )
+                summary = self._source.read(self.size - len(MAGIC) - 20, 8)
+                self._check_summary(int.from_bytes(summary, "little"))
         at = bisect_left(blocks, begin, key=lambda block: block.offset)
         if blocks[at : at + 1] and blocks[at].offset < end:
             del blocks[at]

@@ -161,7 +161,7 @@ def test_the_table_of_damages(chunked, tmp_path, finished):
         changed = data[:begin] + draw.randbytes(100) + data[begin:]
         note("junk between two chunks", changed, total, [(begin, begin + 100)], every)
     data_end = bag.files[0].readable_bytes
-    for place in sorted(draw.sample(range(blocks[0][1], data_end), 50 if finished else 10)):
+    for place in sorted(draw.sample(range(blocks[0][1], data_end), 50)):
         path.write_bytes(data[:place])
         kept = sum(n for (_, end), n in zip(blocks, counts, strict=True) if end <= place)
         attached = sum(one.offset + one.size + 4 <= place for one in bag.attachments)
