@@ -43,10 +43,20 @@ RESULTS = Limit("results", 64 * MB)
 RECORD = Limit("a record of a bag", 256 * MB)
 CHUNK = Limit("the content of a chunk", 64 * MB)
 CHUNKS = Limit("the content of all chunks, and of each byte of the file", 256 * MB, 100)
+MESSAGE = Limit("a message", 2**16)
+"""Of a topic that says nothing else: a node reads it within a few milliseconds."""
+
+PICTURE = Limit("a map or markers", 4 * MB)
+TABLES = Limit("the tables of one robot", 64 * MB, 64 * MB)
 METADATA = Limit("a bag's metadata", 4 * MB, 100_000)
 
 DEEPEST = 30
 """Containers within containers of a YAML text."""
+
+
+def too_large(size: int, limit: Limit) -> str:
+    """Return what to say of something with more bytes than are read."""
+    return f"it has {size:,} bytes, allowed for {limit.what}: {limit.bytes:,}"
 
 
 def open_regular(path: Path, limit: Limit | None = None) -> BinaryIO:
@@ -67,7 +77,7 @@ def open_regular(path: Path, limit: Limit | None = None) -> BinaryIO:
     elif not stat.S_ISREG(found.st_mode):
         code, problem = errno.EINVAL, "it is not a file"
     elif limit is not None and found.st_size > limit.bytes:
-        problem = f"it has {found.st_size:,} bytes, allowed for {limit.what}: {limit.bytes:,}"
+        problem = too_large(found.st_size, limit)
         code = errno.EFBIG
     if code:
         os.close(descriptor)

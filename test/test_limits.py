@@ -9,8 +9,15 @@ import time
 
 import pytest
 
-from sparse_coord_ros.errors import MapError, ScenarioError
+from sparse_coord_ros.errors import MapError, ScenarioError, SparseCoordError
+from sparse_coord_ros.experiments.store import read_results
+from sparse_coord_ros.game.grid import load_map
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.history import load_history
+from sparse_coord_ros.learn.run_config import load_run
+from sparse_coord_ros.learn.tables import load_tables
 from sparse_coord_ros.limits import DEEPEST, Limit, parse_yaml, read_file, read_text, to_yaml
+from sparse_coord_ros.maps.image import read_floor_plan
 
 SMALL = Limit("a test", 1000, 40)
 
@@ -125,3 +132,67 @@ def test_large_files_are_not_read(tmp_path):
     words = "it has 1,099,511,627,776 bytes, allowed for a test: 1,000"
     with pytest.raises(OSError, match=re.escape(words)):
         read_file(large, SMALL)
+
+
+def drawn(robots, rows=30, columns=100):
+    """Return the text of a scenario with so many robots on a map with so many cells beside it."""
+    cells = [f"[{k // columns}, {k % columns}]" for k in range(robots + 1)]
+    lines = (f"  r{k}: {{start: {cells[k]}, goal: {cells[k + 1]}}}\n" for k in range(robots))
+    grid = "title: x\n---\n" + ("." * columns + "\n") * rows
+    return "map: m.txt\nrobots:\n" + "".join(lines), grid
+
+
+@pytest.mark.parametrize(
+    ("robots", "rows", "columns", "words"),
+    [
+        (20_000, 1000, 30, "here are more than 20,000 values, allowed for a scenario or a run"),
+        (2, 10_000, 1000, "m.txt: it has 10,010,013 bytes, allowed for a map: 4,194,304"),
+        (2, 1001, 1000, "has 1,001,000 cells and walls, allowed: 1,000,000; use larger cells"),
+        (1500, 1000, 1000, ""),
+    ],
+    ids=["20,000 robots", "10 million cells", "too many cells", "as large as may be"],
+)
+def test_large_scenarios_are_read_or_refused_soon(tmp_path, robots, rows, columns, words):
+    text, grid = drawn(robots, rows, columns)
+    (tmp_path / "m.txt").write_text(grid)
+    (tmp_path / "s.yaml").write_text(text)
+    before = time.monotonic()
+    if words:
+        with pytest.raises((MapError, ScenarioError), match=words) as error:
+            load_scenario(tmp_path / "s.yaml")
+        assert "\n" not in str(error.value)
+    else:
+        assert len(load_scenario(tmp_path / "s.yaml").robots) == robots
+    assert time.monotonic() - before < 5.0
+
+
+@pytest.mark.parametrize("kind", ["pipe", "folder", "200 MB"])
+@pytest.mark.parametrize(
+    ("name", "read"),
+    [
+        ("tables.npz", lambda at: load_tables(at, [1])),
+        ("history.npz", lambda at: load_history(at.parent)),
+        ("run.yaml", lambda at: load_run(at.parent)),
+        ("scenario.yaml", load_scenario),
+        ("map.txt", lambda at: load_map(str(at))),
+        ("map.yaml", read_floor_plan),
+        ("image.png", lambda at: read_floor_plan(at.parent / "plan.yaml")),
+        ("results.json", lambda at: read_results(at.parent)),
+    ],
+)
+def test_what_is_no_regular_file_of_a_size_is_refused_at_once(tmp_path, name, read, kind):
+    (tmp_path / "plan.yaml").write_text("image: image.png\nresolution: 0.1\n")
+    path = tmp_path / name
+    if kind == "pipe":
+        os.mkfifo(path)
+    elif kind == "folder":
+        path.mkdir()
+    else:
+        with path.open("wb") as file:
+            file.truncate(200_000_000)
+    before = time.monotonic()
+    with pytest.raises(SparseCoordError) as error:
+        read(path)
+    assert "\n" not in str(error.value)
+    assert name in str(error.value) or f"{path.parent}" in str(error.value)
+    assert time.monotonic() - before < 5.0

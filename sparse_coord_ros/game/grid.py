@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from sparse_coord_ros.errors import MapError, did_you_mean, in_short
+from sparse_coord_ros.errors import MapError, did_you_mean, in_short, os_error_text
 from sparse_coord_ros.game.actions import DIRECTIONS
 from sparse_coord_ros.limits import MAP, MAP_HEADER, read_text, to_yaml, yaml_value
 from sparse_coord_ros.share import share_file, share_names
@@ -64,12 +64,15 @@ class GridMap:
     @cached_property
     def cells(self) -> tuple[tuple[int, int], ...]:
         """(row, column) of each free cell; the index is the cell's number."""
-        return tuple(
-            (r, c)
-            for r, line in enumerate(self.rows)
-            for c, symbol in enumerate(line)
-            if symbol != WALL
-        )
+        r, c = self._places
+        return tuple(zip(r.tolist(), c.tolist(), strict=True))
+
+    @cached_property
+    def _places(self) -> tuple[np.ndarray, np.ndarray]:
+        """The row and the column of each free cell."""
+        signs = np.frombuffer("".join(self.rows).encode(), dtype=np.uint8).reshape(self.shape)
+        r, c = np.nonzero(signs != ord(WALL))
+        return r, c
 
     @cached_property
     def number(self) -> dict[tuple[int, int], int]:
@@ -93,11 +96,25 @@ class GridMap:
     @cached_property
     def next_cell(self) -> np.ndarray:
         """Shape (cells, moves), int64: where a successful move leads; a wall: the cell itself."""
-        table = np.empty((len(self.cells), len(DIRECTIONS)), dtype=np.int64)
-        for x, (r, c) in enumerate(self.cells):
-            for a, (dr, dc) in enumerate(DIRECTIONS):
-                table[x, a] = self.number.get((r + dr, c + dc), x)
-        return table
+        rows, columns = self.shape
+        number = np.full((rows + 2, columns + 2), UNREACHABLE, dtype=np.int64)  # walls around
+        r, c = (place + 1 for place in self._places)
+        number[r, c] = np.arange(len(r))
+        after = np.stack([number[r + dr, c + dc] for dr, dc in DIRECTIONS], axis=1)
+        return np.where(after == UNREACHABLE, np.arange(len(r))[:, None], after)
+
+    @cached_property
+    def region(self) -> np.ndarray:
+        """Shape (cells,), int64: a number for each cell; two with the same have a way between."""
+        region = np.arange(len(self.cells))
+        while True:  # each region joins the one with the least number beside it
+            joined = region.copy()
+            np.minimum.at(joined, region, region[self.next_cell].min(axis=1))
+            while (joined != joined[joined]).any():
+                joined = joined[joined]
+            if np.array_equal(joined, region):
+                return region
+            region = joined
 
     def distances_to(self, goal: int) -> np.ndarray:
         """Shape (cells,): moves on a shortest path to `goal`; -1 where there is none."""
@@ -145,7 +162,9 @@ def load_map(name: str, *, beside: Path | None = None) -> GridMap:
         if candidate is not None and os.path.isfile(candidate):
             try:
                 text = read_text(candidate, MAP)
-            except (OSError, UnicodeDecodeError) as error:
+            except OSError as error:
+                raise MapError(f"map {os_error_text(error)}; give another map file") from None
+            except UnicodeDecodeError as error:
                 raise MapError(
                     f"map {candidate}: cannot be read as UTF-8 text: {error}; an image becomes a "
                     "map by: sparse_coord import-map"
@@ -246,7 +265,7 @@ def _check_rows(rows: tuple[str, ...], first_line: int, where: str) -> None:
                 f"map {where}, line {line}: row has {len(row)} symbols, the first row has "
                 f"{len(rows[0])}; all rows must be equally long (fill with '#')"
             )
-        for column, symbol in enumerate(row, start=1):
+        for column, symbol in enumerate(row if row.strip("#.D") else "", start=1):
             if symbol not in "#.D123456789":
                 raise MapError(
                     f"map {where}, line {line}, column {column}: unknown symbol {symbol!r}; "

@@ -19,7 +19,7 @@ from sparse_coord_ros.errors import (
     os_error_text,
 )
 from sparse_coord_ros.game.actions import PRIMITIVES
-from sparse_coord_ros.game.grid import UNREACHABLE, GridMap, load_map, parse_map
+from sparse_coord_ros.game.grid import GridMap, load_map, parse_map
 from sparse_coord_ros.game.links import LINKS
 from sparse_coord_ros.game.perception import PERCEPTION
 from sparse_coord_ros.game.plugins import allow_modules, allow_named
@@ -423,7 +423,7 @@ def _robots(value: object, grid: GridMap, where: str) -> tuple[Robot, ...]:
                 f"{where}: robot {name}: start and goal are the same cell, "
                 f"{list(grid.cells[start])}; choose another cell for one of them"
             )
-        if grid.distances_to(goal)[start] == UNREACHABLE:
+        if grid.region[goal] != grid.region[start]:
             raise ScenarioError(
                 f"{where}: robot {name}: its goal {entry['goal']} cannot be reached from its "
                 f"start {entry['start']} on map {grid.name}; open a way or choose another goal"

@@ -9,6 +9,7 @@ need nothing else, and the log holds it too.
 import hashlib
 import json
 import platform
+import re
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, fields
@@ -150,13 +151,19 @@ class RunConfig:
 
     def to_yaml(self) -> str:
         """Return the text of `run.yaml`; `run_from_yaml` reads it back."""
-        data: dict[str, Any] = {"format": FORMAT}
+        data: dict[str, Any] = {"id": self.id, "format": FORMAT}
         data |= {f.name: getattr(self, f.name) for f in fields(self)}
         data["scenario"] = self.scenario.to_dict()
         data["versions"] = dict(self.versions)
         if not self.id:
             del data["id"]
         return to_yaml(data)
+
+    @staticmethod
+    def identity(text: bytes) -> str:
+        """Return the `id` that the text of a live run begins with, without reading it."""
+        found = re.match(rb"id: '?(\w{1,99})'?\n", text)
+        return found[1].decode() if found else ""
 
     def record(self) -> dict[str, str]:
         """Return the texts of the bag's metadata record."""

@@ -33,7 +33,7 @@ from sparse_coord_ros.learn.archive import check_range
 from sparse_coord_ros.learn.checkpoint import memory_arrays, memory_from
 from sparse_coord_ros.learn.factors import Factors, coordination_table
 from sparse_coord_ros.learn.sparse import SparseTable
-from sparse_coord_ros.limits import ARRAYS, read_file
+from sparse_coord_ros.limits import ARRAYS, TABLES, Limit, read_file
 
 TEAM_FILE = "tables.npz"
 
@@ -85,13 +85,16 @@ class SavedTables(NamedTuple):
     memory: Memory | None
 
 
-def unpack_saved(data: bytes, numbers: Sequence[int], *, where: str) -> list[SavedTables]:
+def unpack_saved(
+    data: bytes, numbers: Sequence[int], *, where: str, limit: Limit = ARRAYS
+) -> list[SavedTables]:
     """Read what the given robots (numbers from 1) saved from the bytes of an .npz file.
 
     Raises:
         TablesError: not a tables file, or a robot is not in it; `where` says where they are from.
     """
-    arrays, _ = archive.unpack(data, where=where, what="tables", remedy=REMEDY, error=TablesError)
+    how: Any = {"what": "tables", "remedy": REMEDY, "error": TablesError}
+    arrays, _ = archive.unpack(data, where=where, limit=limit, **how)
     prefix = "count_"
     try:
         counts = {
@@ -119,7 +122,7 @@ def unpack_robot(data: bytes, number: int, *, where: str) -> tuple[Tables, dict[
     Raises:
         TablesError: as `unpack_saved`.
     """
-    [saved] = unpack_saved(data, [number], where=where)
+    [saved] = unpack_saved(data, [number], where=where, limit=TABLES)
     return saved.tables, saved.counts
 
 

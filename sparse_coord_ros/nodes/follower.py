@@ -5,14 +5,12 @@
 import time
 from typing import Any, Unpack
 
-from std_msgs.msg import String
-
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.game.settings import SettingTable
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.lockstep.waiting import SILENT_SECONDS, Reminder, WorldPresence
 from sparse_coord_ros.nodes import interface
-from sparse_coord_ros.nodes.messages import read_run
+from sparse_coord_ros.nodes.messages import read_run, run_announced
 from sparse_coord_ros.nodes.outputs import check_place
 from sparse_coord_ros.nodes.parameters import ParameterNode, Place
 from sparse_coord_ros.wire.status import Said, read_status
@@ -58,7 +56,7 @@ class Follower(ParameterNode):
         self._missing = Reminder()
         self._reported = time.monotonic()
         self._stopping: float | None = None
-        self.intake.listen(interface.RUN, self._on_run, read=self._read_run)
+        self.intake.listen(interface.RUN, self._on_run, unpack=self._read_run)
         self.intake.listen(interface.STATUS, self._on_status, read=read_status)
         self.create_timer(self.tick_seconds, self._tick)
 
@@ -104,14 +102,16 @@ class Follower(ParameterNode):
         """Whether nothing is left to do after the run's end."""
         return True
 
-    def another_run(self, run: RunConfig) -> None:
-        """Another run was announced: stay with the present one."""
+    def another_run(self, data: bytes) -> RunConfig | None:
+        """Return the run of another world that is announced; None: the node stays with its own."""
         assert self.presence is not None
         self.presence.another_run()
-        self.get_logger().warning(
-            "another world simulator has begun a run; this node stays with the run that it is in, "
-            "and ends when the world of that is gone"
+        self.intake.drop(
+            interface.RUN.name,
+            "another world simulator has begun a run",
+            "this node stays with the run that it is in, and ends when the world of that is gone",
         )
+        return None
 
     def lost(self, why: str) -> None:
         """The run's world is gone: save what there is, and end."""
@@ -128,17 +128,21 @@ class Follower(ParameterNode):
             return self.part.all_done(now)
         return now - self._stopping > STOP_SECONDS
 
-    def _read_run(self, message: String) -> RunConfig:
-        run = read_run(message)
-        if self.presence is None or self.run is None:
+    def _read_run(self, data: bytes) -> RunConfig | None:
+        """Return a run to follow; what a node under way does not follow, it does not read."""
+        identity = run_announced(data)
+        if self.run is not None and identity == self.run.id:
+            return None
+        if self.presence is None:
+            run = read_run(data)
             self.check(run)
-        return run
+            return run
+        if not identity:
+            raise ValueError("names no run")
+        return self.another_run(data)
 
-    def _on_run(self, run: RunConfig) -> None:
-        if self.presence is None or self.run is None:
-            self.run = run
-        elif run.id != self.run.id:
-            self.another_run(run)
+    def _on_run(self, run: RunConfig | None) -> None:
+        self.run = run or self.run
 
     def _on_status(self, said: Said) -> None:
         self.status = said

@@ -14,6 +14,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 
+from sparse_coord_ros.limits import too_large
 from sparse_coord_ros.nodes.interface import RosTopic
 
 
@@ -58,6 +59,9 @@ class Intake:
         name = name or (topic.of(owner) if owner else topic.name)
 
         def take(data: bytes) -> None:
+            if len(data) > topic.limit.bytes:
+                self.drop(name, too_large(len(data), topic.limit))
+                return
             try:
                 said = unpack(data) if unpack else read(deserialize_message(data, topic.type))
             except Exception as error:  # rclpy, struct, Unicode: whatever the bytes bring about

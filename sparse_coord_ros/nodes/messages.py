@@ -21,6 +21,9 @@ from sparse_coord_ros.nodes.interface import bind
 from sparse_coord_ros.wire import BODY_GOALS, GOAL_LABELS, MAP_FRAME, REACHED, RUN, ClaimRank
 from sparse_coord_ros.wire.messages import Messages, read_labelled
 
+TEXT = 8
+"""Where the text of a std_msgs/String begins in its bytes."""
+
 
 class Converter(Messages):
     """The messages of one run, with rclpy: it decodes what has another layout.
@@ -49,12 +52,18 @@ class Converter(Messages):
         return Path(header=self.header(step), poses=poses)
 
 
-def read_run(message: String) -> RunConfig:
+def run_announced(data: bytes) -> str:
+    """Return the identity of the run that a world announces; nothing else is read."""
+    return RunConfig.identity(data[TEXT : TEXT + 200])
+
+
+def read_run(data: bytes) -> RunConfig:
     """Return the run that a world announces.
 
     Raises:
         SparseCoordError: it is none, or one in another format.
     """
+    message = deserialize_message(data, String)
     return run_from_yaml(message.data, where=f"topic {RUN.name}")
 
 

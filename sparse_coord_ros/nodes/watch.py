@@ -40,7 +40,7 @@ from sparse_coord_ros.look.page.controls import (
 from sparse_coord_ros.look.page.live_source import LiveView
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.follower import Follower
-from sparse_coord_ros.nodes.messages import Converter, read_tables_message
+from sparse_coord_ros.nodes.messages import Converter, read_run, read_tables_message
 from sparse_coord_ros.nodes.parameters import PARAMETERS, ParameterNode, Place
 from sparse_coord_ros.nodes.spin import run_node
 from sparse_coord_ros.wire import WORLD, Account, PerceptEnd, services
@@ -262,11 +262,13 @@ class WatchNode(Follower):
         self.team = HeardTeam(self, run, view)
         self.get_logger().info(f"{run.scenario.name}: {len(run.scenario.robots)} robots")
 
-    def another_run(self, run: RunConfig) -> None:
+    def another_run(self, data: bytes) -> RunConfig:
         """Let another run take the place of the one that is shown."""
+        run = read_run(data)
         if self.team is not None:
             self.team.leave()
-        self.run, self.presence = run, None
+        self.presence = None
+        return run
 
     def world_said(self, said: Said) -> None:
         """Show the world's state, and compare what was heard with what it has done."""

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 from enum import IntEnum, StrEnum
 from typing import NamedTuple
 
-from sparse_coord_ros import palette
+from sparse_coord_ros import limits, palette
+from sparse_coord_ros.limits import Limit
 from sparse_coord_ros.wire.services import ACTIVE_PERCEPTION
 
 
@@ -57,6 +58,7 @@ class Topic:
         recorded: it is written into a bag as it is.
         labels: of a sensor_msgs/JointState: what its numbers are called. A reader looks numbers
             up by their labels, so a sender may add others.
+        limit: what is larger is dropped before anything looks into it.
     """
 
     name: str
@@ -67,6 +69,7 @@ class Topic:
     tapped: bool = False
     recorded: bool = True
     labels: tuple[str, ...] = ()
+    limit: Limit = limits.MESSAGE
 
     def of(self, owner: str) -> str:
         """Return the topic's name below a robot's name; `~` is the node's own."""
@@ -141,15 +144,15 @@ _GRID, _MARKERS = "nav_msgs/msg/OccupancyGrid", "visualization_msgs/msg/MarkerAr
 _REPORT = "diagnostic_msgs/msg/DiagnosticArray"
 _ROSOUT, _PARAMETERS = "rcl_interfaces/msg/Log", "rcl_interfaces/msg/ParameterEvent"
 
-RUN = Topic("run", _STRING, TEAM, _LATCHED)
+RUN = Topic("run", _STRING, TEAM, _LATCHED, limit=limits.SCENARIO)
 STATUS = Topic("status", _STATUS, TEAM, _LATCHED)
 CLOCK = Topic("/clock", "rosgraph_msgs/msg/Clock", TEAM, _STEP, stamped=True, tapped=True)
-MAP = Topic("map", _GRID, TEAM, _LATCHED, stamped=True, tapped=True)
-MARKERS = Topic("markers", _MARKERS, TEAM, _LATCHED, tapped=True)
-SCENE = Topic("scene", _MARKERS, TEAM, _LATCHED)
+MAP = Topic("map", _GRID, TEAM, _LATCHED, stamped=True, tapped=True, limit=limits.PICTURE)
+MARKERS = Topic("markers", _MARKERS, TEAM, _LATCHED, tapped=True, limit=limits.PICTURE)
+SCENE = Topic("scene", _MARKERS, TEAM, _LATCHED, limit=limits.PICTURE)
 """For people only: names of robots, who asks whom, how full doorways are."""
 
-DIAGNOSTICS = Topic("/diagnostics", _REPORT, TEAM, _EVENT)
+DIAGNOSTICS = Topic("/diagnostics", _REPORT, TEAM, _EVENT, limit=limits.PICTURE)
 """Absolute, as REP 107 has it, so that an aggregator hears every team; drivers and other teams
 publish here too, with stamps of other clocks."""
 
@@ -167,11 +170,20 @@ ACTION = Topic(
     labels=(*ACTION_LABELS, *Account._fields),
 )
 PERCEPT = Topic("percept", "nav_msgs/msg/Path", ROBOT, _STEP, stamped=True)
-COORDINATION_MAP = Topic("coordination_map", _GRID, ROBOT, _LATCHED, stamped=True, tapped=True)
+COORDINATION_MAP = Topic(
+    *("coordination_map", _GRID, ROBOT, _LATCHED),
+    stamped=True,
+    tapped=True,
+    limit=limits.PICTURE,
+)
 PROGRESS = Topic("progress", _STATUS, ROBOT, _LATCHED)
 """What a robot says of its checkpoints, and the recorder of the orders that it has seen."""
 
-TABLES = Topic("tables", "std_msgs/msg/UInt8MultiArray", ROBOT, _TABLES, recorded=False)
+TABLES = Topic(
+    *("tables", "std_msgs/msg/UInt8MultiArray", ROBOT, _TABLES),
+    recorded=False,
+    limit=limits.TABLES,
+)
 """Of a robot, as the bytes of an .npz file; the recorder attaches them to the bag."""
 
 CLAIM = Topic("claim", "std_msgs/msg/Header", NODE, _LATCHED)
@@ -214,8 +226,8 @@ ODOMETRY = Topic("odom", "nav_msgs/msg/Odometry", ROBOT, _STEP, stamped=True, re
 CMD_VEL = Topic("cmd_vel", "geometry_msgs/msg/Twist", ROBOT, _EVENT, recorded=False)
 """Of bodies: where they are, by their localisation and by their wheels; what they are to do."""
 
-ROSOUT = Topic("/rosout", _ROSOUT, TEAM, _EVENT)
-PARAMETER_EVENTS = Topic("/parameter_events", _PARAMETERS, TEAM, _EVENT)
+ROSOUT = Topic("/rosout", _ROSOUT, TEAM, _EVENT, limit=limits.PICTURE)
+PARAMETER_EVENTS = Topic("/parameter_events", _PARAMETERS, TEAM, _EVENT, limit=limits.PICTURE)
 
 TOPICS = tuple(one for one in list(globals().values()) if isinstance(one, Topic))
 """All of them, as they stand above."""

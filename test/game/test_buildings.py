@@ -6,7 +6,7 @@ import pytest
 
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.game.buildings import Building, building_text, generated_building
-from sparse_coord_ros.game.scenario import UNREACHABLE
+from sparse_coord_ros.game.grid import UNREACHABLE
 from sparse_coord_ros.learn.learners import learner_of
 
 

@@ -3,12 +3,14 @@
 """Maps: the shipped ones are those of the study, and malformed ones are refused with a reason."""
 
 import hashlib
+import random
+import time
 
 import numpy as np
 import pytest
 
 from sparse_coord_ros.errors import MapError
-from sparse_coord_ros.game.grid import UNREACHABLE, load_map, map_names, parse_map
+from sparse_coord_ros.game.grid import UNREACHABLE, GridMap, load_map, map_names, parse_map
 
 # name: cells, doorways, starts, digest of the rows (a difference means that the map changed).
 MAPS = {
@@ -133,3 +135,20 @@ def test_map_that_is_not_text(tmp_path):
     path.write_bytes(b"title: \xe9\n---\n..\n")
     with pytest.raises(MapError, match="m.txt: cannot be read as UTF-8"):
         load_map(str(path))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_regions_are_what_has_a_way_between(seed):
+    chance = random.Random(seed)
+    rows = ["".join(chance.choice("..#") for _ in range(9)) for _ in range(chance.randrange(1, 9))]
+    grid = GridMap("drawn", ("#########", *rows, "........#"))
+    for x in range(len(grid.cells)):
+        reached = grid.distances_to(x) != UNREACHABLE
+        assert (reached == (grid.region == grid.region[x])).all()
+
+
+def test_regions_of_a_long_way_are_found_soon():
+    rows = tuple("." * 500 if r % 2 == 0 else ("#" * 499 + ".")[:: 2 - r % 4] for r in range(500))
+    before = time.monotonic()
+    assert set(GridMap("winding", rows).region.tolist()) == {0}
+    assert time.monotonic() - before < 2.0

@@ -5,6 +5,8 @@
 from dataclasses import replace
 
 import pytest
+from rclpy.serialization import serialize_message
+from std_msgs.msg import String
 
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.run_config import make_run
@@ -22,10 +24,15 @@ def node(own_domain):
     with ros_context() as context:
         node = Follower("robot_1", PARAMETERS["robot"], context=context, values={})
         node._tick()
-        node._on_run(announced("first"))
+        hear(node, announced("first"))
         node._tick()
         yield node
         node.destroy_node()
+
+
+def hear(node, run):
+    """Let a node hear a run."""
+    node._on_run(node._read_run(serialize_message(String(data=run.to_yaml()))))
 
 
 def announced(name):
@@ -33,13 +40,26 @@ def announced(name):
 
 
 def test_it_stays_with_its_run_when_another_one_is_announced(node):
-    others = []
-    node.another_run = others.append
-    node._on_run(announced("first"))
-    assert not others, "a world repeats what it announces"
-    node._on_run(announced("second"))
-    assert [other.id for other in others] == ["second"]
+    hear(node, announced("first"))
+    assert not node.intake.dropped, "a world repeats what it announces"
+    hear(node, announced("second"))
+    assert node.intake.dropped == {"run": 1}
     assert node.run.id == "first"
+
+
+@pytest.mark.parametrize("identity", ["first", "second", None], ids=["own", "another", "none"])
+def test_a_node_under_way_reads_no_run(node, monkeypatch, identity):
+    """Not even its own again: megabytes of YAML cost it no time."""
+    monkeypatch.setattr(module, "read_run", None)
+    text = "x: [" + 2_000_000 * "1," + "]\n"
+    data = serialize_message(String(data=text if identity is None else f"id: {identity}\n{text}"))
+    before = module.time.monotonic()
+    if identity is None:
+        with pytest.raises(ValueError, match="names no run"):
+            node._read_run(data)
+    else:
+        assert node._read_run(data) is None
+    assert module.time.monotonic() - before < 0.01
 
 
 def test_what_it_waits_for_next_is_counted_anew(node):

@@ -1,0 +1,101 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Messages have limits, which the largest team's stay below and beyond which nothing is read."""
+
+import io
+import time
+import zipfile
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import JointState
+
+from sparse_coord_ros import wire
+from sparse_coord_ros.errors import TablesError
+from sparse_coord_ros.game.buildings import generated_building
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.run_config import RunConfig, make_run
+from sparse_coord_ros.learn.tables import unpack_robot
+from sparse_coord_ros.lockstep.bodies import BodyGoal, Goals
+from sparse_coord_ros.nodes import interface
+from sparse_coord_ros.nodes.intake import Intake
+from sparse_coord_ros.nodes.messages import Converter, goals_message
+from sparse_coord_ros.wire.status import read_status
+
+STALL_SECONDS = 0.05
+"""Most that reading one message may take from a node in the lock step; measured: 8 ms."""
+
+
+@pytest.mark.parametrize("topic", wire.TOPICS, ids=lambda topic: topic.name)
+def test_a_large_message_is_dropped_unread(topic):
+    heard, said = {}, []
+
+    def create_subscription(kind, name, take, qos, raw):
+        heard[name] = take
+
+    logger = SimpleNamespace(warning=said.append)
+    node = SimpleNamespace(create_subscription=create_subscription, get_logger=lambda: logger)
+    intake, bound = Intake(node), interface.bind(topic)
+    intake.listen(bound, None, name="x", unpack=None, read=None)
+    heard["x"](bytes(topic.limit.bytes + 1))
+    assert intake.dropped == {"x": 1}
+    assert f"allowed for {topic.limit.what}: {topic.limit.bytes:,}; message dropped" in said[0]
+
+
+def test_messages_of_a_large_team_are_below_the_limits():
+    scenario = generated_building(rooms=8, rows=8, size=10, robots=60)
+    run = make_run(scenario, {"learner": "indiv"}) if len(scenario.map.cells) < 23_170 else None
+    run = run or RunConfig(scenario=scenario, learner="indiv", versions={})
+    convert, names = Converter(run), [robot.name for robot in scenario.robots]
+    goals = Goals(1, 0, False, 0.0, tuple(BodyGoal(k, 1, 2) for k in range(60)))
+    for topic, data in (
+        (wire.RUN, run.to_yaml().encode()),
+        (wire.MAP, convert.pack_map(0)),
+        (wire.MARKERS, convert.pack_markers(0, [robot.start for robot in scenario.robots])),
+        (wire.BODY_GOALS, serialize_message(goals_message(convert, goals, names))),
+        (wire.LOCAL_STATE, convert.pack_state(7, 3)),
+    ):
+        assert len(data) < topic.limit.bytes / 2, topic.name
+
+
+def test_the_largest_message_does_not_stall_the_lock_step():
+    convert = Converter(make_run(load_scenario("env1"), {}))
+    values = DiagnosticStatus(values=[KeyValue()] * 4000)
+    names = JointState(name=["x"] * 8000)
+    names.header.frame_id = "map"
+    for message, read in (
+        (values, lambda data: read_status(deserialize_message(data, DiagnosticStatus))),
+        (names, convert.unpack_reward),
+        (names, convert.unpack_account),
+    ):
+        data = serialize_message(message)
+        assert 0.9 * interface.STATUS.limit.bytes < len(data) <= interface.STATUS.limit.bytes
+        taken = []
+        for _ in range(3):
+            before = time.monotonic()
+            with pytest.raises(ValueError):
+                read(data)
+            taken.append(time.monotonic() - before)
+        assert min(taken) < STALL_SECONDS
+
+
+def test_tables_are_unpacked_only_as_far_as_those_of_a_robot_can_be():
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archived:
+        with archived.open("q_star_1.npy", "w") as array:
+            np.lib.format.write_array(array, np.zeros((10_000_000, 1)))
+    assert len(file.getvalue()) < 600_000
+    before = time.monotonic()
+    with pytest.raises(TablesError, match="80,000,128 bytes, allowed for the tables of one robot"):
+        unpack_robot(file.getvalue(), 1, where="tables")
+    assert time.monotonic() - before < STALL_SECONDS
+
+
+def test_the_identity_of_a_run_is_read_from_its_first_line():
+    run = RunConfig(scenario=load_scenario("env1"), versions={}, id="12e45")
+    assert run.to_yaml().startswith("id: '12e45'\n")
+    assert RunConfig.identity(run.to_yaml().encode()) == "12e45"
+    assert RunConfig.identity(b"x: 1\nid: abc\n") == ""
