@@ -85,20 +85,31 @@ def open_regular(path: Path, limit: Limit | None = None) -> BinaryIO:
     return open(descriptor, "rb")
 
 
-def read_file(path: Path, limit: Limit) -> bytes:
-    """Return what a regular file holds; errors as of `open_regular`."""
-    with open_regular(path, limit) as file:
-        return file.read()
+def read_file(path: Path, limit: Limit, error: type[SparseCoordError], remedy: str) -> bytes:
+    """Return what a regular file holds.
 
-
-def read_text(path: Path, limit: Limit) -> str:
-    """Return what a regular file holds, as text.
+    Args:
+        path: the file.
+        limit: how large it may be.
+        error: what to raise.
+        remedy: what to do where it cannot be read.
 
     Raises:
-        OSError: as `open_regular`.
-        UnicodeDecodeError: it is not UTF-8.
+        SparseCoordError: an `error`: as `open_regular`.
     """
-    return read_file(path, limit).decode("utf-8").replace("\r\n", "\n")
+    try:
+        with open_regular(path, limit) as file:
+            return file.read()
+    except OSError as failure:
+        raise error(f"{path}: cannot be read ({failure.strerror}); {remedy}") from None
+
+
+def read_text(path: Path, limit: Limit, error: type[SparseCoordError], remedy: str) -> str:
+    """Return what a regular file holds, as text; as `read_file`, and it must be UTF-8."""
+    try:
+        return read_file(path, limit, error, remedy).decode().replace("\r\n", "\n")
+    except UnicodeDecodeError as failure:
+        raise error(f"{path}: is no UTF-8 text ({failure.reason}); {remedy}") from None
 
 
 def parse_yaml(text: str, **how: Any) -> dict[str, Any]:

@@ -6,6 +6,7 @@ import math
 import os
 import re
 import time
+from pathlib import Path
 
 import pytest
 
@@ -86,10 +87,10 @@ def test_what_is_not_read_is_told_in_one_line(text, words):
 
 @pytest.mark.parametrize("bomb", ["[" * 4_000_000, "{a: " * 1_000_000, "\n- 1" * 2_000_000])
 def test_bombs_end_early(bomb):
-    before = time.monotonic()
+    before = time.process_time()
     with pytest.raises(ScenarioError, match="nested too deeply|more than 20,000 values"):
         parse_yaml(f"x: {bomb}", where="bomb")
-    assert time.monotonic() - before < 1.0
+    assert time.process_time() - before < 1.0
 
 
 def test_shared_parts_are_written_out():
@@ -112,17 +113,21 @@ def test_regular_files_only(tmp_path):
     file.write_bytes(b"a\r\nb")
     os.mkfifo(pipe)
     (tmp_path / "link").symlink_to(file)
-    assert read_file(file, SMALL) == b"a\r\nb"
-    assert read_text(tmp_path / "link", SMALL) == "a\nb"
+    how = {"limit": SMALL, "error": MapError, "remedy": "give another"}
+    assert read_file(file, **how) == b"a\r\nb"
+    assert read_text(tmp_path / "link", **how) == "a\nb"
     for path, words in (
         (pipe, "it is not a file"),
-        (os.devnull, "it is not a file"),
+        (Path(os.devnull), "it is not a file"),
         (tmp_path, "Is a directory"),
         (tmp_path / "none", "No such file"),
     ):
-        with pytest.raises(OSError, match=words) as error:
-            read_file(path, SMALL)
-        assert error.value.filename == str(path)
+        with pytest.raises(MapError, match=words) as error:
+            read_file(path, **how)
+        assert str(error.value).startswith(f"{path}: cannot be read (")
+    file.write_bytes(b"\xff")
+    with pytest.raises(MapError, match="is no UTF-8 text .invalid start byte.; give another"):
+        read_text(file, **how)
 
 
 def test_large_files_are_not_read(tmp_path):
@@ -130,8 +135,8 @@ def test_large_files_are_not_read(tmp_path):
     with large.open("wb") as file:
         file.truncate(2**40)
     words = "it has 1,099,511,627,776 bytes, allowed for a test: 1,000"
-    with pytest.raises(OSError, match=re.escape(words)):
-        read_file(large, SMALL)
+    with pytest.raises(MapError, match=re.escape(words)):
+        read_file(large, SMALL, MapError, "")
 
 
 def drawn(robots, rows=30, columns=100):
@@ -146,9 +151,14 @@ def drawn(robots, rows=30, columns=100):
     ("robots", "rows", "columns", "words"),
     [
         (20_000, 1000, 30, "here are more than 20,000 values, allowed for a scenario or a run"),
-        (2, 10_000, 1000, "m.txt: it has 10,010,013 bytes, allowed for a map: 4,194,304"),
+        (
+            2,
+            10_000,
+            1000,
+            "m.txt: cannot be read .it has 10,010,013 bytes, allowed for a map: ",
+        ),
         (2, 1001, 1000, "has 1,001,000 cells and walls, allowed: 1,000,000; use larger cells"),
-        (1500, 1000, 1000, ""),
+        pytest.param(1500, 1000, 1000, "", marks=pytest.mark.long),
     ],
     ids=["20,000 robots", "10 million cells", "too many cells", "as large as may be"],
 )
@@ -156,14 +166,14 @@ def test_large_scenarios_are_read_or_refused_soon(tmp_path, robots, rows, column
     text, grid = drawn(robots, rows, columns)
     (tmp_path / "m.txt").write_text(grid)
     (tmp_path / "s.yaml").write_text(text)
-    before = time.monotonic()
+    before = time.process_time()
     if words:
         with pytest.raises((MapError, ScenarioError), match=words) as error:
             load_scenario(tmp_path / "s.yaml")
         assert "\n" not in str(error.value)
     else:
         assert len(load_scenario(tmp_path / "s.yaml").robots) == robots
-    assert time.monotonic() - before < 5.0
+    assert time.process_time() - before < 5.0
 
 
 @pytest.mark.parametrize("kind", ["pipe", "folder", "200 MB"])
@@ -190,9 +200,9 @@ def test_what_is_no_regular_file_of_a_size_is_refused_at_once(tmp_path, name, re
     else:
         with path.open("wb") as file:
             file.truncate(200_000_000)
-    before = time.monotonic()
+    before = time.process_time()
     with pytest.raises(SparseCoordError) as error:
         read(path)
     assert "\n" not in str(error.value)
     assert name in str(error.value) or f"{path.parent}" in str(error.value)
-    assert time.monotonic() - before < 5.0
+    assert time.process_time() - before < 5.0

@@ -131,8 +131,8 @@ def told_files(directory: Path) -> list[str]:
 def read_information(path: Path) -> Mapping[str, Any]:
     """Return what a `metadata.yaml` says; nothing where it is missing or cannot be read."""
     try:
-        text = read_text(path, METADATA)
+        text = read_text(path, METADATA, SparseCoordError, "")
         found = parse_yaml(text, where="", limit=METADATA).get("rosbag2_bagfile_information")
-    except (OSError, SparseCoordError, UnicodeDecodeError):
+    except SparseCoordError:
         return {}
     return found if isinstance(found, dict) else {}

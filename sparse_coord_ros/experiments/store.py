@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sparse_coord_ros.engine.batch import Run
-from sparse_coord_ros.errors import ResultsError, SettingError, os_error_text, other_format
+from sparse_coord_ros.errors import ResultsError, SettingError, other_format
 from sparse_coord_ros.experiments.conditions import Condition, parse_id
 from sparse_coord_ros.files import PARTIAL, take_lock, write_whole
 from sparse_coord_ros.game.actions import PRIMITIVES
@@ -30,7 +30,7 @@ from sparse_coord_ros.learn.evaluation import Measure
 from sparse_coord_ros.learn.factors import rows_at_most
 from sparse_coord_ros.learn.learners import Learner, learner_of
 from sparse_coord_ros.learn.sparse import SparseTable
-from sparse_coord_ros.limits import RESULTS, read_text
+from sparse_coord_ros.limits import RESULTS, read_file
 from sparse_coord_ros.solve.reference import shortest_path_reference
 from sparse_coord_ros.solve.shipped import known_optimum
 from sparse_coord_ros.version import __version__
@@ -339,10 +339,10 @@ class Results:
             ResultsError: the result is of another scenario, protocol or plan.
         """
         path = self.path(condition)
+        if not path.exists():
+            return None
         try:
             return _load(path, condition, self.plan)
-        except FileNotFoundError:
-            return None
         except _MALFORMED:
             os.replace(path, path.with_name(path.name + ".broken"))
             return None
@@ -379,12 +379,7 @@ def _load(path: Path, condition: Condition, plan: Plan) -> ConditionResult:
 
 
 def _json(path: Path) -> Any:
-    try:
-        return json.loads(read_text(path, RESULTS))
-    except FileNotFoundError:
-        raise
-    except OSError as error:
-        raise ResultsError(f"{os_error_text(error)}; give a directory of results") from None
+    return json.loads(read_file(path, RESULTS, ResultsError, "give a directory of results"))
 
 
 def _check_format(path: Path, found: int) -> None:

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from sparse_coord_ros.errors import MapError, did_you_mean, in_short, os_error_text
+from sparse_coord_ros.errors import MapError, did_you_mean, in_short
 from sparse_coord_ros.game.actions import DIRECTIONS
 from sparse_coord_ros.limits import MAP, MAP_HEADER, read_text, to_yaml, yaml_value
 from sparse_coord_ros.share import share_file, share_names
@@ -160,15 +160,8 @@ def load_map(name: str, *, beside: Path | None = None) -> GridMap:
     folders = [beside, Path()] if beside else [Path()]
     for candidate in [folder / name for folder in folders] + [share_file("maps", f"{name}.txt")]:
         if candidate is not None and os.path.isfile(candidate):
-            try:
-                text = read_text(candidate, MAP)
-            except OSError as error:
-                raise MapError(f"map {os_error_text(error)}; give another map file") from None
-            except UnicodeDecodeError as error:
-                raise MapError(
-                    f"map {candidate}: cannot be read as UTF-8 text: {error}; an image becomes a "
-                    "map by: sparse_coord import-map"
-                ) from None
+            remedy = "give a map file; an image becomes one by: sparse_coord import-map"
+            text = read_text(candidate, MAP, MapError, remedy)
             return parse_map(text, name=candidate.stem, where=str(candidate))
     raise MapError(
         f"map {name!r}: no such map{did_you_mean(name, map_names())}; give the path of a map file "

@@ -16,7 +16,6 @@ from sparse_coord_ros.errors import (
     SettingError,
     did_you_mean,
     in_short,
-    os_error_text,
 )
 from sparse_coord_ros.game.actions import PRIMITIVES
 from sparse_coord_ros.game.grid import GridMap, load_map, parse_map
@@ -317,25 +316,10 @@ def load_scenario(
                 f"the path of a scenario file or one of: {', '.join(scenario_names())}"
             )
         path = shipped
-    data = read_yaml(path)
+    text = read_text(path, SCENARIO, ScenarioError, "give the path of a scenario file")
+    data = parse_yaml(text, where=str(path))
     scenario = scenario_from_dict(data, where=str(path), name=path.stem, beside=path.parent)
     return scenario.with_settings(settings)
-
-
-def read_yaml(path: Path) -> dict[str, Any]:
-    """Read a YAML file whose top level is a mapping.
-
-    Raises:
-        ScenarioError: not readable, not YAML, or not a mapping.
-    """
-    try:
-        return parse_yaml(read_text(path, SCENARIO), where=str(path))
-    except OSError as error:
-        raise ScenarioError(
-            f"scenario {os_error_text(error)}; give the path of a scenario file"
-        ) from None
-    except UnicodeDecodeError as error:
-        raise ScenarioError(f"{path}: cannot be read as UTF-8 text: {error}") from None
 
 
 def scenario_from_dict(

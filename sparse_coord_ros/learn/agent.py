@@ -24,7 +24,6 @@ from sparse_coord_ros.game.world import SUM_OF_PARTS, Action, Reward, RewardWeig
 from sparse_coord_ros.learn import loops
 from sparse_coord_ros.learn.algorithm import (
     Values,
-    entry_of,
     greatest,
     greedy,
     step_size,
@@ -521,7 +520,7 @@ def learn_entry(
     """Update one entry of a row by QLUpdate, with the step size of its count."""
     count = updates[action] + 1
     updates[action] = count
-    alpha = step_size(entry_of(problem.alpha_by_count, count), floor)
+    alpha = step_size(problem.alpha_by_count[count], floor)
     values[action] = updated(values[action], alpha, reward, problem.discount, bootstrap)
 
 

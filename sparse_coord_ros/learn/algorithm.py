@@ -56,12 +56,6 @@ def greatest(values: Values, count: int) -> float:
 
 
 @inner
-def entry_of(by_count: Values, count: int) -> float:
-    """Return an entry of a table over counts; of a count beyond it the last one."""
-    return by_count[min(count, len(by_count) - 1)]
-
-
-@inner
 def step_size(by_count: float, by_step: float) -> float:
     """Return alpha: what the entry's own count asks for, but never less than the step's floor."""
     if by_count > by_step:

@@ -27,9 +27,6 @@ FORMAT = 3
 ENTRY, MOST_ARRAYS = b"PK\x01\x02", 2**16
 """What an entry of a zip file's directory begins with; how many there may be."""
 
-DENSEST = 1032
-"""A byte of deflate's stands for so many at most."""
-
 MOST_UPDATES = 2**31
 """The compiled loops count in 32 bits."""
 
@@ -103,8 +100,6 @@ def _check_headers(data: bytes, limit: Limit) -> None:
                 f"its arrays have {size:,} bytes, allowed for {limit.what}: {limit.elements:,}"
             )
         for entry in entries:
-            if entry.file_size > DENSEST * (entry.compress_size + 1):
-                raise ValueError(f"{entry.filename} says to be larger than it can be")
             with file.open(entry) as array:
                 shape, dtype = HEADERS[np.lib.format.read_magic(array)](array)[::2]
                 size = array.tell() + math.prod(shape) * dtype.itemsize
@@ -115,7 +110,9 @@ def _check_headers(data: bytes, limit: Limit) -> None:
                 )
 
 
-def member(arrays: Mapping[str, Any], name: str, kind: Any, *shape: int | None) -> np.ndarray:
+def member(
+    arrays: Mapping[str, Any], name: str, kind: Any, *shape: int | None, below: int | None = None
+) -> np.ndarray:
     """Return an array that has the type and shape that it must have.
 
     Args:
@@ -123,20 +120,25 @@ def member(arrays: Mapping[str, Any], name: str, kind: Any, *shape: int | None) 
         name: which one.
         kind: its type.
         shape: its shape; None: any size.
+        below: its numbers are from 0 to below this; None: any numbers.
 
     Raises:
-        KeyError: it is not there.
-        ValueError: it has another type or shape.
+        ValueError: it is not there, or something else.
     """
+    if name not in arrays:
+        raise ValueError(f"has no {name}")
     array: np.ndarray = arrays[name]
-    sizes = [due if due is None else size for size, due in zip(array.shape, shape, strict=False)]
-    if array.dtype != kind or array.ndim != len(shape) or sizes != list(shape):
-        due = ", ".join("any" if size is None else str(size) for size in shape)
-        raise ValueError(
-            f"{name} is {array.dtype} of shape {in_short(array.shape)}, not {np.dtype(kind)} of "
-            f"({due})"
-        )
+    fits = array.ndim == len(shape) and all(map(_fits, array.shape, shape))
+    if array.dtype != kind or not fits:
+        found = f"{array.dtype} of shape {in_short(array.shape)}"
+        raise ValueError(f"{name} is {found}, not {np.dtype(kind)} of {shape}")
+    if below is not None:
+        check_range(array, 0, below, name)
     return array
+
+
+def _fits(size: int, due: int | None) -> bool:
+    return due in (None, size)
 
 
 def check_range(array: np.ndarray, low: int, high: int, name: str) -> None:

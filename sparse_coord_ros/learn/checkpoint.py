@@ -75,12 +75,9 @@ def read(path: Path, run: str, *, said: str) -> dict[str, np.ndarray]:
         BrokenCheckpointError: it cannot be read, or does not fit its digest.
         RunError: it is of another run or version.
     """
-    try:
-        data = read_file(path, ARRAYS)
-    except OSError as error:
-        raise broken(path, error.strerror) from None
-    how: Any = {"what": "a checkpoint", "remedy": "begin the run anew"}
-    arrays, version = archive.unpack(data, where=str(path), error=BrokenCheckpointError, **how)
+    how: Any = {"error": BrokenCheckpointError, "remedy": "begin the run anew"}
+    data = read_file(path, ARRAYS, **how)
+    arrays, version = archive.unpack(data, where=str(path), what="a checkpoint", **how)
     found = str(arrays.pop("run", ""))
     if version != __version__:
         raise RunError(
@@ -112,20 +109,18 @@ def memory_from(arrays: Mapping[str, np.ndarray], k: int, cells: int | None = No
         cells: of the map; None: as many as the tables have.
 
     Raises:
-        KeyError: it is not there.
-        ValueError: something has another type or shape than it must have, or is out of range.
+        ValueError: something is missing, or has another type, shape or range than it must have.
     """
 
-    def take(name: str, kind: Any, *shape: int | None) -> np.ndarray:
-        return archive.member(arrays, f"{name}_{k}", kind, *shape)
+    def take(name: str, kind: Any, *shape: int | None, **range: int) -> np.ndarray:
+        return archive.member(arrays, f"{name}_{k}", kind, *shape, **range)
 
     q_star = take("q_star", np.float64, cells, len(ACTIONS))
-    counts = take("star_updates", np.int64, *q_star.shape)
+    counts = take("star_updates", np.int64, *q_star.shape, below=archive.MOST_UPDATES)
     states = take("states", np.int32, None, None)
-    values = take("values", np.float64, len(states), PRIMITIVES)
-    updates = take("updates", np.int64, len(states), PRIMITIVES)
-    for one in (counts, updates):
-        archive.check_range(one, 0, archive.MOST_UPDATES, "updates")
+    shape = len(states), PRIMITIVES
+    values = take("values", np.float64, *shape)
+    updates = take("updates", np.int64, *shape, below=archive.MOST_UPDATES)
     prefix = f"more_{k}_"
     more = {name.removeprefix(prefix): a for name, a in arrays.items() if name.startswith(prefix)}
     return Memory(q_star, counts, states, values, updates, more)
@@ -142,8 +137,7 @@ def positions_from(
     """Return what `position_arrays` took apart: the positions of so many games.
 
     Raises:
-        KeyError: it is not there.
-        ValueError: something has another type or shape than it must have, or is out of range.
+        ValueError: something is missing, or has another type, shape or range than it must have.
     """
     robots, cells = len(scenario.robots), len(scenario.map.cells)
     columns = []
@@ -155,9 +149,7 @@ def positions_from(
         ("cells", np.int64, cells, robots),
         ("arrived", np.bool_, 2, robots),
     ):
-        column = archive.member(arrays, name, kind, games, *shape)
-        archive.check_range(column, 0, high, name)
-        columns.append(column.tolist())
+        columns.append(archive.member(arrays, name, kind, games, *shape, below=high).tolist())
     return tuple(
         Position(done, step, under_way, start, tuple(cells), tuple(arrived))
         for done, step, under_way, start, cells, arrived in zip(*columns, strict=True)
@@ -214,10 +206,15 @@ def load_checkpoint(path: Path, scenario: Scenario, learner: Learner, seed: int)
     try:
         cells = len(scenario.map.cells)
         memories = [memory_from(arrays, k, cells) for k in range(1, robots + 1)]
-        for k, memory in enumerate(memories):
-            learner.agent(scenario, k, seed).go_on_from(memory)  # raises where it does not fit
         histories = [history_from(arrays, f"history_{g}_") for g in range(1, groups + 1)]
         positions = positions_from(arrays, scenario, groups)
+        made = max(position.transitions for position in positions)
+        for k, memory in enumerate(memories):
+            learner.agent(scenario, k, seed).go_on_from(memory)  # raises where it does not fit
+            if learner.minds is not None:  # compiled loops look step sizes up by these counts
+                archive.check_range(memory.star_updates, 0, made + 1, "star_updates")
+                if learner.factors is None:
+                    archive.check_range(memory.updates, 0, made + 1, "updates")
         state = LearningState(positions, tuple(memories), tuple(histories))
         every, trials, found = json.loads(str(arrays["evaluations"]))
         evaluations = tuple((step, _evaluation(**data)) for step, data in found)

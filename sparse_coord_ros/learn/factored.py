@@ -23,7 +23,7 @@ from sparse_coord_ros.game.world import (
 from sparse_coord_ros.learn import factors, loops
 from sparse_coord_ros.learn.agent import Agent, Choice, Memory, Tables, with_memories
 from sparse_coord_ros.learn.algorithm import Values
-from sparse_coord_ros.learn.archive import MOST_UPDATES, check_range, member
+from sparse_coord_ros.learn.archive import MOST_UPDATES, member
 from sparse_coord_ros.learn.rows import FREE_PLACE, Rows, find_row, make_rows, row_to_learn
 
 if TYPE_CHECKING:
@@ -278,22 +278,20 @@ class FactoredAgent(Agent):
         """Go on with what another agent of the same run has learned.
 
         Raises:
-            KeyError: something is missing.
             ValueError: it is of another run.
         """
-        cells = self._cells
+        cells, most = self._cells, {"successor": self._cells}
         for name in REMEMBERED:
             shape = {"w": (cells,), "tried": (None,)}.get(name, (cells, PRIMITIVES))
-            whole = name in REMEMBERED[3:]
-            array = member(memory.more, name, np.int64 if whole else np.float64, *shape)
-            if whole:
-                check_range(array, 0, cells if name == "successor" else MOST_UPDATES, name)
+            if name in REMEMBERED[:3]:
+                member(memory.more, name, np.float64, *shape)
+            else:
+                below = most.get(name, MOST_UPDATES)
+                member(memory.more, name, np.int64, *shape, below=below)
         counted = np.flatnonzero(memory.star_updates[:, :PRIMITIVES])
         if not np.array_equal(np.sort(memory.more["tried"]), counted):
             raise ValueError("tried are not the moves that were counted")
-        highest = (cells, self._robots, cells)
-        for column, low, high in zip(memory.states.T, (0, -1, -1), highest, strict=True):
-            check_range(column, low, high, "states")
+        factors.check_states(memory.states, cells, self._robots)
         used = len(memory.more["tried"])
         tried = np.zeros(self._cells * PRIMITIVES, dtype=np.int64)
         tried[:used] = memory.more["tried"]

@@ -19,7 +19,8 @@ import numpy as np
 
 from sparse_coord_ros.compiling import inlined, inner
 from sparse_coord_ros.game.actions import ACTIONS, COORDINATE, PRIMITIVES
-from sparse_coord_ros.learn.algorithm import Values, entry_of, greatest, step_size
+from sparse_coord_ros.learn.algorithm import Values, greatest, step_size
+from sparse_coord_ros.learn.archive import check_range
 
 UNSEEN = -1
 """In place of a peer and its cell: the percept failed."""
@@ -108,6 +109,14 @@ def states_of(keys: Iterable[int], cells: int, robots: int) -> np.ndarray:
     columns = [np.where(seen, own, numbers - cells * robots * cells)]
     columns += [np.where(seen, peer, UNSEEN), np.where(seen, z, UNSEEN)]
     return np.stack(columns, axis=1).astype(np.int32)
+
+
+def check_states(states: np.ndarray, cells: int, robots: int) -> None:
+    """Raise `ValueError` unless these can be `Factors.states`."""
+    for column, low, high in zip(
+        states.T, (0, UNSEEN, UNSEEN), (cells, robots, cells), strict=True
+    ):
+        check_range(column, low, high, "states")
 
 
 def keys_of(states: np.ndarray, cells: int, robots: int) -> np.ndarray:
@@ -277,7 +286,7 @@ def learn_move(
         own.moved[x][m] += 1
         own.successor[x][m] = y
     after = terms.goal_value if y == terms.goal else own.value[y]
-    alpha = step_size(entry_of(by_count, count), floor)
+    alpha = step_size(by_count[count], floor)
     own.u[x][m] = toward(own.u[x][m], alpha, individual + terms.discount * after)
     if not asked:
         count = own.commons[x][m] + 1
@@ -293,7 +302,7 @@ def learn_correction(
     """Learn one entry of a row of rho from the r^C that is its peer's doing."""
     count = counts[m] + 1
     counts[m] = count
-    alpha = step_size(entry_of(by_count, count + 1), floor)
+    alpha = step_size(by_count[min(count + 1, len(by_count) - 1)], floor)
     rho[m] = toward(rho[m], alpha, common)
 
 
@@ -318,7 +327,7 @@ def learn_asking(
             best = u[b] + correction[b]
     count = own.updates[x][COORDINATE] + 1
     own.updates[x][COORDINATE] = count
-    alpha = step_size(entry_of(by_count, count), floor)
+    alpha = step_size(by_count[count], floor)
     own.w[x] = toward(own.w[x], alpha, best - greatest(u, PRIMITIVES))
     if percept_update:
         for b in range(PRIMITIVES):

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from sparse_coord_ros.dataframes import data_frame
-from sparse_coord_ros.errors import RunError, os_error_text
+from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.world import Action, StepOutcome
 from sparse_coord_ros.learn import archive
@@ -175,36 +175,27 @@ def load_history(directory: Path) -> History:
         RunError: there is none, or it cannot be read.
     """
     path = directory / HISTORY_FILE
-    try:
-        data = read_file(path, ARRAYS)
-    except FileNotFoundError:
-        raise RunError(f"{directory}: has no {HISTORY_FILE}; use a run that learned") from None
-    except OSError as error:
-        raise RunError(f"{os_error_text(error)}; use a file that run or train wrote") from None
-    how: Any = {"what": "a learning history", "remedy": "use a file that run or train wrote"}
-    arrays, _ = archive.unpack(data, where=str(path), error=RunError, **how)
+    how: Any = {"error": RunError, "remedy": "use a file that run or train wrote"}
+    data = read_file(path, ARRAYS, **how)
+    arrays, _ = archive.unpack(data, where=str(path), what="a learning history", **how)
     try:
         return history_from(arrays)
-    except KeyError as error:
-        problem = f"has no {error.args[0]}"
     except ValueError as error:
-        problem = str(error)
-    raise RunError(f"{path}: {problem}; {how['remedy']}")
+        raise RunError(f"{path}: {error}; {how['remedy']}") from None
 
 
 def history_from(arrays: Mapping[str, np.ndarray], prefix: str = "") -> History:
     """Return the history whose arrays stand in a mapping under their names behind a prefix.
 
     Raises:
-        KeyError: one is missing.
-        ValueError: one has another type or shape than it must have.
+        ValueError: one is missing, or has another type or shape than it must have.
     """
-    episodes, robots = (None, *arrays[f"{prefix}present"].shape)[-2:]
-    kinds = blank_history(0, 0)._asdict().items()
+    present = archive.member(arrays, f"{prefix}present", np.bool_, None, None)
+    blank = blank_history(0, 0)._asdict().items()
     return History(
         *(
-            archive.member(arrays, prefix + name, one.dtype, *(episodes, robots)[: one.ndim])
-            for name, one in kinds
+            archive.member(arrays, prefix + name, one.dtype, *present.shape[: one.ndim])
+            for name, one in blank
         )
     )
 

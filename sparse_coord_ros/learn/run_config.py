@@ -248,13 +248,8 @@ def load_run(directory: Path) -> RunConfig:
         RunError: there is none, or it is not one of this version.
     """
     path = directory / RUN_FILE
-    try:
-        text = read_text(path, SCENARIO)
-    except (OSError, UnicodeDecodeError):
-        raise RunError(
-            f"{directory}: no readable run.yaml there; give the output directory of "
-            "'sparse_coord run' or 'sparse_coord train'"
-        ) from None
+    remedy = "give the output directory of 'sparse_coord run' or 'sparse_coord train'"
+    text = read_text(path, SCENARIO, RunError, remedy)
     return run_from_yaml(text, where=str(path))
 
 

@@ -31,7 +31,7 @@ from sparse_coord_ros.learn import archive
 from sparse_coord_ros.learn.agent import PEER_FROM_1, Memory, Tables
 from sparse_coord_ros.learn.archive import check_range
 from sparse_coord_ros.learn.checkpoint import memory_arrays, memory_from
-from sparse_coord_ros.learn.factors import Factors, coordination_table
+from sparse_coord_ros.learn.factors import Factors, check_states, coordination_table
 from sparse_coord_ros.learn.sparse import SparseTable
 from sparse_coord_ros.limits import ARRAYS, TABLES, Limit, read_file
 
@@ -110,8 +110,6 @@ def unpack_saved(
             )
             for k in numbers
         ]
-    except KeyError as error:
-        raise TablesError(f"{where}: has no {error.args[0]}; {REMEDY}") from None
     except ValueError as error:
         raise TablesError(f"{where}: {error}; {REMEDY}") from None
 
@@ -132,12 +130,7 @@ def load_saved(path: Path, numbers: Sequence[int]) -> list[SavedTables]:
     Raises:
         TablesError: no such file, not a tables file, or a robot is not in it.
     """
-    try:
-        data = read_file(path, ARRAYS)
-    except OSError as error:
-        raise TablesError(
-            f"{path}: cannot be read as tables ({error.strerror}); {REMEDY}"
-        ) from None
+    data = read_file(path, ARRAYS, TablesError, REMEDY)
     return unpack_saved(data, numbers, where=str(path))
 
 
@@ -180,35 +173,30 @@ def _robot(arrays: Mapping[str, np.ndarray], number: int) -> Tables:
     """Return one robot's tables.
 
     Raises:
-        KeyError: they are not there.
-        ValueError: they are malformed.
+        ValueError: they are not there, or malformed.
     """
 
-    def take(name: str, kind: Any, *shape: int | None) -> np.ndarray:
-        return archive.member(arrays, f"{name}_{number}", kind, *shape)
+    def take(name: str, kind: Any, *shape: int | None, **range: int) -> np.ndarray:
+        return archive.member(arrays, f"{name}_{number}", kind, *shape, **range)
 
     q_star = take("q_star", np.float64, None, len(ACTIONS))
     cells, factors = len(q_star), None
     if f"u_{number}" in arrays:
+        robots = int(take("robots", np.int64)) if f"robots_{number}" in arrays else 2
         u, r_bar = (take(name, np.float64, cells, PRIMITIVES) for name in ("u", "r_bar"))
-        states = take("rho_states", np.int32, None, 3)
+        states = take("rho_states", np.int32, None, 3) - PEER_FROM_1
         rho = take("rho", np.float64, len(states), PRIMITIVES)
-        robots = 2
+        check_states(states, cells, robots)
+        factors = Factors(u, r_bar, take("w", np.float64, cells), states, rho)
         if f"robots_{number}" in arrays:
-            robots = int(take("robots", np.int64))
             check_range(np.array(robots), max(number, 3), MOST_ROBOTS, "robots")
-        for column, (low, high) in enumerate(((0, cells), (0, robots + 1), (-1, cells))):
-            check_range(states[:, column], low, high, "rho_states")
-        factors = Factors(u, r_bar, take("w", np.float64, cells), states - PEER_FROM_1, rho)
-        if robots > 2:
             return Tables(q_star, coordination_table(factors, number - 1, robots), factors)
     if f"q_coord_keys_{number}" not in arrays:
-        agents = arrays[f"q_coord_{number}"].ndim - 1
-        shape = (cells,) * agents + (PRIMITIVES,)
-        return Tables(q_star, take("q_coord", np.float64, *shape), factors)
-    keys = take("q_coord_keys", np.int32, None, None)
-    check_range(keys, 0, cells, "q_coord_keys")
-    check_range(np.array(keys.shape[1]), 1, MOST_ROBOTS, "q_coord_keys")
+        agents = np.ndim(arrays.get(f"q_coord_{number}", 0)) - 1
+        q_coord = take("q_coord", np.float64, *(cells,) * agents, PRIMITIVES)
+        return Tables(q_star, q_coord, factors)
+    keys = take("q_coord_keys", np.int32, None, None, below=cells)
+    check_range(np.array(keys.shape[1]), 1, MOST_ROBOTS, "robots")
     rows = take("q_coord_rows", np.float64, len(keys), PRIMITIVES)
     unseen = float(take("q_coord_unseen", np.float64))
     return Tables(q_star, SparseTable(cells, keys.shape[1], unseen, keys, rows))

@@ -7,7 +7,6 @@ import math
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -78,7 +77,8 @@ def read_floor_plan(path: Path) -> FloorPlan:
             f"{path}: is an image; give the YAML file that belongs to it"
             + (f": {beside}" if beside.exists() else ", with image, resolution and origin")
         )
-    said = _fields(path)
+    text = read_text(path, MAP_HEADER, MapError, "give the YAML file")
+    said = parse_yaml(text, where=str(path), limit=MAP_HEADER, error=MapError)
     try:
         data = {name: one.parse(said.get(name, one.default)) for name, one in FIELDS.items()}
     except SettingError as error:
@@ -98,16 +98,6 @@ def read_floor_plan(path: Path) -> FloorPlan:
         occupancy = (values if negate else 255.0 - values) / np.float32(255.0)
     free, occupied = known & (occupancy < below), known & (occupancy > above)
     return FloorPlan(path.stem, free, occupied, data["resolution"], origin)
-
-
-def _fields(path: Path) -> dict[str, Any]:
-    try:
-        text = read_text(path, MAP_HEADER)
-    except OSError as error:
-        raise MapError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except UnicodeDecodeError as error:
-        raise MapError(f"{path}: is no UTF-8 text ({error.reason}); give the YAML file") from None
-    return parse_yaml(text, where=str(path), limit=MAP_HEADER, error=MapError)
 
 
 def _origin(value: object, what: str) -> tuple[float, float]:

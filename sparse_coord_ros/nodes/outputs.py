@@ -55,8 +55,9 @@ def gather(
         The summary; `asks` says for each robot how its requests ended.
     """
     path = out / SUMMARY_FILE
-    text = read_text(path, SCENARIO) if path.exists() else ""
-    summary = yaml_value(text, where=str(path), error=RunError) or {}  # empty after a full disk
+    how: Any = {"limit": SCENARIO, "error": RunError}
+    text = read_text(path, **how, remedy="remove it") if path.exists() else ""
+    summary = yaml_value(text, where=str(path), **how) or {}  # empty after a full disk
     summary["interrupted"] = interrupted
     if recording_error is not None:
         summary["recording_error"] = str(recording_error)
@@ -132,6 +133,10 @@ def check_place(out: str) -> None:
         )
 
 
+def _run_text(out: Path) -> str:
+    return read_text(out / RUN_FILE, SCENARIO, RunError, "choose another output directory")
+
+
 class Output:
     """Where a node of a run saves: in the directory of its parameter `out`; nowhere without one.
 
@@ -174,7 +179,7 @@ class Output:
             take_lock(folder, wait=True)  # of several nodes one after the other
             if not held and not (out / RUN_FILE).exists():
                 write_whole(out / RUN_FILE, self._text)
-            elif not held and read_text(out / RUN_FILE, SCENARIO) != self._text:
+            elif not held and _run_text(out) != self._text:
                 held = [f"another run's {RUN_FILE}"]
         finally:
             os.close(folder)

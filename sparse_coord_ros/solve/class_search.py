@@ -312,13 +312,14 @@ def _kept(
     """Return the values and the best team of a search that was cut off."""
     if file is None or not file.exists():
         return [], None
+    text = read_text(file, RESULTS, ResultsError, "give another file")
     try:
-        data = json.loads(read_text(file, RESULTS))
+        data = json.loads(text)
         values = [float(value) for value in data["values"]]
         best = [RobotPolicy(str(r["moves"]), dict(r["asks"])) for r in data["robots"]]
         said = (data["format"], data["game"], data["seed"])
         fits = _from_texts(scenario, best).moves.shape == (2, len(scenario.map.cells))
-    except (OSError, ValueError, LookupError, TypeError, AttributeError):
+    except (ValueError, LookupError, TypeError, AttributeError):
         raise ResultsError(f"{file}: is no search for a class bound; give another file") from None
     if said != (FORMAT, game_digest(scenario), seed) or not values or not fits:
         raise ResultsError(

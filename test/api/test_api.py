@@ -119,7 +119,7 @@ def test_scenarios(tmp_path):
         (lambda: sc.run_experiment([]), "no experiment is asked for"),
         (lambda: sc.run_experiment("env1/coop/penalty=-1", trials=0), "setting trials"),
         (lambda: sc.run_experiment("env1/coop/penalty=-1/0"), "name a results directory"),
-        (lambda: sc.load_run("nowhere"), "no readable run.yaml"),
+        (lambda: sc.load_run("nowhere"), "run.yaml: cannot be read"),
         (lambda: sc.read_log("nowhere"), "nowhere"),
         (lambda: sc.verify("nowhere"), "nowhere"),
         (lambda: sc.class_bound("env1", restarts=0), "setting restarts: value is 0"),

@@ -132,7 +132,7 @@ def test_several_runs_side_by_side(sparse_coord, folder, monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["b"], ["b: no readable run.yaml", "sparse_coord train"]),
+        (["b"], ["b/run.yaml: cannot be read (No such file", "sparse_coord train"]),
         (["a", "--trials", "0"], ["setting trials: value is '0'", "from 1"]),
     ],
 )

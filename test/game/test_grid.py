@@ -133,7 +133,7 @@ def test_map_beside_the_scenario_comes_first(tmp_path, monkeypatch):
 def test_map_that_is_not_text(tmp_path):
     path = tmp_path / "m.txt"
     path.write_bytes(b"title: \xe9\n---\n..\n")
-    with pytest.raises(MapError, match="m.txt: cannot be read as UTF-8"):
+    with pytest.raises(MapError, match="m.txt: is no UTF-8 text"):
         load_map(str(path))
 
 
@@ -149,6 +149,6 @@ def test_regions_are_what_has_a_way_between(seed):
 
 def test_regions_of_a_long_way_are_found_soon():
     rows = tuple("." * 500 if r % 2 == 0 else ("#" * 499 + ".")[:: 2 - r % 4] for r in range(500))
-    before = time.monotonic()
+    before = time.process_time()
     assert set(GridMap("winding", rows).region.tolist()) == {0}
-    assert time.monotonic() - before < 2.0
+    assert time.process_time() - before < 2.0

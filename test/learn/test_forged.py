@@ -62,19 +62,10 @@ def unpack(data, **more):
     + ["zeros"],
 )
 def test_headers_are_looked_at_before_data(data, words):
-    before = time.monotonic()
+    before = time.process_time()
     with pytest.raises(TablesError, match=words):
         unpack(data, limit=Limit("a test", 0, 100_000))
-    assert time.monotonic() - before < 1.0
-
-
-def test_a_size_that_cannot_be_is_refused():
-    """A member that says to hold more than deflate can put into its bytes."""
-    data = bytearray(zipped(("<f8", (10**6,), b"")))
-    entry = data.index(archive.ENTRY)
-    data[entry + 24 : entry + 28] = struct.pack("<I", 128 + 8 * 10**6)
-    with pytest.raises(TablesError, match="says to be larger than it can be"):
-        unpack(bytes(data))
+    assert time.process_time() - before < 1.0
 
 
 def forgeries(arrays, but="^$"):

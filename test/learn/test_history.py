@@ -153,7 +153,7 @@ def test_file(tmp_path):
 
 
 def test_files_that_are_none(tmp_path):
-    with pytest.raises(RunError, match=r"has no history\.npz"):
+    with pytest.raises(RunError, match=r"history\.npz: cannot be read .No such file"):
         load_history(tmp_path)
     recorded().history().save(tmp_path)
     file = tmp_path / HISTORY_FILE

@@ -53,13 +53,13 @@ def test_a_node_under_way_reads_no_run(node, monkeypatch, identity):
     monkeypatch.setattr(module, "read_run", None)
     text = "x: [" + 2_000_000 * "1," + "]\n"
     data = serialize_message(String(data=text if identity is None else f"id: {identity}\n{text}"))
-    before = module.time.monotonic()
+    before = module.time.process_time()
     if identity is None:
         with pytest.raises(ValueError, match="names no run"):
             node._read_run(data)
     else:
         assert node._read_run(data) is None
-    assert module.time.monotonic() - before < 0.01
+    assert module.time.process_time() - before < 0.02
 
 
 def test_what_it_waits_for_next_is_counted_anew(node):

@@ -75,10 +75,10 @@ def test_the_largest_message_does_not_stall_the_lock_step():
         assert 0.9 * interface.STATUS.limit.bytes < len(data) <= interface.STATUS.limit.bytes
         taken = []
         for _ in range(3):
-            before = time.monotonic()
+            before = time.process_time()
             with pytest.raises(ValueError):
                 read(data)
-            taken.append(time.monotonic() - before)
+            taken.append(time.process_time() - before)
         assert min(taken) < STALL_SECONDS
 
 
@@ -88,10 +88,10 @@ def test_tables_are_unpacked_only_as_far_as_those_of_a_robot_can_be():
         with archived.open("q_star_1.npy", "w") as array:
             np.lib.format.write_array(array, np.zeros((10_000_000, 1)))
     assert len(file.getvalue()) < 600_000
-    before = time.monotonic()
+    before = time.process_time()
     with pytest.raises(TablesError, match="80,000,128 bytes, allowed for the tables of one robot"):
         unpack_robot(file.getvalue(), 1, where="tables")
-    assert time.monotonic() - before < STALL_SECONDS
+    assert time.process_time() - before < STALL_SECONDS
 
 
 def test_the_identity_of_a_run_is_read_from_its_first_line():

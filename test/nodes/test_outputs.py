@@ -106,7 +106,7 @@ def test_a_directory_in_use_is_left_alone(opened, tmp_path, file):
     [
         (("env2-2r", "coop"), ("env1", "coop"), "env1"),
         (("env1", "indiv"), ("env1", "coop"), "learner coop needs"),
-        (None, ("env1", "coop"), "no readable run.yaml"),
+        (None, ("env1", "coop"), "run.yaml: cannot be read"),
     ],
 )
 def test_tables_that_do_not_fit_are_refused(tmp_path, learned, asked, text):
