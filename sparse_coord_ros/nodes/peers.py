@@ -58,6 +58,7 @@ class Peer:
 
     Attributes:
         heard: when the peer answered last.
+        repeats: how often it was asked again for the same step.
         fits: whether an answer to the request of a step can be the peer's; None: nobody else
             answers for it.
     """
@@ -72,7 +73,7 @@ class Peer:
         self._request.goal.header.frame_id = node.get_name()
         self._seen = False
         self._silent = False
-        self._step = self._repeats = 0
+        self._step = self.repeats = 0
         self._unsent: int | None = None
         self._open: Future | None = None
         self._sent = 0.0
@@ -90,9 +91,9 @@ class Peer:
             has not answered since: it is asked all the same, so that its return is noticed.
         """
         self._request.start = pose
-        self._repeats = self._repeats + 1 if step == self._step else 0
+        self.repeats = self.repeats + 1 if step == self._step else 0
         self._step = self._unsent = step
-        if self._repeats < AT_ONCE:
+        if self.repeats < AT_ONCE:
             self.send_what_waits()
         return not self._silent
 
@@ -222,23 +223,22 @@ class Peers:
 
     def _fits(self, peer: int, step: int, plan: Path) -> bool:
         """Whether an answer is what a peer answers that is where the world says."""
+        said, now = plan.header.stamp, self._convert.header(step).stamp
         if self._side.waiting != ("percept", step):
             return True  # it is too late
+        if (said.sec, said.nanosec) < (now.sec, now.nanosec):
+            return self._peers[peer].repeats < AT_ONCE  # a peer is behind, but not for ever
         if peer not in self._places:
             return False  # the world will say all states again
         there_step, there = self._places[peer]
-        if there_step > step:  # the run has gone on without this robot
-            return True
-        due = self._convert.path(step, (self._side.due(there),))
-        if there_step == step and plan == due:
-            return True
-        said, now = plan.header.stamp, due.header.stamp
-        if there_step < step or (said.sec, said.nanosec) < (now.sec, now.nanosec):
-            self._peers[peer].send_again()  # the world, or the peer, is about to say more
-        else:
+        if there_step < step:
+            self._peers[peer].send_again()  # the world is about to say where it is
+            return False
+        fits = there_step > step or plan == self._convert.path(step, (self._side.due(there),))
+        if not fits:
             service = ACTIVE_PERCEPTION.of(self._names[peer])
             self._intake.drop(service, "the answer does not fit where the peer is", "dropped")
-        return False
+        return fits
 
     def start_anew(self) -> None:
         """Forget what was asked: the run goes back to an earlier time step."""

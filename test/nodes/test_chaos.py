@@ -7,8 +7,14 @@ import sys
 from pathlib import Path
 
 import pytest
+import yaml
 
+from sparse_coord_ros.lockstep.robot_side import ASKS
+from sparse_coord_ros.nodes.spin import ros_context
+from sparse_coord_ros.nodes.team import run_team
+from sparse_coord_ros.runlog import verify
 from tools.chaos import DELETE, KILL, LIE, NODES, STOP, VISIT, plan_of
+from tools.teams import odd_counts
 
 
 def test_a_seed_draws_a_run():
@@ -20,6 +26,33 @@ def test_a_seed_draws_a_run():
     assert {plan.returning for plan in plans} == {"rollback", "continue"}
     for plan in plans:  # the last fault comes before the run's end
         assert sum(fault.step for fault in plan.faults) < plan.steps
+
+
+def test_counts_that_contradict_one_another_are_named(tmp_path):
+    out = tmp_path / "out"
+    values = {"scenario": "env1", "out": str(out), "set": ["steps=120"], "claim_window": 0.0}
+    with ros_context() as context:
+        run_team({**values, "record": True}, context=context)
+    found = verify(out)
+    assert odd_counts(out, found) == []
+    path = out / "summary.yaml"
+    right = yaml.safe_load(path.read_text())
+    for change, named in (
+        (
+            {"transitions_lost": 7},
+            ["transitions, and those", "transitions_lost, in summary and"],
+        ),
+        (
+            {"miscoordinations": 99},
+            ["miscoordinations, and those", "miscoordinations, in summ"],
+        ),
+        ({"taken_back": 1}, ["taken_back, in summary and diagnostics"]),
+        ({"last_step": 5}, ["transitions and step, in summary and status"]),
+        ({"asks": {"robot_1": dict.fromkeys(ASKS, 99)}}, ["how often robot_1 asked, and history"]),
+    ):
+        path.write_text(yaml.safe_dump({**right, **change}))
+        odd = odd_counts(out, found)
+        assert [one[: len(words)] for one, words in zip(odd, named, strict=True)] == named
 
 
 @pytest.mark.long
