@@ -6,13 +6,19 @@ import pytest
 
 from sparse_coord_ros.experiments.conditions import make_condition
 from sparse_coord_ros.game.actions import COORDINATE, EAST, NORTH
+from sparse_coord_ros.game.plugins import allow_modules
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.world import Action, Reward
 from sparse_coord_ros.learn.agent import Choice, Decision
 from sparse_coord_ros.learn.learners import learner_of
 from tools.coordination import __main__ as tool
-from tools.coordination import studies
+from tools.coordination import rules, studies
 from tools.coordination.studies import STUDIES, Study, failed_share, never_asks
+
+
+@pytest.fixture(autouse=True)
+def own_rules():
+    allow_modules(rules.__name__)
 
 
 def test_every_study_has_its_place_in_the_document():

@@ -286,7 +286,7 @@ def _credit(found: Found) -> str:
 
 
 PERCEPTS: Mapping[str, Mapping[str, object]] = {
-    "the paper's steps": {"penalty": -100},
+    "10^4 steps": {**LONG, "steps": 10_000},
     "percepts succeed 3 times of 4": {**LONG, "perception": "probability:0.75"},
     "percepts succeed half of the time": {**LONG, "perception": "probability:0.5"},
     "line of sight": {**LONG, "perception": "line_of_sight"},
