@@ -250,9 +250,20 @@ def test_who_names_code_in_python_allows_it(module, small, monkeypatch):
         plugins.allow_modules(["my team.py"])
 
 
+class Own(sc.Learner):
+    """A learner that is handed over as it is."""
+
+
+def test_who_hands_over_a_class_allows_its_module_in_other_processes(monkeypatch):
+    monkeypatch.setattr(LEARNERS, "_known", LEARNERS.registered)
+    assert learner_of(Own).label == f"{__name__}:Own"
+    assert plugins.allowed() == (__name__,)
+
+
 def test_what_is_no_model_is_never_called(module, small):
-    plugins.allow_modules("builtins os sparse_coord_ros")
-    for name in ("builtins:input", "os:system", "sparse_coord_ros.cli.main:main", "os:path.join"):
+    plugins.allow_modules("builtins os sparse_coord_ros unittest")
+    ours = "sparse_coord_ros.cli.main:main"
+    for name in ("builtins:input", "os:system", ours, "os:path.join", "unittest.mock:call"):
         message = refusal(small.with_settings, perception=name)
         assert f"{name!r}: is not marked as a perception model and was not called" in message
 
@@ -358,4 +369,5 @@ def test_entry_points_of_installed_packages(module, small, monkeypatch, tmp_path
     assert type(learner_of("alert")).__name__ == "Heir"
     scenario = small.with_settings(perception="mist:0.25")
     assert str(scenario.perception) == "mist:0.25"
+    (tmp_path / "nowhere.py").write_text(MODULE)  # in the current directory, not installed
     assert "learner 'lost' is not there" in refusal(learner_of, "lost")
