@@ -51,7 +51,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     verb = _verb_of(arguments)
     try:
         options = make_parser(verb).parse_args(arguments)
-        allow_given(options)
+        from sparse_coord_ros.game.plugins import allow_modules, allow_named
+
+        allow_modules(options.allow)
+        allow_named(getattr(options, "learner", None))  # --set does so itself
         with nullcontext() if verb in WITH_NODES else _terminated_like_interrupted():
             return options.execute(options)
     except BrokenPipeError:
@@ -77,14 +80,6 @@ def _in_words(error: Exception) -> str:
             "fewer steps or trials, or fewer --jobs"
         )
     return str(failure_of(error))
-
-
-def allow_given(options: argparse.Namespace) -> None:
-    """Allow the modules of the user's own that this very command names; --set does so itself."""
-    from sparse_coord_ros.game.plugins import allow_modules, allow_named
-
-    allow_modules(options.allow)
-    allow_named(getattr(options, "learner", None))
 
 
 @contextmanager

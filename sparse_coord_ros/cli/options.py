@@ -86,13 +86,6 @@ def _bag(text: str) -> Path:
 
 
 BAG = Option("bag BAG", _bag, "a bag's or a run's directory, or a file")
-ALLOW = Option(
-    "--allow MODULE",
-    None,
-    "a module with a learner or a perception model of your own, which what is read here may name; "
-    "may be repeated",
-    {"action": "append", "default": []},
-)
 JSON = Option("--json", bool, "print one JSON object for machines")
 SEED = RUN_SETTINGS["seed"]
 PAGE = (

@@ -60,7 +60,7 @@ def add_verb(verbs: Any, name: str) -> None:
         verbs: the subparsers of `sparse_coord`.
         name: the verb.
     """
-    from sparse_coord_ros.cli.options import ALLOW, add_options
+    from sparse_coord_ros.cli.options import add_options
 
     module = importlib.import_module(f"sparse_coord_ros.cli.{name.replace('-', '_')}")
     help = VERBS[name]
@@ -71,5 +71,7 @@ def add_verb(verbs: Any, name: str) -> None:
         epilog=f"example:\n  {module.EXAMPLE}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    add_options(parser, (*module.OPTIONS, ALLOW))
+    add_options(parser, module.OPTIONS)
+    what = "may be imported if what is read here names it: a learner or model of yours; repeatable"
+    parser.add_argument("--allow", metavar="MODULE", action="append", default=[], help=what)
     parser.set_defaults(execute=module.execute, parser=parser)
