@@ -19,6 +19,7 @@ from sparse_coord_ros.wire.messages import Form
 PART_BYTES = 4 * 1024 * 1024
 """Bytes of messages that are decoded at once: more take no less time."""
 
+READABLE = "readable"
 ANY = -1
 """In place of the number that is due first: only a part of the bag is read."""
 
@@ -108,7 +109,7 @@ class Columns:
                     odd[place] = str(error)
         for place, why in odd.items():
             step = int(heads["log_ns"][place]) // self._period
-            self._problem(step, f"topic {name}", f"a message that {why}", "readable")
+            self._problem(step, f"topic {name}", f"a message that {why}", READABLE)
         return np.delete(rows, list(odd))
 
     def _check_numbers(self, name: str, heads: np.ndarray) -> None:

@@ -86,6 +86,8 @@ def stretches(log: RunLog) -> list[Stretch]:
     """Return the stretches of a log in order; of a log without gaps it is one."""
     found, stretch = [], Stretch()
     for gap in log.gaps:
+        if gap.last is not None and gap.last + MARGIN < stretch.first:
+            continue
         last = gap.first - 1 - MARGIN
         if stretch.first <= last:
             found.append(stretch._replace(last=last))
@@ -110,13 +112,12 @@ def between(found: Sequence[Stretch]) -> list[tuple[int, int | None]]:
 
 def _after(log: RunLog, step: int) -> Stretch | None:
     """Return the stretch from the next checkpoint after a time step on; None: there is none."""
-    robots = range(len(log.names))
     tables = {(one.robot, one.step): one for one in log.all_tables if one.memory is not None}
     for at in sorted({at for _, at in tables if at > step}):
-        recorded = [tables[k, at] for k in robots if (k, at) in tables]
-        if len(recorded) == len(robots) and all(_fits(log, one) for one in recorded):
+        recorded = [tables[k, at] for k in range(len(log.names)) if (k, at) in tables]
+        if len(recorded) == len(log.names):
             start = _start(log, at, step, tuple(recorded))
-            if start is not None:
+            if start is not None and all(_fits(log, one) for one in recorded):
                 return Stretch(at, None, start)
     return None
 
@@ -135,33 +136,27 @@ def _start(log: RunLog, at: int, after: int, recorded: tuple[RecordedTables, ...
     """Return where the world is at a checkpoint; None where the log does not say it.
 
     Its states say where the robots are and when the episode began, and the next status how many
-    transitions there have been.
+    transitions there have been, no fewer than before the gap.
     """
-    row = int(np.searchsorted(log.step, at))
-    if log.step[row : row + 1] != at or (log.cells[row] == NONE).any():
+    step, statuses = log.step, log.tracks.statuses
+    breaks = np.flatnonzero(np.diff(step[step <= at]) != 1)[-1:].tolist()
+    said = next((one for one in statuses if one.step >= at), None)
+    if at not in step or not breaks or said is None:
         return None
-    breaks = np.flatnonzero(np.diff(log.step[: row + 1]) != 1)
-    before = int(breaks[-1]) if len(breaks) else 0
-    episode_start = int(log.step[before + 1])
-    if log.step[before] <= after or episode_start - log.step[before] != EPISODE_GAP:
+    before, episode_start = step[breaks[0] : breaks[0] + 2].tolist()
+    if before <= after or episode_start - before != EPISODE_GAP:
         return None
-    end = min((gap.first for gap in log.gaps if gap.first > at), default=None)
-    statuses = [one for one in log.tracks.statuses if one.step >= at]
-    if not statuses or (end is not None and statuses[0].step >= end):
+    row, end = np.searchsorted(step, [at, said.step]).tolist()
+    cells, goals = log.cells[row], np.array([robot.goal for robot in log.run.scenario.robots])
+    if NONE in cells or any(at < gap.first <= said.step for gap in log.gaps):
         return None
-    said = statuses[0]
-    rows = slice(row, int(np.searchsorted(log.step, said.step)))
-    rewarded = ~np.isnan(log.reward[rows, :, 0])
+    rewarded = ~np.isnan(log.reward[row:end, :, 0])
     made = rewarded.any(axis=1)
-    goals = np.array([robot.goal for robot in log.run.scenario.robots])
-    left = (~rewarded & (log.cells[rows] != goals))[made]
-    cells = log.cells[row]
-    position = Position(
-        said.transitions - int(made.sum()),
-        at,
-        at != episode_start,
-        episode_start,
-        tuple(cells.tolist()),
-        tuple((cells == goals).tolist()),
-    )
-    return Start(position, said.left_out - int(left.sum()), recorded)
+    left = (~rewarded & (log.cells[row:end] != goals))[made]
+    transitions, left_out = said.transitions - int(made.sum()), said.left_out - int(left.sum())
+    earlier = [one for one in statuses if one.step <= after]
+    if any(transitions < one.transitions or left_out < one.left_out for one in earlier):
+        return None
+    places = tuple(cells.tolist()), tuple((cells == goals).tolist())
+    position = Position(transitions, at, at != episode_start, episode_start, *places)
+    return Start(position, left_out, recorded)

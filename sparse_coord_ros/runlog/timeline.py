@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sparse_coord_ros.bags.contents import Gap as BagGap
+from sparse_coord_ros.bags.gaps import Gap as BagGap
 from sparse_coord_ros.bags.metadata import RESTARTED, ROLLED_BACK, SPLIT
 from sparse_coord_ros.bags.reader import Bag
 from sparse_coord_ros.game.world import EPISODE_GAP
@@ -172,11 +172,10 @@ def lost(jumps: Sequence[Jump], period: int, known: Sequence[Gap]) -> list[Gap]:
 
 
 def gap_in_words(gap: BagGap, period: int) -> str:
-    """Return which part of a bag cannot be read, about which time steps that are, and why."""
-    place = f", bytes {gap.begin} to {gap.end}" if gap.end > gap.begin else ""
+    """Return which part of a bag cannot be read and why, and about which time steps that are."""
     first = "the beginning" if gap.first_ns is None else gap.first_ns // period
     last = "the end" if gap.last_ns is None else gap.last_ns // period
-    return f"{gap.file}{place}, about time steps {first} to {last}: {gap.why}"
+    return f"{gap.text}; about time steps {first} to {last}"
 
 
 def steps_of(rows: np.ndarray, period: int) -> np.ndarray:

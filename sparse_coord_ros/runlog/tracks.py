@@ -19,10 +19,10 @@ from sparse_coord_ros.game.world import EPISODE_GAP
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.runlog.attached import RecordedTables, read_tables
 from sparse_coord_ros.runlog.bag_run import BagRun, check_bag_run, find_run
-from sparse_coord_ros.runlog.columns import Columns, Reading, no_rows
+from sparse_coord_ros.runlog.columns import READABLE, Columns, Reading, no_rows
 from sparse_coord_ros.runlog.decode import Decoder
 from sparse_coord_ros.runlog.dialogue import NO_REQUEST, Request, put_together
-from sparse_coord_ros.runlog.difference import MISSING, Difference
+from sparse_coord_ros.runlog.difference import LOG_TIME, MISSING, Difference
 from sparse_coord_ros.runlog.timeline import (
     Gap,
     Rollback,
@@ -141,9 +141,9 @@ class Tracks:
         """Note something odd."""
         self.problems.append(self._odd(step, robot, quantity, logged, computed))
 
-    def suspect(self, step: int, robot: int | None, quantity: str, logged: str, due: str) -> None:
-        """Note a message that may be a stranger's."""
-        self.suspects.append(self._odd(step, robot, quantity, logged, due))
+    def suspect(self, step: int | None, robot: int | None, *words: str) -> None:
+        """Note a message that may be a stranger's; arguments as of `problem`."""
+        self.suspects.append(self._odd(step, robot, *words))
 
     def _odd(self, step: int | None, robot: int | None, *words: str) -> Difference:
         return Difference(step, None if robot is None else self.names[robot], *words)
@@ -239,6 +239,10 @@ class _Sorter:
         columns = Columns(bag, read, stamped, self._period, begins)
         tracks.problems += columns.problems
         self._jumps = columns.jumps
+        self._logged_so: set[tuple[str, str]] = set()
+        robots = range(len(tracks.names))
+        self._often = {tracks.topic(one, k) for one in OF_STEPS for k in robots}
+        self._often.add(tracks.clock_topic)
         nothing = {tracks.topic(*of): no_rows(form) for of, form in forms.items()}
         self._files = [nothing | rows for rows in columns.rows]
 
@@ -261,8 +265,20 @@ class _Sorter:
         ]
         self._statuses()
         self._dialogue()
+        self._sort_out()
         logged = [rows[wire.ROSOUT.name] for rows in self._files if wire.ROSOUT.name in rows]
         tracks.rosout = [message for rows in logged for message in rows.tolist()]
+
+    def _sort_out(self) -> None:
+        """Problems of messages that may be a stranger's are no problems of the run."""
+        tracks = self._tracks
+        unreadable = {f"topic {name}" for name in self._often}
+        problems, tracks.problems = tracks.problems, []
+        for one in problems:
+            if one.quantity in unreadable and one.computed == READABLE:
+                tracks.suspects.append(one)
+            elif (one.quantity, one.computed) not in self._logged_so:
+                tracks.problems.append(one)
 
     def _of(self, topic: wire.Topic, k: int | None = None) -> list[np.ndarray]:
         """Return the rows of a topic, of each file."""
@@ -273,9 +289,7 @@ class _Sorter:
         clocks = [steps_of(rows, self._period) for rows in self._of(wire.CLOCK)]
         said = [status.step for rows in self._of(wire.STATUS) for status in rows.tolist()]
         found, tracks.rollbacks = gaps(tracks.bag, clocks, self._backs, (said or [0])[-1])
-        often = {tracks.topic(one) for one in (wire.CLOCK,)}
-        often |= {tracks.topic(one, k) for one in OF_STEPS for k in range(len(tracks.names))}
-        jumps = [jump for jump in self._jumps if jump.topic in often]
+        jumps = [jump for jump in self._jumps if jump.topic in self._often]
         if tracks.lossy:
             found = lost(jumps, self._period, found)
         else:
@@ -313,12 +327,16 @@ class _Sorter:
         rows = kept(self._of(topic, k), self._backs, self._period, checkpoints=checkpoints)
         steps = steps_of(rows, self._period)
         due = steps * self._period
-        for place in np.flatnonzero((rows["ns"] != due) | (rows["ns"] < 0)).tolist():
+        right = (rows["ns"] == due) & (rows["ns"] >= 0)
+        beside = ~right & ((rows["ns"] < 0) | np.isin(steps, steps[right]))
+        for place in np.flatnonzero(~right).tolist():
             ns, step = int(rows["ns"][place]), int(steps[place])
-            right = (step, f"{due[place]} ns") if ns >= 0 else (None, "0 or later")
-            quantity = f"{topic.name.lstrip('/')} stamp"
-            self._tracks.problem(right[0], k, quantity, f"{ns} ns", right[1])
-        return rows[rows["ns"] >= 0], steps[rows["ns"] >= 0]
+            of = (step, f"{due[place]} ns") if ns >= 0 else (None, "0 or later")
+            note = self._tracks.suspect if beside[place] else self._tracks.problem
+            note(of[0], k, f"{topic.name.lstrip('/')} stamp", f"{ns} ns", of[1])
+            if beside[place]:
+                self._logged_so.add((f"{LOG_TIME} of {self._tracks.topic(topic, k)}", f"{ns} ns"))
+        return rows[~beside], steps[~beside]
 
     def _track(self, topic: wire.Topic, k: int | None = None) -> Track:
         """Return rows of which there should be one a time step."""
@@ -363,12 +381,14 @@ class _Sorter:
         lone = steps[(votes == 1) & ((steps < newest) | (steps > newest + EPISODE_GAP))]
         if tracks.lossy or not all(len(track.step) for track in heard) or not len(lone):
             return
-        tracks.problems = [one for one in tracks.problems if one.step not in lone]
         for k, track in enumerate(heard, start=-1):
             for step in track.step[np.isin(track.step, lone)].tolist():
                 topic = wire.CLOCK if k < 0 else wire.LOCAL_STATE
                 name, none = topic.name.lstrip("/"), "none: no time step of the run"
                 tracks.suspect(step, None if k < 0 else k, name, "there", none)
+                late = f"{LOG_TIME} of {tracks.topic(topic, None if k < 0 else k)}"
+                self._logged_so.add((late, f"{step * self._period} ns"))
+                tracks.problems = [o for o in tracks.problems if o[:3:2] != (step, name)]
         tracks.clock, *tracks.states = [track.without(lone) for track in heard]
 
     def _several(

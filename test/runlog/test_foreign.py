@@ -4,7 +4,9 @@
 
 import numpy as np
 import pytest
-from rclpy.serialization import serialize_message
+from geometry_msgs.msg import PoseStamped
+from rclpy.serialization import deserialize_message, serialize_message
+from rosgraph_msgs.msg import Clock
 
 from sparse_coord_ros import wire
 from sparse_coord_ros.cli.main import main
@@ -90,6 +92,22 @@ def test_a_state_of_a_step_that_never_comes(alter, convert, topic, capsys, tmp_p
     assert main(["verify", str(tmp_path / "bag")]) == 0
     out = capsys.readouterr().out
     assert "foreign messages: 1, computation identical\nidentical: every state" in out
+
+
+@pytest.mark.parametrize("topic", [STATE, "/clock"])
+@pytest.mark.parametrize("how", ["before the run", "between two steps", "of another form"])
+def test_what_cannot_be_of_the_run(alter, convert, topic, how):
+    """A recorder logs it as it comes: what is stamped oddly at the run's time."""
+    kind = Clock if topic == "/clock" else PoseStamped
+    pack = convert.pack_clock if topic == "/clock" else lambda step: convert.pack_state(step, 3)
+    message = deserialize_message(pack(AT), kind)
+    stamp = message.clock if topic == "/clock" else message.header.stamp
+    if how == "before the run":
+        stamp.sec = -7
+    elif how == "between two steps":
+        stamp.nanosec += 1
+    data = serialize_message(message)
+    is_foreign(alter(beside(topic, AT, convert, data[:-2] if how == "of another form" else data)))
 
 
 @pytest.mark.parametrize("before", [False, True])

@@ -186,7 +186,7 @@ def test_what_is_said(chunked, flipped, capsys):
     path, block = flipped(chunked.bag, 5)
     assert main(["verify", str(path)]) == 3
     out = capsys.readouterr().out
-    assert f"lost: flipped_0.mcap, bytes {block.offset} to {block.offset + block.length}, " in out
+    assert f"lost: flipped_0.mcap, bytes {block.offset} to {block.offset + block.length} (" in out
     [(first, last)] = verify(path).not_compared
     assert f"identical but for steps {first} to {last}, which are lost; it goes on from" in out
     assert f"tables of step {last + 1}\n" in out and "differs" not in out
@@ -263,6 +263,40 @@ def test_tables_that_nobody_can_go_on_from_are_no_checkpoint(
     found = verify(flipped(bag, place)[0])
     assert found.not_compared[0][1] > step
     assert found.differences == ()
+
+
+def test_tables_of_a_step_that_nobody_was_at_are_no_checkpoint(
+    chunked, rewritten, flipped, tmp_path
+):
+    def attach(found):
+        last = [one for one in found if one.name.startswith("tables")][-2:]
+        far = [re.sub(r"(robot_\d)_\d+", r"\1_999999", one.name) for one in last]
+        return [*found, *(o._replace(name=name) for o, name in zip(last, far, strict=True))]
+
+    bag = rewritten(chunked.bag, tmp_path / "bag", attach=attach, chunk_size=CHUNK)
+    found = verify(flipped(bag, -2)[0])
+    assert found.differences == () and found.not_compared[-1][1] is None
+
+
+def test_a_count_of_the_world_that_goes_back_is_no_checkpoint(
+    chunked, rewritten, flipped, tmp_path
+):
+    """Who hides an action and its reward before the next status takes one from its count."""
+    period = chunked.run.step_period * 1e9
+    path, _ = flipped(chunked.bag, 5)
+    [(_, last)], lost_at = verify(path).not_compared, verify(path).log.gaps[0].first
+    log = verify(chunked.bag).log
+    both = np.intersect1d(*(track.step for track in log.tracks.rewards))
+    step = int(both[both > last][0])
+    assert step <= min(one.step for one in log.tracks.statuses if one.step > last)
+
+    def change(messages):
+        hidden = [(f"/robot_1/{name}", round(step * period)) for name in ("action", "reward")]
+        return [one for one in messages if (one.topic, one.log_time_ns) not in hidden]
+
+    bag = rewritten(chunked.bag, tmp_path / "bag", change, chunk_size=CHUNK)
+    found = verify(flipped(bag, chunk_at(bag, lost_at, period))[0])
+    assert found.not_compared[0][1] > last
 
 
 def test_a_lost_attachment_costs_no_time_step(chunked, tmp_path):
