@@ -7,6 +7,7 @@ from typing import Any
 
 from sparse_coord_ros.bags.qos import latched
 from sparse_coord_ros.cli import options as shared
+from sparse_coord_ros.errors import in_line
 from sparse_coord_ros.learn.run_config import RUN_RECORD
 
 EXAMPLE = "sparse_coord info runs/demo/bag"
@@ -81,7 +82,8 @@ def _print(found: dict[str, Any]) -> None:
         print(line)
     for what in ("run", "versions"):
         if found[what]:
-            print(f"{what}: " + ", ".join(f"{name} {said}" for name, said in found[what].items()))
+            said = ", ".join(f"{name} {value}" for name, value in found[what].items())
+            print(in_line(f"{what}: {said}"))
     print(
         f"{found['messages']} messages in {found['duration_seconds']:.1f} s of simulated time, "
         f"chunks {', '.join(found['compression']) or 'none'}\n"

@@ -12,7 +12,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sparse_coord_ros.errors import RunError
+from sparse_coord_ros.errors import RunError, in_line
 from sparse_coord_ros.game.scenario import Scenario, load_scenario, scenario_names
 from sparse_coord_ros.game.settings import Setting, parse_assignments
 from sparse_coord_ros.learn.learners import LEARNERS
@@ -217,8 +217,8 @@ def _plain(data: Any) -> Any:
 
 
 def format_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a text table, first column left, others right."""
-    table = [list(head), *[list(row) for row in rows]]
+    """Return a text table, first column left, others right; its cells may be strangers' words."""
+    table = [list(map(in_line, row)) for row in (head, *rows)]
     widths = [max(len(row[column]) for row in table) for column in range(len(head))]
     lines = []
     for row in table:

@@ -10,6 +10,7 @@ from sparse_coord_ros.bags import BagWriter, QoS
 from sparse_coord_ros.bags.contents import Attachment
 from sparse_coord_ros.bags.recover import recover
 from sparse_coord_ros.cli.main import main
+from sparse_coord_ros.wire import BAG_FORMAT, FORMAT_KEY
 
 STRING = "std_msgs/msg/String"
 
@@ -52,6 +53,18 @@ def test_a_recovered_bag_is_told_in_one_line(tmp_path, recording, info):
     assert info().splitlines()[1] == "recovered from a broken bag, complete"
     told = json.loads(info("--json"))
     assert told["recovered"] == {"complete": "true", "damage": "", "gaps": "[]"}
+
+
+def test_what_a_stranger_wrote_does_nothing_to_the_terminal(recording, info):
+    odd = "\x1b[2J\nrun: seed 7"
+    told = {FORMAT_KEY: str(BAG_FORMAT), "seed": odd, f"version_{odd}": odd}
+    recording.add_metadata("sparse_coord_ros", told)
+    recording.attach(odd, b"", odd)
+    recording.add_topic(f"/b{odd}", STRING, QoS())
+    recording.close()
+    lines = info().split("\n")
+    assert [line for line in lines if not line.isprintable() or line == "run: seed 7"] == []
+    assert sum("\\x1b[2J\\nrun: seed 7" in line for line in lines) == 4
 
 
 def test_attachments_are_measured_without_being_read(recording, info, monkeypatch):
