@@ -298,15 +298,17 @@ class BagFile:
             begin, before, why = lost.pop(at)
             end = max(end, before)
         if lost[at : at + 1] and lost[at][0] <= end:
-            end = max(end, lost.pop(at)[1])
+            end = lost.pop(at)[1]
         lost.insert(at, (begin, end, why))
 
     def _behind(self, begin: int) -> tuple[int, int] | None:
         """Return where a damage ends, and where the walk goes on; None: there is no record."""
         with suppress(Damage):
-            record = self._source.record(begin, self.size)
-            if self._framed(record):
+            record = self._source.head(begin, self.size)
+            if record.end <= self.size and self._framed(record):
                 return record.end, record.end
+            if record.opcode == Opcode.CHUNK and self._block(record):
+                return None  # the file ends within it
         self._tried += SEARCH
         for place in self._source.places(begin + 1, self.size):
             if self._tried > SEARCHED + self.size:
@@ -326,12 +328,10 @@ class BagFile:
         with suppress(Damage):
             if record.opcode == Opcode.CHUNK:
                 return self._block(record) is not None
-        if record.end == self.size:
-            return True
         try:
             return self._belongs(self._source.head(record.end, self.size))
         except Cut:
-            return True  # too little is there to tell
+            return True  # the file ends there
         except Damage:
             return False
 

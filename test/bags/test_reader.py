@@ -488,3 +488,44 @@ def test_searching_ends(tmp_path, monkeypatch):
     bag = both_ways(tmp_path / "a.mcap.partial", data)
     [*_, last] = bag.gaps
     assert 10 < bag.message_count == len(bag.gaps) < 40 and last.end == len(data)
+
+
+ATTACHED = record(9, bytes(16) + text(b"a") + text(b"") + struct.pack("<Q", 3) + b"abc" + bytes(4))
+
+
+@pytest.mark.parametrize("end", [b"", b"x"])
+def test_the_last_record_behind_broken_framing_is_found(tmp_path, end):
+    """Where the file ends, or so little is left that nobody can tell what it is."""
+    path, begin = tmp_path / "a.mcap.partial", len(START + FIRST)
+    path.write_bytes(START + FIRST + b"junk!" + ATTACHED + end)
+    for checked in (True, False):
+        bag = open_bag(path, checked=checked)
+        assert [one.data for one in bag.attachments] == [b"abc"]
+        assert bag.gaps[0][:2] == (begin, begin + 5)
+
+
+def test_what_only_looks_like_a_chunk_hides_nothing(tmp_path):
+    """Its lengths fit together, its checksum does not, and a true chunk is within it."""
+    hides = chunk(FIRST, crc=7)
+    bag = both_ways(tmp_path / "a.mcap.partial", START + FIRST + b"junk!" + hides + FIRST)
+    assert bag.message_count == 3 and bag.lost_bytes == 5 + len(hides) - len(FIRST)
+
+
+def test_a_gap_between_chunks_that_overlap_in_time(tmp_path):
+    def of(*times):
+        sent = [record(5, struct.pack("<HIQQ", 1, 0, at, at) + b"data") for at in times]
+        return chunk(schema() + channel() + b"".join(sent), (min(times), max(times)))
+
+    bad = chunk(b"bad", (4, 6), crc=7)
+    [gap] = both_ways(tmp_path / "a.mcap.partial", START + of(1, 9) + bad + of(5, 12)).gaps
+    assert (gap.first_ns, gap.last_ns) == (5, 9)
+
+
+@pytest.mark.parametrize("tail", [FIRST[:-9], ATTACHED[:-3]])
+def test_a_file_that_has_not_grown_is_not_searched_again(tmp_path, monkeypatch, tail):
+    """Nor is a chunk for records in it of which the rest is to come."""
+    path = tmp_path / "a.mcap.partial"
+    path.write_bytes(START + FIRST + tail)
+    bag = open_bag(path, checked=False)
+    monkeypatch.setattr("sparse_coord_ros.bags.records.Source.places", None)
+    assert not bag.extend() and not bag.gaps

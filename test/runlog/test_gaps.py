@@ -134,6 +134,7 @@ def as_recorded(bag, directory):
 
 
 @pytest.mark.long
+@pytest.mark.timeout(900)
 @pytest.mark.parametrize("finished", [True, False])
 def test_the_table_of_damages(chunked, tmp_path, finished):
     """All but what was hit is kept, named and verified; `-m long -s -k table_of` prints it."""
