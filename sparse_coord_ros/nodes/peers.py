@@ -146,7 +146,7 @@ class Peer:
         if future.cancelled() or future.result() is None:
             return
         if future is self._open:
-            self._open = None
+            self._open = self._unsent = None
         self._silent = False
         self.heard = time.monotonic()
         self._answered(step, future.result().plan)
@@ -227,7 +227,12 @@ class Peers:
         if self._side.waiting != ("percept", step):
             return True  # it is too late
         if (said.sec, said.nanosec) < (now.sec, now.nanosec):
-            return self._peers[peer].repeats < AT_ONCE  # a peer is behind, but not for ever
+            one = self._peers[peer]
+            if one.repeats < AT_ONCE:
+                return True
+            one.heard = time.monotonic()
+            self._on_answer(peer, step, plan)  # it is asked again, and may still answer this one
+            return False
         if peer not in self._places:
             return False  # the world will say all states again
         there_step, there = self._places[peer]

@@ -102,6 +102,13 @@ def test_a_robot_that_begins_anew_is_counted():
     assert not tables_equal(team.tables, learn(team.scenario, "coop", 5))
 
 
+def test_a_robot_that_is_replaced_before_the_run_lost_nothing():
+    back = WorldRollback(Team(problem("env1"), 4).world.side, Store(), 2)
+    for life in ("one", "another"):
+        back.heard(0, Progress(life, 0, 0))
+    assert back.events == {}
+
+
 def test_a_robot_may_go_on_alone_from_its_own_checkpoint():
     team = Team(problem("env1"), 4, rolls_back=False)
     team.play([(600, lambda t: t.kill(1)), (620, lambda t: t.start(1, resume=True))])

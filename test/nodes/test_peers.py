@@ -8,9 +8,12 @@ import pytest
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.srv import GetPlan
 
+from sparse_coord_ros.game.scenario import load_scenario
+from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.lockstep.waiting import Deadline, WorldPresence
 from sparse_coord_ros.nodes import peers
 from sparse_coord_ros.nodes.member import LAST_WORDS_SECONDS, Member
+from sparse_coord_ros.nodes.messages import Converter
 from sparse_coord_ros.nodes.peers import Peer, Peers
 
 
@@ -112,6 +115,19 @@ def test_an_answer_that_nobody_looked_at_yet_is_not_asked_for_again(node, monkey
     node.sent[1].look()
     peer.send_what_waits()
     assert heard == [7] and len(node.sent) == 2
+
+
+@pytest.mark.parametrize(("repeats", "believed"), [(0, True), (9, True), (10, False)])
+def test_a_doubted_peer_is_not_behind_for_ever(repeats, believed):
+    """Who serves its place might say so each time, and first: the request stays open then."""
+    convert = Converter(make_run(load_scenario("env1"), {}))
+    side = SimpleNamespace(waiting=("percept", 7))
+    peers = SimpleNamespace(_side=side, _convert=convert, _peers={1: SimpleNamespace()})
+    peers._peers[1].repeats, told = repeats, []
+    peers._on_answer = lambda *what: told.append(what)
+    behind = convert.path(6, ())
+    assert Peers._fits(peers, 1, 7, behind) is believed
+    assert told == [(1, 7, behind)] * (not believed), "it is asked again, and that is counted"
 
 
 @pytest.mark.parametrize(
