@@ -152,5 +152,5 @@ def _digest(arrays: Mapping[str, Any]) -> str:
     for name in sorted(arrays):
         array = arrays[name]
         said.update(json.dumps([name, array.dtype.str, array.shape]).encode())
-        said.update(np.ascontiguousarray(array).data if array.size else b"")
+        said.update(array.tobytes())
     return said.hexdigest()
