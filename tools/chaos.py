@@ -32,6 +32,7 @@ from typing import Any, NamedTuple
 import rclpy
 
 from sparse_coord_ros.bags.reader import BAG_DIRECTORY
+from sparse_coord_ros.cli.live import sole_team
 from sparse_coord_ros.errors import SparseCoordError
 from sparse_coord_ros.nodes.interface import ACTIVE_PERCEPTION_TYPE
 from sparse_coord_ros.nodes.spin import ros_context, signals, spin_nodes
@@ -296,18 +297,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
         lie(options.lie)
         return 0
     failed = 0
-    for seed in range(options.seed, options.seed + options.runs):
-        began = time.monotonic()
-        folder = Path(tempfile.mkdtemp(prefix=f"chaos_{seed}_", dir=options.keep))
-        plan, wrong = one_run(seed, folder)
-        failed += bool(wrong)
-        told = "; ".join(map(str, plan.faults))
-        said = (
-            f"{plan.steps} steps, saved each {plan.checkpoint}: {told}: {'; '.join(wrong) or 'ok'}"
-        )
-        print(f"run {seed} ({time.monotonic() - began:.1f} s): {said}", flush=True)
-        if not wrong or options.keep is None:
-            shutil.rmtree(folder)
+    with sole_team():  # of two teams in a domain each would hear the other's world
+        for seed in range(options.seed, options.seed + options.runs):
+            began = time.monotonic()
+            folder = Path(tempfile.mkdtemp(prefix=f"chaos_{seed}_", dir=options.keep))
+            plan, wrong = one_run(seed, folder)
+            failed += bool(wrong)
+            told = "; ".join(map(str, plan.faults))
+            what = f"{plan.steps} steps, saved each {plan.checkpoint}, {plan.returning}: {told}"
+            took = f"{time.monotonic() - began:.1f} s"
+            print(f"run {seed} ({took}): {what}: {'; '.join(wrong) or 'ok'}", flush=True)
+            if not wrong or options.keep is None:
+                shutil.rmtree(folder)
     print(f"{options.runs - failed} of {options.runs} runs as they are to be")
     return 1 if failed else 0
 
