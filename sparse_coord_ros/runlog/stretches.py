@@ -148,7 +148,7 @@ def _start(log: RunLog, at: int, after: int, recorded: tuple[RecordedTables, ...
         return None
     row, end = np.searchsorted(step, [at, said.step]).tolist()
     cells, goals = log.cells[row], np.array([robot.goal for robot in log.run.scenario.robots])
-    if NONE in cells or any(at < gap.first <= said.step for gap in log.gaps):
+    if NONE in cells:
         return None
     rewarded = ~np.isnan(log.reward[row:end, :, 0])
     made = rewarded.any(axis=1)

@@ -141,6 +141,7 @@ def test_a_status_of_another_run(record, rewritten, tmp_path, convert):
         change = said_at_once(convert, status_of(AT, 7, run=said))
         found = verify(rewritten(run.bag, tmp_path / "bag", change))
         assert (found.same, found.foreign) == (said == "another", said == "another")
+        assert len(set(found.differences)) == len(found.differences) == (said != "another")
 
 
 def test_a_status_beside_a_true_one_of_its_step(alter, convert):
