@@ -102,6 +102,14 @@ def play(world, *actions):
     world.advance()
 
 
+def test_a_watcher_hears_of_the_cells_before_and_after(world):
+    heard = []
+    world.watcher = lambda step, before, actions, outcome, after: heard.append((before, after))
+    before = tuple(world.world.cells)
+    play(world, DOWN, DOWN)
+    assert heard == [(before, tuple(world.world.cells))] and heard[0][0] != heard[0][1]
+
+
 def arrive(world):
     """Take robot 1 of env1 to its goal while robot 2 stays."""
     for move in (DOWN, DOWN, EAST, EAST, EAST, EAST, DOWN, DOWN):
