@@ -3,7 +3,8 @@
 """A stand-in for Nav2 and the robots that it drives: as good, or as bad, as it is told to be.
 
 Its robots are points that go straight to their goal at a constant speed. As in Nav2 a new goal
-pre-empts the one before it. Alone: `python nav2_server.py robot_1 robot_2`.
+pre-empts the one before it. Alone: `python nav2_server.py robot_1 robot_2`; its robots then also
+say where they are as Nav2's do, each on a /tf of its own.
 """
 
 import math
@@ -11,11 +12,12 @@ import sys
 import time
 
 import rclpy
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PoseStamped, TransformStamped
 from nav2_msgs.action import NavigateToPose
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.node import Node
 from rclpy.task import Future
+from tf2_msgs.msg import TFMessage
 
 TICK = 0.02
 SPEED = 20.0
@@ -46,6 +48,7 @@ class Robot:
         self.asleep: list[tuple[float, Future]] = []
         self._answers: list[str] = []
         self.lost = False
+        self.transforms = None
         self._poses = node.create_publisher(PoseStamped, f"{name}/pose", 10)
         self.server = ActionServer(
             node,
@@ -114,6 +117,11 @@ class Robot:
             pose.pose.position.x, pose.pose.position.y = self.place
             pose.pose.orientation.w = 1.0
             self._poses.publish(pose)
+            if self.transforms is not None:
+                link = TransformStamped(header=pose.header, child_frame_id="base_link")
+                link.transform.translation.x, link.transform.translation.y = self.place
+                link.transform.rotation.w = 1.0
+                self.transforms.publish(TFMessage(transforms=[link]))
 
 
 class FakeNav2(Node):
@@ -139,6 +147,8 @@ def main():
     """Run until it is killed."""
     rclpy.init()
     node = FakeNav2(sys.argv[1:])
+    for robot in node.robots.values():
+        robot.transforms = node.create_publisher(TFMessage, f"{robot.name}/tf", 10)
     print("serving", flush=True)
     rclpy.spin(node)
 

@@ -47,7 +47,7 @@ LEVELS = (
     {"look"},
     {"nodes"},
     {"doctor"},
-    {"api", "cli", "pettingzoo_env"},
+    {"api", "cli", "launching", "pettingzoo_env"},
     {"executables"},
 )
 """Packages and modules by how far up they stand: imports point down only."""

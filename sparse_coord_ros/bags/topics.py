@@ -69,4 +69,6 @@ def find_clock(topics: Mapping[str, BagTopic], counts: Mapping[str, int]) -> str
     most.
     """
     found = sorted(name for name, topic in topics.items() if topic.type_name == CLOCK.type_name)
-    return max(found, key=lambda name: (name == CLOCK.name, counts.get(name, 0)), default=None)
+    return max(
+        found, key=lambda name: (name == f"/{CLOCK.name}", counts.get(name, 0)), default=None
+    )

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The vocabulary of `wire`, bound to message classes and QoS profiles.
 
-Names are relative (except /clock, /diagnostics and what ROS itself makes absolute), so a whole
+Names are relative (except /diagnostics and what ROS itself makes absolute), so a whole
 team moves into a namespace together. A robot's topics lie under its name.
 """
 

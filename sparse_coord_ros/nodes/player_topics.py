@@ -70,7 +70,7 @@ class Stage:
         self._send = {name: publisher.publish for name, publisher in self.publishers.items()}
         own = find_clock(bag.topics, bag.counts)
         clock = interface.CLOCK
-        self.clock_name = clock.name if own is None else own
+        self.clock_name = node.resolve_topic_name(clock.name) if own is None else own
         self.clock: Publisher | None = None
         if own not in self.publishers or not bag.counts[own]:
             self.clock = node.create_publisher(clock.type, clock.name, clock.qos)

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Unpack
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.serialization import serialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import String
 
 from sparse_coord_ros import wire
@@ -292,8 +292,18 @@ class Recorder(Follower):
         if self._tap is not None and topic.tapped:
             self._tap.line(self.resolve_topic_name(name)).write = self.guarded(write)
         else:
-            qos = interface.recorder_qos(topic)
-            self.intake.listen(topic, write, name=name, unpack=bytes, qos=qos)
+            shared, qos = topic.name == interface.DIAGNOSTICS.name, interface.recorder_qos(topic)
+            unpack = self._of_this_namespace if shared else bytes
+            self.intake.listen(
+                topic, lambda data: data and write(data), name=name, unpack=unpack, qos=qos
+            )
+
+    def _of_this_namespace(self, data: bytes) -> bytes:
+        """Return diagnostics of nodes in this one's namespace; b"": they are of others."""
+        space = self.get_namespace().strip("/")
+        names = (one.name for one in deserialize_message(data, DiagnosticArray).status)
+        spaces = {name.partition(":")[0].strip("/").rpartition("/")[0] for name in names}
+        return data if space in spaces else b""
 
     def world_said(self, said: Said) -> None:
         """Go back where the world says so, and tell it; take in its time."""

@@ -105,14 +105,20 @@ class WorldTopics:
     # Who hears the world, and whom it hears.
 
     def missing(self) -> list[str]:
-        """Return the robots, and the recorder where one is to be, that do not listen yet."""
+        """Return the robots, and the recorder where one is to be, that do not listen yet.
+
+        A robot of which all but one end is there comes with what it lacks.
+        """
         heard_by, missing = self._node.heard_by, []
         for name, *own, action in zip(
             self._names, self.states, self.rewards, self.actions, strict=True
         ):
-            hears = all(heard_by(publisher, name) for publisher in own)
-            if not hears or action.get_publisher_count() == 0:
-                missing.append(name)
+            ends = [one.topic_name for one in own if not heard_by(one, name)]
+            lacks = [f"a subscription to {topic}" for topic in ends]
+            if action.get_publisher_count() == 0:
+                lacks.append(f"a publisher of {action.topic_name}")
+            if lacks:  # more than one: it is not there, or has not begun itself
+                missing.append(f"{name} (it lacks {lacks[0]})" if len(lacks) == 1 else name)
         said = [self.clock, *self.states, *self.rewards]
         if self._run.recorded and not all(heard_by(one, RECORDER) for one in said):
             missing.append(RECORDER)

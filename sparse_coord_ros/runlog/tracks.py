@@ -39,7 +39,7 @@ from sparse_coord_ros.wire.frame import Frame
 from sparse_coord_ros.wire.occupancy import OccupancyData
 from sparse_coord_ros.wire.status import Said, read_status
 
-THE_CLOCK = wire.CLOCK.name.lstrip("/")
+THE_CLOCK = wire.CLOCK.name
 NOTHING = np.empty(0, dtype=np.int64)
 OF_STEPS = (wire.LOCAL_STATE, wire.REWARD, wire.ACTION, wire.PERCEPT, wire.SERVICE_EVENTS)
 """Topics of each robot that may say something at every time step."""
@@ -95,7 +95,7 @@ class Tracks:
     bag: Bag
     run: RunConfig
     prefix: str
-    clock_topic: str = wire.CLOCK.name
+    clock_topic: str = f"/{wire.CLOCK.name}"
     states: list[Track] = field(default_factory=list)
     rewards: list[Track] = field(default_factory=list)
     actions: list[Track] = field(default_factory=list)
@@ -208,7 +208,7 @@ def tracks_of(bag: Bag, found: BagRun, only: Collection[wire.Topic] | None = Non
         found: its run.
         only: the topics to read, the others seem to have no messages; None: all but `ROSOUT`.
     """
-    clock = find_clock(bag.topics, bag.counts) or wire.CLOCK.name
+    clock = find_clock(bag.topics, bag.counts) or f"/{wire.CLOCK.name}"
     tracks = Tracks(bag, found.run, found.prefix, clock)
     _Sorter(tracks, only).sort()
     return tracks

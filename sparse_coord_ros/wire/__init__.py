@@ -5,8 +5,7 @@
 `TOPICS` is the table of all messages: whose each is, its type, the labels of its numbers, how it
 is delivered and recorded. `messages.py` packs and reads by it, `nodes/interface.py` binds it to
 message classes and QoS profiles; the recorder and the log follow it. Topic names are relative: a
-team's to its namespace, a robot's to its own name; /clock and what ROS shares among all nodes are
-absolute.
+team's to its namespace, a robot's to its own name; what ROS shares among all nodes is absolute.
 """
 
 from dataclasses import dataclass
@@ -146,7 +145,9 @@ _ROSOUT, _PARAMETERS = "rcl_interfaces/msg/Log", "rcl_interfaces/msg/ParameterEv
 
 RUN = Topic("run", _STRING, TEAM, _LATCHED, limit=limits.SCENARIO)
 STATUS = Topic("status", _STATUS, TEAM, _LATCHED)
-CLOCK = Topic("/clock", "rosgraph_msgs/msg/Clock", TEAM, _STEP, stamped=True, tapped=True)
+CLOCK = Topic("clock", "rosgraph_msgs/msg/Clock", TEAM, _STEP, stamped=True, tapped=True)
+"""Outside any namespace that is /clock, which nodes with `use_sim_time` follow."""
+
 MAP = Topic("map", _GRID, TEAM, _LATCHED, stamped=True, tapped=True, limit=limits.PICTURE)
 MARKERS = Topic("markers", _MARKERS, TEAM, _LATCHED, tapped=True, limit=limits.PICTURE)
 SCENE = Topic("scene", _MARKERS, TEAM, _LATCHED, limit=limits.PICTURE)

@@ -1,6 +1,9 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The team's launch file, with stand-ins for launch and launch_ros, which the wheels lack."""
+"""The launch files, with stand-ins for launch and launch_ros, which the wheels lack.
+
+`test_real_launch.py` has those where ROS is installed.
+"""
 
 import importlib.util
 import sys
@@ -10,130 +13,258 @@ from types import ModuleType, SimpleNamespace
 import pytest
 from ament_index_python.packages import PackageNotFoundError
 
+from sparse_coord_ros.errors import RunError, SettingError
 from sparse_coord_ros.game.plugins import allowed
+from sparse_coord_ros.limits import parse_yaml
 
-FILE = Path(__file__).parents[2] / "launch" / "team.launch.py"
+FOLDER = Path(__file__).parents[2] / "launch"
+NAMES = {
+    "launch": [],
+    "launch.actions": [
+        *("DeclareLaunchArgument", "EmitEvent", "LogInfo", "OpaqueFunction"),
+        *("RegisterEventHandler", "TimerAction"),
+    ],
+    "launch.event": ["Event"],
+    "launch.event_handlers": ["OnProcessExit"],
+    "launch.events": ["Shutdown", "matches_action"],
+    "launch.events.process": ["ShutdownProcess"],
+    "launch.launch_context": ["LaunchContext"],
+    "launch.launch_description": ["LaunchDescription"],
+    "launch.substitutions": ["LaunchConfiguration"],
+    "launch_ros": [],
+    "launch_ros.actions": ["Node"],
+}
 
 
 class Kept:
-    """Stands for whatever the file makes: keeps what it was given."""
+    """Stands for whatever a launch file makes: keeps what it was given."""
 
     def __init__(self, *parts, **options):
         self.parts, self.options = parts, options
 
+    def perform(self, context):
+        """Return an argument's text, as a LaunchConfiguration does."""
+        return context.launch_configurations.get(self.parts[0], "")
+
 
 @pytest.fixture
 def launched(monkeypatch):
-    """Return a function that gives the nodes the file would start with some arguments."""
-    names = {
-        "launch": ["LaunchDescription"],
-        "launch.actions": [
-            "DeclareLaunchArgument",
-            "EmitEvent",
-            "OpaqueFunction",
-            "RegisterEventHandler",
-        ],
-        "launch.event_handlers": ["OnProcessExit"],
-        "launch.events": ["Shutdown"],
-        "launch.substitutions": ["LaunchConfiguration"],
-        "launch_ros": [],
-        "launch_ros.actions": ["Node"],
-    }
-    for module, classes in names.items():
+    """Return a function that gives what a launch file does with some arguments."""
+    for module, classes in NAMES.items():
         made = ModuleType(module)
         for name in classes:
             setattr(made, name, type(name, (Kept,), {}))
         monkeypatch.setitem(sys.modules, module, made)
-    spec = importlib.util.spec_from_file_location("team_launch", FILE)
-    file = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(file)
+    monkeypatch.delitem(sys.modules, "sparse_coord_ros.launching", raising=False)
 
-    class Given(Kept):
-        def perform(self, context):
-            return context.get(self.parts[0], file.ARGUMENTS[self.parts[0]][0])
+    def launch(name="team", **given):
+        spec = importlib.util.spec_from_file_location("launched", FOLDER / f"{name}.launch.py")
+        file = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(file)
+        context = SimpleNamespace(launch_configurations=given, is_shutdown=False)
+        [description] = file.generate_launch_description().parts
+        return description[-1].options["function"](context)
 
-    file.LaunchConfiguration = Given
-
-    def launch(find=lambda package: "/opt", **given):
-        file.get_package_prefix = find
-        return [one.options for one in file.team(given) if type(one).__name__ == "Node"]
-
-    return SimpleNamespace(nodes=launch)
+    return launch
 
 
 @pytest.fixture
-def bodies(launched, monkeypatch):
-    """Return a function that gives the nodes of bodies.launch.py."""
-    path = FILE.with_name("bodies.launch.py")
-    spec = importlib.util.spec_from_file_location("bodies_launch", path)
-    file = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(file)
-    team = file._team()
-    defaults = {**team.ARGUMENTS, **file.OWN}
-
-    class Given(Kept):
-        def perform(self, context):
-            return context.get(self.parts[0], defaults[self.parts[0]][0])
-
-    team.LaunchConfiguration = file.LaunchConfiguration = Given
-    return lambda **given: [
-        one.options for one in file.nodes(given, team) if type(one).__name__ == "Node"
+def nodes(launched):
+    """Return a function that gives the options of the nodes that a launch file starts."""
+    return lambda *file, **given: [
+        one.options for one in launched(*file, **given) if type(one).__name__ == "Node"
     ]
-
-
-def test_bodies_have_drivers_and_a_simulator(bodies, tmp_path):
-    nodes = bodies(scenario="env1", out=str(tmp_path / "run"), radius="0.1", slips="false")
-    assert executables(nodes)[-3:] == ["driver", "driver", "body"]
-    assert nodes[0]["parameters"][-1]["bodies"] and not nodes[0]["parameters"][-1]["slips"]
-    assert [node["parameters"][-1]["robot"] for node in nodes[-3:-1]] == ["robot_1", "robot_2"]
-    assert all(node["parameters"][-1]["radius"] == 0.1 for node in nodes[-3:])
-    assert "remappings" not in nodes[0]
-
-
-@pytest.mark.parametrize(("clock", "says"), [("bodies", True), ("other", False)])
-def test_others_may_own_the_clock(bodies, tmp_path, clock, says):
-    nodes = bodies(scenario="env1", out=str(tmp_path / "run"), clock=clock)
-    assert nodes[0]["remappings"] == [("/clock", "game_clock")]
-    assert nodes[-1]["parameters"][-1]["clock"] is says and nodes[-1]["remappings"] == []
-
-
-def test_bodies_of_your_own_and_a_bad_clock(bodies, tmp_path):
-    nodes = bodies(scenario="env1", out=str(tmp_path / "run"), simulate="false")
-    assert "body" not in executables(nodes)
-    with pytest.raises(RuntimeError, match="clock: value is 'sun', allowed: world"):
-        bodies(scenario="env1", out=str(tmp_path / "run"), clock="sun")
 
 
 def executables(nodes):
     return [options["executable"] for options in nodes]
 
 
-def test_a_world_robots_and_a_recorder(launched, tmp_path):
-    nodes = launched.nodes(scenario="env1", out=str(tmp_path / "run"))
-    assert executables(nodes) == ["world_simulator", "robot", "robot", "recorder"]
+def values(node):
+    """Return the parameters that a launch gives a node, those of a file apart."""
+    return {
+        key: v for one in node["parameters"] if isinstance(one, dict) for key, v in one.items()
+    }
 
 
-def test_it_allows_what_its_arguments_name(launched, tmp_path):
-    """The nodes inherit it: the environment of the launch is theirs."""
-    changes = "penalty=-5,perception=my_models:fog:0.5"
-    launched.nodes(
-        out=str(tmp_path / "out"), learner="my_team:Team", set=changes, allow="others, more.own"
+def test_a_world_robots_and_a_recorder(nodes, tmp_path):
+    found = nodes(scenario="env1", out=str(tmp_path / "run"))
+    assert executables(found) == ["world_simulator", "robot", "robot", "recorder"]
+    assert values(found[0]) == {
+        **{"use_sim_time": False, "out": str(tmp_path / "run")},
+        **{"scenario": "env1", "recorded": True},
+    }
+    assert values(found[3])["out"] == str(tmp_path / "run" / "bag")
+    assert len(nodes(out=str(tmp_path / "run"), record="false")) == 3
+
+
+@pytest.fixture
+def file(tmp_path):
+    """Return a parameter file."""
+    path = tmp_path / "p.yaml"
+    said = "{scenario: env2-4r, penalty: -55, seed: 7}"
+    path.write_text(f"/**/world_simulator:\n  ros__parameters: {said}\n")
+    return str(path)
+
+
+def test_what_is_given_wins_over_the_file_also_where_it_is_the_default(nodes, tmp_path, file):
+    out = str(tmp_path / "run")
+    found = nodes(params_file=file, set="penalty=-11, steps=200", seed="0", out=out)
+    assert found[0]["parameters"][0] == file
+    world = values(found[0])
+    assert (world["penalty"], world["steps"], world["seed"]) == (-11.0, 200, 0)
+    assert world["scenario"] == "env2-4r" and executables(found).count("robot") == 4
+    assert executables(nodes(params_file=file, scenario="env1", out=out)).count("robot") == 2
+    assert not {"penalty", "seed", "greedy", "set"} & set(
+        values(nodes(params_file=file, out=out)[0])
     )
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        ({"greedy": "ture"}, "argument greedy: value is 'ture', allowed: true or false"),
+        ({"record": "flase"}, "argument record: value is 'flase', allowed: true or false"),
+        ({"rate": "fast"}, "argument rate: value is 'fast', allowed: 0, or a number"),
+        ({"seed": "1.5"}, "argument seed: value is '1.5', allowed: a whole number"),
+        ({"set": "penaltie=3"}, "unknown setting 'penaltie' .did you mean 'penalty'"),
+    ],
+)
+def test_what_is_misspelt_ends_the_launch(launched, given, text):
+    with pytest.raises(SettingError, match=text):
+        launched(**given)
+
+
+def test_resume_goes_on_where_there_is_a_run_and_begins_one_where_there_is_none(nodes, tmp_path):
+    out = tmp_path / "run"
+    assert "resume" not in values(nodes(out=str(out), resume="true")[0])
+    out.mkdir()
+    with pytest.raises(RunError, match="or go on with that run: resume:=true"):
+        nodes(out=str(out))
+    found = nodes(out=str(out), resume="true")
+    assert all(values(node)["resume"] for node in found)
+
+
+def test_it_allows_what_its_arguments_name(nodes, tmp_path):
+    """The nodes inherit it: the environment of the launch is theirs. It imports none itself."""
+    changes = "penalty=-5,perception=my_models:fog:0.5"
+    given = {"learner": "my_team:Team", "set": changes, "allow": "others, more.own"}
+    [world, *_] = nodes(out=str(tmp_path / "out"), **given)
     assert allowed() == ("others", "more.own", "my_team", "my_models")
+    assert values(world)["perception"] == "my_models:fog:0.5"
 
 
-def test_rviz_is_opened_with_the_file_by_the_run_s_clock(launched, tmp_path):
-    [*_, view] = launched.nodes(out=str(tmp_path / "run"), rviz="true")
+def test_the_clock_follows_the_namespace_or_is_left_to_others(nodes, tmp_path):
+    out = str(tmp_path / "run")
+    found = nodes(out=out, namespace="/a/")
+    assert {node["namespace"] for node in found} == {"a"}
+    assert all(node["remappings"] == [("/clock", "clock")] for node in found)
+    for clock in ("bodies", "other"):
+        found = nodes("bodies", out=out, clock=clock)
+        assert found[0]["remappings"] == found[3]["remappings"] == [("clock", "game_clock")]
+        assert found[1]["remappings"] == found[-1]["remappings"] == []
+        assert values(found[-1])["clock"] is (clock == "bodies")
+    with pytest.raises(SettingError, match="clock: value is 'sun', allowed: world or bodies"):
+        nodes("bodies", out=out, clock="sun")
+
+
+def test_bodies_have_drivers_and_a_simulator(nodes, tmp_path):
+    given = {"scenario": "env1", "out": str(tmp_path / "run"), "radius": "0.1", "slips": "false"}
+    found = nodes("bodies", **given)
+    assert executables(found)[-3:] == ["driver", "driver", "body"]
+    assert values(found[0])["bodies"] and not values(found[0])["slips"]
+    assert [values(node)["robot"] for node in found[-3:-1]] == ["robot_1", "robot_2"]
+    assert all(values(node)["radius"] == 0.1 for node in found[-3:])
+    assert "body" not in executables(nodes("bodies", simulate="false", **given))
+
+
+def test_a_lab_has_drivers_for_the_namespaces_of_its_robots(nodes, tmp_path):
+    found = nodes("lab", out=str(tmp_path / "run"), robots="/tb1, tb2", detour="5")
+    assert executables(found)[-2:] == ["nav2_driver"] * 2
+    said = values(found[-1])
+    assert (said["robot"], said["action"]) == ("robot_2", "/tb2/navigate_to_pose")
+    assert (said["pose_type"], said["base_frame"], said["detour"]) == ("tf", "base_link", 5.0)
+    assert ("/tf", "/tb2/tf") in found[-1]["remappings"]
+    assert values(found[0])["slips"] is False
+    with pytest.raises(SettingError, match="argument robots: 1 names, allowed: 2"):
+        nodes("lab", out=str(tmp_path / "run"), robots="tb1")
+
+
+@pytest.mark.parametrize("name", ["team", "bodies", "lab"])
+def test_rviz_is_opened_for_the_team_at_hand(nodes, launched, tmp_path, monkeypatch, name):
+    launched(out=str(tmp_path / "run"))
+    monkeypatch.setattr("sparse_coord_ros.launching.get_package_prefix", lambda package: "/opt")
+    given = {"out": str(tmp_path / "run"), "scenario": "env2-4r", "namespace": "a"}
+    [*_, view] = nodes(name, rviz="true", **given)
     assert (view["package"], view["executable"]) == ("rviz2", "rviz2")
-    assert view["arguments"][0] == "-d" and view["arguments"][1].endswith("rviz/team.rviz")
     assert view["parameters"] == [{"use_sim_time": True}]
+    [option, config] = view["arguments"]
+    shown = Path(config).read_text()
+    Path(config).unlink()
+    assert option == "-d" and parse_yaml(shown, where=config)
+    assert shown.count("asks here") == 4 and "Value: /a/robot_4/coordination_map" in shown
 
 
-def test_without_rviz_nothing_starts_and_one_line_says_what_to_do(launched, tmp_path):
+def test_without_rviz_nothing_starts_and_one_line_says_what_to_do(launched, tmp_path, monkeypatch):
     def find(package):
         raise PackageNotFoundError(package)
 
-    with pytest.raises(RuntimeError, match="sudo apt install ros-jazzy-rviz2, or leave") as raised:
-        launched.nodes(find, out=str(tmp_path / "run"), rviz="true")
+    launched(out=str(tmp_path / "run"))
+    monkeypatch.setattr("sparse_coord_ros.launching.get_package_prefix", find)
+    with pytest.raises(RunError, match="sudo apt install ros-jazzy-rviz2, or leave") as raised:
+        launched(out=str(tmp_path / "run"), rviz="true")
     assert "\n" not in str(raised.value)
-    assert executables(launched.nodes(find, out=str(tmp_path / "run"), rviz="false"))
+
+
+class Ends:
+    """A launch whose nodes end."""
+
+    def __init__(self, actions):
+        self.actions = actions
+        self.take(actions)
+
+    def take(self, actions):
+        """Return handlers by node."""
+        self.handlers = {
+            one.parts[0].options["target_action"]: one.parts[0].options["on_exit"]
+            for one in actions
+            if type(one).__name__ == "RegisterEventHandler"
+        }
+
+    def end(self, number, code):
+        """Let a node end; return what the launch is to do."""
+        node, then = list(self.handlers.items())[number]
+        event = SimpleNamespace(returncode=code, process_name=node.options["executable"])
+        return then(event, SimpleNamespace(is_shutdown=False))
+
+
+def kinds(actions):
+    return [type(one).__name__ for one in actions]
+
+
+def test_included_a_team_that_fails_ends_alone_and_says_so(launched, tmp_path):
+    team = Ends(launched(out=str(tmp_path / "run")))
+    [*others] = team.end(0, -9)
+    events = [one.options["event"] for one in others]
+    assert kinds(events) == ["ShutdownProcess"] * 3
+    assert team.end(1, 0) == team.end(2, 0) == []
+    [said] = team.end(3, 0)
+    failed = said.options["event"]
+    assert failed.why == ("world_simulator ended with exit code -9",)
+
+
+def test_a_launch_of_its_own_fails_with_its_team(launched, tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["ros2", "launch", "sparse_coord_ros", "team.launch.py"])
+    team = Ends(launched(out=str(tmp_path / "run")))
+    assert kinds(one.options["event"] for one in team.end(0, 1)) == ["Shutdown"]
+    team.end(1, 0), team.end(2, 0)
+    with pytest.raises(RunError, match="world_simulator ended with exit code 1"):
+        team.end(3, 0)
+
+
+def test_a_node_that_was_killed_is_started_again_with_resume(launched, tmp_path):
+    team = Ends(launched(out=str(tmp_path / "run"), respawn="true"))
+    _, timer = team.end(1, -9)
+    node, _ = timer.options["actions"]
+    assert values(node.options)["resume"] and node.options["name"] == "robot_1"
+    assert kinds(team.end(2, 2)) == [], "bad input stays bad"

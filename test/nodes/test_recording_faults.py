@@ -8,9 +8,12 @@ import select
 import shutil
 import signal
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import yaml
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.serialization import serialize_message
 
 import sparse_coord_ros
 from sparse_coord_ros.bags import BagWriter, open_bag
@@ -21,7 +24,7 @@ from sparse_coord_ros.learn.history import load_history
 from sparse_coord_ros.learn.run_config import RUN_RECORD, load_run
 from sparse_coord_ros.learn.tables import load_team
 from sparse_coord_ros.lockstep.world_side import WorldSide
-from sparse_coord_ros.nodes.recorder import BagProcess
+from sparse_coord_ros.nodes.recorder import BagProcess, Recorder
 from sparse_coord_ros.nodes.spin import ros_context
 from sparse_coord_ros.nodes.team import run_team
 from sparse_coord_ros.runlog import verify
@@ -227,3 +230,19 @@ def test_an_output_directory_that_is_deleted_is_made_again(tmp_path, capfd, monk
     assert len(load_team(out, load_scenario("env1"))) == 2
     assert load_history(out).length.sum() == 40
     assert "it was gone and was made again" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("namespace", "name", "kept"),
+    [
+        ("/", "robot_1: agent", True),
+        ("/", "team_a/robot_1: agent", False),
+        ("/team_a", "team_a/robot_1: agent", True),
+        ("/team_a", "/team_b/robot_1: agent", False),
+        ("/team_a", "camera: frames", False),
+    ],
+)
+def test_diagnostics_of_other_namespaces_are_not_recorded(namespace, name, kept):
+    data = serialize_message(DiagnosticArray(status=[DiagnosticStatus(name=name)]))
+    recorder = SimpleNamespace(get_namespace=lambda: namespace)
+    assert Recorder._of_this_namespace(recorder, data) == (data if kept else b"")

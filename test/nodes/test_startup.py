@@ -3,11 +3,13 @@
 """Nodes start in any order, and those that cannot take part say why."""
 
 import pytest
+from rclpy.node import Node
 from std_msgs.msg import String
 
 from sparse_coord_ros.errors import RunError, SettingError, TablesError
 from sparse_coord_ros.learn.run_config import run_from_yaml
 from sparse_coord_ros.learn.tables import load_team, save_team
+from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.guard import Claim
 from sparse_coord_ros.nodes.member import Member
 from sparse_coord_ros.nodes.spin import ros_context
@@ -238,3 +240,19 @@ def test_learning_goes_on_from_tables(tmp_path, simulate, assert_same_tables):
     assert_same_tables(tmp_path / "one", first)
     assert_same_tables(tmp_path / "two", second)
     assert second.tables[0].q_star.tobytes() != first.tables[0].q_star.tobytes()
+
+
+def test_a_robot_that_is_partly_there_is_told_by_what_it_lacks(bench):
+    """Such as a program of one's own that does not hear its reward."""
+    bench.world(startup_timeout=1.0)
+    bench.robot("robot_1")
+    context = bench.place("mine")[0]
+    mine = bench.add(Node("robot_2", context=context), "mine")
+    action, state = interface.ACTION, interface.LOCAL_STATE
+    mine.create_publisher(action.type, action.of("robot_2"), action.qos)
+    mine.create_subscription(state.type, state.of("robot_2"), lambda said: None, state.qos)
+    text = (
+        r"still no node for .*robot_2 \(it lacks a subscription to /robot_2/reward\); start each"
+    )
+    with pytest.raises(RunError, match=text):
+        bench.spin_until(lambda: False, seconds=10.0)

@@ -86,7 +86,7 @@ def test_a_namespace_moves_everything(bench):
         bench.robot(name, namespace="team_a")
     bench.spin_until(lambda: world.lockstep.complete, "first barrier")
     own = TEAM | {f"{name}/{topic}" for name in NAMES for topic in ROBOT}
-    wanted = {"/clock", "/diagnostics"} | {f"/team_a/{topic}" for topic in own}
+    wanted = {"/team_a/clock", "/diagnostics"} | {f"/team_a/{topic}" for topic in own}
 
     def there():
         return {name for name, _ in observer.get_topic_names_and_types()}

@@ -24,7 +24,6 @@ ODD = {topic.type_name for topic in TOPICS} | {
     wire.COORDINATION_MAP.name,
     wire.SERVICE_EVENTS.name,
     services.ACTIVE_PERCEPTION.name,
-    wire.CLOCK.name,
     wire.ROSOUT.name,
     wire.PARAMETER_EVENTS.name,
     wire.TABLES_FOLDER,

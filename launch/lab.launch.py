@@ -1,0 +1,53 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A team that Nav2 drives: `ros2 launch sparse_coord_ros lab.launch.py scenario:=lab.yaml`.
+
+The team of team.launch.py with a nav2_driver for each robot, whose Nav2 is in a namespace of the
+robot's name, as Nav2's own launch files have it.
+"""
+
+from sparse_coord_ros.game.settings import Setting
+from sparse_coord_ros.launching import ARGUMENTS, description
+from sparse_coord_ros.nodes.parameters import PARAMETERS
+
+TABLE = PARAMETERS["nav2_driver"]
+DRIVER = (
+    *("near", "step_seconds", "feedback_timeout", "detour", "bring", "behavior_tree"),
+    *("map_frame", "pose_timeout"),
+)
+OWN = {
+    "robots": Setting(
+        *("robots", str, ""),
+        "namespaces of the robots' Nav2, in the scenario's order, separated by commas; empty: the "
+        "robots' names",
+    ),
+    "base_frame": Setting(
+        "base_frame", str, "base_link", "of each body, in its own /NAMESPACE/tf"
+    ),
+    "slips": Setting("slips", bool, False, PARAMETERS["world_simulator"]["slips"].help),
+    "body_timeout": PARAMETERS["world_simulator"]["body_timeout"],
+    **{name: TABLE[name] for name in DRIVER},
+}
+
+
+def start(team):
+    """Add the team, and what takes its moves to Nav2."""
+    team.others_clock()
+    team.add_team(bodies=True, slips=team.get("slips"), **team.of(["body_timeout"]))
+    names = [robot.name for robot in team.scenario.robots]
+    for name, space in zip(names, team.matched("robots", names), strict=True):
+        own = {
+            **team.of(DRIVER),
+            "robot": name,
+            "pose_type": "tf",
+            "base_frame": team.get("base_frame"),
+            "action": f"/{space}/navigate_to_pose",
+        }
+        tf = [(f"/{topic}", f"/{space}/{topic}") for topic in ("tf", "tf_static")]
+        team.add("nav2_driver", own, f"{name}_driver", remapped=tf)
+    team.add_rviz()
+
+
+def generate_launch_description():
+    """Declare the arguments and start the team."""
+    return description(__file__, {**ARGUMENTS, **OWN}, start)

@@ -1,0 +1,336 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the launch files start: a team, its bodies, or what drives them; needs launch and ROS.
+
+A launch is a guest in somebody's system: what is nearer to the user wins (an argument over the
+parameter file, also where it names the default), a misspelt value ends it in one line, and nodes
+go into the namespace in which the launch file was included. A team that fails ends alone.
+"""
+
+import sys
+from collections.abc import Callable, Iterable, Mapping
+from datetime import datetime
+from pathlib import Path
+from tempfile import NamedTemporaryFile
+from typing import Any
+
+from ament_index_python.packages import PackageNotFoundError, get_package_prefix
+from launch.actions import (
+    DeclareLaunchArgument,
+    EmitEvent,
+    LogInfo,
+    OpaqueFunction,
+    RegisterEventHandler,
+    TimerAction,
+)
+from launch.event import Event
+from launch.event_handlers import OnProcessExit
+from launch.events import Shutdown, matches_action
+from launch.events.process import ShutdownProcess
+from launch.launch_context import LaunchContext
+from launch.launch_description import LaunchDescription
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+
+from sparse_coord_ros.errors import EXIT_BAD_INPUT, RunError, SettingError
+from sparse_coord_ros.game.plugins import allow_modules, allow_named
+from sparse_coord_ros.game.scenario import SETTINGS, Scenario, load_scenario
+from sparse_coord_ros.game.settings import Setting, SettingTable, parse_assignments
+from sparse_coord_ros.limits import SCENARIO, parse_yaml, read_text, to_yaml
+from sparse_coord_ros.nodes.parameters import PARAMETERS
+from sparse_coord_ros.share import share_file
+from sparse_coord_ros.wire import CLOCK, RECORDER, WORLD
+
+PACKAGE = "sparse_coord_ros"
+GAME_CLOCK = "game_clock"
+"""The team's clock, where another one has the name /clock."""
+
+_WORLD = PARAMETERS[WORLD]
+ARGUMENTS = SettingTable(
+    [
+        Setting("scenario", str, "env1", "a shipped scenario's name, or a scenario file"),
+        Setting("set", str, "", "changed scenario settings: penalty=-100,steps=2000"),
+        *(_WORLD[name] for name in ("seed", "learner", "greedy", "tables", "rate")),
+        Setting("out", str, "", "output directory; empty: <scenario>_<date>_<time>"),
+        Setting("record", bool, True, "record the run to the bag OUT/bag"),
+        _WORLD["resume"],
+        Setting("respawn", bool, False, "start nodes that failed again, with resume"),
+        Setting("namespace", str, "", "of the team, below the one that the launch is in"),
+        Setting("use_sim_time", bool, False, "the nodes' ROS clocks follow the team's clock"),
+        Setting("rviz", bool, False, "open RViz, where it is installed, for this team"),
+        Setting("allow", str, "", "modules that a scenario may name, separated by commas"),
+        Setting("params_file", str, "", "parameters of all nodes, such as config/params.yaml"),
+    ]
+)
+"""Arguments of a team's launch. One that is not given is left to the parameter file."""
+
+
+class TeamFailed(Event):
+    """A team has ended, and nodes of it had failed: for whoever includes its launch file.
+
+    Args:
+        namespace: of the team.
+        why: a text for each node that failed.
+    """
+
+    name = f"{PACKAGE}.TeamFailed"
+
+    def __init__(self, namespace: str, why: Iterable[str]) -> None:
+        self.namespace, self.why = namespace, tuple(why)
+
+
+def description(
+    file: str, arguments: Mapping[str, Setting], start: Callable[["Team"], None]
+) -> LaunchDescription:
+    """Return what a launch file is: its arguments, and a team.
+
+    Args:
+        file: the launch file.
+        arguments: by name.
+        start: adds nodes to a team.
+    """
+
+    def launch(context: LaunchContext) -> list[Any]:
+        given = {name: LaunchConfiguration(name).perform(context) for name in arguments}
+        team = Team(arguments, given, Path(file).name, context)
+        start(team)
+        return team.actions
+
+    declared = [
+        DeclareLaunchArgument(
+            name, default_value="", description=f"{one.help} (allowed: {one.allowed})"
+        )
+        for name, one in arguments.items()
+    ]
+    return LaunchDescription([*declared, OpaqueFunction(function=launch)])
+
+
+class Team:
+    """The nodes of a team as a launch starts them.
+
+    Args:
+        arguments: the launch's arguments.
+        texts: what was given for each; empty: nothing.
+        file: the launch file's name.
+        context: of the launch.
+
+    Attributes:
+        given: the arguments that were given, typed.
+        scenario: what is learned.
+        actions: what the launch is to do.
+
+    Raises:
+        SparseCoordError: a bad argument, an output directory that exists.
+    """
+
+    def __init__(
+        self,
+        arguments: Mapping[str, Setting],
+        texts: Mapping[str, str],
+        file: str,
+        context: LaunchContext,
+    ) -> None:
+        self._arguments = arguments
+        try:
+            self.given = _typed(arguments, {name: text for name, text in texts.items() if text})
+        except SettingError as error:
+            raise SettingError(str(error).replace("setting", "argument", 1)) from None
+        allow_modules(self.get("allow").replace(",", " "))  # the nodes inherit it
+        changes = parse_assignments(filter(None, self.get("set").replace(" ", "").split(",")))
+        for named in (self.get("learner"), *changes.values()):
+            allow_named(named)
+        in_file = _of_world(self.get("params_file"))
+        self._name = self.given.get("scenario", in_file.get("scenario", self.get("scenario")))
+        self.scenario: Scenario = load_scenario(self._name)
+        out = (
+            self.get("out")
+            or in_file.get("out")
+            or f"{self.scenario.name}_{datetime.now():%Y%m%d_%H%M%S}"
+        )
+        self._resume = {"resume": True} if self.get("resume") and Path(out).exists() else {}
+        if Path(out).exists() and not self._resume:
+            raise RunError(
+                f"out: {out} exists already, nothing is overwritten; choose another, or go on "
+                "with that run: resume:=true"
+            )
+        self._out = out
+        self._common: list[Any] = list(filter(None, [self.get("params_file")]))
+        self._common.append({"use_sim_time": self.get("use_sim_time")})
+        pushed = context.launch_configurations.get("ros_namespace", "")
+        self._namespace = "/".join(filter(None, (pushed, self.get("namespace").strip("/"))))
+        # ROS's clocks follow /clock, whatever namespace a node is in.
+        self._clock = self._remapped = [("/clock", CLOCK.name)]
+        self._running: dict[int, Node] = {}
+        self._own = file in {Path(one).name for one in sys.argv}  # else included by another
+        self._failed: list[str] = []
+        self._settings = _typed(SETTINGS, changes)
+        self.actions: list[Any] = []
+
+    def get(self, name: str) -> Any:
+        """Return an argument, or its default."""
+        return self.given.get(name, self._arguments[name].default)
+
+    def of(self, names: Iterable[str]) -> dict[str, Any]:
+        """Return those of some arguments that were given."""
+        return {name: self.given[name] for name in names if name in self.given}
+
+    def others_clock(self) -> None:
+        """Leave /clock to somebody else: the team's own is called `GAME_CLOCK`."""
+        self._clock, self._remapped = [(CLOCK.name, GAME_CLOCK)], []
+
+    def add_team(self, **more: Any) -> None:
+        """Add world, robots and recorder.
+
+        Args:
+            more: further parameters of the world.
+        """
+        own = {"out": self._out, **self._resume}
+        world = self.of(("seed", "learner", "greedy", "tables", "rate"))
+        world |= {"scenario": self._name, "recorded": self.get("record")}
+        self.add(WORLD, {**own, **world, **self._settings, **more}, remapped=self._clock)
+        for robot in self.scenario.robots:
+            self.add("robot", own, robot.name)
+        if self.get("record"):
+            bag = str(Path(self._out) / "bag")
+            self.add(RECORDER, {**own, "out": bag}, remapped=self._clock)
+
+    def add(
+        self,
+        executable: str,
+        values: Mapping[str, Any],
+        name: str = "",
+        remapped: Iterable[tuple[str, str]] = (),
+    ) -> None:
+        """Add a node of the team.
+
+        Args:
+            executable: of this package.
+            values: its parameters.
+            name: what it is called; empty: as its executable.
+            remapped: names of topics and what they are called instead.
+        """
+        names = [*(remapped or self._remapped)]
+        self.actions += self._node(executable, values, name or executable, names)
+
+    def matched(self, argument: str, robots: Iterable[str]) -> list[str]:
+        """Return what an argument says of each robot, separated by commas; empty: their names.
+
+        Raises:
+            SettingError: it says too little or too much.
+        """
+        names = list(robots)
+        said = [one.strip(" /") for one in self.get(argument).split(",") if one.strip(" /")]
+        if said and len(said) != len(names):
+            raise SettingError(
+                f"argument {argument}: {len(said)} names, allowed: {len(names)}, one for each of "
+                f"{', '.join(names)}"
+            )
+        return said or names
+
+    def _node(
+        self, executable: str, values: Mapping[str, Any], name: str, remapped: list
+    ) -> list[Any]:
+        node = Node(
+            package=PACKAGE,
+            executable=executable,
+            name=name,
+            namespace=self.get("namespace").strip("/"),
+            parameters=[*self._common, dict(values)],
+            remappings=remapped,
+            output="screen",
+        )
+
+        def ended(event: Any, context: LaunchContext) -> list[Any]:
+            del self._running[id(node)]
+            if event.returncode == 0 or context.is_shutdown:
+                return self._when_all_ended()
+            failed = f"{event.process_name} ended with exit code {event.returncode}"
+            if self.get("respawn") and event.returncode != EXIT_BAD_INPUT:
+                resume = {"resume": True} if "resume" in PARAMETERS[executable] else {}
+                again = self._node(executable, {**values, **resume}, name, remapped)
+                return [LogInfo(msg=f"{failed}: again"), TimerAction(period=1.0, actions=again)]
+            self._failed.append(failed)
+            return [*(self._end() if executable == WORLD else ()), *self._when_all_ended()]
+
+        self._running[id(node)] = node
+        return [node, RegisterEventHandler(OnProcessExit(target_action=node, on_exit=ended))]
+
+    def _end(self) -> list[Any]:
+        """Return what ends the team's other nodes, and the launch where it is the team's own."""
+        if self._own:
+            return [EmitEvent(event=Shutdown(reason="no world"))]
+        left = map(matches_action, self._running.values())
+        return [EmitEvent(event=ShutdownProcess(process_matcher=one)) for one in left]
+
+    def _when_all_ended(self) -> list[Any]:
+        if self._running or not self._failed:
+            return []
+        if self._own:
+            raise RunError("; ".join(self._failed))
+        return [EmitEvent(event=TeamFailed(self._namespace, self._failed))]
+
+    def add_rviz(self) -> None:
+        """Add RViz, where it is asked for.
+
+        Raises:
+            RunError: it is not installed.
+        """
+        if not self.get("rviz"):
+            return
+        try:
+            get_package_prefix("rviz2")
+        except PackageNotFoundError:
+            raise RunError(
+                "rviz:=true: RViz is not installed: sudo apt install ros-jazzy-rviz2, or leave "
+                "rviz:=true out; 'sparse_coord watch' shows the team in a browser"
+            ) from None
+        names = [robot.name for robot in self.scenario.robots]
+        with NamedTemporaryFile("w", prefix="team_", suffix=".rviz", delete=False) as config:
+            config.write(rviz_config(names, self._namespace))
+        shown = ["-d", config.name]
+        view = Node(
+            package="rviz2",
+            executable="rviz2",
+            namespace=self.get("namespace").strip("/"),
+            arguments=shown,
+            parameters=[{"use_sim_time": True}],
+            remappings=self._remapped,
+        )
+        self.actions.append(view)
+
+
+def _typed(table: Mapping[str, Setting], texts: Mapping[str, str]) -> dict[str, Any]:
+    """Return texts as values; those that may name code stay texts, for the nodes to read.
+
+    Raises:
+        SettingError: an unknown name or a bad value.
+    """
+    told = {n: t for n, t in texts.items() if n in table and not isinstance(table[n].kind, type)}
+    left = {name: text for name, text in texts.items() if name not in told}
+    return told | SettingTable(table.values()).parse(left)
+
+
+def rviz_config(robots: Iterable[str], namespace: str) -> str:
+    """Return rviz/team.rviz for these robots, in a namespace."""
+    template = str(share_file("rviz", "team.rviz"))
+    shown: Any = parse_yaml(Path(template).read_text(), where=template)
+    displays = shown["Visualization Manager"]["Displays"]
+    [asks] = [one for one in displays if one["Name"] == "Where robots ask"]
+    pattern = to_yaml(asks["Displays"][0])
+    asks["Displays"] = [
+        parse_yaml(pattern.replace("robot_1", name), where=template) for name in robots
+    ]
+    return to_yaml(shown).replace("Value: /", f"Value: /{namespace}/" if namespace else "Value: /")
+
+
+def _of_world(file: str) -> dict[str, Any]:
+    """Return what a parameter file says of the world; nodes of any name may be meant by it."""
+    said: dict[str, Any] = {}
+    if file:
+        text = read_text(
+            Path(file), SCENARIO, SettingError, "give params_file a ROS parameter file"
+        )
+        for node, section in parse_yaml(text, where=file, error=SettingError).items():
+            if str(node).rpartition("/")[2] in (WORLD, "*", "**") and isinstance(section, dict):
+                said |= section.get("ros__parameters") or {}
+    return said
