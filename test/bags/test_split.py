@@ -275,3 +275,28 @@ def test_a_gap_lies_between_its_neighbours_in_other_files(tmp_path, samples, hit
     recover(tmp_path / "bag")
     bag = open_bag(tmp_path / "bag")
     assert bag.gaps == (gap._replace(recovered=True),) and bag.message_count == 20
+
+
+def test_a_directory_that_was_moved_is_not_copied(tmp_path, samples):
+    """All is in it, where it is now."""
+    writer = begin(tmp_path / "bag", samples)[0]
+    (tmp_path / "bag").rename(tmp_path / "moved")
+    with pytest.raises(BagError, match="cannot finish .*; all is in it"):
+        writer.close()
+    assert [path.name for path in tmp_path.iterdir()] == ["moved"]
+    assert len(said(open_bag(tmp_path / "moved"))) == 30
+
+
+def test_each_recovered_file_notes_its_own_gaps(tmp_path, samples):
+    begin(tmp_path / "bag", samples, max_ns=10)[0].close()
+    for name in ("bag_0.mcap", "bag_2.mcap"):
+        path = tmp_path / "bag" / name
+        block = open_bag(path).files[0].blocks[1]
+        data = bytearray(path.read_bytes())
+        data[block.offset + block.length - 5] ^= 1
+        path.write_bytes(data)
+    recover(tmp_path / "bag")
+    assert [(gap.file, gap.place) for gap in open_bag(tmp_path / "bag").gaps] == [
+        ("bag_0.mcap", 0),
+        ("bag_2.mcap", 2),
+    ]
