@@ -146,6 +146,8 @@ def test_forged_checkpoints(tmp_path, name, learner):
             Learning(scenario, rule, 0, found.state).advance(95)
             usable.append(what)
     assert all(what.endswith(("large", "negative", "shorter", "left out")) for what in usable)
+    beyond = [what for what in usable if what.startswith(("star_updates", "states", "cells"))]
+    assert not [what for what in beyond if what.endswith(("large", "negative"))]
 
 
 def test_forged_histories(tmp_path):
