@@ -3,6 +3,7 @@
 """The benchmark of unseen buildings: its buildings, its bounds, and what it says of a learner."""
 
 import json
+from dataclasses import replace
 
 import pytest
 
@@ -10,7 +11,7 @@ import sparse_coord_ros as sc
 from sparse_coord_ros.compiling import has_numba
 from sparse_coord_ros.errors import SettingError
 from sparse_coord_ros.experiments import benchmark as module
-from sparse_coord_ros.experiments.benchmark import Standing, standing
+from sparse_coord_ros.experiments.benchmark import Standing, failed_teams, standing
 from sparse_coord_ros.experiments.catalogue import experiment, unseen_conditions
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.unseen import KINDS, TEAMS, is_tuning, team_of
@@ -127,6 +128,14 @@ def test_teams_below_shortest_paths_and_failed_ones_are_counted(result_in):
     assert one.reward.standard_error == pytest.approx(
         result.best("reward").standard_error / 2**0.5
     )
+
+
+def test_what_is_exact_decides_who_fails(result_in):
+    rewards = [140.0, 140.0, 140.0]
+    result = result_in("unseen1-door-2r-0", rewards, failing=[0, 0, 1000])
+    exact = {"reward": rewards, "arrived": [0.5, 0.9995, 1.0]}
+    assert failed_teams(replace(result, exact=exact)) == 1
+    assert failed_teams(result) == 1
 
 
 @pytest.fixture

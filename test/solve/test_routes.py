@@ -46,6 +46,13 @@ def test_a_robot_alone_is_worth_its_shortest_path():
     assert abs(means.mean() - independent_bound(scenario)) < 4 * error
 
 
+def test_a_miscoordination_is_paid_when_it_happens():
+    scenario = drawn("1.D.2", penalty=-1)  # waiting would cost more
+    always = np.zeros((1, 20, 2))
+    [reward] = routes._play(scenario, Ways((0, 1), (frozenset(),) * 2), always)
+    assert reward == pytest.approx(200 * 0.95**3 - 0.95)
+
+
 def test_a_route_keeps_out_of_its_doorways():
     scenario = drawn("1.D.2\n..#..\n..D..", penalty=-100)
     near, far = sorted(scenario.map.doorways)
