@@ -100,7 +100,7 @@ def test_a_team_under_fire_learns_what_it_would_have_learned(
             {"robot_1/local_state", "status", "run", "~/claim"} <= set(robot.intake.dropped)
             and robots[1].intake.dropped["robot_2/local_state"] >= 2
             and world.intake.dropped["robot_1/action"] >= len(GARBAGE)
-            and recorder.intake.dropped["/clock"] >= 2
+            and recorder.intake.dropped["clock"] >= 2
         ),
         "all has arrived",
     )
