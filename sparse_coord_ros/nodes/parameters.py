@@ -319,6 +319,7 @@ def _descriptor(setting: Setting, *, read_only: bool) -> ParameterDescriptor:
         description=setting.help,
         additional_constraints=f"allowed: {setting.allowed}",
         read_only=read_only,
+        dynamic_typing=setting.kind is float,  # a whole number is a number: `param set rate 20`
     )
     if setting.low is not None and setting.high is not None:
         if setting.kind is float:

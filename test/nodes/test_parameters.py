@@ -224,3 +224,14 @@ def test_the_documentation_lists_the_parameters():
     rows = [f"| {', '.join(of)} | {' | '.join(row)} |" for row, of in nodes.items()]
     text = (Path(__file__).parents[2] / "docs" / "interface.md").read_text()
     assert "\n".join(["|---|---|---|---|", *rows, "", ""]) in text, "\n".join(rows)
+
+
+def test_a_whole_number_is_a_number(bench):
+    """`ros2 param set world_simulator rate 20` sends an integer."""
+    observer = bench.observer()
+    world = bench.world()
+    rate = ParameterValue(type=ParameterType.PARAMETER_INTEGER, integer_value=20)
+    assert set_one(observer, "rate", rate).successful
+    assert world.values["rate"] == 20.0 and type(world.values["rate"]) is float
+    text = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value="fast")
+    assert "rate" in set_one(observer, "rate", text).reason
