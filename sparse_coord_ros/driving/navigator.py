@@ -231,8 +231,7 @@ class Navigator(Mover):
             self.counts["arrived" if there else "not there"] += 1
             return self._end(goals, pose, stamp, there=there)
         if self._sent is None and now >= self._again and (self._limits.bring or not goals.place):
-            yaw = pose.yaw if there else math.atan2(y - pose.y, x - pose.x)
-            self._send(Pose(x, y, yaw), now)
+            self._send(Pose(x, y, math.atan2(y - pose.y, x - pose.x)), now)
         return None
 
     def _send(self, target: Pose, now: float) -> None:

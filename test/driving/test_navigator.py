@@ -287,3 +287,28 @@ def test_what_is_said_of_old_goals_is_ignored(server):
 def test_a_goal_that_somebody_else_cancelled_ends_the_move(server):
     server.tell("ended", "canceled", "somebody else cancelled the goal")
     assert not server.pose(START).there
+
+
+def test_a_pose_of_before_the_goal_is_no_reason_to_drive():
+    """But it is waited for a newer one only for a while: a body that stands may be silent."""
+    server = Server()
+    server.pose(START, stamp=50.0)
+    bodies = (BodyGoal(0, START, END),)
+    server.navigator.take(Goals(1, 5, False, 50.0, bodies))
+    assert server.wait(SETTLE_SECONDS - 0.2) is None and not server.sent
+    server.wait(0.4)
+    assert len(server.sent) == 1
+
+
+def test_each_goal_is_sent_again_as_soon_as_the_one_before_was():
+    server = Server()
+    server.pose(START)
+    server.go()
+    for _ in range(4):
+        server.tell("rejected")
+        server.wait(4.0)
+    server.go(2)
+    before = len(server.sent)
+    server.tell("rejected")
+    server.wait(0.4)
+    assert len(server.sent) == before + 1
