@@ -29,6 +29,7 @@ class Request:
         wall_ns: wall clock of the four events by kind; those that were not recorded are missing.
         answer: (step, position) of the response; position None: refused. None: no response.
         said: the response by the peer's own account (kind ANSWERED), as `answer`.
+        returned: wall clock and answer of each response that came, in the order of the log.
     """
 
     asker: int
@@ -38,6 +39,7 @@ class Request:
     wall_ns: dict[int, int] = field(default_factory=dict)
     answer: tuple[Any, ...] | None = None
     said: tuple[Any, ...] | None = None
+    returned: list[tuple[int, tuple[Any, ...]]] = field(default_factory=list)
 
     @property
     def seconds(self) -> float | None:
@@ -50,15 +52,24 @@ class Request:
         self, kind: EventKind, wall_ns: int, step: int, where: tuple[float, float] | None
     ) -> list[tuple[str, str]]:
         """Take in one of its events; return what is odd about it, as (logged, computed)."""
+        if kind == EventKind.RETURNED:
+            self.returned.append((wall_ns, (step, where)))
+            return []
         odd = [("twice", "once")] if kind in self.wall_ns else []
         self.wall_ns.setdefault(kind, wall_ns)
         if kind in QUESTIONS and where != self.position:
             odd.append((f"from {where}", f"from {self.position}"))
-        if kind == EventKind.RETURNED:
-            self.answer = (step, where)
         if kind == EventKind.ANSWERED:
             self.said = (step, where)
         return odd
+
+    def choose(self) -> list[tuple[Any, ...]]:
+        """Take the peer's own among the responses for the answer; return the others."""
+        if not self.returned:
+            return []
+        *others, chosen = sorted(self.returned, key=lambda one: one[1] == self.said)
+        self.wall_ns[EventKind.RETURNED], self.answer = chosen
+        return [answer for _, answer in others]
 
 
 def sent_ns(request: Request) -> int:
@@ -110,8 +121,10 @@ def times_asked_again(requests: Sequence[Request]) -> int:
 
 def put_together(
     events: Sequence[np.ndarray], names: Sequence[str], period: int
-) -> tuple[list[Request], list[Difference]]:
-    """Return the robots' requests in order of time step, and what does not fit together.
+) -> tuple[list[Request], list[Difference], list[Difference]]:
+    """Return the robots' requests in order of time step, what is odd, and responses of others.
+
+    Of two servers of a robot's service each responds; what the robot itself sent is the answer.
 
     A client tells of a request and its answer under one identity, the service under another; the
     two meet in (asker, step, number of the request). What persons asked is left out. Each of them
@@ -153,4 +166,15 @@ def put_together(
                 who, what = names[request.asker], f"{DIALOGUE} with {names[peer]}, {words}"
                 step = request.step
             problems += [Difference(step, who, what, *one) for one in odd]
-    return [requests[key] for key in sorted(requests)], problems
+    others = [
+        Difference(
+            one.step,
+            names[one.asker],
+            f"{DIALOGUE} with {names[one.peer]}, {EventKind.RETURNED.words}",
+            f"{answer} too",
+            f"{one.answer} only",
+        )
+        for one in requests.values()
+        for answer in one.choose()
+    ]
+    return [requests[key] for key in sorted(requests)], problems, others

@@ -306,8 +306,9 @@ class _Sorter:
             if begin == end:
                 continue
             events = [np.concatenate(files[begin:end]) for files in of_robots]
-            requests, problems = put_together(events, tracks.names, self._period)
+            requests, problems, others = put_together(events, tracks.names, self._period)
             limit = min(firsts[place:], default=np.inf)
+            tracks.suspects += [one for one in others if (one.step or 0) < limit]
             back = tracks.rollbacks[place - 1] if place else None
             tracks.requests += [request for request in requests if request.step < limit]
             # Questions that were under way when the run went back are answered from then, or from

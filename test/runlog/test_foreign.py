@@ -5,6 +5,7 @@
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseStamped
+from nav_msgs.srv import GetPlan
 from rclpy.serialization import deserialize_message, serialize_message
 from rosgraph_msgs.msg import Clock
 
@@ -15,6 +16,7 @@ from sparse_coord_ros.nodes.messages import Converter, status
 from sparse_coord_ros.runlog import verify
 from sparse_coord_ros.runlog.tracks import in_order
 from sparse_coord_ros.wire import Account, PerceptEnd
+from sparse_coord_ros.wire.events import EventKind
 from sparse_coord_ros.wire.status import Said
 
 STAMPED = [topic.name.lstrip("/") for topic in vars(wire).values() if getattr(topic, "stamped", 0)]
@@ -210,6 +212,33 @@ def test_with_a_difference_each_message_too_many_is_told(alter, convert):
 
     steps = [one.step for one in alter(change).differences]
     assert steps[:2] == [AT, AT + 3]
+
+
+@pytest.mark.parametrize("before", [False, True])
+@pytest.mark.parametrize("kept", [True, False])
+def test_another_server_of_a_robots_service(alter, kept, before):
+    """Its response comes first or second; alone, in place of the robot's own, it differs."""
+
+    def change(messages):
+        topic = "/robot_2/active_perception/_service_event"
+        for place, one in enumerate(messages):
+            event = deserialize_message(one.data, GetPlan.Event) if one.topic == topic else None
+            if (
+                event
+                and event.info.event_type == EventKind.RETURNED
+                and event.response[0].plan.poses
+            ):
+                event.response[0].plan.poses[0].pose.position.x += 1.0
+                other = one._replace(data=serialize_message(event))
+                both = [other, one] if before else [one, other]
+                return [*messages[:place], *(both if kept else [other]), *messages[place + 1 :]]
+        raise AssertionError("nobody was answered")
+
+    found = alter(change)
+    if kept:
+        is_foreign(found)
+    else:
+        assert "dialogue with robot_2" in found.first.quantity and found.foreign == 0
 
 
 @pytest.mark.parametrize(
