@@ -363,11 +363,11 @@ def copied(writer, source, messages, attachments=(), *, prefix=""):
         writer.attach(one.name, one.data, one.media_type, one.log_time_ns)
 
 
-def rolled_back(run, directory, step, *, after, missed=0):
+def rolled_back(run, directory, step, *, after, missed=0, again=None):
     """Write a bag of two files: so many steps after a checkpoint the team went back to it.
 
     The recorder that writes the second file gets tables of before from the robots, and misses the
-    first steps if it is told to.
+    first steps if it is told to. The world says the states of the time step `again` twice.
     """
     bag, period = open_bag(run.bag), run.run.step_period * 1e9
 
@@ -378,6 +378,10 @@ def rolled_back(run, directory, step, *, after, missed=0):
     why = {"why": ROLLED_BACK, "step": str(step), "first": str(step)}
     with BagWriter(directory, earlier=continued(directory), why=why) as writer:
         messages = [m for m in bag.messages() if m.log_time_ns >= (step + missed) * period]
+        states = [one for one in messages if one.topic.endswith("/local_state")]
+        for one in states if again else ():
+            if one.log_time_ns == again * period:
+                messages.insert(messages.index(one) + 1, one)
         tables = [one for one in bag.attachments if one.log_time_ns >= step * period]
         copied(writer, bag, messages, [*before(tables), *tables])
     return directory

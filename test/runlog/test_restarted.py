@@ -73,6 +73,14 @@ def test_a_recorder_that_comes_back_after_the_run_names_the_gap(restarted, at):
     assert found.not_compared == ((max(0, gap.first - 5), None),)
 
 
+@pytest.mark.parametrize("later", [0, 1])
+def test_a_world_that_went_back_has_no_reward_to_say_again(good, tmp_path, later):
+    """Before its next step; after that it says a state again with its reward, or not at all."""
+    found = verify(rolled_back(good, tmp_path / "bag", 150, after=25, again=150 + later))
+    due = {f"step {150 + later}, robot_{k}, local_state" for k in (1, 2)} if later else set()
+    assert {str(one).partition(":")[0] for one in found.differences} == due
+
+
 @pytest.mark.parametrize("missed", [0, 3])
 def test_a_recorder_that_comes_back_as_the_team_goes_back(record, tmp_path, missed):
     """It gets tables of before from the robots, and may miss the first steps: a named gap."""
