@@ -69,20 +69,16 @@ def open_regular(path: Path, limit: Limit | None = None) -> BinaryIO:
     Raises:
         OSError: it cannot be read, is something else, or is too large; with its name.
     """
-    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-    found = os.fstat(descriptor)
-    code, problem = 0, ""
-    if stat.S_ISDIR(found.st_mode):
-        code, problem = errno.EISDIR, os.strerror(errno.EISDIR)
-    elif not stat.S_ISREG(found.st_mode):
-        code, problem = errno.EINVAL, "it is not a file"
+    file = open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK))
+    found = os.fstat(file.fileno())
+    if not stat.S_ISREG(found.st_mode):
+        refusal = errno.EINVAL, "it is not a file"
     elif limit is not None and found.st_size > limit.bytes:
-        problem = too_large(found.st_size, limit)
-        code = errno.EFBIG
-    if code:
-        os.close(descriptor)
-        raise OSError(code, problem, str(path))
-    return open(descriptor, "rb")
+        refusal = errno.EFBIG, too_large(found.st_size, limit)
+    else:
+        return file
+    file.close()
+    raise OSError(*refusal, str(path))
 
 
 def read_file(path: Path, limit: Limit, error: type[SparseCoordError], remedy: str) -> bytes:

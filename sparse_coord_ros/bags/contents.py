@@ -214,8 +214,8 @@ class BagFile:
     def recovered(self) -> Mapping[str, str] | None:
         """What `recover` noted when it made this file of a broken one; None if it did not.
 
-        Keys: `complete` (`true`, or `false` where something was lost), `damage` (what was wrong
-        where in the original, or empty) and `gaps` (see `gaps.from_note`).
+        Keys: `damage` (what was wrong where in the original, or empty) and `gaps` (what is lost,
+        see `gaps.from_note`).
         """
         return next((texts for name, texts in self.metadata if name == RECOVERED_RECORD), None)
 

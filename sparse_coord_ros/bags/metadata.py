@@ -18,8 +18,6 @@ from sparse_coord_ros.errors import SparseCoordError
 from sparse_coord_ros.limits import METADATA, parse_yaml, read_text
 
 METADATA_FILE = "metadata.yaml"
-MISSING = "missing"
-"""Where in rosbag2's `custom_data` it says which files are not there."""
 METADATA_RECORD = "rosbag2"
 RECOVERED_RECORD = "recovered"
 """Name of the metadata record that `recover` leaves in what it made of a broken bag."""
@@ -53,9 +51,7 @@ class FileSummary:
         return sum(self.counts.values())
 
 
-def bag_information(
-    files: Sequence[FileSummary], topics: Iterable[BagTopic], missing: Sequence[str] = ()
-) -> dict[str, Any]:
+def bag_information(files: Sequence[FileSummary], topics: Iterable[BagTopic]) -> dict[str, Any]:
     """Return what rosbag2 stores about a bag, keys in rosbag2's order.
 
     Chunks are compressed inside the MCAP file, of which rosbag2 knows nothing: its compression
@@ -64,7 +60,6 @@ def bag_information(
     Args:
         files: its files, one after the other.
         topics: its topics, in the order they are to be listed.
-        missing: names of files of it that are not there.
     """
     whole = _times(files)
     return {
@@ -93,7 +88,7 @@ def bag_information(
             {"path": file.name} | _times([file]) | {"message_count": file.message_count}
             for file in files
         ],
-        "custom_data": {MISSING: " ".join(missing)} if missing else None,
+        "custom_data": None,
         "ros_distro": "jazzy",
     }
 
@@ -117,15 +112,10 @@ def metadata_yaml(information: Mapping[str, Any]) -> str:
 
 
 def told_files(directory: Path) -> list[str]:
-    """Return which files `metadata.yaml` says the bag in a directory has, or had.
-
-    Nothing where there is none, or it cannot be read.
-    """
-    information = read_information(directory / METADATA_FILE)
-    names, custom = information.get("relative_file_paths"), information.get("custom_data")
-    gone = custom.get(MISSING) if isinstance(custom, dict) else None
-    found = [*(names if isinstance(names, list) else []), *str(gone or "").split()]
-    return [name for name in found if isinstance(name, str)]
+    """Return which files `metadata.yaml`, or one that `recover` has kept, says that a bag has."""
+    told = map(read_information, directory.glob(f"{METADATA_FILE}*"))
+    lists = [names for one in told if isinstance(names := one.get("relative_file_paths"), list)]
+    return [name for names in lists for name in names if isinstance(name, str)]
 
 
 def read_information(path: Path) -> Mapping[str, Any]:

@@ -3,6 +3,7 @@
 """MCAP records out of bytes that may be damaged: whole and right, or `Damage` with the place."""
 
 import os
+import re
 import struct
 import weakref
 import zlib
@@ -45,9 +46,10 @@ LATEST_NS = 2**63 - 1
 """rosbag2 holds times as signed 64 bit nanoseconds."""
 
 _NAMES = {int(opcode): opcode.name.lower().replace("_", " ") for opcode in Opcode}
-
-
-_KNOWN = np.isin(np.arange(256), [int(opcode) for opcode in Opcode])
+_BEGIN = re.compile(b"(?=[%s]....\0{4})" % re.escape(bytes(_NAMES)), re.DOTALL)
+"""A record's opcode and length, which is below 2**32."""
+_WINDOW = 1 << 12
+"""Bytes that are searched at a time."""
 
 
 class Damage(Exception):  # noqa: N818
@@ -147,20 +149,10 @@ class Source:
 
     def places(self, begin: int, end: int) -> Iterator[int]:
         """Yield where from `begin` on records may begin: known opcodes, plausible lengths."""
-        window = 1 << 12
-        while begin < end:
-            data = b""
+        for place in range(begin, end, _WINDOW):
             with suppress(Damage):  # what cannot be read is passed over
-                data = self.read(begin, min(window + HEAD.size - 1, end - begin))
-            known = np.frombuffer(data, dtype=np.uint8)
-            count = max(0, len(known) - HEAD.size + 1)
-            high = np.zeros(count, dtype=np.uint8)  # of its length: it is below 2**32
-            for byte in range(5, HEAD.size):
-                high |= known[byte : byte + count]
-            for place in np.flatnonzero(_KNOWN[known[:count]] & (high == 0)).tolist():
-                yield begin + place
-            begin += window
-            window = min(2 * window, 1 << 20)
+                data = self.read(place, min(_WINDOW + HEAD.size - 1, end - place))
+                yield from (place + match.start() for match in _BEGIN.finditer(data))
 
 
 def describe(opcode: int) -> str:

@@ -147,9 +147,7 @@ def _mended(bag: Bag, directory: Path) -> Recovery:
         if metadata.exists():
             _keep(metadata)
         summaries = [file.summary for file in mended.files]
-        missing = [gap.file for gap in mended.missing]
-        information = bag_information(summaries, mended.topics.values(), missing)
-        write_text(metadata, metadata_yaml(information))
+        write_text(metadata, metadata_yaml(bag_information(summaries, mended.topics.values())))
     sync_directory(directory)
     changed = bool(kept) or renamed or not described
     return Recovery(directory, bag, kept[0] if kept else None, changed)
@@ -193,23 +191,16 @@ def _note(bag: Bag, gaps: Sequence[Gap]) -> dict[str, str] | None:
     """Return what is to be known of a bag's recoveries, this one and earlier; None: no fault."""
     notes = [texts for name, texts in bag.metadata_records if name == RECOVERED_RECORD]
     if not bag.finished or bag.damage is not None:
-        notes.append({"complete": "true" if bag.whole else "false", "damage": bag.damage or ""})
-    if not notes:
-        return None
-    return {
-        "complete": "true" if all(n.get("complete") == "true" for n in notes) else "false",
-        "damage": "; ".join(filter(None, (note.get("damage") for note in notes))),
-        "gaps": to_note(gaps),
-    }
+        notes.append({"damage": bag.damage or ""})
+    damage = "; ".join(filter(None, (note.get("damage") for note in notes)))
+    return {"damage": damage, "gaps": to_note(gaps)} if notes else None
 
 
 def recovered_text(note: Mapping[str, str]) -> str:
     """Return `Bag.recovered` in words."""
-    text = "recovered from a broken bag, " + (
-        "complete" if note.get("complete") == "true" else "a part of it is lost"
-    )
-    if lost := sum(gap.end - gap.begin for gap in from_note(note.get("gaps", ""))):
-        text += f" ({lost} bytes)"
+    gaps = from_note(note.get("gaps", ""))
+    lost = f"a part of it is lost ({sum(gap.end - gap.begin for gap in gaps)} bytes)"
+    text = f"recovered from a broken bag, {lost if gaps else 'complete'}"
     return f"{text}; damage at {note['damage']}" if note.get("damage") else text
 
 

@@ -3,26 +3,23 @@
 """Starts the nodes of a live run: in this process, or each in its own."""
 
 import errno
+import json
 import os
-import shutil
 import signal
 import socket
 import subprocess
 import sys
-import tempfile
 import time
-from collections.abc import Collection, Iterator, Mapping
-from contextlib import ExitStack, contextmanager, nullcontext, suppress
+from collections.abc import Collection, Mapping
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-import yaml
 from rclpy.logging import LoggingSeverity, set_logger_level
 
 from sparse_coord_ros.bags.reader import BAG_DIRECTORY
 from sparse_coord_ros.cli.options import note
 from sparse_coord_ros.errors import EXIT_BAD_INPUT, BagError, RunError
-from sparse_coord_ros.files import take_lock
 from sparse_coord_ros.learn.run_config import create_output
 from sparse_coord_ros.nodes.middleware import check_participants, one_host
 from sparse_coord_ros.nodes.outputs import gather
@@ -35,11 +32,6 @@ if TYPE_CHECKING:
     from sparse_coord_ros.look.page.server import Server
 
 Process: TypeAlias = subprocess.Popen[bytes]
-
-PREFIX = "sparse_coord_run_"
-"""Of the folder in which `run --processes` keeps the parameters of its nodes."""
-YOUNG_SECONDS = 60.0
-"""A folder that is younger may be about to be locked, or read by nodes."""
 
 POLL_SECONDS = 0.05
 ALONE_SECONDS = 3.0
@@ -111,15 +103,14 @@ def _run_processes(values: dict[str, Any], stop: Stop, quiet: bool) -> dict[str,
     kinds = {WORLD: WORLD, **{robot.name: "robot" for robot in run.scenario.robots}}
     if values["record"]:
         kinds[RECORDER] = RECORDER
-    with _parameter_folder() as folder:
-        processes: dict[str, Process] = {}
-        try:
-            for name, kind in kinds.items():
-                own = of_node(kind, values) | ({"out": str(bag)} if kind == RECORDER else {})
-                processes[name] = _start(folder, kind, name, own, quiet)
-            interrupted = _wait(processes, bag, stop)
-        finally:
-            _end(processes.values())
+    processes: dict[str, Process] = {}
+    try:
+        for name, kind in kinds.items():
+            own = of_node(kind, values) | ({"out": str(bag)} if kind == RECORDER else {})
+            processes[name] = _start(kind, name, own, quiet)
+        interrupted = _wait(processes, bag, stop)
+    finally:
+        _end(processes.values())
     error, recorder = None, processes.get(RECORDER)
     if recorder is not None and recorder.returncode:
         error = BagError(
@@ -129,35 +120,12 @@ def _run_processes(values: dict[str, Any], stop: Stop, quiet: bool) -> dict[str,
     return gather(out, run.scenario, interrupted=interrupted, recording_error=error)
 
 
-@contextmanager
-def _parameter_folder() -> Iterator[Path]:
-    """Give a folder for the nodes' parameters; those of killed processes are removed."""
-    with ExitStack() as stack:
-        for left in Path(tempfile.gettempdir()).glob(f"{PREFIX}*"):
-            with suppress(OSError):
-                old = time.time() - left.lstat().st_mtime > YOUNG_SECONDS
-                if old and _locked(left, stack):
-                    shutil.rmtree(left)
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix=PREFIX)))
-        _locked(folder, stack)
-        yield folder
-
-
-def _locked(folder: Path, stack: ExitStack) -> bool:
-    """Lock a folder until the stack is closed; return False where another process has it."""
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
-    stack.callback(os.close, descriptor)
-    return take_lock(descriptor)
-
-
-def _start(
-    folder: Path, module: str, name: str, parameters: Mapping[str, Any], quiet: bool
-) -> Process:
+def _start(module: str, name: str, parameters: Mapping[str, Any], quiet: bool) -> Process:
     """Start a node in a session of its own: a Ctrl-C reaches it once, through this process."""
-    file = folder / f"{name}.yaml"
-    file.write_text(yaml.safe_dump({"/**": {"ros__parameters": dict(parameters)}}))
     command = [sys.executable, "-P", "-m", "sparse_coord_ros.executables", module, "--ros-args"]
-    command += ["-r", f"__node:={name}", "--params-file", str(file)]
+    command += ["-r", f"__node:={name}"]
+    for key, value in parameters.items():
+        command += ["-p", f"{key}:={json.dumps(value, ensure_ascii=False)}"]
     command += ["--log-level", "warn"] if quiet else []
     # A signal that comes before the child can hear it waits until it does.
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, STOPPING)

@@ -31,9 +31,7 @@ def execute(options: argparse.Namespace) -> int:
         shared.print_json(_facts(recovery))
     else:
         print("\n".join(_lines(recovery)))
-    bag = recovery.bag
-    lost = bag.gaps or (bag.recovered or {}).get("complete") == "false"
-    return 0 if bag.whole and not lost else EXIT_LOST
+    return 0 if recovery.bag.whole and not recovery.bag.gaps else EXIT_LOST
 
 
 def _lines(recovery: Recovery) -> list[str]:

@@ -5,8 +5,8 @@
 import argparse
 import csv
 import io
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+import os
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +25,7 @@ from sparse_coord_ros.engine.training import (
     worth_compiling,
 )
 from sparse_coord_ros.errors import RunError, os_error_text
-from sparse_coord_ros.files import HeldError, hold, write_whole
+from sparse_coord_ros.files import take_lock, write_whole
 from sparse_coord_ros.game.scenario import SETTINGS, Scenario
 from sparse_coord_ros.game.settings import Setting
 from sparse_coord_ros.learn.checkpoint import CHECKPOINT_FILE, BrokenCheckpointError
@@ -46,8 +46,7 @@ if TYPE_CHECKING:
     from sparse_coord_ros.look.page.server import Server
 
 EVALUATIONS_FILE = "evaluations.csv"
-LOCK_FILE = "train.lock"
-FILES = (RUN_FILE, CHECKPOINT_FILE, HISTORY_FILE, EVALUATIONS_FILE, TEAM_FILE, LOCK_FILE)
+FILES = (RUN_FILE, CHECKPOINT_FILE, HISTORY_FILE, EVALUATIONS_FILE, TEAM_FILE)
 """What this verb writes."""
 
 HARDLY_EVER = 1e-3
@@ -125,28 +124,13 @@ def _learn(
     engine_for(run.scenario, run.rule, options.engine)  # refused before a directory is made
     if options.resume is None:
         create_output(out)
-    with _alone(out):
-        return _learn_there(options, out, run, server)
-
-
-@contextmanager
-def _alone(out: Path) -> Iterator[None]:
-    """Let no other process go on with a run meanwhile.
-
-    Raises:
-        RunError: one does so already.
-    """
+    folder = os.open(out, os.O_RDONLY | os.O_DIRECTORY)
     try:
-        lock = hold(out / LOCK_FILE)
-    except HeldError as error:
-        raise RunError(
-            f"{out}: another process learns there ({error}); wait for its end, or stop it"
-        ) from None
-    with lock:
-        try:
-            yield
-        finally:
-            (out / LOCK_FILE).unlink(missing_ok=True)
+        if not take_lock(folder):
+            raise RunError(f"{out}: another process learns there; wait for its end, or stop it")
+        return _learn_there(options, out, run, server)
+    finally:
+        os.close(folder)
 
 
 def _learn_there(

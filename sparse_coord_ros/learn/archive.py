@@ -128,17 +128,13 @@ def member(
     if name not in arrays:
         raise ValueError(f"has no {name}")
     array: np.ndarray = arrays[name]
-    fits = array.ndim == len(shape) and all(map(_fits, array.shape, shape))
-    if array.dtype != kind or not fits:
+    due = [size if want is None else want for size, want in zip(array.shape, shape, strict=False)]
+    if array.dtype != kind or len(shape) != array.ndim or array.shape != tuple(due):
         found = f"{array.dtype} of shape {in_short(array.shape)}"
         raise ValueError(f"{name} is {found}, not {np.dtype(kind)} of {shape}")
     if below is not None:
         check_range(array, 0, below, name)
     return array
-
-
-def _fits(size: int, due: int | None) -> bool:
-    return due in (None, size)
 
 
 def check_range(array: np.ndarray, low: int, high: int, name: str) -> None:

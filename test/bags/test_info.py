@@ -52,7 +52,7 @@ def test_a_recovered_bag_is_told_in_one_line(tmp_path, recording, info):
     recover(tmp_path / "out")
     assert info().splitlines()[1] == "recovered from a broken bag, complete"
     told = json.loads(info("--json"))
-    assert told["recovered"] == {"complete": "true", "damage": "", "gaps": "[]"}
+    assert told["recovered"] == {"damage": "", "gaps": "[]"}
 
 
 def test_what_a_stranger_wrote_does_nothing_to_the_terminal(recording, info):

@@ -110,7 +110,7 @@ def test_what_was_recovered_says_so_for_good(tmp_path, samples, capsys):
     assert open_bag(write_bag(tmp_path / "good", samples, finish=True)).recovered is None
     bag = write_bag(tmp_path / "run", samples, finish=False)
     recover(bag)
-    complete = {"complete": "true", "damage": "", "gaps": "[]"}
+    complete = {"damage": "", "gaps": "[]"}
     assert open_bag(bag).recovered == complete
     assert open_bag(bag).metadata_records[0] == ("recovered", complete)
     file = bag / "run_0.mcap"
@@ -118,7 +118,7 @@ def test_what_was_recovered_says_so_for_good(tmp_path, samples, capsys):
     cut = open_bag(bag)
     assert cut.recovered == complete and not cut.whole
     recover(bag)
-    lost = {"complete": "false", "damage": cut.damage, "gaps": to_note(cut.gaps)}
+    lost = {"damage": cut.damage, "gaps": to_note(cut.gaps)}
     assert open_bag(bag).recovered == lost
     gaps = tuple(gap._replace(recovered=True) for gap in cut.gaps)
     assert gaps and open_bag(bag).gaps == gaps and open_bag(bag).whole

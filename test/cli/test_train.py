@@ -18,7 +18,7 @@ import pytest
 from sparse_coord_ros.cli import evaluate as evaluate_verb
 from sparse_coord_ros.cli import train as train_verb
 from sparse_coord_ros.compiling import FOLDER_VARIABLE
-from sparse_coord_ros.files import hold
+from sparse_coord_ros.files import take_lock
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.history import load_history
 from sparse_coord_ros.learn.run_config import load_run
@@ -165,13 +165,12 @@ def test_interrupt_and_resume(sparse_coord, folder, monkeypatch):
     [message] = sparse_coord("train", "--resume", "a")[2].splitlines()
     assert message.endswith("begin the run anew")
     (folder / "a" / "checkpoint.npz").write_bytes(whole)
-    with hold(folder / "a" / "train.lock"):
-        message = sparse_coord("train", "--resume", "a")[2]
-    assert message.startswith(
-        f"error: a: another process learns there (process {os.getpid()}); wait"
-    )
+    held = os.open(folder / "a", os.O_RDONLY)
+    assert take_lock(held)
+    message = sparse_coord("train", "--resume", "a")[2]
+    os.close(held)
+    assert message.startswith("error: a: another process learns there; wait for its end")
     code, out, err = sparse_coord("train", "--resume", "a", "--engine", "numba", "--trials", 20)
-    assert not (folder / "a" / "train.lock").exists()
     assert code == 0, err
     assert names(folder / "a") == ["evaluations.csv", "history.npz", "run.yaml", "tables.npz"]
     expected = learned(folder / "a")

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """`sparse_coord run` around its nodes: one team a domain, a world that all robots have left."""
 
-import os
 from types import SimpleNamespace
 
 import pytest
@@ -20,24 +19,6 @@ def test_of_two_teams_in_a_domain_one_is_refused(monkeypatch):
             pass
     with live.sole_team():
         pass
-
-
-def test_folders_of_killed_runs_go(tmp_path, monkeypatch):
-    monkeypatch.setattr(live.tempfile, "tempdir", str(tmp_path))
-    left, young, foreign = (
-        tmp_path / name for name in ("sparse_coord_run_a", "sparse_coord_run_b", "other_run_c")
-    )
-    for folder in (left, young, foreign):
-        folder.mkdir()
-        (folder / "robot_1.yaml").touch()
-    for folder in (left, foreign):
-        os.utime(folder, (0, 0))
-    with live._parameter_folder() as own:
-        assert not left.exists() and young.exists() and foreign.exists()
-        os.utime(own, (0, 0))
-        with live._parameter_folder():
-            assert own.exists(), "its process lives"
-    assert not own.exists()
 
 
 def test_a_world_that_all_robots_have_left_is_ended(tmp_path, monkeypatch, capsys):
