@@ -30,11 +30,21 @@ class Return(NamedTuple):
         robot: its name; None: the world.
         step: the time step from which on what it says is of its own.
         text: a sentence.
+        since: the time step of its checkpoint, whose tables it publishes again; of the world none.
     """
 
     robot: str | None
     step: int
     text: str
+    since: str = ""
+
+    def explains(self, odd: Difference) -> bool:
+        """Whether a difference may come of it."""
+        if odd.step is None or odd.robot != self.robot and self.robot is not None:
+            return False
+        if (odd.quantity, odd.logged, f"{odd.step}") == (wire.TABLES.name, "twice", self.since):
+            return True
+        return odd.step >= self.step and (self.robot is not None or odd.quantity in OF_WORLD)
 
 
 def left_open(log: RunLog, found: Sequence[Difference]) -> tuple[list[Difference], list[str]]:
@@ -42,13 +52,7 @@ def left_open(log: RunLog, found: Sequence[Difference]) -> tuple[list[Difference
     open_: list[Difference] = []
     said = []
     for one in (*_robots(log), *_worlds(log)) if found else ():
-        mine = [
-            odd
-            for odd in found
-            if odd.step is not None
-            and odd.step >= one.step
-            and (odd.quantity in OF_WORLD if one.robot is None else odd.robot == one.robot)
-        ]
+        mine = [odd for odd in found if one.explains(odd)]
         open_ += mine
         said += [one.text] if mine else []
     return open_, said
@@ -56,18 +60,19 @@ def left_open(log: RunLog, found: Sequence[Difference]) -> tuple[list[Difference
 
 def _robots(log: RunLog) -> Iterator[Return]:
     for k, name in enumerate(log.names):
-        life, back = "", None
+        life, backs = "", []
         for step, said in _values(log, log.tracks.topic(wire.PROGRESS, k)):
             if life and said.get("life") != life and said.get("resumed") == "1":
+                since = said.get("step", "")
                 text = (
                     f"{name} came back at step {step} with what it had learned until step "
-                    f"{said.get('step')}, and went on with that: what it then does and learns"
+                    f"{since}, and went on with that: what it then does and learns is not "
+                    "computed again"
                 )
-                back = Return(name, step, f"{text} is not computed again")
+                backs.append(Return(name, step, text, since))
             life = said.get("life", "")
-            back = None if said.get("obeyed") else back
-        if back is not None:
-            yield back
+            backs = [] if said.get("obeyed") else backs
+        yield from backs
 
 
 def _worlds(log: RunLog) -> Iterator[Return]:

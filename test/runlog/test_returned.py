@@ -23,11 +23,14 @@ OBEYED = ALONE._replace(obeyed="an order")
 
 @pytest.fixture
 def returned(good, tmp_path):
-    """Return a function that writes a bag: robot_2 says something, tables are changed."""
+    """Return a function that writes a bag: robot_2 says something, tables are changed.
+
+    The tables `which` of a robot are changed; the attachment `again` is there twice.
+    """
     bag, directory = open_bag(good.bag), tmp_path / "bag"
     period = round(good.run.step_period * 1e9)
 
-    def written(*said, other):
+    def written(*said, other, which=-1, again=None):
         with BagWriter(directory) as new:
             for name, texts in bag.metadata.items():
                 if name != "rosbag2":
@@ -40,7 +43,7 @@ def returned(good, tmp_path):
             own = new.add_topic(
                 "/robot_2/progress", "diagnostic_msgs/msg/DiagnosticStatus", latched
             )
-            due = [(0, FIRST), *((AT, one) for one in said)]
+            due = [(0, FIRST), *((AT + 60 * i, one) for i, one in enumerate(said))]
             for one in bag.messages():
                 while due and one.log_time_ns > due[0][0] * period:
                     step, progress = due.pop(0)
@@ -50,12 +53,13 @@ def returned(good, tmp_path):
             last = [one.name for one in bag.attachments if one.name.startswith(f"tables/{other}")]
             for one in bag.attachments:
                 data = one.data
-                if one.name == last[-1]:
+                if one.name == last[which]:
                     number = int(other[-1])
                     tables, counts = unpack_robot(data, number, where="")
                     tables.q_star[0, 0] = np.nextafter(tables.q_star[0, 0], 1)
                     data = pack_tables({number: tables}, counts=counts)
-                new.attach(one.name, data, one.media_type, one.log_time_ns)
+                for _ in range(1 + (one.name == again)):
+                    new.attach(one.name, data, one.media_type, one.log_time_ns)
         return verify(directory)
 
     return written
@@ -68,6 +72,15 @@ def test_a_robot_that_went_on_alone_is_an_open_question(returned, tmp_path, caps
     assert main(["verify", str(tmp_path / "bag")]) == 3
     told = f"robot_2 came back at step {AT} with what it had learned until step 40, and went on"
     assert told in capsys.readouterr().out
+
+
+def test_a_robot_that_comes_back_twice(returned):
+    """What differs after the first time is open too; its checkpoint's tables come again."""
+    first, second = (ALONE._replace(life=life, step=0) for life in ("another", "a third"))
+    found = returned(first, second, other="robot_2", which=1, again="tables/robot_2_0.npz")
+    assert found.cannot_tell and len(found.broke_off) == 2
+    assert [(one.step, one.logged) for one in found.open][:1] == [(0, "twice")]
+    assert found.open[1].step == 150
 
 
 @pytest.mark.parametrize(
