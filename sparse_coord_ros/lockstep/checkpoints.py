@@ -126,6 +126,7 @@ class Checkpoints(Store):
 
     def save(self, state: WorldState | RobotState) -> None:
         """Save where the node is; an OSError leaves the earlier checkpoints as they are."""
+        self._folder.mkdir(exist_ok=True)
         self._write(state.step, self._arrays(state))
         self._readable.add(state.step)
         self._prune()

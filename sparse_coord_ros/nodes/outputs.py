@@ -174,24 +174,31 @@ class Output:
         """Make or join the directory: `run.yaml` is written by whoever comes first."""
         out.mkdir(parents=True, exist_ok=True)
         held = [name for name in own if (out / name).exists()]
-        folder = os.open(out, os.O_RDONLY | os.O_DIRECTORY)
-        try:
-            take_lock(folder, wait=True)  # of several nodes one after the other
-            if not held and not (out / RUN_FILE).exists():
-                write_whole(out / RUN_FILE, self._text)
-            elif not held and _run_text(out) != self._text:
+        if not held:
+            self._describe(out)
+            if _run_text(out) != self._text:
                 held = [f"another run's {RUN_FILE}"]
-        finally:
-            os.close(folder)
         if held:
             raise RunError(
                 f"output directory {out}: exists already and holds {held[0]}, nothing is "
                 "overwritten; choose another one"
             )
 
+    def _describe(self, place: Path) -> None:
+        """Write `run.yaml` into a directory that has none; of several nodes one does."""
+        folder = os.open(place, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            take_lock(folder, wait=True)
+            if not (place / RUN_FILE).exists():
+                write_whole(place / RUN_FILE, self._text)
+        finally:
+            os.close(folder)
+
     def checkpoint(self, state: WorldState | RobotState) -> None:
         """Save where the node is; where that fails, the run goes on with earlier ones."""
         try:
+            if self._out is not None and not self._out.exists():
+                self.save(lambda _: None)
             self.store.save(state)
         except OSError as error:
             self._node.get_logger().error(
@@ -232,8 +239,7 @@ class Output:
             gone = not place.exists()
             try:
                 place.mkdir(parents=True, exist_ok=True)
-                if not (place / RUN_FILE).exists():
-                    write_whole(place / RUN_FILE, self._text)
+                self._describe(place)
                 write(place)
             except OSError as error:
                 refusals.append(error)

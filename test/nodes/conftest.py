@@ -285,7 +285,8 @@ class Process:
         children = Path(f"/proc/{self.pid}/task/{self.pid}/children").read_text().split()
         for pid in map(int, children):
             command = Path(f"/proc/{pid}/cmdline").read_text().split("\0")
-            if command[2:3] == [module] or command[2:4] == [EXECUTABLES_MODULE, module]:
+            said = command[command.index("-m") + 1 :] if "-m" in command else []
+            if said[:1] == [module] or said[:2] == [EXECUTABLES_MODULE, module]:
                 return SimpleNamespace(pid=pid, send_signal=functools.partial(os.kill, pid))
         raise AssertionError(f"no child runs {module}: {children}")
 

@@ -14,7 +14,9 @@ from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.run_config import make_run
 from sparse_coord_ros.learn.simulation import learn
 from sparse_coord_ros.learn.tables import save_team
+from sparse_coord_ros.lockstep.world_side import WorldSide
 from sparse_coord_ros.nodes.outputs import Output, begin_with
+from sparse_coord_ros.wire import WORLD
 
 RUN = make_run(load_scenario("env1"), {})
 
@@ -62,6 +64,19 @@ def test_a_place_that_is_gone_is_made_again(opened, tmp_path):
     assert output.save(write) == out
     assert len(opened.lines) == 1
     assert (out / "run.yaml").read_text() == RUN.to_yaml()
+
+
+def test_a_checkpoint_makes_the_directory_again(opened, tmp_path):
+    out = tmp_path / "out"
+    output = opened(out, name=WORLD)
+    shutil.rmtree(out)
+    state = WorldSide(RUN, SimpleNamespace()).snapshot()
+    for step in (10, 20):
+        output.checkpoint(state._replace(step=step))
+    assert opened.lines == [f"output directory {out}: it was gone and was made again"]
+    assert (out / "run.yaml").read_text() == RUN.to_yaml()
+    assert output.store.steps() == [20, 10, 0]
+    assert output.store.load(20).position == state.position
 
 
 def test_where_nothing_can_be_written_the_first_refusal_is_told(opened, tmp_path, monkeypatch):

@@ -30,7 +30,7 @@ from sparse_coord_ros.nodes.team import run_team
 from sparse_coord_ros.runlog import verify
 from sparse_coord_ros.wire import BAG_FORMAT, FORMAT_KEY
 
-FULL = 350_000
+FULL = 500_000
 """Bytes of a file at which the disk is full."""
 STEPS_UNTIL_FULL = 1000
 """More time steps than such a file holds, uncompressed."""
