@@ -206,16 +206,10 @@ class BagFile:
         return not self._lost and not self._altered
 
     @property
-    def lost_bytes(self) -> int:
-        """Bytes in gaps."""
-        return sum(end - begin for begin, end, _ in self._lost)
-
-    @property
     def recovered(self) -> Mapping[str, str] | None:
         """What `recover` noted when it made this file of a broken one; None if it did not.
 
-        Keys: `damage` (what was wrong where in the original, or empty) and `gaps` (what is lost,
-        see `gaps.from_note`).
+        Its key `gaps` says what of the original is lost, see `gaps.from_note`.
         """
         return next((texts for name, texts in self.metadata if name == RECOVERED_RECORD), None)
 
@@ -354,13 +348,9 @@ class BagFile:
 
     def _belongs(self, record: RecordPlace) -> bool:
         """Whether a record of this kind may be at its place."""
-        known = record.opcode in _TAKE or (record.opcode >= 0x80 and not self._own)
-        first = record.offset == len(MAGIC)
-        return (
-            known
-            and not (self._own and record.opcode in _BARE)
-            and ((record.opcode == Opcode.HEADER) == first)
-        )
+        foreign = record.opcode >= 0x80 or record.opcode in _BARE
+        known = not self._own if foreign else record.opcode in _TAKE
+        return known and (record.opcode == Opcode.HEADER) == (record.offset == len(MAGIC))
 
     def _take(self, record: RecordPlace) -> None:
         """Take one record, whole or not at all; raises Damage."""

@@ -139,8 +139,8 @@ class Bag:
 
     @property
     def lost_bytes(self) -> int:
-        """Bytes in gaps of its files."""
-        return sum(file.lost_bytes for file in self.files)
+        """Bytes in gaps of its files, as they are."""
+        return sum(gap.end - gap.begin for gap in self.gaps if not gap.recovered)
 
     @property
     def file_bytes(self) -> int:

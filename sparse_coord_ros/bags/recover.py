@@ -167,8 +167,7 @@ def _draft(bag: Bag, gaps: Sequence[Gap], directory: Path) -> Iterator[Path]:
     try:
         name, number = stem_and_number(bag.path)
         with BagWriter(directory, compression=compression, name=name, number=number) as writer:
-            if (note := _note(bag, gaps)) is not None:
-                writer.add_metadata(RECOVERED_RECORD, note)
+            writer.add_metadata(RECOVERED_RECORD, {"gaps": to_note(gaps)})
             for record, texts in bag.metadata_records:
                 if record not in (METADATA_RECORD, RECOVERED_RECORD):
                     writer.add_metadata(record, texts)
@@ -187,21 +186,11 @@ def _draft(bag: Bag, gaps: Sequence[Gap], directory: Path) -> Iterator[Path]:
         shutil.rmtree(directory, ignore_errors=True)
 
 
-def _note(bag: Bag, gaps: Sequence[Gap]) -> dict[str, str] | None:
-    """Return what is to be known of a bag's recoveries, this one and earlier; None: no fault."""
-    notes = [texts for name, texts in bag.metadata_records if name == RECOVERED_RECORD]
-    if not bag.finished or bag.damage is not None:
-        notes.append({"damage": bag.damage or ""})
-    damage = "; ".join(filter(None, (note.get("damage") for note in notes)))
-    return {"damage": damage, "gaps": to_note(gaps)} if notes else None
-
-
 def recovered_text(note: Mapping[str, str]) -> str:
     """Return `Bag.recovered` in words."""
     gaps = from_note(note.get("gaps", ""))
     lost = f"a part of it is lost ({sum(gap.end - gap.begin for gap in gaps)} bytes)"
-    text = f"recovered from a broken bag, {lost if gaps else 'complete'}"
-    return f"{text}; damage at {note['damage']}" if note.get("damage") else text
+    return f"recovered from a broken bag, {lost if gaps else 'without gaps'}"
 
 
 def _keep(file: Path) -> Path:

@@ -50,9 +50,9 @@ def test_a_recovered_bag_is_told_in_one_line(tmp_path, recording, info):
     recording.abandon()
     assert "recovered from" not in info()
     recover(tmp_path / "out")
-    assert info().splitlines()[1] == "recovered from a broken bag, complete"
+    assert info().splitlines()[1] == "recovered from a broken bag, without gaps"
     told = json.loads(info("--json"))
-    assert told["recovered"] == {"damage": "", "gaps": "[]"}
+    assert told["recovered"] == {"gaps": "[]"}
 
 
 def test_what_a_stranger_wrote_does_nothing_to_the_terminal(recording, info):

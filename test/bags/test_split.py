@@ -121,7 +121,7 @@ def test_files_come_by_their_numbers_and_finished_ones_first(tmp_path, samples):
 @pytest.mark.parametrize("last", [False, True])
 def test_only_a_last_file_that_was_recovered_makes_a_bag_recovered(tmp_path, samples, last):
     """What was lost at the end of one before is a gap between files, and is called so."""
-    note = {"damage": "", "gaps": "[]"}
+    note = {"gaps": "[]"}
     writer, channels = begin(tmp_path / "bag", samples, range(3))
     if not last:
         writer.add_metadata("recovered", note)
