@@ -5,11 +5,11 @@
 import contextlib
 import os
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from sparse_coord_ros.bags.gaps import Gap, from_note, to_note
+from sparse_coord_ros.bags.gaps import Gap, to_note
 from sparse_coord_ros.bags.layout import (
     PARTIAL,
     free_name,
@@ -184,13 +184,6 @@ def _draft(bag: Bag, gaps: Sequence[Gap], directory: Path) -> Iterator[Path]:
         yield directory
     finally:
         shutil.rmtree(directory, ignore_errors=True)
-
-
-def recovered_text(note: Mapping[str, str]) -> str:
-    """Return `Bag.recovered` in words."""
-    gaps = from_note(note.get("gaps", ""))
-    lost = f"a part of it is lost ({sum(gap.end - gap.begin for gap in gaps)} bytes)"
-    return f"recovered from a broken bag, {lost if gaps else 'without gaps'}"
 
 
 def _keep(file: Path) -> Path:

@@ -5,7 +5,7 @@
 import argparse
 
 from sparse_coord_ros.bags.gaps import gap_lines
-from sparse_coord_ros.bags.recover import Recovery, recover, recovered_text
+from sparse_coord_ros.bags.recover import Recovery, recover
 from sparse_coord_ros.cli import options as shared
 
 EXIT_LOST = 1
@@ -44,8 +44,7 @@ def _lines(recovery: Recovery) -> list[str]:
     now = f"is whole{again}" if bag.whole else "holds what could be read"
     lines = [f"{recovery.path} {now}: {content}"]
     if bag.recovered is not None:
-        before = "before, it was " if recovery.changed else ""
-        lines.append(before + recovered_text(bag.recovered))
+        lines.append(f"{'before, it was ' * recovery.changed}recovered from a broken bag")
     lines += gap_lines(bag.gaps)
     if bag.damage is not None and (bag.whole or not bag.lost_bytes):
         lines.append(f"damage at {bag.damage}")

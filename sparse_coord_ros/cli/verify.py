@@ -116,7 +116,5 @@ def _verdict(found) -> str:
         text = f"identical up to step {ends[0] - 1}"
     if holes:
         steps = ", ".join(f"{first} to {last}" for first, last in holes)
-        checkpoints = ", ".join(str(last + 1) for _, last in holes)
-        text += f" but for steps {steps}, which are lost; it goes on from the recorded tables of "
-        text += f"step {checkpoints}"
+        text += f" but for steps {steps}, which are lost"
     return text + "".join(f"; cannot tell from step {end}" for end in ends)

@@ -50,7 +50,7 @@ def test_a_recovered_bag_is_told_in_one_line(tmp_path, recording, info):
     recording.abandon()
     assert "recovered from" not in info()
     recover(tmp_path / "out")
-    assert info().splitlines()[1] == "recovered from a broken bag, without gaps"
+    assert info().splitlines()[1] == "recovered from a broken bag"
     told = json.loads(info("--json"))
     assert told["recovered"] == {"gaps": "[]"}
 
