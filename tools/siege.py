@@ -83,8 +83,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 stranger.kill()
                 stranger.wait()
         gaps = sorted(b[0] - a[0] for a, b in itertools.pairwise(times[1:]))
-        late = gaps[-max(1, len(gaps) // 1000)]
-        print(f"between two steps: {gaps[-1]:.3f} s at most, {late:.3f} s for 999 of 1,000")
+        if gaps:  # else the run was over before this heard of two steps
+            late = gaps[-max(1, len(gaps) // 1000)]
+            print(f"between two steps: {gaps[-1]:.3f} s at most, {late:.3f} s for 999 of 1,000")
         for who, held in most.items():
             print(f"{who}: {first.get(who, 0):.0f} MB after {SETTLED:g} s, {held:.0f} MB at most")
         summary = yaml.safe_load((out / "summary.yaml").read_text())
@@ -97,7 +98,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"tables: {'the same bits' if same_tables(out) else 'OTHERS'}")
         found = verify(out)
         told = [str(one) for one in (*found.differences, *found.open)][:3]
-        print(f"verify: {'identical' if found.same else '; '.join(told)}")
+        said = f"{found.foreign} foreign messages, identical"
+        print(f"verify: {said if found.same else '; '.join(told)}")
     return run.returncode
 
 

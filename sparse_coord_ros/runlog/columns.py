@@ -19,7 +19,9 @@ from sparse_coord_ros.wire.messages import Form
 PART_BYTES = 4 * 1024 * 1024
 """Bytes of messages that are decoded at once: more take no less time."""
 
-READABLE = "readable"
+READABLE, COMPLETE = "readable", "one that says all"
+"""What a message ought to be. One that is not readable is none of the run's; one that lacks
+something, but names the run, or is as long as the run's, may be one that was changed."""
 ANY = -1
 """In place of the number that is due first: only a part of the bag is read."""
 
@@ -97,19 +99,27 @@ class Columns:
         form, sizes = self._forms[name], heads["length"].astype(np.int64) - MESSAGE.size
         if isinstance(form, Form):
             rows, fits = form.rows(content, begins, sizes)
-            odd = dict.fromkeys(np.flatnonzero(~fits).tolist(), "has another form than the run's")
+            why = "has another form than the run's"
+            altered = np.isin(sizes, [layout.size for layout, _ in form.layouts])
+            odd = {
+                place: (why, COMPLETE if altered[place] else READABLE)
+                for place in np.flatnonzero(~fits).tolist()
+            }
         else:
             rows, odd = np.empty(len(heads), dtype=object), {}
             for place, (begin, size) in enumerate(
                 zip(begins.tolist(), sizes.tolist(), strict=True)
             ):
+                due = READABLE
                 try:
-                    rows[place] = form(self._decode(name, content[begin : begin + size]))
+                    message = self._decode(name, content[begin : begin + size])
+                    due = COMPLETE
+                    rows[place] = form(message)
                 except (AttributeError, ValueError) as error:
-                    odd[place] = str(error)
-        for place, why in odd.items():
+                    odd[place] = str(error), due
+        for place, (why, due) in odd.items():
             step = int(heads["log_ns"][place]) // self._period
-            self._problem(step, f"topic {name}", f"a message that {why}", READABLE)
+            self._problem(step, f"topic {name}", f"a message that {why}", due)
         return np.delete(rows, list(odd))
 
     def _check_numbers(self, name: str, heads: np.ndarray) -> None:
@@ -128,7 +138,10 @@ class Columns:
         self._due[name] = int(said[-1]) + 1, int(times[-1])
 
     def _check_times(self, part: Part, numbers: np.ndarray) -> None:
-        """A message that begins with a stamp is logged then, any other at the newest before."""
+        """A message that begins with a stamp is logged then, any other at the newest before.
+
+        So is one whose stamp is not of the run's time.
+        """
         if not len(numbers):
             return
         logged = part.heads["log_ns"].astype(np.int64)
@@ -141,7 +154,8 @@ class Columns:
         due[readable] = rows["sec"].astype(np.int64) * SECOND + rows["nanosec"]
         moved = np.where(stamped & (logged == due), logged, 0)
         newest = np.maximum(np.maximum.accumulate(moved), self._now)
-        due[~stamped] = newest[~stamped]
+        now = ~stamped | ((logged == newest) & ((due < 0) | (due > newest)))
+        due[now] = newest[now]
         self._now = int(newest[-1])
         for place in np.flatnonzero((logged != due) | (published != logged)).tolist():
             at, expected, said = (int(column[place]) for column in (logged, due, published))

@@ -150,14 +150,13 @@ def put_together(
                     new = Request(asker, peer, step, where)
                     asked[key] = requests.setdefault((step, asker, peer, number), new)
             request, odd = asked.get(key), []
-            newest[writer] = max(newest.get(writer, wall_ns), wall_ns)
-            if newest[writer] > wall_ns:
-                odd.append(
-                    (f"after one that is {newest[writer] - wall_ns} ns younger", "before it")
-                )
             if key not in asked:
                 odd.append((NO_REQUEST, "with it"))
             if request is not None:
+                newest[writer] = max(newest.get(writer, wall_ns), wall_ns)
+                if newest[writer] > wall_ns:
+                    younger = f"{newest[writer] - wall_ns} ns younger"
+                    odd.append((f"after one that is {younger}", "before it"))
                 place = where if is_request or seen else None
                 odd += request.take(EventKind(kind), wall_ns, step, place)
             words = EventKind(kind).words

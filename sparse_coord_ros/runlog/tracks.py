@@ -19,10 +19,10 @@ from sparse_coord_ros.game.world import EPISODE_GAP
 from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.runlog.attached import RecordedTables, read_tables
 from sparse_coord_ros.runlog.bag_run import BagRun, check_bag_run, find_run
-from sparse_coord_ros.runlog.columns import READABLE, Columns, Reading, no_rows
+from sparse_coord_ros.runlog.columns import COMPLETE, READABLE, Columns, Reading, no_rows
 from sparse_coord_ros.runlog.decode import Decoder
 from sparse_coord_ros.runlog.dialogue import NO_REQUEST, Request, put_together
-from sparse_coord_ros.runlog.difference import LOG_TIME, MISSING, Difference
+from sparse_coord_ros.runlog.difference import MISSING, Difference
 from sparse_coord_ros.runlog.timeline import (
     Gap,
     Rollback,
@@ -37,7 +37,7 @@ from sparse_coord_ros.wire import messages
 from sparse_coord_ros.wire.events import event_form
 from sparse_coord_ros.wire.frame import Frame
 from sparse_coord_ros.wire.occupancy import OccupancyData
-from sparse_coord_ros.wire.status import Said, read_status
+from sparse_coord_ros.wire.status import Said, read_status, values_of
 
 THE_CLOCK = wire.CLOCK.name
 NOTHING = np.empty(0, dtype=np.int64)
@@ -63,7 +63,8 @@ class Track(NamedTuple):
     def without(self, steps: np.ndarray) -> "Track":
         """Return it without the messages of some time steps."""
         rest = ~np.isin(self.step, steps)
-        return self._replace(step=self.step[rest], rows=self.rows[rest])
+        repeats = self.repeats[~np.isin(self.repeats, steps)]
+        return self._replace(step=self.step[rest], rows=self.rows[rest], repeats=repeats)
 
 
 @dataclass
@@ -177,6 +178,15 @@ def add_tables(tracks: Tracks) -> None:
     tracks.problems += odd
 
 
+OF_NO_RUN = Said("none", "", 0, 0)
+"""In place of a status that names no run: every world's does."""
+
+
+def _said(message: Any) -> Said:
+    """Return what a status says; ValueError where it names a run and lacks another value."""
+    return read_status(message) if "run" in values_of(message) else OF_NO_RUN
+
+
 def _forms(tracks: Tracks) -> dict[tuple[wire.Topic, int | None], Reading]:
     """Return how the messages of the run's topics are read, of the team and of each robot."""
     run, frame = tracks.run, Frame(tracks.run)
@@ -184,7 +194,7 @@ def _forms(tracks: Tracks) -> dict[tuple[wire.Topic, int | None], Reading]:
         wire.CLOCK: messages.CLOCK_FORM,
         wire.MAP: messages.grid_form(frame, OccupancyData(frame).map),
         wire.MARKERS: messages.markers_form(frame, run.scenario),
-        wire.STATUS: read_status,
+        wire.STATUS: _said,
     }
     of_robot: dict[wire.Topic, Reading] = {
         wire.LOCAL_STATE: messages.POSE_FORM,
@@ -239,7 +249,6 @@ class _Sorter:
         columns = Columns(bag, read, stamped, self._period, begins)
         tracks.problems += columns.problems
         self._jumps = columns.jumps
-        self._logged_so: set[tuple[str, str]] = set()
         robots = range(len(tracks.names))
         self._often = {tracks.topic(one, k) for one in OF_STEPS for k in robots}
         self._often.add(tracks.clock_topic)
@@ -251,8 +260,6 @@ class _Sorter:
         tracks, robots = self._tracks, range(len(self._tracks.names))
         self._find_gaps()
         tracks.clock = self._track(wire.CLOCK)
-        for step in tracks.clock.repeats.tolist():
-            tracks.problem(step, None, THE_CLOCK, "twice", "once")
         tracks.maps = self._several(wire.MAP)[0]
         tracks.markers = self._several(wire.MARKERS)
         tracks.states = [self._track(wire.LOCAL_STATE, k) for k in robots]
@@ -260,6 +267,8 @@ class _Sorter:
         tracks.actions = [self._track(wire.ACTION, k) for k in robots]
         tracks.percepts = [self._track(wire.PERCEPT, k) for k in robots]
         self._strays()
+        for step in tracks.clock.repeats.tolist():
+            tracks.problem(step, None, THE_CLOCK, "twice", "once")
         tracks.coordination_maps = [
             self._several(wire.COORDINATION_MAP, k, checkpoints=True) for k in robots
         ]
@@ -270,15 +279,15 @@ class _Sorter:
         tracks.rosout = [message for rows in logged for message in rows.tolist()]
 
     def _sort_out(self) -> None:
-        """Problems of messages that may be a stranger's are no problems of the run."""
-        tracks = self._tracks
-        unreadable = {f"topic {name}" for name in self._often}
-        problems, tracks.problems = tracks.problems, []
-        for one in problems:
-            if one.quantity in unreadable and one.computed == READABLE:
-                tracks.suspects.append(one)
-            elif (one.quantity, one.computed) not in self._logged_so:
-                tracks.problems.append(one)
+        """No node says what cannot be read; of a message of every step it is seen if it lacks."""
+        tracks, problems = self._tracks, self._tracks.problems
+        often = {f"topic {name}" for name in self._often}
+        foreign = [
+            p.computed == READABLE or (p.computed == COMPLETE and p.quantity in often)
+            for p in problems
+        ]
+        tracks.suspects += [one for one, so in zip(problems, foreign, strict=True) if so]
+        tracks.problems = [one for one, so in zip(problems, foreign, strict=True) if not so]
 
     def _of(self, topic: wire.Topic, k: int | None = None) -> list[np.ndarray]:
         """Return the rows of a topic, of each file."""
@@ -287,7 +296,7 @@ class _Sorter:
     def _find_gaps(self) -> None:
         tracks = self._tracks
         clocks = [steps_of(rows, self._period) for rows in self._of(wire.CLOCK)]
-        said = [status.step for rows in self._of(wire.STATUS) for status in rows.tolist()]
+        said = [one.step for rows in self._of(wire.STATUS) for one in rows if one is not OF_NO_RUN]
         found, tracks.rollbacks = gaps(tracks.bag, clocks, self._backs, (said or [0])[-1])
         jumps = [jump for jump in self._jumps if jump.topic in self._often]
         if tracks.lossy:
@@ -301,6 +310,7 @@ class _Sorter:
         tracks = self._tracks
         of_robots = [self._of(wire.SERVICE_EVENTS, k) for k in range(len(tracks.names))]
         firsts = [back.first for back in tracks.rollbacks]
+        newest = max(track.step.max(initial=0) for track in (tracks.clock, *tracks.states))
         cuts = [0, *(back.file for back in tracks.rollbacks), len(self._files)]
         for place, (begin, end) in enumerate(pairwise(cuts)):
             if begin == end:
@@ -313,12 +323,12 @@ class _Sorter:
             tracks.requests += [request for request in requests if request.step < limit]
             # Questions that were under way when the run went back are answered from then, or from
             # the checkpoint by who has gone back already, without a request here.
-            tracks.problems += [
-                one
-                for one in problems
-                if (one.step or 0) < limit
-                and not (one.logged == NO_REQUEST and _under_way(one.step or 0, back))
-            ]
+            for one in problems:
+                step, unasked = one.step or 0, one.logged == NO_REQUEST
+                if unasked and step > newest:
+                    tracks.suspects.append(one)
+                elif step < limit and not (unasked and _under_way(step, back)):
+                    tracks.problems.append(one)
         tracks.requests.sort(key=lambda one: (one.step, one.asker))
 
     def _rows(
@@ -329,15 +339,11 @@ class _Sorter:
         steps = steps_of(rows, self._period)
         due = steps * self._period
         right = (rows["ns"] == due) & (rows["ns"] >= 0)
-        beside = ~right & ((rows["ns"] < 0) | np.isin(steps, steps[right]))
         for place in np.flatnonzero(~right).tolist():
             ns, step = int(rows["ns"][place]), int(steps[place])
             of = (step, f"{due[place]} ns") if ns >= 0 else (None, "0 or later")
-            note = self._tracks.suspect if beside[place] else self._tracks.problem
-            note(of[0], k, f"{topic.name.lstrip('/')} stamp", f"{ns} ns", of[1])
-            if beside[place]:
-                self._logged_so.add((f"{LOG_TIME} of {self._tracks.topic(topic, k)}", f"{ns} ns"))
-        return rows[~beside], steps[~beside]
+            self._tracks.suspect(of[0], k, f"{topic.name.lstrip('/')} stamp", f"{ns} ns", of[1])
+        return rows[right], steps[right]
 
     def _track(self, topic: wire.Topic, k: int | None = None) -> Track:
         """Return rows of which there should be one a time step."""
@@ -354,32 +360,33 @@ class _Sorter:
         for place in np.flatnonzero(~(ordered & due)).tolist():
             step, last = int(steps[place]), int(newest[place])
             known_at = int(first[np.searchsorted(found, step)])
+            name = topic.name.lstrip("/")
             if known_at == place:
                 odd = f"after that of step {last}", "before it"
+                self._tracks.problem(step, k, name, *odd)
             elif rows[place].tobytes() != rows[known_at].tobytes():
                 two = (rows[known_at].tolist()[1:], rows[place].tolist()[1:])
-                odd = f"twice, with {two[0]} and {two[1]}", "once"
                 others.setdefault(step, []).append(rows[place])
-                self._tracks.suspect(step, k, topic.name.lstrip("/"), *odd)
-                continue
+                self._tracks.suspect(step, k, name, f"twice, with {two[0]} and {two[1]}", "once")
             elif step < last:
-                odd = f"again after that of step {last}", "once"
+                self._tracks.suspect(step, k, name, f"again after that of step {last}", "once")
             else:
                 repeats.append(step)
-                continue
-            self._tracks.problem(step, k, topic.name.lstrip("/"), *odd)
         return Track(found, rows[first], np.array(repeats, dtype=np.int64), others)
 
     def _strays(self) -> None:
-        """Leave out messages of a time step of which nobody else says anything.
+        """Leave out messages of a time step of which nobody else says anything, or that is none.
 
-        In the last steps of a log, and where a part is lost, that is no wonder.
+        Steps begin with 1, and go on. In the last ones of a log, and where a part is lost, it is
+        no wonder that something is missing.
         """
         tracks = self._tracks
         heard = [tracks.clock, *tracks.states]
         steps, votes = np.unique(np.concatenate([t.step for t in heard]), return_counts=True)
-        newest = steps[votes > 1].max(initial=0)
-        lone = steps[(votes == 1) & ((steps < newest) | (steps > newest + EPISODE_GAP))]
+        newest = steps[votes == len(heard)].max(initial=0)
+        lone = steps[
+            ((votes == 1) & (steps < newest)) | (steps > newest + EPISODE_GAP) | (steps == 0)
+        ]
         if tracks.lossy or not all(len(track.step) for track in heard) or not len(lone):
             return
         for k, track in enumerate(heard, start=-1):
@@ -387,8 +394,6 @@ class _Sorter:
                 topic = wire.CLOCK if k < 0 else wire.LOCAL_STATE
                 name, none = topic.name.lstrip("/"), "none: no time step of the run"
                 tracks.suspect(step, None if k < 0 else k, name, "there", none)
-                late = f"{LOG_TIME} of {tracks.topic(topic, None if k < 0 else k)}"
-                self._logged_so.add((late, f"{step * self._period} ns"))
                 tracks.problems = [o for o in tracks.problems if o[:3:2] != (step, name)]
         tracks.clock, *tracks.states = [track.without(lone) for track in heard]
 
@@ -404,21 +409,21 @@ class _Sorter:
 
     def _statuses(self) -> None:
         """Note the world's statuses, and what is odd about them."""
-        # A world that is yet to go back does not know where the team is.
-        found = [
-            one
-            for place, rows in enumerate(self._of(wire.STATUS))
-            for one in rows.tolist()
-            if holds(place, one.step, self._backs) and one.state != wire.RunState.RESUMING
-        ]
         tracks, run = self._tracks, self._tracks.run
+        found: list[Said] = []
+        for place, said in [
+            (at, one) for at, rows in enumerate(self._of(wire.STATUS)) for one in rows
+        ]:
+            if said is OF_NO_RUN or (said.run and run.id and said.run != run.id):
+                words = f"of run {said.run!r}", run.id or "this one"
+                tracks.suspect(said.step, None, wire.STATUS.name, *words)
+            # A world that is yet to go back does not know where the team is.
+            elif holds(place, said.step, self._backs) and said.state != wire.RunState.RESUMING:
+                found.append(said)
         ordered = in_order(np.array([one.step for one in found], dtype=np.int64)).tolist()
-        tracks.statuses = []
         for one, right in zip(found, ordered, strict=True):
             early = one.state == wire.RunState.FINISHED and one.transitions < run.scenario.steps
-            if one.run and run.id and one.run != run.id:
-                tracks.suspect(one.step, None, wire.STATUS.name, f"of run {one.run!r}", run.id)
-            elif not right or early:
+            if not right or early:
                 said = f"{one.state!r} after {one.transitions} transitions"
                 tracks.suspect(one.step, None, wire.STATUS.name, said, "another step or state")
             else:

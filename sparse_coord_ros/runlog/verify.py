@@ -11,6 +11,7 @@ import numpy as np
 
 from sparse_coord_ros import wire
 from sparse_coord_ros.game.plugins import leaving_out
+from sparse_coord_ros.game.world import EPISODE_GAP
 from sparse_coord_ros.runlog.agents import AgentCheck
 from sparse_coord_ros.runlog.difference import MISSING, Difference
 from sparse_coord_ros.runlog.game_check import WorldCheck
@@ -171,13 +172,18 @@ def _topic(log: RunLog, difference: Difference) -> str:
 def _lost(log: RunLog, difference: Difference) -> bool:
     """Whether a message is missing on a topic that has others, and keeps only its last ones.
 
+    Where a foreign one is there instead, it may have been replaced.
     Of tables: whether as many as it keeps came later, made by all that was learned before.
     """
     step, robot, quantity, logged, _ = difference
     if logged != MISSING or quantity not in KEPT or not step:
         return False
     if quantity != wire.TABLES.name:
-        return log.bag.counts.get(_topic(log, difference), 0) > 0
+        topic = _topic(log, difference)
+        odd = f"topic {topic}", f"{quantity} stamp"
+        foreign = [one.step for one in log.tracks.suspects if one.quantity in odd]
+        replaced = any(at is not None and abs(at - step) <= EPISODE_GAP for at in foreign)
+        return log.bag.counts.get(topic, 0) > 0 and not replaced
     later = [one for one in log.all_tables if log.names[one.robot] == robot and one.step > step]
     return len(later) >= wire.TABLES_DEPTH
 

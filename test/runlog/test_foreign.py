@@ -72,6 +72,7 @@ def is_foreign(found, count=1):
 
 
 STATE, REWARD, ACTION = "/robot_1/local_state", "/robot_1/reward", "/robot_1/action"
+EVENTS = "/robot_2/active_perception/_service_event"
 
 
 @pytest.mark.parametrize("before", [False, True])
@@ -127,12 +128,12 @@ def test_a_forged_status(alter, convert, data):
     is_foreign(alter(said_at_once(convert, data)))
 
 
-def said_at_once(convert, data):
-    """Return a change that puts a status beside a state."""
+def said_at_once(convert, data, topic="/status"):
+    """Return a change that puts a message of another topic beside a state."""
 
     def change(messages):
         found = beside(STATE, AT, convert, b"")(messages)
-        return [one._replace(topic="/status", data=data) if not one.data else one for one in found]
+        return [one._replace(topic=topic, data=data) if not one.data else one for one in found]
 
     return change
 
@@ -144,6 +145,58 @@ def test_a_status_of_another_run(record, rewritten, tmp_path, convert):
         found = verify(rewritten(run.bag, tmp_path / "bag", change))
         assert (found.same, found.foreign) == (said == "another", said == "another")
         assert len(set(found.differences)) == len(found.differences) == (said != "another")
+
+
+NOW_AND_THEN = ["/map", "/markers", "/robot_1/coordination_map", "/status"]
+
+
+@pytest.mark.parametrize("topic", [*NOW_AND_THEN, ACTION, "/clock", EVENTS])
+@pytest.mark.parametrize("data", [b"\x07" * 9, b"\x00\x01\x00\x00" + b"\xf9" * 400])
+def test_what_no_node_of_a_run_says(alter, convert, topic, data):
+    """Also on topics that say something now and then; whatever stamp begins it."""
+    is_foreign(alter(said_at_once(convert, data, topic)))
+
+
+def test_a_status_that_names_no_run(alter, convert):
+    is_foreign(alter(said_at_once(convert, serialize_message(status("env1", "paused", {})))))
+
+
+@pytest.mark.parametrize(("step", "said"), [(0, 0), (FAR, None)])
+def test_a_clock_and_a_state_of_a_step_that_is_none(alter, convert, step, said):
+    def change(messages):
+        both = ("/clock", convert.pack_clock(step)), (STATE, convert.pack_state(step, 3))
+        for topic, data in both:
+            messages = beside(topic, AT, convert, data, said=said)(messages)
+        return messages
+
+    is_foreign(alter(change), 2)
+
+
+@pytest.mark.parametrize("topic", ["/clock", STATE])
+def test_what_was_said_already(alter, convert, topic):
+    """An earlier step that comes again says nothing new."""
+    at = AT - 9, (AT - 9) * convert.period
+
+    def change(messages):
+        [data] = [one.data for one in messages if (one.topic, one.log_time_ns) == (topic, at[1])]
+        return beside(topic, AT, convert, data, said=at[0])(messages)
+
+    is_foreign(alter(change))
+
+
+def test_an_answer_of_a_step_that_never_comes(alter, convert):
+    def change(messages):
+        said = next(
+            event
+            for one in messages
+            if one.topic == EVENTS
+            and (event := deserialize_message(one.data, GetPlan.Event)).response
+        )
+        said.info.client_gid[3] += 1
+        said.response[0].plan.header.stamp.sec = FAR
+        return said_at_once(convert, serialize_message(said), EVENTS)(messages)
+
+    is_foreign(alter(change))
 
 
 def test_a_status_beside_a_true_one_of_its_step(alter, convert):
