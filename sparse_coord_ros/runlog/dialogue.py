@@ -3,7 +3,7 @@
 """The dialogue of active perception, put together from the recorded service events."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -149,23 +149,26 @@ def put_together(
                 if asker >= 0 and step != 0:
                     new = Request(asker, peer, step, where)
                     asked[key] = requests.setdefault((step, asker, peer, number), new)
-            request, odd = asked.get(key), []
+            request, words = asked.get(key), EventKind(kind).words
             if key not in asked:
-                odd.append((NO_REQUEST, "with it"))
-            if request is not None:
-                newest[writer] = max(newest.get(writer, wall_ns), wall_ns)
-                if newest[writer] > wall_ns:
-                    younger = f"{newest[writer] - wall_ns} ns younger"
-                    odd.append((f"after one that is {younger}", "before it"))
-                place = where if is_request or seen else None
-                odd += request.take(EventKind(kind), wall_ns, step, place)
-            words = EventKind(kind).words
-            who, what = names[peer], f"{DIALOGUE} {words}"
-            if request is not None:
-                who, what = names[request.asker], f"{DIALOGUE} with {names[peer]}, {words}"
-                step = request.step
-            problems += [Difference(step, who, what, *one) for one in odd]
-    others = [
+                odd = NO_REQUEST, "with it"
+                problems.append(Difference(step, names[peer], f"{DIALOGUE} {words}", *odd))
+            if request is None:
+                continue
+            place = where if is_request or seen else None
+            found = request.take(EventKind(kind), wall_ns, step, place)
+            newest[writer] = max(newest.get(writer, wall_ns), wall_ns)
+            if newest[writer] > wall_ns:
+                younger = f"{newest[writer] - wall_ns} ns younger"
+                found.append((f"after one that is {younger}", "before it"))
+            who, what = names[request.asker], f"{DIALOGUE} with {names[peer]}, {words}"
+            problems += [Difference(request.step, who, what, *one) for one in found]
+    return [requests[key] for key in sorted(requests)], problems, _others(requests.values(), names)
+
+
+def _others(requests: Iterable[Request], names: Sequence[str]) -> list[Difference]:
+    """Choose the answer of each request; return the responses that are none."""
+    return [
         Difference(
             one.step,
             names[one.asker],
@@ -173,7 +176,6 @@ def put_together(
             f"{answer} too",
             f"{one.answer} only",
         )
-        for one in requests.values()
+        for one in requests
         for answer in one.choose()
     ]
-    return [requests[key] for key in sorted(requests)], problems, others

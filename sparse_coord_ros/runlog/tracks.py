@@ -3,7 +3,7 @@
 """A bag's messages sorted by topic and time step, with whatever is odd about them."""
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -33,7 +33,7 @@ from sparse_coord_ros.runlog.timeline import (
     rollbacks,
     steps_of,
 )
-from sparse_coord_ros.wire import messages
+from sparse_coord_ros.wire import RunState, messages
 from sparse_coord_ros.wire.events import event_form
 from sparse_coord_ros.wire.frame import Frame
 from sparse_coord_ros.wire.occupancy import OccupancyData
@@ -279,15 +279,12 @@ class _Sorter:
         tracks.rosout = [message for rows in logged for message in rows.tolist()]
 
     def _sort_out(self) -> None:
-        """No node says what cannot be read; of a message of every step it is seen if it lacks."""
-        tracks, problems = self._tracks, self._tracks.problems
-        often = {f"topic {name}" for name in self._often}
-        foreign = [
-            p.computed == READABLE or (p.computed == COMPLETE and p.quantity in often)
-            for p in problems
-        ]
-        tracks.suspects += [one for one, so in zip(problems, foreign, strict=True) if so]
-        tracks.problems = [one for one, so in zip(problems, foreign, strict=True) if not so]
+        """No node says what cannot be read; a message of every step would be missed."""
+        tracks, often = self._tracks, {f"topic {name}" for name in self._often}
+        problems, tracks.problems = tracks.problems, []
+        for one in problems:
+            foreign = (READABLE, COMPLETE) if one.quantity in often else (READABLE,)
+            (tracks.suspects if one.computed in foreign else tracks.problems).append(one)
 
     def _of(self, topic: wire.Topic, k: int | None = None) -> list[np.ndarray]:
         """Return the rows of a topic, of each file."""
@@ -309,27 +306,30 @@ class _Sorter:
         """Put the dialogue together, of each time line by itself: who comes back counts anew."""
         tracks = self._tracks
         of_robots = [self._of(wire.SERVICE_EVENTS, k) for k in range(len(tracks.names))]
-        firsts = [back.first for back in tracks.rollbacks]
-        newest = max(track.step.max(initial=0) for track in (tracks.clock, *tracks.states))
-        cuts = [0, *(back.file for back in tracks.rollbacks), len(self._files)]
+        backs = tracks.rollbacks
+        cuts = [0, *(back.file for back in backs), len(self._files)]
         for place, (begin, end) in enumerate(pairwise(cuts)):
-            if begin == end:
-                continue
-            events = [np.concatenate(files[begin:end]) for files in of_robots]
-            requests, problems, others = put_together(events, tracks.names, self._period)
-            limit = min(firsts[place:], default=np.inf)
-            tracks.suspects += [one for one in others if (one.step or 0) < limit]
-            back = tracks.rollbacks[place - 1] if place else None
-            tracks.requests += [request for request in requests if request.step < limit]
-            # Questions that were under way when the run went back are answered from then, or from
-            # the checkpoint by who has gone back already, without a request here.
-            for one in problems:
-                step, unasked = one.step or 0, one.logged == NO_REQUEST
-                if unasked and step > newest:
-                    tracks.suspects.append(one)
-                elif step < limit and not (unasked and _under_way(step, back)):
-                    tracks.problems.append(one)
+            if begin < end:
+                events = [np.concatenate(files[begin:end]) for files in of_robots]
+                limit = min([back.first for back in backs[place:]], default=np.inf)
+                self._time_line(events, limit, backs[place - 1] if place else None)
         tracks.requests.sort(key=lambda one: (one.step, one.asker))
+
+    def _time_line(self, events: list[np.ndarray], limit: float, back: Rollback | None) -> None:
+        """Put the dialogue of a time line together, up to where the run went back to."""
+        tracks = self._tracks
+        newest = max(track.step.max(initial=0) for track in (tracks.clock, *tracks.states))
+        requests, problems, others = put_together(events, tracks.names, self._period)
+        tracks.requests += [request for request in requests if request.step < limit]
+        tracks.suspects += [one for one in others if (one.step or 0) < limit]
+        # Questions that were under way when the run went back are answered from then, or from
+        # the checkpoint by who has gone back already, without a request here.
+        for one in problems:
+            step, unasked = one.step or 0, one.logged == NO_REQUEST
+            if unasked and step > newest:
+                tracks.suspects.append(one)
+            elif step < limit and not (unasked and _under_way(step, back)):
+                tracks.problems.append(one)
 
     def _rows(
         self, topic: wire.Topic, k: int | None, *, checkpoints: bool
@@ -407,35 +407,38 @@ class _Sorter:
             self._tracks.problem(int(steps[place + 1]), k, topic.name, logged, "before it")
         return steps, rows
 
+    def _own_statuses(self) -> Iterator[Said]:
+        """Yield the statuses of the run that hold; note those of others."""
+        run = self._tracks.run
+        for place, rows in enumerate(self._of(wire.STATUS)):
+            for said in rows:
+                if said is OF_NO_RUN or (said.run and run.id and said.run != run.id):
+                    words = f"of run {said.run!r}", run.id or "this one"
+                    self._tracks.suspect(said.step, None, wire.STATUS.name, *words)
+                # A world that is yet to go back does not know where the team is.
+                elif holds(place, said.step, self._backs) and said.state != RunState.RESUMING:
+                    yield said
+
     def _statuses(self) -> None:
         """Note the world's statuses, and what is odd about them."""
-        tracks, run = self._tracks, self._tracks.run
-        found: list[Said] = []
-        for place, said in [
-            (at, one) for at, rows in enumerate(self._of(wire.STATUS)) for one in rows
-        ]:
-            if said is OF_NO_RUN or (said.run and run.id and said.run != run.id):
-                words = f"of run {said.run!r}", run.id or "this one"
-                tracks.suspect(said.step, None, wire.STATUS.name, *words)
-            # A world that is yet to go back does not know where the team is.
-            elif holds(place, said.step, self._backs) and said.state != wire.RunState.RESUMING:
-                found.append(said)
+        tracks, found = self._tracks, list(self._own_statuses())
         ordered = in_order(np.array([one.step for one in found], dtype=np.int64)).tolist()
         for one, right in zip(found, ordered, strict=True):
-            early = one.state == wire.RunState.FINISHED and one.transitions < run.scenario.steps
-            if not right or early:
+            early = one.transitions < tracks.run.scenario.steps
+            if right and not (early and one.state == RunState.FINISHED):
+                tracks.statuses.append(one)
+            else:
                 said = f"{one.state!r} after {one.transitions} transitions"
                 tracks.suspect(one.step, None, wire.STATUS.name, said, "another step or state")
-            else:
-                tracks.statuses.append(one)
-        for before, status in zip([None, *tracks.statuses], tracks.statuses, strict=False):
-            odd: list[tuple[str, str]] = []
-            if status.state not in list(wire.RunState):
-                odd.append((repr(status.state[:40]), " or ".join(wire.RunState)))
-            if before is not None and before.state == wire.RunState.FINISHED != status.state:
-                odd.append((f"{status.state!r} after {before.state!r}", "nothing after it"))
-            for logged, due in odd:
-                tracks.problem(status.step, None, wire.STATUS.name, logged, due)
+        over = False
+        for one in tracks.statuses:
+            if one.state not in list(RunState):
+                states = " or ".join(RunState)
+                tracks.problem(one.step, None, wire.STATUS.name, repr(one.state[:40]), states)
+            if over and one.state != RunState.FINISHED:
+                said = f"{one.state!r} after the end"
+                tracks.problem(one.step, None, wire.STATUS.name, said, "nothing after it")
+            over = one.state == RunState.FINISHED
 
 
 def in_order(steps: np.ndarray, *, each_once: bool = False) -> np.ndarray:

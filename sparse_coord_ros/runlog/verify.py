@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -104,32 +105,19 @@ def verify(path: Path) -> Verification:
         team = [AgentCheck(log, k, starts, part) for k in range(len(log.names))]
         found += _differences(log, part, world, team, not_computed.setdefault)
         agents += team
-    found = sorted(dict.fromkeys(found), key=lambda one: one.rank)
+    verdict = _judge(log, agents, sorted(dict.fromkeys(found), key=lambda one: one.rank))
 
     def total(name: str, checks: Sequence[AgentCheck | WorldCheck] = agents) -> int:
         return sum(getattr(check, name) for check in checks)
 
-    lost = dict.fromkeys(one for one in found if _lost(log, one))
-    ordered = [one for one in found if one not in lost]
-    causes = (
-        _gone(log, ordered),
-        _killed_robots(log, agents, ordered),
-        _killed_world(log, ordered),
-        left_open(log, ordered),
-    )
-    open_ = {one for left, _ in causes for one in left}
-    differences = [one for one in ordered if one not in open_]
-    foreign = log.tracks.suspects
-    if ordered:  # somebody may have gone by them, or they replace what is missing
-        differences = sorted([*foreign, *differences], key=lambda one: one.rank)
     return Verification(
         log=log,
-        differences=tuple(differences),
-        open=tuple(one for one in ordered if one in open_),
-        broke_off=tuple(sentence for _, said in causes for sentence in said),
+        differences=tuple(verdict.differences),
+        open=tuple(verdict.open),
+        broke_off=tuple(verdict.broke_off),
         not_computed=tuple(not_computed),
-        foreign=0 if ordered else len(foreign),
-        lost=Counter(_topic(log, one) for one in lost),
+        foreign=0 if verdict.differences or verdict.open else len(log.tracks.suspects),
+        lost=Counter(_topic(log, one) for one in verdict.lost),
         steps=total("transitions", worlds),
         choices=total("choices"),
         updates=total("updates"),
@@ -140,6 +128,33 @@ def verify(path: Path) -> Verification:
         repeats=sum(len(t.repeats) for k in range(len(log.names)) for t in log.tracks.of(k)),
         not_compared=tuple(between(parts)),
     )
+
+
+class _Verdict(NamedTuple):
+    """What is found in the order of time, by what it means; see `Verification`."""
+
+    differences: list[Difference]
+    open: list[Difference]
+    lost: list[Difference]
+    broke_off: list[str]
+
+
+def _judge(log: RunLog, agents: Sequence[AgentCheck], found: Sequence[Difference]) -> _Verdict:
+    """Tell what is only lost, and what is open as somebody broke off, from what differs."""
+    lost = dict.fromkeys(one for one in found if _lost(log, one))
+    ordered = [one for one in found if one not in lost]
+    causes = (
+        _gone(log, ordered),
+        _killed_robots(log, agents, ordered),
+        _killed_world(log, ordered),
+        left_open(log, ordered),
+    )
+    open_ = {one for left, _ in causes for one in left}
+    differences = [one for one in ordered if one not in open_]
+    if ordered:  # somebody may have gone by foreign messages, or they replace what is missing
+        differences = sorted([*log.tracks.suspects, *differences], key=lambda one: one.rank)
+    broke_off = [sentence for _, said in causes for sentence in said]
+    return _Verdict(differences, [one for one in ordered if one in open_], [*lost], broke_off)
 
 
 def _differences(
