@@ -45,8 +45,8 @@ OWN_LIBRARY = "sparse_coord_ros "
 CUT_OFF = "the file ends here, without an end: it was cut off"
 SEARCHED = 1 << 24
 """Bytes of records that are tried, beside the file's size, in searching where it goes on."""
-SEARCH = 1 << 12
-"""What a search costs beside."""
+SEARCH, TRIED = 1 << 12, 1 << 11
+"""What a search, and each place in it where a record may begin, cost beside."""
 
 _CHUNK_HEAD = struct.Struct("<QQQII")
 """Earliest and latest time, size and checksum of the content, length of the compression's name."""
@@ -297,16 +297,19 @@ class BagFile:
 
     def _behind(self, begin: int) -> tuple[int, int] | None:
         """Return where a damage ends, and where the walk goes on; None: there is no record."""
+        most = SEARCHED + self.size
+        self._tried += TRIED
         with suppress(Damage):
             record = self._source.head(begin, self.size)
-            if record.end <= self.size and self._framed(record):
+            if record.end <= self.size and self._framed(record) and self._tried < most:
                 return record.end, record.end
             if record.opcode == Opcode.CHUNK and self._block(record):
                 return None  # the file ends within it
         self._tried += SEARCH
         for place in self._source.places(begin + 1, self.size):
-            if self._tried > SEARCHED + self.size:
+            if self._tried > most:
                 break  # somebody has made it so
+            self._tried += TRIED
             with suppress(Damage):
                 record = self._source.record(place, self.size)
                 if self._framed(record):
