@@ -484,10 +484,22 @@ def test_searching_ends(tmp_path, monkeypatch):
     """Somebody may make a file of which every byte begins a record."""
     monkeypatch.setattr("sparse_coord_ros.bags.contents.SEARCHED", 0)
     monkeypatch.setattr("sparse_coord_ros.bags.contents.SEARCH", 300)
+    monkeypatch.setattr("sparse_coord_ros.bags.contents.TRIED", 1)
     data = START + FIRST + (b"junk!" + FIRST) * 50
     bag = both_ways(tmp_path / "a.mcap.partial", data)
     [*_, last] = bag.gaps
     assert 10 < bag.message_count == len(bag.gaps) < 40 and last.end == len(data)
+
+
+@pytest.mark.parametrize(("cost", "found"), [(1, 2), (1 << 10, 1)])
+def test_searching_among_many_beginnings_ends(tmp_path, monkeypatch, cost, found):
+    monkeypatch.setattr("sparse_coord_ros.bags.contents.SEARCHED", 0)
+    monkeypatch.setattr("sparse_coord_ros.bags.contents.SEARCH", 1)
+    monkeypatch.setattr("sparse_coord_ros.bags.contents.TRIED", cost)
+    many = (b"\6\1" + bytes(7)) * 1000
+    assert (
+        both_ways(tmp_path / "a.mcap.partial", START + FIRST + many + FIRST).message_count == found
+    )
 
 
 ATTACHED = record(9, bytes(16) + text(b"a") + text(b"") + struct.pack("<Q", 3) + b"abc" + bytes(4))
