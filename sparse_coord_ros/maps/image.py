@@ -117,7 +117,9 @@ def _pixels(path: Path) -> tuple[np.ndarray, np.ndarray]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", Image.DecompressionBombWarning)
-            with open_regular(path, IMAGE) as file, Image.open(file) as image:
+            with open_regular(path, IMAGE) as file:
+                content = io.BytesIO(file.read())  # Pillow asks it for what a damaged file says
+            with Image.open(content) as image:
                 if image.width * image.height > IMAGE.elements or max(image.size) > LONGEST_SIDE:
                     raise Image.DecompressionBombError
                 image.load()

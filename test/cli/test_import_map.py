@@ -123,7 +123,7 @@ def test_exported_numbers_are_checked(refused):
     assert "setting pixels: value is '0', allowed" in refused(
         "export-map", "env1", "--pixels", "0"
     )
-    assert "more than 50,000,000" in refused("export-map", "cmu", "--pixels", "1000")
+    assert "more than 25,000,000" in refused("export-map", "cmu", "--pixels", "1000")
     assert "setting resolution: value is '-1'" in refused("export-map", "env1", "--resolution=-1")
 
 

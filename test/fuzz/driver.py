@@ -40,8 +40,8 @@ SECONDS = 5.0
 """Of one case, of the processor's time."""
 HANG_SECONDS = 120.0
 """Of one case, by the clock: after so long it waits for something."""
-MEGABYTES = 500
-"""That a case may take on top of what the process has."""
+MEGABYTES = 1000
+"""That a case may take on top of what the process has; an image of 25 million pixels takes 800."""
 MOST = 100
 """Findings of a target, then it ends."""
 MEGABYTE = 1 << 20
