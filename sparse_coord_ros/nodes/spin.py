@@ -3,7 +3,6 @@
 """Contexts, executors, signals and exit codes of every executable."""
 
 import faulthandler
-import os
 import signal
 import sys
 import time
@@ -48,6 +47,8 @@ MATCH_SECONDS = 1.0
 
 PATIENCE_SECONDS = 3.0
 SHUTDOWN_SECONDS = 10.0
+STDERR = 2
+"""Its number: a terminal that was closed has none in `sys`."""
 
 
 STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -136,14 +137,14 @@ def limited_shutdown() -> Iterator[None]:
     """End the process with exit code 1 where taking ROS down hangs; everything is saved by then.
 
     Fast DDS 2.14 can deadlock when another participant leaves (eProsima/Fast-DDS issue 6502), and
-    then no signal ends the process. The watchdog runs without Python's interpreter lock.
+    then no signal ends the process. The watchdog runs without Python's interpreter lock, which the
+    call that hangs holds; so all that it can say is "Timeout" and where each thread is.
     """
-    with open(os.devnull, "w") as nowhere:
-        faulthandler.dump_traceback_later(SHUTDOWN_SECONDS, exit=True, file=nowhere)
-        try:
-            yield
-        finally:
-            faulthandler.cancel_dump_traceback_later()
+    faulthandler.dump_traceback_later(SHUTDOWN_SECONDS, exit=True, file=STDERR)
+    try:
+        yield
+    finally:
+        faulthandler.cancel_dump_traceback_later()
 
 
 def make_executor(kind: str, context: Context) -> Executor:

@@ -4,6 +4,8 @@
 
 import os
 import signal
+import subprocess
+import sys
 from types import SimpleNamespace
 
 import pytest
@@ -20,7 +22,7 @@ from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.game.settings import SettingTable
 from sparse_coord_ros.learn.agent import Agent
 from sparse_coord_ros.learn.tables import load_team
-from sparse_coord_ros.nodes import interface
+from sparse_coord_ros.nodes import interface, spin
 from sparse_coord_ros.nodes.messages import status
 from sparse_coord_ros.nodes.middleware import SECURITY_MARK, check_participants, check_security
 from sparse_coord_ros.nodes.parameters import PARAMETERS, ParameterNode
@@ -205,6 +207,15 @@ def test_a_closed_terminal_stops_a_node_but_not_one_under_nohup():
             assert not stop
     finally:
         signal.signal(signal.SIGHUP, before)
+
+
+def test_a_node_that_cannot_be_taken_down_ends_with_a_word():
+    code = f"import ctypes, {spin.__name__} as spin; spin.SHUTDOWN_SECONDS = 0.1\n"
+    hangs = "ctypes.PyDLL(None).sleep(9)"  # as rclpy does: nothing of Python runs meanwhile
+    code += f"with spin.limited_shutdown(): {hangs}"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr.startswith("Timeout") and "in <module>" in done.stderr
 
 
 def test_a_second_publisher_of_a_topic_is_named(bench, capfd):
