@@ -34,7 +34,6 @@ from sparse_coord_ros.experiments.runner import (
     run_targets,
 )
 from sparse_coord_ros.experiments.store import JOBS, RUNS, SUMS, TRIALS, TRIALS_OR_NONE, Plan
-from sparse_coord_ros.game.buildings import generated_building
 from sparse_coord_ros.game.perception import perception_model, register_perception
 from sparse_coord_ros.game.plugins import allow_modules, allow_named
 from sparse_coord_ros.game.scenario import Scenario, load_scenario, loaded, scenario_names
@@ -61,7 +60,7 @@ if TYPE_CHECKING:
     from sparse_coord_ros.runlog import RunLog, Verification
 
 # Scenarios
-__all__ = ["load_scenario", "scenario_names", "Scenario", "generated_building"]
+__all__ = ["load_scenario", "scenario_names", "Scenario"]
 # Learning
 __all__ += ["train", "train_many", "Training", "Runs", "Tables", "History"]
 # What it is worth

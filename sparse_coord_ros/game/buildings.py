@@ -1,18 +1,18 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Generated buildings: rooms on both sides of corridors, doorways between them, many robots.
+"""Generated scenarios, each named by its numbers: the same name, the same building, everywhere.
 
-The same numbers and seed give the same building, on every machine.
+`building-3x2x4-16r-0` has two rows of three rooms, of 4 x 4 cells each, a corridor between the
+rows, and 16 robots; its seed is 0. `game.unseen` has others.
 """
 
 import random
-from dataclasses import dataclass
+import re
+from typing import NamedTuple
 
-from sparse_coord_ros.errors import SettingError
+from sparse_coord_ros.errors import ScenarioError
 from sparse_coord_ros.game.grid import DOORWAY, FREE, WALL, parse_map
-from sparse_coord_ros.game.scenario import Scenario, scenario_from_dict
-from sparse_coord_ros.game.settings import setting, settings_of
-from sparse_coord_ros.limits import parse_yaml
+from sparse_coord_ros.game.unseen import unseen_text
 
 CORRIDOR = 2
 """Rows of a corridor: wide enough to pass one another."""
@@ -23,49 +23,51 @@ BESIDE = 0.5
 TRIAL = 5
 """A trial lasts at least so many times as long as the longest of the shortest paths."""
 
+MOST = 60, 20
+"""Robots of a building; rooms in a row, rows, and cells along the side of a room."""
 
-@dataclass(frozen=True)
-class Building:
-    """What a building is made of.
+
+class _Building(NamedTuple):
+    """Rooms in a row, rows of rooms, cells along the side of a room, robots, and the seed."""
+
+    rooms: int
+    rows: int
+    size: int
+    robots: int
+    seed: int
+
+
+def generated_text(name: str) -> str | None:
+    """Return the generated building of that name as the text of a scenario file.
+
+    None: it is no name of one.
 
     Raises:
-        SettingError: a number out of its range, or too many robots for the rooms.
+        ScenarioError: no building has these numbers.
     """
-
-    rooms: int = setting(3, "rooms in a row", low=1, high=20)
-    rows: int = setting(2, "rows of rooms, a corridor between each two", low=1, high=20)
-    size: int = setting(4, "cells along the side of a room", low=2, high=20)
-    robots: int = setting(16, "robots", low=1, high=60)
-    seed: int = setting(0, "seed of the building", low=0, high=2**63 - 1)
-
-    def __post_init__(self) -> None:
-        """Check the numbers."""
-        for name, one in SIZES.items():
-            object.__setattr__(self, name, one.parse(getattr(self, name)))
-        places = self.rooms * self.rows * self.size**2
-        if self.rooms * self.rows < 2:
-            raise SettingError(
-                "building: has 1 room, allowed: at least 2; give more rooms or rows"
-            )
-        if 2 * self.robots > places:
-            raise SettingError(
-                f"building: {self.robots} robots need as many starts and as many goals, and the "
-                f"rooms have {places} cells; give more rooms, larger ones, or fewer robots"
-            )
+    found = re.fullmatch("building-{0}x{0}x{0}-{0}r-{0}".format("(0|[1-9][0-9]{,8})"), name)
+    if found is None:
+        return unseen_text(name)
+    b = _Building(*map(int, found.groups()))
+    robots, sizes = MOST
+    rooms = b.rooms * b.rows
+    fits = max(b[:3]) <= sizes and 1 <= b.robots <= robots and b.size >= 2 and rooms >= 2
+    if not fits or 2 * b.robots > rooms * b.size**2:
+        raise ScenarioError(
+            f"scenario {name!r}: allowed: building-ROOMSxROWSxSIZE-ROBOTSr-SEED, numbers up to "
+            f"{sizes}, robots up to {robots}; at least 2 rooms of 2 x 2 cells, and two cells of "
+            "them for each robot"
+        )
+    return _text(b)
 
 
-SIZES = settings_of(Building)
-"""The numbers of a building."""
-
-
-def building_text(building: Building) -> str:
+def _text(b: _Building) -> str:
     """Return a building as the text of a scenario file.
 
     Each row of rooms has a corridor to the next; every room has a doorway to each corridor beside
     it, and to the room on its right with probability one half; surely, where there is no corridor.
     Every robot starts in a room and has its goal in another; no two share a start or a goal.
     """
-    b = building
     draw = random.Random(f"building {b.rooms} {b.rows} {b.size} {b.robots} {b.seed}")
     grid: list[str] = []
     rooms: list[list[tuple[int, int]]] = []  # the cells of each room
@@ -111,28 +113,7 @@ def building_text(building: Building) -> str:
     )
 
 
-def generated_building(
-    rooms: int = 3, rows: int = 2, size: int = 4, robots: int = 16, seed: int = 0
-) -> Scenario:
-    """Return a scenario on a generated building; the same numbers give the same one.
-
-    Args:
-        rooms: rooms in a row, 1 to 20.
-        rows: rows of rooms, 1 to 20; a corridor lies between each two.
-        size: cells along the side of a room, 2 to 20.
-        robots: how many, 1 to 60.
-        seed: of doorways, starts and goals.
-
-    Raises:
-        SettingError: a number out of its range, or too many robots for the rooms.
-    """
-    building = Building(rooms, rows, size, robots, seed)
-    data = parse_yaml(building_text(building), where="building")
-    name = f"building-{rooms}x{rows}x{size}-{robots}r-{seed}"
-    return scenario_from_dict(data, where="building", name=name)
-
-
-def _wall(building: Building, draw: random.Random) -> str:
+def _wall(building: _Building, draw: random.Random) -> str:
     """Return the wall between rooms and a corridor, with a doorway for each room."""
     parts = []
     for _ in range(building.rooms):
@@ -141,7 +122,7 @@ def _wall(building: Building, draw: random.Random) -> str:
     return WALL.join(parts)
 
 
-def _beside(building: Building, draw: random.Random) -> int:
+def _beside(building: _Building, draw: random.Random) -> int:
     """Return the line of the doorway between two rooms side by side, -1: there is none."""
     wanted = draw.random() < BESIDE or building.rows == 1
     line = draw.randrange(building.size)
@@ -149,7 +130,7 @@ def _beside(building: Building, draw: random.Random) -> int:
 
 
 def _starts_and_goals(
-    building: Building, rooms: list[list[tuple[int, int]]], draw: random.Random
+    building: _Building, rooms: list[list[tuple[int, int]]], draw: random.Random
 ) -> list[tuple[tuple[int, int], tuple[int, int]]]:
     """Return a start and a goal in another room for each robot, none of them twice."""
     free = {room: list(places) for room, places in enumerate(rooms)}

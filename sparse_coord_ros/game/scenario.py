@@ -18,6 +18,7 @@ from sparse_coord_ros.errors import (
     in_short,
 )
 from sparse_coord_ros.game.actions import PRIMITIVES
+from sparse_coord_ros.game.buildings import generated_text
 from sparse_coord_ros.game.grid import GridMap, load_map, parse_map
 from sparse_coord_ros.game.links import LINKS
 from sparse_coord_ros.game.perception import PERCEPTION
@@ -25,7 +26,6 @@ from sparse_coord_ros.game.plugins import allow_modules, allow_named
 from sparse_coord_ros.game.schedules import EPSILON, STARTS, STEP_SIZE
 from sparse_coord_ros.game.settings import setting, settings_of
 from sparse_coord_ros.game.specs import Form, Number, Spec, SpecFamily
-from sparse_coord_ros.game.unseen import unseen_text
 from sparse_coord_ros.limits import SCENARIO, parse_yaml, read_text
 from sparse_coord_ros.share import share_file, share_names
 
@@ -290,8 +290,8 @@ def load_scenario(
     """Read a scenario, e.g. `load_scenario("env1", penalty=-100)`.
 
     Args:
-        name: the name of a shipped scenario or of an unseen building (`game.unseen`), or the path
-            of a scenario file.
+        name: the name of a shipped scenario or of a generated building (`game.buildings`), or the
+            path of a scenario file.
         allow: modules that the file may name, with a perception model of one's own.
         **settings: settings to change, as of `Scenario.with_settings`.
 
@@ -304,7 +304,7 @@ def load_scenario(
         raise ScenarioError(f"scenario: value is {name!r}, allowed: a Scenario, a name or a path")
     allow_modules(allow)
     path, name = Path(name), str(name)
-    generated = None if path.is_file() else unseen_text(name)
+    generated = None if path.is_file() else generated_text(name)
     if generated is not None:
         data = parse_yaml(generated, where=name)
         return scenario_from_dict(data, where=name, name=name).with_settings(settings)

@@ -3,11 +3,7 @@
 """`sparse_coord maps`: the list, one map, JSON, and bad input."""
 
 import json
-import re
 
-import pytest
-
-from sparse_coord_ros.game.buildings import generated_building
 from sparse_coord_ros.game.grid import load_map, map_names
 from sparse_coord_ros.game.scenario import load_scenario
 
@@ -42,34 +38,12 @@ def test_json(sparse_coord):
     assert [m["name"] for m in json.loads(sparse_coord("maps", "--json")[1])] == map_names()
 
 
-def test_a_generated_building(sparse_coord, folder):
-    numbers = ("--rooms", "2", "--size", "3", "--robots", "5", "--seed", "4")
-    code, out, err = sparse_coord("maps", "--generate", "b.yaml", *numbers)
-    assert (code, err) == (0, "")
-    made = generated_building(rooms=2, size=3, robots=5, seed=4)
-    assert out.splitlines()[2:] == list(made.map.rows)
-    assert load_scenario("b.yaml").computation() == made.computation()
-    before = (folder / "b.yaml").read_text()
-    code, out, err = sparse_coord("maps", "--generate", "b.yaml")
-    assert (code, out) == (2, "") and "b.yaml: exists already" in err
-    assert (folder / "b.yaml").read_text() == before
-    code, out, _ = sparse_coord("maps", "--generate", "c.yaml", *numbers, "--json")
-    assert code == 0 and json.loads(out)["rows"] == list(made.map.rows)
+def test_a_generated_building(sparse_coord):
+    for name in ("building-2x2x3-5r-4", "unseen1-rooms-4r-3"):
+        code, out, err = sparse_coord("maps", name)
+        assert (code, err) == (0, "")
+        assert "\n".join(load_scenario(name).map.rows) in out
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (("--rooms", "2"), "option --rooms: only with --generate FILE"),
-        (("env1", "--generate", "x.yaml"), "map 'env1': is not needed with --generate"),
-        (("--generate", "no/x.yaml"), "no/x.yaml: No such file or directory; give another path"),
-        (("--generate", "x.yaml", "--rooms", "21"), "rooms: value is '21', allowed: .* 1 to 20"),
-        (("--generate", "x.yaml", "--rooms", "1", "--rows", "1"), "building: has 1 room"),
-        (("--generate", "x.yaml", "--robots", "49"), "49 robots need as many starts"),
-    ],
-)
-def test_bad_numbers_of_a_building(sparse_coord, folder, options, words):
-    code, out, err = sparse_coord("maps", *options)
-    assert (code, out) == (2, "")
-    assert re.search(words, err) and err.count("\n") == 1
-    assert not list(folder.glob("*.yaml"))
+def test_a_building_that_there_is_not(refused):
+    assert "scenario 'building-3x2x4-49r-0': allowed: " in refused("maps", "building-3x2x4-49r-0")

@@ -4,35 +4,56 @@
 
 import pytest
 
-from sparse_coord_ros.errors import SettingError
-from sparse_coord_ros.game.buildings import Building, building_text, generated_building
+from sparse_coord_ros.errors import ScenarioError, SettingError
+from sparse_coord_ros.game.buildings import generated_text
 from sparse_coord_ros.game.grid import UNREACHABLE
+from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.learners import learner_of
 
 
 @pytest.mark.parametrize(
-    "numbers", [(3, 2, 4, 16, 0), (1, 2, 2, 4, 1), (2, 1, 2, 4, 2), (4, 3, 3, 54, 3)]
+    ("name", "robots"),
+    [("3x2x4-16r-0", 16), ("1x2x2-4r-1", 4), ("2x1x2-4r-2", 4), ("4x3x3-54r-3", 54)],
 )
-def test_a_building_is_whole(numbers):
-    scenario = generated_building(*numbers)
+def test_a_building_is_whole(name, robots):
+    scenario = load_scenario(f"building-{name}")
     starts = {robot.start for robot in scenario.robots}
     goals = {robot.goal for robot in scenario.robots}
-    assert len(starts | goals) == 2 * len(scenario.robots) == 2 * numbers[3]
+    assert len(starts | goals) == 2 * len(scenario.robots) == 2 * robots
     assert not (starts | goals) & scenario.map.doorways
     assert (scenario.map.distances_to(0) != UNREACHABLE).all()
     longest = max(scenario.map.distances_to(r.goal)[r.start] for r in scenario.robots)
     assert scenario.horizon >= 5 * longest or scenario.horizon == 100
-    assert scenario.computation() == generated_building(*numbers).computation()
+    assert scenario.computation() == load_scenario(f"building-{name}").computation()
 
 
 def test_the_seed_and_the_text_stay():
-    assert building_text(Building(seed=1)) != building_text(Building(seed=2))
-    rows = generated_building(rooms=2, size=2, robots=2, seed=7).map.rows
+    assert generated_text("building-3x2x4-16r-1") != generated_text("building-3x2x4-16r-2")
+    rows = load_scenario("building-2x2x2-2r-7").map.rows
     assert rows == ("..#..", "..D..", "D##D#", ".....", ".....", "D###D", "..D..", "..#..")
 
 
+@pytest.mark.parametrize(
+    "numbers",
+    [
+        "21x2x4-2r-0",
+        "3x21x4-2r-0",
+        "3x2x21-2r-0",
+        "3x2x1-2r-0",
+        "3x2x4-61r-0",
+        "3x2x4-0r-0",
+        "1x1x4-2r-0",
+        "0x2x4-2r-0",
+        "3x2x4-49r-0",
+    ],
+)
+def test_buildings_that_there_are_not(numbers):
+    with pytest.raises(ScenarioError, match=f"'building-{numbers}': allowed: building-ROOMSx"):
+        load_scenario(f"building-{numbers}")
+
+
 def test_too_many_joint_states_matter_to_who_numbers_them():
-    scenario = generated_building().with_settings({"peers": "all"})
+    scenario = load_scenario("building-3x2x4-16r-0").with_settings({"peers": "all"})
     with pytest.raises(SettingError, match="below 2.63 joint states.*132.16.*factored"):
         learner_of("coop").check(scenario)
     learner_of("factored").check(scenario)

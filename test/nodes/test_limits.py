@@ -15,7 +15,6 @@ from sensor_msgs.msg import JointState
 
 from sparse_coord_ros import wire
 from sparse_coord_ros.errors import TablesError
-from sparse_coord_ros.game.buildings import generated_building
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.run_config import RunConfig, make_run
 from sparse_coord_ros.learn.tables import unpack_robot
@@ -46,7 +45,7 @@ def test_a_large_message_is_dropped_unread(topic):
 
 
 def test_messages_of_a_large_team_are_below_the_limits():
-    scenario = generated_building(rooms=8, rows=8, size=10, robots=60)
+    scenario = load_scenario("building-8x8x10-60r-0")
     run = make_run(scenario, {"learner": "indiv"}) if len(scenario.map.cells) < 23_170 else None
     run = run or RunConfig(scenario=scenario, learner="indiv", versions={})
     convert, names = Converter(run), [robot.name for robot in scenario.robots]

@@ -10,7 +10,6 @@ from pathlib import Path
 
 from sparse_coord_ros.cli import live
 from sparse_coord_ros.cli.options import format_table
-from sparse_coord_ros.game.buildings import Building, building_text
 from sparse_coord_ros.game.scenario import load_scenario
 from sparse_coord_ros.learn.simulation import learn
 from tools.bench import ceiling
@@ -50,13 +49,11 @@ def ways(steps: int, repeats: int) -> str:
 def teams(steps: int, repeats: int) -> str:
     """Return a table: steps a second of teams in one process, without recording."""
     rates: dict[int, list[float]] = {robots: [] for robots in TEAMS}
-    with tempfile.TemporaryDirectory(prefix="sparse_coord_bench_") as folder:
-        for _ in range(repeats):
-            for robots in TEAMS:
-                file = Path(folder) / f"building_{robots}.yaml"
-                file.write_text(building_text(Building(rooms=4, robots=robots)))
-                few = max(100, steps * TEAMS[0] // robots // 2)
-                rates[robots].append(_live(few, record=False, scenario=str(file)))
+    for _ in range(repeats):
+        for robots in TEAMS:
+            few = max(100, steps * TEAMS[0] // robots // 2)
+            building = f"building-4x2x4-{robots}r-0"
+            rates[robots].append(_live(few, record=False, scenario=building))
     rows = [
         [str(robots), *_spread(found), f"{statistics.median(found) * robots:.0f}"]
         for robots, found in rates.items()

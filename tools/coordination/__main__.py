@@ -23,10 +23,10 @@ from sparse_coord_ros.experiments.store import ConditionResult, Plan, open_resul
 from sparse_coord_ros.files import write_whole
 from sparse_coord_ros.game.plugins import allow_modules
 from sparse_coord_ros.learn.learners import learner_of
-from tools.coordination.studies import SEED, STUDIES, Found, Study, scale
+from tools.coordination.studies import SEED, STUDIES, Found, Study
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "coordination.md"
-NAMES = [*(study.name for study in STUDIES), "scale"]
+NAMES = [study.name for study in STUDIES]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -39,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     allow_modules("tools.coordination.rules")
     try:
-        chosen = _chosen(options.studies, options.out)
+        chosen = _chosen(options.studies)
         with cluster_at(options.scheduler) as cluster:
             for study in chosen:
                 by = Computing(options.engine, options.jobs, cluster)
@@ -53,12 +53,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _chosen(names: Sequence[str], out: Path) -> list[Study]:
+def _chosen(names: Sequence[str]) -> list[Study]:
     for name in names:
         if name not in NAMES:
             raise SparseCoordError(f"study {name!r}: allowed: {', '.join(NAMES)}")
-    chosen = [study for study in STUDIES if not names or study.name in names]
-    return [*chosen, scale(out / "buildings")] if not names or "scale" in names else chosen
+    return [study for study in STUDIES if not names or study.name in names]
 
 
 def finder(study: Study, out: Path, by: Computing) -> Found:

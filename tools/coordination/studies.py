@@ -5,7 +5,6 @@
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -24,7 +23,6 @@ from sparse_coord_ros.experiments.report.text import (
     with_error,
 )
 from sparse_coord_ros.experiments.store import ConditionResult
-from sparse_coord_ros.game.buildings import Building, building_text
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.learn.learners import learner_of
 from sparse_coord_ros.solve.optimum import independent_bound
@@ -315,41 +313,26 @@ JOINT = RULES + "JointState"
 """Learns the full joint state, which it sees for nothing; it fits for two robots."""
 
 ROBOTS = (2, 4, 8, 16)
-BUILDINGS = ({"seed": 0}, {"seed": 1}, {"seed": 2}, {"rooms": 4, "size": 5, "seed": 0})
+BUILDINGS = ("3x2x4-{}r-0", "3x2x4-{}r-1", "3x2x4-{}r-2", "4x2x5-{}r-0")
 
 
-def buildings(folder: Path) -> dict[int, list[str]]:
-    """Write the buildings of the study of scale as scenario files; return them by their robots."""
-    folder.mkdir(parents=True, exist_ok=True)
-    made: dict[int, list[str]] = {}
+def _scale(found: Found) -> str:
+    """Return how teams of growing size stand in generated buildings."""
+    rows = []
     for robots in ROBOTS:
-        for numbers in BUILDINGS:
-            building = Building(**numbers, robots=robots)
-            name = f"{building.rooms}x{building.rows}x{building.size}-{robots}r-{building.seed}"
-            path = folder / f"building-{name}.yaml"
-            path.write_text(building_text(building), encoding="utf-8")
-            made.setdefault(robots, []).append(str(path))
-    return made
+        names = [f"building-{one.format(robots)}" for one in BUILDINGS]
+        rows.append(_scale_row(found, robots, names))
+    return to_markdown(rows)
 
 
-def scale(folder: Path) -> Study:
-    """Return the study of scale, its buildings written into a folder."""
-    made = buildings(folder)
-
-    def table(found: Found) -> str:
-        return to_markdown([_scale_row(found, robots, paths) for robots, paths in made.items()])
-
-    return Study("scale", (10, 10), 300, table)
-
-
-def _scale_row(found: Found, robots: int, paths: Sequence[str]) -> Row:
+def _scale_row(found: Found, robots: int, names: Sequence[str]) -> Row:
     given = {"penalty": -100}
-    by_path = [_each(found, path, given) for path in paths]
-    factored, coop, base = (list(own) for own in zip(*by_path, strict=True))
+    by_name = [_each(found, name, given) for name in names]
+    factored, coop, base = (list(own) for own in zip(*by_name, strict=True))
     joint = []
     if robots == 2:
         free = {**given, "ask_cost": 0}
-        joint = [found(make_condition(path, JOINT, free)) for path in paths]
+        joint = [found(make_condition(name, JOINT, free)) for name in names]
     scenarios = [one.scenario for one in factored]
     bound = np.mean([independent_bound(one) for one in scenarios])
     spent = [learning_seconds(one) for one in scenarios]
@@ -437,5 +420,6 @@ STUDIES: tuple[Study, ...] = (
     Study("fewer", (10, 10), 300, _fewer),
     Study("credit", (40, 16), 200, _credit),
     Study("percepts", (40, 16), 200, _percepts),
+    Study("scale", (10, 10), 300, _scale),
     Study("unseen", (20, 10), 500, _unseen),
 )
