@@ -6,21 +6,13 @@ The team of team.launch.py with a driver for each robot, and the simulator of bo
 """
 
 from sparse_coord_ros.game.settings import Setting
-from sparse_coord_ros.launching import ARGUMENTS, GAME_CLOCK, description
+from sparse_coord_ros.launching import ARGUMENTS, description
+from sparse_coord_ros.learn.run_config import NO_CLOCK
 from sparse_coord_ros.nodes.parameters import PARAMETERS
 
-WORLD, BODIES, OTHER = "world", "bodies", "other"
 DRIVER = ("radius", "speed", "turn", "step_seconds", "pose_type")
-BODY = ("radius", "body_rate", "paths")
+BODY = ("radius", "body_rate", "body_clock", "paths")
 OWN = {
-    "clock": Setting(
-        "clock",
-        str,
-        WORLD,
-        "who publishes /clock: world (time step t is t * step_period s), bodies (their simulated "
-        f"time), or other (a simulator of your own); of the last two the world's is {GAME_CLOCK}",
-        choices=(WORLD, BODIES, OTHER),
-    ),
     "simulate": Setting("simulate", bool, True, "false: robots of your own are there"),
     "slips": PARAMETERS["world_simulator"]["slips"],
     **{name: PARAMETERS["driver"][name] for name in DRIVER},
@@ -30,14 +22,12 @@ OWN = {
 
 def start(team):
     """Add the team, a driver for each robot, and the simulator."""
-    if team.get("clock") != WORLD:
-        team.others_clock()
-    team.add_team(bodies=True, **team.of(["slips"]))
+    more = {"clock": NO_CLOCK} if team.get("body_clock") else {}
+    team.add_team(bodies=True, **more, **team.of(["slips"]))
     for robot in team.scenario.robots:
         team.add("driver", {**team.of(DRIVER), "robot": robot.name}, f"{robot.name}_driver")
     if team.get("simulate"):
-        more = {"clock": team.get("clock") == BODIES}
-        team.add("body", {**team.of(BODY), **more})
+        team.add("body", team.of(BODY))
     team.add_rviz()
 
 

@@ -6,11 +6,14 @@ The team of team.launch.py with a nav2_driver for each robot, whose Nav2 is in a
 robot's name, as Nav2's own launch files have it.
 """
 
+from dataclasses import replace
+
 from sparse_coord_ros.game.settings import Setting
 from sparse_coord_ros.launching import ARGUMENTS, description
+from sparse_coord_ros.learn.run_config import NO_CLOCK
 from sparse_coord_ros.nodes.parameters import PARAMETERS
 
-TABLE = PARAMETERS["nav2_driver"]
+WORLD, TABLE = PARAMETERS["world_simulator"], PARAMETERS["nav2_driver"]
 DRIVER = (
     *("near", "step_seconds", "feedback_timeout", "detour", "bring", "behavior_tree"),
     *("map_frame", "pose_timeout"),
@@ -24,16 +27,16 @@ OWN = {
     "base_frame": Setting(
         "base_frame", str, "base_link", "of each body, in its own /NAMESPACE/tf"
     ),
-    "slips": Setting("slips", bool, False, PARAMETERS["world_simulator"]["slips"].help),
-    "body_timeout": PARAMETERS["world_simulator"]["body_timeout"],
+    "clock": replace(WORLD["clock"], default=NO_CLOCK),
+    "slips": replace(WORLD["slips"], default=False),
+    "body_timeout": WORLD["body_timeout"],
     **{name: TABLE[name] for name in DRIVER},
 }
 
 
 def start(team):
     """Add the team, and what takes its moves to Nav2."""
-    team.others_clock()
-    team.add_team(bodies=True, slips=team.get("slips"), **team.of(["body_timeout"]))
+    team.add_team(bodies=True, slips=team.of_world("slips"), **team.of(["body_timeout"]))
     names = [robot.name for robot in team.scenario.robots]
     for name, space in zip(names, team.matched("robots", names), strict=True):
         own = {

@@ -36,21 +36,20 @@ from sparse_coord_ros.errors import EXIT_BAD_INPUT, RunError, SettingError
 from sparse_coord_ros.game.plugins import allow_modules, allow_named
 from sparse_coord_ros.game.scenario import SETTINGS, Scenario, load_scenario
 from sparse_coord_ros.game.settings import Setting, SettingTable, parse_assignments
+from sparse_coord_ros.learn.run_config import OWN_CLOCK
 from sparse_coord_ros.limits import SCENARIO, parse_yaml, read_text, to_yaml
 from sparse_coord_ros.nodes.parameters import PARAMETERS
 from sparse_coord_ros.share import share_file
 from sparse_coord_ros.wire import CLOCK, RECORDER, WORLD
 
 PACKAGE = "sparse_coord_ros"
-GAME_CLOCK = "game_clock"
-"""The team's clock, where another one has the name /clock."""
 
 _WORLD = PARAMETERS[WORLD]
 ARGUMENTS = SettingTable(
     [
         Setting("scenario", str, "env1", "a shipped scenario's name, or a scenario file"),
         Setting("set", str, "", "changed scenario settings: penalty=-100,steps=2000"),
-        *(_WORLD[name] for name in ("seed", "learner", "greedy", "tables", "rate")),
+        *(_WORLD[name] for name in ("seed", "learner", "greedy", "tables", "rate", "clock")),
         Setting("out", str, "", "output directory; empty: <scenario>_<date>_<time>"),
         Setting("record", bool, True, "record the run to the bag OUT/bag"),
         _WORLD["resume"],
@@ -139,12 +138,12 @@ class Team:
         changes = parse_assignments(filter(None, self.get("set").replace(" ", "").split(",")))
         for named in (self.get("learner"), *changes.values()):
             allow_named(named)
-        in_file = _of_world(self.get("params_file"))
-        self._name = self.given.get("scenario", in_file.get("scenario", self.get("scenario")))
+        self._in_file = _of_world(self.get("params_file"))
+        self._name = self.of_world("scenario")
         self.scenario: Scenario = load_scenario(self._name)
         out = (
             self.get("out")
-            or in_file.get("out")
+            or self._in_file.get("out")
             or f"{self.scenario.name}_{datetime.now():%Y%m%d_%H%M%S}"
         )
         self._resume = {"resume": True} if self.get("resume") and Path(out).exists() else {}
@@ -159,7 +158,8 @@ class Team:
         pushed = context.launch_configurations.get("ros_namespace", "")
         self._namespace = "/".join(filter(None, (pushed, self.get("namespace").strip("/"))))
         # ROS's clocks follow /clock, whatever namespace a node is in.
-        self._clock = self._remapped = [("/clock", CLOCK.name)]
+        own = self.of_world("clock") == OWN_CLOCK
+        self._remapped = [("/clock", CLOCK.name)] if own else []
         self._running: dict[int, Node] = {}
         self._own = file in {Path(one).name for one in sys.argv}  # else included by another
         self._failed: list[str] = []
@@ -170,13 +170,13 @@ class Team:
         """Return an argument, or its default."""
         return self.given.get(name, self._arguments[name].default)
 
+    def of_world(self, name: str) -> Any:
+        """Return an argument, else what the parameter file says of the world, else its default."""
+        return self.given.get(name, self._in_file.get(name, self.get(name)))
+
     def of(self, names: Iterable[str]) -> dict[str, Any]:
         """Return those of some arguments that were given."""
         return {name: self.given[name] for name in names if name in self.given}
-
-    def others_clock(self) -> None:
-        """Leave /clock to somebody else: the team's own is called `GAME_CLOCK`."""
-        self._clock, self._remapped = [(CLOCK.name, GAME_CLOCK)], []
 
     def add_team(self, **more: Any) -> None:
         """Add world, robots and recorder.
@@ -186,13 +186,14 @@ class Team:
         """
         own = {"out": self._out, **self._resume}
         world = self.of(("seed", "learner", "greedy", "tables", "rate"))
-        world |= {"scenario": self._name, "recorded": self.get("record")}
-        self.add(WORLD, {**own, **world, **self._settings, **more}, remapped=self._clock)
+        world |= {name: self.of_world(name) for name in ("scenario", "clock")}
+        world["recorded"] = self.get("record")
+        self.add(WORLD, {**own, **world, **self._settings, **more})
         for robot in self.scenario.robots:
             self.add("robot", own, robot.name)
         if self.get("record"):
             bag = str(Path(self._out) / "bag")
-            self.add(RECORDER, {**own, "out": bag}, remapped=self._clock)
+            self.add(RECORDER, {**own, "out": bag})
 
     def add(
         self,
@@ -207,9 +208,9 @@ class Team:
             executable: of this package.
             values: its parameters.
             name: what it is called; empty: as its executable.
-            remapped: names of topics and what they are called instead.
+            remapped: further names of topics and what they are called instead.
         """
-        names = [*(remapped or self._remapped)]
+        names = [*self._remapped, *remapped]
         self.actions += self._node(executable, values, name or executable, names)
 
     def matched(self, argument: str, robots: Iterable[str]) -> list[str]:

@@ -33,6 +33,9 @@ RUN_FILE, SCENARIO_FILE, MAP_FILE = "run.yaml", "scenario.yaml", "map.txt"
 FORMAT = 2
 """Number of the format of `run.yaml`, its field `format`."""
 
+OWN_CLOCK, NO_CLOCK = "own", "none"
+"""Whether a run owns /clock."""
+
 RUN_RECORD = "sparse_coord_ros"
 """Name of the bag's metadata record about the run."""
 
@@ -78,6 +81,11 @@ class RunConfig:
     learner: str = setting("coop", "who learns; coop is Algorithm 1 of the paper", LEARNER)
     greedy: bool = setting(False, "act on learned tables, without exploring or learning")
     step_period: float = setting(0.1, "simulated seconds a time step", low=1e-3, high=60)
+    clock: str = setting(
+        OWN_CLOCK,
+        "own: /clock tells the run's time, step t is t * step_period; none: it is left to others",
+        choices=(OWN_CLOCK, NO_CLOCK),
+    )
     resolution: float = setting(
         0.0,
         "metres a cell, at least 0.001; 0: the map's own, or 1 where it shows no real place",

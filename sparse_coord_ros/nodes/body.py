@@ -10,7 +10,6 @@ from typing import Any, Unpack
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, Twist
 from nav_msgs.msg import Odometry
 from rclpy.publisher import Publisher
@@ -24,7 +23,13 @@ from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.lockstep.bodies import BEGIN, Goals, Reached
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.follower import Follower
-from sparse_coord_ros.nodes.messages import Converter, read_goals, read_reached, status
+from sparse_coord_ros.nodes.messages import (
+    Converter,
+    diagnostics,
+    read_goals,
+    read_reached,
+    status,
+)
 from sparse_coord_ros.nodes.parameters import PARAMETERS, Place
 from sparse_coord_ros.nodes.spin import run_node
 from sparse_coord_ros.nodes.transforms import (
@@ -68,7 +73,7 @@ class BodyNode(Follower):
         self._said = time.monotonic()
         self._paths: list[list[float]] = []
         self._time_publisher: Publisher | None = None
-        if self.values["clock"]:
+        if self.values["body_clock"]:
             self._time_publisher = self.announce(interface.CLOCK)
 
     def begin(self, run: RunConfig) -> None:
@@ -155,9 +160,8 @@ class BodyNode(Follower):
 
     def report(self) -> None:
         """Publish how often bodies touched each other and the walls."""
-        message = DiagnosticArray()
-        message.status = [status(f"{self.full_name}: bodies", "driving", self.summary())]
-        self._diagnostics.publish(message)
+        said = status(f"{self.full_name}: bodies", "driving", self.summary())
+        self._diagnostics.publish(diagnostics(said))
 
     def summary(self) -> dict[str, Any]:
         """Return what happened, as plain data."""

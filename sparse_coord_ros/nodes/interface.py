@@ -8,12 +8,13 @@ team moves into a namespace together. A robot's topics lie under its name.
 
 import functools
 import importlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from sparse_coord_ros import wire
+from sparse_coord_ros.learn.run_config import NO_CLOCK, RunConfig
 from sparse_coord_ros.wire import Delivery, services
 
 STEP_DEPTH = 10_000
@@ -73,6 +74,12 @@ def __getattr__(name: str) -> RosTopic:
     if not isinstance(topic, wire.Topic):
         raise AttributeError(f"{__name__} has no {name}, and the vocabulary no such topic")
     return bind(topic)
+
+
+def clock_of(run: RunConfig) -> RosTopic:
+    """Return the topic of a run's clock: it is hidden where /clock is somebody else's."""
+    hidden = run.clock == NO_CLOCK
+    return bind(replace(wire.CLOCK, name=wire.HIDDEN_CLOCK) if hidden else wire.CLOCK)
 
 
 def recorded(owner: wire.Owner) -> tuple[RosTopic, ...]:

@@ -5,7 +5,6 @@
 from pathlib import Path
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.client import Client
 from std_srvs.srv import Trigger
 
@@ -24,6 +23,7 @@ from sparse_coord_ros.nodes.follower import Follower
 from sparse_coord_ros.nodes.guard import Guard
 from sparse_coord_ros.nodes.messages import (
     Converter,
+    diagnostics,
     robot_number,
     status,
     tables_message,
@@ -293,8 +293,7 @@ class Member:
         }
         doing = wire.RunState.LEARNING if self.lockstep.agent.learning else wire.RunState.GREEDY
         said = status(f"{self._node.full_name}: agent", doing, values)
-        header = self._convert.header(step)
-        self._diagnostics.publish(DiagnosticArray(header=header, status=[said]))
+        self._diagnostics.publish(diagnostics(said))
         if not self._unsaid:
             self.episode(self.lockstep.handled)
 

@@ -3,11 +3,12 @@
 """The messages of `wire.messages` as rclpy's objects, and those that are published as objects."""
 
 import math
+import time
 from array import array as packed
 from collections.abc import Iterable, Mapping, Sequence
 
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 from rclpy.serialization import deserialize_message
@@ -19,6 +20,7 @@ from sparse_coord_ros.learn.run_config import RunConfig, run_from_yaml
 from sparse_coord_ros.lockstep.bodies import LOST, BodyGoal, Goals, Reached
 from sparse_coord_ros.nodes.interface import bind
 from sparse_coord_ros.wire import BODY_GOALS, GOAL_LABELS, MAP_FRAME, REACHED, RUN, ClaimRank
+from sparse_coord_ros.wire.frame import SECOND
 from sparse_coord_ros.wire.messages import Messages, read_labelled
 
 TEXT = 8
@@ -180,6 +182,13 @@ def read_tables_message(message: UInt8MultiArray) -> tuple[bytes, int, str]:
     if len(labels) != 2 or labels[0] != "npz":
         raise ValueError(f"has the dimensions {labels}, not 'npz' and an occasion")
     return message.data.tobytes(), message.layout.dim[1].size, labels[1]
+
+
+def diagnostics(said: DiagnosticStatus) -> DiagnosticArray:
+    """Return a report: stamped with the wall clock, whoever owns /clock, and in no frame."""
+    sec, nanosec = divmod(time.time_ns(), SECOND)
+    header = Header(stamp=Time(sec=sec, nanosec=nanosec))
+    return DiagnosticArray(header=header, status=[said])
 
 
 def status(

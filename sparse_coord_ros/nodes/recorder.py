@@ -24,7 +24,7 @@ from sparse_coord_ros.errors import BagError, RunError, SparseCoordError
 from sparse_coord_ros.learn.run_config import MAP_FILE, RUN_RECORD, RunConfig, bag_files
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.follower import Follower
-from sparse_coord_ros.nodes.messages import Converter, read_tables_message, status
+from sparse_coord_ros.nodes.messages import Converter, diagnostics, read_tables_message, status
 from sparse_coord_ros.nodes.parameters import PARAMETERS, Place
 from sparse_coord_ros.nodes.spin import run_node
 from sparse_coord_ros.wire import NODE, RECORDER, ROBOT, TEAM, WORLD
@@ -264,6 +264,8 @@ class Recorder(Follower):
     def _listen(self, recording: Recording) -> None:
         of_team, of_node, of_robot = map(interface.recorded, (TEAM, NODE, ROBOT))
         for topic in of_team:
+            if topic is interface.CLOCK:
+                topic = interface.clock_of(recording.run)
             if topic is not interface.RUN:
                 self._record(recording, topic, topic.name)
         for name in self.names_of(WORLD) or {WORLD}:
@@ -361,10 +363,8 @@ class Recorder(Follower):
             "bytes": recording.bag.bytes_written,
             "messages_dropped": self.intake.total,
         }
-        convert = recording.convert
-        message = DiagnosticArray(header=convert.header(recording.now_ns // convert.period))
-        message.status = [status(f"{self.full_name}: bag", "recording", values)]
-        self._diagnostics_publisher.publish(message)
+        said = status(f"{self.full_name}: bag", "recording", values)
+        self._diagnostics_publisher.publish(diagnostics(said))
 
     def finish(self, *, interrupted: bool) -> None:
         """Close the bag and say what is in it."""

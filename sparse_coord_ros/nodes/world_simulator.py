@@ -3,6 +3,7 @@
 """The world simulator node: local states, rewards and time for a team of robot nodes."""
 
 import functools
+import math
 import time
 import uuid
 from dataclasses import replace
@@ -51,6 +52,9 @@ EVENTS = (
 )
 """What a world counts of its run's faults, its earlier processes included."""
 
+PROGRESS_SECONDS = 5.0
+"""Between two lines of how far the run is."""
+
 
 class WorldSimulator(ParameterNode):
     """Publishes X_k(t) and R_k(t), waits for the team's actions, owns /clock.
@@ -77,6 +81,7 @@ class WorldSimulator(ParameterNode):
     _output: Output | None = None
     _rate_timer: Timer | None = None
     _paused = _single = _stopped = False
+    _told = -math.inf
 
     def __init__(self, **place: Unpack[Place]) -> None:
         super().__init__(WORLD, PARAMETERS[WORLD], **place)
@@ -376,7 +381,8 @@ class WorldSimulator(ParameterNode):
         }
         self.topics.report(self.doing, values, warn=bool(self.lockstep.absent))
         self._say()
-        if moved:
+        if moved and (self.done or now - self._told >= PROGRESS_SECONDS):
+            self._told = now
             self.get_logger().info(
                 f"{world.transitions / run.scenario.steps:4.0%}  {world.transitions} of "
                 f"{run.scenario.steps} steps, {rate:.0f} steps/s, episode {world.episode + 1}, "

@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
 from std_msgs.msg import String
 
 from sparse_coord_ros.game.game import Game
@@ -16,7 +15,7 @@ from sparse_coord_ros.learn.run_config import RunConfig
 from sparse_coord_ros.lockstep.waiting import Silence
 from sparse_coord_ros.lockstep.world_side import WorldSide
 from sparse_coord_ros.nodes import interface
-from sparse_coord_ros.nodes.messages import Converter, status
+from sparse_coord_ros.nodes.messages import Converter, diagnostics, status
 from sparse_coord_ros.nodes.parameters import ParameterNode
 from sparse_coord_ros.nodes.scene import Scene, ScenePublisher
 from sparse_coord_ros.wire import RECORDER
@@ -35,7 +34,7 @@ class WorldTopics:
 
     Attributes:
         convert: between time steps and cells and messages.
-        clock: the publisher of /clock; states, rewards: those of each robot.
+        clock: the publisher of the clock; states, rewards: those of each robot.
         actions: the subscription to each robot's actions.
     """
 
@@ -54,7 +53,7 @@ class WorldTopics:
         self._clock_step = -1
         self._run_publisher = node.announce(interface.RUN)
         self._status_publisher = node.announce(interface.STATUS)
-        self.clock = node.announce(interface.CLOCK)
+        self.clock = node.announce(interface.clock_of(run))
         self._map_publisher = node.announce(interface.MAP)
         self._marker_publisher = node.announce(interface.MARKERS)
         scene = Scene(self.convert, self._names)
@@ -164,6 +163,5 @@ class WorldTopics:
 
     def report(self, state: str, values: Mapping[str, object], *, warn: bool) -> None:
         """Publish diagnostics."""
-        header = self.convert.header(self._game.step)
         said = status(f"{self._node.full_name}: run", state, values, warn=warn)
-        self._diagnostics_publisher.publish(DiagnosticArray(header=header, status=[said]))
+        self._diagnostics_publisher.publish(diagnostics(said))

@@ -6,6 +6,7 @@
 is delivered and recorded. `messages.py` packs and reads by it, `nodes/interface.py` binds it to
 message classes and QoS profiles; the recorder and the log follow it. Topic names are relative: a
 team's to its namespace, a robot's to its own name; what ROS shares among all nodes is absolute.
+What is of no use to people begins with an underscore: `ros2 topic list` hides it.
 """
 
 from dataclasses import dataclass
@@ -146,7 +147,10 @@ _ROSOUT, _PARAMETERS = "rcl_interfaces/msg/Log", "rcl_interfaces/msg/ParameterEv
 RUN = Topic("run", _STRING, TEAM, _LATCHED, limit=limits.SCENARIO)
 STATUS = Topic("status", _STATUS, TEAM, _LATCHED)
 CLOCK = Topic("clock", "rosgraph_msgs/msg/Clock", TEAM, _STEP, stamped=True, tapped=True)
-"""Outside any namespace that is /clock, which nodes with `use_sim_time` follow."""
+"""Outside any namespace that is /clock, which nodes with `use_sim_time` follow. Of a run whose
+`clock` is none it is called `HIDDEN_CLOCK`: the log needs it, and /clock is others'."""
+
+HIDDEN_CLOCK = "_clock"
 
 MAP = Topic("map", _GRID, TEAM, _LATCHED, stamped=True, tapped=True, limit=limits.PICTURE)
 MARKERS = Topic("markers", _MARKERS, TEAM, _LATCHED, tapped=True, limit=limits.PICTURE)
@@ -155,7 +159,7 @@ SCENE = Topic("scene", _MARKERS, TEAM, _LATCHED, limit=limits.PICTURE)
 
 DIAGNOSTICS = Topic("/diagnostics", _REPORT, TEAM, _EVENT, limit=limits.PICTURE)
 """Absolute, as REP 107 has it, so that an aggregator hears every team; drivers and other teams
-publish here too, with stamps of other clocks."""
+publish here too. The stamps are of the wall clock, in no frame."""
 
 LOCAL_STATE = Topic("local_state", _POSE, ROBOT, _STEP, stamped=True, tapped=True)
 REWARD = Topic(
@@ -177,7 +181,7 @@ COORDINATION_MAP = Topic(
     tapped=True,
     limit=limits.PICTURE,
 )
-PROGRESS = Topic("progress", _STATUS, ROBOT, _LATCHED)
+PROGRESS = Topic("_progress", _STATUS, ROBOT, _LATCHED)
 """What a robot says of its checkpoints, and the recorder of the orders that it has seen."""
 
 TABLES = Topic(
@@ -187,7 +191,7 @@ TABLES = Topic(
 )
 """Of a robot, as the bytes of an .npz file; the recorder attaches them to the bag."""
 
-CLAIM = Topic("claim", "std_msgs/msg/Header", NODE, _LATCHED)
+CLAIM = Topic("_claim", "std_msgs/msg/Header", NODE, _LATCHED)
 """Of the world and of every robot: `frame_id` is what the node is called by nobody else, and its
 `ClaimRank`. The stamp (wall clock, since when) is for people only."""
 
@@ -199,7 +203,7 @@ SERVICE_EVENTS = Topic(
 )
 """What rclpy publishes of the requests to a robot and of its answers."""
 
-RECORDING = Topic("recording", _STRING, TEAM, _LATCHED, recorded=False)
+RECORDING = Topic("_recording", _STRING, TEAM, _LATCHED, recorded=False)
 """Where a recorder writes: the bag's directory."""
 
 BODY_GOALS = Topic(

@@ -4,6 +4,8 @@
 
 import numpy as np
 import pytest
+
+pytest.importorskip("pettingzoo")  # package.xml does not bring it: it has no rosdep key
 from pettingzoo.test import parallel_api_test
 
 from sparse_coord_ros.errors import RunError, SettingError

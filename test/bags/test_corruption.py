@@ -28,7 +28,7 @@ def write_bag(directory, samples, compression, *, rounds=40, chunk_size=600):
         bag.add_metadata("run", {"seed": "7", "scenario": "cit"})
         channels = [
             (bag.add_topic("/chatter", STRING, QoS()), STRING),
-            (bag.add_topic("/claim", HEADER, LATCHED), HEADER),
+            (bag.add_topic("/_claim", HEADER, LATCHED), HEADER),
         ]
         for i in range(rounds):
             channel, type_name = channels[draw.random() < 0.3]

@@ -24,9 +24,9 @@ from sparse_coord_ros.wire import ACTION, REWARD
 SEED, STEPS, CHECKPOINT = 5, 120, 50
 PERIOD_NS = 200_000_000
 NAMES = ("robot_1", "robot_2")
-CLAIMS = {f"/{name}/claim" for name in ("world_simulator", *NAMES)}
+CLAIMS = {f"/{name}/_claim" for name in ("world_simulator", *NAMES)}
 MAPS = {f"/{name}/coordination_map" for name in NAMES}
-PROGRESS = {f"/{name}/progress" for name in NAMES}
+PROGRESS = {f"/{name}/_progress" for name in NAMES}
 LATCHED = {"/run", "/status", "/map", "/markers", "/scene"} | MAPS | PROGRESS | CLAIMS
 EVENTS = {f"/{name}/active_perception/_service_event" for name in NAMES}
 STEP_TOPICS = {

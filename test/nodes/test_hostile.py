@@ -99,7 +99,7 @@ def test_a_team_under_fire_learns_what_it_would_have_learned(
     robot = robots[0]
     bench.spin_until(
         lambda: (
-            {"robot_1/local_state", "status", "run", "~/claim"} <= set(robot.intake.dropped)
+            {"robot_1/local_state", "status", "run", "~/_claim"} <= set(robot.intake.dropped)
             and robots[1].intake.dropped["robot_2/local_state"] >= 2
             and world.intake.dropped["robot_1/action"] >= len(GARBAGE)
             and recorder.intake.dropped["clock"] >= 2
@@ -325,7 +325,7 @@ def test_world_and_recorder_may_be_renamed(bench, tmp_path):
     for name in NAMES:
         start(RobotNode, name)
     bench.spin_until_done()
-    assert "/earth/claim" in open_bag(tmp_path / "bag").topics
+    assert "/earth/_claim" in open_bag(tmp_path / "bag").topics
     assert verify(tmp_path / "bag").same
 
 

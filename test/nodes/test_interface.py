@@ -39,7 +39,7 @@ TEAM = {
     "markers": ("visualization_msgs/msg/MarkerArray", True),
     "scene": ("visualization_msgs/msg/MarkerArray", True),
     "diagnostics": ("diagnostic_msgs/msg/DiagnosticArray", False),
-    "world_simulator/claim": ("std_msgs/msg/Header", True),
+    "world_simulator/_claim": ("std_msgs/msg/Header", True),
 }
 ROBOT = {
     "local_state": ("geometry_msgs/msg/PoseStamped", False),
@@ -47,9 +47,9 @@ ROBOT = {
     "action": ("sensor_msgs/msg/JointState", False),
     "percept": ("nav_msgs/msg/Path", False),
     "coordination_map": ("nav_msgs/msg/OccupancyGrid", True),
-    "progress": ("diagnostic_msgs/msg/DiagnosticStatus", True),
+    "_progress": ("diagnostic_msgs/msg/DiagnosticStatus", True),
     "tables": ("std_msgs/msg/UInt8MultiArray", True),
-    "claim": ("std_msgs/msg/Header", True),
+    "_claim": ("std_msgs/msg/Header", True),
 }
 """Type of every topic, and whether it is latched, as the design says (not as the code says)."""
 

@@ -92,7 +92,7 @@ def test_a_world_robots_and_a_recorder(nodes, tmp_path):
     assert executables(found) == ["world_simulator", "robot", "robot", "recorder"]
     assert values(found[0]) == {
         **{"use_sim_time": False, "out": str(tmp_path / "run")},
-        **{"scenario": "env1", "recorded": True},
+        **{"scenario": "env1", "recorded": True, "clock": "own"},
     }
     assert values(found[3])["out"] == str(tmp_path / "run" / "bag")
     assert len(nodes(out=str(tmp_path / "run"), record="false")) == 3
@@ -159,13 +159,14 @@ def test_the_clock_follows_the_namespace_or_is_left_to_others(nodes, tmp_path):
     found = nodes(out=out, namespace="/a/")
     assert {node["namespace"] for node in found} == {"a"}
     assert all(node["remappings"] == [("/clock", "clock")] for node in found)
-    for clock in ("bodies", "other"):
-        found = nodes("bodies", out=out, clock=clock)
-        assert found[0]["remappings"] == found[3]["remappings"] == [("clock", "game_clock")]
-        assert found[1]["remappings"] == found[-1]["remappings"] == []
-        assert values(found[-1])["clock"] is (clock == "bodies")
-    with pytest.raises(SettingError, match="clock: value is 'sun', allowed: world or bodies"):
-        nodes("bodies", out=out, clock="sun")
+    for found in (nodes(out=out, namespace="a", clock="none"), nodes("lab", out=out)):
+        assert values(found[0])["clock"] == "none"
+        assert found[0]["remappings"] == found[3]["remappings"] == []
+    found = nodes("bodies", out=out, body_clock="true")
+    assert (values(found[0])["clock"], values(found[-1])["body_clock"]) == ("none", True)
+    assert all(node["remappings"] == [("/clock", "clock")] for node in found)
+    with pytest.raises(SettingError, match="clock: value is 'sun', allowed: own or none"):
+        nodes(out=out, clock="sun")
 
 
 def test_bodies_have_drivers_and_a_simulator(nodes, tmp_path):

@@ -265,13 +265,13 @@ def test_claims_and_rosout_are_played_only_where_they_are_named(bag, tmp_path):
     assert chosen_topics(open_bag(bag), ["/rosout"]) == ["/clock", "/rosout"]
     assert "/rosout" not in chosen_topics(open_bag(bag), [])
     with BagWriter(tmp_path / "bag") as writer:
-        for name in ("/robot_1/claim", "/robot_1/words", "/claim_board"):
+        for name in ("/robot_1/_claim", "/robot_1/words", "/claim_board"):
             channel = writer.add_topic(name, "std_msgs/msg/String", QoS())
             writer.write(channel, serialize_message(String(data=name)), 0, 0)
     bag = open_bag(tmp_path / "bag")
     assert chosen_topics(bag, []) == ["/claim_board", "/robot_1/words"]
     assert chosen_topics(bag, ["/robot_1/*"]) == ["/robot_1/words"]
-    assert chosen_topics(bag, ["robot_1/claim"]) == ["/robot_1/claim"]
+    assert chosen_topics(bag, ["robot_1/_claim"]) == ["/robot_1/_claim"]
 
 
 def test_beside_a_live_run_it_plays_nothing(bench, bag):

@@ -107,7 +107,7 @@ def test_what_was_dropped_before_is_counted_on(bench, tmp_path):
     world._say()
     bench.destroy(world)
     observer = bench.observer()
-    bench.spin_until(lambda: not observer.count("world_simulator/claim"), "its name is free")
+    bench.spin_until(lambda: not observer.count("world_simulator/_claim"), "its name is free")
     again = bench.world(out=str(tmp_path), resume=True, scenario="")
     bench.spin_until(lambda: again._output is not None, "the other one is open")
     again.intake.drop("a topic", "does not fit")
@@ -167,7 +167,7 @@ def test_who_goes_on_shows_nothing_of_the_time_before(bench, tmp_path, who):
     observer = bench.observer()
     bench.spin_until(lambda: world.lockstep.world.step > 50, "between two checkpoints")
     bench.destroy(world if who == "world_simulator" else robots[1])
-    bench.spin_until(lambda: not observer.count(f"{who}/claim"), "its name is free")
+    bench.spin_until(lambda: not observer.count(f"{who}/_claim"), "its name is free")
     if who == "world_simulator":
         bench.world(scenario="", resume=True, **alone)
     else:

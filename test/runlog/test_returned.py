@@ -41,7 +41,7 @@ def returned(good, tmp_path):
             }
             latched = QoS("reliable", "transient_local", "keep_last", 1)
             own = new.add_topic(
-                "/robot_2/progress", "diagnostic_msgs/msg/DiagnosticStatus", latched
+                "/robot_2/_progress", "diagnostic_msgs/msg/DiagnosticStatus", latched
             )
             due = [(0, FIRST), *((AT + 60 * i, one) for i, one in enumerate(said))]
             for one in bag.messages():
