@@ -4,7 +4,7 @@
 
 python -m tools.strangers [--seconds N] [--seed S] [--robots K]
 
-publishes on every topic of a team and calls its services for a while; `tools.siege`, `tools.chaos`
+publishes on every topic of a team and calls its services for a while; `tools.soak`, `tools.chaos`
 and the tests use it as a class. What the visitor says fits no run: its stamps, identities and
 numbers are those of no team, so what is learned is to stay as it is.
 """
@@ -16,6 +16,7 @@ import re
 import sys
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Any
 
 import rclpy
@@ -180,9 +181,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         node = rclpy.create_node("stranger", context=context)
         visitor = Visitor(node, names, options.seed, hostile=options.hostile)
         end = time.monotonic() + options.seconds
-        while time.monotonic() < end:
-            visitor.step()
-            time.sleep(options.pause)
+        with suppress(KeyboardInterrupt):
+            while time.monotonic() < end:
+                visitor.step()
+                time.sleep(options.pause)
         print(f"said {visitor.said}", flush=True)
         node.destroy_node()
     return 0

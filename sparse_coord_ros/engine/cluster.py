@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, Any
 from sparse_coord_ros.compiling import digest_of_sources
 from sparse_coord_ros.errors import ResultsError, RunError, SettingError, SparseCoordError
 from sparse_coord_ros.game.plugins import allow_modules, allowed
-from sparse_coord_ros.game.settings import Setting
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -33,13 +32,8 @@ TASKS_A_THREAD = 4
 """Tasks that each thread of the cluster gets at least, if there are so many runs."""
 
 
-JOBS = Setting("jobs", int, 1, "threads (or processes) at once", low=1, high=4096)
-
-
 def check_place(jobs: int | None, scheduler: str | None) -> None:
-    """Raise `SettingError` for jobs that are none, or where a cluster is told what to do, too."""
-    if jobs is not None:
-        JOBS.parse(jobs)
+    """Raise `SettingError` where both this machine and a cluster are told what to do."""
     if jobs is not None and scheduler is not None:
         raise SettingError(
             f"setting jobs: value is {jobs}, allowed with a scheduler: none, as its workers say "

@@ -273,10 +273,7 @@ def scenario_names() -> list[str]:
     return [name for name in share_names("config", ".yaml") if name != PARAMETERS]
 
 
-ScenarioLike = str | Path | Scenario
-
-
-def loaded(scenario: ScenarioLike) -> Scenario:
+def loaded(scenario: "str | Path | Scenario") -> "Scenario":
     """Return a scenario as it is, or load it by its name or path.
 
     Raises:

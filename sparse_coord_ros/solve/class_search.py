@@ -24,9 +24,8 @@ from sparse_coord_ros.game.actions import ACTIONS, MOVES, PRIMITIVES
 from sparse_coord_ros.game.links import check_up
 from sparse_coord_ros.game.miscoordination import meeting_places, together
 from sparse_coord_ros.game.perception import percept_probabilities
-from sparse_coord_ros.game.scenario import Scenario, ScenarioLike, loaded
+from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.game.settings import Setting
-from sparse_coord_ros.learn.run_config import RUN_SETTINGS
 from sparse_coord_ros.limits import RESULTS, read_text
 from sparse_coord_ros.solve import class_loops
 from sparse_coord_ros.solve.class_loops import (
@@ -69,33 +68,27 @@ Progress = Callable[[int, int, float], None]
 
 
 def class_bound(
-    scenario: ScenarioLike,
+    scenario: Scenario,
     *,
-    restarts: int = 20,
+    restarts: int = 50,
     seed: int = 0,
-    file: str | Path | None = None,
+    file: Path | None = None,
     progress: Progress = lambda done, of, best: None,
 ) -> ClassBound:
-    """Search for the best team of two robots that has Algorithm 1's form.
-
-    Its `value` is a lower bound of what such a team can be worth: the search may miss the best.
-    `shipped_class_bound` returns what was found once for the paper's scenarios.
+    """Search for the best team of Algorithm 1's form.
 
     Args:
         scenario: a problem of two robots.
-        restarts: how often the search begins anew.
-        seed: of the search.
-        file: a JSON file to keep the search in, and to go on from; None: nothing is kept.
-        progress: called after each restart with those done, all, and the best value so far.
+        restarts: how often to begin anew.
+        seed: of every random draw.
+        file: where to keep what was found after each restart, and to go on from.
+        progress: called after each restart.
 
     Raises:
-        SettingError: not two robots, or a bad value.
+        SettingError: not two robots.
         ResultsError: the file is that of another search.
     """
-    scenario = loaded(scenario)
     check_class(scenario)
-    restarts, seed = RESTARTS.parse(restarts), RUN_SETTINGS["seed"].parse(seed)
-    file = None if file is None else Path(file)
     game = _game(scenario, (0.5, 0.5))
     both = np.ones(2, dtype=np.bool_)
     values, best = _kept(file, scenario, seed)

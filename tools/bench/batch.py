@@ -24,7 +24,7 @@ from tools.c_loop.loop import CLoop
 MEASURED = (
     ("env1", "coop", 1.0),
     ("env1", "factored", 0.5),
-    ("env1", "tools.coordination.rules:NoReplay", 0.5),
+    ("env1", "tools.study.rules:NoReplay", 0.5),
     ("crowd-8r", "factored", 0.1),
 )
 """Scenario, learner, and how many of the runs that were asked for."""

@@ -1,10 +1,14 @@
 # Copyright 2026 The sparse_coord_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The studies as data: how many runs of a condition, and the table, which asks for conditions."""
+"""The studies of docs/coordination.md: how many runs of a condition, and the table.
+
+They say what the factored learner is worth, and why.
+"""
 
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -22,7 +26,7 @@ from sparse_coord_ros.experiments.report.text import (
     to_markdown,
     with_error,
 )
-from sparse_coord_ros.experiments.store import ConditionResult
+from sparse_coord_ros.experiments.store import ConditionResult, Plan
 from sparse_coord_ros.game.scenario import Scenario
 from sparse_coord_ros.learn.learners import learner_of
 from sparse_coord_ros.solve.optimum import independent_bound
@@ -30,7 +34,7 @@ from sparse_coord_ros.solve.optimum import independent_bound
 SEED = 950_000
 """Seed of the first run: no search has seen these."""
 
-RULES = "tools.coordination.rules:"
+RULES = "tools.study.rules:"
 MOST_COMMON = 6
 """Values of a team that the table of routes names."""
 
@@ -70,6 +74,20 @@ class Study:
     runs: tuple[int, int]
     trials: int
     table: Callable[[Found], str]
+
+    page = "coordination.md"
+
+    def plan(self, condition: Condition) -> Plan:
+        """Return seed, runs and trials; of two robots trials are of no interest."""
+        two = len(condition.scenario.robots) == 2
+        exact = two and learner_of(condition.learner).compiled
+        runs, trials = (self.runs[0], 2) if exact else (self.runs[1], self.trials)
+        return Plan(SEED, runs, trials)
+
+    def texts(self, compute: Callable[[Condition, Plan], ConditionResult]) -> dict[str, str]:
+        """Return the table, by its name."""
+        found = cache(lambda condition: compute(condition, self.plan(condition)))
+        return {self.name: self.table(found)}
 
 
 def _factored(name: str, settings: Mapping[str, object]) -> Condition:
@@ -410,10 +428,11 @@ def _share(one: Standing) -> str:
     return f"{percent(one.share.mean)} ({100 * one.share.standard_error:.1f})"
 
 
+CROWDS = Study("many", (200, 100), 300, _many)
 STUDIES: tuple[Study, ...] = (
     Study("pairs", (200, 100), 2, _pairs),
     Study("fall", (200, 100), 2, _fall),
-    Study("many", (200, 100), 300, _many),
+    CROWDS,
     Study("paper", (200, 100), 1000, _paper),
     Study("ablation", (40, 16), 200, _ablation),
     Study("routes", (200, 100), 2, _routes),

@@ -1,0 +1,180 @@
+# Copyright 2026 The sparse_coord_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Compute what the package ships to measure teams against: files in config.
+
+python -m tools.shipped bounds [--restarts N] [--keep SEARCHES]
+python -m tools.shipped teams [--out study]
+python -m tools.shipped unseen
+
+bounds: class_bounds.json, of `SCENARIOS` with `PENALTIES`; every search is kept in the folder
+SEARCHES and goes on from there. teams: best_teams.json, the best of the teams of more than two
+robots that the study `many` of `tools.study` let learn; the best few are learned again and judged
+by fresh trials. unseen: unseen.json, the buildings of the benchmark, and their class bounds. Of
+each kind and team, seeds are looked at from 0 on. The first `COUNTS` even ones with a real
+conflict are for tuning, the first odd ones for the test: what a planner with full sight is worth
+is above shortest paths by more than `CONFLICT`.
+"""
+
+import argparse
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
+from datetime import UTC, datetime
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sparse_coord_ros.engine.batch import CompiledTeam, prepare
+from sparse_coord_ros.experiments.catalogue import LONG
+from sparse_coord_ros.experiments.conditions import make_condition
+from sparse_coord_ros.experiments.runner import Computing
+from sparse_coord_ros.files import write_whole
+from sparse_coord_ros.game.scenario import Scenario, load_scenario
+from sparse_coord_ros.game.unseen import KINDS, TEAMS, VERSION
+from sparse_coord_ros.solve.class_search import class_bound
+from sparse_coord_ros.solve.optimum import joint_optimum
+from sparse_coord_ros.solve.reference import shortest_path_reference
+from sparse_coord_ros.solve.routes import route_plan
+from sparse_coord_ros.solve.shipped import UNSEEN, BestTeam, ClassBound, game_digest
+from sparse_coord_ros.version import __version__
+from tools.study.__main__ import computing
+from tools.study.coordination import CROWDS, MANY, SEED
+
+CONFIG = Path(__file__).resolve().parents[1] / "config"
+SCENARIOS = ("env1", "env2-2r", "pentagon", "isr", "cit")
+PENALTIES = ("0", "-0.1", "-1", "-10", "-20", "-100")
+
+FEW = 5
+"""Learned teams that are judged by fresh trials."""
+
+TRIALS = 20_000
+FRESH = 10**9
+"""Added to a seed for the trials."""
+
+COUNTS = {2: 4, 4: 2, 8: 1}
+CONFLICT = 1.0
+UNSEEN_RESTARTS = 40
+
+
+def write(file: str, entries: Mapping[str, Any], *, afresh: bool = False) -> None:
+    """Write entries into a file of `CONFIG`, one line each; what else it has stays.
+
+    Args:
+        file: its name.
+        entries: by their names.
+        afresh: whether the entries that it has go.
+    """
+    said = json.loads((CONFIG / file).read_text(encoding="utf-8"))
+    *head, key = said
+    kept = dict(entries) if afresh else said[key] | entries
+    lines = ",\n".join(f"  {json.dumps(name)}: {json.dumps(one)}" for name, one in kept.items())
+    heads = "".join(f"{json.dumps(name)}: {json.dumps(said[name])},\n " for name in head)
+    write_whole(CONFIG / file, f"{{{heads}{json.dumps(key)}: {{\n{lines}\n }}}}\n")
+
+
+def add_bound(scenario: Scenario, restarts: int, search: Path | None = None) -> ClassBound:
+    """Search for a class bound and write it."""
+    found = class_bound(scenario, restarts=restarts, seed=1, file=search)
+    title = f"{scenario.name}, penalty {scenario.penalty:g}"
+    agreed = f"{found.agreed} of {found.restarts}"
+    print(f"{title}: {found.value:.6f}, {agreed}, gains {found.gains}", flush=True)
+    write("class_bounds.json", {title: asdict(found)})
+    return found
+
+
+def find_bounds(restarts: int, keep: Path) -> None:
+    """Search for the class bounds of the paper's scenarios."""
+    keep.mkdir(parents=True, exist_ok=True)
+    for name in SCENARIOS:
+        for penalty in PENALTIES:
+            scenario = load_scenario(name).with_settings({"penalty": penalty})
+            add_bound(scenario, restarts, keep / f"{name}_{penalty}.search.json")
+
+
+def find_teams(out: Path) -> None:
+    """Find the best of the learned teams of each crowd."""
+    computed = computing(out, Computing())
+    for name in MANY:
+        condition = make_condition(name, "factored", LONG)
+        rewards = computed(condition, CROWDS.plan(condition)).run_means("reward")
+        scenario = condition.scenario
+        prepare(scenario, "factored")
+        team = CompiledTeam(scenario, "factored")
+        judged = []
+        for run in np.argsort(rewards)[-FEW:].tolist():
+            seed = SEED + run
+            means = team.play(team.learn(seed), seed + FRESH, TRIALS).reward.mean(axis=1)
+            judged.append((float(means.mean()), float(means.std(ddof=1) / TRIALS**0.5), seed))
+        value, error, seed = max(judged)
+        best = BestTeam(
+            value=value,
+            standard_error=error,
+            trials=TRIALS,
+            teams=len(rewards),
+            learner="factored",
+            steps=scenario.steps,
+            seed=seed,
+            game=game_digest(scenario),
+            version=__version__,
+            date=f"{datetime.now(UTC):%Y-%m-%d}",
+        )
+        print(f"{name}: {best}", flush=True)
+        write("best_teams.json", {f"{name}, penalty {scenario.penalty:g}": asdict(best)})
+
+
+def choose_unseen() -> None:
+    """Choose the buildings of the benchmark, and search for the class bounds of two robots."""
+    chosen = {}
+    for robots in TEAMS:
+        for kind in KINDS:
+            for scenario, facts in _with_conflict(kind, robots):
+                print(scenario.name, facts, flush=True)
+                chosen[scenario.name] = {"game": game_digest(scenario), **facts}
+                if robots == 2:
+                    add_bound(scenario, UNSEEN_RESTARTS)
+    write(UNSEEN, chosen, afresh=True)
+
+
+def _with_conflict(kind: str, robots: int) -> Iterator[tuple[Scenario, dict[str, object]]]:
+    """Yield the buildings of a kind, and what is known of them, in the order of their seeds."""
+    wanted = [COUNTS[robots]] * 2
+    for seed in count():
+        if not any(wanted):
+            return
+        if not wanted[seed % 2]:
+            continue
+        scenario = load_scenario(f"{VERSION}-{kind}-{robots}r-{seed}")
+        paths, optimum = shortest_path_reference(scenario).reward, joint_optimum(scenario)
+        facts: dict[str, object] = {"shortest_paths": paths}
+        best = optimum.value
+        if optimum.exact:
+            facts["optimum"] = best
+        if robots > 2:
+            plan = route_plan(scenario)
+            facts["routes"], best = asdict(plan), plan.value
+        if best > paths + CONFLICT:
+            wanted[seed % 2] -= 1
+            yield scenario, facts
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Compute, print, and write."""
+    parser = argparse.ArgumentParser(prog="python -m tools.shipped", description=__doc__)
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.add_argument("what", choices=("bounds", "teams", "unseen"))
+    parser.add_argument("--restarts", type=int, default=100, help="of each search for a bound")
+    parser.add_argument("--keep", type=Path, default=Path("searches"), metavar="SEARCHES")
+    parser.add_argument("--out", type=Path, default=Path("study"), help="results of tools.study")
+    options = parser.parse_args(arguments)
+    if options.what == "bounds":
+        find_bounds(options.restarts, options.keep)
+    elif options.what == "teams":
+        find_teams(options.out)
+    else:
+        choose_unseen()
+
+
+if __name__ == "__main__":
+    main()
