@@ -26,7 +26,8 @@ def write_whole(path: Path, data: bytes | str, *, sync: bool = False) -> None:
     """
     partial = path.with_name(path.name + PARTIAL)
     try:
-        with partial.open("wb") as file:
+        partial.unlink(missing_ok=True)  # it may be a link to somewhere else
+        with partial.open("xb") as file:
             file.write(data.encode() if isinstance(data, str) else data)
             if sync:
                 file.flush()

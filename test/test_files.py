@@ -7,7 +7,7 @@ import stat
 
 import pytest
 
-from sparse_coord_ros.files import write_whole
+from sparse_coord_ros.files import PARTIAL, write_whole
 
 
 @pytest.fixture
@@ -26,6 +26,15 @@ def content(folder):
 def test_the_new_content_takes_the_place_of_the_old(file, data):
     write_whole(file, data)
     assert content(file.parent) == {"run.yaml": "new é".encode()}
+
+
+def test_nobody_is_led_elsewhere(file):
+    elsewhere = file.with_name("elsewhere")
+    elsewhere.write_text("mine")
+    file.with_name(file.name + PARTIAL).symlink_to(elsewhere)
+    write_whole(file, "new")
+    assert (file.read_text(), elsewhere.read_text()) == ("new", "mine")
+    assert not file.is_symlink()
 
 
 def test_where_writing_fails_nothing_has_changed(file):

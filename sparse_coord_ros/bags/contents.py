@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from itertools import accumulate, groupby
 from pathlib import Path
 from typing import NamedTuple
 
@@ -48,6 +49,9 @@ SEARCHED = 1 << 24
 SEARCH, TRIED = 1 << 12, 1 << 11
 """What a search, and each place in it where a record may begin, cost beside."""
 
+TOGETHER = 1 << 20
+"""Bytes that are looked at in one go."""
+
 _CHUNK_HEAD = struct.Struct("<QQQII")
 """Earliest and latest time, size and checksum of the content, length of the compression's name."""
 _LENGTH = struct.Struct("<Q")
@@ -76,11 +80,13 @@ class Block(NamedTuple):
     Attributes:
         offset: where it begins in the file.
         length: its bytes.
+        size: those of its records, decompressed.
         start_ns, end_ns: earliest and latest log time of its messages.
     """
 
     offset: int
     length: int
+    size: int
     start_ns: int
     end_ns: int
 
@@ -145,8 +151,9 @@ class BagFile:
     """
 
     def __init__(self, path: Path, *, checked: bool) -> None:
-        self.path, self._checked = path, checked
-        self.finished = False
+        self.path = path
+        self.finished = self._checked = False
+        self._grows = not checked
         self._lost: list[tuple[int, int, str]] = []
         self._flaw: str | None = None
         self.size, self.readable_bytes = 0, len(MAGIC)
@@ -161,16 +168,16 @@ class BagFile:
         self._channels: dict[int, Channel] = {}
         self._known = np.zeros(1 << 16, dtype=bool)
         # Who writes one checksum writes all, so that a zeroed one does not pass for none.
-        self._own = self._crcs = self._ended = self._altered = False
+        self._own = self._crcs = self._altered = False
+        self._end: tuple[RecordPlace, int] | None = None  # and the checksum of the data
         self._tried = self._contents = 0
-        self._crc = zlib.crc32(MAGIC)
         self._source = Source(path)
         try:
             self.extend()
+            if checked:
+                self._check()
         except BagError as error:
             raise BagError(f"{path}: {error}") from error
-        if checked and not self._ended and path.suffix != PARTIAL:
-            self._lose(self.size, self.size, CUT_OFF)
 
     @property
     def summary(self) -> FileSummary:
@@ -224,19 +231,18 @@ class BagFile:
         if size == self.size:
             return False
         self.size, self.finished = size, _has_end(self._source, size)
-        grows = not (self._checked or self.finished)
-        while not self._ended and (begin := self.readable_bytes) < self.size:
+        while self._end is None and (begin := self.readable_bytes) < self.size:
             try:
                 record = self._source.record(begin, self.size)
                 self._take(record)
                 stop, end = begin, record.end
             except Damage as damage:
                 found = self._behind(begin)
-                if found is None and isinstance(damage, Cut) and grows:
+                if found is None and isinstance(damage, Cut) and self._grows and not self.finished:
                     break  # the rest of a record that is being written comes later
                 stop, end = found or (self.size, self.size)
                 self._lose(begin, stop, damage.problem)
-            self.readable_bytes = stop if self._ended else end
+            self.readable_bytes = end if self._end is None else stop
         return self.readable_bytes != before
 
     def close(self) -> None:
@@ -250,28 +256,29 @@ class BagFile:
         except Damage as damage:
             raise self._changed(damage) from damage
 
-    def parts(self, blocks: Sequence[Block], size: int = 0) -> Iterator[Part]:
-        """Yield the messages of blocks in parts of more than `size` bytes of whole blocks.
+    def parts(self, blocks: Sequence[Block]) -> Iterator[Part]:
+        """Yield the messages of blocks, those of small ones together.
 
         Of a file that is not checked those that cannot be read are left out, and noted as gaps.
 
         Raises:
             BagError: the file was checked, and has changed since.
         """
-        waiting: list[Part] = []
-        for block in blocks:
+        totals = accumulate(block.size for block in blocks)
+        for _, near in groupby(zip(blocks, totals, strict=True), lambda one: one[1] // TOGETHER):
+            group = [block for block, _ in near]
             try:
-                waiting.append(self._part(block))
+                part = self._part(group)
             except Damage as damage:
-                if self._checked:
+                if len(group) > 1:
+                    for block in group:
+                        yield from self.parts([block])
+                elif self._checked:
                     raise self._changed(damage) from damage
-                self._lose(block.offset, block.offset + block.length, damage.problem)
-                continue
-            if sum(len(part.content) for part in waiting) > size:
-                yield _joined(waiting)
-                waiting = []
-        if waiting:
-            yield _joined(waiting)
+                else:
+                    self._lose(group[0].offset, group[0].offset + group[0].length, damage.problem)
+            else:
+                yield part
 
     def _changed(self, damage: Damage) -> BagError:
         return BagError(f"{self.path} has changed while it was read: {damage}")
@@ -315,7 +322,7 @@ class BagFile:
                 if self._framed(record):
                     self._tried += record.length
                     if record.opcode == Opcode.CHUNK:
-                        self._part(self._block(record)[0])
+                        self._part([self._block(record)[0]])
                     self._take(record)
                     return place, record.end
         return None
@@ -332,21 +339,32 @@ class BagFile:
         except Damage:
             return False
 
-    def _part(self, block: Block) -> Part:
-        """Return the messages of a block; raises Damage."""
+    def _content(self, block: Block) -> bytes:
+        """Return the records of a block; raises Damage."""
         data = self._source.read(block.offset, block.length)
         if data[0] != Opcode.CHUNK:
-            return self._understand(data, block.offset)
-        return self._open(parse(Chunk, data[HEAD.size :], block.offset), block)
-
-    def _open(self, chunk: Chunk, block: Block) -> Part:
-        """Return the messages of a chunk; raises Damage."""
+            return data
+        chunk = parse(Chunk, data[HEAD.size :], block.offset)
         content = chunk_content(chunk, block.offset, crc_required=self._crcs)
-        part = self._understand(content, block.offset)
+        self._crcs |= chunk.uncompressed_crc != 0
         self.compressions.add(chunk.compression or "none")
+        return content
+
+    def _part(self, blocks: Sequence[Block]) -> Part:
+        """Return the messages of blocks, as one part; raises Damage."""
+        contents = [self._content(block) for block in blocks]
+        starts = np.cumsum([0, *map(len, contents[:-1])])
+        part = self._understand(b"".join(contents), starts, blocks[0].offset)
         times = part.heads["log_ns"]
-        if len(times) and (times.min(), times.max()) != block[2:]:
-            raise Damage(block.offset, "a chunk whose times are not those of its messages")
+        firsts = np.searchsorted(part.begins, starts, side="right")
+        begin, end = (np.array(column) for column in list(zip(*blocks, strict=True))[3:])
+        if len(times) and not (
+            firsts[-1] < len(times)
+            and (np.minimum.reduceat(times, firsts) == begin).all()
+            and (np.maximum.reduceat(times, firsts) == end).all()
+        ):
+            problem = "a chunk whose times are not those of its messages"
+            raise Damage(blocks[0].offset, problem)
         return part
 
     def _belongs(self, record: RecordPlace) -> bool:
@@ -360,17 +378,11 @@ class BagFile:
         if not self._belongs(record):
             what = describe(record.opcode)
             raise Damage(record.offset, f"{what}, which has no business there")
-        _TAKE.get(record.opcode, BagFile._skip)(self, record)
+        if take := _TAKE.get(record.opcode):
+            take(self, record)
 
     def _body(self, record: RecordPlace) -> bytes:
-        """Return a record's body, which goes into the checksum of the data."""
-        data = self._source.read(record.offset, record.end - record.offset)
-        self._crc = zlib.crc32(data, self._crc)
-        return data[HEAD.size :]
-
-    def _skip(self, record: RecordPlace) -> None:
-        if self._checked:
-            self._body(record)
+        return self._source.read(record.body, record.length)
 
     def _take_header(self, record: RecordPlace) -> None:
         header = parse(Header, self._body(record), record.offset)
@@ -382,46 +394,38 @@ class BagFile:
 
     def _take_index(self, record: RecordPlace) -> None:
         """Pass a message index: nobody reads it, but its length tells it from a damaged chunk."""
-        body = self._body(record) if self._checked else self._source.read(record.body, 6)
-        if int.from_bytes(body[2:6], "little") != record.length - 6:
+        if int.from_bytes(self._source.read(record.body + 2, 4), "little") != record.length - 6:
             raise Damage(record.offset, "a message index whose fields do not fit into it")
 
-    def _block(self, record: RecordPlace) -> tuple[Block, int, int]:
-        """Return where a chunk is, size and checksum of its content; raises Damage."""
+    def _block(self, record: RecordPlace) -> tuple[Block, int]:
+        """Return where a chunk is, and the checksum of its content; raises Damage."""
         head = self._source.read(record.body, min(record.length, 64))
         with suppress(struct.error):
             start_ns, end_ns, content, crc, name = _CHUNK_HEAD.unpack_from(head)
             [size] = _LENGTH.unpack_from(head, _CHUNK_HEAD.size + name)
             if _CHUNK_HEAD.size + name + _LENGTH.size + size == record.length:
-                block = Block(record.offset, record.end - record.offset, start_ns, end_ns)
-                return block, content, crc
+                length = record.end - record.offset
+                return Block(record.offset, length, content, start_ns, end_ns), crc
         raise Damage(record.offset, "a chunk record whose fields do not fit into it")
 
     def _take_chunk(self, record: RecordPlace) -> None:
-        block, content, crc = self._block(record)
-        self._contents += min(content, CHUNK.bytes)  # more is damage, or refused
+        block, crc = self._block(record)
+        self._contents += min(block.size, CHUNK.bytes)  # more is damage, or refused
         if self._contents > CHUNKS.bytes + CHUNKS.elements * self.size:
-            raise Damage(record.offset, f"a chunk of {content} bytes after too many for this file")
+            raise Damage(
+                record.offset, f"a chunk of {block.size} bytes after too many for this file"
+            )
         # A recorder tells of its topics before the first message, and of the run at time 0.
-        if self._checked or not self.topics or not block.end_ns:
-            body = self._body(record)
-            if not (content or crc):
-                return
-            chunk = parse(Chunk, body, record.offset)
-            heads = self._open(chunk, block).heads
-            self._crcs |= chunk.uncompressed_crc != 0
-            self._count(heads)
-            if not len(heads):
-                return
-        self.blocks.append(block)
+        early = not (self.topics and block.end_ns)
+        if (block.size or crc) and not (early and not len(self._part([block]).heads)):
+            self.blocks.append(block)
 
     def _take_bare(self, record: RecordPlace) -> None:
         """Take a message outside of chunks, or what defines a channel."""
-        head = HEAD.pack(record.opcode, record.length)
-        heads = self._understand(head + self._body(record), record.offset).heads
-        self._count(heads)
+        data = self._source.read(record.offset, HEAD.size + record.length)
+        heads = self._understand(data, np.zeros(1, dtype=int), record.offset).heads
         for log_ns in heads["log_ns"].tolist():
-            self.blocks.append(Block(record.offset, HEAD.size + record.length, log_ns, log_ns))
+            self.blocks.append(Block(record.offset, len(data), len(data), log_ns, log_ns))
 
     def _take_attachment(self, record: RecordPlace) -> None:
         body = self._body(record)
@@ -439,22 +443,39 @@ class BagFile:
         )
 
     def _take_end(self, record: RecordPlace) -> None:
-        """Take the end of the data; if the file is checked, what follows too."""
-        end = parse(DataEnd, self._source.read(record.body, record.length), record.offset)
-        self._ended = True
-        if not self._checked:
+        end = parse(DataEnd, self._body(record), record.offset)
+        self._end = record, end.data_section_crc
+
+    def _check(self) -> None:
+        """Read what is in the blocks, and compare the checksums of the file."""
+        for part in self.parts(tuple(self.blocks)):
+            self._count(part.heads)
+        self._checked = True
+        closed = self.path.suffix != PARTIAL
+        if self._end is None:
+            if closed:
+                self._lose(self.size, self.size, CUT_OFF)
             return
+        end, expected = self._end
         try:
-            what, self._altered = "the data before", True
             if not self._lost:
-                check_crc(end.data_section_crc, self._crc, record.offset, what, required=self._own)
-            self._altered = False
-            if record.end < self.size:
-                self._check_summary(record.end)
-            elif self.path.suffix != PARTIAL:
+                self._altered = True
+                crc = self._data_crc(end.offset)
+                check_crc(expected, crc, end.offset, "the data before", required=self._own)
+                self._altered = False
+            if end.end < self.size:
+                self._check_summary(end.end)
+            elif closed:
                 raise Damage(self.size, CUT_OFF)
         except Damage as damage:
             self._flaw = str(damage)
+
+    def _data_crc(self, end: int) -> int:
+        """Return the checksum of the bytes before one; raises Damage."""
+        crc = 0
+        for place in range(0, end, TOGETHER):
+            crc = zlib.crc32(self._source.read(place, min(TOGETHER, end - place)), crc)
+        return crc
 
     def _check_summary(self, offset: int) -> None:
         """Check the end of a file; only the channels in it are of interest, as nobody seeks."""
@@ -493,9 +514,9 @@ class BagFile:
             self.counts[topic.name] += 0
             self._known[channel.id] = True
 
-    def _understand(self, content: bytes, offset: int) -> Part:
+    def _understand(self, content: bytes, starts: np.ndarray, offset: int) -> Part:
         """Return the messages among records, and take in the channels that these define."""
-        places, heads, others = message_heads(content, offset)
+        places, heads, others = message_heads(content, starts, offset)
         if len(heads) and max(heads["log_ns"].max(), heads["publish_ns"].max()) > LATEST_NS:
             raise Damage(offset, "a message with an impossible time")
         for opcode, begin, end in others:
@@ -540,13 +561,3 @@ def _has_end(source: Source, size: int) -> bool:
     except Damage:
         return False
     return data.startswith(_FOOTER) and data.endswith(MAGIC)
-
-
-def _joined(parts: Sequence[Part]) -> Part:
-    """Return parts as one."""
-    if len(parts) == 1:
-        return parts[0]
-    starts = np.cumsum([0, *(len(part.content) for part in parts[:-1])])
-    begins = [part.begins + start for part, start in zip(parts, starts, strict=True)]
-    content = b"".join(part.content for part in parts)
-    return Part(content, np.concatenate(begins), np.concatenate([part.heads for part in parts]))

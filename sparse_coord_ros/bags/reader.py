@@ -260,28 +260,24 @@ class Bag:
                     data = part.content[begin : begin + length - MESSAGE.size]
                     yield Message(name, data, log_ns, publish_ns, sequence)
 
-    def parts(self, size: int = 0) -> Iterator[Part]:
-        """Yield the messages outside of gaps in parts of whole chunks.
+    def parts(self, files: Iterable[int] | None = None) -> Iterator[Part]:
+        """Yield the messages outside of gaps, many together, with the channels of the whole.
 
         Args:
-            size: put chunks together until their content has more bytes.
+            files: numbers (from 0) of the files to read; None: all.
 
         Raises:
             BagError: the file has changed since it was opened, or cannot be read.
         """
-        for place in range(len(self.files)):
-            yield from self.parts_of(place, size)
-
-    def parts_of(self, place: int, size: int = 0) -> Iterator[Part]:
-        """Yield the parts of one of the files (from 0), with the channels of the whole."""
-        file = self.files[place]
         table = np.zeros(1 << 16, dtype=np.uint16)
-        for part in file.parts(tuple(self.blocks[place]), size):
-            numbers = {name: channel for channel, name in self.channels.items()}
-            for channel, topic in file.topics.items():
-                table[channel] = numbers[topic.name]
-            part.heads["channel"] = table[part.heads["channel"]]
-            yield part
+        for place in range(len(self.files)) if files is None else files:
+            file = self.files[place]
+            for part in file.parts(tuple(self.blocks[place])):
+                numbers = {name: channel for channel, name in self.channels.items()}
+                for channel, topic in file.topics.items():
+                    table[channel] = numbers[topic.name]
+                part.heads["channel"] = table[part.heads["channel"]]
+                yield part
 
 
 def open_bag(path: Path, *, checked: bool = True) -> Bag:

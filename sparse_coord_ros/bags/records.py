@@ -252,9 +252,14 @@ _LENGTH = struct.Struct("<Q")
 
 
 def message_heads(
-    content: bytes, offset: int
+    content: bytes, starts: np.ndarray, offset: int
 ) -> tuple[np.ndarray, np.ndarray, list[tuple[int, int, int]]]:
-    """Return where messages are in a chunk's content, their heads, and what else is there.
+    """Return where messages are in what chunks hold, their heads, and what else is there.
+
+    Args:
+        content: the content of one or more chunks.
+        starts: where in it each chunk's begins; a record is there.
+        offset: where in the file they are, for the error.
 
     Returns:
         Where each message record begins, shape (messages,), int64; their heads, of type
@@ -273,9 +278,9 @@ def message_heads(
         if not length:
             raise Damage(offset, "an empty record in a chunk")
         place += HEAD.size + length
-    if place != size:
-        raise Damage(offset, "records of which the last does not fit into their chunk")
     begins = np.array(places, dtype=np.int64)
+    if place != size or not np.isin(starts, begins).all():
+        raise Damage(offset, "records of which the last does not fit into their chunk")
     ends = np.append(begins[1:], size)
     opcodes = np.frombuffer(content, dtype=np.uint8)[begins]
     is_message = opcodes == Opcode.MESSAGE

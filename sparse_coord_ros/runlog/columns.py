@@ -16,9 +16,6 @@ from sparse_coord_ros.wire.cdr import rows_at
 from sparse_coord_ros.wire.frame import SECOND
 from sparse_coord_ros.wire.messages import Form
 
-PART_BYTES = 4 * 1024 * 1024
-"""Bytes of messages that are decoded at once: more take no less time."""
-
 READABLE, COMPLETE = "readable", "one that says all"
 """What a message ought to be. One that is not readable is none of the run's; one that lacks
 something, but names the run, or is as long as the run's, may be one that was changed."""
@@ -74,7 +71,7 @@ class Columns:
             if begins_at is not None:
                 self._now = begins_at
             parts = {name: [no_rows(form)] for name, form in forms.items()}
-            for part in bag.parts_of(len(self.rows), PART_BYTES):
+            for part in bag.parts([len(self.rows)]):
                 for name, rows in self._part(part):
                     parts[name].append(rows)
             self.rows.append({name: np.concatenate(found) for name, found in parts.items()})

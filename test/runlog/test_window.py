@@ -95,6 +95,7 @@ def test_what_was_said_at_time_0_is_found_at_once(tmp_path, monkeypatch):
         return content(*given, **options)
 
     monkeypatch.setattr(contents, "chunk_content", counted)
+    monkeypatch.setattr(contents, "TOGETHER", 1)
     log = LongLog(tmp_path / "bag")
     assert log.blocks[0].end_ns == 0 and len(log.blocks) > len(read) + 2
     assert next(log.bag.messages(["/run"])).data
