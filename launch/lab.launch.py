@@ -8,6 +8,7 @@ robot's name, as Nav2's own launch files have it.
 
 from dataclasses import replace
 
+from sparse_coord_ros.game.scenario import SETTINGS
 from sparse_coord_ros.game.settings import Setting
 from sparse_coord_ros.launching import ARGUMENTS, description
 from sparse_coord_ros.learn.run_config import NO_CLOCK
@@ -29,6 +30,12 @@ OWN = {
     ),
     "clock": replace(WORLD["clock"], default=NO_CLOCK),
     "slips": replace(WORLD["slips"], default=False),
+    "epsilon": replace(
+        SETTINGS["epsilon"],
+        default="constant:0",
+        help="the probability of a random action while it learns; 0: it moves safely",
+    ),
+    "checkpoint": replace(WORLD["checkpoint"], default=100),
     "body_timeout": WORLD["body_timeout"],
     **{name: TABLE[name] for name in DRIVER},
 }
@@ -36,7 +43,8 @@ OWN = {
 
 def start(team):
     """Add the team, and what takes its moves to Nav2."""
-    team.add_team(bodies=True, slips=team.of_world("slips"), **team.of(["body_timeout"]))
+    own = {name: team.of_world(name) for name in ("slips", "epsilon", "checkpoint")}
+    team.add_team(bodies=True, **own, **team.of(["body_timeout"]))
     names = [robot.name for robot in team.scenario.robots]
     for name, space in zip(names, team.matched("robots", names), strict=True):
         own = {

@@ -182,13 +182,13 @@ class Team:
         """Add world, robots and recorder.
 
         Args:
-            more: further parameters of the world.
+            more: further parameters of the world; what the argument `set` says wins.
         """
         own = {"out": self._out, **self._resume}
         world = self.of(("seed", "learner", "greedy", "tables", "rate"))
         world |= {name: self.of_world(name) for name in ("scenario", "clock")}
         world["recorded"] = self.get("record")
-        self.add(WORLD, {**own, **world, **self._settings, **more})
+        self.add(WORLD, {**own, **world, **more, **self._settings})
         for robot in self.scenario.robots:
             self.add("robot", own, robot.name)
         if self.get("record"):

@@ -15,7 +15,7 @@ from typing import NamedTuple, Protocol
 from sparse_coord_ros.driving.ground import Ground, Pose
 from sparse_coord_ros.driving.mover import Mover
 from sparse_coord_ros.driving.steering import distance
-from sparse_coord_ros.lockstep.bodies import Reached
+from sparse_coord_ros.lockstep.bodies import BodyGoal, Goals, Reached
 
 SETTLE_SECONDS = 1.0
 """How long a newer pose is waited for: some localisations are silent where a body stands."""
@@ -78,6 +78,22 @@ class _Sent:
     since: float
     heard: float | None = None
     cancelled: float | None = None
+
+
+class _Look(NamedTuple):
+    """What is decided by.
+
+    Attributes:
+        goals, goal: those that hold, and this robot's.
+        pose, stamp: where the body is, and when it was.
+        target: the place in the goal's cell.
+    """
+
+    goals: Goals
+    goal: BodyGoal
+    pose: Pose
+    stamp: float
+    target: tuple[float, float]
 
 
 class Navigator(Mover):
@@ -198,41 +214,66 @@ class Navigator(Mover):
     def next(self, now: float) -> Reached | None:
         """Do what is to be done now; return how the goal ended if it has."""
         self._watch(now)
-        goals, goal, pose, stamp = self._goals, self._goal, self.pose, self._seconds
-        if goals is not None and goals.number != self._number:
-            self._number, self._taken, self._again = goals.number, now, now
+        if self._goals is not None and self._goals.number != self._number:
+            self._number, self._taken, self._again = self._goals.number, now, now
             self._tries, self._over = 0, None
-        if self.held or goal is None or (self._sent and self._sent.goals != self._number):
+        if self.held or self._goal is None or (self._sent and self._sent.goals != self._number):
             self._leave(now)
             return None
-        if goals is None or pose is None or stamp is None or self._blind:
+        look = self._look(now)
+        if look is None:
+            return None
+        reached = self._arrives(look)
+        if reached is not None:
+            self.counts["arrived"] += 1
+            self._leave(now)
+            return reached
+        place, limit = look.goals.place, self._limits.seconds
+        if not place and now - self._taken >= limit:
+            self.give_up(
+                now, "out of time", f"the move was not made within {limit:g} s (step_seconds)"
+            )
+        if self._over is not None:
+            return self._settles(look, *self._over, now)
+        if self._sent is None and now >= self._again and (self._limits.bring or not place):
+            (x, y), pose = look.target, look.pose
+            self._send(Pose(x, y, math.atan2(y - pose.y, x - pose.x)), now)
+        return None
+
+    def _look(self, now: float) -> _Look | None:
+        """Return what is known of the goal and of the body; None: not enough to decide by."""
+        goals, goal, pose, stamp = self._goals, self._goal, self.pose, self._seconds
+        if goals is None or goal is None or pose is None or stamp is None or self._blind:
             return None
         if not (self._newer(goals, stamp) or now - self._taken >= SETTLE_SECONDS):
             return None
         if self._began is None:
             self._began = stamp
-        x, y = place = self._ground.place(self._robot, goal.end)
-        there = distance(pose, place) <= self._limits.near
-        reached = self._placed(goals, goal, pose, stamp) if goals.place else None
-        if reached is None and there and not goals.place:
-            reached = self._end(goals, pose, stamp, there=True)
-        if reached is not None:
-            self.counts["arrived"] += 1
-            self._leave(now)
-            return reached
-        if not goals.place and now - self._taken >= self._limits.seconds:
-            why = f"the move was not made within {self._limits.seconds:g} s (step_seconds)"
-            self.give_up(now, "out of time", why)
-        if self._over is not None:
-            since, before = self._over
-            if self._sent is not None or (stamp == before and now - since < SETTLE_SECONDS):
-                return None
-            there = self._ground.inside(goal.end, pose.x, pose.y)
-            self.counts["arrived" if there else "not there"] += 1
-            return self._end(goals, pose, stamp, there=there)
-        if self._sent is None and now >= self._again and (self._limits.bring or not goals.place):
-            self._send(Pose(x, y, math.atan2(y - pose.y, x - pose.x)), now)
-        return None
+        return _Look(goals, goal, pose, stamp, self._ground.place(self._robot, goal.end))
+
+    def _arrives(self, look: _Look) -> Reached | None:
+        """Return that the body is where it was to go, whatever the server says; else None."""
+        goals, goal, pose, stamp, target = look
+        if goals.place:
+            return self._placed(goals, goal, pose, stamp)
+        near = distance(pose, target) <= self._limits.near
+        return self._end(goals, pose, stamp, there=True) if near else None
+
+    def _settles(self, look: _Look, since: float, before: float, now: float) -> Reached | None:
+        """Return where a move that is over has ended, once the server and a newer pose say so.
+
+        Args:
+            look: what is known.
+            since: when the move was over.
+            before: the newest pose's stamp then.
+            now: the time.
+        """
+        goals, goal, pose, stamp, _ = look
+        if self._sent is not None or (stamp == before and now - since < SETTLE_SECONDS):
+            return None
+        there = self._ground.inside(goal.end, pose.x, pose.y)
+        self.counts["arrived" if there else "not there"] += 1
+        return self._end(goals, pose, stamp, there=there)
 
     def _send(self, target: Pose, now: float) -> None:
         self._tickets += 1

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The driver node: steers a robot's body to its cells, and says which cell the body is in."""
 
-from typing import Any, Unpack
+from typing import Any
 
 from geometry_msgs.msg import TwistStamped
 
@@ -12,28 +12,22 @@ from sparse_coord_ros.driving.steering import STOP, Command
 from sparse_coord_ros.driving.trials import limits_of
 from sparse_coord_ros.nodes import interface
 from sparse_coord_ros.nodes.mover import MoverNode
-from sparse_coord_ros.nodes.parameters import Place
 from sparse_coord_ros.nodes.spin import run_node, wait_for_readers
 
 
 class DriverNode(MoverNode):
     """Steers the body of one robot: Twist, or TwistStamped where `stamped` says so.
 
-    Args:
-        name: the node's name unless the command line remaps it.
-        place: where the node is made, and with what: see `Place`.
-
     Attributes:
         driver: what steers the body, once a run has begun.
-
-    Raises:
-        SparseCoordError: as of `MoverNode`.
     """
 
+    KIND = "driver"
     driver: Driver
 
-    def __init__(self, *, name: str = "driver", **place: Unpack[Place]) -> None:
-        super().__init__(name, "driver", **place)
+    def set_up(self) -> None:
+        """Offer commands, too."""
+        super().set_up()
         topic = interface.CMD_VEL
         self._type: Any = TwistStamped if self.values["stamped"] else topic.type
         self._cmd_vel = self.create_publisher(self._type, topic.of(self.robot), topic.qos)

@@ -5,7 +5,7 @@
 import functools
 import time
 from dataclasses import replace
-from typing import Any, Unpack
+from typing import Any, ClassVar, Unpack
 
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
@@ -48,11 +48,11 @@ class MoverNode(Follower, LifecycleNodeMixin):
     """Moves the body of one robot while its lifecycle is active; a subclass says how.
 
     Args:
-        name: the node's name unless the command line remaps it.
-        kind: which table of parameters it has.
+        name: the node's name unless the command line remaps it; empty: its `KIND`.
         place: where the node is made, and with what: see `Place`.
 
     Attributes:
+        KIND: the executable, which names its table of parameters.
         robot: whose body it is.
         active: whether the lifecycle allows it to move the body.
 
@@ -61,8 +61,10 @@ class MoverNode(Follower, LifecycleNodeMixin):
             not fit its cells, no tf2_msgs where tf is asked for.
     """
 
-    def __init__(self, name: str, kind: str, **place: Unpack[Place]) -> None:
-        Follower.__init__(self, name, PARAMETERS[kind], **place)
+    KIND: ClassVar[str]
+
+    def __init__(self, *, name: str = "", **place: Unpack[Place]) -> None:
+        Follower.__init__(self, name or self.KIND, PARAMETERS[self.KIND], **place)
         LifecycleNodeMixin.__init__(self)
         change = self._service_change_state
         change.callback = functools.partial(self._change_state, change.callback)

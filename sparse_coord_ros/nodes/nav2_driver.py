@@ -5,7 +5,7 @@
 import functools
 import math
 import time
-from typing import Any, Unpack
+from typing import Any
 
 from action_msgs.msg import GoalStatus
 from action_msgs.srv import CancelGoal
@@ -17,7 +17,6 @@ from sparse_coord_ros.driving.ground import Ground, Pose
 from sparse_coord_ros.driving.navigator import ANSWER_SECONDS, Navigator, NavLimits
 from sparse_coord_ros.errors import RunError
 from sparse_coord_ros.nodes.mover import MoverNode
-from sparse_coord_ros.nodes.parameters import Place
 from sparse_coord_ros.nodes.spin import run_node
 
 ENDINGS = {GoalStatus.STATUS_ABORTED: "aborted", GoalStatus.STATUS_CANCELED: "cancelled by others"}
@@ -27,10 +26,6 @@ ENDINGS = {GoalStatus.STATUS_ABORTED: "aborted", GoalStatus.STATUS_CANCELED: "ca
 class Nav2DriverNode(MoverNode):
     """Sends the body of one robot from cell to cell by Nav2; the port of `Navigator`.
 
-    Args:
-        name: the node's name unless the command line remaps it.
-        place: where the node is made, and with what: see `Place`.
-
     Attributes:
         navigator: what decides on goals, once a run has begun.
 
@@ -38,20 +33,11 @@ class Nav2DriverNode(MoverNode):
         SparseCoordError: as of `MoverNode`; nav2_msgs is not installed.
     """
 
+    KIND = "nav2_driver"
     navigator: Navigator
 
-    def __init__(self, *, name: str = "nav2_driver", **place: Unpack[Place]) -> None:
-        super().__init__(name, "nav2_driver", **place)
-        action = self.values["action"] or f"{self.robot}/navigate_to_pose"
-        self._client = ActionClient(self, self._type, action)
-        self._cancelling = self.create_client(CancelGoal, f"{action}/_action/cancel_goal")
-        self._name = self.resolve_service_name(action)
-        self._handles: dict[int, ClientGoalHandle] = {}
-        self._cleared: tuple[float, Future] | None = None
-        self._ending: tuple[float, Future] | None = None
-
     def set_up(self) -> None:
-        """Look for Nav2's messages too."""
+        """Look for Nav2's messages and its action, too."""
         super().set_up()
         try:
             from nav2_msgs.action import NavigateToPose
@@ -61,6 +47,13 @@ class Nav2DriverNode(MoverNode):
                 "sudo apt install ros-jazzy-nav2-msgs, or start the node driver instead"
             ) from None
         self._type: Any = NavigateToPose
+        action = self.values["action"] or f"{self.robot}/navigate_to_pose"
+        self._client = ActionClient(self, self._type, action)
+        self._cancelling = self.create_client(CancelGoal, f"{action}/_action/cancel_goal")
+        self._name = self.resolve_service_name(action)
+        self._handles: dict[int, ClientGoalHandle] = {}
+        self._cleared: tuple[float, Future] | None = None
+        self._ending: tuple[float, Future] | None = None
 
     def make(self, ground: Ground, number: int) -> Navigator:
         """Return what decides on goals."""

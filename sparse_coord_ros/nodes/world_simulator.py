@@ -80,7 +80,7 @@ class WorldSimulator(ParameterNode):
     returning: Returning
     _output: Output | None = None
     _rate_timer: Timer | None = None
-    _paused = _single = _stopped = False
+    _paused = _single = _beat = _stopped = False
     _told = -math.inf
 
     def __init__(self, **place: Unpack[Place]) -> None:
@@ -293,14 +293,15 @@ class WorldSimulator(ParameterNode):
         """Make the step where all is there; with bodies when they are, too, else they are sent.
 
         Args:
-            beat: it is time for the next step, where there is a `rate`.
+            beat: it is time for the next step, where there is a `rate`. Bodies are sent before,
+                and a step that they are late for is made as soon as they are there.
         """
-        rated = self.values["rate"] > 0
-        due = self._single or (not self._paused and beat == rated)
-        if not due or self._stopped or not self.lockstep.complete:
+        rated, self._beat = self.values["rate"] > 0, self._beat or beat
+        if (self._paused and not self._single) or self._stopped or not self.lockstep.complete:
             return
-        if self.bodies is None or self.bodies.side.made(self.lockstep.actions):
-            self._single = False
+        there = self.bodies is None or self.bodies.side.made(self.lockstep.actions)
+        if there and (self._single or self._beat or not rated):
+            self._single = self._beat = False
             self.lockstep.advance()
             self._end_when_finished()
             if rated:

@@ -77,6 +77,23 @@ def test_bodies_that_get_there_learn_what_the_grid_teaches(
     assert body.summary()["seconds"] >= summary["body_seconds"] - 1e-6
 
 
+def test_with_a_rate_bodies_drive_at_once_and_the_step_that_is_late_does_not_wait(bench, tmp_path):
+    world, *_ = with_bodies(bench, tmp_path / "out", steps=400, rate=0.001)
+    made = world.lockstep.world
+
+    def there():
+        return world.bodies.side.seconds > 0 and not world.bodies.side.waiting
+
+    bench.spin_until(there, "they are there before the beat")
+    assert made.transitions == 0
+    world._advance_where_due(beat=True)
+    assert made.transitions == 1
+    bench.spin_until(lambda: world.bodies.side.waiting, "they drive")
+    world._advance_where_due(beat=True)
+    assert made.transitions == 1
+    bench.spin_until(lambda: made.transitions == 2, "it is made when they are there")
+
+
 @pytest.mark.parametrize("order", ["d1bw2e"])
 def test_any_order(bench, tmp_path, order):
     context = bench.place()[0]

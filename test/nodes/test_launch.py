@@ -186,7 +186,15 @@ def test_a_lab_has_drivers_for_the_namespaces_of_its_robots(nodes, tmp_path):
     assert (said["robot"], said["action"]) == ("robot_2", "/tb2/navigate_to_pose")
     assert (said["pose_type"], said["base_frame"], said["detour"]) == ("tf", "base_link", 5.0)
     assert ("/tf", "/tb2/tf") in found[-1]["remappings"]
-    assert values(found[0])["slips"] is False
+    own = {"slips": False, "epsilon": "constant:0", "checkpoint": 100, "clock": "none"}
+    assert own.items() <= values(found[0]).items()
+    said = {"set": "epsilon=constant:0.1,steps=9", "slips": "true", "checkpoint": "7"}
+    world = values(nodes("lab", out=str(tmp_path / "run"), **said)[0])
+    assert (str(world["epsilon"]), world["slips"], world["checkpoint"]) == (
+        "constant:0.1",
+        True,
+        7,
+    )
     with pytest.raises(SettingError, match="argument robots: 1 names, allowed: 2"):
         nodes("lab", out=str(tmp_path / "run"), robots="tb1")
 

@@ -7,6 +7,7 @@ import re
 import select
 import shutil
 import signal
+import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -68,7 +69,11 @@ def test_a_killed_run_keeps_what_was_recorded_but_for_the_last_second(start, tmp
     """A bag of 20 time steps a second is flushed by time; nothing else would write any of them."""
     out = tmp_path / "out"
     process = start("cli.main", "run", "env1", "--rate", "20", "--out", str(out))
-    process.wait_for(" of 10000 steps, ", 2)
+    process.wait_for(" of 10000 steps, ")
+    first, told = transitions_told(process)[0], time.monotonic()
+    while last_step(out / "bag") < first:
+        assert time.monotonic() < told + 3.0, "what was told is not flushed"
+        time.sleep(0.05)
     writer = os.pidfd_open(process.child(WRITER).pid)
     try:
         process.send_signal(signal.SIGKILL)
@@ -76,7 +81,6 @@ def test_a_killed_run_keeps_what_was_recorded_but_for_the_last_second(start, tmp
         assert_ends(writer)
     finally:
         os.close(writer)
-    first, *_ = transitions_told(process)
     assert [path.name for path in (out / "bag").iterdir()] == ["bag_0.mcap.partial"]
     bag = open_bag(out / "bag")
     assert (bag.finished, bag.damage) == (False, None)
