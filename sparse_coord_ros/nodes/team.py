@@ -3,7 +3,7 @@
 """A whole team in one process: world simulator, robots and recorder on one executor."""
 
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -122,49 +122,41 @@ def _spin(
 ) -> bool:
     """Spin until every node is done; return whether they were stopped before.
 
-    Whatever ends them, each says and saves what it has; the first error is raised then.
+    Whatever ends them, each says and saves what it has; the first error is raised then. They stop
+    one kind after the other: the world, the robots when they have learned all that it has done,
+    the page, the recorder. One executor has them all until the last has ended: another would miss
+    what waits in this one.
     """
-    finished: set[int] = set()
+    left = sorted(nodes, key=lambda node: isinstance(node, Recorder))
     failures: list[Exception] = []
+    stopped = False
 
-    def settle(*, interrupted: bool = False, only: type = ParameterNode) -> bool:
-        for number, node in enumerate(nodes):
-            speaks = isinstance(node, only) and not isinstance(node, Recorder)
-            if number not in finished and (node.done or (interrupted and speaks)):
-                finished.add(number)
-                try:
-                    node.finish(interrupted=not node.done)
-                except Exception as error:  # the others save what they have all the same
-                    failures.append(error)
-        return bool(failures) or len(finished) == len(nodes)
+    def end(some: Iterable[ParameterNode]) -> None:
+        for node in some:
+            left.remove(node)
+            try:
+                node.finish(interrupted=not node.done)
+            except Exception as error:  # the others save what they have all the same
+                failures.append(error)
 
-    def stopping() -> bool:
-        """Stop one after the other, on one executor: another would miss what waits in this one.
+    def ended() -> bool:
+        nonlocal stopped
+        end([node for node in left if node.done])
+        if left and (stop() or failures):
+            stopped = True
+            alike = [node for node in left if isinstance(node, type(left[0]))]
+            if all(node.may_stop() for node in alike):
+                end(alike)
+        return not left
 
-        The world first; the robots when they have learned all that it has done; the recorder.
-        """
-        if not stop():
-            return False
-        settle(interrupted=True, only=WorldSimulator)
-        if not all(node.may_stop() for node in nodes if isinstance(node, RobotNode)):
-            return False
-        settle(interrupted=True)
-        return all(node.may_stop() for node in nodes if isinstance(node, Recorder))
-
-    try:
-        spin_nodes(nodes, kind, context, lambda: settle() or stopping())
-    except NameTakenError:
-        raise
-    except Exception as error:
-        failures.insert(0, error)
-    stopped = bool(stop()) and not all(node.done for node in nodes)
-    settle(interrupted=True)
-    for recorder in (node for node in nodes if isinstance(node, Recorder) and not node.done):
+    while left:
         try:
-            spin_nodes([recorder], kind, context, recorder.may_stop)
-            recorder.finish(interrupted=True)
+            spin_nodes([node for node in nodes if node.failure is None], kind, context, ended)
+        except NameTakenError:
+            raise
         except Exception as error:
             failures.append(error)
+            end([node for node in left if node.failure is not None] or left[:])
     if failures:
         raise failures[0]
     return stopped
