@@ -56,7 +56,7 @@ class Intake:
             unpack: what a message's bytes say, without rclpy's object; in place of `read`.
             qos: the subscription's profile; None: that of the topic.
         """
-        name = name or (topic.of(owner) if owner else topic.name)
+        name = name or topic.of(owner)
 
         def take(data: bytes) -> None:
             if len(data) > topic.limit.bytes:

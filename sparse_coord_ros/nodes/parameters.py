@@ -116,6 +116,7 @@ class ParameterNode(Node):
         intake: its subscriptions.
         full_name: its name with its namespace, as diagnostics say it: `team_a/robot_1`.
         born: when the node began, by the monotonic clock.
+        tap: the way to a recorder in the same process; None: there is none.
         reminder: when to say what the node waits for.
         failure: why the node must stop, or None.
         done: whether the node has nothing more to do.
@@ -153,7 +154,7 @@ class ParameterNode(Node):
         self.failure: SparseCoordError | None = None
         self.done = False
         self._table, self._changeable = table, changeable
-        self._tap = place.get("tap")
+        self.tap = place.get("tap")
         self.intake = Intake(self)
         try:
             self.values = self._declare()
@@ -223,7 +224,7 @@ class ParameterNode(Node):
 
     def announce(self, topic: RosTopic, owner: str = "") -> Publisher:
         """Return a new publisher of a topic of the team, or of a robot's or node's own."""
-        name = topic.of(owner) if owner else topic.name
+        name = topic.of(owner)
         if not topic.tapped:
             return self.create_publisher(topic.type, name, topic.qos)
         publisher = cast(
@@ -231,7 +232,7 @@ class ParameterNode(Node):
             self.create_publisher(topic.type, name, topic.qos, publisher_class=PackedPublisher),
         )
         publisher.send = publisher.handle.publish_raw
-        publisher.line = Line() if self._tap is None else self._tap.line(publisher.topic_name)
+        publisher.line = Line() if self.tap is None else self.tap.line(publisher.topic_name)
         return publisher
 
     def names_of(self, role: str) -> set[str]:
@@ -246,8 +247,8 @@ class ParameterNode(Node):
 
         Bystanders (`ros2 topic echo`, RViz) do not count.
         """
-        if role == RECORDER and self._tap is not None:
-            if self._tap.closed:
+        if role == RECORDER and self.tap is not None:
+            if self.tap.closed:
                 return True
             if isinstance(publisher, PackedPublisher):
                 return publisher.line.write is not None
@@ -256,7 +257,7 @@ class ParameterNode(Node):
 
     def is_heard(self, topic: str, role: str) -> bool:
         """Whether a node of a role subscribes to a topic; also a recorder here that gave up."""
-        if role == RECORDER and self._tap is not None and self._tap.closed:
+        if role == RECORDER and self.tap is not None and self.tap.closed:
             return True
         infos = self.get_subscriptions_info_by_topic(self.resolve_topic_name(topic))
         return bool(self.names_of(role) & {info.node_name for info in infos})
@@ -272,11 +273,7 @@ class ParameterNode(Node):
             takes |= SETTINGS
         others = set(ALL_NAMES) - set(takes)
         given = {name: value for name, value in overrides.items() if name not in others}
-        try:
-            parsed = SettingTable(takes.values()).parse(given)
-        except SettingError as error:
-            text = str(error).replace("setting", "parameter", 1)
-            raise SettingError(f"node {self.get_name()}: {text}") from None
+        parsed = self.parse(SettingTable(takes.values()), given)
         values = {**self._table.defaults(), **{n: parsed[n] for n in parsed if n in self._table}}
         allow_modules(values.get("allow", ()))
         settings = [f"{name}={parsed[name]}" for name in parsed if name not in self._table]
@@ -289,11 +286,18 @@ class ParameterNode(Node):
             self.declare_parameter(name, values[name], descriptor, ignore_override=True)
         return values
 
+    def parse(self, table: SettingTable, values: Mapping[str, object]) -> dict[str, Any]:
+        """Return values of parameters by a table of them; SettingError, as of that."""
+        try:
+            return table.parse(values)
+        except SettingError as error:
+            text = str(error).replace("setting", "parameter", 1)
+            raise SettingError(f"node {self.get_name()}: {text}") from None
+
     def _check_change(self, parameters: list[Parameter]) -> SetParametersResult:
         try:
             changed = {p.name: p.value for p in parameters if p.name in self._table}
-            parsed = self._table.parse(changed)
-            self.values.update(parsed)
+            self.values.update(self.parse(self._table, changed))
         except SettingError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)

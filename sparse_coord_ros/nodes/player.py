@@ -3,16 +3,17 @@
 """The player node: a recorded run again on its topics, with its types, QoS and clock."""
 
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Unpack
 
-from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 
 from sparse_coord_ros.bags.playback import Playback
 from sparse_coord_ros.bags.playlist import Playlist
 from sparse_coord_ros.errors import RunError, SettingError
+from sparse_coord_ros.game.settings import SettingTable
 from sparse_coord_ros.nodes.parameters import PARAMETERS, ParameterNode, Place
 from sparse_coord_ros.nodes.player_keys import Keyboard
 from sparse_coord_ros.nodes.player_topics import Stage
@@ -76,7 +77,9 @@ class Player(ParameterNode):
         playlist = Playlist(stage.bag, stage.publishers, stage.kept)
         self._start_ns = stage.bag.start_ns
         self._seconds = (playlist.end_ns - self._start_ns) / SECOND
-        self._check_position(values["position"])
+        last = replace(self._table["position"], high=self._seconds)
+        self._table = SettingTable([*self._table.values(), last])
+        self.parse(self._table, {"position": values["position"]})
         self._playback = Playback(
             playlist,
             stage.publish,
@@ -151,22 +154,6 @@ class Player(ParameterNode):
     def _state(self) -> str:
         doing = "paused" if self._playback.paused else f"playing at rate {self.values['rate']:g}"
         return f"{doing} at {self._position:.3f} s"
-
-    def _check_position(self, seconds: float) -> None:
-        if seconds > self._seconds:
-            raise SettingError(
-                f"parameter position: value is {seconds:g}, allowed: 0 to {self._seconds:g}, the "
-                "seconds up to the last message that is played"
-            )
-
-    def _check_change(self, parameters: list[Parameter]) -> SetParametersResult:
-        for parameter in parameters:
-            if parameter.name == "position":
-                try:
-                    self._check_position(parameter.value)
-                except SettingError as error:
-                    return SetParametersResult(successful=False, reason=str(error))
-        return super()._check_change(parameters)
 
     def _on_change(self, parameters: list[Parameter]) -> None:
         """Do what changed parameters say."""

@@ -38,25 +38,23 @@ LAST_WORDS_SECONDS = 6.0
 """After the run's end, how long the bag is kept open for last words that may be to come."""
 TALK_SECONDS = 20.0
 """After the run's end, how long somebody who goes on talking keeps the bag open."""
-KEPT_FREE = 32 << 20
-"""Bytes of the disk that a recording leaves free, so that tables can still be saved."""
+KEPT_FREE = 32
+"""MiB of the disk that a recording leaves free, so that tables can still be saved."""
 LAG_STEPS = 1000
 """How far one topic may be ahead of all others: on a busy machine they arrive in bursts."""
 
 
 class Recording:
-    """What exists once a run has begun: its bag, and the time at which messages are logged.
+    """A recorder's part in one run: its bag, and the time at which messages are logged.
 
     A message that begins with a stamp is logged at that time, any other at the newest stamp seen:
     the bag's time line is the world's, however fast the run went. (When something happened by the
     wall clock, the service events say.)
 
     Args:
+        node: the recorder, which follows the run.
         run: the run.
         bag: its bag.
-        directory: where that is.
-        flush_steps: after so many time steps all must survive this process.
-        odd: hears of a topic's message that does not fit: why, and what becomes of it.
 
     Attributes:
         run, bag: as above.
@@ -68,26 +66,22 @@ class Recording:
         final: the robots whose last tables have come.
     """
 
-    def __init__(
-        self,
-        run: RunConfig,
-        bag: BagWriter | BagProcess,
-        directory: Path,
-        flush_steps: int,
-        odd: Callable[..., None],
-    ) -> None:
+    def __init__(self, node: "Recorder", run: RunConfig, bag: BagWriter | BagProcess) -> None:
+        assert node.presence is not None
+        self._node, self._presence = node, node.presence
         self.run, self.bag = run, bag
+        self._diagnostics = node.announce(interface.DIAGNOSTICS)
+        self._progress = node.announce(interface.PROGRESS, RECORDER)
         self.convert = Converter(run)
         self.now_ns = self.said_ns = 0
         self.heard = self._flushed = time.monotonic()
         self.obeyed = NO_ORDER
         self.final: set[str] = set()
-        self._directory, self._flush_steps, self._odd = directory, flush_steps, odd
         self._near_ns = LAG_STEPS * self.convert.period
         self._count = self._steps = 0
         self._tables: dict[str, tuple[int, bytes]] = {}
 
-    def begin(self, channel: int) -> None:
+    def begin(self) -> None:
         """Write down what the run is; not where its bag is continued, which has it."""
         bag, run_text = self.bag, self.run.to_yaml()
         record = {**self.run.record(), "id": self.run.id, wire.FORMAT_KEY: str(wire.BAG_FORMAT)}
@@ -95,6 +89,7 @@ class Recording:
         for name, text in bag_files(self.run, run_text).items():
             kind = "text/plain" if name == MAP_FILE else "application/yaml"
             bag.attach(name, text.encode(), kind)
+        channel = self._channel(interface.RUN, interface.RUN.name)
         bag.write(channel, serialize_message(String(data=run_text)), 0, 0)
 
     def writer(self, channel: int, name: str, *, stamped: bool) -> Callable[[bytes], None]:
@@ -106,7 +101,7 @@ class Recording:
             try:
                 sec, nanosec = unpack_stamp(data)
             except struct.error as error:
-                self._odd(name, error)
+                self._node.intake.drop(name, error)
                 return
             at = sec * SECOND + nanosec
             if not 0 <= at <= self.now_ns:
@@ -125,11 +120,11 @@ class Recording:
         if at < 0 or at > max(now, self.said_ns) + self._near_ns:
             said = f"stamp {at // SECOND} s {at % SECOND} ns"
             why = f"{said} is not of the run's time {now / SECOND:g} s"
-            self._odd(name, why, "message recorded at the run's time")
+            self._node.intake.drop(name, why, "message recorded at the run's time")
             return now
         self.now_ns = at
         self._steps += 1
-        if self._steps >= self._flush_steps:
+        if self._steps >= self._node.values["flush_steps"]:
             self.flush()
         return at
 
@@ -154,24 +149,122 @@ class Recording:
             self.now_ns = self.said_ns = (order.first - 1) * self.convert.period
             self._tables.clear()
 
-    def look(self, now: float, flush_seconds: float) -> None:
-        """Note whether messages have come, and flush what has waited for long."""
-        if self._count:
-            self._count, self.heard = 0, now
-        if self.heard > self._flushed and now - self._flushed >= flush_seconds:
-            self.flush()
-
     def flush(self) -> None:
         """Let all that was recorded survive this process."""
         self._steps, self._flushed = 0, time.monotonic()
         self.bag.flush()
         with contextlib.suppress(OSError):  # the directory is gone: the bag's own error says so
-            free = shutil.disk_usage(self._directory).free
+            free = shutil.disk_usage(self._node.directory).free >> 20
             if free < KEPT_FREE:
                 raise BagError(
-                    f"recording to {self._directory} ends: its disk has {free >> 20} MiB left, "
-                    f"{KEPT_FREE >> 20} are kept for what the team saves; make room"
+                    f"recording to {self._node.directory} ends: its disk has {free} MiB left, "
+                    f"{KEPT_FREE} are kept for what the team saves; make room"
                 )
+
+    # Whom it hears.
+
+    def listen(self) -> None:
+        """Listen to the run's team."""
+        node = self._node
+        of_team, of_node, of_robot = map(interface.recorded, (TEAM, NODE, ROBOT))
+        for topic in of_team:
+            if topic is interface.CLOCK:
+                topic = interface.clock_of(self.run)
+            if topic is not interface.RUN:
+                self._record(topic, "")
+        for name in node.names_of(WORLD) or {WORLD}:
+            for topic in of_node:
+                self._record(topic, name)
+        for robot in self.run.scenario.robots:
+            for topic in (*of_robot, *of_node):
+                self._record(topic, robot.name)
+
+            def attach(said: tuple[bytes, int, str], robot: str = robot.name) -> None:
+                self.attach_tables(robot, *said)
+
+            tables, qos = interface.TABLES, interface.recorder_qos(interface.TABLES)
+            node.intake.listen(tables, attach, robot.name, read=read_tables_message, qos=qos)
+
+    def _channel(self, topic: interface.RosTopic, name: str) -> int:
+        """Register a topic and return its channel in the bag."""
+        full_name = self._node.resolve_topic_name(name)
+        qos = QoS(durability=topic.qos.durability.name.lower(), depth=topic.qos.depth)
+        return self.bag.add_topic(full_name, topic.type_name, qos)
+
+    def _record(self, topic: interface.RosTopic, owner: str) -> None:
+        """Write down a topic, at the time that its messages say, or at the world's."""
+        node, name = self._node, topic.of(owner)
+        write = self.writer(self._channel(topic, name), name, stamped=topic.stamped)
+        if node.tap is not None and topic.tapped:
+            node.tap.line(node.resolve_topic_name(name)).write = node.guarded(write)
+        else:
+            shared, qos = topic.name == interface.DIAGNOSTICS.name, interface.recorder_qos(topic)
+            unpack = self._of_this_namespace if shared else bytes
+            node.intake.listen(
+                topic, lambda data: data and write(data), owner, unpack=unpack, qos=qos
+            )
+
+    def _of_this_namespace(self, data: bytes) -> bytes:
+        """Return diagnostics of nodes in this one's namespace; b"": they are of others."""
+        space = self._node.get_namespace().strip("/")
+        names = (one.name for one in deserialize_message(data, DiagnosticArray).status)
+        spaces = {name.partition(":")[0].strip("/").rpartition("/")[0] for name in names}
+        return data if space in spaces else b""
+
+    # What a follower of a run does.
+
+    def world_said(self, said: Said) -> None:
+        """Go back where the world says so, and tell it; take in its time."""
+        if said.order.name:
+            self.go_back(said.order)
+            progress = Progress("", 0, 0, (), self.obeyed).values()
+            self._progress.publish(status(RECORDER, "progress", progress))
+        sec, nanosec = self.convert.stamp(said.step)
+        self.said_ns = max(self.said_ns, sec * SECOND + nanosec)
+
+    def go_on(self, now: float) -> None:
+        """Note whether messages have come, and flush what has waited for long."""
+        if self._count:
+            self._count, self.heard = 0, now
+        waited = now - self._flushed
+        if self.heard > self._flushed and waited >= self._node.values["flush_seconds"]:
+            self.flush()
+
+    def all_done(self, now: float) -> bool:
+        """Whether nothing comes any more, and nobody is left whose last words are to come."""
+        waited = now - self._presence.ended
+        quiet = now - self.heard >= QUIET_SECONDS or waited > TALK_SECONDS
+        return quiet and (waited > LAST_WORDS_SECONDS or self._heard_all())
+
+    def _heard_all(self) -> bool:
+        """Whether nobody is left whose last words are still to come.
+
+        Nodes leave when all that they said has arrived. Those in this process stay until the
+        recorder has ended; their last words are the robots' tables.
+        """
+        node = self._node
+        speakers = [
+            interface.TABLES.of(robot.name)
+            for robot in self.run.scenario.robots
+            if node.tap is None or robot.name not in self.final
+        ]
+        if node.tap is None:
+            speakers.append(interface.STATUS.name)
+        names = [node.resolve_topic_name(topic) for topic in speakers]
+        return not any(node.count_publishers(name) for name in names)
+
+    def report(self) -> None:
+        """Say on `/diagnostics` how much was recorded."""
+        node = self._node
+        if node.error is not None:
+            return
+        values = {
+            "messages": self.bag.message_count,
+            "bytes": self.bag.bytes_written,
+            "messages_dropped": node.intake.total,
+        }
+        said = status(f"{node.full_name}: bag", "recording", values)
+        self._diagnostics.publish(diagnostics(said))
 
 
 def why_of(order: Order) -> dict[str, str]:
@@ -190,7 +283,7 @@ class Recorder(Follower):
 
     Attributes:
         directory: of the bag.
-        recording: None before the run has begun.
+        recording: its part in the run; None before that has begun.
         error: why the recording ended too early, or None.
 
     Raises:
@@ -209,17 +302,15 @@ class Recorder(Follower):
                 "choose another one for parameter 'out'"
             )
         self.error: BagError | None = None
-        self._diagnostics_publisher = self.announce(interface.DIAGNOSTICS)
         self._recording_publisher = self.announce(interface.RECORDING)
-        self._progress_publisher = self.announce(interface.PROGRESS, RECORDER)
 
     def fail(self, error: SparseCoordError) -> None:
         """Stop; beside nodes in the same process, let them go on where only the bag is broken."""
-        if self._tap is None or self.recording is None or not isinstance(error, BagError):
+        if self.tap is None or self.recording is None or not isinstance(error, BagError):
             super().fail(error)
         elif self.error is None:
             self.error, self.done = error, True
-            self._tap.close()
+            self.tap.close()
             self.get_logger().error(f"{error}; the run goes on unrecorded")
 
     def may_begin(self, now: float) -> bool:
@@ -245,126 +336,23 @@ class Recorder(Follower):
         order = Order() if self.status is None else self.status.order
         if earlier is not None:
             options |= {"earlier": earlier, "why": why_of(order)}
-        bag = (BagWriter if self._tap is None else BagProcess)(self.directory, **options)
-        recording = self.recording = Recording(
-            run, bag, self.directory, self.values["flush_steps"], self.intake.drop
-        )
-        channel = self._channel(interface.RUN, interface.RUN.name)
+        bag = (BagWriter if self.tap is None else BagProcess)(self.directory, **options)
+        self.part = self.recording = recording = Recording(self, run, bag)
         if earlier is None:
-            recording.begin(channel)
+            recording.begin()
         else:
             goes_back = why_of(order)["why"] == ROLLED_BACK
             first_ns = (order.first - 1) * recording.convert.period
             recording.now_ns = first_ns if goes_back else earlier.end_ns
             recording.obeyed = order.name
-        self._listen(recording)
+        recording.listen()
         bag.flush()
         self._recording_publisher.publish(String(data=str(self.directory)))
-
-    def _listen(self, recording: Recording) -> None:
-        of_team, of_node, of_robot = map(interface.recorded, (TEAM, NODE, ROBOT))
-        for topic in of_team:
-            if topic is interface.CLOCK:
-                topic = interface.clock_of(recording.run)
-            if topic is not interface.RUN:
-                self._record(recording, topic, topic.name)
-        for name in self.names_of(WORLD) or {WORLD}:
-            for topic in of_node:
-                self._record(recording, topic, topic.of(name))
-        for robot in recording.run.scenario.robots:
-            for topic in (*of_robot, *of_node):
-                self._record(recording, topic, topic.of(robot.name))
-
-            def attach(said: tuple[bytes, int, str], robot: str = robot.name) -> None:
-                recording.attach_tables(robot, *said)
-
-            tables, qos = interface.TABLES, interface.recorder_qos(interface.TABLES)
-            self.intake.listen(tables, attach, robot.name, read=read_tables_message, qos=qos)
-
-    def _channel(self, topic: interface.RosTopic, name: str) -> int:
-        """Register a topic and return its channel in the bag."""
-        assert self.recording is not None
-        full_name = self.resolve_topic_name(name)
-        qos = QoS(durability=topic.qos.durability.name.lower(), depth=topic.qos.depth)
-        return self.recording.bag.add_topic(full_name, topic.type_name, qos)
-
-    def _record(self, recording: Recording, topic: interface.RosTopic, name: str) -> None:
-        """Write down a topic, at the time that its messages say, or at the world's."""
-        write = recording.writer(self._channel(topic, name), name, stamped=topic.stamped)
-        if self._tap is not None and topic.tapped:
-            self._tap.line(self.resolve_topic_name(name)).write = self.guarded(write)
-        else:
-            shared, qos = topic.name == interface.DIAGNOSTICS.name, interface.recorder_qos(topic)
-            unpack = self._of_this_namespace if shared else bytes
-            self.intake.listen(
-                topic, lambda data: data and write(data), name=name, unpack=unpack, qos=qos
-            )
-
-    def _of_this_namespace(self, data: bytes) -> bytes:
-        """Return diagnostics of nodes in this one's namespace; b"": they are of others."""
-        space = self.get_namespace().strip("/")
-        names = (one.name for one in deserialize_message(data, DiagnosticArray).status)
-        spaces = {name.partition(":")[0].strip("/").rpartition("/")[0] for name in names}
-        return data if space in spaces else b""
-
-    def world_said(self, said: Said) -> None:
-        """Go back where the world says so, and tell it; take in its time."""
-        recording = self.recording
-        if recording is None:
-            return
-        if said.order.name:
-            recording.go_back(said.order)
-            progress = Progress("", 0, 0, (), recording.obeyed).values()
-            self._progress_publisher.publish(status(RECORDER, "progress", progress))
-        sec, nanosec = recording.convert.stamp(said.step)
-        recording.said_ns = max(recording.said_ns, sec * SECOND + nanosec)
-
-    def go_on(self, now: float) -> None:
-        """Flush what has waited for long."""
-        if self.recording is not None:
-            self.recording.look(now, self.values["flush_seconds"])
-
-    def all_done(self, now: float) -> bool:
-        """Whether nothing comes any more, and nobody is left whose last words are to come."""
-        if self.recording is None or self.presence is None:
-            return True
-        waited = now - self.presence.ended
-        quiet = now - self.recording.heard >= QUIET_SECONDS or waited > TALK_SECONDS
-        return quiet and (waited > LAST_WORDS_SECONDS or self._heard_all(self.recording))
-
-    def _heard_all(self, recording: Recording) -> bool:
-        """Whether nobody is left whose last words are still to come.
-
-        Nodes leave when all that they said has arrived. Those in this process stay until the
-        recorder has ended; their last words are the robots' tables.
-        """
-        speakers = [
-            interface.TABLES.of(robot.name)
-            for robot in recording.run.scenario.robots
-            if self._tap is None or robot.name not in recording.final
-        ]
-        if self._tap is None:
-            speakers.append(interface.STATUS.name)
-        names = [self.resolve_topic_name(topic) for topic in speakers]
-        return not any(self.count_publishers(name) for name in names)
 
     def may_stop(self) -> bool:
         """As of every follower, but not for ever where others go on talking."""
         now = time.monotonic()
         return super().may_stop() or now - (self._stopping or now) > LAST_WORDS_SECONDS
-
-    def report(self) -> None:
-        """Say on `/diagnostics` how much was recorded."""
-        recording = self.recording
-        if recording is None or self.error is not None:
-            return
-        values = {
-            "messages": recording.bag.message_count,
-            "bytes": recording.bag.bytes_written,
-            "messages_dropped": self.intake.total,
-        }
-        said = status(f"{self.full_name}: bag", "recording", values)
-        self._diagnostics_publisher.publish(diagnostics(said))
 
     def finish(self, *, interrupted: bool) -> None:
         """Close the bag and say what is in it."""
@@ -374,7 +362,7 @@ class Recorder(Follower):
         try:
             bag.close()
         except BagError as error:
-            if self._tap is None:
+            if self.tap is None:
                 self.fail(error)
                 raise
             self.error = error

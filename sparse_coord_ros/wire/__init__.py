@@ -72,8 +72,8 @@ class Topic:
     limit: Limit = limits.MESSAGE
 
     def of(self, owner: str) -> str:
-        """Return the topic's name below a robot's name; `~` is the node's own."""
-        return f"{owner}/{self.name}"
+        """Return the topic's name below a robot's name; `~` is the node's own, "" the team's."""
+        return f"{owner}/{self.name}" if owner else self.name
 
     def column(self, label: str) -> int:
         """Return which of the numbers has a label."""

@@ -27,7 +27,7 @@ from sparse_coord_ros.nodes.messages import status
 from sparse_coord_ros.nodes.middleware import SECURITY_MARK, check_participants, check_security
 from sparse_coord_ros.nodes.parameters import PARAMETERS, ParameterNode
 from sparse_coord_ros.nodes.peers import Peers
-from sparse_coord_ros.nodes.recorder import LAST_WORDS_SECONDS, TALK_SECONDS, Recorder
+from sparse_coord_ros.nodes.recorder import LAST_WORDS_SECONDS, TALK_SECONDS, Recorder, Recording
 from sparse_coord_ros.nodes.robot import RobotNode
 from sparse_coord_ros.nodes.spin import ending, ros_context, run_node, signals
 from sparse_coord_ros.nodes.team import run_team
@@ -289,14 +289,13 @@ def test_a_second_server_of_a_robots_service_changes_nothing(
 
 def test_who_talks_on_keeps_no_recorder():
     """A stranger on a topic of the team; what comes late in a busy moment still counts."""
-    recording = SimpleNamespace(heard=0.0)
-    node = SimpleNamespace(recording=recording, presence=SimpleNamespace(ended=0.0))
-    node._heard_all = lambda _: False
+    recording = SimpleNamespace(heard=0.0, _presence=SimpleNamespace(ended=0.0))
+    recording._heard_all = lambda: False
     for now, done in ((LAST_WORDS_SECONDS + 1, False), (TALK_SECONDS + 0.1, True)):
         recording.heard = now
-        assert Recorder.all_done(node, now) is done
+        assert Recording.all_done(recording, now) is done
     recording.heard = 0.0
-    assert Recorder.all_done(node, LAST_WORDS_SECONDS + 1)
+    assert Recording.all_done(recording, LAST_WORDS_SECONDS + 1)
 
 
 def test_security_is_refused_where_fast_dds_has_none(tmp_path, monkeypatch):

@@ -25,7 +25,7 @@ from sparse_coord_ros.learn.history import load_history
 from sparse_coord_ros.learn.run_config import RUN_RECORD, load_run
 from sparse_coord_ros.learn.tables import load_team
 from sparse_coord_ros.lockstep.world_side import WorldSide
-from sparse_coord_ros.nodes.recorder import BagProcess, Recorder
+from sparse_coord_ros.nodes.recorder import BagProcess, Recording
 from sparse_coord_ros.nodes.spin import ros_context
 from sparse_coord_ros.nodes.team import run_team
 from sparse_coord_ros.runlog import verify
@@ -248,5 +248,5 @@ def test_an_output_directory_that_is_deleted_is_made_again(tmp_path, capfd, monk
 )
 def test_diagnostics_of_other_namespaces_are_not_recorded(namespace, name, kept):
     data = serialize_message(DiagnosticArray(status=[DiagnosticStatus(name=name)]))
-    recorder = SimpleNamespace(get_namespace=lambda: namespace)
-    assert Recorder._of_this_namespace(recorder, data) == (data if kept else b"")
+    recording = SimpleNamespace(_node=SimpleNamespace(get_namespace=lambda: namespace))
+    assert Recording._of_this_namespace(recording, data) == (data if kept else b"")
